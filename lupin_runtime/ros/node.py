@@ -1,0 +1,87 @@
+"""A node whose publishers, subscriptions, services and actions come from rows of `graph.py`."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from typing import Any, Callable
+
+from rclpy.action import ActionClient
+from rclpy.client import Client
+from rclpy.clock import ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.service import Service as RosService
+from rclpy.subscription import Subscription
+
+from lupin_runtime.graph import Action, Qos, Service, Topic
+
+
+def interface(type_name: str) -> Any:
+    """The Python class of an interface such as `geometry_msgs/msg/Twist`."""
+    package, kind, name = type_name.split("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), name)
+
+
+def qos_profile(qos: Qos) -> QoSProfile:
+    """rclpy's form of a row's QoS."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=qos.depth,
+        reliability=ReliabilityPolicy.RELIABLE if qos.reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if qos.latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+class LupinNode(Node):
+    """A node of ours. It offers no parameter services: they cost a start-up's worth of discovery on every node.
+
+    `parameters` overrides the declared defaults; `simulated_time` says that the process follows `/clock`.
+    """
+
+    def __init__(self, name: str, parameters: dict[str, Any] | None = None, **options: Any) -> None:
+        overrides = [Parameter(key, value=value) for key, value in (parameters or {}).items()]
+        options.setdefault("start_parameter_services", False)
+        super().__init__(name, parameter_overrides=overrides, **options)
+
+    def parameter(self, name: str, default: Any) -> Any:
+        """Declare a parameter and return its value; the default gives the type."""
+        return self.declare_parameter(name, default).value
+
+    def publisher(self, topic: Topic, qos: Qos | None = None) -> Publisher:
+        """A publisher with the row's type and QoS."""
+        return self.create_publisher(interface(topic.type), topic.name, qos_profile(qos or topic.qos))
+
+    def subscription(
+        self, topic: Topic, callback: Callable[[Any], None], qos: Qos | None = None, raw: bool = False
+    ) -> Subscription:
+        """A subscription with the row's type and QoS; `qos` overrides the depth or asks for less than is offered."""
+        return self.create_subscription(
+            interface(topic.type), topic.name, callback, qos_profile(qos or topic.qos), raw=raw
+        )
+
+    def service(self, row: Service, callback: Callable[[Any, Any], Any]) -> RosService:
+        """A server of the row's service; the callback takes (request, response) and returns the response."""
+        return self.create_service(interface(row.type), row.name, callback)
+
+    def client(self, row: Service) -> Client:
+        """A client of the row's service. Never call it synchronously from a callback of the same node."""
+        return self.create_client(interface(row.type), row.name)
+
+    def action_client(self, row: Action) -> ActionClient:
+        """A client of the row's action."""
+        return ActionClient(self, interface(row.type), row.name)
+
+    def now_ns(self) -> int:
+        """ROS time: the simulator's under `/clock`, the system's otherwise. For stamps."""
+        return int(self.get_clock().now().nanoseconds)
+
+    def elapsed_clock_ns(self) -> int:
+        """A clock for time-outs: simulated under `/clock`, else monotonic, so that no step of the wall clock can
+        stretch or cut a wait that keeps the robot safe."""
+        clock = self.get_clock()
+        if clock.clock_type == ClockType.ROS_TIME and clock.ros_time_is_active:
+            return int(clock.now().nanoseconds)
+        return time.monotonic_ns()

@@ -1,0 +1,69 @@
+"""Publishing to and listening on `/tf` and `/tf_static`: the wheels bring no tf2_ros."""
+
+from __future__ import annotations
+
+from geometry_msgs.msg import TransformStamped
+from tf2_msgs.msg import TFMessage
+
+from lupin_runtime import graph
+from lupin_runtime.ros.node import LupinNode
+from lupin_runtime.ros.stamps import stamp_from_ns, stamp_ns
+from lupin_runtime.transforms import Transform, TransformTree
+
+
+def to_message(parent: str, child: str, time_ns: int, transform: Transform) -> TransformStamped:
+    """A TransformStamped of `parent_from_child`."""
+    message = TransformStamped()
+    message.header.stamp = stamp_from_ns(time_ns)
+    message.header.frame_id = parent
+    message.child_frame_id = child
+    t, q = message.transform.translation, message.transform.rotation
+    t.x, t.y, t.z = transform.translation
+    q.x, q.y, q.z, q.w = transform.rotation
+    return message
+
+
+def from_message(message: TransformStamped) -> Transform:
+    """`parent_from_child` of a TransformStamped."""
+    t, q = message.transform.translation, message.transform.rotation
+    return Transform((t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
+
+
+class TransformListener:
+    """Keeps a TransformTree filled from the graph; its callbacks run on the node's own executor."""
+
+    def __init__(self, node: LupinNode, tree: TransformTree | None = None) -> None:
+        self.tree = tree or TransformTree()
+        self._node = node
+        node.subscription(graph.TF, lambda message: self._take(message, static=False))
+        node.subscription(graph.TF_STATIC, lambda message: self._take(message, static=True))
+
+    def _take(self, message: TFMessage, static: bool) -> None:
+        for item in message.transforms:
+            try:
+                self.tree.insert(
+                    item.header.frame_id, item.child_frame_id, stamp_ns(item.header.stamp), from_message(item), static
+                )
+            except ValueError as error:
+                self._node.get_logger().warning(f"dropped: {error}", throttle_duration_sec=5.0)
+
+
+class TransformBroadcaster:
+    """Publishes moving transforms on `/tf`, fixed ones latched on `/tf_static`."""
+
+    def __init__(self, node: LupinNode) -> None:
+        self._node = node
+        self._moving = node.publisher(graph.TF)
+        self._fixed_publisher = None
+        self._fixed: dict[str, TransformStamped] = {}
+
+    def send(self, *transforms: TransformStamped) -> None:
+        """Publish moving transforms in one message."""
+        self._moving.publish(TFMessage(transforms=list(transforms)))
+
+    def send_static(self, *transforms: TransformStamped) -> None:
+        """Publish fixed transforms; each message carries all fixed ones of this broadcaster, as latching needs."""
+        if self._fixed_publisher is None:
+            self._fixed_publisher = self._node.publisher(graph.TF_STATIC)
+        self._fixed.update((item.child_frame_id, item) for item in transforms)
+        self._fixed_publisher.publish(TFMessage(transforms=list(self._fixed.values())))

@@ -1,0 +1,104 @@
+"""A DDS domain of a run's own on loopback: no shared memory, no packet on a network interface, no neighbour heard.
+
+Shared-memory transport is off on purpose: orphaned segments, foreign owners and late joiners that see names but no samples
+are its faults, and tuned UDP is faster for images. The large socket buffers need `net.core.rmem_max` and `wmem_max` of
+4 MiB; with less the kernel clips them and big images lose fragments, which the cameras' JPEG topics do not mind.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Mapping
+
+SOCKET_BUFFER_BYTES = 4 * 1024 * 1024
+
+# RTPS 2.2, 9.6.1.1: a domain's ports start at 7400 + 250 * domain. Above domain 101 they run into the ephemeral range.
+_PORT_BASE = 7400
+_PORTS_PER_DOMAIN = 250
+_FIRST_DOMAIN, _LAST_DOMAIN = 1, 100
+# The last port of a domain belongs to its 120th participant, which no run has: holding it claims the domain.
+_CLAIM_OFFSET = _PORTS_PER_DOMAIN - 1
+
+_PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <transport_descriptors>
+    <transport_descriptor>
+      <transport_id>loopback_udp</transport_id>
+      <type>UDPv4</type>
+      <sendBufferSize>{SOCKET_BUFFER_BYTES}</sendBufferSize>
+      <receiveBufferSize>{SOCKET_BUFFER_BYTES}</receiveBufferSize>
+      <maxMessageSize>65000</maxMessageSize>
+      <interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>
+    </transport_descriptor>
+  </transport_descriptors>
+  <participant profile_name="lupin_loopback" is_default_profile="true">
+    <rtps>
+      <useBuiltinTransports>false</useBuiltinTransports>
+      <userTransports><transport_id>loopback_udp</transport_id></userTransports>
+    </rtps>
+  </participant>
+</profiles>
+"""
+
+# Each of these would pull a process of ours out of its private graph.
+_FOREIGN = (
+    "ROS_DISCOVERY_SERVER",
+    "ROS_SUPER_CLIENT",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE",
+    "ROS_LOCALHOST_ONLY",
+    "ROS_STATIC_PEERS",
+    "FASTDDS_BUILTIN_TRANSPORTS",
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+)
+
+
+class NoFreeDomain(RuntimeError):
+    """Every domain that a run may use is claimed."""
+
+
+@dataclass
+class DomainClaim:
+    """A domain held for as long as this process lives, or until `release`."""
+
+    domain: int
+    _socket: socket.socket
+
+    def release(self) -> None:
+        """Give the domain back."""
+        self._socket.close()
+
+
+def claim_domain(first: int | None = None) -> DomainClaim:
+    """Claim a domain that no other run on this machine holds; `first` asks for one in particular.
+
+    The claim is a bound port, so it ends with its process however that dies. Raises NoFreeDomain.
+    """
+    candidates = [first] if first is not None else random.sample(range(_FIRST_DOMAIN, _LAST_DOMAIN + 1), _LAST_DOMAIN)
+    for domain in candidates:
+        holder = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            holder.bind(("127.0.0.1", _PORT_BASE + _PORTS_PER_DOMAIN * domain + _CLAIM_OFFSET))
+        except OSError:
+            holder.close()
+            continue
+        return DomainClaim(domain, holder)
+    asked = f"domain {first} is" if first is not None else "all 100 domains are"
+    raise NoFreeDomain(f"{asked} held by other runs; end one of them with: lupin down")
+
+
+def loopback_environment(domain: int, directory: Path, base: Mapping[str, str] | None = None) -> dict[str, str]:
+    """The environment in which a process joins this domain on loopback; writes the profile into `directory`."""
+    profile = directory / "fastdds_loopback.xml"
+    directory.mkdir(parents=True, exist_ok=True)
+    profile.write_text(_PROFILE)
+    environment = {key: value for key, value in (os.environ if base is None else base).items() if key not in _FOREIGN}
+    environment.update(
+        ROS_DOMAIN_ID=str(domain),
+        RMW_IMPLEMENTATION="rmw_fastrtps_cpp",
+        FASTRTPS_DEFAULT_PROFILES_FILE=str(profile),
+    )
+    return environment
