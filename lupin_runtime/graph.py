@@ -89,6 +89,7 @@ CMD_VEL_AUTO = Topic("/cmd_vel_auto", "geometry_msgs/msg/Twist", REL10, 20.0, "v
 ZERO_CMD_VEL = Topic("/zero_cmd_vel", "geometry_msgs/msg/Twist", REL10, 10.0, "simulation's idle stop")
 CMD_VEL_SINK_ROBOT = Topic("/mirte_base_controller/cmd_vel", "geometry_msgs/msg/Twist", BEST1, 20.0, "drive sink, robot")
 CMD_VEL_SINK_SIM = Topic("/cmd_vel", "geometry_msgs/msg/Twist", BEST1, 20.0, "drive sink, simulation")
+DRIVE_STATUS = Topic("/lupin/drive/status", "std_msgs/msg/String", LATCHED1, 1.0, "JSON: who holds the bus, locks, ages")
 
 # -- sensors and state of the vehicle ---------------------------------------------------------------------------------
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", BEST1, 100.0, "simulation only")
@@ -120,6 +121,7 @@ def camera_info(image: Topic) -> Topic:
 # -- safety -----------------------------------------------------------------------------------------------------------
 ESTOP_STATE = Topic("/e_stop_state", "std_msgs/msg/Bool", REL10, 5.0, "estop_bridge is its only publisher")
 HMI_ESTOP = Topic("/lupin/hmi/estop", "std_msgs/msg/Bool", REL10, 2.0, "a console's own stop; its value expires")
+ESTOP_STATUS = Topic("/lupin/estop/status", "std_msgs/msg/String", LATCHED1, 1.0, "JSON: every reason of the e-stop")
 
 # -- mapping and navigation -------------------------------------------------------------------------------------------
 MAP = Topic("/map", "nav_msgs/msg/OccupancyGrid", LATCHED1, 0.2)
@@ -172,9 +174,7 @@ VENDOR_TORQUE = Service("/io/servo/hiwonder/enable_all_servos", "std_srvs/srv/Se
 VENDOR_ARM_GATE = Service("/enable_arm_control", "std_srvs/srv/SetBool")
 LIST_CONTROLLERS = Service("/controller_manager/list_controllers", "controller_manager_msgs/srv/ListControllers")
 LOAD_CONTROLLER = Service("/controller_manager/load_controller", "controller_manager_msgs/srv/LoadController")
-CONFIGURE_CONTROLLER = Service(
-    "/controller_manager/configure_controller", "controller_manager_msgs/srv/ConfigureController"
-)
+CONFIGURE_CONTROLLER = Service("/controller_manager/configure_controller", "controller_manager_msgs/srv/ConfigureController")
 SWITCH_CONTROLLER = Service("/controller_manager/switch_controller", "controller_manager_msgs/srv/SwitchController")
 SIM_PRESS_ESTOP = Service("/sim/press_estop", "std_srvs/srv/SetBool", "simulation only: true presses the red button")
 
