@@ -191,7 +191,8 @@ class TransformTree:
             if step is None:
                 oldest, newest = edge.samples[0][0] / 1e9, edge.samples[-1][0] / 1e9
                 raise TransformUnavailable(
-                    f"{edge.parent} -> {frame} is known from {oldest:.3f} s to {newest:.3f} s, not at {(stamp_ns or 0) / 1e9:.3f} s"
+                    f"{edge.parent} -> {frame} is known from {oldest:.3f} s to {newest:.3f} s, "
+                    f"not at {(stamp_ns or 0) / 1e9:.3f} s"
                 )
             result = step @ result
             frame = edge.parent

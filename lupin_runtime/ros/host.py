@@ -10,7 +10,8 @@ import signal
 import threading
 import time
 import traceback
-from typing import Any, Callable, Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -48,7 +49,9 @@ class _Spinner:
 
 
 def run(
-    factories: Sequence[NodeFactory], simulated_time: bool = False, ready: Callable[[Sequence[Node]], None] | None = None
+    factories: Sequence[NodeFactory],
+    simulated_time: bool = False,
+    ready: Callable[[Sequence[Node]], None] | None = None,
 ) -> int:
     """Build the nodes and run them until SIGTERM, SIGINT or a failure; returns the exit status (0, or 1 after a failure).
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib
 import time
-from typing import Any, Callable
+from collections.abc import Callable
+from typing import Any
 
 from rclpy.action import ActionClient
 from rclpy.client import Client
@@ -58,9 +59,7 @@ class LupinNode(Node):
         self, topic: Topic, callback: Callable[[Any], None], qos: Qos | None = None, raw: bool = False
     ) -> Subscription:
         """A subscription with the row's type and QoS; `qos` overrides the depth or asks for less than is offered."""
-        return self.create_subscription(
-            interface(topic.type), topic.name, callback, qos_profile(qos or topic.qos), raw=raw
-        )
+        return self.create_subscription(interface(topic.type), topic.name, callback, qos_profile(qos or topic.qos), raw=raw)
 
     def service(self, row: Service, callback: Callable[[Any, Any], Any]) -> RosService:
         """A server of the row's service; the callback takes (request, response) and returns the response."""

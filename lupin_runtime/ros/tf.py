@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from geometry_msgs.msg import TransformStamped
+from rclpy.publisher import Publisher
 from tf2_msgs.msg import TFMessage
 
 from lupin_runtime import graph
@@ -35,8 +36,15 @@ class TransformListener:
     def __init__(self, node: LupinNode, tree: TransformTree | None = None) -> None:
         self.tree = tree or TransformTree()
         self._node = node
-        node.subscription(graph.TF, lambda message: self._take(message, static=False))
-        node.subscription(graph.TF_STATIC, lambda message: self._take(message, static=True))
+        self._subscriptions = (
+            node.subscription(graph.TF, lambda message: self._take(message, static=False)),
+            node.subscription(graph.TF_STATIC, lambda message: self._take(message, static=True)),
+        )
+
+    def close(self) -> None:
+        """Stop listening; the tree stays as it is."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
 
     def _take(self, message: TFMessage, static: bool) -> None:
         for item in message.transforms:
@@ -54,7 +62,7 @@ class TransformBroadcaster:
     def __init__(self, node: LupinNode) -> None:
         self._node = node
         self._moving = node.publisher(graph.TF)
-        self._fixed_publisher = None
+        self._fixed_publisher: Publisher | None = None
         self._fixed: dict[str, TransformStamped] = {}
 
     def send(self, *transforms: TransformStamped) -> None:

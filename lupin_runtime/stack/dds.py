@@ -10,9 +10,9 @@ from __future__ import annotations
 import os
 import random
 import socket
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Mapping
 
 SOCKET_BUFFER_BYTES = 4 * 1024 * 1024
 

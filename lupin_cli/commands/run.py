@@ -1,0 +1,71 @@
+"""`lupin run NODE`: one process of the stack in the foreground, on the graph of the live run."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import typer
+
+
+def command(
+    process: str = typer.Argument(None, help="A process of the stack; without one, the table of them."),
+    run: str = typer.Option(None, "--run", help="Join the graph of this run, where several are up."),
+    parameter: list[str] = typer.Option([], "--parameter", "-p", help="Override NODE.NAME=VALUE (VALUE as JSON)."),
+) -> None:
+    """Run one process of the stack in the foreground, on the graph of the live run where there is one."""
+    from lupin_runtime.stack.runs import RunError, find_live_run
+    from lupin_runtime.stack.table import TABLE, Options, launch
+
+    rows = {row.name: row for row in TABLE}
+    if process is None:
+        for row in TABLE:
+            typer.echo(f"{row.name:13s} {', '.join(node.path.split(':')[1] for node in row.nodes) or 'lupin_sim'}")
+        return
+    if process not in rows:
+        typer.echo(f"there is no process {process!r}; there are: {', '.join(rows)}", err=True)
+        raise typer.Exit(2)
+    environment = dict(os.environ)
+    try:
+        found = find_live_run(run)
+        environment.update(found.info()["environment"])
+        folder = found.path
+    except RunError as error:
+        if run is not None:
+            typer.echo(str(error), err=True)
+            raise typer.Exit(3) from error
+        typer.echo("no run is up: the process joins the graph of this shell", err=True)
+        folder = Path(tempfile.mkdtemp(prefix="lupin-"))
+    made = launch(rows[process], Options(run_path=folder, mission=True))
+    arguments = made.arguments
+    if made.config is not None:
+        _override(made.config, parameter)
+        path = folder / f"{process}-foreground.json"
+        path.write_text(json.dumps(made.config))
+        arguments = [*arguments[:-1], str(path)]
+    # The child ends at the end of its input; a terminal's end of input would be Ctrl-D, so it gets a pipe of ours.
+    child = subprocess.Popen([sys.executable, *arguments], env=environment, stdin=subprocess.PIPE)
+    while True:
+        try:
+            raise typer.Exit(child.wait())
+        except KeyboardInterrupt:
+            continue  # the terminal sent it to the child too, which stops in its own order
+
+
+def _override(config: dict[str, object], settings: list[str]) -> None:
+    nodes = config["nodes"]
+    assert isinstance(nodes, list)
+    by_name = {str(node["class"]).split(":")[1]: node for node in nodes}
+    for setting in settings:
+        target, separator, text = setting.partition("=")
+        node, dot, name = target.partition(".")
+        if not separator or not dot or node not in by_name:
+            raise typer.BadParameter(f"{setting!r} is not NODE.NAME=VALUE with NODE of: {', '.join(by_name)}")
+        try:
+            by_name[node]["parameters"][name] = json.loads(text)
+        except ValueError:
+            by_name[node]["parameters"][name] = text

@@ -1,0 +1,221 @@
+"""One `lupin up` from the first process to the last: bring-up, mission, end. The view only looks; nothing here prints."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lupin_runtime.stack.dds import claim_domain, loopback_environment
+from lupin_runtime.stack.runs import Run, create_run
+from lupin_runtime.stack.supervisor import Phase, Supervisor
+from lupin_runtime.stack.table import Options
+
+STEP_S = 0.1
+STATE_PERIOD_S = 1.0
+MISSION_SILENCE_S = 15.0
+DRIVABLE = ("sim", "estop", "drive")
+
+EXIT_DONE, EXIT_ENDED_OTHERWISE, EXIT_USAGE, EXIT_NEVER_UP, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
+
+
+@dataclass
+class Outcome:
+    """How a run ended: an exit status, a state for scripts, and one sentence for people."""
+
+    exit_status: int = EXIT_INTERRUPTED
+    state: str = "INTERRUPTED"
+    sentence: str = "interrupted"
+    drivable_s: float | None = None
+    ready_s: float | None = None
+    wall_time_s: float = 0.0
+    memory_mb: float = 0.0
+    mission: dict[str, Any] = field(default_factory=dict)
+    stages: list[dict[str, Any]] = field(default_factory=list)
+    deaths: list[dict[str, Any]] = field(default_factory=list)
+
+
+class Interrupted(Exception):
+    """SIGINT, SIGTERM or SIGHUP came."""
+
+
+def mission_facts(message: Any) -> dict[str, Any]:
+    """The fields of MissionState that a view or a script shows."""
+    if message is None:
+        return {}
+    names = (
+        "mission_id mission_type lifecycle_state mission_phase current_target targets_total targets_completed "
+        "targets_failed targets_unreachable targets_skipped last_error last_event tags_discovered discovery_goal "
+        "estop_engaged paused battery_percentage battery_low"
+    )
+    return {name: getattr(message, name) for name in names.split()}
+
+
+class Session:
+    """A run of the stack in this process: the supervisor, its watch, and the mission that was asked for.
+
+    `observe(state)` is called about ten times a second with the same plain data that goes into `state.json`.
+    """
+
+    def __init__(self, options: Options, observe: Callable[[dict[str, Any]], None]) -> None:
+        self.run: Run
+        self.run, self._lock = create_run()
+        self.options = Options(**{**_shallow(options), "run_path": self.run.path})
+        self._observe = observe
+        self._domain = claim_domain()
+        environment = loopback_environment(self._domain.domain, self.run.path)
+        os.environ.clear()
+        os.environ.update(environment)
+        # rclpy reads the environment when it is first imported and initialised.
+        from lupin_runtime.stack.watch import GraphWatch
+
+        self.run.write_info(
+            {
+                "id": self.run.id,
+                "pid": os.getpid(),
+                "started": time.time(),
+                "checkout": str(Path(__file__).resolve().parents[2]),
+                "domain": self._domain.domain,
+                "environment": {
+                    key: environment[key] for key in ("ROS_DOMAIN_ID", "RMW_IMPLEMENTATION", "FASTRTPS_DEFAULT_PROFILES_FILE")
+                },
+                "options": {key: _plain(value) for key, value in asdict(self.options).items()},
+            }
+        )
+        self.watch = GraphWatch()
+        self.supervisor = Supervisor(self.options, self.run, environment, self.watch)
+        self.outcome = Outcome()
+        self._state_due_s = 0.0
+        self._mission_asked = False
+        self._mission_id = ""
+        self._mission_refused = ""
+        self._interrupts = 0
+
+    def execute(self) -> Outcome:
+        """Run until the mission ends, a stage never comes up, or somebody interrupts; then stop everything."""
+        before = {number: signal.signal(number, self._interrupt) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+        try:
+            while not self._ended():
+                self.watch.spin(STEP_S)
+                self.supervisor.step()
+                self._follow()
+                self._tell()
+        except Interrupted:
+            pass
+        finally:
+            self._finish()
+            for number, handler in before.items():
+                signal.signal(number, handler)
+        return self.outcome
+
+    def _interrupt(self, *_: object) -> None:
+        # Only the first may raise: the second would tear the orderly stop that the first began.
+        self._interrupts += 1
+        if self._interrupts == 1:
+            raise Interrupted
+
+    def _follow(self) -> None:
+        age = time.monotonic() - self.supervisor.started_s
+        present = [name for name in DRIVABLE if self.supervisor.stage(name) is not None]
+        if self.outcome.drivable_s is None and present and self.supervisor.all_up(present):
+            self.outcome.drivable_s = round(age, 2)
+        if not self.options.mission or not self.supervisor.all_up():
+            return
+        if self.outcome.ready_s is None:
+            self.outcome.ready_s = round(age, 2)
+        if not self._mission_asked:
+            self._mission_asked = True
+            self.watch.start_mission("ExplorationMission", self.options.discovery_goal, self._mission_answered)
+
+    def _mission_answered(self, accepted: bool, text: str) -> None:
+        self._mission_id, self._mission_refused = (text, "") if accepted else ("", text)
+
+    def _ended(self) -> bool:
+        outcome = self.outcome
+        fatal = next((death for death in self.supervisor.deaths if death.consequence != "restarted"), None)
+        if fatal is not None:
+            outcome.exit_status, outcome.state = EXIT_ENDED_OTHERWISE, "LOST"
+            outcome.sentence = f"{fatal.stage} {fatal.status}: {fatal.consequence}"
+            if outcome.ready_s is None and self._late():
+                outcome.exit_status = EXIT_NEVER_UP
+            return True
+        if self._late():
+            outcome.exit_status, outcome.state = EXIT_NEVER_UP, "NEVER_UP"
+            stage = self.supervisor.stalled()[0]
+            waits = "; ".join(self.supervisor.waiting_for(stage)) or stage.why
+            outcome.sentence = f"{stage.row.name} never came up: {waits}"
+            return True
+        if self._mission_refused:
+            outcome.exit_status, outcome.state = EXIT_ENDED_OTHERWISE, "REFUSED"
+            outcome.sentence = f"the mission was refused: {self._mission_refused}"
+            return True
+        return self._mission_ended()
+
+    def _late(self) -> bool:
+        never_up = [stage for stage in self.supervisor.stalled() if stage.up_after_s is None]
+        return bool(never_up)
+
+    def _mission_ended(self) -> bool:
+        message, outcome = self.watch.mission, self.outcome
+        if not self._mission_id or message is None:
+            return False
+        if time.monotonic() - self.watch.mission_heard_s > MISSION_SILENCE_S:
+            outcome.exit_status, outcome.state = EXIT_ENDED_OTHERWISE, "LOST"
+            outcome.sentence = f"the mission has said nothing for {MISSION_SILENCE_S:.0f} s"
+            return True
+        if message.mission_id != self._mission_id or message.lifecycle_state not in ("DONE", "FAULT"):
+            return False
+        outcome.state = message.lifecycle_state
+        outcome.exit_status = EXIT_DONE if outcome.state == "DONE" else EXIT_ENDED_OTHERWISE
+        detail = f" ({message.last_event or message.last_error})" if message.last_error else ""
+        outcome.sentence = f"mission {outcome.state}{detail}"
+        return True
+
+    def state(self) -> dict[str, Any]:
+        """The whole run as plain data."""
+        return {
+            **self.supervisor.snapshot(),
+            "id": self.run.id,
+            "rates_hz": self.watch.rates_hz(),
+            "mission": mission_facts(self.watch.mission),
+            "drivable_s": self.outcome.drivable_s,
+            "ready_s": self.outcome.ready_s,
+        }
+
+    def _tell(self) -> None:
+        state = self.state()
+        self._observe(state)
+        if time.monotonic() >= self._state_due_s:
+            self._state_due_s = time.monotonic() + STATE_PERIOD_S
+            self.run.write_state(state)
+
+    def _finish(self) -> None:
+        outcome = self.outcome
+        outcome.wall_time_s = round(time.monotonic() - self.supervisor.started_s, 1)
+        outcome.mission = mission_facts(self.watch.mission)
+        outcome.stages = [
+            {**stage, "phase": Phase.STOPPED.value if stage["phase"] == Phase.UP.value else stage["phase"]}
+            for stage in self.supervisor.snapshot()["stages"]
+        ]
+        outcome.deaths = [dict(death.__dict__) for death in self.supervisor.deaths]
+        self.supervisor.stop()
+        self.watch.close()
+        outcome.memory_mb = round(self.supervisor.memory_peak_mb, 1)
+        self.run.write_state({**self.state_after_end(), "outcome": asdict(outcome)})
+        self._domain.release()
+
+    def state_after_end(self) -> dict[str, Any]:
+        """The last state of an ended run."""
+        return {"id": self.run.id, "pid": os.getpid(), "mission": self.outcome.mission, "stages": self.outcome.stages}
+
+
+def _shallow(options: Options) -> dict[str, Any]:
+    return {name: getattr(options, name) for name in options.__dataclass_fields__}
+
+
+def _plain(value: Any) -> Any:
+    return str(value) if isinstance(value, Path) else value

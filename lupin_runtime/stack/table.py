@@ -1,0 +1,261 @@
+"""The whole runtime on a page: every process, what it waits for, what shows that it is up, and what its death means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from lupin_runtime import graph
+from lupin_runtime.stack.sentinels import Acts, Chain, Heard, Lifecycle, Sentinel, Serves
+
+ALL_TAGS = 65535  # discovery goal "all that can be found": the largest count that StartMission can carry
+
+
+@dataclass(frozen=True)
+class Options:
+    """What one `lupin up` asked for. Defaults are those of a run against the simulator without a mission."""
+
+    target: str = "sim"
+    world: str = "demo"
+    seed: int = 0
+    speed: float = 1.0
+    cameras: bool = True
+    slam: bool = True
+    nav2: bool = True
+    twin: bool = True
+    perception: bool = True
+    yolo: bool = True
+    mission: bool = False
+    record: bool = True
+    map_file: Path | None = None
+    discovery_goal: int = 5
+    sweeps: int = 0
+    dependency_timeout_s: float = 120.0
+    approach_overrides: Path | None = None
+    layout: Path | None = None
+    run_path: Path = Path()
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the robot is the simulator."""
+        return self.target == "sim"
+
+
+Parameters = Mapping[str, Any]
+
+
+def _none(_: Options) -> Parameters:
+    return {}
+
+
+@dataclass(frozen=True)
+class NodeRow:
+    """A node: its class as `module:Class`, and its parameters for a run."""
+
+    path: str
+    parameters: Callable[[Options], Parameters] = _none
+    when: Callable[[Options], bool] = lambda _: True
+
+
+@dataclass(frozen=True)
+class ProcessRow:
+    """A process of the stack.
+
+    `needs` gates its start and `ready` shows that it is up; `up_within_s` bounds the second. `on_death` is what its
+    unplanned end means: "restart" it, or end the "mission" or the "run" with it, since what it knew is gone.
+    """
+
+    name: str
+    nodes: tuple[NodeRow, ...]
+    when: Callable[[Options], bool]
+    needs: tuple[Sentinel, ...] = ()
+    ready: tuple[Sentinel, ...] = ()
+    on_death: str = "restart"
+    up_within_s: float = 30.0
+    # Stopped after all others, in this order: the drive bus says its zero while the wheels still listen.
+    stop_rank: int = 0
+    command: Callable[[Options], list[str]] | None = None
+    memory_max_mb: int = 384
+
+
+def _simulated(options: Options) -> bool:
+    return options.simulated
+
+
+def _simulator_command(options: Options) -> list[str]:
+    command = ["-m", "lupin_sim", "--world", options.world, "--seed", str(options.seed)]
+    command += ["--speed", str(options.speed), "--run-dir", str(options.run_path)]
+    return command if options.cameras else [*command, "--no-cameras"]
+
+
+def _drive(options: Options) -> Parameters:
+    return {"sink": "sim" if options.simulated else "robot"}
+
+
+def _slam(options: Options) -> Parameters:
+    # The frontier planner looks at the map once a second: a simulated run need not wait for the five of a WiFi link.
+    return {"map_update_interval": 1.0} if options.simulated else {}
+
+
+def _map(options: Options) -> Parameters:
+    return {"yaml_filename": str(options.map_file)}
+
+
+def _annotator(options: Options) -> Parameters:
+    return {"image_topic": (graph.BODY_IMAGE_SIM if options.simulated else graph.BODY_IMAGE_ROBOT).name}
+
+
+def _bridge(options: Options) -> Parameters:
+    return {"tag_file": str(options.layout)} if options.layout else {}
+
+
+def _mission(options: Options) -> Parameters:
+    parameters: dict[str, Any] = {
+        "dependency_timeout_s": options.dependency_timeout_s,
+        "discovery_goal": options.discovery_goal,
+        "monitoring_sweeps": options.sweeps,
+        "approach_overrides_file": str(options.approach_overrides or ""),
+        "require_visual_confirmation": not options.simulated,
+    }
+    if options.simulated:
+        parameters.update(
+            flower_scan_dwell_s=4.0, arm_patrol_enabled=True, arm_travel_settle_s=3.2, exploration_timeout_s=900.0
+        )
+    return parameters
+
+
+TABLE: tuple[ProcessRow, ...] = (
+    ProcessRow(
+        "sim",
+        (),
+        when=_simulated,
+        command=_simulator_command,
+        ready=(Heard(graph.CLOCK), Heard(graph.ODOM), Heard(graph.SCAN)),
+        on_death="run",
+        stop_rank=3,
+        memory_max_mb=512,
+    ),
+    ProcessRow(
+        "estop",
+        (NodeRow("lupin_runtime.safety.node:EstopBridge"),),
+        when=_simulated,
+        ready=(Heard(graph.ESTOP_STATE),),
+        stop_rank=2,
+    ),
+    ProcessRow(
+        "drive",
+        (
+            NodeRow("lupin_runtime.drive.node:TwistMux", _drive),
+            NodeRow("lupin_runtime.drive.node:IdleStop", when=_simulated),
+        ),
+        when=_simulated,
+        ready=(Heard(graph.DRIVE_STATUS),),
+        stop_rank=1,
+    ),
+    ProcessRow(
+        "slam",
+        (
+            NodeRow("lupin_runtime.slam.node:SlamNode", _slam),
+            NodeRow("lupin_runtime.slam.node:SlamResetNode"),
+        ),
+        when=lambda o: o.slam and o.map_file is None,
+        needs=(Heard(graph.SCAN),),
+        ready=(Heard(graph.MAP),),
+    ),
+    ProcessRow(
+        "localization",
+        (
+            NodeRow("lupin_runtime.slam.node:MapServer", _map),
+            NodeRow("lupin_runtime.slam.node:AmclNode"),
+        ),
+        when=lambda o: o.slam and o.map_file is not None,
+        needs=(Heard(graph.SCAN),),
+        ready=(Heard(graph.MAP), Heard(graph.AMCL_POSE)),
+    ),
+    ProcessRow(
+        "nav",
+        (
+            NodeRow("lupin_runtime.navigation.node:Navigator"),
+            NodeRow("lupin_runtime.drive.node:VelocitySmoother"),
+        ),
+        when=lambda o: o.nav2,
+        needs=(Heard(graph.MAP), Chain(graph.ODOM_FRAME, graph.BASE_FRAME)),
+        ready=(Acts(graph.NAVIGATE_TO_POSE),),
+    ),
+    ProcessRow(
+        "body",
+        (
+            NodeRow("lupin_runtime.arm.node:ArmPresetServer"),
+            NodeRow("lupin_runtime.arm.node:GripperActionBridge"),
+            NodeRow("lupin_runtime.arm.node:ArmLibraryServer"),
+            NodeRow("lupin_runtime.lights.node:LightStripBridge"),
+        ),
+        when=_simulated,
+        needs=(Heard(graph.JOINT_STATES),),
+        ready=(Serves(graph.ARM_PRESET),),
+    ),
+    ProcessRow(
+        "perception",
+        (
+            NodeRow("lupin_runtime.perception.node:TagAnnotator", _annotator),
+            NodeRow("lupin_runtime.perception.node:SimFlowerDetector", when=lambda o: o.yolo and o.simulated),
+            NodeRow("lupin_runtime.perception.node:YoloDetector", when=lambda o: o.yolo and not o.simulated),
+            NodeRow("lupin_runtime.perception.node:PerceptionAggregator"),
+        ),
+        when=lambda o: o.perception,
+        ready=(Heard(graph.DISCOVERED_TAGS),),
+    ),
+    ProcessRow(
+        "twin",
+        (NodeRow("lupin_runtime.twin.node:TwinNode"),),
+        when=lambda o: o.twin,
+        ready=(Heard(graph.TWIN_STATE),),
+    ),
+    ProcessRow(
+        "mission",
+        (
+            NodeRow("lupin_runtime.greenhouse.node:GreenhouseBridge", _bridge),
+            NodeRow("lupin_runtime.mission.node:PoseSeed", when=lambda o: o.map_file is None),
+            NodeRow("lupin_runtime.mission.node:MissionOrchestrator", _mission),
+        ),
+        when=lambda o: o.mission,
+        ready=(Lifecycle(),),
+        on_death="mission",
+        up_within_s=150.0,
+    ),
+    ProcessRow(
+        "recorder",
+        (NodeRow("lupin_runtime.record.node:Recorder", lambda o: {"output": str(o.run_path / "recording.mcap")}),),
+        when=lambda o: o.record,
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Launch:
+    """A row made concrete for a run: what to execute and the configuration it reads."""
+
+    row: ProcessRow
+    arguments: list[str]
+    config: dict[str, Any] | None = field(default=None)
+
+
+def rows(options: Options) -> tuple[ProcessRow, ...]:
+    """The rows that a run consists of, each with only the nodes it asks for."""
+    chosen = (row for row in TABLE if row.when(options))
+    return tuple(replace(row, nodes=tuple(node for node in row.nodes if node.when(options))) for row in chosen)
+
+
+def launch(row: ProcessRow, options: Options) -> Launch:
+    """How to start a row: arguments for the Python interpreter, and the file they name where there is one."""
+    if row.command is not None:
+        return Launch(row, row.command(options))
+    config = {
+        "name": row.name,
+        "simulated_time": options.simulated,
+        "nodes": [{"class": node.path, "parameters": dict(node.parameters(options))} for node in row.nodes],
+    }
+    path = options.run_path / "processes" / f"{row.name}.json"
+    return Launch(row, ["-m", "lupin_runtime.stack.process", str(path)], config)
