@@ -1,0 +1,129 @@
+"""`twist_mux`: the drive bus on the graph, and `idle_stop`, the simulation's constant zero beneath it.
+
+Serialised bytes go in and out: six doubles are looked at, and a command that passes leaves as the very bytes that came.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+
+from std_msgs.msg import String
+
+from lupin_runtime import graph
+from lupin_runtime.drive.bus import Bus
+from lupin_runtime.drive.priority import raise_priority
+from lupin_runtime.drive.twist import ZERO, HardLimits, Twist, decode, encode
+from lupin_runtime.ros import LupinNode
+
+TICK_HZ = 20.0
+STATUS_PERIOD_NS = 200_000_000  # at most 5 Hz
+STATUS_REPEAT_NS = 1_000_000_000  # ages are part of the status, so it is said again
+LAST_ZEROS = 5
+LAST_ZERO_GAP_S = 0.01
+
+# Best effort takes from every kind of publisher, and of a velocity stream only the newest message is worth having.
+INPUT_QOS = graph.BEST1
+
+INPUT_TOPICS = {
+    "joy": graph.CMD_VEL_JOY,
+    "manual": graph.CMD_VEL_MANUAL,
+    "auto": graph.CMD_VEL_AUTO,
+    "zero": graph.ZERO_CMD_VEL,
+}
+SINKS = {"sim": graph.CMD_VEL_SINK_SIM, "robot": graph.CMD_VEL_SINK_ROBOT}
+
+_ZERO_BYTES = encode(ZERO)
+
+
+class TwistMux(LupinNode):
+    """The drive bus. Parameters: `sink` (sim or robot), `require_estop_heartbeat`, `estop_timeout_s`,
+    `linear_limit_mps`, `yaw_limit_radps`, `nice` (scheduling priority asked for this process; 0 leaves it alone)."""
+
+    def __init__(self, parameters: dict[str, Any] | None = None) -> None:
+        super().__init__("twist_mux", parameters)
+        sink = self.parameter("sink", "sim")
+        if sink not in SINKS:
+            raise ValueError(f"twist_mux: parameter sink is {sink!r}, expected one of {', '.join(SINKS)}")
+        nice = self.parameter("nice", 0)
+        if nice:
+            self.get_logger().info(raise_priority(nice))
+        limits = HardLimits(self.parameter("linear_limit_mps", 0.6), self.parameter("yaw_limit_radps", 1.9))
+        self._bus = Bus(
+            limits=limits,
+            require_heartbeat=self.parameter("require_estop_heartbeat", True),
+            heartbeat_timeout_s=self.parameter("estop_timeout_s", 1.0),
+        )
+        self._closed = False
+        self._status_key: tuple[object, ...] | None = None
+        self._status_ns: int | None = None
+        self._sink = self.publisher(SINKS[sink])
+        self._status = self.publisher(graph.DRIVE_STATUS)
+        # Subscriptions are served in the order of their creation: of messages that arrive together, the e-stop is first.
+        self.subscription(graph.ESTOP_STATE, self._on_estop)
+        for key, topic in INPUT_TOPICS.items():
+            self.subscription(topic, self._forwarder(key), qos=INPUT_QOS, raw=True)
+        self.create_timer(1.0 / TICK_HZ, self._on_tick)
+
+    def before_shutdown(self) -> None:
+        """Lock the bus and say zero often enough that one lost packet does not matter."""
+        self._closed = True
+        self._bus.close(self.elapsed_clock_ns())
+        for _ in range(LAST_ZEROS):
+            self._sink.publish(_ZERO_BYTES)
+            time.sleep(LAST_ZERO_GAP_S)
+
+    def _forwarder(self, key: str) -> Callable[[bytes], None]:
+        bus, sink, clock_ns = self._bus, self._sink, self.elapsed_clock_ns
+
+        def forward(data: bytes) -> None:
+            command = decode(data)
+            out = bus.command(key, command, clock_ns())
+            if out is not None and not self._closed:
+                sink.publish(data if out is command else encode(out))
+
+        return forward
+
+    def _on_estop(self, message: Any) -> None:
+        self._say(self._bus.estop(bool(message.data), self.elapsed_clock_ns()))
+
+    def _on_tick(self) -> None:
+        now_ns = self.elapsed_clock_ns()
+        self._say(self._bus.tick(now_ns))
+        self._report(now_ns)
+
+    def _say(self, twist: Twist | None) -> None:
+        if twist is not None and not self._closed:
+            self._sink.publish(encode(twist))
+
+    def _report(self, now_ns: int) -> None:
+        since_ns = STATUS_REPEAT_NS if self._status_ns is None else now_ns - self._status_ns
+        if 0 <= since_ns < STATUS_PERIOD_NS:
+            return
+        decision = self._bus.decision(now_ns)
+        key = (decision.winner, decision.locks, *decision.why.items(), *self._bus.rejected.items())
+        if key == self._status_key and 0 <= since_ns < STATUS_REPEAT_NS:
+            return
+        if self._status_key is None or decision.locks != self._status_key[1]:
+            self.get_logger().warning(
+                "locked: " + ", ".join(decision.locks) if decision.locks else "unlocked: the e-stop is released"
+            )
+        self._status_key, self._status_ns = key, now_ns
+        inputs = {
+            name: {"age_s": decision.age_s[name], "why": why, "rejected": self._bus.rejected[name]}
+            for name, why in decision.why.items()
+        }
+        status = {"winner": decision.winner, "locks": list(decision.locks), "inputs": inputs}
+        self._status.publish(String(data=json.dumps(status)))
+
+
+class IdleStop(LupinNode):
+    """`idle_stop`: a constant zero on `/zero_cmd_vel`, the lowest input. Simulation only: a drive that keeps its last
+    velocity for ever is halted even by a bus that is not ours."""
+
+    def __init__(self, parameters: dict[str, Any] | None = None) -> None:
+        super().__init__("idle_stop", parameters)
+        publisher = self.publisher(graph.ZERO_CMD_VEL)
+        self.create_timer(0.1, lambda: publisher.publish(_ZERO_BYTES))

@@ -1,0 +1,73 @@
+"""A planar velocity, its bytes on the wire, and the limits that no command passes.
+
+The bus forwards serialised messages: taking a Twist apart into Python objects and putting it together again costs more than
+everything else it does. A geometry_msgs/Twist is six doubles behind the four bytes of the CDR encapsulation header
+(OMG DDSI-RTPS 2.2, 10.2), whose second byte is odd for little-endian.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from typing import NamedTuple
+
+CDR_TWIST_BYTES = 4 + 6 * 8
+
+_LITTLE = struct.Struct("<6d")
+_BIG = struct.Struct(">6d")
+_HEADER = b"\x00\x01\x00\x00"
+
+
+class Twist(NamedTuple):
+    """A velocity of the base in its own frame: x forward, y left (m/s), yaw counter-clockwise (rad/s)."""
+
+    x: float
+    y: float
+    yaw: float
+
+    def is_finite(self) -> bool:
+        """Whether no component is NaN or infinite."""
+        return math.isfinite(self.x) and math.isfinite(self.y) and math.isfinite(self.yaw)
+
+    def is_neutral(self, tolerance: float = 1e-3) -> bool:
+        """Whether the base would stand still: every component within `tolerance` of zero. NaN is not neutral."""
+        return abs(self.x) <= tolerance and abs(self.y) <= tolerance and abs(self.yaw) <= tolerance
+
+
+ZERO = Twist(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class HardLimits:
+    """The largest command that reaches the base, whoever sent it.
+
+    The defaults are the largest that any source is configured to ask for: the pad's turbo speed and navigation's turn rate.
+    """
+
+    linear_mps: float = 0.6
+    yaw_radps: float = 1.9
+
+    def clamp(self, twist: Twist) -> Twist:
+        """`twist` within the limits. The direction of travel is kept: x and y shrink together."""
+        fastest = max(abs(twist.x), abs(twist.y))
+        yaw = min(self.yaw_radps, max(-self.yaw_radps, twist.yaw))
+        if fastest <= self.linear_mps:
+            return twist if yaw == twist.yaw else Twist(twist.x, twist.y, yaw)
+        scale = self.linear_mps / fastest
+        return Twist(twist.x * scale, twist.y * scale, yaw)
+
+
+def decode(data: bytes) -> Twist | None:
+    """The planar velocity in a serialised geometry_msgs/Twist; None where it is not one or any of its six numbers is
+    not finite. Components that a planar base cannot follow are dropped."""
+    if len(data) < CDR_TWIST_BYTES:
+        return None
+    x, y, z, roll, pitch, yaw = (_LITTLE if data[1] & 1 else _BIG).unpack_from(data, 4)
+    # One addition finds every NaN and infinity, except opposite infinities, whose sum is NaN: also not finite.
+    return Twist(x, y, yaw) if math.isfinite(x + y + z + roll + pitch + yaw) else None
+
+
+def encode(twist: Twist) -> bytes:
+    """`twist` as a serialised geometry_msgs/Twist, little-endian."""
+    return _HEADER + _LITTLE.pack(twist.x, twist.y, 0.0, 0.0, 0.0, twist.yaw)
