@@ -1,0 +1,85 @@
+"""Hosting nodes: simulated time for all from one subscription, an orderly end, and a loud end after a failure."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+pytestmark = pytest.mark.graph
+
+TWO_NODES = """
+import os, sys
+from lupin_runtime.ros import LupinNode, run
+from rosgraph_msgs.msg import Clock
+from lupin_runtime import graph
+
+class Simulator(LupinNode):
+    def __init__(self):
+        super().__init__('simulator')
+        self.out = self.publisher(graph.CLOCK)
+        from rclpy.clock import Clock as SteadyClock, ClockType
+        self.t = 0
+        self.create_timer(0.01, self.tick, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
+    def tick(self):
+        self.t += 100_000_000   # ten simulated seconds a second
+        m = Clock(); m.clock.sec, m.clock.nanosec = divmod(self.t, 10**9)
+        self.out.publish(m)
+
+class Follower(LupinNode):
+    def __init__(self):
+        super().__init__('follower')
+        self.count = 0
+        self.create_timer(1.0, self.tick)
+    def tick(self):
+        self.count += 1
+        if self.count == 5:
+            print('five simulated seconds', self.now_ns() > 4 * 10**9, self.elapsed_clock_ns() == self.now_ns(), flush=True)
+    def before_shutdown(self):
+        print('last words', flush=True)
+
+FAIL = {fail}
+class Failing(LupinNode):
+    def __init__(self):
+        super().__init__('failing')
+        from rclpy.clock import Clock as SteadyClock, ClockType
+        self.create_timer(0.2, self.tick, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
+    def tick(self):
+        if FAIL:
+            raise RuntimeError('a defect')
+
+status = run([Simulator, Follower, Failing], simulated_time=True)
+sys.stdout.flush(); sys.stderr.flush()
+os._exit(status)
+"""
+
+
+def start(fail: bool) -> subprocess.Popen[str]:
+    code = TWO_NODES.replace("{fail}", str(fail))
+    return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def test_nodes_follow_the_simulated_clock_and_have_last_words() -> None:
+    process = start(fail=False)
+    assert process.stdout is not None
+    began = time.monotonic()
+    assert process.stdout.readline().split() == ["five", "simulated", "seconds", "True", "True"]
+    assert time.monotonic() - began < 20.0
+    process.send_signal(signal.SIGTERM)
+    out, err = process.communicate(timeout=10)
+    assert (out.strip(), process.returncode) == ("last words", 0), err
+
+
+def test_a_callback_that_raises_ends_the_process_with_its_stack() -> None:
+    process = start(fail=True)
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert "RuntimeError: a defect" in err
+
+
+def test_environment_of_tests_is_private() -> None:
+    assert int(os.environ["ROS_DOMAIN_ID"]) > 0

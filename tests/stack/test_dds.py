@@ -1,0 +1,64 @@
+"""A run's DDS domain: claimed for as long as its owner lives, on loopback, without shared memory."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lupin_runtime.stack.dds import NoFreeDomain, claim_domain, loopback_environment
+
+
+def test_two_claims_never_share_a_domain_and_a_released_one_is_free_again() -> None:
+    first = claim_domain()
+    with pytest.raises(NoFreeDomain, match=f"domain {first.domain} is"):
+        claim_domain(first.domain)
+    assert claim_domain_and_release() != first.domain
+    first.release()
+    again = claim_domain(first.domain)
+    again.release()
+
+
+def claim_domain_and_release() -> int:
+    claim = claim_domain()
+    claim.release()
+    return claim.domain
+
+
+def test_a_claim_dies_with_its_process() -> None:
+    code = "from lupin_runtime.stack.dds import claim_domain; import os; print(claim_domain().domain, flush=True); os.abort()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=20, check=False)
+    domain = int(done.stdout)
+    claim_domain(domain).release()
+
+
+def test_what_would_lead_a_process_out_of_its_graph_is_taken_from_its_environment(tmp_path: Path) -> None:
+    foreign = {"ROS_DISCOVERY_SERVER": "10.42.0.1:11811", "FASTDDS_BUILTIN_TRANSPORTS": "SHM", "KEEP": "1"}
+    environment = loopback_environment(7, tmp_path, foreign)
+    assert environment["KEEP"] == "1" and environment["ROS_DOMAIN_ID"] == "7"
+    assert "ROS_DISCOVERY_SERVER" not in environment and "FASTDDS_BUILTIN_TRANSPORTS" not in environment
+    assert "127.0.0.1" in Path(environment["FASTRTPS_DEFAULT_PROFILES_FILE"]).read_text()
+
+
+@pytest.mark.graph
+def test_a_node_uses_no_shared_memory_and_no_interface_but_loopback() -> None:
+    code = """
+import os, subprocess, rclpy
+before = set(os.listdir('/dev/shm'))
+rclpy.init(); node = rclpy.create_node('quiet')
+import psutil
+addresses = {c.laddr.ip for c in psutil.Process().net_connections('udp') if c.laddr}
+made = {name for name in set(os.listdir('/dev/shm')) - before if 'fastrtps' in name}
+print(sorted(addresses), sorted(made), flush=True)
+os._exit(0)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 0, done.stderr
+    addresses, made = done.stdout.strip().rsplit(" ", 1)
+    assert made == "[]"
+    # Multicast receivers bind the wildcard and join on loopback; no address of a real interface may appear.
+    assert set(eval(addresses)) <= {"127.0.0.1", "0.0.0.0", "239.255.0.1"}
+    assert os.environ["ROS_DOMAIN_ID"]
