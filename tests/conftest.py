@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import os
+import threading
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,3 +26,77 @@ def private_graph(tmp_path_factory: pytest.TempPathFactory):
     os.environ.clear()
     os.environ.update(before)
     claim.release()
+
+
+class GraphHost:
+    """Runs nodes as the product does, each with an executor and a thread, and waits for what they bring about."""
+
+    def __init__(self) -> None:
+        import rclpy
+
+        self.context = rclpy
+        rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+        self._running: list[tuple[Any, Any, threading.Thread]] = []
+        self._errors: list[BaseException] = []
+
+    def add(self, node: Any) -> Any:
+        """Start spinning `node`; returns it."""
+        from rclpy.executors import SingleThreadedExecutor
+
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        thread = threading.Thread(target=self._spin, args=(executor,), name=node.get_name(), daemon=True)
+        self._running.append((node, executor, thread))
+        thread.start()
+        return node
+
+    def _spin(self, executor: Any) -> None:
+        from rclpy.executors import ExternalShutdownException
+
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            pass
+        except BaseException as error:  # handed to the test that waits for something else
+            self._errors.append(error)
+
+    def until(self, condition: Callable[[], Any], timeout_s: float = 10.0, what: str = "the condition") -> Any:
+        """Wait until `condition()` is true and return its value; fails the test after `timeout_s`, or with the first
+        exception of a node's callback."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            if self._errors:
+                raise self._errors[0]
+            value = condition()
+            if value:
+                return value
+            if time.monotonic() > deadline:
+                pytest.fail(f"{what} did not come about within {timeout_s:g} s")
+            time.sleep(0.002)
+
+    def remove(self, node: Any) -> None:
+        """Stop and destroy one node, as if its process had ended."""
+        entry = next(entry for entry in self._running if entry[0] is node)
+        self._running.remove(entry)
+        self._stop(*entry)
+
+    def _stop(self, node: Any, executor: Any, thread: threading.Thread) -> None:
+        executor.shutdown(timeout_sec=2.0)
+        thread.join(timeout=2.0)
+        node.destroy_node()
+
+    def close(self) -> None:
+        """Stop all nodes; a callback's exception that no wait has shown yet fails the test here."""
+        while self._running:
+            self._stop(*self._running.pop())
+        self.context.try_shutdown()
+        if self._errors:
+            raise self._errors[0]
+
+
+@pytest.fixture
+def graph_host() -> Iterator[GraphHost]:
+    """A GraphHost for one test."""
+    host = GraphHost()
+    yield host
+    host.close()
