@@ -1,0 +1,66 @@
+"""Whole missions in the simulator: `demo` and `random:1…20`, scored against the truth.
+
+Limits: DONE with every reachable tag found and read, no collision, median tag error ≤ 5 cm, trajectory RMSE ≤ 5 cm on at
+least 19 of 20; real-time factor ≥ 1; memory of all processes ≤ 1.2 GB; drivable ≤ 6 s, READY ≤ 12 s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+BOUND_S = 2400.0
+
+
+def run(world: str) -> dict[str, Any]:
+    """One mission; the object that `lupin up --json` prints, with the exit status and the start-up times."""
+    command = [sys.executable, "-m", "lupin_cli.app", "up", "--mission", "--headless", "--json", "--world", world]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=BOUND_S, check=False)
+    except subprocess.TimeoutExpired:
+        return {"world": world, "state": "TIMEOUT"}
+    result: dict[str, Any] = json.loads(done.stdout) if done.stdout.strip() else {"state": done.stderr[-200:]}
+    result.update(world=world, exit_status=done.returncode)
+    if result.get("report"):
+        kept = json.loads((Path(result["report"]).parents[1] / "result.json").read_text())
+        result.update(drivable_s=kept["outcome"]["drivable_s"], ready_s=kept["outcome"]["ready_s"])
+    return result
+
+
+def good(result: dict[str, Any]) -> bool:
+    """Whether a mission reached what it must."""
+    return bool(
+        result.get("state") == "DONE"
+        and result["tags_read"] == result["tags_reachable"]
+        and result["collisions"] == 0
+        and result["tag_error_median_m"] <= 0.05
+        and result["trajectory_rmse_m"] <= 0.05
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("worlds", nargs="*", default=["demo", *(f"random:{seed}" for seed in range(1, 21))])
+    results = []
+    columns = (
+        "tags_read tags_reachable collisions trajectory_rmse_m tag_error_median_m real_time_factor memory_mb drivable_s ready_s"
+    )
+    print(f"{'world':12s} {'state':9s} {columns}", flush=True)
+    for world in parser.parse_args().worlds:
+        result = run(world)
+        results.append(result)
+        cells = "  ".join(
+            f"{value:.3f}" if isinstance(value := result.get(name), float) else str(value) for name in columns.split()
+        )
+        print(f"{world:12s} {result['state']:9s} {cells}  {'ok' if good(result) else 'MISSED'}", flush=True)
+    count = sum(map(good, results))
+    print(json.dumps({"good": count, "of": len(results), "limit": "19 of 20", "results": results}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
