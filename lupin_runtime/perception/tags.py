@@ -1,0 +1,169 @@
+"""Finds the tags of family 36h11 in a grey image: two engines, one order of corners, corners fitted to the whole picture.
+
+The AprilTag library is used where it is installed, OpenCV's ArUco module elsewhere. Both give top-left, top-right,
+bottom-right, bottom-left as an upright official print shows them, in pixels, the centre of the first pixel being (0, 0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Iterable, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.perception.alignment import align
+from lupin_runtime.perception.tag_family import picture
+
+Grey = NDArray[np.uint8]
+
+# The library at full resolution spends nine tenths of its time on the quads of sensor noise. Where the image has less
+# contrast than a tag needs it is smoothed first, and then full resolution costs less than half resolution did.
+CONTRAST_WINDOW_PX = 5
+CONTRAST_OVER_MEDIAN = 1.8  # the median tells the noise: most of an image is no edge
+CONTRAST_LIMITS = (12.0, 40.0)
+SMOOTHING_PX = 7
+BUSY_SHARE = 0.25  # of the pixels: then even that is slow, and half resolution keeps the frame's deadline
+
+# tag36h11 corrects two wrong bits; a correction is believed only where the picture fits as well.
+MIN_FIT = 0.45
+MIN_FIT_WITH_WRONG_BITS = 0.75
+
+
+@dataclass(frozen=True, eq=False)
+class TagDetection:
+    """One tag in one image.
+
+    `corners` (4, 2): top-left, top-right, bottom-right, bottom-left of the black square, pixels. `hamming`: corrected bits.
+    `fit`: correlation of the image with the tag's picture, 0 where the tag is too small or too far outside to tell.
+    """
+
+    id: int
+    corners: NDArray[np.float64]
+    hamming: int
+    fit: float
+
+
+class TagEngine(Protocol):
+    """Finds tags: yields (id, corners (4, 2) in the order of TagDetection, corrected bits)."""
+
+    name: str
+
+    def find(self, grey: Grey) -> Iterable[tuple[int, NDArray[np.float64], int]]: ...
+
+
+class EngineMissing(ImportError):
+    """The engine asked for is not installed."""
+
+
+def smooth_dull_parts(grey: Grey) -> tuple[Grey, float]:
+    """The image with everything smoothed that has too little contrast for a tag, and the share of pixels left as they were."""
+    kernel = np.ones((CONTRAST_WINDOW_PX, CONTRAST_WINDOW_PX), np.uint8)
+    contrast = cv2.subtract(cv2.dilate(grey, kernel), cv2.erode(grey, kernel))
+    threshold = float(np.clip(CONTRAST_OVER_MEDIAN * np.median(contrast[::4, ::4]), *CONTRAST_LIMITS))
+    keep = cv2.threshold(contrast, threshold, 255, cv2.THRESH_BINARY)[1]
+    smoothed = cv2.blur(grey, (SMOOTHING_PX, SMOOTHING_PX))
+    cv2.copyTo(grey, keep, smoothed)
+    return np.asarray(smoothed, np.uint8), cv2.countNonZero(keep) / keep.size
+
+
+class AprilTagEngine:
+    """The AprilTag library, through pyapriltags."""
+
+    name = "apriltag"
+
+    def __init__(self) -> None:
+        try:
+            from pyapriltags import Detector
+        except ImportError as error:
+            raise EngineMissing(
+                "the engine 'apriltag' needs the package pyapriltags; run: pip install pyapriltags  (or use 'aruco')"
+            ) from error
+        self._full = Detector(families="tag36h11", nthreads=1, quad_decimate=1.0)
+        self._half = Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
+
+    def find(self, grey: Grey) -> Iterable[tuple[int, NDArray[np.float64], int]]:
+        prepared, busy = smooth_dull_parts(grey)
+        detector = self._half if busy > BUSY_SHARE else self._full
+        for found in detector.detect(prepared):
+            # The library counts pixels from their corners, and runs counter-clockwise from the bottom left.
+            yield int(found.tag_id), np.asarray(found.corners, np.float64)[[3, 2, 1, 0]] - 0.5, int(found.hamming)
+
+
+class ArucoEngine:
+    """OpenCV's ArUco module, by whichever interface the installed version has."""
+
+    name = "aruco"
+
+    def __init__(self) -> None:
+        self._dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+        make = getattr(cv2.aruco, "DetectorParameters_create", None) or cv2.aruco.DetectorParameters
+        self._parameters = make()
+        self._parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+        if hasattr(self._parameters, "relativeCornerRefinmentWinSize"):
+            # In modules: a window that reaches into the code pulls the corners of a small tag off by a third of a pixel.
+            self._parameters.relativeCornerRefinmentWinSize = 0.6
+        detector_class = getattr(cv2.aruco, "ArucoDetector", None)
+        self._detector = detector_class(self._dictionary, self._parameters) if detector_class else None
+        self._first_corner = self._learn_first_corner()
+
+    def _detect(self, grey: Grey) -> list[tuple[int, NDArray[np.float64]]]:
+        if self._detector is not None:
+            corners, ids, _ = self._detector.detectMarkers(grey)
+        else:
+            corners, ids, _ = cv2.aruco.detectMarkers(grey, self._dictionary, parameters=self._parameters)
+        if ids is None:
+            return []
+        return [(int(i), np.asarray(c, np.float64).reshape(4, 2)) for i, c in zip(np.ravel(ids), corners)]
+
+    def _learn_first_corner(self) -> int:
+        """Which of the module's corners is the top left one of an upright official tag.
+
+        It was the bottom right one (2) up to 5.0 and later versions change it; so the module is shown a tag and asked.
+        """
+        shown = np.pad(picture(0, 16), 32, constant_values=255)
+        answer = [corners for tag_id, corners in self._detect(shown) if tag_id == 0]
+        if len(answer) != 1:
+            raise RuntimeError(f"OpenCV {cv2.__version__} does not recognise the official tag36h11 id 0")
+        return int(np.argmin(answer[0].sum(axis=1)))
+
+    def find(self, grey: Grey) -> Iterable[tuple[int, NDArray[np.float64], int]]:
+        for tag_id, corners in self._detect(grey):
+            yield tag_id, np.roll(corners, -self._first_corner, axis=0), 0
+
+
+ENGINES = {"apriltag": AprilTagEngine, "aruco": ArucoEngine}
+
+
+def make_engine(name: str = "auto") -> TagEngine:
+    """The engine of that name; for "auto" the AprilTag library where it is installed, else ArUco.
+
+    Raises EngineMissing where its package is not installed, ValueError for an unknown name.
+    """
+    if name == "auto":
+        try:
+            return AprilTagEngine()
+        except EngineMissing:
+            return ArucoEngine()
+    if name not in ENGINES:
+        raise ValueError(f"unknown tag engine {name!r}; known: auto, {', '.join(ENGINES)}")
+    engine: TagEngine = ENGINES[name]()
+    return engine
+
+
+def detect(grey: Grey, engine: TagEngine) -> list[TagDetection]:
+    """The tags of a grey (height, width) uint8 image, by id; of two with the same id the larger comes first.
+
+    Raises ValueError for an image of another shape or type.
+    """
+    if grey.ndim != 2 or grey.dtype != np.uint8:
+        raise ValueError(f"a grey image (height, width) of uint8 was expected, not {grey.shape} of {grey.dtype}")
+    detections = []
+    for tag_id, corners, hamming in engine.find(np.ascontiguousarray(grey)):
+        aligned = align(grey, tag_id, corners)
+        fits = aligned.correlation >= (MIN_FIT_WITH_WRONG_BITS if hamming else MIN_FIT)
+        untold = aligned.correlation == 0.0 and hamming == 0
+        if fits or untold:
+            detections.append(TagDetection(tag_id, aligned.corners, hamming, aligned.correlation))
+    return sorted(detections, key=lambda found: (found.id, -float(np.ptp(found.corners, axis=0).prod())))
