@@ -46,6 +46,10 @@ class _Spinner:
 
     def stop(self) -> None:
         self._executor.shutdown(timeout_sec=STOP_GRACE_S)
+        if self.thread.is_alive():
+            # The shutdown of an executor does not wait for the thread inside it, and the interpreter aborts (134) if it
+            # ends while that thread is still in a wait set.
+            self.thread.join(STOP_GRACE_S)
 
 
 def run(
