@@ -1,0 +1,260 @@
+"""Reads MCAP recordings, whole, cut short or damaged: what is readable is read, and what is not is told.
+
+The records are walked here instead of by the `mcap` package, whose readers give up at the first defect and make an object
+of every message; a mission's report skips nine tenths of them.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Header, Metadata, Schema
+
+MAGIC = b"\x89MCAP0\r\n"
+
+_RECORD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name
+# No chunk of a recorder is anywhere near this; a damaged length may be.
+_CHUNK_LIMIT_BYTES = 1 << 30
+
+
+class NotARecording(ValueError):
+    """The file is no MCAP file, or can't be opened; the message says what was found and what to do."""
+
+
+@dataclass(frozen=True)
+class ChannelInfo:
+    """A topic of a recording; `type` is `package/msg/Name`, `qos` the text that the recorder kept with it."""
+
+    topic: str
+    type: str
+    qos: str = ""
+
+
+class RawMessage(NamedTuple):
+    """A message as it was on the wire. `log_ns` is ROS time, `publish_ns` the wall clock at its arrival."""
+
+    topic: str
+    log_ns: int
+    publish_ns: int
+    data: bytes
+
+
+class Decoded(NamedTuple):
+    """A message of Python; `log_ns` is ROS time at its arrival."""
+
+    topic: str
+    log_ns: int
+    message: Any
+
+
+@dataclass
+class TopicCount:
+    """What a recording holds of one topic."""
+
+    channel: ChannelInfo
+    messages: int = 0
+    bytes: int = 0
+
+
+@dataclass
+class Summary:
+    """What a recording holds. `damage` is empty where the file is whole."""
+
+    path: Path
+    size_bytes: int
+    start_ns: int
+    end_ns: int
+    topics: list[TopicCount]
+    metadata: dict[str, str]
+    damage: list[str] = field(default_factory=list)
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first message to the last."""
+        return max(0, self.end_ns - self.start_ns) / 1e9
+
+    @property
+    def messages(self) -> int:
+        """Messages of all topics."""
+        return sum(topic.messages for topic in self.topics)
+
+
+class Recording:
+    """One MCAP file. Each pass over it collects `channels`, `metadata` and `damage` anew."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises NotARecording."""
+        self.path = path
+        self.channels: dict[int, ChannelInfo] = {}
+        self.metadata: dict[str, str] = {}
+        self.damage: list[str] = []
+        self._schemas: dict[int, str] = {}
+        try:
+            with path.open("rb") as file:
+                found = file.read(len(MAGIC))
+        except OSError as error:
+            raise NotARecording(f"{path}: {error.strerror}; expected an MCAP file") from error
+        if found != MAGIC:
+            what = "it is empty" if not found else f"it begins with {found!r}"
+            raise NotARecording(f"{path} is no MCAP recording: {what}")
+
+    def raw(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        """The messages of these topics (None: all) in the order of the file, undecoded.
+
+        Stops at a cut, skips damaged chunks; `damage` says so afterwards.
+        """
+        self.channels, self.metadata, self.damage, self._schemas = {}, {}, [], {}
+        with self.path.open("rb") as file:
+            file.seek(len(MAGIC))
+            for opcode, data in self._records(file):
+                if opcode == Opcode.CHUNK:
+                    yield from self._chunk(data, topics)
+                elif opcode == Opcode.MESSAGE:
+                    yield from self._messages(_RECORD.pack(opcode, len(data)) + data, topics)
+                else:
+                    self._keep(opcode, data)
+
+    def messages(
+        self, topics: Collection[str] | None = None, max_rate_hz: Mapping[str, float] | None = None
+    ) -> Iterator[Decoded]:
+        """As `raw`, deserialised; `max_rate_hz` thins topics out before that. Topics of unknown types are damage."""
+        from rclpy.serialization import deserialize_message
+
+        from lupin_runtime.ros.node import interface
+
+        kinds: dict[str, Any] = {}
+        periods = {topic: int(1e9 / rate) for topic, rate in (max_rate_hz or {}).items()}
+        due: dict[str, int] = {}
+        for item in self.raw(topics):
+            if item.topic in periods:
+                if item.log_ns < due.get(item.topic, 0):
+                    continue
+                due[item.topic] = item.log_ns + periods[item.topic]
+            if item.topic not in kinds:
+                type_name = next(c.type for c in self.channels.values() if c.topic == item.topic)
+                try:
+                    kinds[item.topic] = interface(type_name)
+                except (ImportError, AttributeError, ValueError):
+                    kinds[item.topic] = None
+                    self.damage.append(f"{item.topic}: its type {type_name} is not installed here")
+            if (kind := kinds[item.topic]) is not None:
+                yield Decoded(item.topic, item.log_ns, deserialize_message(item.data, kind))
+
+    def summary(self) -> Summary:
+        """Counts of the whole file, by one pass over it."""
+        counts: dict[str, TopicCount] = {}
+        start_ns, end_ns = 0, 0
+        for item in self.raw():
+            if item.topic not in counts:
+                start_ns = min(start_ns, item.log_ns) if counts else item.log_ns
+                channel = next(c for c in self.channels.values() if c.topic == item.topic)
+                counts[item.topic] = TopicCount(channel)
+            count = counts[item.topic]
+            count.messages += 1
+            count.bytes += len(item.data)
+            start_ns, end_ns = min(start_ns, item.log_ns), max(end_ns, item.log_ns)
+        for channel in self.channels.values():
+            counts.setdefault(channel.topic, TopicCount(channel))
+        topics = sorted(counts.values(), key=lambda count: count.channel.topic)
+        size = self.path.stat().st_size
+        return Summary(self.path, size, start_ns, end_ns, topics, self.metadata, self.damage)
+
+    # -- records ------------------------------------------------------------------------------------------------------
+    def _records(self, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+        """The records of the data section; what a killed recorder cut off ends them."""
+        size = self.path.stat().st_size
+        while True:
+            at = file.tell()
+            head = file.read(_RECORD.size)
+            if len(head) < _RECORD.size:
+                self.damage.append("the file has no end: its recorder was killed, or the disk was full")
+                return
+            opcode, length = _RECORD.unpack(head)
+            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                return
+            if length > size - at - _RECORD.size:
+                self.damage.append(f"cut off in the middle of a record at byte {at} of {size}")
+                return
+            if opcode in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA, Opcode.METADATA, Opcode.HEADER):
+                yield opcode, file.read(length)
+            elif 0 < opcode <= max(Opcode) or opcode >= 0x80:
+                file.seek(length, io.SEEK_CUR)
+            else:
+                self.damage.append(f"garbage at byte {at} of {size}: opcode {opcode}")
+                return
+
+    def _chunk(self, data: bytes, topics: Collection[str] | None) -> Iterator[RawMessage]:
+        try:
+            records = _unpack_chunk(data)
+        except (ValueError, struct.error, RuntimeError, zstandard.ZstdError) as error:
+            self.damage.append(f"a chunk is damaged and was skipped: {error}")
+            return
+        yield from self._messages(records, topics)
+
+    def _messages(self, records: bytes, topics: Collection[str] | None) -> Iterator[RawMessage]:
+        at, end = 0, len(records)
+        while at < end:
+            opcode, length = _RECORD.unpack_from(records, at)
+            at += _RECORD.size
+            if opcode == Opcode.MESSAGE:
+                channel_id, _, log_ns, publish_ns = _MESSAGE.unpack_from(records, at)
+                channel = self.channels.get(channel_id)
+                if channel is not None and (topics is None or channel.topic in topics):
+                    yield RawMessage(channel.topic, log_ns, publish_ns, records[at + _MESSAGE.size : at + length])
+            else:
+                self._keep(opcode, records[at : at + length])
+            at += length
+
+    def _keep(self, opcode: int, data: bytes) -> None:
+        stream = ReadDataStream(io.BytesIO(data))
+        try:
+            if opcode == Opcode.SCHEMA:
+                schema = Schema.read(stream)
+                self._schemas[schema.id] = schema.name
+            elif opcode == Opcode.CHANNEL:
+                channel = Channel.read(stream)
+                type_name = self._schemas.get(channel.schema_id, "")
+                qos = channel.metadata.get("offered_qos_profiles", "")
+                self.channels[channel.id] = ChannelInfo(channel.topic, type_name, qos)
+            elif opcode == Opcode.METADATA:
+                self.metadata.update(Metadata.read(stream).metadata)
+            elif opcode == Opcode.HEADER and (profile := Header.read(stream).profile) != "ros2":
+                self.damage.append(f"its profile is {profile!r}, not 'ros2': its messages may not be ROS 2's")
+        except (McapError, struct.error, UnicodeDecodeError) as error:
+            self.damage.append(f"a {Opcode(opcode).name.lower()} record is damaged: {error}")
+
+
+def _unpack_chunk(data: bytes) -> bytes:
+    """The records inside a chunk. Raises ValueError and what the decompressors raise."""
+    _, _, size, crc, name_length = _CHUNK.unpack_from(data)
+    at = _CHUNK.size
+    name = data[at : at + name_length]
+    at += name_length
+    (length,) = struct.unpack_from("<Q", data, at)
+    packed = data[at + 8 : at + 8 + length]
+    if len(packed) != length or size > _CHUNK_LIMIT_BYTES:
+        raise ValueError("its lengths don't fit")
+    if name == b"zstd":
+        records = zstandard.decompress(packed, max_output_size=size)
+    elif name == b"lz4":
+        records = lz4.frame.decompress(packed)
+    elif name == b"":
+        records = packed
+    else:
+        raise ValueError(f"unknown compression {name[:16]!r}")
+    if crc and zlib.crc32(records) != crc:
+        raise ValueError("its checksum does not fit")
+    return bytes(records)
