@@ -1,0 +1,109 @@
+"""Frontiers of a map: where known free space meets the unknown (Yamauchi 1997), as goals that the robot fits into."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.gridmap import UNKNOWN, GridMap
+
+
+@dataclass(frozen=True)
+class FrontierSettings:
+    """Thresholds are occupancies 0..100. `radius_cells` >= 0 overrides `clearance_m`.
+
+    The clearance is in metres because one in cells (4 cells, 0.20 m) once put goals inside the inflation radius of
+    0.25 m, where no planner can end a path.
+    """
+
+    free_thresh: int = 20
+    occupied_thresh: int = 65
+    min_cluster_cells: int = 6
+    clearance_m: float = 0.35
+    radius_cells: int = -1
+    clearance_occupied_thresh: int = 65
+
+    def radius(self, resolution_m: float) -> int:
+        """The half side, in cells, of the square that must hold no obstacle."""
+        if self.radius_cells >= 0:
+            return self.radius_cells
+        return math.ceil(self.clearance_m / resolution_m - 1e-9)
+
+
+@dataclass(frozen=True)
+class Frontier:
+    """A cluster of frontier cells: its member cell nearest the centroid, in metres of the map frame."""
+
+    x: float
+    y: float
+    cluster_size: int
+    num_clusters: int
+    score: float
+
+
+def frontier_cells(grid: GridMap, settings: FrontierSettings) -> NDArray[np.bool_]:
+    """Mask (height, width) of free cells with an unknown 4-neighbour and no obstacle within the clearance square."""
+    cells = grid.cells
+    unknown = cells == UNKNOWN
+    beside = np.zeros_like(unknown)
+    beside[1:, :] |= unknown[:-1, :]
+    beside[:-1, :] |= unknown[1:, :]
+    beside[:, 1:] |= unknown[:, :-1]
+    beside[:, :-1] |= unknown[:, 1:]
+    frontier: NDArray[np.bool_] = beside & (cells >= 0) & (cells <= settings.free_thresh)
+    if not frontier.any():
+        return frontier
+    side = 2 * settings.radius(grid.resolution_m) + 1
+    obstacle = (cells >= settings.clearance_occupied_thresh).astype(np.uint8)
+    # Outside the map there is nothing to keep clear of: a constant border of zeros.
+    near = cv2.dilate(
+        obstacle, np.ones((side, side), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0.0, 0.0, 0.0, 0.0)
+    )
+    return frontier & (near == 0)
+
+
+def find_frontiers(
+    grid: GridMap, robot_xy: tuple[float, float] | None, settings: FrontierSettings | None = None
+) -> list[Frontier]:
+    """Every frontier cluster that is large enough, best first.
+
+    The score is size / (1 + distance to the robot in metres), or the size where the robot's position is unknown; of
+    equals the cluster whose first cell comes first in row-major order wins.
+    """
+    settings = settings or FrontierSettings()
+    if grid.cells.size == 0:
+        return []
+    mask = frontier_cells(grid, settings)
+    rows, columns = np.nonzero(mask)
+    if rows.size == 0:
+        return []
+    _, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
+    member_of = labels[rows, columns]
+    _, first, cluster = np.unique(member_of, return_index=True, return_inverse=True)
+    sizes = np.bincount(cluster)
+    kept = np.flatnonzero(sizes >= settings.min_cluster_cells)
+    kept = kept[np.argsort(first[kept], kind="stable")]
+    mean_row = np.bincount(cluster, weights=rows) / sizes
+    mean_column = np.bincount(cluster, weights=columns) / sizes
+    off_centre = (rows - mean_row[cluster]) ** 2 + (columns - mean_column[cluster]) ** 2
+    found: list[Frontier] = []
+    for index in kept:
+        members = np.flatnonzero(cluster == index)
+        best = members[np.argmin(off_centre[members])]
+        x, y = grid.centre_of(int(rows[best]), int(columns[best]))
+        size = int(sizes[index])
+        score = size / (1.0 + math.hypot(x - robot_xy[0], y - robot_xy[1])) if robot_xy is not None else float(size)
+        found.append(Frontier(x, y, size, kept.size, score))
+    return sorted(found, key=lambda frontier: -frontier.score)  # stable: the first found of equals stays first
+
+
+def select_frontier_goal(
+    grid: GridMap, robot_xy: tuple[float, float] | None, settings: FrontierSettings | None = None
+) -> Frontier | None:
+    """The best frontier to drive to, or None where there is none."""
+    found = find_frontiers(grid, robot_xy, settings)
+    return found[0] if found else None
