@@ -94,6 +94,7 @@ DRIVE_STATUS = Topic("/lupin/drive/status", "std_msgs/msg/String", LATCHED1, 1.0
 # -- sensors and state of the vehicle ---------------------------------------------------------------------------------
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", BEST1, 100.0, "simulation only")
 ODOM = Topic("/mirte_base_controller/odom", "nav_msgs/msg/Odometry", REL10, 50.0)
+ODOM_SIM = Topic("/odom", "nav_msgs/msg/Odometry", REL10, 50.0, "simulation only: the same odometry under Gazebo's name")
 SCAN = Topic("/scan", "sensor_msgs/msg/LaserScan", BEST5, 10.0)
 IMU = Topic("/io/imu/movement/data", "sensor_msgs/msg/Imu", REL10, 50.0)
 BATTERY = Topic("/io/power/power_watcher", "sensor_msgs/msg/BatteryState", REL10, 1.0)
@@ -145,6 +146,9 @@ TWIN_STATE = Topic("/twin/state", "lupin_msgs/msg/TwinState", LATCHED1, 1.0)
 # -- arm, lights, log -------------------------------------------------------------------------------------------------
 ARM_TRAJECTORY = Topic("/mirte_master_arm_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", REL10)
 JOY = Topic("/joy", "sensor_msgs/msg/Joy", REL10, 20.0)
+# One servo each of the vendor's bus; the last part is an arm joint without its suffix, or `gripper`.
+SERVO_NAMESPACE = "/io/servo/hiwonder"
+SERVOS = (*(joint[: -len("_joint")] for joint in ARM_JOINTS), "gripper")
 ARM_LIBRARY_STATE = Topic("/lupin/arm/library/state", "std_msgs/msg/String", LATCHED1, 5.0)
 ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", REL100)
 
@@ -176,7 +180,33 @@ LIST_CONTROLLERS = Service("/controller_manager/list_controllers", "controller_m
 LOAD_CONTROLLER = Service("/controller_manager/load_controller", "controller_manager_msgs/srv/LoadController")
 CONFIGURE_CONTROLLER = Service("/controller_manager/configure_controller", "controller_manager_msgs/srv/ConfigureController")
 SWITCH_CONTROLLER = Service("/controller_manager/switch_controller", "controller_manager_msgs/srv/SwitchController")
+SIM_BATTERY = Topic("/sim/battery_percentage", "std_msgs/msg/Float32", REL10, None, "simulation only: sets it, 0..1")
 SIM_PRESS_ESTOP = Service("/sim/press_estop", "std_srvs/srv/SetBool", "simulation only: true presses the red button")
+
+
+def servo_position(servo: str) -> Topic:
+    """What one servo's encoder says; `servo` is a name of SERVOS."""
+    return Topic(f"{SERVO_NAMESPACE}/{servo}/position", "mirte_msgs/msg/ServoPosition", REL10, 10.0)
+
+
+def servo_set_angle(servo: str) -> Service:
+    """Send one servo somewhere, past its controller: the controller sends it back."""
+    return Service(f"{SERVO_NAMESPACE}/{servo}/set_angle", "mirte_msgs/srv/SetServoAngle")
+
+
+def servo_range(servo: str) -> Service:
+    """The limits of one servo, radians."""
+    return Service(f"{SERVO_NAMESPACE}/{servo}/get_range", "mirte_msgs/srv/GetServoRange")
+
+
+def servo_offset(servo: str) -> Service:
+    """The zero offset of one servo. The field says centidegrees and carries raw ticks."""
+    return Service(f"{SERVO_NAMESPACE}/{servo}/_offset", "mirte_msgs/srv/GetServoOffset")
+
+
+def servo_set_offset(servo: str) -> Service:
+    """Write the zero offset of one servo, in raw ticks."""
+    return Service(f"{SERVO_NAMESPACE}/{servo}/_set_offset", "mirte_msgs/srv/SetServoOffset")
 
 
 def arm_joint_angle(joint: str) -> Service:
@@ -200,12 +230,15 @@ def _rows(kind: type) -> tuple:
 def topics() -> tuple[Topic, ...]:
     """Every topic of the graph, with the companions of the raw images."""
     images = (BODY_IMAGE_SIM, BODY_IMAGE_ROBOT, GRIPPER_IMAGE)
-    return _rows(Topic) + tuple(f(image) for image in images for f in (compressed, camera_info))
+    companions = tuple(f(image) for image in images for f in (compressed, camera_info))
+    return _rows(Topic) + companions + tuple(servo_position(servo) for servo in SERVOS)
 
 
 def services() -> tuple[Service, ...]:
     """Every service of the graph."""
-    return _rows(Service) + tuple(arm_joint_angle(joint) for joint in ARM_JOINTS)
+    of_servo = (servo_set_angle, servo_range, servo_offset, servo_set_offset)
+    of_servos = tuple(row(servo) for servo in SERVOS for row in of_servo)
+    return _rows(Service) + tuple(arm_joint_angle(joint) for joint in ARM_JOINTS) + of_servos
 
 
 def actions() -> tuple[Action, ...]:
