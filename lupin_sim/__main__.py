@@ -1,0 +1,61 @@
+"""`python -m lupin_sim`: the simulated robot as a process of the stack."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any
+
+from lupin_sim.controllers import STATES
+from lupin_sim.wheels import DRIVES
+from lupin_sim.worlds import WorldError, load_world
+
+
+def _arguments(argv: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m lupin_sim", description="A MIRTE in a greenhouse that isn't there.")
+    parser.add_argument("--world", default="demo", help="demo, course[:STRETCH], random:SEED, walled, or a layout file")
+    parser.add_argument("--seed", type=int, default=0, help="of sensor noise and of everything else that is random")
+    parser.add_argument("--speed", type=float, default=1.0, help="simulated seconds per second; 0 is as fast as it goes")
+    parser.add_argument("--no-cameras", action="store_true", help="draw nothing")
+    parser.add_argument("--run-dir", default="", help="where truth.json, truth_trajectory.tum and sim_state.json go")
+    parser.add_argument("--fidelity", choices=sorted(DRIVES), default="ideal", help="how wheels follow their set-points")
+    parser.add_argument("--controllers", choices=STATES, default="active", help="the state the five controllers boot into")
+    parser.add_argument("--led-order", default="RGB", help="which colour each byte on the strip's wire drives")
+    return parser.parse_args(argv)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run until SIGTERM or SIGINT. Returns 0, 1 after a failure, 2 for arguments that make no simulation."""
+    arguments = _arguments(argv)
+    # MuJoCo and rclpy take half a second to import: not before the arguments are known to be good.
+    try:
+        world = load_world(arguments.world, arguments.seed)
+    except WorldError as error:
+        print(f"lupin_sim: {error}", file=sys.stderr)
+        return 2
+    from lupin_runtime.ros import run
+    from lupin_sim.engine import Simulation
+    from lupin_sim.node import SimulatedRobot
+
+    try:
+        simulation = Simulation(world, arguments.seed, arguments.fidelity, arguments.controllers, led_order=arguments.led_order)
+    except ValueError as error:
+        print(f"lupin_sim: {error}", file=sys.stderr)
+        return 2
+    robots: list[SimulatedRobot] = []
+
+    def make() -> SimulatedRobot:
+        parameters: dict[str, Any] = {
+            "speed": arguments.speed,
+            "cameras": not arguments.no_cameras,
+            "run_dir": arguments.run_dir,
+        }
+        robots.append(SimulatedRobot(simulation, parameters))
+        return robots[0]
+
+    status = run([make], ready=lambda _: robots[0].start())
+    return 1 if any(robot.failed for robot in robots) else status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,98 @@
+"""The simulated robot as a node: one thread steps and draws the world, the executor's thread takes commands."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import traceback
+from pathlib import Path
+from typing import Any
+
+from lupin_runtime.ros import LupinNode
+from lupin_sim.cameras import CameraRig, GraphicsUnavailable
+from lupin_sim.engine import Simulation
+from lupin_sim.pacing import Pacer
+from lupin_sim.publishing import StatePublishers, camera_publishers, draws
+from lupin_sim.truth import TruthRecorder
+from lupin_sim.vendor import VendorSide
+
+STOP_WAIT_S = 2.0
+# A sleep shorter than this costs more than it gives; the clock stays right because it is paced against an anchor.
+SHORTEST_SLEEP_S = 0.001
+
+
+class SimulatedRobot(LupinNode):
+    """A MIRTE on the graph. Parameters: `speed` (1.0; 0 as fast as possible), `cameras` (true), `run_dir` ("" for none)."""
+
+    def __init__(self, simulation: Simulation, parameters: dict[str, Any] | None = None) -> None:
+        super().__init__("mirte", parameters)
+        self.simulation = simulation
+        self.failed = False
+        self._speed = self.parameter("speed", 1.0)
+        self._wants_cameras = self.parameter("cameras", True)
+        run_dir = self.parameter("run_dir", "")
+        self._recorder = TruthRecorder(simulation, Path(run_dir)) if run_dir else None
+        self._state_topics = StatePublishers(self, simulation)
+        self._camera_topics = camera_publishers(self, simulation) if self._wants_cameras else ()
+        self._vendor = VendorSide(self, simulation)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
+        self._stalled: frozenset[str] = frozenset()
+
+    def start(self) -> None:
+        """Let time begin."""
+        self._state_topics.announce()
+        self._thread.start()
+
+    def before_shutdown(self) -> None:
+        """End the world and wait for its thread."""
+        self._stop.set()
+        self._thread.join(STOP_WAIT_S)
+
+    def _run(self) -> None:
+        rig = None
+        try:
+            rig = self._renderer()
+            self._loop(rig)
+        except BaseException:
+            # Without its world this process is a robot that is dead and looks alive: end it, loudly.
+            traceback.print_exc()
+            self.failed = True
+            os.kill(os.getpid(), signal.SIGTERM)
+        finally:
+            if self._recorder is not None:
+                self._recorder.close()
+            if rig is not None:
+                rig.close()
+
+    def _renderer(self) -> CameraRig | None:
+        if not self._wants_cameras:
+            return None
+        try:
+            return draws(self.simulation.model)
+        except GraphicsUnavailable as missing:
+            self.get_logger().warning(str(missing))
+            return None
+
+    def _loop(self, rig: CameraRig | None) -> None:
+        simulation, pacer = self.simulation, Pacer(self._speed)
+        pacer.start(simulation.time_s)
+        while not self._stop.is_set():
+            simulation.step()
+            self._state_topics.publish_due()
+            if rig is not None:
+                for camera in self._camera_topics:
+                    camera.publish_due(rig)
+            if self._recorder is not None:
+                self._recorder.update(pacer.real_time_factor(simulation.time_s))
+            self._report_stalls()
+            wait_s = pacer.wait_s(simulation.time_s)
+            if wait_s > SHORTEST_SLEEP_S:
+                self._stop.wait(wait_s)
+
+    def _report_stalls(self) -> None:
+        stalled = frozenset(self.simulation.servos.stalled)
+        for servo in sorted(stalled - self._stalled):
+            self.get_logger().warning(f"servo {servo} is stalled: more than 0.10 rad off for over a second")
+        self._stalled = stalled

@@ -1,0 +1,318 @@
+"""The robot's outgoing messages: what, at which tick, and only as dear as somebody listens.
+
+Messages are made once and refilled: rclpy checks every field that is set, and a dozen topics at 50 Hz would pay for it.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import mujoco
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped
+from mirte_msgs.msg import IntensityDigital, ServoPosition
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import BatteryState, CameraInfo, CompressedImage, Image, Imu, JointState, LaserScan
+from tf2_msgs.msg import TFMessage
+
+from lupin_runtime import graph
+from lupin_runtime.geometry import quaternion_from_yaw
+from lupin_runtime.ros import LupinNode, TransformBroadcaster, stamp_from_ns
+from lupin_runtime.ros.tf import to_message
+from lupin_runtime.transforms import Quaternion, Transform
+from lupin_sim import body, lidar, mirte
+from lupin_sim.cameras import CameraRig, new_image
+from lupin_sim.engine import Simulation
+from lupin_sim.servos import NAMES
+
+JPEG_QUALITY = 80
+# Datasheet figures, as the vendor's driver publishes them; the orientation is not estimated (REP-145: -1).
+_GYRO_VARIANCE = math.radians(5.0) ** 2
+_ACCELEROMETER_VARIANCE = (0.59**2, 0.59**2, 0.78**2)
+# Variances a controller of this kind is configured with: x, y, then z, roll, pitch which a plane leaves unknown, yaw.
+_ODOMETRY_VARIANCE = (0.001, 0.001, 1e6, 1e6, 1e6, 0.01)
+
+# (every n ticks of 10 ms, at which of them). Scans and pictures fall on ticks that have their transform.
+EVERY_CLOCK = (1, 0)
+EVERY_STATE = (2, 0)
+EVERY_SCAN = (10, 2)
+EVERY_BODY_IMAGE = (10, 4)
+EVERY_GRIPPER_IMAGE = (10, 8)
+EVERY_BUTTON = (10, 0)
+EVERY_SERVO = (10, 0)
+EVERY_BATTERY = (100, 0)
+
+
+def optical_quaternion(rotation: NDArray[np.float64]) -> Quaternion:
+    """(x, y, z, w) of a rotation matrix of shape (3, 3)."""
+    w, x, y, z = body.quaternion(rotation)
+    return x, y, z, w
+
+
+def _camera_transform(simulation: Simulation, camera: str) -> Transform:
+    position, rotation = simulation.camera_pose(camera)
+    x, y, z = (float(v) for v in position)
+    return Transform((x, y, z), optical_quaternion(rotation))
+
+
+class StatePublishers:
+    """Everything except pictures."""
+
+    def __init__(self, node: LupinNode, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._clock, self._clock_message = node.publisher(graph.CLOCK), Clock()
+        self._odometry = (node.publisher(graph.ODOM), node.publisher(graph.ODOM_SIM))
+        self._odometry_message = _odometry_message()
+        self._broadcaster = TransformBroadcaster(node)
+        self._tf_odom, self._tf_camera = TransformStamped(), TransformStamped()
+        self._tf_odom.header.frame_id, self._tf_odom.child_frame_id = graph.ODOM_FRAME, graph.BASE_FRAME
+        self._tf_camera.header.frame_id = graph.BASE_FRAME
+        self._tf_camera.child_frame_id = graph.GRIPPER_CAMERA_FRAME
+        self._tf = node.publisher(graph.TF)
+        self._joints, self._joints_message = node.publisher(graph.JOINT_STATES), JointState()
+        self._joints_message.name = list(simulation.joints().names)
+        self._imu, self._imu_message = node.publisher(graph.IMU), _imu_message()
+        self._scan, self._scan_message = node.publisher(graph.SCAN), _scan_message()
+        self._button, self._button_message = node.publisher(graph.ESTOP_BUTTON), IntensityDigital()
+        self._battery, self._battery_message = node.publisher(graph.BATTERY), _battery_message()
+        self._servos = [node.publisher(graph.servo_position(name)) for name in NAMES]
+        self._table: tuple[tuple[tuple[int, int], Callable[[Time], None]], ...] = (
+            (EVERY_CLOCK, self._publish_clock),
+            (EVERY_STATE, self._publish_odometry),
+            (EVERY_STATE, self._publish_joints),
+            (EVERY_STATE, self._publish_imu),
+            (EVERY_SCAN, self._publish_scan),
+            (EVERY_BUTTON, self._publish_button),
+            (EVERY_SERVO, self._publish_servos),
+            (EVERY_BATTERY, self._publish_battery),
+        )
+
+    def announce(self) -> None:
+        """Publish what never moves, latched."""
+        now_ns = self._simulation.time_ns
+        turned = Transform(mirte.LIDAR_POSITION, quaternion_from_yaw(mirte.LIDAR_YAW_RAD))
+        self._broadcaster.send_static(
+            to_message(graph.BASE_FRAME, graph.LASER_FRAME, now_ns, turned),
+            to_message(
+                graph.BASE_FRAME,
+                graph.BODY_CAMERA_FRAME,
+                now_ns,
+                _camera_transform(self._simulation, body.BODY_CAMERA),
+            ),
+        )
+
+    def publish_due(self) -> None:
+        """Publish what this tick is due."""
+        stamp = stamp_from_ns(self._simulation.time_ns)
+        for (every, at), publish in self._table:
+            if self._simulation.tick % every == at:
+                publish(stamp)
+
+    def _publish_clock(self, stamp: Time) -> None:
+        self._clock_message.clock = stamp
+        self._clock.publish(self._clock_message)
+
+    def _publish_odometry(self, stamp: Time) -> None:
+        moving = []
+        if self._simulation.controllers.active("mirte_base_controller"):
+            pose, twist = self._simulation.odometry.pose, self._simulation.odometry.twist
+            message = self._odometry_message
+            message.header.stamp = stamp
+            position, rotation = message.pose.pose.position, message.pose.pose.orientation
+            position.x, position.y = pose.x, pose.y
+            _, _, rotation.z, rotation.w = quaternion_from_yaw(pose.yaw)
+            message.twist.twist.linear.x, message.twist.twist.linear.y, message.twist.twist.angular.z = twist
+            for publisher in self._odometry:
+                if publisher.get_subscription_count():
+                    publisher.publish(message)
+            self._tf_odom.header.stamp = stamp
+            self._tf_odom.transform.translation.x, self._tf_odom.transform.translation.y = pose.x, pose.y
+            self._tf_odom.transform.rotation = rotation
+            moving.append(self._tf_odom)
+        if self._simulation.controllers.active("joint_state_broadcaster"):
+            chain = _camera_transform(self._simulation, body.GRIPPER_CAMERA)
+            self._tf_camera.header.stamp = stamp
+            t, q = self._tf_camera.transform.translation, self._tf_camera.transform.rotation
+            t.x, t.y, t.z = chain.translation
+            q.x, q.y, q.z, q.w = chain.rotation
+            moving.append(self._tf_camera)
+        if moving:
+            self._tf.publish(TFMessage(transforms=moving))
+
+    def _publish_joints(self, stamp: Time) -> None:
+        if not self._simulation.controllers.active("joint_state_broadcaster"):
+            return
+        joints = self._simulation.joints()
+        self._joints_message.header.stamp = stamp
+        self._joints_message.position = array("d", joints.positions)
+        self._joints_message.velocity = array("d", joints.velocities)
+        self._joints.publish(self._joints_message)
+
+    def _publish_imu(self, stamp: Time) -> None:
+        sample = self._simulation.imu()
+        if not self._imu.get_subscription_count():
+            return
+        message = self._imu_message
+        message.header.stamp = stamp
+        rate, force = message.angular_velocity, message.linear_acceleration
+        rate.x, rate.y, rate.z = sample.gyro
+        force.x, force.y, force.z = sample.accelerometer
+        self._imu.publish(message)
+
+    def _publish_scan(self, stamp: Time) -> None:
+        ranges = self._simulation.scan()
+        self._scan_message.header.stamp = stamp
+        self._scan_message.ranges = array("f", ranges.tobytes())
+        self._scan.publish(self._scan_message)
+
+    def _publish_button(self, stamp: Time) -> None:
+        self._button_message.header.stamp = stamp
+        self._button_message.value = self._simulation.estop_pressed
+        self._button.publish(self._button_message)
+
+    def _publish_servos(self, stamp: Time) -> None:
+        for index, publisher in enumerate(self._servos):
+            if publisher.get_subscription_count():
+                message = ServoPosition()
+                message.header.stamp = stamp
+                message.angle = self._simulation.servos.angles[index]
+                message.raw = self._simulation.servos.raw_counts(index)
+                publisher.publish(message)
+
+    def _publish_battery(self, stamp: Time) -> None:
+        message = self._battery_message
+        message.header.stamp = stamp
+        message.percentage = self._simulation.battery
+        message.voltage = mirte.battery_volts(self._simulation.battery)
+        self._battery.publish(message)
+
+
+class CameraPublisher:
+    """One camera: raw, JPEG and calibration, drawn only while somebody watches."""
+
+    def __init__(
+        self, node: LupinNode, simulation: Simulation, topic: graph.Topic, camera: str, frame: str, due: tuple[int, int]
+    ) -> None:
+        self._simulation, self._camera, self._due = simulation, camera, due
+        self._raw = node.publisher(topic)
+        self._jpeg = node.publisher(graph.compressed(topic))
+        self._info = node.publisher(graph.camera_info(topic))
+        # The renderer draws straight into the message: assigning a numpy array to it costs 50 ms a frame.
+        self._buffer = array("B", bytes(new_image().nbytes))
+        self._pixels = np.frombuffer(self._buffer, np.uint8).reshape(mirte.IMAGE_HEIGHT, mirte.IMAGE_WIDTH, 3)
+        self._image = Image(height=mirte.IMAGE_HEIGHT, width=mirte.IMAGE_WIDTH, encoding="rgb8", step=3 * mirte.IMAGE_WIDTH)
+        self._image.data = self._buffer
+        self._compressed = CompressedImage(format="rgb8; jpeg compressed bgr8")
+        self._calibration = _camera_info_message()
+        for message in (self._image, self._compressed, self._calibration):
+            message.header.frame_id = frame
+
+    def publish_due(self, rig: CameraRig) -> None:
+        """Draw and publish if this tick is due and anybody listens."""
+        every, at = self._due
+        if self._simulation.tick % every != at:
+            return
+        stamp = stamp_from_ns(self._simulation.time_ns)
+        raw, jpeg = self._raw.get_subscription_count(), self._jpeg.get_subscription_count()
+        if raw or jpeg:
+            rig.render(self._simulation.data, self._camera, self._pixels)
+        # The calibration goes first: a reader that pairs the two has it when the picture comes.
+        if self._info.get_subscription_count():
+            self._calibration.header.stamp = stamp
+            self._info.publish(self._calibration)
+        if raw:
+            self._image.header.stamp = stamp
+            self._raw.publish(self._image)
+        if jpeg:
+            ok, encoded = cv2.imencode(
+                ".jpg", cv2.cvtColor(self._pixels, cv2.COLOR_RGB2BGR), (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY)
+            )
+            if not ok:
+                raise RuntimeError(f"OpenCV could not encode a frame of {self._camera} as JPEG")
+            self._compressed.header.stamp = stamp
+            self._compressed.data = array("B", encoded.tobytes())
+            self._jpeg.publish(self._compressed)
+
+
+def camera_publishers(node: LupinNode, simulation: Simulation) -> tuple[CameraPublisher, ...]:
+    """The body's and the gripper's camera."""
+    return (
+        CameraPublisher(node, simulation, graph.BODY_IMAGE_SIM, body.BODY_CAMERA, graph.BODY_CAMERA_FRAME, EVERY_BODY_IMAGE),
+        CameraPublisher(
+            node, simulation, graph.GRIPPER_IMAGE, body.GRIPPER_CAMERA, graph.GRIPPER_CAMERA_FRAME, EVERY_GRIPPER_IMAGE
+        ),
+    )
+
+
+def draws(model: mujoco.MjModel) -> CameraRig:
+    """A renderer for the calling thread; OpenCV stays on one core beside it."""
+    cv2.setNumThreads(1)
+    return CameraRig(model)
+
+
+def _diagonal(variances: tuple[float, ...]) -> NDArray[np.float64]:
+    return np.diag(variances).ravel().astype(np.float64)
+
+
+def _odometry_message() -> Any:
+    message = Odometry(child_frame_id=graph.BASE_FRAME)
+    message.header.frame_id = graph.ODOM_FRAME
+    message.pose.covariance = _diagonal(_ODOMETRY_VARIANCE)
+    message.twist.covariance = _diagonal(_ODOMETRY_VARIANCE)
+    return message
+
+
+def _imu_message() -> Any:
+    message = Imu()
+    message.header.frame_id = graph.BASE_FRAME
+    unknown = np.zeros(9)
+    unknown[0] = -1.0
+    message.orientation_covariance = unknown
+    message.angular_velocity_covariance = _diagonal((_GYRO_VARIANCE,) * 3)
+    message.linear_acceleration_covariance = _diagonal(_ACCELEROMETER_VARIANCE)
+    return message
+
+
+def _scan_message() -> Any:
+    message = LaserScan(
+        angle_min=lidar.ANGLE_MIN_RAD,
+        angle_max=lidar.ANGLE_MIN_RAD + lidar.ANGLE_STEP_RAD * (mirte.LIDAR_RAYS - 1),
+        angle_increment=lidar.ANGLE_STEP_RAD,
+        scan_time=0.1,
+        range_min=mirte.LIDAR_MIN_M,
+        range_max=mirte.LIDAR_MAX_M,
+    )
+    message.header.frame_id = graph.LASER_FRAME
+    return message
+
+
+def _battery_message() -> Any:
+    return BatteryState(
+        present=True,
+        power_supply_status=BatteryState.POWER_SUPPLY_STATUS_DISCHARGING,
+        power_supply_health=BatteryState.POWER_SUPPLY_HEALTH_GOOD,
+        power_supply_technology=BatteryState.POWER_SUPPLY_TECHNOLOGY_LION,
+        temperature=math.nan,
+        current=-1.5,
+        charge=math.nan,
+        capacity=math.nan,
+        design_capacity=math.nan,
+    )
+
+
+def _camera_info_message() -> Any:
+    f = mirte.FOCAL_PX
+    cx, cy = mirte.PRINCIPAL_POINT_PX
+    message = CameraInfo(height=mirte.IMAGE_HEIGHT, width=mirte.IMAGE_WIDTH, distortion_model="plumb_bob")
+    message.d = array("d", [0.0] * 5)
+    message.k = np.array([f, 0, cx, 0, f, cy, 0, 0, 1], float)
+    message.r = np.eye(3).ravel()
+    message.p = np.array([f, 0, cx, 0, 0, f, cy, 0, 0, 0, 1, 0], float)
+    return message

@@ -1,0 +1,312 @@
+"""The vendor's services and actions on the simulated robot: servos, LEDs, controllers, arm and gripper."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from control_msgs.action import FollowJointTrajectory, GripperCommand
+from controller_manager_msgs.msg import ControllerState
+from controller_manager_msgs.srv import SwitchController
+from geometry_msgs.msg import Twist
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from std_msgs.msg import Float32
+from trajectory_msgs.msg import JointTrajectory
+
+from lupin_runtime import graph
+from lupin_runtime.ros import LupinNode
+from lupin_sim import mirte, trajectory
+from lupin_sim.controllers import TYPES, Outcome
+from lupin_sim.engine import Simulation
+from lupin_sim.servos import NAMES, angle_range
+
+POLL_S = 0.05
+# The vendor's goal tolerances, and how much later than planned an arm may arrive.
+ARM_TOLERANCE_RAD = mirte.STALL_ERROR_RAD
+GRIPPER_TOLERANCE_RAD = 0.05
+ARRIVAL_GRACE_S = 1.5
+GRIPPER_LIMIT_S = 3.0
+
+
+class VendorSide:
+    """Wires a simulation to the names that the vendor's software answers on."""
+
+    def __init__(self, node: LupinNode, simulation: Simulation) -> None:
+        self._node, self._simulation = node, simulation
+        for row in (graph.CMD_VEL_SINK_ROBOT, graph.CMD_VEL_SINK_SIM):
+            node.subscription(row, self._drive)
+        node.subscription(graph.ARM_TRAJECTORY, self._take_trajectory)
+        node.subscription(graph.SIM_BATTERY, self._set_battery)
+        node.service(graph.SIM_PRESS_ESTOP, self._press_estop)
+        node.service(graph.VENDOR_LEDS, self._set_leds)
+        node.service(graph.VENDOR_TORQUE, self._set_torque)
+        node.service(graph.VENDOR_ARM_GATE, self._set_gate)
+        for index, name in enumerate(NAMES):
+            node.service(graph.servo_set_angle(name), partial(self._set_servo, index))
+            node.service(graph.servo_range(name), partial(self._get_range, index))
+            node.service(graph.servo_offset(name), partial(self._get_offset, index))
+            node.service(graph.servo_set_offset(name), partial(self._set_offset, index))
+        node.service(graph.LIST_CONTROLLERS, self._list_controllers)
+        node.service(graph.LOAD_CONTROLLER, partial(self._one_controller, simulation.controllers.load))
+        node.service(graph.CONFIGURE_CONTROLLER, partial(self._one_controller, simulation.controllers.configure))
+        node.service(graph.SWITCH_CONTROLLER, self._switch_controllers)
+        self._arm = _DeferredAction(
+            node,
+            FollowJointTrajectory,
+            graph.ARM_FOLLOW_TRAJECTORY.name,
+            self._admit_trajectory,
+            self._begin_trajectory,
+        )
+        self._gripper = _DeferredAction(
+            node, GripperCommand, graph.GRIPPER_COMMAND.name, self._admit_gripper, self._begin_gripper
+        )
+
+    # -- base ---------------------------------------------------------------------------------------------------------
+    def _drive(self, message: Twist) -> None:
+        # Best effort, latest wins; a planar base has no use for the other three components.
+        self._simulation.command_twist(message.linear.x, message.linear.y, message.angular.z)
+
+    # -- arm and gripper ----------------------------------------------------------------------------------------------
+    def _take_trajectory(self, message: JointTrajectory) -> None:
+        if not self._simulation.controllers.active("mirte_master_arm_controller"):
+            self._warn("the arm controller is not active: trajectory ignored")
+            return
+        try:
+            parsed = _parse(message)
+        except trajectory.TrajectoryRefused as refusal:
+            self._warn(f"trajectory ignored: it {refusal}")
+            return
+        with self._simulation.lock:
+            self._simulation.arm.follow(parsed, self._simulation.time_s)
+
+    def _admit_trajectory(self, goal: FollowJointTrajectory.Goal) -> GoalResponse:
+        if not self._simulation.controllers.active("mirte_master_arm_controller"):
+            self._warn("the arm controller is not active: goal rejected")
+            return GoalResponse.REJECT
+        try:
+            _parse(goal.trajectory)
+        except trajectory.TrajectoryRefused as refusal:
+            self._warn(f"goal rejected: its trajectory {refusal}")
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _begin_trajectory(self, goal: FollowJointTrajectory.Goal) -> Callable[[bool], _Verdict | None]:
+        simulation = self._simulation
+        parsed = _parse(goal.trajectory)
+        with simulation.lock:
+            number = simulation.arm.follow(parsed, simulation.time_s)
+        late_s = simulation.time_s + parsed.times_s[-1] + ARRIVAL_GRACE_S
+        wanted = parsed.points[-1]
+        result = FollowJointTrajectory.Result
+
+        def poll(cancelled: bool) -> _Verdict | None:
+            with simulation.lock:
+                angles = list(simulation.servos.angles[:4])
+                if cancelled:
+                    if simulation.arm.goals == number:
+                        simulation.arm.hold(simulation.arm.command)
+                    return _Verdict("canceled", result())
+                if simulation.arm.goals != number:
+                    return _Verdict("aborted", result(error_string="another trajectory took over"))
+                stalled = [name for name in simulation.servos.stalled if name != "gripper"]
+            error = max(abs(a - b) for a, b in zip(angles, wanted))
+            if stalled:
+                text = f"{', '.join(stalled)} stalled"
+                return _Verdict("aborted", result(error_code=result.PATH_TOLERANCE_VIOLATED, error_string=text))
+            if simulation.arm.finished and error < ARM_TOLERANCE_RAD:
+                return _Verdict("succeeded", result(error_code=result.SUCCESSFUL))
+            if simulation.time_s > late_s:
+                text = f"still {error:.2f} rad off"
+                return _Verdict("aborted", result(error_code=result.GOAL_TOLERANCE_VIOLATED, error_string=text))
+            return None
+
+        return poll
+
+    def _admit_gripper(self, goal: GripperCommand.Goal) -> GoalResponse:
+        if not self._simulation.controllers.active("mirte_master_gripper_controller"):
+            self._warn("the gripper controller is not active: goal rejected")
+            return GoalResponse.REJECT
+        if not math.isfinite(goal.command.position):
+            self._warn(f"gripper goal rejected: position {goal.command.position} is not finite")
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _begin_gripper(self, goal: GripperCommand.Goal) -> Callable[[bool], _Verdict | None]:
+        simulation = self._simulation
+        wanted = min(max(goal.command.position, mirte.GRIPPER_LOWER_RAD), mirte.GRIPPER_UPPER_RAD)
+        with simulation.lock:
+            simulation.gripper_command = wanted
+        late_s = simulation.time_s + GRIPPER_LIMIT_S
+
+        def poll(cancelled: bool) -> _Verdict | None:
+            with simulation.lock:
+                at = simulation.servos.angles[-1]
+                if cancelled:
+                    simulation.gripper_command = at
+                taken_over = simulation.gripper_command != wanted and not cancelled
+                stalled = "gripper" in simulation.servos.stalled or simulation.time_s > late_s
+            reached = abs(at - wanted) < GRIPPER_TOLERANCE_RAD
+            if not (cancelled or taken_over or reached or stalled):
+                return None
+            result = GripperCommand.Result(position=at, stalled=stalled and not reached, reached_goal=reached)
+            return _Verdict("canceled" if cancelled else "succeeded" if reached else "aborted", result)
+
+        return poll
+
+    # -- servo bus, LEDs, button, battery -----------------------------------------------------------------------------
+    def _set_servo(self, index: int, request: Any, response: Any) -> Any:
+        angle = math.radians(request.angle) if request.degrees else request.angle
+        response.status = math.isfinite(angle)
+        if response.status:
+            with self._simulation.lock:
+                self._simulation.servos.set_angle(index, angle)
+        return response
+
+    def _get_range(self, index: int, request: Any, response: Any) -> Any:
+        response.min, response.max = angle_range(index)
+        return response
+
+    def _get_offset(self, index: int, request: Any, response: Any) -> Any:
+        response.centidegrees = self._simulation.servos.offsets_counts[index]
+        return response
+
+    def _set_offset(self, index: int, request: Any, response: Any) -> Any:
+        with self._simulation.lock:
+            self._simulation.servos.offsets_counts[index] = request.centidegrees
+        return response
+
+    def _set_torque(self, request: Any, response: Any) -> Any:
+        with self._simulation.lock:
+            self._simulation.servos.set_torque(request.data)
+        return _done(response, "servos on" if request.data else "servos off")
+
+    def _set_gate(self, request: Any, response: Any) -> Any:
+        with self._simulation.lock:
+            self._simulation.servos.gate_open = request.data
+        return _done(response, "arm control enabled" if request.data else "arm control disabled")
+
+    def _set_leds(self, request: Any, response: Any) -> Any:
+        self._simulation.set_leds(request.color.r, request.color.g, request.color.b)
+        response.status = True
+        return response
+
+    def _press_estop(self, request: Any, response: Any) -> Any:
+        self._simulation.estop_pressed = request.data
+        return _done(response, "pressed" if request.data else "released")
+
+    def _set_battery(self, message: Float32) -> None:
+        if not 0.0 <= message.data <= 1.0:
+            self._warn(f"battery fraction {message.data} is not within 0..1: ignored")
+            return
+        with self._simulation.lock:
+            self._simulation.battery = float(message.data)
+
+    # -- controller manager -------------------------------------------------------------------------------------------
+    def _list_controllers(self, request: Any, response: Any) -> Any:
+        manager = self._simulation.controllers
+        response.controller = [
+            ControllerState(name=name, state=manager.states[name], type=TYPES[name]) for name in manager.loaded
+        ]
+        return response
+
+    def _one_controller(self, change: Callable[[str], Outcome], request: Any, response: Any) -> Any:
+        with self._simulation.lock:
+            outcome = change(request.name)
+        if not outcome.ok:
+            self._warn(outcome.message)
+        response.ok = outcome.ok
+        return response
+
+    def _switch_controllers(self, request: Any, response: Any) -> Any:
+        ok, message = self._simulation.switch_controllers(
+            [*request.activate_controllers, *request.start_controllers],
+            [*request.deactivate_controllers, *request.stop_controllers],
+            strict=request.strictness != SwitchController.Request.BEST_EFFORT,
+        )
+        # Best effort answers ok as soon as it did what it could.
+        response.ok = ok or request.strictness == SwitchController.Request.BEST_EFFORT
+        if message:
+            self._warn(message)
+        return response
+
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(text, throttle_duration_sec=1.0)
+
+
+class _Verdict:
+    """How a goal ended: a state of the goal handle and the action's result."""
+
+    def __init__(self, state: str, result: Any) -> None:
+        self.state, self.result = state, result
+
+
+class _DeferredAction:
+    """An action whose goals are looked after by a timer.
+
+    rclpy's executor spins at full speed while an asynchronous execute callback awaits something, and a blocking one would
+    hold up the node; so a goal is executed only when it is over, and that callback just hands the result in.
+    """
+
+    def __init__(
+        self,
+        node: LupinNode,
+        action: Any,
+        name: str,
+        admit: Callable[[Any], GoalResponse],
+        begin: Callable[[Any], Callable[[bool], _Verdict | None]],
+    ) -> None:
+        self._begin = begin
+        self._running: list[tuple[ServerGoalHandle, Callable[[bool], _Verdict | None]]] = []
+        self._timer = node.create_timer(POLL_S, self._poll)
+        self._timer.cancel()
+        self._server = ActionServer(
+            node,
+            action,
+            name,
+            execute_callback=self._finish,
+            goal_callback=admit,
+            handle_accepted_callback=self._accept,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+        self._verdicts: dict[bytes, _Verdict] = {}
+
+    def _accept(self, goal: ServerGoalHandle) -> None:
+        self._running.append((goal, self._begin(goal.request)))
+        self._timer.reset()
+
+    def _poll(self) -> None:
+        still = []
+        for goal, poll in self._running:
+            verdict = poll(goal.is_cancel_requested)
+            if verdict is None:
+                still.append((goal, poll))
+                continue
+            self._verdicts[bytes(goal.goal_id.uuid)] = verdict
+            goal.execute()
+        self._running = still
+        if not still:
+            self._timer.cancel()
+
+    def _finish(self, goal: ServerGoalHandle) -> Any:
+        verdict = self._verdicts.pop(bytes(goal.goal_id.uuid))
+        # A cancel may have slipped in between the verdict and here; a cancelled goal can only end cancelled or aborted.
+        if verdict.state == "succeeded" and not goal.is_cancel_requested:
+            goal.succeed()
+        elif goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        return verdict.result
+
+
+def _parse(message: JointTrajectory) -> trajectory.Trajectory:
+    times_s = [p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in message.points]
+    return trajectory.parse(message.joint_names, [p.positions for p in message.points], times_s)
+
+
+def _done(response: Any, message: str) -> Any:
+    response.success, response.message = True, message
+    return response

@@ -1,0 +1,111 @@
+"""Four mecanum wheels: from a body twist to wheel speeds and back, and the motors in between.
+
+Twists are (vx, vy, wz) in m/s and rad/s of `base_link`; wheel speeds are rad/s in the vendor's order: front left, rear left,
+rear right, front right.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_sim import mirte
+
+Array = NDArray[np.float64]
+
+_L = mirte.WHEEL_LEVER_M
+# Rollers at 45 degrees, X pattern (Taheri et al., "Kinematic Model of a Four Mecanum Wheeled Mobile Robot", 2015).
+_WHEELS_FROM_TWIST = np.array([[1, -1, -_L], [1, 1, -_L], [1, -1, _L], [1, 1, _L]], float) / mirte.WHEEL_RADIUS_M
+_TWIST_FROM_WHEELS = np.linalg.pinv(_WHEELS_FROM_TWIST)
+
+
+def wheels_from_twist(twist: Array) -> Array:
+    """Wheel speeds of shape (4,) that drive a twist of shape (3,), not yet limited."""
+    return _WHEELS_FROM_TWIST @ twist
+
+
+def twist_from_wheels(speeds: Array) -> Array:
+    """The body twist of shape (3,) that fits four wheel speeds best."""
+    return _TWIST_FROM_WHEELS @ speeds
+
+
+def clamp_wheels(speeds: Array) -> Array:
+    """Each wheel on its own clipped to what its motor can do, as the vendor's controller clips: a twist beyond the limit
+    therefore changes direction too."""
+    return np.clip(speeds, -mirte.WHEEL_MAX_RADPS, mirte.WHEEL_MAX_RADPS)
+
+
+class Drive(Protocol):
+    """Motors and their controllers: how wheel speeds follow their set-points."""
+
+    speeds: Array
+
+    def step(self, target: Array, dt_s: float) -> Array:
+        """Advance by `dt_s` towards the target speeds, both of shape (4,); returns the new speeds."""
+
+
+class IdealDrive:
+    """Wheels that reach their set-point after a short first-order lag, within a limit on their acceleration."""
+
+    LAG_S = 0.05
+    MAX_RADPS2 = 80.0  # 4 m/s^2 at the rim
+
+    def __init__(self) -> None:
+        self.speeds: Array = np.zeros(4)
+
+    def step(self, target: Array, dt_s: float) -> Array:
+        """See Drive."""
+        change = (clamp_wheels(target) - self.speeds) * (1.0 - math.exp(-dt_s / self.LAG_S))
+        limit = self.MAX_RADPS2 * dt_s
+        self.speeds = self.speeds + np.clip(change, -limit, limit)
+        # A lag never quite arrives; a wheel that barely turns has stopped.
+        self.speeds[(np.abs(self.speeds) < 0.02) & (target == 0.0)] = 0.0
+        return self.speeds
+
+
+class VendorDrive:
+    """The vendor's wheel pipeline: a 10 Hz PID without feed-forward, integer percent of full speed, a dead zone of 10 %, a
+    motor with a 0.1 s lag. Inferred from the vendor's configuration; no robot was measured."""
+
+    PERIOD_S = 0.1
+    GAINS = (1.5, 0.5, 0.01)  # proportional, integral, derivative
+    INTEGRAL_LIMIT = 15.0
+    LAG_S = 0.1
+
+    def __init__(self) -> None:
+        self.speeds: Array = np.zeros(4)
+        self._integral: Array = np.zeros(4)
+        self._last_error: Array = np.zeros(4)
+        self._percent: Array = np.zeros(4)
+        self._until_tick_s = 0.0
+
+    def step(self, target: Array, dt_s: float) -> Array:
+        """See Drive."""
+        self._until_tick_s -= dt_s
+        if self._until_tick_s <= 1e-9:
+            self._until_tick_s += self.PERIOD_S
+            self._tick(clamp_wheels(target))
+        reached = 1.0 - math.exp(-dt_s / self.LAG_S)
+        self.speeds = self.speeds + (self._percent / 100.0 * mirte.WHEEL_MAX_RADPS - self.speeds) * reached
+        self.speeds[(np.abs(self.speeds) < 0.02) & (self._percent == 0.0)] = 0.0
+        return self.speeds
+
+    def _tick(self, target: Array) -> None:
+        p, i, d = self.GAINS
+        error = target - self.speeds
+        self._integral = np.clip(self._integral + error * self.PERIOD_S * i, -self.INTEGRAL_LIMIT, self.INTEGRAL_LIMIT)
+        output = p * error + self._integral + d * (error - self._last_error) / self.PERIOD_S
+        self._last_error = error
+        # A stop is a stop: with the integral left in, the wheels would creep on after it.
+        stopped = target == 0.0
+        self._integral[stopped] = 0.0
+        output[stopped] = 0.0
+        percent = np.clip(np.trunc(output / mirte.WHEEL_MAX_RADPS * 100.0), -100.0, 100.0)
+        percent[np.abs(percent) < mirte.WHEEL_DEAD_ZONE * 100.0] = 0.0
+        self._percent = percent
+
+
+DRIVES: dict[str, type[IdealDrive] | type[VendorDrive]] = {"ideal": IdealDrive, "vendor": VendorDrive}
