@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 
 import pytest
@@ -57,7 +58,7 @@ def test_a_steady_command_within_the_limits_is_reached_exactly(command):
 @given(st.floats(0.05, 0.35))
 def test_a_reversal_passes_through_rest(speed):
     xs = [out.x for out in run([Twist(speed, 0, 0)] * 20 + [Twist(-speed, 0, 0)] * 20)][19:]
-    assert all(a >= b for a, b in zip(xs, xs[1:])) and xs[-1] == -speed
+    assert all(a >= b for a, b in itertools.pairwise(xs)) and xs[-1] == -speed
 
 
 def test_silence_brings_it_to_rest_and_then_to_silence():

@@ -1,0 +1,195 @@
+"""The bus, the smoother and the idle stop on a real graph."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+import time
+
+import pytest
+
+from lupin_runtime import graph
+from lupin_runtime.drive import Twist, decode, encode
+
+pytestmark = pytest.mark.graph
+
+FORWARD = encode(Twist(0.25, -0.1, 0.5))
+STILL = encode(Twist(0.0, 0.0, 0.0))
+NOT_A_NUMBER = encode(Twist(math.nan, 0.0, 0.0))
+
+
+class Probe:
+    """Stands for everything around the bus: sources, the e-stop's bridge, and the base at the sink."""
+
+    def __init__(self, host, sink: graph.Topic = graph.CMD_VEL_SINK_SIM, heartbeat: bool = True) -> None:
+        from lupin_runtime.ros import LupinNode
+
+        self.node = LupinNode("probe")
+        self.sink: list[tuple[float, bytes]] = []
+        self.status: list[dict] = []
+        self.engaged = False
+        self.node.subscription(sink, lambda data: self.sink.append((time.monotonic(), data)), raw=True)
+        self.node.subscription(graph.DRIVE_STATUS, lambda message: self.status.append(json.loads(message.data)))
+        self.sources = {
+            row.name: self.node.publisher(row)
+            for row in (graph.CMD_VEL_JOY, graph.CMD_VEL_MANUAL, graph.CMD_VEL_AUTO, graph.CMD_VEL_NAV)
+        }
+        self._estop = self.node.publisher(graph.ESTOP_STATE)
+        if heartbeat:
+            self.node.create_timer(0.1, lambda: self.estop(self.engaged))
+        host.add(self.node)
+
+    def estop(self, engaged: bool) -> None:
+        from std_msgs.msg import Bool
+
+        self.engaged = engaged
+        self._estop.publish(Bool(data=engaged))
+
+    def at_sink(self, data: bytes) -> bool:
+        return any(heard == data for _, heard in self.sink)
+
+    def flow(self, host, row: graph.Topic, data: bytes, until, what: str) -> None:
+        """Publish `data` at 50 Hz until the condition holds."""
+
+        def step():
+            self.sources[row.name].publish(data)
+            threading.Event().wait(0.02)
+            return until()
+
+        host.until(step, what=what)
+
+
+def bus(host, **parameters):
+    from lupin_runtime.drive.node import TwistMux
+
+    return host.add(TwistMux(parameters))
+
+
+def test_a_command_arrives_at_the_sink_as_the_bytes_that_were_sent(graph_host):
+    probe = Probe(graph_host)
+    bus(graph_host)
+    probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: probe.at_sink(FORWARD), "the command at the sink")
+
+
+def test_the_robot_has_a_sink_of_its_own(graph_host):
+    probe = Probe(graph_host, sink=graph.CMD_VEL_SINK_ROBOT)
+    bus(graph_host, sink="robot")
+    probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: probe.at_sink(FORWARD), "the command at the sink")
+
+
+def test_an_unknown_sink_is_refused(graph_host):
+    with pytest.raises(ValueError, match="expected one of sim, robot"):
+        bus(graph_host, sink="gazebo")
+
+
+def test_the_edge_of_the_stop_is_a_zero_at_the_sink_and_nothing_moves_after(graph_host):
+    probe = Probe(graph_host)
+    bus(graph_host)
+    probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: probe.at_sink(FORWARD), "the command at the sink")
+    probe.estop(True)
+    graph_host.until(lambda: probe.sink[-1][1] == STILL, what="zero at the sink")
+    count = len(probe.sink)
+    probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: len(probe.sink) >= count + 10, "the repeated zero")
+    assert {data for _, data in probe.sink[count:]} == {STILL}
+    graph_host.until(lambda: probe.status and probe.status[-1]["locks"] == ["e-stop engaged"], what="the status")
+
+
+def test_without_an_estop_bridge_nothing_moves_and_the_status_says_why(graph_host):
+    probe = Probe(graph_host, heartbeat=False)
+    bus(graph_host)
+    probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: len(probe.sink) >= 20, "zeros at the sink")
+    assert not probe.at_sink(FORWARD)
+    graph_host.until(lambda: probe.status, what="the status")
+    assert probe.status[-1]["locks"] == ["e-stop state never heard"]
+
+
+def test_a_lost_estop_bridge_stops_the_base(graph_host):
+    probe = Probe(graph_host, heartbeat=False)
+    bus(graph_host)
+
+    def alive():
+        probe.estop(False)
+        return probe.at_sink(FORWARD)
+
+    probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, alive, "the command at the sink")
+    probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: probe.sink[-1][1] == STILL, "zero at the sink")
+
+
+def test_joy_beats_manual_beats_auto_and_the_status_names_the_holder(graph_host):
+    probe = Probe(graph_host)
+    bus(graph_host)
+    for row in (graph.CMD_VEL_AUTO, graph.CMD_VEL_MANUAL, graph.CMD_VEL_JOY):
+        key = row.name.rsplit("_", 1)[1]
+        probe.flow(
+            graph_host, row, STILL, lambda k=key: probe.status and probe.status[-1]["winner"] == k, f"{key} holds the bus"
+        )
+    # while joy speaks, the others are heard and outranked
+    command = encode(Twist(0.1, 0.0, 0.0))
+
+    def both():
+        probe.sources[graph.CMD_VEL_AUTO.name].publish(FORWARD)
+        return probe.at_sink(command)
+
+    probe.flow(graph_host, graph.CMD_VEL_JOY, command, both, "joy at the sink")
+    assert not probe.at_sink(FORWARD)
+
+
+def test_nan_never_reaches_the_sink_and_is_counted(graph_host):
+    probe = Probe(graph_host)
+    bus(graph_host)
+    probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: probe.at_sink(FORWARD), "the command at the sink")
+    probe.flow(
+        graph_host,
+        graph.CMD_VEL_AUTO,
+        NOT_A_NUMBER,
+        lambda: probe.status and probe.status[-1]["inputs"]["auto"]["rejected"] > 0,
+        "the rejected count",
+    )
+    assert all(decode(data) is not None for _, data in probe.sink)
+    assert probe.sink[-1][1] == STILL
+
+
+def test_the_last_word_of_a_bus_that_ends_is_zero_said_several_times(graph_host):
+    probe = Probe(graph_host)
+    mux = bus(graph_host)
+    probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: probe.at_sink(FORWARD), "the command at the sink")
+    probe.sink.clear()
+    mux.before_shutdown()
+    graph_host.until(lambda: [d for _, d in probe.sink].count(STILL) >= 5, what="five zeros")
+    probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: True, "one more command")
+    assert not probe.at_sink(FORWARD)
+
+
+def test_the_smoother_ramps_up_and_ends_with_zero_and_silence(graph_host):
+    from lupin_runtime.drive.smoother_node import VelocitySmoother
+
+    probe = Probe(graph_host, sink=graph.CMD_VEL_AUTO)
+    graph_host.add(VelocitySmoother())
+    target = Twist(0.5, 0.0, 0.0)
+    probe.flow(graph_host, graph.CMD_VEL_NAV, encode(target), lambda: probe.at_sink(encode(target)), "full speed")
+    xs = [decode(data).x for _, data in probe.sink]
+    assert max(b - a for a, b in zip(xs, xs[1:])) <= 2.5 * 0.1 + 1e-9, "no step is larger than two periods allow"
+    graph_host.until(lambda: probe.sink[-1][1] == STILL, what="rest after the time-out")
+    graph_host.until(lambda: time.monotonic() - probe.sink[-1][0] > 0.5, what="silence after rest")
+
+
+def test_the_idle_stop_says_zero(graph_host):
+    from lupin_runtime.drive.node import IdleStop
+
+    probe = Probe(graph_host, sink=graph.ZERO_CMD_VEL)
+    graph_host.add(IdleStop())
+    graph_host.until(lambda: len(probe.sink) >= 5, what="zeros")
+    assert {data for _, data in probe.sink} == {STILL}
+
+
+def test_a_priority_that_may_not_be_raised_leaves_the_bus_working(monkeypatch):
+    import os
+
+    from lupin_runtime.drive.priority import raise_priority
+
+    def refuse(*_):
+        raise PermissionError("not permitted")
+
+    monkeypatch.setattr(os, "setpriority", refuse)
+    assert "LimitNICE=-10" in raise_priority(-10)
