@@ -29,16 +29,17 @@ _CRATES = (
 )
 _PILLARS = (Pillar("post_south", 8.4, 0.55, 0.10), Pillar("post_north", 0.6, 6.3, 0.14))
 
-# id, planter, side, metres along the side from its middle (to its left, seen from outside to inside: +v), flowers.
+# id, planter, side, metres along the side from its middle (to the left of one who looks out of it), species, flowers, bugs.
+# Tags of opposite sides stand apart: a camera sees blooms of both sides across a planter.
 _TAGS = (
-    (1, "south_west", SOUTH, 0.45, "tulip_red", 3, 0),
-    (2, "south_west", NORTH, 0.0, "tulip_white", 2, 0),
+    (1, "south_west", SOUTH, -0.6, "tulip_red", 3, 0),
+    (2, "south_west", NORTH, -0.6, "tulip_white", 2, 0),
     (3, "south_east", SOUTH, -0.3, "tulip_pink", 3, 1),
     (4, "south_east", EAST, 0.0, "tulip_red", 1, 1),
     (5, "middle_west", WEST, 0.0, "tulip_white", 2, 0),
     (6, "middle_east", NORTH, -0.4, "tulip_pink", 2, 0),
-    (7, "north_west", SOUTH, 0.3, "tulip_red", 2, 0),
-    (9, "north_west", NORTH, -0.5, "tulip_white", 3, 1),
+    (7, "north_west", SOUTH, -0.65, "tulip_red", 2, 0),
+    (9, "north_west", NORTH, -0.65, "tulip_white", 3, 1),
     (10, "north_east", NORTH, 0.2, "tulip_pink", 1, 0),
     (11, "north_east", EAST, 0.0, "tulip_red", 2, 0),
     (12, "wall_bench_north", SOUTH, 0.0, "tulip_white", 1, 0),

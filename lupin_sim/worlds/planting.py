@@ -11,7 +11,7 @@ from lupin_sim.world import SPECIES, Box, Flower, Tag
 # Blooms stand this far behind the face that carries the tag, so that a gripper camera half a metre in front of the tag
 # has all of them in one frame.
 ROW_DEPTH_M = 0.09
-SPACING_M = 0.15
+SPACING_M = 0.12
 EDGE_MARGIN_M = 0.04
 BLOOM_HEIGHTS_M = (0.42, 0.50)
 
