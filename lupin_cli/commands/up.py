@@ -91,10 +91,10 @@ def _layout(world: str, target: str) -> Path | None:
     """The layout file behind a world name, checked before anything starts; the bridge reads the same file."""
     if target != "sim":
         return None
-    from lupin_sim.worlds import WorldError, world_named
+    from lupin_sim.worlds import WorldError, load_world
 
     try:
-        world_named(world)
+        load_world(world)
     except WorldError as error:
         raise typer.BadParameter(str(error), param_hint="--world") from error
     return Path(world).resolve() if world.endswith(".json") else None
@@ -110,7 +110,7 @@ def _run(options: Any, as_json: bool) -> int:
     console = Console(stderr=as_json)
     with LiveView(console) as view:
         session = Session(options, view.show)
-        console.print(f"run {session.run.id}  logs: {session.run.logs}", highlight=False)
+        console.print(f"run {session.run.id}  logs: {session.run.logs}", highlight=False, soft_wrap=True)
         outcome = session.execute()
     result = conclude(session.run, options, outcome, console)
     if as_json:

@@ -178,7 +178,7 @@ TABLE: tuple[ProcessRow, ...] = (
         "nav",
         (
             NodeRow("lupin_runtime.navigation.node:Navigator"),
-            NodeRow("lupin_runtime.drive.node:VelocitySmoother"),
+            NodeRow("lupin_runtime.drive.smoother_node:VelocitySmoother"),
         ),
         when=lambda o: o.nav2,
         needs=(Heard(graph.MAP), Chain(graph.ODOM_FRAME, graph.BASE_FRAME)),
