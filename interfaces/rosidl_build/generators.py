@@ -29,9 +29,7 @@ class Generator:
 GENERATORS = {
     "c": Generator("rosidl_generator_c", lambda module, args: module.generate_c(args)),
     "introspection": Generator("rosidl_typesupport_introspection_c", lambda module, args: module.generate_c(args)),
-    "fastrtps": Generator(
-        "rosidl_typesupport_fastrtps_c", lambda module, args: module.generate_typesupport_fastrtps_c(args)
-    ),
+    "fastrtps": Generator("rosidl_typesupport_fastrtps_c", lambda module, args: module.generate_typesupport_fastrtps_c(args)),
     "dispatch": Generator("rosidl_typesupport_c", lambda module, args: module.generate_c(args, TYPE_SUPPORTS)),
     "python": Generator("rosidl_generator_py", lambda module, args: module.generate_py(args, ["rosidl_typesupport_c"])),
 }
@@ -56,17 +54,22 @@ def known_type_descriptions(ros_prefix: Path) -> dict[str, Path]:
     return {p.name: p for p in (ros_prefix / "share").iterdir() if any((p / kind).is_dir() for kind in ("msg", "srv"))}
 
 
-def describe(package: InterfacePackage, work_dir: Path, ros_prefix: Path, descriptions: dict[str, Path]) -> DescribedPackage:
-    """Write .idl files and type descriptions of ``package``; ``descriptions`` gains its entry.
+def description_dir(work_dir: Path, package: InterfacePackage) -> Path:
+    """Where ``describe`` writes the type descriptions of ``package``."""
+    return work_dir / "description" / package.name
 
-    Packages that this one depends on must be in ``descriptions`` already, or their types are not found.
+
+def describe(package: InterfacePackage, work_dir: Path, descriptions: dict[str, Path]) -> DescribedPackage:
+    """Write .idl files and type descriptions of ``package``.
+
+    ``descriptions`` tells where those of other packages lie; the ones that this package depends on must be written already.
     """
     from rosidl_adapter import convert_to_idl
     from rosidl_generator_type_description import generate_type_hash
 
     _parse_each_idl_once()
     idl_dir = work_dir / "idl" / package.name
-    description_dir = work_dir / "description" / package.name
+    output_dir = description_dir(work_dir, package)
     for definition in package.definitions:
         convert_to_idl(package.folder, package.name, definition, idl_dir)
     idl_files = [d.with_suffix(".idl") for d in package.definitions]
@@ -80,11 +83,10 @@ def describe(package: InterfacePackage, work_dir: Path, ros_prefix: Path, descri
     generate_type_hash(
         _write_arguments(
             work_dir / f"{package.name}.description.json",
-            {**arguments, "output_dir": str(description_dir), "template_dir": "", "include_paths": include_paths},
+            {**arguments, "output_dir": str(output_dir), "template_dir": "", "include_paths": include_paths},
         )
     )
-    descriptions[package.name] = description_dir
-    arguments["type_description_tuples"] = [f"{idl}:{description_dir / idl.with_suffix('.json')}" for idl in idl_files]
+    arguments["type_description_tuples"] = [f"{idl}:{output_dir / idl.with_suffix('.json')}" for idl in idl_files]
     arguments["ros_interface_files"] = [str(package.folder / d) for d in package.definitions]
     return DescribedPackage(package, work_dir, arguments)
 

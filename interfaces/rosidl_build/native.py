@@ -48,9 +48,15 @@ class TranslationUnit:
     path: Path
     weight: int
 
+    @property
+    def object(self) -> Path:
+        """The object file that it is compiled to."""
+        return self.path.with_name(self.path.name + ".o")
+
 
 def write_units(described: DescribedPackage, object_dir: Path) -> list[TranslationUnit]:
     """Write the unity translation units of a package."""
+    object_dir.mkdir(parents=True)
     groups: dict[str, list[Path]] = {}
     for generator in GENERATORS:
         root = described.sources_dir(generator)
@@ -58,12 +64,16 @@ def write_units(described: DescribedPackage, object_dir: Path) -> list[Translati
             groups.setdefault(_unit_name(source, root, generator), []).append(source)
     units = []
     for name, sources in groups.items():
-        path = object_dir / f"{described.package.name}.{name}"
+        path = object_dir / name
         path.write_text("".join(f'#include "{source}"\n' for source in sources))
         units.append(TranslationUnit(path, len(sources)))
-    lookup = object_dir / f"{described.package.name}.self_lookup.c"
-    lookup.write_text(f'#include "{SELF_LOOKUP}"\n')
-    return [*units, TranslationUnit(lookup, 1)]
+    return [*units, _self_lookup_unit(object_dir)]
+
+
+def _self_lookup_unit(object_dir: Path) -> TranslationUnit:
+    path = object_dir / SELF_LOOKUP.name
+    path.write_text(f'#include "{SELF_LOOKUP}"\n')
+    return TranslationUnit(path, 1)
 
 
 def _unit_name(source: Path, root: Path, generator: str) -> str:
@@ -75,21 +85,19 @@ def _unit_name(source: Path, root: Path, generator: str) -> str:
     return f"{kind}.{generator}{source.suffix}"
 
 
-def compile_units(units: Iterable[TranslationUnit], include_dirs: Iterable[Path], toolchain: Toolchain) -> list[Path]:
-    """Compile translation units in parallel, the heaviest first; returns the object files."""
+def compile_units(units: Iterable[TranslationUnit], include_dirs: Iterable[Path], toolchain: Toolchain) -> None:
+    """Compile translation units in parallel, the heaviest first."""
     flags = ["-fPIC", "-w", "-DNDEBUG", toolchain.optimisation]
     flags += [f"-D{stock}={ours}" for stock, ours in STOCK_LOOKUPS.items()]
     flags += [f"-I{folder}" for folder in (*include_dirs, *toolchain.include_dirs)]
 
-    def compile_one(unit: TranslationUnit) -> Path:
+    def compile_one(unit: TranslationUnit) -> None:
         is_cxx = unit.path.suffix == ".cpp"
         compiler = [*toolchain.cxx_compiler, "-std=c++17"] if is_cxx else [*toolchain.c_compiler, "-std=gnu11"]
-        target = unit.path.with_name(unit.path.name + ".o")
-        _run([*compiler, *flags, "-c", str(unit.path), "-o", str(target)])
-        return target
+        _run([*compiler, *flags, "-c", str(unit.path), "-o", str(unit.object)])
 
     with ThreadPoolExecutor(cpu_count()) as pool:
-        return list(pool.map(compile_one, sorted(units, key=lambda unit: -unit.weight)))
+        list(pool.map(compile_one, sorted(units, key=lambda unit: -unit.weight)))
 
 
 def link(target: Path, objects: Iterable[Path], siblings: dict[str, Path], toolchain: Toolchain) -> None:

@@ -1,0 +1,60 @@
+"""A node of ours, and a peer in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+PEER = Path(__file__).with_name("peer.py")
+
+StartPeer = Callable[..., None]
+
+
+@pytest.fixture
+def start_peer() -> Iterator[StartPeer]:
+    """Call it with the peer's role, and perhaps another Python and environment; it returns once the peer's endpoints exist."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(role: str, python: str | Path = sys.executable, env: dict[str, str] | None = None) -> None:
+        process = subprocess.Popen(
+            [str(python), str(PEER), role], env=env or dict(os.environ), stdout=subprocess.PIPE, text=True
+        )
+        started.append(process)
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n", f"the peer ended with {process.wait(10)}; its error is above"
+
+    yield start
+    for process in started:
+        process.send_signal(signal.SIGTERM)
+    for process in started:
+        try:
+            assert process.wait(10) == 0
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+        finally:
+            assert process.stdout is not None
+            process.stdout.close()
+
+
+@pytest.fixture
+def spin() -> Iterator[tuple]:
+    """A node and its single-threaded executor: ``node, executor``."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
+    context = rclpy.context.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node("interfaces_test", context=context, start_parameter_services=False, enable_rosout=False)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    yield node, executor
+    executor.shutdown()  # before the context, or the process aborts
+    node.destroy_node()
+    rclpy.shutdown(context=context)

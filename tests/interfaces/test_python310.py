@@ -1,0 +1,130 @@
+"""What a robot runs is Python 3.10: the interfaces build there, and talk to this Python.
+
+The environment is built once per state of ``interfaces/`` and kept under the user's cache.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+INTERFACES = REPOSITORY / "interfaces"
+BUILD_TIMEOUT_S = 900
+KEPT_ENVIRONMENTS = 2
+NOT_SOURCES = {"build", "dist", "__pycache__"}
+
+
+def clean_environment() -> dict[str, str]:
+    """The environment without what would make another Python load this one's libraries."""
+    unwanted = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
+    return {name: value for name, value in os.environ.items() if name not in unwanted}
+
+
+def find_python310() -> Path | None:
+    """CPython 3.10 from PATH or pyenv; a pyenv shim may stand on PATH with nothing behind it."""
+    on_path = shutil.which("python3.10")
+    candidates = [Path(on_path)] if on_path else []
+    candidates += sorted((Path.home() / ".pyenv" / "versions").glob("3.10*/bin/python"))
+    probe = "import sys, sysconfig, pathlib; sys.exit(not (pathlib.Path(sysconfig.get_path('include')) / 'Python.h').exists())"
+    for python in candidates:
+        if subprocess.run([python, "-c", probe], capture_output=True, env=clean_environment()).returncode == 0:
+            return python
+    return None
+
+
+def sources() -> list[Path]:
+    """Every file that the build reads."""
+    return sorted(p for p in INTERFACES.rglob("*") if p.is_file() and not NOT_SOURCES & set(p.relative_to(INTERFACES).parts))
+
+
+def cache_root() -> Path:
+    """Where environments are kept."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lupin"
+
+
+def build_environment(python: Path, folder: Path) -> None:
+    """A virtual environment with lupin-interfaces, built as a user builds it: ``pip install <folder>``."""
+    shutil.rmtree(folder, ignore_errors=True)
+    subprocess.run([python, "-m", "venv", folder], check=True, env=clean_environment())
+    copy = folder / "interfaces"  # the working copy's build folder belongs to others
+    shutil.copytree(INTERFACES, copy, ignore=shutil.ignore_patterns(*NOT_SOURCES))
+    install = [folder / "bin" / "python", "-m", "pip", "install", "--disable-pip-version-check", copy]
+    env = {**clean_environment(), "LUPIN_INTERFACES_OPTIMISATION": "-O0"}  # sooner compiled, and run for a second
+    result = subprocess.run(
+        install, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=BUILD_TIMEOUT_S
+    )
+    assert result.returncode == 0, result.stdout[-8000:]
+    shutil.rmtree(copy)
+
+
+@pytest.fixture(scope="module")
+def python310() -> Path:
+    """Python 3.10 with the interfaces as they are now."""
+    python = find_python310()
+    if python is None:
+        missing = "no CPython 3.10 with headers on PATH or in ~/.pyenv/versions: pyenv install 3.10"
+        if os.environ.get("LUPIN_CI_STRICT") == "1":
+            pytest.fail(missing)
+        pytest.skip(missing)
+    digest = hashlib.sha256(str(python).encode())
+    for path in sources():
+        digest.update(str(path.relative_to(INTERFACES)).encode() + b"\0" + path.read_bytes() + b"\0")
+    cache_root().mkdir(parents=True, exist_ok=True)
+    environment = cache_root() / f"py310-{digest.hexdigest()[:12]}"
+    complete = environment / "complete"
+    with (cache_root() / "py310.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not complete.exists():
+            build_environment(python, environment)
+            complete.touch()
+            by_age = sorted(cache_root().glob("py310-*"), key=lambda p: p.stat().st_mtime, reverse=True)
+            for old in by_age[KEPT_ENVIRONMENTS:]:
+                shutil.rmtree(old)
+    return environment / "bin" / "python"
+
+
+def test_every_package_imports(python310: Path) -> None:
+    packages = [manifest.parent.name for manifest in INTERFACES.glob("*/package.xml")]
+    script = """
+import importlib, sys
+assert sys.version_info[:2] == (3, 10), sys.version
+for package in sys.argv[1:]:
+    for kind in ("msg", "srv", "action"):
+        try:
+            module = importlib.import_module(f"{package}.{kind}")
+        except ModuleNotFoundError as error:
+            assert error.name == f"{package}.{kind}", error
+            continue
+        for name, interface in vars(module).items():
+            if name[0].isupper():
+                type(interface).__import_type_support__()
+                assert type(interface)._TYPE_SUPPORT is not None, (package, name)
+print("imported", len(sys.argv) - 1)
+"""
+    command = [python310, "-c", script, *packages]
+    result = subprocess.run(command, capture_output=True, text=True, env=clean_environment(), timeout=60)
+    assert (result.returncode, result.stdout) == (0, f"imported {len(packages)}\n"), result.stderr
+
+
+@pytest.mark.graph
+@pytest.mark.skipif(sys.version_info[:2] == (3, 10), reason="this Python is 3.10 already: test_graph.py shows it")
+def test_it_talks_to_this_python(python310: Path, spin, start_peer) -> None:
+    from lupin_msgs.srv import GetField
+
+    node, executor = spin
+    start_peer("serve", python=python310, env=clean_environment())
+    client = node.create_client(GetField, "get_field")
+    assert client.wait_for_service(20.0)
+    future = client.call_async(GetField.Request(sensor_type="co2", bbox_min_x=-1.5))
+    executor.spin_until_future_complete(future, timeout_sec=20.0)
+    assert future.done()
+    assert future.result().error_message == "co2"
+    assert future.result().values[0] == -1.5
