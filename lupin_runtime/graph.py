@@ -136,6 +136,7 @@ LOCAL_COSTMAP = Topic("/local_costmap/costmap", "nav_msgs/msg/OccupancyGrid", LA
 # -- perception, greenhouse, mission, twin ------------------------------------------------------------------------------
 TAG_DETECTIONS = Topic("/camera/tag_detections_json", "std_msgs/msg/String", REL5)
 FLOWER_DETECTIONS = Topic("/yolo/detections", "std_msgs/msg/String", REL5)
+YOLO_OVERLAY = Topic("/yolo/image_detections", "sensor_msgs/msg/Image", REL1)
 FLOWER_OVERLAY = Topic("/sim_flower/overlay", "sensor_msgs/msg/Image", REL1)
 BOX_GEOMETRY = Topic("/perception/box_geometry_json", "std_msgs/msg/String", LATCHED1)
 DISCOVERED_TAGS = Topic("/perception/discovered_tags", "lupin_msgs/msg/DiscoveredTags", LATCHED1, 2.0)
