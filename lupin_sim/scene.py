@@ -182,7 +182,7 @@ def _tag(spec: mujoco.MjSpec, tag: Tag) -> None:
     spec.worldbody.add_geom(
         name=name,
         type=_GEOM.mjGEOM_BOX,
-        size=[half, half, 0.0015],
+        size=[half, half, 0.001],
         pos=[tag.x, tag.y, tag.z],
         quat=quaternion(np.stack([np.cross(up, outward), up, outward], 1)),
         material=name,

@@ -12,10 +12,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lupin_sim.tag_family import FAMILY_SIZE
+
 # The inner 6x6 modules of the official image of tag 0; 1 is white.
 OFFICIAL_ID_0 = ("110101", "011101", "011000", "101000", "010110", "000100")
 MODULES = 10  # white margin, black border, 6 data modules, black border, white margin
-FAMILY_SIZE = 587
+
 
 # Ink and paper as a camera sees them: printer's black is far from 0, and office paper is a little warm. It also keeps a
 # plate far behind a bench out of the detector's bands for black bugs and white blooms.

@@ -141,6 +141,12 @@ class World:
             nearest = min(nearest, max(0.0, math.hypot(x - pillar.x, y - pillar.y) - pillar.radius))
         return nearest
 
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Length and breadth inside the walls."""
+        x0, y0, x1, y1 = self.bounds
+        return x1 - x0, y1 - y0
+
     def tag(self, tag_id: int) -> Tag:
         """The tag of an id; KeyError names the ones there are."""
         for tag in self.tags:

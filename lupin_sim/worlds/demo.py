@@ -8,6 +8,7 @@ import numpy as np
 
 from lupin_runtime.geometry import Pose2
 from lupin_sim.world import Box, Flower, Pillar, Tag, World
+from lupin_sim.worlds.hanging import on_side
 from lupin_sim.worlds.planting import plant
 
 SOUTH, NORTH, WEST, EAST = -math.pi / 2, math.pi / 2, math.pi, 0.0
@@ -55,9 +56,7 @@ def demo(seed: int = 0) -> World:
     tags: list[Tag] = []
     flowers: list[Flower] = []
     for tag_id, name, side, along, species, count, bugs in _TAGS:
-        face = next(face for face, _ in named[name].faces() if math.cos(face.yaw - side) > 0.999)
-        at = face @ Pose2(y=along)
-        tag = Tag(tag_id, at.x, at.y, at.yaw, box=name)
+        tag = on_side(named[name], side, along, tag_id)
         tags.append(tag)
         flowers += plant(named[name], tag, species, count, bugs, rng)
     return World(
