@@ -27,14 +27,14 @@ MAX_TILT_SIGMAS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Intrinsics:
-    """A pinhole camera: the 3 x 3 matrix and OpenCV's distortion coefficients (empty: none), for pixel centres at whole numbers."""
+    """A pinhole camera: the 3 x 3 matrix and OpenCV's distortion coefficients (empty: none); pixel centres at whole numbers."""
 
     matrix: Array
     distortion: Array
 
     @staticmethod
     def from_camera_info(k: Array, d: Array, width_px: int) -> Intrinsics:
-        """Of a CameraInfo's `k` (9) and `d`; where `k` is zero or not finite, the fallback scaled to an image `width_px` wide."""
+        """Of a CameraInfo's `k` (9) and `d`; where `k` is zero or not finite, the fallback for images `width_px` wide."""
         matrix = np.asarray(k, np.float64).reshape(3, 3)
         coefficients = np.asarray(d, np.float64).ravel()
         if np.isfinite(matrix).all() and matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0:

@@ -33,7 +33,7 @@ def _family() -> tuple[cv2.aruco.Dictionary, int]:
 
 def _draw(dictionary: cv2.aruco.Dictionary, tag_id: int) -> NDArray[np.uint8]:
     # OpenCV 4.6 has drawMarker only, 4.7 and later generateImageMarker only.
-    draw = getattr(cv2.aruco, "generateImageMarker", None) or cv2.aruco.drawMarker
+    draw = getattr(cv2.aruco, "generateImageMarker", None) or getattr(cv2.aruco, "drawMarker")  # noqa: B009 - not in stubs
     return np.asarray(draw(dictionary, tag_id, MODULES) > 127, np.uint8)
 
 

@@ -6,8 +6,9 @@ bottom-right, bottom-left as an upright official print shows them, in pixels, th
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Iterable, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -112,7 +113,8 @@ class ArucoEngine:
         if self._detector is not None:
             corners, ids, _ = self._detector.detectMarkers(grey)
         else:
-            corners, ids, _ = cv2.aruco.detectMarkers(grey, self._dictionary, parameters=self._parameters)
+            detect_markers = getattr(cv2.aruco, "detectMarkers")  # noqa: B009 - newer stubs don't know it
+            corners, ids, _ = detect_markers(grey, self._dictionary, parameters=self._parameters)
         if ids is None:
             return []
         return [(int(i), np.asarray(c, np.float64).reshape(4, 2)) for i, c in zip(np.ravel(ids), corners)]
@@ -133,7 +135,7 @@ class ArucoEngine:
             yield tag_id, np.roll(corners, -self._first_corner, axis=0), 0
 
 
-ENGINES = {"apriltag": AprilTagEngine, "aruco": ArucoEngine}
+ENGINES: dict[str, Callable[[], TagEngine]] = {"apriltag": AprilTagEngine, "aruco": ArucoEngine}
 
 
 def make_engine(name: str = "auto") -> TagEngine:
@@ -148,8 +150,7 @@ def make_engine(name: str = "auto") -> TagEngine:
             return ArucoEngine()
     if name not in ENGINES:
         raise ValueError(f"unknown tag engine {name!r}; known: auto, {', '.join(ENGINES)}")
-    engine: TagEngine = ENGINES[name]()
-    return engine
+    return ENGINES[name]()
 
 
 def detect(grey: Grey, engine: TagEngine) -> list[TagDetection]:

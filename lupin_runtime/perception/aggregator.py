@@ -1,0 +1,360 @@
+"""Node `perception_aggregator`: sightings become tags on the map, detections become flowers in boxes."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+from geometry_msgs.msg import Point, Point32, Pose
+from lupin_msgs.msg import DiscoveredTag, DiscoveredTags, FlowerObservation, FlowerPoint, MissionState, Observation
+from lupin_msgs.srv import ConfirmTag
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from lupin_runtime import graph
+from lupin_runtime.geometry import quaternion_from_yaw
+from lupin_runtime.perception.blooms import CLASS_NAMES
+from lupin_runtime.perception.box_geometry import Box, BoxSize, MalformedBoxes, box_from_tag, read_boxes
+from lupin_runtime.perception.flowers import Accumulator, Finding, FlowerOptions
+from lupin_runtime.perception.map_motion import MapMotion
+from lupin_runtime.perception.messages import MalformedDetections, SeenTag, read_blooms, read_tags
+from lupin_runtime.perception.passive_observer import PassiveObserver
+from lupin_runtime.perception.poses import pose_message, pose_on_floor
+from lupin_runtime.perception.registry import KnownTag, Sighting, TagRegistry
+from lupin_runtime.ros import LupinNode, TransformListener, stamp_from_ns
+from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable
+
+# A detection and its transform travel on two topics, and the map's transform may lag behind the picture's stamp.
+PAIRING_TIMEOUT_S = 1.0
+SCANNING_STATES = ("INSPECTING", "MONITORING")
+
+
+@dataclass(frozen=True)
+class _Look:
+    """A `tag_<id>` transform that has arrived and waits for its detection, or for the map's transform."""
+
+    stamp_ns: int
+    parent: str
+    camera_from_tag: Transform
+    arrived_ns: int
+
+
+@dataclass
+class _Waiting:
+    """What has come of one tag and is not a sighting yet; `detections` are (arrival, near enough)."""
+
+    looks: deque[_Look] = field(default_factory=lambda: deque(maxlen=32))
+    detections: deque[tuple[int, bool]] = field(default_factory=lambda: deque(maxlen=32))
+
+
+class _TagTree(TransformTree):
+    """A transform tree that also notes every tag transform as it comes: tags are looked up at exactly those stamps, since
+    between two looks at a tag the robot may have been anywhere."""
+
+    def __init__(self, prefix: str, clock: Any) -> None:
+        super().__init__()
+        self._prefix, self._clock = prefix, clock
+        self.waiting: dict[str, _Waiting] = {}
+
+    def insert(self, parent: str, child: str, stamp_ns: int, transform: Transform, static: bool = False) -> None:
+        super().insert(parent, child, stamp_ns, transform, static)
+        if child.startswith(self._prefix):
+            look = _Look(stamp_ns, parent, transform, self._clock())
+            self.waiting.setdefault(child[len(self._prefix) :], _Waiting()).looks.append(look)
+
+
+class PerceptionAggregator(LupinNode):
+    """Fuses tag sightings in the map, answers whether a tag is in view, and reports the flowers of the pot in focus."""
+
+    def __init__(self, parameters: dict[str, Any] | None = None) -> None:
+        super().__init__("perception_aggregator", parameters)
+        self._declare()
+        self._tree = _TagTree(self._prefix, self.elapsed_clock_ns)
+        self._listener = TransformListener(self, self._tree)
+        self._registry = TagRegistry(self._min_sightings)
+        self._motion = MapMotion()
+        self._accumulator = Accumulator(self._options)
+        self._findings: dict[str, Finding] = {}
+        self._boxes: dict[str, Box] = {}
+        self._mission: MissionState | None = None
+        self._last_frame: list[SeenTag] = []
+        self._last_frame_ns: int | None = None
+        self._seen_ids: set[str] = set()
+        self._observer = PassiveObserver(self) if bool(self.parameter("passive_observer", False)) else None
+
+        row = graph.Topic
+        self._discovered = self.publisher(row(self._topics["discovered_tags"], graph.DISCOVERED_TAGS.type, graph.LATCHED1))
+        self._observations = self.publisher(row(self._topics["observations"], graph.OBSERVATIONS.type, graph.LATCHED50))
+        detections = graph.TAG_DETECTIONS
+        self.subscription(row(self._topics["tag_detections"], detections.type, detections.qos), self._on_tags)
+        self.subscription(row(self._topics["yolo_detections"], detections.type, detections.qos), self._on_blooms)
+        self.subscription(row(self._topics["mission_state"], graph.MISSION_STATE.type, graph.LATCHED1), self._on_mission)
+        self.subscription(row(self._topics["box_geometry"], graph.BOX_GEOMETRY.type, graph.LATCHED1), self._on_boxes)
+        # Fifty a second come, for one joint that is asked for a few times a minute: they are kept as bytes until then.
+        joints = row(self._topics["joint_states"], graph.JOINT_STATES.type, graph.REL1)
+        self._joint_bytes: bytes | None = None
+        self.subscription(joints, self._on_joint_bytes, raw=True)
+        self.service(graph.Service(str(self._confirm_service), graph.CONFIRM_TAG.type), self._confirm)
+        self.create_timer(1.0 / self._rate_hz, self._publish)
+
+    def _declare(self) -> None:
+        p = self.parameter
+        self._topics = {
+            "tag_detections": str(p("tag_detections_topic", graph.TAG_DETECTIONS.name)),
+            "yolo_detections": str(p("yolo_detections_topic", graph.FLOWER_DETECTIONS.name)),
+            "mission_state": str(p("mission_state_topic", graph.MISSION_STATE.name)),
+            "box_geometry": str(p("box_geometry_topic", graph.BOX_GEOMETRY.name)),
+            "discovered_tags": str(p("discovered_tags_topic", graph.DISCOVERED_TAGS.name)),
+            "observations": str(p("observations_topic", graph.OBSERVATIONS.name)),
+            "joint_states": str(p("joint_states_topic", graph.JOINT_STATES.name)),
+        }
+        self._confirm_service = p("confirm_service", graph.CONFIRM_TAG.name)
+        self._map_frame = str(p("map_frame", graph.MAP_FRAME))
+        self._odom_frame = str(p("odom_frame", graph.ODOM_FRAME))
+        self._base_frame = str(p("base_frame", graph.BASE_FRAME))
+        self._prefix = str(p("tf_frame_prefix", graph.TAG_FRAME_PREFIX))
+        self._min_sightings = int(p("min_sightings", 3))
+        self._max_distance_m = float(p("max_tag_distance_m", 2.5))
+        self._freshness_s = float(p("freshness_s", 5.0))
+        self._bloom_window_s = float(p("yolo_window_s", 2.0))
+        self._box_size = BoxSize(float(p("box_width", 0.80)), float(p("box_depth", 0.40)), float(p("box_height", 0.30)))
+        self._mount_height_m = float(p("tag_mount_height", 0.10))
+        self._lateral_offset_m = float(p("tag_lateral_offset", 0.0))
+        self._pan_joint = str(p("pan_joint_name", graph.ARM_JOINTS[0]))
+        self._rate_hz = max(0.2, float(p("publish_rate_hz", 2.0)))
+        self._options = FlowerOptions(
+            class_names=tuple(p("flower_class_names", list(CLASS_NAMES))),
+            anomaly_class_name=str(p("anomaly_class_name", "bug")),
+            min_confidence=float(p("yolo_min_confidence", 0.35)),
+            image_width=float(p("detection_image_width", 640)),
+            lateral_columns=max(1, int(p("lateral_columns", 7))),
+            base_depth_frac=float(p("flower_base_depth_frac", 0.5)),
+            depth_jitter_frac=float(p("flower_depth_jitter_frac", 0.18)),
+            pan_half_span_rad=float(p("pan_half_span", 0.5)),
+            camera_half_fov_rad=float(p("camera_half_fov", 0.5)),
+            gate=bool(p("flower_box_gate", True)),
+            gate_margin_m=float(p("flower_box_gate_margin_m", 0.10)),
+        )
+
+    # -- tags -------------------------------------------------------------------------------------------------------
+
+    def _on_tags(self, message: String) -> None:
+        try:
+            seen = read_tags(message.data)
+        except MalformedDetections as error:
+            self.get_logger().warning(f"tag detections dropped: {error}", throttle_duration_sec=5.0)
+            return
+        now_ns = self.elapsed_clock_ns()
+        self._last_frame, self._last_frame_ns = seen, now_ns
+        for tag in seen:
+            self._seen_ids.add(tag.id)
+            near = self._max_distance_m <= 0.0 or tag.dist_m <= self._max_distance_m
+            self._tree.waiting.setdefault(tag.id, _Waiting()).detections.append((now_ns, near))
+        self._settle()
+
+    def _settle(self) -> None:
+        """Turn what waits into sightings, as far as the transforms have come."""
+        now_ns = self.elapsed_clock_ns()
+        too_old_ns = now_ns - int(PAIRING_TIMEOUT_S * 1e9)
+        self._follow_map()
+        for tag_id, waiting in self._tree.waiting.items():
+            while waiting.looks and waiting.detections:
+                look, (_, near) = waiting.looks[0], waiting.detections[0]
+                if near and not self._place(tag_id, look) and look.arrived_ns > too_old_ns:
+                    break
+                waiting.looks.popleft()
+                waiting.detections.popleft()
+            while waiting.looks and waiting.looks[0].arrived_ns <= too_old_ns:
+                waiting.looks.popleft()
+            while waiting.detections and waiting.detections[0][0] <= too_old_ns:
+                waiting.detections.popleft()
+
+    def _place(self, tag_id: str, look: _Look) -> bool:
+        """Put one look on the map; False while its transform has not come."""
+        try:
+            map_from_camera = self._tree.lookup(self._map_frame, look.parent, look.stamp_ns)
+        except TransformUnavailable:
+            return False
+        self._registry.add(
+            tag_id,
+            Sighting(
+                look.stamp_ns,
+                map_from_camera @ look.camera_from_tag,
+                map_from_camera.translation,
+                self._motion.travelled,
+            ),
+        )
+        return True
+
+    def _follow_map(self) -> None:
+        """Let known tags move along where SLAM has moved the map under them."""
+        try:
+            stamp_ns = self._tree.newest_ns(self._map_frame, self._base_frame)
+            map_from_odom = self._tree.lookup(self._map_frame, self._odom_frame, stamp_ns)
+            odom_from_base = self._tree.lookup(self._odom_frame, self._base_frame, stamp_ns)
+        except TransformUnavailable:
+            return
+        jump = self._motion.update(pose_on_floor(map_from_odom), pose_on_floor(odom_from_base))
+        if jump is not None:
+            self._registry.follow(jump)
+            self.get_logger().info("the map moved: known tags were moved along")
+
+    def _publish(self) -> None:
+        self._settle()
+        message = DiscoveredTags()
+        message.header.stamp = stamp_from_ns(self.now_ns())
+        message.header.frame_id = self._map_frame
+        for tag in self._registry.discovered():
+            found = self._findings.get(tag.id, Finding())
+            message.tags.append(
+                DiscoveredTag(
+                    tag_id=tag.id,
+                    pose_in_map=pose_message(tag.pose),
+                    species=found.species,
+                    species_confidence=found.confidence,
+                    anomaly=found.anomaly,
+                    sightings=tag.sightings,
+                )
+            )
+        self._discovered.publish(message)
+        self._refocus()
+        if self._seen_ids and len(self._registry) == 0:
+            self.get_logger().warning(
+                f"tags {', '.join(sorted(self._seen_ids))} are seen but none can be placed: "
+                f"is there a transform {self._map_frame} -> {self._prefix}<id>, and a camera_info?",
+                throttle_duration_sec=10.0,
+            )
+        if self._observer is not None:
+            self._observer.tick(self._mission, self._registry.discovered())
+
+    def _confirm(self, request: ConfirmTag.Request, response: ConfirmTag.Response) -> ConfirmTag.Response:
+        self._settle()
+        now_ns = self.now_ns()
+        tag = self._registry.get(request.expected_tag_id)
+        problem = self._registry.doubt(request.expected_tag_id, now_ns, self._freshness_s)
+        seen = self._registry.sightings(request.expected_tag_id)
+        response.detected = problem is None
+        response.detection_confidence = min(1.0, seen / self._registry.min_sightings)
+        response.error_message = problem or ""
+        # The default of a Pose has w = 1, which would read as a pose at the origin.
+        response.tag_pose_in_map.orientation.w = 0.0
+        if problem is None and tag is not None:
+            response.tag_pose_in_map = pose_message(tag.pose)
+        return response
+
+    # -- flowers ----------------------------------------------------------------------------------------------------
+
+    def _on_mission(self, message: MissionState) -> None:
+        self._mission = message
+        self._refocus()
+
+    def _on_joint_bytes(self, data: bytes) -> None:
+        self._joint_bytes = data
+
+    def _pan_rad(self) -> float:
+        """The arm's pan, 0 until it is known."""
+        if self._joint_bytes is None:
+            return 0.0
+        message: JointState = deserialize_message(self._joint_bytes, JointState)
+        angle = dict(zip(message.name, message.position)).get(self._pan_joint, 0.0)
+        return float(angle) if math.isfinite(angle) else 0.0
+
+    def _on_boxes(self, message: String) -> None:
+        try:
+            self._boxes = read_boxes(message.data)
+        except MalformedBoxes as error:
+            self.get_logger().warning(f"box geometry dropped: {error}", throttle_duration_sec=5.0)
+
+    def _on_blooms(self, message: String) -> None:
+        try:
+            seen = read_blooms(message.data)
+        except MalformedDetections as error:
+            self.get_logger().warning(f"flower detections dropped: {error}", throttle_duration_sec=5.0)
+            return
+        self._refocus()
+        # The joint counts to the left, the picture's columns to the right.
+        self._accumulator.add(seen, -self._pan_rad(), 0.0)
+        self._report()
+
+    def _refocus(self) -> None:
+        self._accumulator.focus(self._focus())
+
+    def _focus(self) -> str | None:
+        """The tag whose pot is being looked at."""
+        mission = self._mission
+        if mission is not None and mission.lifecycle_state:
+            scanning = mission.lifecycle_state in SCANNING_STATES and mission.mission_phase == "SCANNING"
+            return mission.current_target or None if scanning else None
+        if self._last_frame_ns is None or self.elapsed_clock_ns() - self._last_frame_ns > self._bloom_window_s * 1e9:
+            return None
+        nearest = min(self._last_frame, key=lambda tag: tag.dist_m, default=None)
+        return nearest.id if nearest is not None else None
+
+    def _report(self) -> None:
+        """Publish what the pot in focus holds, where that is news."""
+        target = self._accumulator.target
+        if target is None:
+            return
+        tag = self._registry.get(target)
+        box, registered = self._boxes.get(target), target in self._boxes
+        if box is None and tag is not None:
+            box = box_from_tag(tag.pose.translation, tag.pose.rotation, self._box_size, self._lateral_offset_m, self._robot())
+        anchor, height_m = self._anchor(box, registered, tag)
+        finding = self._accumulator.finding(box, registered, (anchor.position.x, anchor.position.y))
+        if not finding.differs_from(self._findings.get(target)):
+            return
+        self._findings[target] = finding
+        self._observations.publish(self._observation(target, finding, box, anchor, height_m))
+
+    def _anchor(self, box: Box | None, registered: bool, tag: KnownTag | None) -> tuple[Pose, float]:
+        """Where the pot is, and how high its blooms stand."""
+        if registered and box is not None:
+            centre = box.centre()
+            pose = Pose(position=Point(x=centre.x, y=centre.y, z=box.size.height))
+            q = pose.orientation
+            q.x, q.y, q.z, q.w = quaternion_from_yaw(centre.yaw)
+            return pose, box.size.height
+        if tag is not None:
+            height_m = max(0.0, tag.pose.translation[2] - self._mount_height_m + self._box_size.height)
+            return pose_message(tag.pose), height_m
+        return Pose(), self._box_size.height
+
+    def _observation(self, target: str, finding: Finding, box: Box | None, anchor: Pose, height_m: float) -> Observation:
+        stamp = stamp_from_ns(self.now_ns())
+        flower = FlowerObservation(
+            tag_id=target,
+            species=finding.species,
+            confidence=finding.confidence,
+            anomaly=finding.anomaly,
+            flower_count=min(finding.flower_count, 65535),
+            bug_count=min(finding.bug_count, 65535),
+        )
+        flower.pose.header.stamp, flower.pose.header.frame_id = stamp, self._map_frame
+        flower.pose.pose = anchor
+        for bloom in finding.blooms:
+            point = FlowerPoint(species=bloom.species, confidence=bloom.confidence, anomaly=bloom.anomaly, height_m=height_m)
+            point.position.x, point.position.y = bloom.position
+            point.position.z = height_m
+            flower.flowers.append(point)
+        if box is not None:
+            flower.box_footprint.points = [Point32(x=x, y=y, z=0.0) for x, y in box.footprint()]
+        message = Observation(source="perception_aggregator", kind=Observation.KIND_FLOWER, flower=flower)
+        message.header.stamp, message.header.frame_id = stamp, self._map_frame
+        message.status = Observation.STATUS_OK
+        if self._mission is not None:
+            message.mission_id = self._mission.mission_id
+        message.tag_pose_in_map.orientation.w = 0.0
+        tag = self._registry.get(target)
+        if tag is not None and tag.sightings >= self._min_sightings:
+            message.tag_pose_in_map = pose_message(tag.pose)
+        return message
+
+    def _robot(self) -> tuple[float, float] | None:
+        try:
+            x, y, _ = self._tree.lookup(self._map_frame, self._base_frame).translation
+        except TransformUnavailable:
+            return None
+        return x, y

@@ -1,0 +1,113 @@
+"""Node `tag_annotator`: tags of the body camera as transforms and as JSON."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import cv2
+import numpy as np
+from geometry_msgs.msg import TransformStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+
+from lupin_runtime import graph
+from lupin_runtime.perception.images import ImageError, grey_pixels
+from lupin_runtime.perception.messages import tag_entry
+from lupin_runtime.perception.pose import Intrinsics, tag_pose
+from lupin_runtime.perception.tags import detect, make_engine
+from lupin_runtime.ros import LupinNode, TransformBroadcaster, stamp_ns
+from lupin_runtime.ros.tf import from_message, to_message
+from lupin_runtime.transforms import TransformTree, TransformUnavailable, rotate
+
+# A camera that publishes pictures but never its calibration gets the assumed one after this long.
+CALIBRATION_WAIT_S = 2.0
+
+
+class TagAnnotator(LupinNode):
+    """Finds the tags of each picture and publishes, per frame, `tag_<id>` transforms and the detections as JSON.
+
+    Only the newest picture is looked at: the subscription keeps one. It listens to `/tf_static` alone, which is enough to
+    know which way is up for a camera that is fixed to the base.
+    """
+
+    def __init__(self, parameters: dict[str, Any] | None = None) -> None:
+        super().__init__("tag_annotator", parameters)
+        # The renderer of a simulation, and everything else, wants the cores as well.
+        cv2.setNumThreads(1)
+        self._edge_m = float(self.parameter("tag_edge_m", 0.1))
+        self._base_frame = str(self.parameter("base_frame", graph.BASE_FRAME))
+        self._engine = make_engine(str(self.parameter("engine", "auto")))
+        name = str(self.parameter("image_topic", graph.BODY_IMAGE_SIM.name))
+        # Cameras of the vendor's stack offer best effort, which a reliable reader would never hear.
+        qos = graph.Qos(reliable=bool(self.parameter("reliable", True)), depth=1)
+        image = graph.Topic(name, graph.BODY_IMAGE_SIM.type, qos)
+        self._fixed = TransformTree()
+        self._info: CameraInfo | None = None
+        self._first_picture_ns: int | None = None
+        self._broadcaster = TransformBroadcaster(self)
+        self._detections = self.publisher(graph.TAG_DETECTIONS)
+        self.subscription(graph.TF_STATIC, self._on_static)
+        self.subscription(graph.camera_info(image), self._on_info)
+        compressed = bool(self.parameter("compressed", False))
+        self.subscription(graph.compressed(image) if compressed else image, self._on_image)
+        self.get_logger().info(f"looking for tag36h11 on {name} with {self._engine.name}")
+
+    def _on_static(self, message: TFMessage) -> None:
+        for item in message.transforms:
+            try:
+                self._fixed.insert(item.header.frame_id, item.child_frame_id, 0, from_message(item), static=True)
+            except ValueError as error:
+                self.get_logger().warning(f"dropped: {error}", throttle_duration_sec=5.0)
+
+    def _on_info(self, message: CameraInfo) -> None:
+        self._info = message
+
+    def _on_image(self, message: Image) -> None:
+        try:
+            grey = grey_pixels(message)
+        except ImageError as error:
+            self.get_logger().warning(f"picture dropped: {error}", throttle_duration_sec=5.0)
+            return
+        intrinsics = self._intrinsics(grey.shape[1])
+        if intrinsics is None:
+            return
+        frame = message.header.frame_id or graph.BODY_CAMERA_FRAME
+        up = self._up(frame)
+        time_ns = stamp_ns(message.header.stamp)
+        entries: dict[int, dict[str, Any]] = {}
+        transforms: list[TransformStamped] = []
+        for found in detect(grey, self._engine):
+            pose = tag_pose(found.corners, intrinsics, self._edge_m, up)
+            if pose is None or found.id in entries:
+                continue
+            entries[found.id] = tag_entry(found.id, found.corners, float(pose.translation[2]))
+            transforms.append(to_message(frame, f"{graph.TAG_FRAME_PREFIX}{found.id}", time_ns, pose.transform))
+        if transforms:
+            self._broadcaster.send(*transforms)
+        self._detections.publish(String(data=json.dumps(list(entries.values()))))
+
+    def _intrinsics(self, width_px: int) -> Intrinsics | None:
+        """The camera's calibration, the assumed one where it has none, None while one may still come."""
+        if self._info is not None:
+            # A driver may publish pictures smaller than the size it was calibrated at.
+            scale = width_px / self._info.width if self._info.width else 1.0
+            k = np.array(self._info.k, np.float64).reshape(3, 3) * np.array([[scale], [scale], [1.0]])
+            return Intrinsics.from_camera_info(k, np.array(self._info.d, np.float64), width_px)
+        now_ns = self.elapsed_clock_ns()
+        if self._first_picture_ns is None:
+            self._first_picture_ns = now_ns
+        if now_ns - self._first_picture_ns < CALIBRATION_WAIT_S * 1e9:
+            return None
+        self.get_logger().warning(
+            "no camera_info: distances are computed for the assumed camera (60 degrees wide)", throttle_duration_sec=60.0
+        )
+        return Intrinsics.fallback(width_px)
+
+    def _up(self, frame: str) -> NDArray[np.float64] | None:
+        try:
+            return np.array(rotate(self._fixed.lookup(frame, self._base_frame).rotation, (0.0, 0.0, 1.0)))
+        except TransformUnavailable:
+            return None

@@ -1,0 +1,82 @@
+"""Pixels of image messages as numpy arrays, whatever encoding the camera chose."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Pixels = NDArray[np.uint8]
+
+
+class ImageError(ValueError):
+    """An image message that holds no picture we can read; the message says what was found."""
+
+
+@dataclass(frozen=True)
+class _Encoding:
+    """Bytes a pixel, and OpenCV's conversions; None where the pixels already are that."""
+
+    channels: int
+    to_grey: int | None
+    to_bgr: int | None
+
+
+_ENCODINGS = {
+    "mono8": _Encoding(1, None, cv2.COLOR_GRAY2BGR),
+    "8UC1": _Encoding(1, None, cv2.COLOR_GRAY2BGR),
+    "rgb8": _Encoding(3, cv2.COLOR_RGB2GRAY, cv2.COLOR_RGB2BGR),
+    "bgr8": _Encoding(3, cv2.COLOR_BGR2GRAY, None),
+    "8UC3": _Encoding(3, cv2.COLOR_BGR2GRAY, None),
+    "rgba8": _Encoding(4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2BGR),
+    "bgra8": _Encoding(4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2BGR),
+    "yuv422_yuy2": _Encoding(2, cv2.COLOR_YUV2GRAY_YUY2, cv2.COLOR_YUV2BGR_YUY2),
+    "yuyv": _Encoding(2, cv2.COLOR_YUV2GRAY_YUY2, cv2.COLOR_YUV2BGR_YUY2),
+    "yuv422": _Encoding(2, cv2.COLOR_YUV2GRAY_UYVY, cv2.COLOR_YUV2BGR_UYVY),
+}
+
+
+def grey_pixels(message: Any) -> Pixels:
+    """(height, width) of a sensor_msgs Image or CompressedImage. Raises ImageError."""
+    if hasattr(message, "format"):
+        return _decompress(message, cv2.IMREAD_GRAYSCALE)
+    return _convert(message, lambda encoding: encoding.to_grey)
+
+
+def bgr_pixels(message: Any) -> Pixels:
+    """(height, width, 3), blue first, of a sensor_msgs Image or CompressedImage. Raises ImageError."""
+    if hasattr(message, "format"):
+        return _decompress(message, cv2.IMREAD_COLOR)
+    return _convert(message, lambda encoding: encoding.to_bgr)
+
+
+def _convert(message: Any, conversion: Callable[[_Encoding], int | None]) -> Pixels:
+    encoding = _ENCODINGS.get(message.encoding)
+    if encoding is None:
+        raise ImageError(f"image encoding {message.encoding!r} is not one of {', '.join(_ENCODINGS)}")
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    row = width * encoding.channels
+    step = step or row
+    data = np.frombuffer(message.data, np.uint8)
+    if height <= 0 or width <= 0 or step < row or data.size < step * height:
+        raise ImageError(
+            f"an image of {width} x {height} {message.encoding} with rows of {step} bytes needs {step * height} bytes, "
+            f"not {data.size}"
+        )
+    pixels = data[: step * height].reshape(height, step)[:, :row]
+    if encoding.channels > 1:
+        pixels = pixels.reshape(height, width, encoding.channels)
+    code = conversion(encoding)
+    return pixels if code is None else np.asarray(cv2.cvtColor(np.ascontiguousarray(pixels), code), np.uint8)
+
+
+def _decompress(message: Any, flags: int) -> Pixels:
+    data = np.frombuffer(message.data, np.uint8)
+    pixels = cv2.imdecode(data, flags) if data.size else None
+    if pixels is None:
+        raise ImageError(f"{data.size} bytes of {message.format!r} are no picture that OpenCV can decode")
+    return np.asarray(pixels, np.uint8)

@@ -1,0 +1,144 @@
+"""Notices when the map moves under the robot, and says how much of that each stretch of its path has moved.
+
+A tag is placed in the map as the map is at that moment. When SLAM closes a loop, the poses of the loop shift, each by its
+own amount, and tags seen from them have to shift along. The graph only tells the shift of the newest pose (`map` -> `odom`
+jumps), but the path since the place that was met again is known, and so is how odometry errs: the shift spreads over that
+path as it does over a chain of equally uncertain motions with fixed ends (Lu & Milios 1997, linearised).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.geometry import Pose2, wrap_angle
+
+Array = NDArray[np.float64]
+
+PATH_STEP_M = 0.2
+TURN_LEVER_M = 0.3  # a turn in place counts as this many metres a radian: wheels slip in turns too
+MAX_PATH = 2000
+
+# Scan matching corrects the newest pose by centimetres, which is tracking; a closed loop moves old places along.
+JUMP_M = 0.08
+JUMP_RAD = 0.03
+# Further than any loop is closed from: the map was cleared, or the robot was put elsewhere.
+NEW_MAP_M = 3.0
+NEW_MAP_RAD = 1.0
+
+LOOP_MIN_M = 3.0  # of path between a place and its second visit
+LOOP_REACH_M = 4.0  # a lidar recognises a place from this far
+# Odometry's uncertainty a metre: ratio of turning (rad) to sliding (m). Only the ratio matters.
+TURN_SIGMA, SLIDE_SIGMA = 0.02, 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class MapJump:
+    """One jump: how far each metre of the path moved. Stations are path lengths, ascending; outside them nothing moves
+    before the first, and everything moves like the last after the last."""
+
+    stations: Array
+    x: Array
+    y: Array
+    shift_x: Array
+    shift_y: Array
+    turn: Array
+    whole: Pose2 | None = None
+
+    def motion_at(self, travelled: float) -> Pose2:
+        """new_map_from_old_map for what was seen from the path at `travelled` metres."""
+        if self.whole is not None:
+            return self.whole
+        x, y, dx, dy, turn = (
+            float(np.interp(travelled, self.stations, values))
+            for values in (self.x, self.y, self.shift_x, self.shift_y, self.turn)
+        )
+        # Turn about the robot's place, then shift.
+        c, s = math.cos(turn), math.sin(turn)
+        return Pose2(x + dx - c * x + s * y, y + dy - s * x - c * y, turn)
+
+
+class MapMotion:
+    """Follows the robot's path in the map, and spots jumps of the map."""
+
+    def __init__(self) -> None:
+        self.travelled = 0.0
+        self._map_from_odom: Pose2 | None = None
+        self._last_odom: Pose2 | None = None
+        self._stations: list[float] = []
+        self._path: list[Pose2] = []
+        self._last_jump = 0.0
+
+    def update(self, map_from_odom: Pose2, odom_from_base: Pose2) -> MapJump | None:
+        """Take the newest transforms, both of about the same time; a jump if the map has moved since the last call."""
+        if self._last_odom is not None:
+            step = self._last_odom.inverse() @ odom_from_base
+            self.travelled += math.hypot(step.x, step.y) + TURN_LEVER_M * abs(step.yaw)
+        self._last_odom = odom_from_base
+        before, self._map_from_odom = self._map_from_odom, map_from_odom
+        jump = None
+        if before is not None:
+            was, now = before @ odom_from_base, map_from_odom @ odom_from_base
+            turned = wrap_angle(now.yaw - was.yaw)
+            if was.distance_to(now) > JUMP_M or abs(turned) > JUMP_RAD:
+                jump = self._jump(was, now, turned)
+                self._follow(jump)
+        self._extend(map_from_odom @ odom_from_base)
+        return jump
+
+    def _extend(self, pose: Pose2) -> None:
+        if not self._stations or self.travelled - self._stations[-1] >= PATH_STEP_M:
+            self._stations.append(self.travelled)
+            self._path.append(pose)
+        if len(self._path) > MAX_PATH:
+            del self._path[: MAX_PATH // 4], self._stations[: MAX_PATH // 4]
+
+    def _jump(self, was: Pose2, now: Pose2, turned: float) -> MapJump:
+        empty = np.zeros(1)
+        if was.distance_to(now) > NEW_MAP_M or abs(turned) > NEW_MAP_RAD or len(self._path) < 2:
+            return MapJump(empty, empty, empty, empty, empty, empty, whole=now @ was.inverse())
+        first = self._first_moved(now)
+        stations = np.array([*self._stations[first:], self.travelled])
+        poses = [*self._path[first:], was]
+        x, y = np.array([p.x for p in poses]), np.array([p.y for p in poses])
+        length = np.maximum(np.diff(stations), 1e-6)
+        # Edge k errs at its own middle: by a slide and a turn about it. At the far end of the path the errors add up to
+        # the jump; the least likely-weighted ones that do are the pose graph's answer.
+        mx, my = (x[:-1] + x[1:]) / 2.0, (y[:-1] + y[1:]) / 2.0
+        slide, turn = SLIDE_SIGMA**2 * length, TURN_SIGMA**2 * length
+        rx, ry = -(y[-1] - my), x[-1] - mx
+        normal = np.array(
+            [
+                [np.sum(slide + turn * rx * rx), np.sum(turn * rx * ry), np.sum(turn * rx)],
+                [np.sum(turn * rx * ry), np.sum(slide + turn * ry * ry), np.sum(turn * ry)],
+                [np.sum(turn * rx), np.sum(turn * ry), np.sum(turn)],
+            ]
+        )
+        multipliers = np.linalg.solve(normal, np.array([now.x - was.x, now.y - was.y, turned]))
+        slide_x, slide_y = slide * multipliers[0], slide * multipliers[1]
+        turns = turn * (rx * multipliers[0] + ry * multipliers[1] + multipliers[2])
+        total = np.concatenate([[0.0], np.cumsum(turns)])
+        # Shift of station i: all slides before it, and every earlier turn's lever arm to it.
+        lever_x = np.concatenate([[0.0], np.cumsum(turns * my)]) - total * y
+        lever_y = total * x - np.concatenate([[0.0], np.cumsum(turns * mx)])
+        shift_x = np.concatenate([[0.0], np.cumsum(slide_x)]) + lever_x
+        shift_y = np.concatenate([[0.0], np.cumsum(slide_y)]) + lever_y
+        self._last_jump = self.travelled
+        return MapJump(stations, x, y, shift_x, shift_y, total)
+
+    def _first_moved(self, now: Pose2) -> int:
+        """Index of the place that was met again: the older visit nearest to where the robot turned out to be."""
+        old = [i for i, station in enumerate(self._stations) if station <= self.travelled - LOOP_MIN_M]
+        if old:
+            nearest = min(old, key=lambda i: self._path[i].distance_to(now))
+            if self._path[nearest].distance_to(now) <= LOOP_REACH_M:
+                return min(nearest, len(self._path) - 2)
+        # No loop: whatever went wrong did so since the map last moved.
+        since = next((i for i, station in enumerate(self._stations) if station >= self._last_jump), 0)
+        return min(since, len(self._path) - 2)
+
+    def _follow(self, jump: MapJump) -> None:
+        self._path = [jump.motion_at(station) @ pose for station, pose in zip(self._stations, self._path)]

@@ -1,0 +1,7 @@
+"""The nodes of perception, where the stack table looks for them."""
+
+from lupin_runtime.perception.aggregator import PerceptionAggregator
+from lupin_runtime.perception.annotator import TagAnnotator
+from lupin_runtime.perception.flower_nodes import SimFlowerDetector, YoloDetector
+
+__all__ = ["PerceptionAggregator", "SimFlowerDetector", "TagAnnotator", "YoloDetector"]
