@@ -218,6 +218,7 @@ def arm_joint_angle(joint: str) -> Service:
 # -- actions ----------------------------------------------------------------------------------------------------------
 NAVIGATE_TO_POSE = Action("navigate_to_pose", "nav2_msgs/action/NavigateToPose")
 NAVIGATE_THROUGH_POSES = Action("navigate_through_poses", "nav2_msgs/action/NavigateThroughPoses")
+COMPUTE_PATH_TO_POSE = Action("compute_path_to_pose", "nav2_msgs/action/ComputePathToPose")
 GRIPPER_COMMAND = Action("/mirte_master_gripper_controller/gripper_cmd", "control_msgs/action/GripperCommand")
 ARM_FOLLOW_TRAJECTORY = Action(
     "/mirte_master_arm_controller/follow_joint_trajectory", "control_msgs/action/FollowJointTrajectory"
