@@ -156,7 +156,7 @@ def _add_sensors(spec: mujoco.MjSpec, base: mujoco.MjsBody) -> None:
 
 def _add_leds(spec: mujoco.MjSpec, base: mujoco.MjsBody) -> None:
     """A strip around the deck: four on the left, four behind, four on the right."""
-    spec.add_material(name="led", emission=1.0, specular=0.0, shininess=0.0, reflectance=0.0)
+    spec.add_material(name="led", emission=0.3, specular=0.0, shininess=0.0, reflectance=0.0)
     left = [(0.015 - 0.04 * i, 0.084) for i in range(4)]
     rear = [(-0.124, 0.054 - 0.036 * i) for i in range(4)]
     right = [(x, -y) for x, y in reversed(left)]

@@ -31,9 +31,10 @@ _STEM = (0.22, 0.52, 0.18, 1.0)
 _LEAF = (0.28, 0.58, 0.22, 1.0)
 _WOOD = (0.60, 0.44, 0.20, 1.0)
 _RIM = (0.50, 0.37, 0.16, 1.0)
-_SOIL = (0.44, 0.32, 0.17, 1.0)
+_SOIL = (0.36, 0.26, 0.15, 1.0)
 _CRATE = (0.26, 0.46, 0.58, 1.0)
 _PILLAR = (0.36, 0.50, 0.42, 1.0)
+_LAWN = (0.34, 0.50, 0.24, 1.0)
 _WALL = (0.46, 0.62, 0.56, 1.0)
 
 
@@ -91,16 +92,16 @@ def _light(spec: mujoco.MjSpec, world: World, look: Look) -> None:
     spec.stat.extent = 1.0  # near and far are multiples of it
     x0, y0, x1, y1 = world.bounds
     spec.stat.center = [(x0 + x1) / 2, (y0 + y1) / 2, 0.0]
-    spec.visual.headlight.ambient = [0.42] * 3
-    spec.visual.headlight.diffuse = [0.28] * 3
+    spec.visual.headlight.ambient = [0.47] * 3
+    spec.visual.headlight.diffuse = [0.30] * 3
     spec.visual.headlight.specular = [0.0] * 3
-    # Shadows of a directional light cover this range around it.
-    spec.visual.map.shadowclip = max(x1 - x0, y1 - y0) * 0.75
+    # A directional light's shadow map covers this half width around it; at its edges it speckles, so it is ample.
+    spec.visual.map.shadowclip = max(x1 - x0, y1 - y0) * 1.2
     spec.worldbody.add_light(
-        pos=[(x0 + x1) / 2 - 1.5, (y0 + y1) / 2 - 2.0, 6.0],
+        pos=[(x0 + x1) / 2 - 1.5, (y0 + y1) / 2 - 2.0, 6.0],  # upstream of the middle of the floor
         dir=[0.25, 0.33, -1.0],
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        diffuse=[0.42] * 3,
+        diffuse=[0.50] * 3,
         specular=[0.0] * 3,
         castshadow=look.shadow_px > 0,
     )
@@ -120,23 +121,34 @@ def _floor(spec: mujoco.MjSpec, world: World) -> None:
         name="floor",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.41, 0.43, 0.38],
-        rgb2=[0.36, 0.38, 0.335],
+        rgb1=[0.40, 0.44, 0.36],
+        rgb2=[0.355, 0.39, 0.32],
         width=256,
         height=256,
     )
     x0, y0, x1, y1 = world.bounds
     material = spec.add_material(name="floor", texrepeat=[(x1 - x0) / 2, (y1 - y0) / 2], specular=0, reflectance=0)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
+    # Boxes, not planes: the renderer cuts planes into a mesh that costs as much as everything else together.
     spec.worldbody.add_geom(
         name="floor",
-        type=_GEOM.mjGEOM_PLANE,
-        size=[(x1 - x0) / 2 + 0.2, (y1 - y0) / 2 + 0.2, 0.1],
-        pos=[(x0 + x1) / 2, (y0 + y1) / 2, 0],
+        type=_GEOM.mjGEOM_BOX,
+        size=[(x1 - x0) / 2 + 0.2, (y1 - y0) / 2 + 0.2, 0.01],
+        pos=[(x0 + x1) / 2, (y0 + y1) / 2, -0.01],
         material="floor",
         contype=4,
         conaffinity=0,
         group=WORLD_GROUP,
+    )
+    # Lawn outside: pictures look better with the greenhouse standing on something.
+    spec.worldbody.add_geom(
+        name="lawn",
+        type=_GEOM.mjGEOM_BOX,
+        size=[30.0, 30.0, 0.01],
+        pos=[(x0 + x1) / 2, (y0 + y1) / 2, -0.035],
+        rgba=list(_LAWN),
+        group=WORLD_GROUP,
+        **_VISUAL,
     )
 
 

@@ -12,7 +12,7 @@ TAG_PLATE_M = 0.125  # with the white quiet zone, one module on each side
 TAG_HEIGHT_M = 0.15  # plate centre above the floor
 BOX_HEIGHT_M = 0.30
 WALL_THICKNESS_M = 0.10
-WALL_HEIGHT_M = 1.0
+WALL_HEIGHT_M = 0.5  # above the lidar and the body camera, low enough for people's pictures to look over it
 SPECIES = ("tulip_red", "tulip_white", "tulip_pink")
 
 
@@ -64,7 +64,7 @@ class Pillar:
     x: float
     y: float
     radius: float
-    height: float = 1.0
+    height: float = 0.7
 
 
 @dataclass(frozen=True)
