@@ -1,0 +1,276 @@
+"""The action servers: navigate_to_pose, navigate_through_poses and compute_path_to_pose on one single-threaded executor.
+
+rclpy runs an execute callback to its end on the executor's thread. Here it is a coroutine that awaits a future, so goals,
+cancellations and timers are served while a goal is under way; the control loop sets the future.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.task import Future
+
+from lupin_runtime import graph
+from lupin_runtime.geometry import Pose2
+from lupin_runtime.navigation.executive import Failure, Progress
+from lupin_runtime.navigation.messages import duration_message, path_message, pose_message
+from lupin_runtime.navigation.plan_worker import Ticket
+from lupin_runtime.navigation.planning import NoPath
+from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.node import interface
+
+# A pose of any known frame as a pose of the map; raises ValueError with the reason why it can't be one.
+Locate = Callable[[PoseStamped], Pose2]
+
+
+def error_number(failure: Failure) -> int:
+    """A failure as the number that the installed nav2_msgs gives it."""
+    action, constant = failure.value.split(".")
+    return int(getattr(interface(f"nav2_msgs/action/{action}").Result, constant))
+
+
+def result_message(action: graph.Action, failure: Failure | None, reason: str) -> Any:
+    """The action's result; releases before Jazzy have no error code, most no message."""
+    result = interface(action.type).Result()
+    if failure is not None and hasattr(result, "error_code"):
+        result.error_code = error_number(failure)
+    if hasattr(result, "error_msg"):
+        result.error_msg = reason
+    return result
+
+
+@dataclass
+class _Session:
+    action: graph.Action
+    handle: Any
+    done: Future
+
+
+class NavigationServer:
+    """Both navigation actions, of which one goal at a time is under way.
+
+    A new goal, of either action, ends the one before it as ABORTED, as Nav2's action server does on preemption.
+    """
+
+    def __init__(
+        self,
+        node: LupinNode,
+        locate: Locate,
+        start: Callable[[Sequence[Pose2]], None],
+        stop: Callable[[], None],
+    ) -> None:
+        self._node = node
+        self._locate = locate
+        self._start = start
+        self._stop = stop
+        self._session: _Session | None = None
+        self._futures: dict[bytes, Future] = {}
+        self._servers = [self._serve(action) for action in (graph.NAVIGATE_TO_POSE, graph.NAVIGATE_THROUGH_POSES)]
+
+    @property
+    def active(self) -> bool:
+        """Whether a goal is under way."""
+        return self._session is not None
+
+    @property
+    def cancel_requested(self) -> bool:
+        """Whether the goal under way is to be cancelled."""
+        return self._session is not None and bool(self._session.handle.is_cancel_requested)
+
+    def finish(self, failure: Failure | None, reason: str = "") -> None:
+        """End the goal under way: CANCELED if that was asked for, else SUCCEEDED or ABORTED."""
+        session, self._session = self._session, None
+        if session is None:
+            return
+        if session.handle.is_cancel_requested:
+            session.handle.canceled()
+        elif failure is None and not reason:
+            session.handle.succeed()
+        else:
+            session.handle.abort()
+        session.done.set_result(result_message(session.action, failure, reason))
+
+    def feedback(self, pose: Pose2, progress: Progress) -> None:
+        """Tell the client how far it is."""
+        session = self._session
+        if session is None or not session.handle.is_active:
+            return
+        message = interface(session.action.type).Feedback()
+        message.current_pose = pose_message(pose, self._node.now_ns())
+        message.navigation_time = duration_message(progress.navigation_time_s)
+        message.estimated_time_remaining = duration_message(progress.estimated_time_remaining_s)
+        message.number_of_recoveries = progress.recoveries
+        # Before the first plan nobody knows; Nav2 says 0 then.
+        finite = progress.distance_remaining_m < 1e6
+        message.distance_remaining = progress.distance_remaining_m if finite else 0.0
+        if hasattr(message, "number_of_poses_remaining"):
+            message.number_of_poses_remaining = progress.poses_remaining
+        session.handle.publish_feedback(message)
+
+    def close(self) -> None:
+        """End what is under way and take the servers from the graph."""
+        self.finish(None, "navigation shuts down")
+        for server in self._servers:
+            server.destroy()
+
+    def _serve(self, action: graph.Action) -> ActionServer:
+        return ActionServer(
+            self._node,
+            interface(action.type),
+            action.name,
+            execute_callback=self._execute,
+            goal_callback=lambda goal: self._judge(action, goal),
+            handle_accepted_callback=lambda handle: self._accept(action, handle),
+            cancel_callback=self._cancel,
+        )
+
+    @staticmethod
+    def _poses(action: graph.Action, goal: Any) -> list[PoseStamped]:
+        return [goal.pose] if action is graph.NAVIGATE_TO_POSE else list(goal.poses)
+
+    def _judge(self, action: graph.Action, goal: Any) -> GoalResponse:
+        poses = self._poses(action, goal)
+        try:
+            if not poses:
+                raise ValueError("no poses")
+            for pose in poses:
+                self._locate(pose)
+        except ValueError as error:
+            self._node.get_logger().error(f"{action.name} refused: {error}")
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _accept(self, action: graph.Action, handle: Any) -> None:
+        self.finish(None, "a newer goal has replaced this one")
+        session = _Session(action, handle, Future())
+        self._futures[bytes(handle.goal_id.uuid)] = session.done
+        handle.execute()
+        self._session = session
+        try:
+            poses = [self._locate(pose) for pose in self._poses(action, handle.request)]
+        except ValueError as error:  # the transform went between request and acceptance
+            self.finish(Failure.TF_ERROR, str(error))
+            return
+        self._start(poses)
+
+    def _cancel(self, handle: Any) -> CancelResponse:
+        if self._session is not None and handle is self._session.handle:
+            self._stop()
+        return CancelResponse.ACCEPT
+
+    async def _execute(self, handle: Any) -> Any:
+        key = bytes(handle.goal_id.uuid)
+        result = await self._futures[key]
+        del self._futures[key]
+        return result
+
+
+@dataclass
+class _PathRequest:
+    handle: Any
+    ticket: Ticket
+    done: Future
+    yaw: float
+    since_s: float
+
+
+class PathServer:
+    """compute_path_to_pose: whether a place can be reached, and how, without going there."""
+
+    def __init__(
+        self,
+        node: LupinNode,
+        locate: Locate,
+        here: Callable[[], Pose2 | None],
+        submit: Callable[[Pose2, Sequence[Pose2], Pose2 | None], Ticket],
+        now_s: Callable[[], float],
+        timeout_s: float = 5.0,
+    ) -> None:
+        self._node = node
+        self._locate = locate
+        self._here = here
+        self._submit = submit
+        self._now_s = now_s
+        self._timeout_s = timeout_s
+        self._requests: list[_PathRequest] = []
+        self._futures: dict[bytes, Future] = {}
+        self._server = ActionServer(
+            node,
+            interface(graph.COMPUTE_PATH_TO_POSE.type),
+            graph.COMPUTE_PATH_TO_POSE.name,
+            execute_callback=self._execute,
+            goal_callback=self._judge,
+            handle_accepted_callback=self._accept,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    def poll(self) -> None:
+        """Answer what the planner has answered; call it every control cycle."""
+        now_s = self._now_s()
+        for request in list(self._requests):
+            answer = request.ticket.answer
+            late = now_s - request.since_s > self._timeout_s
+            if request.handle.is_cancel_requested:
+                request.ticket.abandoned = True
+                self._end(request, request.handle.canceled, None, "cancelled")
+            elif isinstance(answer, NoPath):
+                self._end(request, request.handle.abort, Failure[answer.failure.name], str(answer))
+            elif answer is not None:
+                result = result_message(graph.COMPUTE_PATH_TO_POSE, None, "")
+                result.path = path_message(answer.points, request.yaw, self._node.now_ns())
+                result.planning_time = duration_message(request.ticket.planning_time_s)
+                self._requests.remove(request)
+                request.handle.succeed()
+                request.done.set_result(result)
+            elif late:
+                request.ticket.abandoned = True
+                reason = f"no plan within {self._timeout_s:.0f} s; is there a map on {graph.MAP.name}?"
+                self._end(request, request.handle.abort, Failure.PLANNING_TIMED_OUT, reason)
+
+    def close(self) -> None:
+        """End what waits and take the server from the graph."""
+        for request in list(self._requests):
+            self._end(request, request.handle.abort, None, "navigation shuts down")
+        self._server.destroy()
+
+    def _end(self, request: _PathRequest, transition: Callable[[], None], failure: Failure | None, reason: str) -> None:
+        self._requests.remove(request)
+        transition()
+        request.done.set_result(result_message(graph.COMPUTE_PATH_TO_POSE, failure, reason))
+
+    def _judge(self, goal: Any) -> GoalResponse:
+        try:
+            self._locate(goal.goal)
+            if goal.use_start:
+                self._locate(goal.start)
+        except ValueError as error:
+            self._node.get_logger().error(f"{graph.COMPUTE_PATH_TO_POSE.name} refused: {error}")
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _accept(self, handle: Any) -> None:
+        done = self._futures[bytes(handle.goal_id.uuid)] = Future()
+        handle.execute()
+        here = self._here()
+        try:
+            goal = self._locate(handle.request.goal)
+            start = self._locate(handle.request.start) if handle.request.use_start else here
+        except ValueError:
+            start = None
+        if start is None:
+            handle.abort()
+            reason = f"no transform {graph.MAP_FRAME} -> {graph.BASE_FRAME}"
+            done.set_result(result_message(graph.COMPUTE_PATH_TO_POSE, Failure.NO_POSE, reason))
+            return
+        ticket = self._submit(start, (goal,), here)
+        self._requests.append(_PathRequest(handle, ticket, done, goal.yaw, self._now_s()))
+
+    async def _execute(self, handle: Any) -> Any:
+        key = bytes(handle.goal_id.uuid)
+        result = await self._futures[key]
+        del self._futures[key]
+        return result

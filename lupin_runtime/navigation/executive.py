@@ -1,0 +1,379 @@
+"""The executive: plan, follow, check, recover, give up with a reason. What Nav2's behaviour tree does, as a plain object.
+
+It knows no ROS: a caller feeds it a `View` at the controller's frequency and drives what it returns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.geometry import Pose2
+from lupin_runtime.navigation.checkers import GoalChecker, GoalTolerance, ProgressChecker
+from lupin_runtime.navigation.costmap import Costmap
+from lupin_runtime.navigation.following import TrackedPath
+from lupin_runtime.navigation.mppi import MppiController, NoValidControl
+from lupin_runtime.navigation.planning import NoPath, Plan
+from lupin_runtime.navigation.recoveries import STANDSTILL, BackUp, Behaviour, BehaviourLimits, Spin, Velocity, Wait
+
+
+class Failure(Enum):
+    """Why a navigation ended without success. Values are names of error constants of nav2_msgs, whose numbers differ between
+    its releases: those of FollowPath and of ComputePathToPose, as Nav2's navigators pass them on."""
+
+    TF_ERROR = "FollowPath.TF_ERROR"
+    FAILED_TO_MAKE_PROGRESS = "FollowPath.FAILED_TO_MAKE_PROGRESS"
+    NO_VALID_CONTROL = "FollowPath.NO_VALID_CONTROL"
+    # Nav2's controller says so where its costmap stays out of date.
+    SENSOR_LOST = "FollowPath.CONTROLLER_TIMED_OUT"
+    START_OUTSIDE_MAP = "ComputePathToPose.START_OUTSIDE_MAP"
+    GOAL_OUTSIDE_MAP = "ComputePathToPose.GOAL_OUTSIDE_MAP"
+    START_OCCUPIED = "ComputePathToPose.START_OCCUPIED"
+    GOAL_OCCUPIED = "ComputePathToPose.GOAL_OCCUPIED"
+    NO_POSE = "ComputePathToPose.TF_ERROR"
+    PLANNING_TIMED_OUT = "ComputePathToPose.TIMEOUT"
+    NO_VALID_PATH = "ComputePathToPose.NO_VALID_PATH"
+
+
+@dataclass(frozen=True)
+class View:
+    """What the robot knows at one tick. Poses are None where the transform is missing or too old."""
+
+    now_s: float
+    odom_from_base: Pose2 | None
+    map_from_odom: Pose2 | None
+    velocity: Velocity
+    local: Costmap | None
+    # Why the lidar can't be trusted, or None.
+    blind: str | None = None
+    halted: bool = False
+
+
+@dataclass(frozen=True)
+class Step:
+    """What to do now: `velocity` to drive; `finished`, with a `failure` or without, once the navigation is over."""
+
+    velocity: Velocity
+    finished: bool = False
+    failure: Failure | None = None
+    reason: str = ""
+    new_path: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What feedback carries."""
+
+    distance_remaining_m: float = math.inf
+    navigation_time_s: float = 0.0
+    estimated_time_remaining_s: float = 0.0
+    recoveries: int = 0
+    poses_remaining: int = 0
+
+
+class PlanSource(Protocol):
+    """Where plans come from: another thread, or a function in a test."""
+
+    def request(self, start: Pose2, goals: Sequence[Pose2]) -> None:
+        """Ask for a path from `start` through the goals (map frame); replaces a request that still waits."""
+        ...
+
+    def take(self) -> Plan | NoPath | None:
+        """The answer to the last request, once; None while there is none."""
+        ...
+
+    def clear(self) -> None:
+        """Forget the obstacles that are not in the map."""
+        ...
+
+
+@dataclass(frozen=True)
+class ExecutiveParameters:
+    """Times in seconds, distances in metres."""
+
+    planner_period_s: float = 1.0
+    blocked_replan_s: float = 0.4
+    planning_timeout_s: float = 5.0
+    failure_tolerance: float = 0.3
+    required_movement_radius: float = 0.5
+    required_movement_angle: float = 0.5
+    movement_time_allowance: float = 10.0
+    max_recoveries: int = 6
+    blind_patience_s: float = 10.0
+    off_path_m: float = 0.6
+    passed_radius_m: float = 0.7
+    tolerance: GoalTolerance = field(default_factory=GoalTolerance)
+    behaviours: BehaviourLimits = field(default_factory=BehaviourLimits)
+
+
+class _Phase(Enum):
+    IDLE = "idle"
+    PLANNING = "planning"
+    FOLLOWING = "following"
+    RECOVERING = "recovering"
+
+
+class Executive:
+    """One navigation at a time. `start` replaces what runs; `tick` until it says finished."""
+
+    def __init__(
+        self,
+        planner: PlanSource,
+        controller: MppiController | None = None,
+        parameters: ExecutiveParameters | None = None,
+        clear_local: Callable[[], None] = lambda: None,
+        log: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._planner = planner
+        self._controller = controller or MppiController()
+        self._p = parameters or ExecutiveParameters()
+        self._clear_local = clear_local
+        self._log = log
+        self._goal_checker = GoalChecker(self._p.tolerance)
+        self._progress_checker = ProgressChecker(
+            self._p.required_movement_radius, self._p.required_movement_angle, self._p.movement_time_allowance
+        )
+        self._phase = _Phase.IDLE
+        self._goals: list[Pose2] = []
+
+    @property
+    def active(self) -> bool:
+        """Whether a navigation runs."""
+        return self._phase is not _Phase.IDLE
+
+    def start(self, goals: Sequence[Pose2], now_s: float) -> None:
+        """Navigate through these poses of the map frame to the last of them."""
+        if not goals:
+            raise ValueError("a navigation needs at least one pose")
+        self._goals = list(goals)
+        self._target = self._goals[-1]
+        self._path: TrackedPath | None = None
+        self._started_s = now_s
+        self._driven_m = 0.0
+        self._last_pose: Pose2 | None = None
+        self._recoveries = 0
+        self._behaviour: Behaviour | None = None
+        self._planning_since_s: float | None = None
+        self._last_request_s = -math.inf
+        self._retried = False
+        self._blocked = False
+        self._blind_since_s: float | None = None
+        self._invalid_since_s: float | None = None
+        self._goal_checker.reset()
+        self._progress_checker.reset()
+        self._controller.reset()
+        self._phase = _Phase.PLANNING
+
+    def stop(self) -> None:
+        """End without a verdict: cancelled, or replaced."""
+        self._phase = _Phase.IDLE
+        self._goals = []
+
+    def progress(self, now_s: float) -> Progress:
+        """For feedback; the estimate takes the mean speed so far, at least a fifth of the top speed."""
+        if not self.active:
+            return Progress()
+        remaining = math.inf if self._path is None else self._path.remaining_m
+        elapsed = now_s - self._started_s
+        speed = max(self._driven_m / elapsed if elapsed > 1.0 else 0.0, 0.2 * self._controller.parameters.vx_max)
+        eta = remaining / speed if math.isfinite(remaining) else 0.0
+        return Progress(remaining, elapsed, eta, self._recoveries, len(self._goals))
+
+    def tick(self, view: View) -> Step:
+        """One cycle."""
+        if not self.active:
+            return Step(STANDSTILL, finished=True)
+        robot, base, map_from_odom = self._robot(view), view.odom_from_base, view.map_from_odom
+        if view.halted:
+            # Whoever pressed the button decides how long; only what waits for the robot itself stands still with it.
+            self._hold()
+            return Step(STANDSTILL)
+        lost = self._lost(view)
+        if lost is not None or robot is None or base is None or map_from_odom is None or view.local is None:
+            return self._wait_blind(view, lost or "nothing is known of the surroundings yet")
+        self._blind_since_s = None
+        self._account(base)
+        self._drop_passed(robot)
+        if len(self._goals) == 1 and self._goal_checker.reached(robot, self._target, view.now_s):
+            return self._arrive()
+        step = self._consider_plans(view, robot)
+        if step is not None and step.finished:
+            return step
+        new_path = None if step is None else step.new_path
+        if self._phase is _Phase.RECOVERING:
+            velocity = self._recover(base, view)
+        elif self._phase is _Phase.FOLLOWING:
+            outcome = self._follow(view, base, robot, map_from_odom.inverse(), view.local)
+            if isinstance(outcome, Step):
+                return outcome
+            velocity = outcome
+        else:
+            velocity = STANDSTILL
+        return Step(velocity, new_path=new_path)
+
+    # -- what stops a tick early ---------------------------------------------------------------------------------------
+    @staticmethod
+    def _robot(view: View) -> Pose2 | None:
+        if view.odom_from_base is None or view.map_from_odom is None:
+            return None
+        return view.map_from_odom @ view.odom_from_base
+
+    def _hold(self) -> None:
+        self._progress_checker.reset()
+        self._controller.reset()
+        self._invalid_since_s = None
+        self._blind_since_s = None
+        if self._planning_since_s is not None:
+            self._planning_since_s = None
+            self._last_request_s = -math.inf
+
+    @staticmethod
+    def _lost(view: View) -> str | None:
+        if view.odom_from_base is None:
+            return "no recent transform odom -> base_link"
+        if view.map_from_odom is None:
+            return "no recent transform map -> odom"
+        return view.blind
+
+    def _wait_blind(self, view: View, reason: str) -> Step:
+        if self._blind_since_s is None:
+            self._blind_since_s = view.now_s
+            self._log(f"standing still: {reason}")
+        waited_s = view.now_s - self._blind_since_s
+        since_s = self._blind_since_s
+        self._hold()
+        self._blind_since_s = since_s
+        if waited_s <= self._p.blind_patience_s:
+            return Step(STANDSTILL)
+        code = Failure.SENSOR_LOST if view.blind is not None else Failure.TF_ERROR
+        return self._give_up(code, f"{reason}, for {waited_s:.0f} s")
+
+    def _arrive(self) -> Step:
+        self._phase = _Phase.IDLE
+        return Step(STANDSTILL, finished=True)
+
+    def _give_up(self, failure: Failure, reason: str) -> Step:
+        self._phase = _Phase.IDLE
+        return Step(STANDSTILL, finished=True, failure=failure, reason=reason)
+
+    # -- bookkeeping ---------------------------------------------------------------------------------------------------
+    def _account(self, base: Pose2) -> None:
+        if self._last_pose is not None:
+            self._driven_m += base.distance_to(self._last_pose)
+        self._last_pose = base
+
+    def _drop_passed(self, robot: Pose2) -> None:
+        while len(self._goals) > 1 and robot.distance_to(self._goals[0]) < self._p.passed_radius_m:
+            del self._goals[0]
+            self._goal_checker.reset()
+
+    # -- plans ---------------------------------------------------------------------------------------------------------
+    def _consider_plans(self, view: View, robot: Pose2) -> Step | None:
+        now_s = view.now_s
+        answer = self._planner.take()
+        step = None
+        if answer is not None:
+            self._planning_since_s = None
+            step = self._take_plan(answer) if isinstance(answer, Plan) else self._take_refusal(answer, now_s)
+        if self._planning_since_s is not None:
+            if now_s - self._planning_since_s > self._p.planning_timeout_s:
+                return self._give_up(Failure.PLANNING_TIMED_OUT, f"no plan came within {self._p.planning_timeout_s:.0f} s")
+        elif self.active and self._phase is not _Phase.RECOVERING and now_s - self._last_request_s >= self._request_period_s():
+            self._planner.request(robot, tuple(self._goals))
+            self._planning_since_s = self._last_request_s = now_s
+        return step
+
+    def _request_period_s(self) -> float:
+        if self._phase is _Phase.PLANNING or self._path is None:
+            return 0.1
+        return self._p.blocked_replan_s if self._blocked else self._p.planner_period_s
+
+    def _take_plan(self, plan: Plan) -> Step:
+        self._path = TrackedPath(plan.points)
+        self._blocked = False
+        self._retried = False
+        if self._phase is _Phase.PLANNING:
+            self._phase = _Phase.FOLLOWING
+        # The path may end beside the goal, within the planner's tolerance: that is where the robot is to stand then.
+        self._target = Pose2(*plan.goal, self._goals[-1].yaw)
+        return Step(STANDSTILL, new_path=plan.points)
+
+    def _take_refusal(self, refusal: NoPath, now_s: float) -> Step | None:
+        if self._phase is _Phase.FOLLOWING and not self._blocked:
+            # A mark beside the path may shut it on the map of the moment; the path at hand still is free where we see.
+            return None
+        if not self._retried:
+            self._retried = True
+            self._log(f"{refusal}; clearing the global costmap")
+            self._planner.clear()
+            self._phase = _Phase.PLANNING
+            return None
+        if self._path is None or self._recoveries >= self._p.max_recoveries:
+            return self._give_up(Failure[refusal.failure.name], str(refusal))
+        self._begin_recovery(str(refusal))
+        return None
+
+    # -- following -----------------------------------------------------------------------------------------------------
+    def _follow(self, view: View, base: Pose2, robot: Pose2, odom_from_map: Pose2, local: Costmap) -> Velocity | Step:
+        assert self._path is not None
+        p = self._controller.parameters
+        off_path_m = self._path.advance(robot)
+        path = self._path.local(odom_from_map, base, local, p.prune_distance, p.robot_radius)
+        self._blocked = bool((~path.free).sum() > 2) or off_path_m > self._p.off_path_m
+        if self._progress_checker.stuck(base, view.now_s):
+            return self._fail(Failure.FAILED_TO_MAKE_PROGRESS, "the robot makes no progress")
+        try:
+            command = self._controller.compute(base, view.velocity, path, odom_from_map @ self._target, local)
+        except NoValidControl as error:
+            if self._invalid_since_s is None:
+                self._invalid_since_s = view.now_s
+            if view.now_s - self._invalid_since_s <= self._p.failure_tolerance:
+                return STANDSTILL
+            return self._fail(Failure.NO_VALID_CONTROL, str(error))
+        self._invalid_since_s = None
+        return command.vx, command.vy, command.wz
+
+    def _fail(self, failure: Failure, reason: str) -> Velocity | Step:
+        if self._goal_checker.within:
+            return self._arrive()
+        if self._recoveries >= self._p.max_recoveries:
+            return self._give_up(failure, f"{reason} after {self._recoveries} recoveries")
+        self._begin_recovery(reason)
+        return STANDSTILL
+
+    # -- recoveries ----------------------------------------------------------------------------------------------------
+    def _begin_recovery(self, reason: str) -> None:
+        limits = self._p.behaviours
+        table: tuple[Callable[[], Behaviour | None], ...] = (
+            lambda: None,
+            lambda: BackUp(limits=limits),
+            lambda: Spin(limits=limits),
+            lambda: Wait(),
+        )
+        self._behaviour = table[self._recoveries % len(table)]()
+        self._recoveries += 1
+        name = self._behaviour.name if self._behaviour else "clear the costmaps"
+        self._log(f"recovery {self._recoveries} of {self._p.max_recoveries}, {name}: {reason}")
+        self._planner.clear()
+        self._clear_local()
+        self._invalid_since_s = None
+        self._phase = _Phase.RECOVERING
+
+    def _recover(self, base: Pose2, view: View) -> Velocity:
+        velocity = None
+        if self._behaviour is not None and view.local is not None:
+            velocity = self._behaviour.tick(base, view.local, view.now_s)
+        if velocity is not None:
+            return velocity
+        self._behaviour = None
+        self._progress_checker.reset()
+        self._controller.reset()
+        self._last_request_s = -math.inf
+        self._phase = _Phase.PLANNING
+        return STANDSTILL

@@ -1,0 +1,122 @@
+"""ROS messages to the core's values and back."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import PoseStamped, Twist
+from nav_msgs.msg import OccupancyGrid, Path
+from numpy.typing import NDArray
+
+from lupin_runtime import graph
+from lupin_runtime.geometry import Pose2, quaternion_from_yaw, yaw_from_quaternion
+from lupin_runtime.gridmap import GridMap
+from lupin_runtime.navigation.costmap import Costmap, Scan
+from lupin_runtime.navigation.costmap.costs import OCCUPANCY_OF_COST
+from lupin_runtime.navigation.planning.paths import headings
+from lupin_runtime.ros import stamp_from_ns, stamp_ns
+from lupin_runtime.transforms import Transform
+
+_MAX_CELLS = 64_000_000
+
+
+def plane_pose(transform: Transform) -> Pose2:
+    """The part of a transform that lies in the plane."""
+    return Pose2(transform.translation[0], transform.translation[1], yaw_from_quaternion(*transform.rotation))
+
+
+def pose_from_message(message: PoseStamped) -> Pose2:
+    """The pose in its own frame. Raises ValueError for numbers that are not finite or an orientation that is none."""
+    p, q = message.pose.position, message.pose.orientation
+    values = (p.x, p.y, q.x, q.y, q.z, q.w)
+    if not all(map(math.isfinite, values)):
+        raise ValueError(f"position ({p.x}, {p.y}) and orientation ({q.x}, {q.y}, {q.z}, {q.w}) must be finite")
+    norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
+    if not 0.5 < norm < 2.0:
+        raise ValueError(f"orientation ({q.x}, {q.y}, {q.z}, {q.w}) must be a unit quaternion")
+    return Pose2(p.x, p.y, yaw_from_quaternion(q.x / norm, q.y / norm, q.z / norm, q.w / norm))
+
+
+def pose_message(pose: Pose2, time_ns: int, frame: str = graph.MAP_FRAME) -> PoseStamped:
+    """A PoseStamped."""
+    message = PoseStamped()
+    message.header.stamp = stamp_from_ns(time_ns)
+    message.header.frame_id = frame
+    message.pose.position.x, message.pose.position.y = pose.x, pose.y
+    q = message.pose.orientation
+    q.x, q.y, q.z, q.w = quaternion_from_yaw(pose.yaw)
+    return message
+
+
+def path_message(points: NDArray[np.float64], goal_yaw: float, time_ns: int, stride: int = 1) -> Path:
+    """A Path in the map frame through every `stride`-th point, poses along the way, the last one with the goal's heading."""
+    kept = points[np.append(np.arange(0, len(points) - 1, stride), len(points) - 1)]
+    message = Path()
+    message.header.stamp = stamp_from_ns(time_ns)
+    message.header.frame_id = graph.MAP_FRAME
+    yaws = headings(kept)
+    yaws[-1] = goal_yaw
+    message.poses = [pose_message(Pose2(float(x), float(y), float(yaw)), time_ns) for (x, y), yaw in zip(kept, yaws)]
+    return message
+
+
+def twist_message(vx: float, vy: float, wz: float) -> Twist:
+    """A Twist in the plane."""
+    message = Twist()
+    message.linear.x, message.linear.y, message.angular.z = vx, vy, wz
+    return message
+
+
+def duration_message(seconds: float) -> Duration:
+    """A Duration; what is not finite or negative becomes zero."""
+    if not math.isfinite(seconds) or seconds < 0.0:
+        return Duration()
+    whole = int(seconds)
+    return Duration(sec=whole, nanosec=int((seconds - whole) * 1e9))
+
+
+def scan_from_message(message: Any) -> Scan:
+    """A LaserScan as the costmaps take it."""
+    count = len(message.ranges)
+    return Scan(
+        np.frombuffer(message.ranges, np.float32) if count else np.zeros(0, np.float32),
+        float(message.angle_min),
+        float(message.angle_increment),
+        max(0.0, float(message.range_min)),
+        float(message.range_max) if message.range_max > 0.0 else math.inf,
+        stamp_ns(message.header.stamp),
+        max(0.0, float(message.time_increment) * max(count - 1, 0)),
+    )
+
+
+def map_from_message(message: OccupancyGrid) -> GridMap:
+    """An OccupancyGrid as a value. Raises ValueError where its sizes do not fit, or its origin is turned."""
+    info = message.info
+    cells = info.width * info.height
+    if cells == 0 or cells > _MAX_CELLS or len(message.data) != cells:
+        raise ValueError(f"{info.width} x {info.height} cells announced, {len(message.data)} sent")
+    q = info.origin.orientation
+    if abs(yaw_from_quaternion(q.x, q.y, q.z, q.w)) > 1e-3:
+        raise ValueError("a map with a turned origin is not supported; let its YAML's origin end with 0")
+    grid = np.frombuffer(message.data, np.int8).reshape(info.height, info.width)
+    return GridMap(grid, float(info.resolution), float(info.origin.position.x), float(info.origin.position.y))
+
+
+def costmap_message(costmap: Costmap, frame: str, time_ns: int) -> OccupancyGrid:
+    """An OccupancyGrid of costs, scaled as Nav2's costmap publisher does."""
+    message = OccupancyGrid()
+    message.header.stamp = message.info.map_load_time = stamp_from_ns(time_ns)
+    message.header.frame_id = frame
+    message.info.resolution = costmap.resolution_m
+    message.info.height, message.info.width = costmap.cost.shape
+    message.info.origin.position.x = costmap.origin_x
+    message.info.origin.position.y = costmap.origin_y
+    message.info.origin.orientation.w = 1.0
+    data = array("b")
+    data.frombytes(OCCUPANCY_OF_COST[costmap.cost].tobytes())
+    message.data = data
+    return message

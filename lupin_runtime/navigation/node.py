@@ -1,0 +1,255 @@
+"""The node `bt_navigator`: the executive on the graph, behind Nav2's names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid
+from rclpy.serialization import deserialize_message
+
+from lupin_runtime import graph
+from lupin_runtime.geometry import Pose2
+from lupin_runtime.navigation.actions import NavigationServer, PathServer
+from lupin_runtime.navigation.costmap import BeamPoses, Costmap, GlobalCostmap, LocalCostmap
+from lupin_runtime.navigation.executive import Executive, Step, View
+from lupin_runtime.navigation.messages import (
+    costmap_message,
+    map_from_message,
+    path_message,
+    plane_pose,
+    pose_from_message,
+    pose_message,
+    twist_message,
+)
+from lupin_runtime.navigation.mppi import MppiController
+from lupin_runtime.navigation.parameters import declare_settings
+from lupin_runtime.navigation.plan_worker import PlanWorker
+from lupin_runtime.navigation.recoveries import STANDSTILL
+from lupin_runtime.navigation.surroundings import Surroundings
+from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.node import interface
+from lupin_runtime.transforms import TransformUnavailable
+
+# A tick that comes late counts for no more than this: a stalled process or a clock that jumps must not expire every wait.
+_LONGEST_TICK_S = 0.5
+
+# /plan is drawn, not followed: a point every 10 cm is enough.
+_PLAN_STRIDE = 2
+
+
+class Navigator(LupinNode):
+    """Costmaps, planner, controller, recoveries and the actions that ask for them.
+
+    While the e-stop is engaged a navigation stands still and waits, without losing its goal or counting the time; whoever
+    wants it to end cancels it.
+    """
+
+    def __init__(self, parameters: dict[str, Any] | None = None) -> None:
+        super().__init__("bt_navigator", parameters)
+        settings = self._settings = declare_settings(self)
+        self._elapsed_s = 0.0
+        self._last_tick_ns: int | None = None
+        self._halted = False
+        self._silent = True
+        self._closing = False
+        self._feedback_due_s = 0.0
+
+        self._local = LocalCostmap(settings.local.width, settings.local.resolution, settings.inflation, settings.local.limits())
+        self._worker = PlanWorker(GlobalCostmap(settings.inflation, settings.world.limits()), settings.planner)
+        self._surroundings = Surroundings(
+            self,
+            self._local,
+            lambda: self._elapsed_s,
+            settings.transform_patience_s,
+            settings.scan_patience_s,
+            settings.velocity_threshold,
+        )
+        self._executive = Executive(
+            self._worker,
+            MppiController(settings.mppi),
+            settings.executive,
+            clear_local=self._local.clear,
+            log=lambda text: self.get_logger().warning(text),
+        )
+        self._servers = NavigationServer(self, self._locate, self._start, self._stop_at_once)
+        self._paths = PathServer(
+            self, self._locate, self._surroundings.map_from_base, self._worker.submit, lambda: self._elapsed_s
+        )
+        self._twist_out = self.publisher(graph.CMD_VEL_NAV)
+        self._plan_out = self.publisher(graph.PLAN)
+        self._local_out = self.publisher(graph.LOCAL_COSTMAP)
+        self._global_out = self.publisher(graph.GLOBAL_COSTMAP)
+        self.subscription(graph.MAP, self._take_map, raw=True)
+        self.subscription(graph.ESTOP_STATE, self._take_estop)
+        self.subscription(graph.GOAL_POSE, self._take_goal_pose)
+        self.service(graph.CLEAR_LOCAL_COSTMAP, self._clear_local)
+        self.service(graph.CLEAR_GLOBAL_COSTMAP, self._clear_global)
+        self._self_client: Any = None
+        self._clicked: tuple[PoseStamped, float] | None = None
+
+        self.create_timer(1.0 / settings.mppi.controller_frequency, self._control)
+        self.create_timer(1.0 / settings.local.update_frequency, self._update_local)
+        self.create_timer(1.0 / settings.world.update_frequency, self._update_global)
+        self.create_timer(1.0 / settings.local.publish_frequency, self._publish_local)
+        self._recent: tuple[Any, BeamPoses] | None = None
+
+    # -- control -------------------------------------------------------------------------------------------------------
+    def _control(self) -> None:
+        self._advance_clock()
+        if self._worker.failed is not None:
+            raise RuntimeError("the planner's thread has ended") from self._worker.failed
+        self._paths.poll()
+        self._pass_on_click()
+        if not self._servers.active or self._closing:
+            return
+        if self._servers.cancel_requested:
+            self._end(None, "cancelled")
+            return
+        step = self._executive.tick(self._view())
+        if step.new_path is not None and self._plan_out.get_subscription_count() > 0:
+            self._plan_out.publish(path_message(step.new_path, self._goal_yaw, self.now_ns(), _PLAN_STRIDE))
+        if step.finished:
+            self._finish(step)
+            return
+        self._drive(step.velocity)
+        if self._elapsed_s >= self._feedback_due_s:
+            self._feedback_due_s = self._elapsed_s + 1.0 / self._settings.feedback_hz
+            here = self._surroundings.map_from_base()
+            if here is not None:
+                self._servers.feedback(here, self._executive.progress(self._elapsed_s))
+
+    def _advance_clock(self) -> None:
+        now_ns = self.elapsed_clock_ns()
+        if self._last_tick_ns is not None:
+            self._elapsed_s += min(max((now_ns - self._last_tick_ns) * 1e-9, 0.0), _LONGEST_TICK_S)
+        self._last_tick_ns = now_ns
+
+    def _view(self) -> View:
+        around = self._surroundings
+        return View(
+            now_s=self._elapsed_s,
+            odom_from_base=around.odom_from_base(),
+            map_from_odom=around.map_from_odom(),
+            velocity=around.velocity(),
+            local=around.local,
+            blind=around.blind(),
+            halted=self._halted,
+        )
+
+    def _drive(self, velocity: tuple[float, float, float]) -> None:
+        self._silent = False
+        self._twist_out.publish(twist_message(*velocity))
+
+    def _finish(self, step: Step) -> None:
+        if step.failure is None:
+            self.get_logger().info("goal reached")
+        else:
+            self.get_logger().error(f"navigation aborted, {step.failure.name}: {step.reason}")
+        self._end(step.failure, step.reason)
+
+    def _end(self, failure: Any, reason: str) -> None:
+        self._stop_at_once()
+        self._servers.finish(failure, reason)
+
+    def _stop_at_once(self) -> None:
+        """A zero now, not at the next tick; then silence."""
+        self._executive.stop()
+        if not self._silent:
+            self._drive(STANDSTILL)
+            self._silent = True
+
+    # -- goals ---------------------------------------------------------------------------------------------------------
+    def _locate(self, message: PoseStamped) -> Pose2:
+        """The pose in the map frame; raises ValueError with the reason why not."""
+        pose = pose_from_message(message)
+        frame = message.header.frame_id.lstrip("/")
+        if frame in ("", graph.MAP_FRAME):
+            return pose
+        try:
+            return plane_pose(self._surroundings.tree.lookup(graph.MAP_FRAME, frame)) @ pose
+        except TransformUnavailable as error:
+            raise ValueError(f"a pose in frame {frame!r} can't be brought into {graph.MAP_FRAME!r}: {error}") from error
+
+    def _start(self, poses: Sequence[Pose2]) -> None:
+        self._goal_yaw = poses[-1].yaw
+        self._feedback_due_s = self._elapsed_s
+        self._executive.start(poses, self._elapsed_s)
+        last = poses[-1]
+        self.get_logger().info(f"navigating through {len(poses)} pose(s) to ({last.x:.2f}, {last.y:.2f}, {last.yaw:.2f})")
+
+    def _take_goal_pose(self, message: PoseStamped) -> None:
+        try:
+            pose = self._locate(message)
+        except ValueError as error:
+            self.get_logger().error(f"{graph.GOAL_POSE.name} refused: {error}")
+            return
+        self._clicked = pose_message(pose, self.now_ns()), self._elapsed_s
+        if self._self_client is None:
+            # A goal of our own action, as in Nav2: so cancelling all goals cancels a clicked one, too.
+            self._self_client = self.action_client(graph.NAVIGATE_TO_POSE)
+
+    def _pass_on_click(self) -> None:
+        if self._clicked is None:
+            return
+        pose, since_s = self._clicked
+        if self._self_client.server_is_ready():
+            self._self_client.send_goal_async(interface(graph.NAVIGATE_TO_POSE.type).Goal(pose=pose))
+            self._clicked = None
+        elif self._elapsed_s - since_s > 5.0:
+            self.get_logger().error(f"{graph.GOAL_POSE.name} dropped: the node does not find its own action server")
+            self._clicked = None
+
+    # -- map, costmaps, e-stop -----------------------------------------------------------------------------------------
+    def _take_map(self, data: bytes) -> None:
+        log = self.get_logger()
+        self._worker.set_map(
+            lambda: map_from_message(deserialize_message(data, OccupancyGrid)),
+            lambda reason: log.error(f"{graph.MAP.name} refused: {reason}"),
+        )
+
+    def _take_estop(self, message: Any) -> None:
+        if message.data and not self._halted and self._servers.active:
+            self._drive(STANDSTILL)
+        self._halted = bool(message.data)
+
+    def _update_local(self) -> None:
+        taken = self._surroundings.update_local()
+        if taken is not None:
+            self._recent = taken
+
+    def _update_global(self) -> None:
+        correction = self._surroundings.map_from_odom()
+        if self._recent is not None and correction is not None:
+            scan, poses = self._recent
+            self._worker.observe(scan, BeamPoses(correction @ poses.first, correction @ poses.last))
+            self._recent = None
+        if self._global_out.get_subscription_count() > 0:
+            stamp_ns = self.now_ns()
+
+            def publish(costmap: Costmap) -> None:
+                self._global_out.publish(costmap_message(costmap, graph.MAP_FRAME, stamp_ns))
+
+            self._worker.snapshot(self._surroundings.map_from_base(), publish)
+
+    def _publish_local(self) -> None:
+        if self._surroundings.local is not None and self._local_out.get_subscription_count() > 0:
+            self._local_out.publish(costmap_message(self._surroundings.local, graph.ODOM_FRAME, self.now_ns()))
+
+    def _clear_local(self, _request: Any, response: Any) -> Any:
+        self._local.clear()
+        return response
+
+    def _clear_global(self, _request: Any, response: Any) -> Any:
+        self._worker.clear()
+        return response
+
+    # -- end -----------------------------------------------------------------------------------------------------------
+    def before_shutdown(self) -> None:
+        """Leave the wheels a zero and the clients a result."""
+        self._closing = True
+        self._stop_at_once()
+        self._servers.close()
+        self._paths.close()
+        self._worker.close()

@@ -1,0 +1,120 @@
+"""The node's parameters: each under the name that Nav2 has for it, with the default that this robot is tuned for."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+from lupin_runtime.navigation.checkers import GoalTolerance
+from lupin_runtime.navigation.costmap import Inflation, ScanLimits
+from lupin_runtime.navigation.executive import ExecutiveParameters
+from lupin_runtime.navigation.mppi import MppiParameters
+from lupin_runtime.navigation.planning import PlannerParameters
+from lupin_runtime.navigation.recoveries import BehaviourLimits
+
+T = TypeVar("T")
+
+
+class Declares(Protocol):
+    """What a LupinNode offers: declare a parameter, get its value."""
+
+    def parameter(self, name: str, default: Any) -> Any:
+        """The value of a newly declared parameter."""
+        ...
+
+
+@dataclass(frozen=True)
+class CostmapSettings:
+    """One costmap (m, Hz). Publishing happens only where somebody listens."""
+
+    resolution: float = 0.05
+    update_frequency: float = 5.0
+    publish_frequency: float = 2.0
+    obstacle_max_range: float = 2.5
+    obstacle_min_range: float = 0.25
+    raytrace_max_range: float = 3.0
+    width: float = 3.0
+
+    def limits(self) -> ScanLimits:
+        """Ranges at which beams mark and clear."""
+        return ScanLimits(self.obstacle_max_range, self.raytrace_max_range, self.obstacle_min_range)
+
+
+LOCAL = CostmapSettings()
+GLOBAL = CostmapSettings(
+    update_frequency=1.0, publish_frequency=1.0, obstacle_max_range=5.0, raytrace_max_range=12.0, width=0.0
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that the node is told."""
+
+    mppi: MppiParameters
+    planner: PlannerParameters
+    executive: ExecutiveParameters
+    inflation: Inflation
+    local: CostmapSettings
+    world: CostmapSettings
+    feedback_hz: float
+    transform_patience_s: float
+    scan_patience_s: float
+    velocity_threshold: float
+
+
+def declare_settings(node: Declares) -> Settings:
+    """Declare all parameters on a node and read them."""
+    radius = node.parameter("robot_radius", MppiParameters().robot_radius)
+    inflation = Inflation(
+        robot_radius_m=radius,
+        radius_m=node.parameter("inflation_layer.inflation_radius", Inflation().radius_m),
+        scaling=node.parameter("inflation_layer.cost_scaling_factor", Inflation().scaling),
+    )
+    goal, moves = GoalTolerance(), ExecutiveParameters()
+    return Settings(
+        mppi=dataclasses.replace(declared(node, "FollowPath.", MppiParameters(), skip=("robot_radius",)), robot_radius=radius),
+        planner=dataclasses.replace(
+            declared(node, "GridBased.", PlannerParameters(), skip=("robot_radius_m",)), robot_radius_m=radius
+        ),
+        executive=dataclasses.replace(
+            moves,
+            failure_tolerance=node.parameter("failure_tolerance", moves.failure_tolerance),
+            required_movement_radius=node.parameter(
+                "progress_checker.required_movement_radius", moves.required_movement_radius
+            ),
+            required_movement_angle=node.parameter("progress_checker.required_movement_angle", moves.required_movement_angle),
+            movement_time_allowance=node.parameter("progress_checker.movement_time_allowance", moves.movement_time_allowance),
+            planner_period_s=1.0 / node.parameter("replanning_frequency", 1.0 / moves.planner_period_s),
+            max_recoveries=node.parameter("number_of_retries", moves.max_recoveries),
+            tolerance=GoalTolerance(
+                xy=node.parameter("goal_checker.xy_goal_tolerance", goal.xy),
+                yaw=node.parameter("goal_checker.yaw_goal_tolerance", goal.yaw),
+                fine_xy=node.parameter("goal_checker.fine_xy_tolerance", goal.fine_xy),
+                fine_yaw=node.parameter("goal_checker.fine_yaw_tolerance", goal.fine_yaw),
+                settle_s=node.parameter("goal_checker.settle_s", goal.settle_s),
+            ),
+            behaviours=declared(node, "behavior_server.", BehaviourLimits()),
+        ),
+        inflation=inflation,
+        local=declared(node, "local_costmap.", LOCAL),
+        world=declared(node, "global_costmap.", GLOBAL, skip=("width", "resolution")),
+        feedback_hz=node.parameter("feedback_frequency", 5.0),
+        transform_patience_s=node.parameter("transform_patience", 1.0),
+        scan_patience_s=node.parameter("scan_patience", 1.0),
+        velocity_threshold=node.parameter("min_velocity_threshold", 0.001),
+    )
+
+
+def declared(node: Declares, prefix: str, defaults: T, skip: tuple[str, ...] = ()) -> T:
+    """`defaults`, a dataclass, with what the node's parameters say; nested ones are declared under their class's name."""
+    values: dict[str, Any] = {}
+    for item in dataclasses.fields(defaults):  # type: ignore[arg-type]
+        default = getattr(defaults, item.name)
+        if item.name in skip:
+            continue
+        if dataclasses.is_dataclass(default):
+            values[item.name] = declared(node, f"{prefix}{type(default).__name__}.", default)
+        else:
+            values[item.name] = node.parameter(prefix + item.name, default)
+    return dataclasses.replace(defaults, **values)  # type: ignore[type-var]

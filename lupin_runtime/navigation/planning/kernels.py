@@ -1,0 +1,58 @@
+"""The C kernels of this folder with checked argument types."""
+
+from __future__ import annotations
+
+from ctypes import c_double, c_int64
+from pathlib import Path
+
+import numpy as np
+from numpy.ctypeslib import ndpointer
+from numpy.typing import NDArray
+
+from lupin_runtime.native import load_kernels
+
+_GRID = ndpointer(np.float32, 2, flags="C_CONTIGUOUS")
+_F64 = ndpointer(np.float64, 1, flags="C_CONTIGUOUS")
+_POINTS = ndpointer(np.float64, 2, flags="C_CONTIGUOUS")
+
+_library = load_kernels(Path(__file__).parent)
+
+_march = _library.march
+_march.restype = c_int64
+_march.argtypes = [_GRID, c_int64, c_int64, c_int64, c_int64, c_double, _GRID]
+
+_descend = _library.descend
+_descend.restype = c_int64
+_descend.argtypes = [_GRID, c_int64, c_int64, _F64, c_int64, c_int64, _POINTS, c_int64]
+
+Cell = tuple[int, int]
+
+
+def march(slowness: NDArray[np.float32], start: Cell, goal: Cell | None) -> tuple[NDArray[np.float32], bool]:
+    """Arrival times (height, width) of a front from the cell `start`, and whether it reached `goal`.
+
+    `slowness`: 0 blocked, else at least 1. Times are in cells; infinity where the front did not come before the goal.
+    """
+    height, width = slowness.shape
+    times = np.empty((height, width), np.float32)
+    slowest = float(slowness.max(initial=1.0))
+    target = -1 if goal is None else goal[0] * width + goal[1]
+    reached = _march(slowness, height, width, start[0] * width + start[1], target, slowest, times)
+    if reached < 0:
+        raise MemoryError(f"no memory to plan over {height} x {width} cells")
+    return times, bool(reached)
+
+
+def descend(times: NDArray[np.float32], origin: tuple[float, float], to: Cell) -> NDArray[np.float64]:
+    """Points (n, 2) as (x, y) in cells from `origin` (a cell's centre is at .5) down to the cell `to`, both included.
+
+    Raises ArithmeticError where the times do not lead there.
+    """
+    height, width = times.shape
+    capacity = 8 * (height + width) + times.size // 2
+    points = np.empty((capacity, 2))
+    for smooth in (1, 0):
+        count = _descend(times, height, width, np.array(origin), to[0] * width + to[1], smooth, points, capacity)
+        if count > 0:
+            return np.vstack((points[:count], [to[1] + 0.5, to[0] + 0.5]))
+    raise ArithmeticError(f"the arrival times lead from {origin} not to cell {to}")

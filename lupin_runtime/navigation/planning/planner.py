@@ -1,0 +1,180 @@
+"""A path for driving: short, but with room to both sides where there is some."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.navigation.costmap import LETHAL, UNKNOWN, Costmap
+from lupin_runtime.navigation.planning import kernels
+from lupin_runtime.navigation.planning.paths import Plan, evenly_spaced, smoothed
+
+Point = tuple[float, float]
+
+# What surely is under the robot's own hull; walls there are errors of the map, not walls.
+_HULL_M = 0.13
+
+
+class PlanFailure(Enum):
+    """Why there is no path; the names are the error constants of nav2_msgs/action/ComputePathToPose."""
+
+    START_OUTSIDE_MAP = "start outside the map"
+    GOAL_OUTSIDE_MAP = "goal outside the map"
+    START_OCCUPIED = "start occupied"
+    GOAL_OCCUPIED = "goal occupied"
+    NO_VALID_PATH = "no valid path"
+
+
+class NoPath(Exception):
+    """There is no path; `failure` says why in the graph's terms."""
+
+    def __init__(self, failure: PlanFailure, message: str) -> None:
+        super().__init__(message)
+        self.failure = failure
+
+
+@dataclass(frozen=True)
+class PlannerParameters:
+    """`tolerance`: how far from the goal a path may end when the goal itself can't be reached (m).
+
+    Within `preferred_clearance_m` of an obstacle a metre costs up to `1 + clearance_weight` times as much, so that a path
+    runs in the middle of an aisle and takes corners wide. Unknown space costs `unknown_cost` times as much as free space.
+    """
+
+    tolerance: float = 0.5
+    allow_unknown: bool = True
+    robot_radius_m: float = 0.22
+    preferred_clearance_m: float = 0.5
+    clearance_weight: float = 4.0
+    unknown_cost: float = 1.5
+    escape_m: float = 0.6
+    escape_cost: float = 20.0
+    spacing_m: float = 0.05
+
+
+def plan(costmap: Costmap, start: Point, goal: Point, parameters: PlannerParameters | None = None) -> Plan:
+    """A path over the costmap's frame from `start` to `goal`, or to the nearest reachable place within the tolerance.
+
+    Never nearer to a lethal cell's centre than the robot's radius, except out of a place that is: a robot that already
+    stands too near may leave. Raises NoPath.
+    """
+    p = parameters or PlannerParameters()
+    start_cell, goal_cell = _inside(costmap, start, goal)
+    slowness = _slowness(costmap, p)
+    if slowness[start_cell] <= 0.0:
+        _let_out(slowness, costmap, start_cell, p)
+    blocked = slowness[goal_cell] <= 0.0
+    times, reached = kernels.march(slowness, start_cell, None if blocked else goal_cell)
+    if not reached:
+        found = _nearest_reached(times, costmap, goal, p.tolerance)
+        if found is None:
+            raise _failure(costmap, start, goal, goal_cell, times, p)
+        goal_cell, goal = found, _centre(costmap, found)
+    cells = kernels.descend(times, _in_cells(costmap, goal), start_cell)
+    points = np.array([costmap.origin_x, costmap.origin_y]) + cells[::-1] * costmap.resolution_m
+    points = np.vstack((start, points[1:] if len(points) > 2 else points[-1:]))
+    points = evenly_spaced(points, p.spacing_m)
+    return Plan(_without_kinks(points, costmap, slowness))
+
+
+def _inside(costmap: Costmap, start: Point, goal: Point) -> tuple[kernels.Cell, kernels.Cell]:
+    for point, name, failure in (
+        (start, "start", PlanFailure.START_OUTSIDE_MAP),
+        (goal, "goal", PlanFailure.GOAL_OUTSIDE_MAP),
+    ):
+        if not all(map(math.isfinite, point)) or not costmap.contains(*costmap.cell_of(*point)):
+            height, width = costmap.cost.shape
+            raise NoPath(
+                failure,
+                f"the {name} ({point[0]:.2f}, {point[1]:.2f}) is outside the map, which reaches from "
+                f"({costmap.origin_x:.2f}, {costmap.origin_y:.2f}) to ({costmap.origin_x + width * costmap.resolution_m:.2f}, "
+                f"{costmap.origin_y + height * costmap.resolution_m:.2f})",
+            )
+    return costmap.cell_of(*start), costmap.cell_of(*goal)
+
+
+def _slowness(costmap: Costmap, p: PlannerParameters) -> NDArray[np.float32]:
+    distance = costmap.distance_m
+    band = max(p.preferred_clearance_m - p.robot_radius_m, 1e-6)
+    lack = np.clip((p.preferred_clearance_m - distance) * np.float32(1.0 / band), 0.0, 1.0)
+    slowness = 1.0 + p.clearance_weight * lack * lack
+    unknown = costmap.cost == UNKNOWN
+    if p.allow_unknown:
+        slowness[unknown] *= p.unknown_cost
+    else:
+        slowness[unknown] = 0.0
+    slowness[distance <= p.robot_radius_m] = 0.0
+    return np.ascontiguousarray(slowness, np.float32)
+
+
+def _let_out(slowness: NDArray[np.float32], costmap: Costmap, start: kernels.Cell, p: PlannerParameters) -> None:
+    """Open the robot's surroundings, at a price, so that a path can leave a place where the robot does not fit."""
+    reach = math.ceil(p.escape_m / costmap.resolution_m)
+    rows = slice(max(0, start[0] - reach), start[0] + reach + 1)
+    columns = slice(max(0, start[1] - reach), start[1] + reach + 1)
+    window = slowness[rows, columns]
+    r, c = np.ogrid[rows.start : rows.start + window.shape[0], columns.start : columns.start + window.shape[1]]
+    away = np.hypot(r - start[0], c - start[1]) * costmap.resolution_m
+    solid = (costmap.cost[rows, columns] == LETHAL) & (away > _HULL_M)
+    open_up = (window <= 0.0) & (away <= p.escape_m) & ~solid
+    window[open_up] = p.escape_cost
+
+
+def _nearest_reached(times: NDArray[np.float32], costmap: Costmap, goal: Point, tolerance_m: float) -> kernels.Cell | None:
+    row, column = costmap.cell_of(*goal)
+    reach = math.ceil(tolerance_m / costmap.resolution_m)
+    low_r, low_c = max(0, row - reach), max(0, column - reach)
+    window = times[low_r : row + reach + 1, low_c : column + reach + 1]
+    r, c = np.ogrid[low_r : low_r + window.shape[0], low_c : low_c + window.shape[1]]
+    y = costmap.origin_y + (r + 0.5) * costmap.resolution_m - goal[1]
+    x = costmap.origin_x + (c + 0.5) * costmap.resolution_m - goal[0]
+    away = np.where(np.isfinite(window), np.hypot(x, y), np.inf)
+    best = np.unravel_index(int(np.argmin(away)), away.shape)
+    if not away[best] <= tolerance_m:
+        return None
+    return int(best[0]) + low_r, int(best[1]) + low_c
+
+
+def _failure(
+    costmap: Costmap, start: Point, goal: Point, cell: kernels.Cell, times: NDArray[np.float32], p: PlannerParameters
+) -> NoPath:
+    where = f"({goal[0]:.2f}, {goal[1]:.2f})"
+    if np.isfinite(times).sum() <= 1:
+        return NoPath(
+            PlanFailure.START_OCCUPIED,
+            f"the robot at ({start[0]:.2f}, {start[1]:.2f}) is shut in: nothing within {p.escape_m} m is free",
+        )
+    if costmap.distance_m[cell] <= p.robot_radius_m:
+        return NoPath(
+            PlanFailure.GOAL_OCCUPIED,
+            f"the goal {where} is {costmap.distance_m[cell]:.2f} m from an obstacle, the robot's radius is "
+            f"{p.robot_radius_m} m, and no place within {p.tolerance} m of it can be reached",
+        )
+    return NoPath(
+        PlanFailure.NO_VALID_PATH,
+        f"no path of {2 * p.robot_radius_m:.2f} m width leads to {where} or within {p.tolerance} m of it",
+    )
+
+
+def _centre(costmap: Costmap, cell: kernels.Cell) -> Point:
+    return (
+        costmap.origin_x + (cell[1] + 0.5) * costmap.resolution_m,
+        costmap.origin_y + (cell[0] + 0.5) * costmap.resolution_m,
+    )
+
+
+def _in_cells(costmap: Costmap, point: Point) -> Point:
+    return (point[0] - costmap.origin_x) / costmap.resolution_m, (point[1] - costmap.origin_y) / costmap.resolution_m
+
+
+def _without_kinks(points: NDArray[np.float64], costmap: Costmap, slowness: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Smooth the path, but take back every point that would leave free space for it."""
+    soft = smoothed(points)
+    columns = ((soft[:, 0] - costmap.origin_x) / costmap.resolution_m).astype(np.int64)
+    rows = ((soft[:, 1] - costmap.origin_y) / costmap.resolution_m).astype(np.int64)
+    stays = slowness[rows, columns] > 0.0
+    return np.where(stays[:, None], soft, points)

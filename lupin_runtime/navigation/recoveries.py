@@ -1,0 +1,142 @@
+"""What a robot does when it can't go on: turn on the spot, get away from what is near, wait. Each is bounded in time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+from lupin_runtime.geometry import Pose2, wrap_angle
+from lupin_runtime.navigation.costmap import Costmap
+
+Velocity = tuple[float, float, float]
+
+STANDSTILL: Velocity = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class BehaviourLimits:
+    """Speeds of the recoveries (rad/s, m/s), and how far ahead of the robot they look for obstacles (s)."""
+
+    max_rotational_vel: float = 1.0
+    min_rotational_vel: float = 0.4
+    rotational_acc_lim: float = 3.2
+    simulate_ahead_time: float = 2.0
+    backup_speed: float = 0.15
+    cycle_frequency: float = 10.0
+    # The hull's corner is 0.21 m from the middle: a robot nearer than that to something must not turn.
+    turning_radius_m: float = 0.21
+
+
+class Behaviour(Protocol):
+    """One recovery. `tick` returns the velocity to drive, or None when it is over, done or not."""
+
+    name: str
+
+    def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:
+        """`robot` and `costmap` are in the odometry frame."""
+        ...
+
+
+class Wait:
+    """Stand still for a while: what is in the way may walk on."""
+
+    name = "wait"
+
+    def __init__(self, duration_s: float = 5.0) -> None:
+        self._duration_s = duration_s
+        self._until_s: float | None = None
+
+    def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:
+        """Standstill until the time is over."""
+        if self._until_s is None:
+            self._until_s = now_s + self._duration_s
+        return STANDSTILL if now_s < self._until_s else None
+
+
+class Spin:
+    """Turn by `angle_rad`, slowing down towards its end; over at once where the hull would touch."""
+
+    name = "spin"
+
+    def __init__(self, angle_rad: float = math.pi / 2, limits: BehaviourLimits | None = None) -> None:
+        self._limits = limits or BehaviourLimits()
+        self._left_rad = abs(angle_rad)
+        self._sign = math.copysign(1.0, angle_rad)
+        self._last_yaw: float | None = None
+        self._until_s: float | None = None
+
+    def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:
+        """The turn still to go, at a speed from which the robot can stop within it."""
+        limits = self._limits
+        if self._until_s is None or self._last_yaw is None:
+            self._until_s = now_s + 2.0 * self._left_rad / limits.min_rotational_vel
+        else:
+            self._left_rad -= self._sign * wrap_angle(robot.yaw - self._last_yaw)
+        self._last_yaw = robot.yaw
+        blocked = costmap.distance_at(robot.x, robot.y) < limits.turning_radius_m
+        if self._left_rad <= 0.0 or now_s > self._until_s or blocked:
+            return None
+        speed = math.sqrt(2.0 * limits.rotational_acc_lim * self._left_rad)
+        speed = min(limits.max_rotational_vel, max(limits.min_rotational_vel, speed))
+        return 0.0, 0.0, self._sign * speed
+
+
+class BackUp:
+    """Get `distance_m` away from what is near: backwards if there is room, else to the side with the most of it.
+
+    Nav2's backs up only; a mecanum base has every direction.
+    """
+
+    name = "backup"
+    _DIRECTIONS = 16
+
+    def __init__(self, distance_m: float = 0.3, limits: BehaviourLimits | None = None) -> None:
+        self._limits = limits or BehaviourLimits()
+        self._distance_m = distance_m
+        self._start: Pose2 | None = None
+        self._heading: float | None = None
+        self._until_s = math.inf
+
+    def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:
+        """The chosen way at the backup speed, as long as what lies ahead of it is not nearer than what is here."""
+        speed = self._limits.backup_speed
+        if self._start is None:
+            self._start = robot
+            self._until_s = now_s + 2.0 * self._distance_m / speed
+            self._heading = self._freest(robot, costmap)
+        if self._heading is None or now_s > self._until_s or robot.distance_to(self._start) >= self._distance_m:
+            return None
+        ahead = min(speed * self._limits.simulate_ahead_time, self._distance_m - robot.distance_to(self._start))
+        if self._room(robot, costmap, self._heading, ahead) is None:
+            return None
+        direction = self._heading - robot.yaw
+        return speed * math.cos(direction), speed * math.sin(direction), 0.0
+
+    def _freest(self, robot: Pose2, costmap: Costmap) -> float | None:
+        best: tuple[float, float] | None = None
+        for i in range(self._DIRECTIONS):
+            turn = 2.0 * math.pi * i / self._DIRECTIONS
+            heading = robot.yaw + math.pi + turn
+            room = self._room(robot, costmap, heading, self._distance_m)
+            if room is None:
+                continue
+            # A little is lost by not going backwards, so that equal room decides for it.
+            value = min(room, 0.5) - 0.02 * (1.0 - math.cos(turn))
+            if best is None or value > best[0] + 1e-9:
+                best = value, heading
+        return None if best is None else best[1]
+
+    def _room(self, robot: Pose2, costmap: Costmap, heading: float, distance_m: float) -> float | None:
+        """Clearance at the end of the way; None where the way comes nearer to something than the robot now is."""
+        here = costmap.distance_at(robot.x, robot.y)
+        # Half a cell of slack: distances jump by that much between cells.
+        least = min(here, self._limits.turning_radius_m + costmap.resolution_m) - 0.5 * costmap.resolution_m
+        clearance = here
+        steps = max(1, math.ceil(distance_m / (0.5 * costmap.resolution_m)))
+        for i in range(1, steps + 1):
+            way = distance_m * i / steps
+            clearance = costmap.distance_at(robot.x + way * math.cos(heading), robot.y + way * math.sin(heading))
+            if clearance < least:
+                return None
+        return clearance
