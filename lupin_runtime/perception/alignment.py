@@ -103,7 +103,7 @@ def _template_for(tag_id: int, corners: Array, blur_px: float) -> _Template:
 
 
 class _Fit:
-    """One tag in one image, in coordinates centred on the tag and scaled to its size: there the equations are well conditioned."""
+    """One tag in one image, in coordinates centred on it and scaled to its size: the equations are well conditioned there."""
 
     def __init__(self, grey: NDArray[np.uint8], corners: Array, size_px: float) -> None:
         self.grey = grey

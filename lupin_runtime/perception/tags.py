@@ -27,6 +27,9 @@ CONTRAST_LIMITS = (12.0, 40.0)
 SMOOTHING_PX = 7
 BUSY_SHARE = 0.25  # of the pixels: then even that is slow, and half resolution keeps the frame's deadline
 
+# Two pixels a module; the AprilTag library crashes on pictures a few pixels high.
+MIN_SIDE_PX = 16
+
 # tag36h11 corrects two wrong bits; a correction is believed only where the picture fits as well.
 MIN_FIT = 0.45
 MIN_FIT_WITH_WRONG_BITS = 0.75
@@ -160,7 +163,9 @@ def detect(grey: Grey, engine: TagEngine) -> list[TagDetection]:
     """
     if grey.ndim != 2 or grey.dtype != np.uint8:
         raise ValueError(f"a grey image (height, width) of uint8 was expected, not {grey.shape} of {grey.dtype}")
-    detections = []
+    detections: list[TagDetection] = []
+    if min(grey.shape) < MIN_SIDE_PX:
+        return detections
     for tag_id, corners, hamming in engine.find(np.ascontiguousarray(grey)):
         aligned = align(grey, tag_id, corners)
         fits = aligned.correlation >= (MIN_FIT_WITH_WRONG_BITS if hamming else MIN_FIT)

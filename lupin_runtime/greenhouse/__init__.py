@@ -1,0 +1,1 @@
+"""The greenhouse's climate, read tag by tag from the package `mdp-greenhouse`."""

@@ -1,0 +1,232 @@
+"""The greenhouse simulator of `mdp-greenhouse`, held the way it works.
+
+Upstream's faults up to 1.0.8, and what is done about each:
+- a tag file given as a string crashes (it calls `.exists()` on it), and one that is missing becomes an empty greenhouse:
+  paths are made Path objects, and files are checked here first, with file and line in the message;
+- `current_time()` has been wrong by a factor 24, in debug mode and live: times are wrapped into [0, 86400);
+- its clock is the wall's time of day times the speed-up, cut to whole seconds, so that at the default speed-up readings jump
+  by half an hour and midnight tears them: time is counted here, and handed over for each reading;
+- the seed of its noise is applied by the constructor only, to the `random` module that everybody shares, and debug mode is
+  announced by printing on standard output: the noise gets a state of its own, seeded after the overrides are in;
+- a tag with a sensor that the configuration lacks fails at the reading (KeyError): it is an error at the start;
+- its command line imports GUI toolkits: only `greenhouse_sim.simulator` is imported here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import math
+import random
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+DAY_S = 86400.0
+DEFAULT_SPEEDUP = 1800.0  # a day in 48 s
+
+
+class GreenhouseConfigError(ValueError):
+    """A layout or configuration file that can't be used; the message names file and line."""
+
+
+class UnknownTag(LookupError):
+    """The greenhouse has no tag of that id; the message names those it has."""
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """What the operator sets over the configuration file. The sentinels -1, 0 and -1 leave its values."""
+
+    debug_time_of_day: float = -1.0  # hour, >= 0: debug mode, frozen there
+    speedup_factor: float = 0.0  # simulated seconds a real one, > 0
+    debug_seed: int = -1  # >= 0: debug mode, with this seed
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One tag's sensors at one simulated time of day, s in [0, 86400)."""
+
+    time_of_day_s: float
+    values: Mapping[str, float]
+
+
+class GreenhouseOracle:
+    """Readings by tag id. Not for concurrent use: the noise has one state."""
+
+    def __init__(
+        self,
+        tag_file: Path | None = None,
+        sim_config_file: Path | None = None,
+        overrides: Overrides | None = None,
+        clock_s: Callable[[], float] | None = None,
+    ) -> None:
+        """None takes the packaged file. `clock_s` is real time in seconds since the start of a day; needed unless debug mode
+        freezes the hour. Raises GreenhouseConfigError."""
+        overrides = overrides or Overrides()
+        for path, check in ((tag_file, check_tag_file), (sim_config_file, check_config_file)):
+            if path is not None:
+                check(path)
+        self._simulator = _construct(tag_file, sim_config_file)
+        time = self._simulator.sim_config.setdefault("time", {})
+        if overrides.debug_time_of_day >= 0.0:
+            time.update(debug_mode=True, debug_time_of_day=overrides.debug_time_of_day)
+        if overrides.debug_seed >= 0:
+            time.update(debug_mode=True, debug_seed=overrides.debug_seed)
+        if overrides.speedup_factor > 0.0:
+            time.update(speedup_factor=overrides.speedup_factor)
+        self._debug = bool(time.get("debug_mode", False))
+        self._frozen_s = float(time.get("debug_time_of_day", 12.0)) * 3600.0 if self._debug else None
+        self._speedup = float(time.get("speedup_factor", DEFAULT_SPEEDUP))
+        self._clock_s = clock_s
+        self._noise = random.Random(time.get("debug_seed")) if self._debug else random.Random()
+        self._check_sensors(tag_file)
+
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """Tag ids, in the order of the layout."""
+        return tuple(self._simulator.tags())
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Sensor names of the configuration."""
+        return tuple(self._simulator.sensors())
+
+    def time_of_day_s(self) -> float:
+        """The simulated time of day, [0, 86400)."""
+        if self._frozen_s is not None:
+            return _wrapped(self._frozen_s)
+        return _wrapped(self._clock_s() * self._speedup) if self._clock_s else _wrapped(float(self._simulator.current_time()))
+
+    def read(self, tag_id: str) -> Reading:
+        """The sensors at a tag. Raises UnknownTag."""
+        if tag_id not in self.tags:
+            raise UnknownTag(f"no tag {tag_id!r} in the greenhouse; it has {', '.join(self.tags) or 'none'}")
+        now_s = self.time_of_day_s()
+        # Its readings ask the instance for the time.
+        self._simulator.current_time = lambda: now_s
+        shared = random.getstate()
+        random.setstate(self._noise.getstate())
+        try:
+            data = self._simulator.get_sensor_data(tag_id)
+        finally:
+            self._noise.setstate(random.getstate())
+            random.setstate(shared)
+        # `timestamp` comes in the same dictionary and is no sensor.
+        return Reading(now_s, {name: float(value) for name, value in data.items() if name != "timestamp"})
+
+    def _check_sensors(self, tag_file: Path | None) -> None:
+        for tag_id, tag in self._simulator.tag_manager.get_tags().items():
+            missing = [name for name in tag.get("sensors", ()) if name not in self.sensors]
+            if missing:
+                source = f"{tag_file}:{_line_of_key(tag_file, tag_id)}" if tag_file else "the packaged layout"
+                raise GreenhouseConfigError(
+                    f"{source}: tag {tag_id} has the sensor {missing[0]!r}, which the configuration lacks; "
+                    f"it has {', '.join(self.sensors)}"
+                )
+
+
+def _wrapped(time_s: float) -> float:
+    wrapped = time_s % DAY_S
+    return wrapped if wrapped < DAY_S else 0.0  # a tiny negative number wraps to the modulus itself
+
+
+def _construct(tag_file: Path | None, sim_config_file: Path | None) -> Any:
+    from greenhouse_sim.simulator import GreenhouseSimulator
+
+    shared = random.getstate()
+    try:
+        # In debug mode it prints a banner, where a machine may be reading our standard output.
+        with contextlib.redirect_stdout(io.StringIO()):
+            return GreenhouseSimulator(tag_file, sim_config_file)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        # Whatever the checks below let through, upstream trips over in one of these ways.
+        raise GreenhouseConfigError(
+            f"{sim_config_file or 'the packaged configuration'}: the greenhouse simulator refuses it: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    finally:
+        random.setstate(shared)
+
+
+def check_tag_file(path: Path) -> None:
+    """Raise GreenhouseConfigError unless `path` holds a layout: tags with x, y and sensors."""
+    text = _text(path, "layout")
+    try:
+        document = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise GreenhouseConfigError(f"{path}:{error.lineno}: the layout is not JSON: {error.msg}") from error
+    if not isinstance(document, dict) or not isinstance(document.get("tags"), dict):
+        raise GreenhouseConfigError(f"{path}:1: the layout has no object 'tags'; expected tag ids with x, y and sensors")
+    for tag_id, tag in document["tags"].items():
+        where = f"{path}:{_line_of_key(path, tag_id)}: tag {tag_id}"
+        if not isinstance(tag, dict):
+            raise GreenhouseConfigError(f"{where} is {tag!r}, expected an object with x, y and sensors")
+        for key in ("x", "y"):
+            if not _is_number(tag.get(key)):
+                raise GreenhouseConfigError(f"{where} has {key} = {tag.get(key)!r}, expected metres")
+        sensors = tag.get("sensors")
+        if not isinstance(sensors, list) or not all(isinstance(name, str) for name in sensors):
+            raise GreenhouseConfigError(f"{where} has sensors = {sensors!r}, expected a list of sensor names")
+
+
+def check_config_file(path: Path) -> None:
+    """Raise GreenhouseConfigError unless `path` holds a configuration: a mapping `sensors` of lists of settings."""
+    text = _text(path, "simulator configuration")
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = mark.line + 1 if mark is not None else 1
+        problem = getattr(error, "problem", None) or str(error)
+        raise GreenhouseConfigError(f"{path}:{line}: the simulator configuration is not YAML: {problem}") from error
+    sections = _section(path, "the file", root)
+    if "sensors" not in sections:
+        raise GreenhouseConfigError(f"{path}:1: the simulator configuration has no section 'sensors'")
+    for name, node in _section(path, "sensors", sections["sensors"]).items():
+        line = node.start_mark.line + 1
+        if not isinstance(node, yaml.SequenceNode) or not node.value:
+            raise GreenhouseConfigError(f"{path}:{line}: sensor {name} must be a list of at least one field of settings")
+        for field in node.value:
+            _section(path, f"sensor {name}", field)
+    time = sections.get("time")
+    for key, node in _section(path, "time", time).items() if time is not None else ():
+        if key in ("speedup_factor", "debug_time_of_day") and not _is_number(yaml.safe_load(node.value)):
+            line = node.start_mark.line + 1
+            raise GreenhouseConfigError(f"{path}:{line}: time.{key} is {node.value!r}, expected a number")
+
+
+def _section(path: Path, name: str, node: yaml.Node | None) -> dict[str, yaml.Node]:
+    if not isinstance(node, yaml.MappingNode):
+        line = node.start_mark.line + 1 if node is not None else 1
+        raise GreenhouseConfigError(f"{path}:{line}: {name} must be a mapping of names to values")
+    return {str(key.value): value for key, value in node.value}
+
+
+def _text(path: Path, what: str) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise GreenhouseConfigError(f"{path}: cannot read the {what}: {error}") from error
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _line_of_key(path: Path, key: str) -> int:
+    """The line of a key of the object `tags` in a JSON file, which is YAML as well and as such has line numbers."""
+    try:
+        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+    except yaml.YAMLError:
+        return 1  # tabs: JSON allows them where YAML doesn't
+    for name, value in root.value:
+        if name.value == "tags" and isinstance(value, yaml.MappingNode):
+            for tag_key, _ in value.value:
+                if tag_key.value == key:
+                    return int(tag_key.start_mark.line) + 1
+    return 1

@@ -1,0 +1,80 @@
+"""How well the plants are doing: readings against the ranges they like."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+MAX_DEVIATION = 2.0
+# A state holds below its limit.
+STATES = ((0.3, "healthy"), (0.7, "stressed"), (math.inf, "critical"))
+
+
+@dataclass(frozen=True)
+class IdealRange:
+    """Bounds of a sensor in its natural unit."""
+
+    minimum: float
+    maximum: float
+    unit: str
+
+
+IDEAL_RANGES: Mapping[str, IdealRange] = {
+    "temperature": IdealRange(18.0, 26.0, "°C"),
+    "humidity": IdealRange(40.0, 70.0, "%"),
+    "co2": IdealRange(400.0, 1000.0, "ppm"),
+    "light": IdealRange(200.0, 800.0, "lux"),
+    "soil_moisture": IdealRange(30.0, 60.0, "%"),
+}
+
+
+@dataclass(frozen=True)
+class Driver:
+    """The reading that decides the health."""
+
+    tag_id: str
+    sensor: str
+    value: float
+    ideal: IdealRange
+    deviation: float
+
+
+@dataclass(frozen=True)
+class Health:
+    """`state` is healthy, stressed, critical or no_data; `score` the worst deviation, which `driver` explains."""
+
+    state: str
+    score: float
+    driver: Driver | None
+
+
+def in_natural_unit(sensor: str, value: float) -> float:
+    """The greenhouse package gives soil moisture as a fraction, others in per cent: no living soil has 1 % of it."""
+    return value * 100.0 if sensor == "soil_moisture" and 0.0 <= value <= 1.0 else value
+
+
+def deviation(value: float, ideal: IdealRange) -> float:
+    """0 within the range, else the distance to the nearer bound in widths of the range, at most 2; 0 for no number."""
+    if not math.isfinite(value):
+        return 0.0
+    outside = max(ideal.minimum - value, value - ideal.maximum, 0.0)
+    return min(MAX_DEVIATION, outside / (ideal.maximum - ideal.minimum))
+
+
+def assess(readings: Iterable[tuple[str, Mapping[str, float]]], ranges: Mapping[str, IdealRange] = IDEAL_RANGES) -> Health:
+    """The worst over all tags and sensors of (tag id, sensor -> value); sensors without a range don't count."""
+    worst: Driver | None = None
+    for tag_id, values in readings:
+        for sensor, value in values.items():
+            ideal = ranges.get(sensor)
+            if ideal is None or not math.isfinite(value):
+                continue
+            natural = in_natural_unit(sensor, value)
+            found = Driver(tag_id, sensor, natural, ideal, deviation(natural, ideal))
+            if worst is None or found.deviation > worst.deviation:
+                worst = found
+    if worst is None:
+        return Health("no_data", 0.0, None)
+    state = next(name for limit, name in STATES if worst.deviation < limit)
+    return Health(state, worst.deviation, worst)
