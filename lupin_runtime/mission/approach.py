@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Iterator, Mapping
 
 import cv2
 import numpy as np
@@ -122,9 +122,7 @@ def _overridden(approach: Approach, override: Override) -> Approach:
     return replace(approach, derived_from="override", **changes) if changes else approach  # type: ignore[arg-type]
 
 
-def _in_front(
-    tag_id: str, tag: tuple[float, float], normal: tuple[float, float], standoff_m: float, source: str
-) -> Approach:
+def _in_front(tag_id: str, tag: tuple[float, float], normal: tuple[float, float], standoff_m: float, source: str) -> Approach:
     return Approach(
         tag_id,
         tag[0] + standoff_m * normal[0],

@@ -266,10 +266,11 @@ class Coverage:
         wanted = weights > 0.0
         return np.ascontiguousarray(self._surfaces.rows[wanted]), np.ascontiguousarray(weights[wanted])
 
-    def gain_m(self, pose: Pose2) -> float:
-        """Metres of unseen surface that come into view at a pose, on the map of the last update."""
+    def worth_going(self, pose: Pose2) -> bool:
+        """Whether enough unseen surface comes into view at a pose, on the map of the last update."""
         rows, weights = self._wanted()
-        return float(self._gains(rows, weights, np.array([[pose.x, pose.y, pose.yaw, 1.0]]))[0])
+        gains = self._gains(rows, weights, np.array([[pose.x, pose.y, pose.yaw, 1.0]]))
+        return float(gains[0]) >= self._min_gain_m
 
     def give_up_slowly(self, pose: Pose2) -> None:
         """A visit to this pose is over: what it should have shown and didn't gets fewer tries."""
@@ -277,15 +278,11 @@ class Coverage:
         if self._grid is None or not len(rows):
             return
         seen = np.zeros(len(rows))
-        _kernels().add_view_time(
-            *self._view(self._grid), rows, len(rows), np.array([[pose.x, pose.y, pose.yaw, 1.0]]), 1, seen
-        )
+        _kernels().add_view_time(*self._view(self._grid), rows, len(rows), np.array([[pose.x, pose.y, pose.yaw, 1.0]]), 1, seen)
         for key in {_key(row) for row in rows[seen > 0.0]}:
             self._tries[key] = self._tries.get(key, 0) + 1
 
-    def viewpoints(
-        self, clearance: Clearance, travel_m: NDArray[np.float32], robot: Pose2, room_m: float
-    ) -> list[Viewpoint]:
+    def viewpoints(self, clearance: Clearance, travel_m: NDArray[np.float32], robot: Pose2, room_m: float) -> list[Viewpoint]:
         """Poses worth going to, best first: free, with `room_m` around them, on a road from the robot, facing something
         unseen from 0.6 to 1.4 m. The score is gain / (1 + travel), a turn of the robot counted as travel too."""
         rows, weights = self._wanted()

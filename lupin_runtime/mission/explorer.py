@@ -102,7 +102,7 @@ class Explorer:
             if self._coverage is None:
                 return False
             self._coverage.update(grid)
-            return self._coverage.gain_m(goal.pose) > 0.0
+            return self._coverage.worth_going(goal.pose)
         mask = frontier_cells(grid, self._frontiers)
         row, column = grid.cell_of(goal.pose.x, goal.pose.y)
         reach = math.ceil(SPOT_RADIUS_M / grid.resolution_m)
@@ -167,11 +167,7 @@ class Explorer:
 
     @staticmethod
     def _on_the_way(viewpoint: Viewpoint, frontier_road_m: float) -> bool:
-        return (
-            viewpoint.travel_m <= NEAR_M
-            and viewpoint.travel_m < frontier_road_m
-            and viewpoint.gain_m >= NEAR_GAIN_M
-        )
+        return viewpoint.travel_m <= NEAR_M and viewpoint.travel_m < frontier_road_m and viewpoint.gain_m >= NEAR_GAIN_M
 
     def _look(self, viewpoint: Viewpoint) -> ExplorationGoal:
         self._looked_from = viewpoint.pose

@@ -63,7 +63,8 @@ def frontier_cells(grid: GridMap, settings: FrontierSettings) -> NDArray[np.bool
     near = cv2.dilate(
         obstacle, np.ones((side, side), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0.0, 0.0, 0.0, 0.0)
     )
-    return frontier & (near == 0)
+    clear: NDArray[np.bool_] = frontier & (near == 0)
+    return clear
 
 
 def find_frontiers(

@@ -5,8 +5,9 @@ The data needs neither ROS nor the `transitions` package, so that a diagram or a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Callable, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from transitions import EventData
@@ -161,9 +162,7 @@ def build_hsm_spec() -> HsmSpec:
         TransitionSpec("resume_exploration", (RETURNING,), EXPLORING),
         TransitionSpec("reset_for_next", (DONE,), READY),
         TransitionSpec("recover", (FAULT,), READY),
-        TransitionSpec(
-            "fault", (BOOT, READY, PREPARE, EXPLORING, INSPECTING, MONITORING, RETURNING), FAULT, note="time-out"
-        ),
+        TransitionSpec("fault", (BOOT, READY, PREPARE, EXPLORING, INSPECTING, MONITORING, RETURNING), FAULT, note="time-out"),
     ]
     return HsmSpec(BOOT, states, tuple(transitions))
 

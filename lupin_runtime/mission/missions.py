@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Iterable, Mapping, Protocol, Sequence
+from typing import Protocol
 
 OK, UNREACHABLE, SCAN_FAILED, SKIPPED = 0, 1, 2, 3
 """How a visit to a tag ended; the numbers are Observation's."""
@@ -185,6 +186,4 @@ class MonitoringMission:
 
     @property
     def counters(self) -> Counters:
-        return Counters(
-            len(self._order), self._tallies[OK], self._tallies[SCAN_FAILED], self._tallies[UNREACHABLE], skipped=0
-        )
+        return Counters(len(self._order), self._tallies[OK], self._tallies[SCAN_FAILED], self._tallies[UNREACHABLE], skipped=0)

@@ -1,0 +1,120 @@
+"""The parameters of `mission_orchestrator`, each with its unit and default; the node declares them from here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from lupin_runtime.mission.frontier import FrontierSettings
+
+
+class BadParameter(ValueError):
+    """A parameter that no mission can run with; the message names it and what was expected."""
+
+
+@dataclass(frozen=True)
+class MissionConfig:
+    """Names are those of the ROS parameters."""
+
+    # -- names on the graph; empty optional ones take the graph's own
+    nav_action_name: str = "navigate_to_pose"
+    bridge_service_name: str = "/greenhouse_bridge/get_tag_reading"
+    visual_confirmation_service: str = "/perception/confirm_tag"
+    arm_preset_service: str = "/lupin/arm/preset"
+    estop_topic: str = "/e_stop_state"
+    battery_topic: str = "/io/power/power_watcher"
+    amcl_pose_topic: str = "/amcl_pose"
+    discovered_tags_topic: str = "/perception/discovered_tags"
+    map_topic: str = "/map"
+    base_frame: str = "base_link"
+    frame_id: str = "map"
+    mission_id_prefix: str = "lupin"
+    state_publish_rate_hz: float = 5.0
+
+    # -- what is known before the first drive
+    map_yaml_path: str = ""  # accepted for old launch files; the map comes from `map_topic`
+    tag_locations_file: str = ""  # "" = the layout inside the greenhouse simulator's package
+    approach_overrides_file: str = ""
+    tag_sequence: tuple[str, ...] = ()
+
+    # -- localization
+    dependency_timeout_s: float = 30.0
+    localization_timeout_s: float = 15.0
+    localization_covariance_threshold: float = 0.25
+    nav_localization_cov_threshold: float = 0.25
+
+    # -- approach and navigation
+    approach_yaw: float = 0.0
+    approach_standoff_m: float = 0.5
+    approach_room_m: float = 0.27  # around an approach goal: the robot's 0.22 and a map cell; 0 takes goals as they come
+    nav_timeout_s: float = 60.0
+    nav_max_attempts: int = 2
+
+    # -- scanning
+    scan_timeout_s: float = 5.0
+    flower_scan_dwell_s: float = 0.0
+    require_visual_confirmation: bool = False
+    visual_confirmation_timeout_s: float = 3.0
+    arm_patrol_enabled: bool = False
+    arm_inspect_preset: str = "inspect"
+    arm_travel_preset: str = "home"
+    arm_travel_settle_s: float = 0.0
+
+    # -- coming home
+    dock_pose: tuple[float, ...] = (0.0, 0.0, 0.0)  # x, y, yaw; x = y = 0 takes the robot's place at the first start
+    dock_timeout_s: float = 60.0
+    dock_retry_max: int = 3
+    battery_low_threshold: float = 0.20
+
+    # -- exploration and monitoring
+    discovery_goal: int = 5  # 65535 = all that can be found
+    frontier_free_thresh: int = 20
+    frontier_occupied_thresh: int = 65
+    frontier_min_cluster_cells: int = 6
+    frontier_robot_clearance_m: float = 0.35
+    frontier_robot_radius_cells: int = -1
+    frontier_clearance_occupied_thresh: int = 65
+    exploration_timeout_s: float = 180.0
+    exploration_exhausted_s: float = 10.0  # nothing left to look at for this long: longer than a map's update interval
+    monitoring_sweeps: int = 0  # 0 = for ever
+    seed_climate_on_discovery: bool = True
+    coverage_enabled: bool = True
+    coverage_range_m: float = 1.8
+    coverage_hfov_rad: float = math.radians(60.0)
+    coverage_camera_x_m: float = 0.147
+    coverage_min_view_s: float = 0.5
+    coverage_wall_weight: float = 0.0  # tags hang on boxes; above 0 outer walls are looked at too, as far as they count
+
+    @property
+    def frontiers(self) -> FrontierSettings:
+        """What the frontier planner takes of it."""
+        return FrontierSettings(
+            self.frontier_free_thresh,
+            self.frontier_occupied_thresh,
+            self.frontier_min_cluster_cells,
+            self.frontier_robot_clearance_m,
+            self.frontier_robot_radius_cells,
+            self.frontier_clearance_occupied_thresh,
+        )
+
+    @staticmethod
+    def from_parameters(values: Mapping[str, Any]) -> MissionConfig:
+        """The configuration of a set of parameters. Raises BadParameter for what cannot work; rates get their floor."""
+        known = {field.name: field for field in fields(MissionConfig)}
+        clean: dict[str, Any] = {}
+        for name, value in values.items():
+            if name not in known:
+                raise BadParameter(f"mission_orchestrator has no parameter {name!r}; see its table: lupin run mission --help")
+            if isinstance(value, float) and not math.isfinite(value):
+                raise BadParameter(f"parameter {name} is {value}, expected a number")
+            if name.endswith("_s") and isinstance(value, (int, float)) and value < 0:
+                raise BadParameter(f"parameter {name} is {value}, expected seconds, 0 or more")
+            clean[name] = tuple(value) if isinstance(known[name].default, tuple) else value
+        config = MissionConfig(**clean)
+        if len(config.dock_pose) != 3 or not all(map(math.isfinite, config.dock_pose)):
+            raise BadParameter(f"parameter dock_pose is {list(config.dock_pose)}, expected [x, y, yaw]")
+        if config.nav_max_attempts < 1:
+            raise BadParameter(f"parameter nav_max_attempts is {config.nav_max_attempts}, expected 1 or more")
+        return config
