@@ -104,6 +104,30 @@ def video(
     typer.echo(f"wrote {out}: {len(frames)} pictures, {len(frames) / rate_hz:.0f} s")
 
 
+@app.command()
+def press(
+    button: Annotated[str, typer.Argument(help="The button: estop.")] = "estop",
+    release: Annotated[bool, typer.Option("--release", help="Let it go again; nothing starts by that.")] = False,
+    run: Annotated[str | None, typer.Option("--run", help="A part of the run's name, where several are up.")] = None,
+) -> None:
+    """Press the simulated robot's red button, or let it go.
+
+    Exit status: 0 done, 1 the simulator did not answer, 2 no such button, 3 no run is up.
+    """
+    if button != "estop":
+        typer.echo(f"lupin sim: the robot has no button {button!r}; it has: estop", err=True)
+        raise typer.Exit(USAGE_ERROR)
+    from lupin_cli.graph_session import visit
+    from lupin_runtime import graph
+
+    with visit(run) as here:
+        from std_srvs.srv import SetBool
+
+        answer = here.call(graph.SIM_PRESS_ESTOP, SetBool.Request(data=not release))
+    typer.echo(answer.message or f"the e-stop is {'released' if release else 'pressed'}")
+    raise typer.Exit(0 if answer.success else FAILED)
+
+
 def _load(name: str, seed: int) -> World:
     from lupin_sim.worlds import WorldError, load_world
 

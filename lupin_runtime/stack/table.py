@@ -199,10 +199,10 @@ TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "perception",
         (
-            NodeRow("lupin_runtime.perception.node:TagAnnotator", _annotator),
-            NodeRow("lupin_runtime.perception.node:SimFlowerDetector", when=lambda o: o.yolo and o.simulated),
-            NodeRow("lupin_runtime.perception.node:YoloDetector", when=lambda o: o.yolo and not o.simulated),
-            NodeRow("lupin_runtime.perception.node:PerceptionAggregator"),
+            NodeRow("lupin_runtime.perception.annotator:TagAnnotator", _annotator),
+            NodeRow("lupin_runtime.perception.flower_nodes:SimFlowerDetector", when=lambda o: o.yolo and o.simulated),
+            NodeRow("lupin_runtime.perception.flower_nodes:YoloDetector", when=lambda o: o.yolo and not o.simulated),
+            NodeRow("lupin_runtime.perception.aggregator:PerceptionAggregator"),
         ),
         when=lambda o: o.perception,
         ready=(Heard(graph.DISCOVERED_TAGS),),
