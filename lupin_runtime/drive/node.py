@@ -14,9 +14,9 @@ from std_msgs.msg import String
 
 from lupin_runtime import graph
 from lupin_runtime.drive.bus import Bus
-from lupin_runtime.drive.priority import raise_priority
 from lupin_runtime.drive.twist import ZERO, HardLimits, Twist, decode, encode
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.priority import serve_first
 
 TICK_HZ = 20.0
 STATUS_PERIOD_NS = 200_000_000  # at most 5 Hz
@@ -40,16 +40,15 @@ _ZERO_BYTES = encode(ZERO)
 
 class TwistMux(LupinNode):
     """The drive bus. Parameters: `sink` (sim or robot), `require_estop_heartbeat`, `estop_timeout_s`,
-    `linear_limit_mps`, `yaw_limit_radps`, `nice` (scheduling priority asked for this process; 0 leaves it alone)."""
+    `linear_limit_mps`, `yaw_limit_radps`, `serve_first` (ask for real-time scheduling of the process)."""
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("twist_mux", parameters)
         sink = self.parameter("sink", "sim")
         if sink not in SINKS:
             raise ValueError(f"twist_mux: parameter sink is {sink!r}, expected one of {', '.join(SINKS)}")
-        nice = self.parameter("nice", 0)
-        if nice:
-            self.get_logger().info(raise_priority(nice))
+        if self.parameter("serve_first", False):
+            self.get_logger().info(serve_first())
         limits = HardLimits(self.parameter("linear_limit_mps", 0.6), self.parameter("yaw_limit_radps", 1.9))
         self._bus = Bus(
             limits=limits,

@@ -11,6 +11,7 @@ from std_msgs.msg import Bool, String
 
 from lupin_runtime import graph
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.priority import serve_first
 from lupin_runtime.safety.consoles import EXPIRY_S, ConsoleLane
 from lupin_runtime.safety.estop import BUTTON_SILENCE_S, EstopSources, EstopState
 
@@ -21,10 +22,13 @@ WARNING_PERIOD_S = 30.0
 class EstopBridge(LupinNode):
     """Publishes at `publish_rate_hz` and on every edge. Parameters: `button_topic`, `estop_topic`, `hmi_estop_topic`,
     `engaged_value` (what the button says when pressed), `publish_rate_hz` (floor 0.5), `hmi_expiry_s`,
-    `hmi_silence_engages`, `button_silence_s`, `button_silence_engages`."""
+    `hmi_silence_engages`, `button_silence_s`, `button_silence_engages`, `serve_first` (ask for real-time
+    scheduling of the process)."""
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("estop_bridge", parameters)
+        if self.parameter("serve_first", False):
+            self.get_logger().info(serve_first())
         engaged_value = self.parameter("engaged_value", True)
         self._sources = EstopSources(
             ConsoleLane(

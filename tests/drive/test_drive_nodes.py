@@ -181,15 +181,3 @@ def test_the_idle_stop_says_zero(graph_host):
     graph_host.add(IdleStop())
     graph_host.until(lambda: len(probe.sink) >= 5, what="zeros")
     assert {data for _, data in probe.sink} == {STILL}
-
-
-def test_a_priority_that_may_not_be_raised_leaves_the_bus_working(monkeypatch):
-    import os
-
-    from lupin_runtime.drive.priority import raise_priority
-
-    def refuse(*_):
-        raise PermissionError("not permitted")
-
-    monkeypatch.setattr(os, "setpriority", refuse)
-    assert "LimitNICE=-10" in raise_priority(-10)

@@ -1,0 +1,217 @@
+"""The drive bus: latency that twist_mux adds, beside a bare relay, and how soon the e-stop's edge is a zero at the sink.
+
+    python -m bench.bench_drive [--seconds 20] [--presses 40] [--load 2] [--ordinary] [--json]
+
+Bus, bridge and relay each run in a process and a session of their own, as in the stack, on a private graph on loopback.
+The added latency of a command is the time from its writing by the source to the writing of what comes out, both stamped by
+the middleware: a source that published to the sink itself would be just that much earlier. The relay (an rclpy node that
+publishes what it receives and does nothing else) hears the same messages. `--load` starts that many processes that compute
+without end beside them, under ordinary scheduling. The time to stop runs from before the button's edge is published to the
+arrival of zero.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from lupin_runtime import graph
+from lupin_runtime.drive import Twist, decode, encode
+from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.priority import serve_first
+from lupin_runtime.stack.dds import claim_domain, loopback_environment
+
+RELAY_SINK = graph.Topic("/bench/relay", graph.CMD_VEL_AUTO.type, graph.BEST1)
+ZERO_BYTES = encode(Twist(0.0, 0.0, 0.0))
+
+PROCESSES = {
+    "twist_mux": "from lupin_runtime.drive.node import TwistMux; nodes = [lambda: TwistMux({'serve_first': FIRST})]",
+    "estop_bridge": "from lupin_runtime.safety.node import EstopBridge; nodes = [lambda: EstopBridge({'serve_first': FIRST})]",
+    "relay": "from bench.bench_drive import relay_node; nodes = [relay_node]",
+}
+RUN = "import os; from lupin_runtime.ros import run; s = run(nodes); os._exit(s)"
+BUSY = "x = 0\nwhile True:\n    x += 1"
+
+
+def relay_node() -> LupinNode:
+    """The peer: takes a Twist apart and publishes it again, as any small rclpy node would."""
+    node = LupinNode("relay")
+    out = node.publisher(RELAY_SINK)
+    node.subscription(graph.CMD_VEL_AUTO, out.publish, qos=graph.BEST1)
+    return node
+
+
+class Probe:
+    """Publishes commands and the button, and keeps when what came back was written (ns, system clock), by their y."""
+
+    def __init__(self) -> None:
+        import rclpy
+        from mirte_msgs.msg import IntensityDigital
+        from rclpy.executors import SingleThreadedExecutor
+
+        rclpy.init(args=[])
+        self._button_type = IntensityDigital
+        self.node = LupinNode("probe")
+        self.direct: dict[float, int] = {}
+        self.via_mux: dict[float, int] = {}
+        self.via_relay: dict[float, int] = {}
+        self.zero_ns = 0
+        self.moving = threading.Event()
+        self.auto = self.node.publisher(graph.CMD_VEL_AUTO)
+        self.button = self.node.publisher(graph.ESTOP_BUTTON)
+        qos = graph.Qos(reliable=False, depth=50)
+        self.node.subscription(graph.CMD_VEL_AUTO, self._into(self.direct), qos=qos, raw=True)
+        self.node.subscription(RELAY_SINK, self._into(self.via_relay), qos=qos, raw=True)
+        sink: Callable[..., None] = self._sink
+        self.node.subscription(graph.CMD_VEL_SINK_SIM, sink, qos=qos, raw=True)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        threading.Thread(target=self._executor.spin, daemon=True).start()
+
+    def _into(self, table: dict[float, int]) -> Callable[..., None]:
+        def take(data: bytes, info: dict[str, int]) -> None:
+            command = decode(data)
+            if command is not None:
+                table[command.y] = info["source_timestamp"]
+
+        return take
+
+    def _sink(self, data: bytes, info: dict[str, int]) -> None:
+        command = decode(data)
+        if data == ZERO_BYTES:
+            self.zero_ns = self.zero_ns or info["received_timestamp"]
+        elif command is not None:
+            self.via_mux[command.y] = info["source_timestamp"]
+            self.moving.set()
+
+    def press(self, pressed: bool) -> None:
+        self.button.publish(self._button_type(value=pressed))
+
+    def until_moving(self, timeout_s: float = 20.0) -> None:
+        """Command rest and then motion until it comes out at the sink."""
+        self.moving.clear()
+        deadline = time.monotonic() + timeout_s
+        while not self.moving.is_set():
+            if time.monotonic() > deadline:
+                raise SystemExit("bench_drive: no command reached the sink within 20 s; is the bus locked?")
+            self.auto.publish(ZERO_BYTES)
+            time.sleep(0.02)  # the bus takes the newest only: rest has to be seen before motion follows
+            self.auto.publish(encode(Twist(0.1, 0.0, 0.0)))
+            self.moving.wait(0.02)
+
+    def close(self) -> None:
+        import rclpy
+
+        self._executor.shutdown(timeout_sec=2.0)
+        rclpy.try_shutdown()
+
+
+def percentiles(values_ms: list[float]) -> dict[str, float]:
+    """Median, 99th percentile and maximum, ms."""
+    ordered = sorted(values_ms)
+    if not ordered:
+        raise SystemExit("bench_drive: nothing was received")
+    return {
+        "median_ms": round(ordered[len(ordered) // 2], 3),
+        "p99_ms": round(ordered[min(len(ordered) - 1, int(0.99 * len(ordered)))], 3),
+        "max_ms": round(ordered[-1], 3),
+        "samples": len(ordered),
+    }
+
+
+def measure_latency(probe: Probe, seconds: float) -> dict[str, dict[str, float]]:
+    """Commands at 50 Hz; per message how much later it came through the bus, and through the relay."""
+    probe.until_moving()
+    period_s, count = 0.02, int(seconds / 0.02)
+    start = time.monotonic()
+    for index in range(1, count + 1):
+        probe.auto.publish(encode(Twist(0.2, index * 1e-6, 0.0)))
+        time.sleep(max(0.0, start + index * period_s - time.monotonic()))
+    time.sleep(0.5)
+
+    def added(table: dict[float, int]) -> list[float]:
+        keys = [y for y in probe.direct if y > 0 and y in table]
+        return [(table[y] - probe.direct[y]) / 1e6 for y in keys]
+
+    return {"twist_mux": percentiles(added(probe.via_mux)), "relay": percentiles(added(probe.via_relay))}
+
+
+def measure_stop(probe: Probe, presses: int) -> dict[str, float]:
+    """From publishing the button's edge to the first zero at the sink, with motion flowing at 50 Hz; ms."""
+    delays = []
+    for _ in range(presses):
+        probe.until_moving()
+        for _ in range(5):
+            probe.auto.publish(encode(Twist(0.1, 0.0, 0.0)))
+            time.sleep(0.02)
+        probe.zero_ns = 0
+        pressed_ns = time.time_ns()
+        probe.press(True)
+        deadline = time.monotonic() + 5.0
+        while not probe.zero_ns:
+            if time.monotonic() > deadline:
+                raise SystemExit("bench_drive: no zero at the sink within 5 s of the button's edge")
+            time.sleep(0.001)
+        delays.append((probe.zero_ns - pressed_ns) / 1e6)
+        probe.press(False)
+        time.sleep(0.15)
+    return percentiles(delays)
+
+
+def main() -> None:
+    """Run both measurements and print them."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--presses", type=int, default=40)
+    parser.add_argument("--load", type=int, default=os.cpu_count() or 1, help="busy processes beside the bus")
+    parser.add_argument("--ordinary", action="store_true", help="bus and bridge do not ask for real-time scheduling")
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+
+    claim = claim_domain()
+    children: list[subprocess.Popen[bytes]] = []
+    with tempfile.TemporaryDirectory() as directory:
+        os.environ.update(loopback_environment(claim.domain, Path(directory)))
+        try:
+            for code in PROCESSES.values():
+                code = f"FIRST = {not args.ordinary}; {code}; {RUN}"
+                children.append(subprocess.Popen([sys.executable, "-c", code], stdout=sys.stderr, start_new_session=True))
+            probe = Probe()
+            probe.until_moving()
+            children += [subprocess.Popen([sys.executable, "-c", BUSY], start_new_session=True) for _ in range(args.load)]
+            serve_first()  # the source and the base at the sink are not what is measured here
+            rows = measure_latency(probe, args.seconds)
+            rows["stop"] = measure_stop(probe, args.presses)
+            probe.close()
+        finally:
+            for child in children:
+                child.terminate()
+            for child in children:
+                try:
+                    child.wait(5.0)
+                except subprocess.TimeoutExpired:
+                    child.kill()
+            claim.release()
+    scheduling = "ordinary" if args.ordinary else "real-time"
+    result: dict[str, object] = {"load": args.load, "scheduling": scheduling, **rows}
+    result["ratio_median"] = round(rows["twist_mux"]["median_ms"] / rows["relay"]["median_ms"], 2)
+    if args.json:
+        print(json.dumps(result))
+        return
+    print(f"{'':34}{'median ms':>10}{'p99 ms':>10}{'max ms':>10}{'samples':>9}")
+    titles = ("twist_mux, added", "bare rclpy relay, added", "button edge to zero at the sink")
+    for title, row in zip(titles, rows.values()):
+        print(f"{title:34}{row['median_ms']:10.3f}{row['p99_ms']:10.3f}{row['max_ms']:10.3f}{row['samples']:9.0f}")
+    print(f"twist_mux / relay, median: {result['ratio_median']}   (load: {args.load} busy processes, {scheduling})")
+
+
+if __name__ == "__main__":
+    main()
