@@ -113,7 +113,7 @@ class LiveView:
             word = stage["phase"] + (f" (restart {stage['restarts']})" if stage["restarts"] else "")
             if self._seen.get(stage["name"]) != word:
                 self._seen[stage["name"]] = word
-                self._console.print(f"[{state['age_s']:7.1f} s] {stage['name']}: {word} {stage['why']}", highlight=False, soft_wrap=True)
+                self._line(state, f"{stage['name']}: {word} {stage['why']}")
         mission = state["mission"]
         if mission:
             word = " ".join(
@@ -124,4 +124,7 @@ class LiveView:
             word += f" · {mission['tags_discovered']} tags · {mission['targets_completed']}/{mission['targets_total']} read"
             if word != self._last_mission:
                 self._last_mission = word
-                self._console.print(f"[{state['age_s']:7.1f} s] mission: {word}", highlight=False, soft_wrap=True)
+                self._line(state, f"mission: {word}")
+
+    def _line(self, state: dict[str, Any], text: str) -> None:
+        self._console.print(f"[{state['age_s']:7.1f} s] {text}", highlight=False, soft_wrap=True, markup=False)

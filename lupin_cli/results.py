@@ -50,17 +50,54 @@ def conclude(run: Run, options: Options, outcome: Outcome, console: Console) -> 
 
 
 def _report(run: Run, options: Options, outcome: Outcome, result: dict[str, Any], console: Console) -> None:
-    from lupin_sim.scoring import score_run
-
-    from lupin_runtime.report import build_report
+    from lupin_runtime.record.reader import NotARecording
+    from lupin_runtime.report.build import build_report
 
     began = time.monotonic()
-    facts = {**asdict(outcome), "options": {key: str(value) for key, value in asdict(options).items()}, "result": result}
-    with console.status("building the report"):
-        report = build_report(run.path, facts=facts, score=(score_run if options.simulated else None))
-    result.update({key: value for key, value in (report.score or {}).items() if key in SCRIPT_FIELDS})
+    facts = {**asdict(outcome), "options": asdict(options), **{key: result[key] for key in SCRIPT_FIELDS}}
+    try:
+        with console.status("building the report"):
+            report = build_report(run.path, facts=facts, score=score_run if options.simulated else None)
+    except (NotARecording, OSError) as error:
+        console.print(f"no report: {error}", style="yellow", soft_wrap=True)
+        return
+    result.update({key: value for key, value in report.score.items() if key in SCRIPT_FIELDS})
     result["report"] = str(report.page)
     console.print(f"report in {time.monotonic() - began:.1f} s", style="dim")
+
+
+def score_run(folder: Path) -> dict[str, Any]:
+    """Compare what a simulated run found with the truth that the simulator left in the run's directory.
+
+    Reads truth.json, truth_trajectory.tum, trajectory.tum and report/report.json. Raises OSError, ValueError.
+    """
+    from lupin_runtime.geometry import Pose2
+    from lupin_sim.scoring import EstimatedTag, read_tum, score
+
+    found = json.loads((folder / "report" / "report.json").read_text())["tags"]
+    tags = [
+        EstimatedTag(
+            id=int(tag["id"]),
+            x=tag["x"],
+            y=tag["y"],
+            read=tag["outcome"] == "read",
+            species=(tag["flowers"] or {}).get("species", ""),
+            anomaly=bool((tag["flowers"] or {}).get("anomaly")),
+        )
+        for tag in found
+        if tag["x"] is not None and str(tag["id"]).isdigit()
+    ]
+    figures = score(
+        json.loads((folder / "truth.json").read_text()),
+        read_tum(folder / "truth_trajectory.tum"),
+        read_tum(folder / "trajectory.tum"),
+        tags,
+    )
+    map_from_world = Pose2(*figures.world_from_map).inverse()
+    return {
+        **figures.as_json(),
+        "map_from_world": {"x": map_from_world.x, "y": map_from_world.y, "yaw": map_from_world.yaw},
+    }
 
 
 def _read(path: Path) -> dict[str, Any]:
