@@ -112,10 +112,8 @@ class NavigationServer:
         session.handle.publish_feedback(message)
 
     def close(self) -> None:
-        """End what is under way and take the servers from the graph."""
+        """Abort what is under way."""
         self.finish(None, "navigation shuts down")
-        for server in self._servers:
-            server.destroy()
 
     def _serve(self, action: graph.Action) -> ActionServer:
         return ActionServer(
@@ -232,10 +230,9 @@ class PathServer:
                 self._end(request, request.handle.abort, Failure.PLANNING_TIMED_OUT, reason)
 
     def close(self) -> None:
-        """End what waits and take the server from the graph."""
+        """Abort what waits."""
         for request in list(self._requests):
             self._end(request, request.handle.abort, None, "navigation shuts down")
-        self._server.destroy()
 
     def _end(self, request: _PathRequest, transition: Callable[[], None], failure: Failure | None, reason: str) -> None:
         self._requests.remove(request)

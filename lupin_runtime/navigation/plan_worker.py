@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.gridmap import GridMap
@@ -127,7 +128,7 @@ class PlanWorker:
 
 def plan_through(costmap: Costmap, start: Pose2, goals: Sequence[Pose2], parameters: PlannerParameters) -> Plan | NoPath:
     """One path from the start through all goals, or why there is none."""
-    legs = []
+    legs: list[NDArray[np.float64]] = []
     at = start.x, start.y
     try:
         for goal in goals:
