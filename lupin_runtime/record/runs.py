@@ -1,13 +1,13 @@
-"""Where the files of a run lie, and how a run is found by what an operator types."""
+"""The recordings of a run, and how they are found by what an operator types."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from lupin_runtime.record.reader import NotARecording, Recording
+from lupin_runtime.stack.runs import runs_directory
 
 RECORDING_NAME = "recording.mcap"
 LATEST = "latest"
@@ -15,12 +15,6 @@ LATEST = "latest"
 
 class RunNotFound(LookupError):
     """No run and no file has this name; the message lists what there is."""
-
-
-def runs_folder() -> Path:
-    """The folder of all runs of this user: `${XDG_STATE_HOME:-~/.local/state}/lupin/runs`."""
-    state = os.environ.get("XDG_STATE_HOME")
-    return (Path(state) if state else Path.home() / ".local" / "state") / "lupin" / "runs"
 
 
 @dataclass(frozen=True)
@@ -69,7 +63,7 @@ def find_run(name: str, folder: Path | None = None) -> RunFiles:
         return RunFiles(path.resolve().parent / f"{path.stem}-report", (path.resolve(),))
     if path.is_dir():
         return run_files(path.resolve())
-    runs = sorted(_recorded(folder or runs_folder()), key=lambda run: run.recordings[-1].stat().st_mtime)
+    runs = sorted(_recorded(folder or runs_directory()), key=lambda run: run.recordings[-1].stat().st_mtime)
     if not runs:
         raise RunNotFound(f"{name}: there is no such file, and no run was recorded yet; try: lupin up --mission")
     if name == LATEST:

@@ -38,7 +38,7 @@ def test_cameras_by_mode():
     assert not rows["/camera/image_raw/compressed"].while_scanning
     assert rows[GRIPPER_CAMERA.name].while_scanning
     assert cameras("off", "off", 1.0, 2.0) == ()
-    with pytest.raises(ValueError, match="always | scanning | off"):
+    with pytest.raises(ValueError, match=r"always \| scanning \| off"):
         cameras("sometimes", "off", 1.0, 2.0)
 
 

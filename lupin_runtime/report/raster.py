@@ -1,0 +1,177 @@
+"""Pictures of a report: the occupancy map, heat maps, thumbnails, each as bytes that go into a page."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.gridmap import GridMap
+from lupin_runtime.report.health import SENSORS
+from lupin_runtime.report.palette import HEAT_ALPHA, heat_rgb
+from lupin_runtime.report.tags import TagResult
+
+# Nearest-neighbour upscaling: a browser that smooths pictures leaves the cells' edges sharp.
+MAP_SCALE = 3
+HEAT_CELL_M = 0.05
+# As the twin's field service has them.
+IDW_POWER, IDW_RADIUS_M, _SAME_PLACE_M = 2.0, 1.5, 1e-3
+
+# (free, occupied) as RGB, for a page on light and on dark ground; unknown cells are transparent.
+_MAP_INKS = {"light": ((255, 255, 253), (48, 52, 58)), "dark": ((36, 41, 49), (196, 204, 214))}
+
+
+@dataclass(frozen=True)
+class Extent:
+    """A rectangle of the map frame, metres."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+
+    @property
+    def width(self) -> float:
+        """Metres along x."""
+        return self.x1 - self.x0
+
+    @property
+    def height(self) -> float:
+        """Metres along y."""
+        return self.y1 - self.y0
+
+    def grown_to(self, x: float, y: float, margin: float = 0.0) -> Extent:
+        """The smallest extent that holds this one and a point."""
+        return Extent(min(self.x0, x - margin), min(self.y0, y - margin), max(self.x1, x + margin), max(self.y1, y + margin))
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """A sensor's values spread between the tags that measured it, as a picture over `extent`."""
+
+    sensor: str
+    png: bytes
+    extent: Extent
+    low: float
+    high: float
+    samples: int
+
+
+def known_extent(grid: GridMap) -> Extent | None:
+    """The rectangle of everything that is not unknown; None for an empty map."""
+    known = grid.cells >= 0
+    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    if not rows.size:
+        return None
+    r = grid.resolution_m
+    return Extent(
+        grid.origin_x + float(columns[0]) * r,
+        grid.origin_y + float(rows[0]) * r,
+        grid.origin_x + float(columns[-1] + 1) * r,
+        grid.origin_y + float(rows[-1] + 1) * r,
+    )
+
+
+def map_png(grid: GridMap, extent: Extent, theme: str) -> bytes:
+    """The cells of `extent` as a PNG with north up: free and occupied in the theme's inks, unknown transparent."""
+    cells = _crop(grid, extent)
+    free, occupied = (np.array(ink, np.float32) for ink in _MAP_INKS[theme])
+    share = (np.clip(cells, 0, 100).astype(np.float32) / 100.0)[..., None]
+    picture = np.empty((*cells.shape, 4), np.uint8)
+    picture[..., :3] = (free + (occupied - free) * share)[..., ::-1]
+    picture[..., 3] = np.where(cells < 0, 0, 255)
+    size = (cells.shape[1] * MAP_SCALE, cells.shape[0] * MAP_SCALE)
+    return _png(cv2.resize(picture[::-1], size, interpolation=cv2.INTER_NEAREST))
+
+
+def _crop(grid: GridMap, extent: Extent) -> NDArray[np.int8]:
+    top, left = grid.cell_of(extent.x0 + 1e-6, extent.y0 + 1e-6)
+    rows, columns = round(extent.height / grid.resolution_m), round(extent.width / grid.resolution_m)
+    return grid.cells[top : top + rows, left : left + columns]
+
+
+def heat_maps(tags: Sequence[TagResult], grid: GridMap | None) -> list[HeatMap]:
+    """One per sensor that any placed tag measured. Where the map is unknown there is no colour."""
+    found = []
+    for sensor in SENSORS:
+        samples = np.array(
+            [
+                (tag.pose.x, tag.pose.y, reading.value)
+                for tag in tags
+                if tag.pose is not None
+                for reading in tag.readings
+                if reading.sensor == sensor and math.isfinite(reading.value)
+            ]
+        )
+        if samples.size:
+            found.append(_heat_map(sensor, samples, grid))
+    return found
+
+
+def _heat_map(sensor: str, samples: NDArray[np.float64], grid: GridMap | None) -> HeatMap:
+    (x0, y0), (x1, y1) = samples[:, :2].min(axis=0) - IDW_RADIUS_M, samples[:, :2].max(axis=0) + IDW_RADIUS_M
+    columns, rows = max(1, math.ceil((x1 - x0) / HEAT_CELL_M)), max(1, math.ceil((y1 - y0) / HEAT_CELL_M))
+    xs, ys = x0 + (np.arange(columns) + 0.5) * HEAT_CELL_M, y0 + (np.arange(rows) + 0.5) * HEAT_CELL_M
+    field = idw(samples, xs, ys)
+    if grid is not None:
+        column = np.floor((xs - grid.origin_x) / grid.resolution_m).astype(int)
+        row = np.floor((ys - grid.origin_y) / grid.resolution_m).astype(int)
+        inside = ((row >= 0) & (row < grid.height))[:, None] & ((column >= 0) & (column < grid.width))[None, :]
+        known = grid.cells[np.ix_(row.clip(0, grid.height - 1), column.clip(0, grid.width - 1))] >= 0
+        field[~(inside & known)] = np.nan
+    low, high = float(samples[:, 2].min()), float(samples[:, 2].max())
+    share = np.ones_like(field) if high - low < 1e-9 else ((field - low) / (high - low)).clip(0.0, 1.0)
+    share[np.isnan(field)] = 0.0
+    inks = np.array([heat_rgb(sensor, i / 255.0) for i in range(256)], np.uint8)
+    picture = np.empty((*field.shape, 4), np.uint8)
+    picture[..., :3] = inks[np.round(share * 255).astype(int)][..., ::-1]
+    picture[..., 3] = np.round(share * HEAT_ALPHA * 255)
+    smooth = cv2.resize(picture[::-1], (2 * columns, 2 * rows), interpolation=cv2.INTER_LINEAR)
+    extent = Extent(float(x0), float(y0), float(x0 + columns * HEAT_CELL_M), float(y0 + rows * HEAT_CELL_M))
+    return HeatMap(sensor, _png(smooth), extent, low, high, len(samples))
+
+
+def idw(samples: NDArray[np.float64], xs: NDArray[np.float64], ys: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Inverse-distance weighting of samples (n, 3: x, y, value) on the grid of `xs` and `ys`; shape (len(ys), len(xs)).
+
+    NaN farther than 1.5 m from every sample; the sample's own value within a millimetre (Shepard 1968).
+    """
+    dx = xs[None, :, None] - samples[None, None, :, 0]
+    dy = ys[:, None, None] - samples[None, None, :, 1]
+    distance = np.hypot(dx, dy)
+    nearest = distance.argmin(axis=2)
+    closest = np.take_along_axis(distance, nearest[..., None], axis=2)[..., 0]
+    weight = np.where(distance <= IDW_RADIUS_M, 1.0 / np.maximum(distance, _SAME_PLACE_M) ** IDW_POWER, 0.0)
+    total = weight.sum(axis=2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        field: NDArray[np.float64] = (weight * samples[:, 2]).sum(axis=2) / total
+    field = np.where(closest < _SAME_PLACE_M, samples[nearest, 2], field)
+    return np.where(closest > IDW_RADIUS_M, np.nan, field)
+
+
+def thumbnail(jpeg: bytes, width_px: int, quality: int = 72) -> bytes | None:
+    """A smaller JPEG of a JPEG; None where it can't be decoded."""
+    if not jpeg:
+        return None
+    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    if picture is None:
+        return None
+    height_px = max(1, round(picture.shape[0] * width_px / picture.shape[1]))
+    small = cv2.resize(picture, (width_px, height_px), interpolation=cv2.INTER_AREA)
+    _, encoded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return encoded.tobytes()
+
+
+def data_uri(content: bytes, kind: str) -> str:
+    """A picture as part of a page."""
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _png(picture: NDArray[np.uint8]) -> bytes:
+    _, encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    return encoded.tobytes()

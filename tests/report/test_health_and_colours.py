@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lupin_runtime.report.health import SENSORS, deviation, health
+from lupin_runtime.report.palette import SPEED_RAMP, TIME_RAMP, heat_rgb, ramp, species_label
+
+
+@pytest.mark.parametrize(
+    ("sensor", "value", "expected"),
+    [
+        ("temperature", 18.0, 0.0),
+        ("temperature", 26.0, 0.0),
+        ("temperature", 28.0, 0.25),
+        ("temperature", 10.0, 1.0),
+        ("co2", 1480.0, 0.8),
+        ("co2", 1e9, 2.0),
+        ("humidity", math.nan, 0.0),
+        ("radon", 1.0, 0.0),
+    ],
+)
+def test_deviation_counts_in_widths_of_the_ideal_range(sensor, value, expected):
+    assert deviation(sensor, value) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("readings", "expected"),
+    [
+        ([], "no_data"),
+        ([("radon", 3.0)], "no_data"),
+        ([("temperature", math.nan)], "no_data"),
+        ([("temperature", 20.0)], "healthy"),
+        ([("temperature", 20.0), ("humidity", 82.0)], "stressed"),
+        ([("temperature", 20.0), ("co2", 1480.0)], "critical"),
+    ],
+)
+def test_the_worst_reading_decides(readings, expected):
+    assert health(readings)[0] == expected
+
+
+@given(st.sampled_from(sorted(SENSORS)), st.floats(allow_nan=False, allow_infinity=False))
+def test_deviation_is_bounded_and_zero_inside(sensor, value):
+    ideal = SENSORS[sensor]
+    found = deviation(sensor, value)
+    assert 0.0 <= found <= 2.0
+    assert (found == 0.0) == (ideal.low <= value <= ideal.high) or found < 1e-12
+
+
+def test_heat_gets_darker_with_the_value():
+    for sensor in SENSORS:
+        assert sum(heat_rgb(sensor, 0.0)) > sum(heat_rgb(sensor, 1.0))
+    assert heat_rgb("temperature", 0.0) == (240, 204, 168)  # hsl(30 70% 80%)
+
+
+@given(st.floats(-2.0, 3.0))
+def test_a_ramp_is_always_a_colour(fraction):
+    for stops in (TIME_RAMP, SPEED_RAMP):
+        colour = ramp(stops, fraction)
+        assert len(colour) == 7
+        assert colour.startswith("#")
+        int(colour[1:], 16)
+    assert ramp(TIME_RAMP, 0.0) == TIME_RAMP[0]
+    assert ramp(TIME_RAMP, 1.0) == TIME_RAMP[-1]
+
+
+def test_species_are_said_as_people_say_them():
+    assert [species_label(s) for s in ("tulip_red", "", "daisy")] == ["Red tulip", "Unclassified", "Daisy"]
