@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -35,6 +36,7 @@ GYRO_NOISE_RADPS = 0.002
 ACCELEROMETER_NOISE_MPS2 = 0.03
 DISCHARGE_PER_S = 0.9 / (2.5 * 3600.0)  # two and a half hours of driving
 NO_TWIST = (0.0, 0.0, 0.0)
+_LED_OFF, _LED_ON = 0.08, 0.66
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,7 @@ class Simulation:
         self.wheel_angles: NDArray[np.float64] = np.zeros(4)
         self._lidar = Lidar(self.model, lidar_rng)
         self._led_order = led_order
+        self.led_colour = (0, 0, 0)  # red, green, blue that the strip shows, 0..255
         self._twist = NO_TWIST
         self._commanded_tick = -(10**9)
         self._index_model()
@@ -107,10 +110,11 @@ class Simulation:
 
     def set_leds(self, first: int, second: int, third: int) -> None:
         """The three bytes on the wire, 0..255; which colour each drives depends on the strip's order."""
-        colour = dict(zip(self._led_order, (first, second, third)))
+        shown = dict(zip(self._led_order, (first, second, third)))
+        self.led_colour = shown["R"], shown["G"], shown["B"]
+        # Off is dark glass, not a hole; full on leaves room for the light that falls on the strip besides.
+        glow = [_LED_OFF + (_LED_ON - _LED_OFF) * min(max(value, 0), 255) / 255.0 for value in self.led_colour]
         with self.lock:
-            # Off is dark glass, not a hole.
-            glow = [0.10 + 0.90 * min(max(colour[name], 0), 255) / 255.0 for name in "RGB"]
             self.model.geom_rgba[self._leds] = [*glow, 1.0]
 
     def switch_controllers(self, activate: list[str], deactivate: list[str], strict: bool) -> tuple[bool, str]:
@@ -122,6 +126,14 @@ class Simulation:
                 self.arm.hold(self.servos.angles[:4])
                 self.gripper_command = self.servos.angles[4]
             return outcome.ok, outcome.message
+
+    def place(self, pose: Pose2, arm: Sequence[float] | None = None) -> None:
+        """Put the robot somewhere, standing still, without a way there: for pictures and experiments."""
+        self.data.qpos[:3] = pose.x, pose.y, pose.yaw
+        self.data.qvel[:] = 0.0
+        if arm is not None:
+            self.data.qpos[self._arm_positions[:4]] = arm
+        mujoco.mj_forward(self.model, self.data)
 
     # -- time ---------------------------------------------------------------------------------------------------------
     @property
@@ -197,12 +209,6 @@ class Simulation:
         # MuJoCo's camera looks along -z with y up.
         optical = self.data.cam_xmat[index].reshape(3, 3) * np.array([1.0, -1.0, -1.0])
         return base.T @ (self.data.cam_xpos[index] - self.data.xpos[self._base]), base.T @ optical
-
-    @property
-    def led_colour(self) -> tuple[float, float, float]:
-        """What the strip shows, 0..1 each."""
-        r, g, b = (float(v) for v in self.model.geom_rgba[self._leds[0]][:3])
-        return r, g, b
 
     # -- inside -------------------------------------------------------------------------------------------------------
     def _index_model(self) -> None:

@@ -58,12 +58,8 @@ class Studio:
 
     def place(self, pose: Pose2, arm: Sequence[float] = HOME, leds: tuple[int, int, int] = (0, 255, 128)) -> None:
         """Stand the robot somewhere, without physics."""
-        data = self._simulation.data
-        data.qpos[:3] = pose.x, pose.y, pose.yaw
-        data.qpos[3:7] = arm
+        self._simulation.place(pose, arm)
         self._simulation.set_leds(*leds)
-        mujoco.mj_kinematics(self._simulation.model, data)
-        mujoco.mj_camlight(self._simulation.model, data)
 
     def shoot(self, camera: str, path: Sequence[Pose2] = ()) -> Image:
         """A picture, RGB of shape (height, width, 3), with a driven path drawn on the floor."""

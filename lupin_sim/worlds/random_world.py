@@ -39,7 +39,7 @@ def random_world(seed: int) -> World:
 
 
 def _draw(rng: np.random.Generator, seed: int) -> World | None:
-    length, breadth = (float(rng.uniform(*side)) for side in ROOM_M)
+    length, breadth = (round(float(rng.uniform(*side)), 2) for side in ROOM_M)
     start = Pose2(0.9, 0.9, 0.0)
     boxes = _planters(rng, length, breadth, start)
     if len(boxes) < PLANTERS[0]:
@@ -68,13 +68,12 @@ def _planters(rng: np.random.Generator, length: float, breadth: float, start: Po
     for _ in range(_PLACE_TRIES):
         if len(boxes) == wanted:
             break
-        width, depth = float(rng.uniform(*WIDTH_M)), float(rng.uniform(*DEPTH_M))
+        width, depth = (round(float(rng.uniform(*span)), 2) for span in (WIDTH_M, DEPTH_M))
         yaw = float(rng.choice(_QUARTERS))
         half_x, half_y = (depth, width) if abs(math.cos(yaw)) > 0.5 else (width, depth)
         half_x, half_y = half_x / 2, half_y / 2
         x, y = _along(rng, length, half_x), _along(rng, breadth, half_y)
-        x, y = round(x, 3), round(y, 3)
-        box = Box(f"planter{len(boxes)}", x, y, yaw, round(width, 3), round(depth, 3))
+        box = Box(f"planter{len(boxes)}", x, y, yaw, width, depth)
         if box.distance_to(start.x, start.y) < 0.6 or any(_gap(box, other) < AISLE_M for other in boxes):
             continue
         boxes.append(box)
@@ -86,7 +85,7 @@ def _along(rng: np.random.Generator, side: float, half: float) -> float:
     if rng.random() < 0.2:
         return half if rng.random() < 0.5 else side - half
     low, high = AISLE_M + half, side - AISLE_M - half
-    return float(rng.uniform(low, high)) if low < high else side / 2
+    return round(float(rng.uniform(low, high)), 3) if low < high else side / 2
 
 
 def _gap(one: Box, other: Box) -> float:

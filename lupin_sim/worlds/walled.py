@@ -28,7 +28,7 @@ def walled(seed: int = 0) -> World:
         on_side(boxes[0], _NORTH, -0.3, 2),
         on_side(boxes[1], _WEST, 0.0, FENCED_TAG),
     )
-    count = round(4.0 / _POST_SPACING_M)
+    count = 2 * round(2.0 / _POST_SPACING_M)  # even: no post stands right in front of the tag
     fence = tuple(Pillar(f"fence{i}", _FENCE_X, (i + 0.5) * 4.0 / count, _POST_RADIUS_M, 0.6) for i in range(count))
     rng = np.random.default_rng(np.random.SeedSequence((seed, 0xFE2C)))
     return World(
