@@ -105,11 +105,20 @@ def _run(options: Any, as_json: bool) -> int:
 
     from lupin_cli.live import LiveView
     from lupin_cli.results import conclude
+    from lupin_runtime.stack.dds import NoFreeDomain, NoRobotEnvironment
+    from lupin_runtime.stack.runs import RunError
     from lupin_runtime.stack.session import Session
 
     console = Console(stderr=as_json)
-    with LiveView(console) as view:
+    try:
+        view = LiveView(console)
         session = Session(options, view.show)
+    except (NoFreeDomain, NoRobotEnvironment, RunError) as error:
+        typer.echo(f"lupin up: {error}", err=True)
+        return 2
+    if session.applied:
+        console.print(f"applied from ros-env.sh: {', '.join(session.applied)}", highlight=False)
+    with view:
         console.print(f"run {session.run.id}  logs: {session.run.logs}", highlight=False, soft_wrap=True)
         outcome = session.execute()
     result = conclude(session.run, options, outcome, console)

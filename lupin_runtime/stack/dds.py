@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import socket
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -102,3 +103,35 @@ def loopback_environment(domain: int, directory: Path, base: Mapping[str, str] |
         FASTRTPS_DEFAULT_PROFILES_FILE=str(profile),
     )
     return environment
+
+
+class NoRobotEnvironment(RuntimeError):
+    """This machine does not know how to reach a robot's graph."""
+
+
+_EXPORT = re.compile(r"^\s*export\s+([A-Za-z_][A-Za-z0-9_]*)=(.*?)\s*$")
+
+
+def robot_environment(base: Mapping[str, str] | None = None) -> tuple[dict[str, str], list[str]]:
+    """The environment in which a process joins the robot's graph, and the names that `ros-env.sh` gave it.
+
+    Reads the `export NAME=value` lines of `${XDG_CONFIG_HOME:-~/.config}/lupin/ros-env.sh`, so that a terminal opened before
+    the set-up serves as well as any. Raises NoRobotEnvironment where neither the file nor the shell names a discovery server.
+    """
+    environment = dict(os.environ if base is None else base)
+    home = Path(environment.get("HOME") or Path.home())
+    path = Path(environment.get("XDG_CONFIG_HOME") or home / ".config") / "lupin" / "ros-env.sh"
+    applied = []
+    if path.is_file():
+        for line in path.read_text(errors="replace").splitlines():
+            found = _EXPORT.match(line)
+            if found:
+                value = found[2].strip("\"'").replace("${HOME}", str(home)).replace("$HOME", str(home))
+                environment[found[1]] = value
+                applied.append(found[1])
+    if not environment.get("ROS_DISCOVERY_SERVER"):
+        raise NoRobotEnvironment(
+            f"no robot is known here: {path} names no ROS_DISCOVERY_SERVER; write it with its three exports "
+            "(ROS_DISCOVERY_SERVER=<robot>:11811, FASTRTPS_DEFAULT_PROFILES_FILE, RMW_IMPLEMENTATION) or use --target sim"
+        )
+    return environment, applied

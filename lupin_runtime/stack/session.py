@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lupin_runtime.stack.dds import claim_domain, loopback_environment
+from lupin_runtime.stack.dds import DomainClaim, claim_domain, loopback_environment, robot_environment
 from lupin_runtime.stack.runs import Run, create_run
 from lupin_runtime.stack.supervisor import Phase, Supervisor
 from lupin_runtime.stack.table import Options
@@ -18,6 +18,13 @@ from lupin_runtime.stack.table import Options
 STEP_S = 0.1
 STATE_PERIOD_S = 1.0
 MISSION_SILENCE_S = 15.0
+# What a process needs to join the same graph.
+GRAPH_VARIABLES = (
+    "ROS_DOMAIN_ID",
+    "ROS_DISCOVERY_SERVER",
+    "RMW_IMPLEMENTATION",
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+)
 DRIVABLE = ("sim", "estop", "drive")
 
 EXIT_DONE, EXIT_ENDED_OTHERWISE, EXIT_USAGE, EXIT_NEVER_UP, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
@@ -66,8 +73,13 @@ class Session:
         self.run, self._lock = create_run()
         self.options = Options(**{**_shallow(options), "run_path": self.run.path})
         self._observe = observe
-        self._domain = claim_domain()
-        environment = loopback_environment(self._domain.domain, self.run.path)
+        self._domain: DomainClaim | None = None
+        self.applied: list[str] = []
+        if options.simulated:
+            self._domain = claim_domain()
+            environment = loopback_environment(self._domain.domain, self.run.path)
+        else:
+            environment, self.applied = robot_environment()
         os.environ.clear()
         os.environ.update(environment)
         # rclpy reads the environment when it is first imported and initialised.
@@ -79,10 +91,8 @@ class Session:
                 "pid": os.getpid(),
                 "started": time.time(),
                 "checkout": str(Path(__file__).resolve().parents[2]),
-                "domain": self._domain.domain,
-                "environment": {
-                    key: environment[key] for key in ("ROS_DOMAIN_ID", "RMW_IMPLEMENTATION", "FASTRTPS_DEFAULT_PROFILES_FILE")
-                },
+                "domain": self._domain.domain if self._domain is not None else None,
+                "environment": {key: environment[key] for key in GRAPH_VARIABLES if key in environment},
                 "options": {key: _plain(value) for key, value in asdict(self.options).items()},
             }
         )
@@ -206,7 +216,8 @@ class Session:
         self.watch.close()
         outcome.memory_mb = round(self.supervisor.memory_peak_mb, 1)
         self.run.write_state({**self.state_after_end(), "outcome": asdict(outcome)})
-        self._domain.release()
+        if self._domain is not None:
+            self._domain.release()
 
     def state_after_end(self) -> dict[str, Any]:
         """The last state of an ended run."""

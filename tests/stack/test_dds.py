@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lupin_runtime.stack.dds import NoFreeDomain, claim_domain, loopback_environment
+from lupin_runtime.stack.dds import NoFreeDomain, NoRobotEnvironment, claim_domain, loopback_environment, robot_environment
 
 
 def test_two_claims_never_share_a_domain_and_a_released_one_is_free_again() -> None:
@@ -41,6 +41,22 @@ def test_what_would_lead_a_process_out_of_its_graph_is_taken_from_its_environmen
     assert environment["KEEP"] == "1" and environment["ROS_DOMAIN_ID"] == "7"
     assert "ROS_DISCOVERY_SERVER" not in environment and "FASTDDS_BUILTIN_TRANSPORTS" not in environment
     assert "127.0.0.1" in Path(environment["FASTRTPS_DEFAULT_PROFILES_FILE"]).read_text()
+
+
+def test_the_robots_environment_comes_from_its_file_whatever_the_shell_knows(tmp_path: Path) -> None:
+    base = {"HOME": str(tmp_path), "PATH": "/bin"}
+    with pytest.raises(NoRobotEnvironment, match=r"ros-env\.sh"):
+        robot_environment(base)
+    folder = tmp_path / ".config" / "lupin"
+    folder.mkdir(parents=True)
+    (folder / "ros-env.sh").write_text(
+        '# comment\nexport FASTRTPS_DEFAULT_PROFILES_FILE="$HOME/.config/lupin/client.xml"\n'
+        'export ROS_DISCOVERY_SERVER="10.42.0.1:11811"\nexport RMW_IMPLEMENTATION=rmw_fastrtps_cpp\nrm -rf nothing\n'
+    )
+    environment, applied = robot_environment(base)
+    assert applied == ["FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_DISCOVERY_SERVER", "RMW_IMPLEMENTATION"]
+    assert environment["ROS_DISCOVERY_SERVER"] == "10.42.0.1:11811"
+    assert environment["FASTRTPS_DEFAULT_PROFILES_FILE"] == f"{tmp_path}/.config/lupin/client.xml"
 
 
 @pytest.mark.graph
