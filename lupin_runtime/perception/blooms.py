@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from lupin_runtime.perception.messages import SeenBloom
 
 CLASS_NAMES = ("tulip_red", "tulip_white", "tulip_pink", "bug")
-BUG_CLASS = 3
+WHITE_CLASS, BUG_CLASS = 1, 3
 
 Band = tuple[tuple[int, int, int], tuple[int, int, int]]
 
@@ -25,8 +26,13 @@ BANDS: tuple[tuple[Band, ...], ...] = (
 
 WORKING_WIDTH_PX = 320  # a bloom half a metre away is 25 pixels wide even then, and a frame costs a quarter
 MAX_AREA_SHARE = 0.15  # of the picture: a larger blob is floor, wall or paper
+MIN_PETAL_SHARE = 0.35  # of a bloom's outline; a bug covers half of it at most
 MIN_FILLING = 0.45  # of its own bounding box, which an ellipse fills to 0.79
 MAX_ASPECT = 3.0
+# The black of a printed tag, whose white modules look like small flowers otherwise: dark, and grey unlike soil.
+INK_VALUE, INK_SATURATION = 90, 80
+MAX_INK_SHARE = 0.35  # of the rim of a white blob; a bug that sits on the petals covers less
+RIM_PX = 4
 
 
 @dataclass(frozen=True)
@@ -41,40 +47,107 @@ class BlobLimits:
 def find_blooms(bgr: NDArray[np.uint8], limits: BlobLimits = BlobLimits()) -> list[SeenBloom]:
     """Every bloom and bug of a picture (height, width, 3), class by class, the largest of each class first.
 
-    Confidence is the area over `conf_area_px`, at most 1. White is the trap: floors, walls and the paper of a tag lie in its
-    band, so blobs that are too large, too thin, or hollow like the frame of a tag are left out.
+    Confidence is the area over `conf_area_px`, at most 1; a bug that sits on a bloom is as sure as the bloom, of which its own
+    area is a part. White is the trap: floors, walls and the paper of a tag lie in its band, so blobs that are too large, too
+    thin, hollow like the frame of a tag, or set in ink like its modules are left out.
     """
     height, width = bgr.shape[:2]
     shrink = max(1.0, width / WORKING_WIDTH_PX)
     if shrink > 1.0:
         size = (WORKING_WIDTH_PX, max(1, round(height / shrink)))
         bgr = np.asarray(cv2.resize(bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
+    hsv = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV), np.uint8)
     # Areas are given for pictures 640 wide.
     px_area = (640.0 / bgr.shape[1]) ** 2
-    hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
     kernel_px = max(1, round(limits.morph_kernel_px / px_area**0.5))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (kernel_px, kernel_px))
+
+    def seen(class_id: int, mask: NDArray[np.uint8], petals: NDArray[np.uint8]) -> list[SeenBloom]:
+        opened = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel), np.uint8)
+        blobs = _blobs(opened, petals, hsv, class_id, limits.min_area_px / px_area)
+        return [
+            SeenBloom(
+                class_id,
+                min(1.0, blob.area * px_area / limits.conf_area_px),
+                (blob.x * shrink, blob.y * shrink, (blob.x + blob.w) * shrink, (blob.y + blob.h) * shrink),
+            )
+            for blob in sorted(blobs, key=lambda blob: -blob.area)
+        ]
+
+    dark = _mask(hsv, BUG_CLASS)
+    bugs = seen(BUG_CLASS, dark, dark)
+    on_petals = np.zeros_like(dark)
+    for x1, y1, x2, y2 in (bug.box_px for bug in bugs if bug.confidence < 1.0):
+        part = slice(int(y1 / shrink), int(y2 / shrink)), slice(int(x1 / shrink), int(x2 / shrink))
+        on_petals[part] = dark[part]
     found: list[SeenBloom] = []
-    for class_id, bands in enumerate(BANDS):
-        mask = cv2.inRange(hsv, *bands[0])
-        for band in bands[1:]:
-            mask |= cv2.inRange(hsv, *band)
-        if not mask.any():
-            continue
-        if kernel_px > 1:
-            mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel)
-        found += _blobs(mask, class_id, limits, px_area, shrink)
-    return found
+    for class_id in range(BUG_CLASS):
+        petals = _mask(hsv, class_id)
+        if petals.any():
+            # A bug bites a piece out of its flower, or splits it: for the flower's outline it belongs to it.
+            found += seen(class_id, petals | on_petals, petals)
+    return found + [replace(bug, confidence=max(bug.confidence, _host(bug, found))) for bug in bugs]
 
 
-def _blobs(mask: NDArray[np.uint8], class_id: int, limits: BlobLimits, px_area: float, shrink: float) -> list[SeenBloom]:
-    count, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+@dataclass(frozen=True)
+class _Blob:
+    """A rectangle in the working picture and the pixels of the blob in it."""
+
+    x: int
+    y: int
+    w: int
+    h: int
+    area: int
+
+
+def _mask(hsv: NDArray[np.uint8], class_id: int) -> NDArray[np.uint8]:
+    first, *others = BANDS[class_id]
+    mask = cv2.inRange(hsv, *first)
+    for band in others:
+        mask |= cv2.inRange(hsv, *band)
+    return np.asarray(mask, np.uint8)
+
+
+def _host(bug: SeenBloom, blooms: list[SeenBloom]) -> float:
+    """The confidence of the bloom under a bug, 0 for a bug that sits on none."""
+    x, y = (bug.box_px[0] + bug.box_px[2]) / 2.0, (bug.box_px[1] + bug.box_px[3]) / 2.0
+    under = (b.confidence for b in blooms if b.box_px[0] <= x <= b.box_px[2] and b.box_px[1] <= y <= b.box_px[3])
+    return max(under, default=0.0)
+
+
+def _blobs(
+    mask: NDArray[np.uint8], petals: NDArray[np.uint8], hsv: NDArray[np.uint8], class_id: int, min_area: float
+) -> list[_Blob]:
+    """Connected parts of the mask that have a bloom's size and shape, and enough of its own colour."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     blobs = []
-    for x, y, w, h, area in stats[1:count].tolist():
-        area_px = area * px_area
+    for label, (x, y, w, h, area) in enumerate(stats[1:count].tolist(), start=1):
         flat = max(w, h) > MAX_ASPECT * min(w, h)
-        if area_px < limits.min_area_px or area > MAX_AREA_SHARE * mask.size or area < MIN_FILLING * w * h or flat:
+        if area < min_area or area > MAX_AREA_SHARE * mask.size or flat:
             continue
-        box = (x * shrink, y * shrink, (x + w) * shrink, (y + h) * shrink)
-        blobs.append(SeenBloom(class_id, min(1.0, area_px / limits.conf_area_px), box))
-    return sorted(blobs, key=lambda blob: -(blob.box_px[2] - blob.box_px[0]) * (blob.box_px[3] - blob.box_px[1]))
+        part = slice(y, y + h), slice(x, x + w)
+        blob = labels[part] == label
+        coloured = int(np.count_nonzero(petals[part][blob]))
+        if coloured < MIN_PETAL_SHARE * area or _filled_area(blob) < MIN_FILLING * w * h:
+            continue
+        if class_id != WHITE_CLASS or not _rim_is_ink(labels, label, hsv, x, y, w, h):
+            blobs.append(_Blob(x, y, w, h, area))
+    return blobs
+
+
+def _filled_area(blob: NDArray[np.bool_]) -> float:
+    """Pixels of a blob with its holes filled: a bug on the petals is one."""
+    outlines, _ = cv2.findContours(np.asarray(blob, np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    filled = cv2.drawContours(np.zeros(blob.shape, np.uint8), outlines, -1, 1, cv2.FILLED)
+    return float(cv2.countNonZero(filled))
+
+
+def _rim_is_ink(labels: NDArray[Any], label: int, hsv: NDArray[Any], x: int, y: int, w: int, h: int) -> bool:
+    """Whether the blob in that rectangle is bordered by black, as the white modules of a tag are."""
+    part = slice(max(0, y - RIM_PX), y + h + RIM_PX), slice(max(0, x - RIM_PX), x + w + RIM_PX)
+    blob = np.asarray(labels[part] == label, np.uint8)
+    grown = cv2.dilate(blob, np.ones((2 * RIM_PX + 1, 2 * RIM_PX + 1), np.uint8))
+    rim = (grown > 0) & (blob == 0)
+    around = hsv[part][rim]
+    ink = (around[:, 2] <= INK_VALUE) & (around[:, 1] <= INK_SATURATION)
+    return bool(rim.any()) and float(np.mean(ink)) > MAX_INK_SHARE

@@ -23,6 +23,9 @@ FALLBACK_WIDTH_PX = 640
 CORNER_NOISE_PX = 0.12
 TILT_NOISE_RAD = math.radians(8.0)
 MAX_TILT_SIGMAS = 3.0
+IPPE_FAILED_PX = 2.0
+
+_Candidate = tuple[Array, Array, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,17 +105,45 @@ def tag_pose(corners: Array, intrinsics: Intrinsics, edge_m: float, up: Array | 
         )
     except cv2.error:  # four corners on a line: no plane to speak of
         return None
-    candidates = []
-    for rotation_vector, translation_vector in zip(rotations, translations):
-        r, t = cv2.solvePnPRefineLM(points, pixels, intrinsics.matrix, None, rotation_vector, translation_vector)
-        rotation, translation = cv2.Rodrigues(r)[0], np.asarray(t, np.float64).ravel()
-        facing = float(rotation[:, 2] @ translation) < 0.0
-        if np.isfinite(rotation).all() and np.isfinite(translation).all() and translation[2] > 0.0 and facing:
-            candidates.append((rotation, translation, _error_px(points, pixels, rotation, translation, intrinsics)))
+    guesses = [*zip(rotations, translations), *_frontal_guess(pixels, intrinsics, edge_m)]
+    candidates: list[_Candidate] = []
+    for guess in guesses[:2]:
+        candidates += _refined(points, pixels, intrinsics, *guess)
+    if min((error_px for *_, error_px in candidates), default=math.inf) > IPPE_FAILED_PX:
+        # OpenCV's closed form breaks down where the tag is seen exactly head-on.
+        candidates = [c for guess in guesses[2:] for c in _refined(points, pixels, intrinsics, *guess)]
     if not candidates:
         return None
     best, *others = sorted(candidates, key=lambda c: _disbelief(c[0], c[2], up))
     return TagPose(*best, other_error_px=others[0][2] if others else math.inf)
+
+
+def _refined(
+    points: Array, pixels: Array, intrinsics: Intrinsics, rotation_vector: Array, translation_vector: Array
+) -> list[_Candidate]:
+    """The pose near a guess that projects best, with its error; none where that is no view from in front of the plate."""
+    r, t = cv2.solvePnPRefineLM(points, pixels, intrinsics.matrix, None, rotation_vector, translation_vector)
+    rotation, translation = cv2.Rodrigues(r)[0], np.asarray(t, np.float64).ravel()
+    facing = float(rotation[:, 2] @ translation) < 0.0
+    if not (np.isfinite(rotation).all() and np.isfinite(translation).all() and translation[2] > 0.0 and facing):
+        return []
+    return [(rotation, translation, _error_px(points, pixels, rotation, translation, intrinsics))]
+
+
+def _frontal_guess(pixels: Array, intrinsics: Intrinsics, edge_m: float) -> list[tuple[Array, Array]]:
+    """The pose of a tag that is seen head-on, as large and as turned as this one; none for corners without an area."""
+    x, y = pixels[:, 0], pixels[:, 1]
+    area = 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    if area < 1.0:
+        return []
+    k = intrinsics.matrix
+    depth = edge_m * math.sqrt(float(k[0, 0] * k[1, 1]) / area)
+    centre = np.linalg.solve(k, np.array([x.mean(), y.mean(), 1.0])) * depth
+    across = pixels[1] - pixels[0] + pixels[2] - pixels[3]
+    roll = math.atan2(float(across[1]), float(across[0]))
+    c, s = math.cos(roll), math.sin(roll)
+    rotation = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
+    return [(cv2.Rodrigues(rotation)[0], centre.reshape(3, 1))]
 
 
 def _error_px(points: Array, pixels: Array, rotation: Array, translation: Array, intrinsics: Intrinsics) -> float:

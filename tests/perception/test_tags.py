@@ -168,7 +168,7 @@ def test_smoothing_leaves_a_tag_and_takes_the_noise(tag_views):
     smoothed, busy = tags.smooth_dull_parts(view.image)
     x0, y0 = view.corners.min(axis=0).astype(int)
     x1, y1 = view.corners.max(axis=0).astype(int)
-    assert smoothed[y0:y1, x0:x1].std() > 0.98 * view.image[y0:y1, x0:x1].std()
+    assert smoothed[y0:y1, x0:x1].std() > 0.95 * view.image[y0:y1, x0:x1].std()
     corner = slice(2, 30), slice(2, 30)
     assert smoothed[corner].std() < 0.4 * view.image[corner].std()
     assert busy < 0.15
