@@ -3,6 +3,7 @@
 import fcntl
 import os
 import shutil
+import sysconfig
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -28,7 +29,8 @@ class BuildInterfaces(build_ext):
     def run(self) -> None:
         """Build every package into ``build_lib``, or into EDITABLE_FOLDER for an editable install."""
         target_root = INTERFACES / EDITABLE_FOLDER if self.inplace else Path(self.build_lib).resolve()
-        work_dir = Path(self.build_temp).resolve() / "rosidl"
+        # not build_temp, which is a new folder for each editable build
+        work_dir = INTERFACES / "build" / f"rosidl-{sysconfig.get_config_var('SOABI')}"
         with _only_one_in(work_dir):
             for leftover in target_root.glob("*/__init__.py"):  # what a removed definition left would be shipped
                 shutil.rmtree(leftover.parent)
