@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.action import ActionClient
+from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.clock import ClockType
 from rclpy.node import Node
@@ -61,13 +62,14 @@ class LupinNode(Node):
         """A subscription with the row's type and QoS; `qos` overrides the depth or asks for less than is offered."""
         return self.create_subscription(interface(topic.type), topic.name, callback, qos_profile(qos or topic.qos), raw=raw)
 
-    def service(self, row: Service, callback: Callable[[Any, Any], Any]) -> RosService:
-        """A server of the row's service; the callback takes (request, response) and returns the response."""
-        return self.create_service(interface(row.type), row.name, callback)
+    def service(self, row: Service, callback: Callable[[Any, Any], Any], group: CallbackGroup | None = None) -> RosService:
+        """A server of the row's service; the callback takes (request, response) and returns the response. One that is a
+        coroutine and awaits answers needs a reentrant `group`, shared with the clients of those answers."""
+        return self.create_service(interface(row.type), row.name, callback, callback_group=group)
 
-    def client(self, row: Service) -> Client:
+    def client(self, row: Service, group: CallbackGroup | None = None) -> Client:
         """A client of the row's service. Never call it synchronously from a callback of the same node."""
-        return self.create_client(interface(row.type), row.name)
+        return self.create_client(interface(row.type), row.name, callback_group=group)
 
     def action_client(self, row: Action) -> ActionClient:
         """A client of the row's action."""

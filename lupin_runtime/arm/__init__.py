@@ -1,0 +1,39 @@
+"""The arm: limits, presets, trajectories, the library of poses and sequences, and the one owner of all its motion.
+
+Cores only; the nodes are in `lupin_runtime.arm.node`, and `python -m lupin_runtime.arm.auto_home` brings the arm up.
+"""
+
+from lupin_runtime.arm.library import Library, LibraryError, StoredPose, StoredSequence, Waypoint
+from lupin_runtime.arm.limits import LIMITS, Arm, clamp, clamp_arm, gripper_deg, gripper_rad, window
+from lupin_runtime.arm.motion import ArmMotion, ArmState, Refused
+from lupin_runtime.arm.presets import PRESETS, UnknownPreset, preset
+from lupin_runtime.arm.recorder import Recorder, gripper_events
+from lupin_runtime.arm.store import LibraryStore
+from lupin_runtime.arm.trajectory import Point, timed, to_pose
+
+__all__ = [
+    "LIMITS",
+    "PRESETS",
+    "Arm",
+    "ArmMotion",
+    "ArmState",
+    "Library",
+    "LibraryError",
+    "LibraryStore",
+    "Point",
+    "Recorder",
+    "Refused",
+    "StoredPose",
+    "StoredSequence",
+    "UnknownPreset",
+    "Waypoint",
+    "clamp",
+    "clamp_arm",
+    "gripper_deg",
+    "gripper_events",
+    "gripper_rad",
+    "preset",
+    "timed",
+    "to_pose",
+    "window",
+]

@@ -1,0 +1,307 @@
+"""`arm_library_server`: poses and sequences of the arm, recorded, stored, and replayed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mirte_msgs.srv import SetServoAngleWithSpeed
+from rclpy.callback_groups import ReentrantCallbackGroup
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from lupin_runtime import graph
+from lupin_runtime.arm import waits
+from lupin_runtime.arm.library import LibraryError, StoredPose, now_text, valid_name
+from lupin_runtime.arm.limits import GRIPPER_CLOSED_RAD, GRIPPER_OPEN_RAD, clamp_arm, gripper_deg
+from lupin_runtime.arm.motion import Refused
+from lupin_runtime.arm.owner import ArmNode
+from lupin_runtime.arm.player import Player, points_of
+from lupin_runtime.arm.presets import PRESET_DURATION_S
+from lupin_runtime.arm.recorder import MODES, Recorder
+from lupin_runtime.arm.store import LibraryStore, default_path
+
+STATE_HZ = 5.0
+SAMPLE_HZ = 20.0
+STOP_S = 0.3
+GRIPPER_RATE_DEGPS = 45.0
+# set_torque itself waits for two services in a row, behind another such call at worst.
+TORQUE_ANSWER_S = 12.0
+
+_REFUSALS = (LibraryError, Refused, ValueError, OSError)
+
+
+@dataclass
+class _Activity:
+    """What keeps the arm busy: a recording or a replay, from the moment it was accepted. `began_ns` None: not yet begun."""
+
+    kind: str  # recording or playing
+    name: str
+    mode: str = ""
+    began_ns: int | None = None
+    recorder: Recorder | None = None
+    player: Player | None = None
+
+    @property
+    def limp(self) -> bool:
+        return self.recorder is not None and self.mode == "kinesthetic"
+
+
+class ArmLibraryServer(ArmNode):
+    """Parameter `library_path` (default: arm_library.json in the user's configuration)."""
+
+    def __init__(self, parameters: dict[str, Any] | None = None) -> None:
+        super().__init__("arm_library_server", parameters)
+        path = self.parameter("library_path", "")
+        self._store = LibraryStore(Path(path).expanduser() if path else default_path())
+        if self._store.complaint:
+            self.get_logger().error(self._store.complaint)
+        self._activity: _Activity | None = None
+        group = ReentrantCallbackGroup()  # these services wait for other services' answers
+        self._torque = self.client(graph.ARM_SET_TORQUE, group)
+        self._gripper = self.client(graph.GRIPPER_ANGLE, group)
+        self._state = self.publisher(graph.ARM_LIBRARY_STATE)
+        for row, callback in (
+            (graph.ARM_LIBRARY_LIST, self._on_list),
+            (graph.ARM_LIBRARY_SAVE_POSE, self._on_save_pose),
+            (graph.ARM_LIBRARY_GOTO_POSE, self._on_goto_pose),
+            (graph.ARM_LIBRARY_DELETE, self._on_edit),
+            (graph.ARM_LIBRARY_RECORD, self._on_record),
+            (graph.ARM_LIBRARY_PLAY, self._on_play),
+            (graph.ARM_LIBRARY_STOP, self._on_stop),
+        ):
+            self.service(row, callback, group)
+        self.create_timer(1.0 / STATE_HZ, self._publish_state)
+        self._sampler = self.create_timer(1.0 / SAMPLE_HZ, self._on_sample)
+        self._sampler.cancel()
+
+    # -- poses --------------------------------------------------------------------------------------------------------
+    def _on_list(self, _: Any, response: Any) -> Any:
+        response.success, response.json = True, self._store.listing()
+        return response
+
+    def _on_save_pose(self, request: Any, response: Any) -> Any:
+        try:
+            name = self._store.put("pose", request.name, self._pose_of(request), request.overwrite)
+        except _REFUSALS as refusal:
+            return _failed(response, refusal)
+        response.success, response.message = True, f"pose {name} saved"
+        return response
+
+    def _pose_of(self, request: Any) -> StoredPose:
+        if not request.from_current:
+            gripper = _clamp_gripper(request.gripper_rad) if request.has_gripper else None
+            return StoredPose(clamp_arm(request.arm_rad), gripper, now_text())
+        state = self.motion.state(fresh=True)
+        if state is None:
+            raise Refused("no fresh /joint_states with all four arm joints: the current pose is not known")
+        gripper = state.gripper if request.has_gripper else None
+        return StoredPose(clamp_arm(state.arm), None if gripper is None else _clamp_gripper(gripper), now_text())
+
+    def _on_goto_pose(self, request: Any, response: Any) -> Any:
+        try:
+            pose = self._store.get("pose", request.name)
+            self.motion.move(pose.arm, PRESET_DURATION_S)
+        except _REFUSALS as refusal:
+            return _failed(response, refusal)
+        if pose.gripper is not None:
+            self._send_gripper(pose.gripper)
+        response.success, response.message = True, f"{request.name.strip().lower()} sent, {PRESET_DURATION_S:g} s"
+        return response
+
+    def _on_edit(self, request: Any, response: Any) -> Any:
+        try:
+            if request.new_name:
+                name = self._store.rename(request.kind, request.name, request.new_name)
+                response.message = f"renamed to {name}"
+            else:
+                self._store.delete(request.kind, request.name)
+                response.message = "deleted"
+        except _REFUSALS as refusal:
+            return _failed(response, refusal)
+        response.success = True
+        return response
+
+    # -- recording ----------------------------------------------------------------------------------------------------
+    async def _on_record(self, request: Any, response: Any) -> Any:
+        actions = {"start": self._record_start, "save": self._record_save, "cancel": self._record_cancel}
+        action = actions.get(request.action.strip().lower())
+        try:
+            if action is None:
+                raise LibraryError(f"action is {request.action!r}, expected one of {', '.join(actions)}")
+            response.message = await action(request, response)
+        except _REFUSALS as refusal:
+            return _failed(response, refusal)
+        response.success = True
+        return response
+
+    async def _record_start(self, request: Any, _: Any) -> str:
+        mode = request.mode.strip().lower() or "teleop"
+        if mode not in MODES:
+            raise LibraryError(f"mode is {request.mode!r}, expected one of {', '.join(MODES)}")
+        name = valid_name(request.name) if request.name.strip() else ""
+        activity = self._begin(_Activity("recording", name, mode, recorder=Recorder(mode, request.include_gripper)))
+        if mode == "kinesthetic":
+            try:
+                await self._set_torque(False)
+            except Refused:
+                self._end(activity)
+                raise
+        self._run(activity)
+        return f"recording, {mode}"
+
+    async def _record_save(self, request: Any, response: Any) -> str:
+        activity, recorder = self._recording()
+        sequence = recorder.finish()
+        if sequence is None:
+            raise LibraryError("nothing was recorded: no /joint_states with all four arm joints came")
+        # The recording goes on where it cannot be stored, so that it is not lost to a name that is taken.
+        name = self._store.put("sequence", request.name or activity.name, sequence, request.overwrite)
+        self._end(activity)
+        response.duration_s, response.n_waypoints = sequence.duration_s, len(sequence.waypoints)
+        message = f"sequence {name} saved" + (", cut at its longest" if recorder.truncated else "")
+        return message + await self._stiffen(activity)
+
+    async def _record_cancel(self, _: Any, __: Any) -> str:
+        activity, _recorder = self._recording()
+        self._end(activity)
+        return "recording dropped" + await self._stiffen(activity)
+
+    def _recording(self) -> tuple[_Activity, Recorder]:
+        activity = self._activity
+        if activity is None or activity.recorder is None or activity.began_ns is None:
+            raise Refused("nothing is being recorded")
+        return activity, activity.recorder
+
+    async def _stiffen(self, activity: _Activity) -> str:
+        """Switch the torque on again after a recording by hand; returns an addition to the answer."""
+        if not activity.limp:
+            return ""
+        try:
+            await self._set_torque(True)
+        except Refused as refusal:
+            return f"; but the arm is still limp: {refusal}"
+        return "; torque on"
+
+    # -- replay -------------------------------------------------------------------------------------------------------
+    async def _on_play(self, request: Any, response: Any) -> Any:
+        activity = None
+        try:
+            sequence = self._store.get("sequence", request.name)
+            name = valid_name(request.name)
+            activity = self._begin(_Activity("playing", name, sequence.mode))
+            self.motion.hold(_holder(activity))
+            if self.motion.torque is not True:
+                await self._set_torque(True)
+            if self._activity is not activity:
+                raise Refused("stopped before it began")
+            path = self.motion.play(points_of(sequence), request.speed, _holder(activity))
+        except _REFUSALS as refusal:
+            self._end(activity)
+            return _failed(response, refusal)
+        activity.player = Player(sequence, path, request.speed)
+        self._run(activity)
+        response.success, response.message = True, f"playing {name}, {activity.player.duration_s:.1f} s"
+        return response
+
+    async def _on_stop(self, _: Any, response: Any) -> Any:
+        activity = self._activity
+        self._end(activity)
+        self.motion.stop(STOP_S)
+        what = f"{activity.kind} ended" if activity is not None else "nothing was running"
+        response.success = True
+        response.message = what + (await self._stiffen(activity) if activity is not None else "")
+        return response
+
+    # -- what both need -----------------------------------------------------------------------------------------------
+    def _begin(self, activity: _Activity) -> _Activity:
+        """Take the one place for a recording or replay, before anything is awaited."""
+        if self._activity is not None:
+            raise Refused(f"busy {self._activity.kind} {self._activity.name}".rstrip() + "; stop that first")
+        self._activity = activity
+        return activity
+
+    def _run(self, activity: _Activity) -> None:
+        if self._activity is activity:
+            activity.began_ns = self.elapsed_clock_ns()
+            self._sampler.reset()
+
+    def _end(self, activity: _Activity | None) -> None:
+        if activity is None:
+            return
+        self.motion.let_go(_holder(activity))
+        if self._activity is activity:
+            self._activity = None
+            self._sampler.cancel()
+
+    def _elapsed_s(self, activity: _Activity) -> float:
+        return 0.0 if activity.began_ns is None else max(0.0, (self.elapsed_clock_ns() - activity.began_ns) / 1e9)
+
+    def _on_sample(self) -> None:
+        activity = self._activity
+        if activity is None:
+            return
+        elapsed_s = self._elapsed_s(activity)
+        if activity.recorder is not None:
+            state = self.motion.state(fresh=True)
+            if state is not None:
+                activity.recorder.offer(elapsed_s, state.arm, state.gripper)
+        if activity.player is not None:
+            angle = activity.player.due(elapsed_s)
+            if angle is not None:
+                self._send_gripper(angle)
+            if activity.player.over(elapsed_s) or self.motion.torque is False:
+                self._end(activity)
+
+    async def _set_torque(self, on: bool) -> None:
+        """Raises Refused unless it is confirmed."""
+        answer = await waits.call(self, self._torque, SetBool.Request(data=on), TORQUE_ANSWER_S)
+        if answer is None:
+            raise Refused(f"{graph.ARM_SET_TORQUE.name} did not answer: does gripper_action_bridge run?")
+        if not answer.success:
+            raise Refused(answer.message)
+        self.motion.torque = on
+
+    def _send_gripper(self, angle_rad: float) -> None:
+        if not self._gripper.service_is_ready():
+            self.get_logger().warning(f"{graph.GRIPPER_ANGLE.name} is not there: the gripper stays", throttle_duration_sec=5.0)
+            return
+        request = SetServoAngleWithSpeed.Request(angle=gripper_deg(angle_rad), rate=GRIPPER_RATE_DEGPS, degrees=True)
+        self._gripper.call_async(request)
+
+    def _publish_state(self) -> None:
+        activity = self._activity
+        state: dict[str, Any] = {
+            "recording": activity is not None and activity.kind == "recording",
+            "playing": activity is not None and activity.kind == "playing",
+            "name": "",
+            "mode": "",
+            "progress": 0.0,
+            "elapsed_s": 0.0,
+            "n_waypoints": 0,
+            "torque": self.motion.torque is not False,
+        }
+        if activity is not None:
+            elapsed_s = self._elapsed_s(activity)
+            state.update(name=activity.name, mode=activity.mode, elapsed_s=round(elapsed_s, 2))
+            if activity.recorder is not None:
+                state["n_waypoints"] = activity.recorder.count
+            if activity.player is not None:
+                state["progress"] = round(activity.player.progress(elapsed_s), 3)
+        self._state.publish(String(data=json.dumps(state)))
+
+
+def _holder(activity: _Activity) -> str:
+    return f"{activity.kind} {activity.name}"
+
+
+def _clamp_gripper(angle_rad: float) -> float:
+    gripper_deg(angle_rad)  # refuses what is not finite
+    return min(GRIPPER_CLOSED_RAD, max(GRIPPER_OPEN_RAD, angle_rad))
+
+
+def _failed(response: Any, refusal: Exception) -> Any:
+    response.success, response.message = False, str(refusal)
+    return response

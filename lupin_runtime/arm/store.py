@@ -1,0 +1,134 @@
+"""The library's file, which survives whatever happens while it is written."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+from lupin_runtime.arm.library import Library, LibraryError, StoredPose, StoredSequence, from_json, to_json, valid_name
+
+
+def default_path() -> Path:
+    """`arm_library.json` in the user's configuration."""
+    base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
+    return Path(base) / "lupin" / "arm_library.json"
+
+
+class LibraryStore:
+    """A library and its file. Every change is on the disk before it counts.
+
+    A change is written in an order that leaves a whole file under the name at every moment: the old one is copied to
+    `.bak`, the new one is written beside it and synchronised, then renamed over it. A file that cannot be read is moved
+    aside, never overwritten.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._sealed = ""  # why the file must not be written
+        self.library, self.complaint = self._load()
+
+    def put(self, kind: str, name: str, entry: StoredPose | StoredSequence, overwrite: bool) -> str:
+        """Store a pose or sequence; returns its stored name. Raises LibraryError, or OSError where it cannot be written."""
+        key = valid_name(name)
+        table = self._table(kind)
+        if key in table and not overwrite:
+            raise LibraryError(f"there is a {kind} {key!r} already; ask for overwrite to replace it")
+        self._commit(kind, {**table, key: entry})
+        return key
+
+    def delete(self, kind: str, name: str) -> None:
+        """Forget an entry. Raises LibraryError or OSError."""
+        table = self._table(kind)
+        key = self._existing(kind, name)
+        self._commit(kind, {other: entry for other, entry in table.items() if other != key})
+
+    def rename(self, kind: str, name: str, new_name: str) -> str:
+        """Give an entry another name; returns it. Raises LibraryError (also where that name is taken) or OSError."""
+        key, new_key = self._existing(kind, name), valid_name(new_name)
+        table = self._table(kind)
+        if new_key != key and new_key in table:
+            raise LibraryError(f"there is a {kind} {new_key!r} already")
+        self._commit(kind, {new_key if other == key else other: entry for other, entry in table.items()})
+        return new_key
+
+    def get(self, kind: str, name: str) -> Any:
+        """An entry. Raises LibraryError, listing what there is."""
+        return self._table(kind)[self._existing(kind, name)]
+
+    def listing(self) -> str:
+        """What is stored, as the JSON that consoles show."""
+        poses = [
+            {"name": name, "note": pose.note, "has_gripper": pose.gripper is not None}
+            for name, pose in sorted(self.library.poses.items())
+        ]
+        sequences = [
+            {
+                "name": name,
+                "mode": sequence.mode,
+                "duration_s": sequence.duration_s,
+                "n_waypoints": len(sequence.waypoints),
+                "include_gripper": sequence.include_gripper,
+            }
+            for name, sequence in sorted(self.library.sequences.items())
+        ]
+        return json.dumps({"poses": poses, "sequences": sequences})
+
+    def _table(self, kind: str) -> dict[str, Any]:
+        if kind not in ("pose", "sequence"):
+            raise LibraryError(f"kind is {kind!r}, expected pose or sequence")
+        return self.library.poses if kind == "pose" else self.library.sequences
+
+    def _existing(self, kind: str, name: str) -> str:
+        key, table = valid_name(name), self._table(kind)
+        if key not in table:
+            raise LibraryError(f"no {kind} {key!r}; there are: {', '.join(sorted(table)) or 'none'}")
+        return key
+
+    def _commit(self, kind: str, table: dict[str, Any]) -> None:
+        changed = Library(dict(self.library.poses), dict(self.library.sequences))
+        setattr(changed, "poses" if kind == "pose" else "sequences", table)
+        self._write(to_json(changed))
+        self.library = changed
+
+    def _write(self, text: str) -> None:
+        if self._sealed:
+            raise LibraryError(self._sealed)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        if self.path.exists():
+            shutil.copy2(self.path, self._sibling(".bak.tmp"))
+            self._sibling(".bak.tmp").replace(self._sibling(".bak"))
+        fresh = self._sibling(".tmp")
+        with fresh.open("w") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(self.path)
+
+    def _load(self) -> tuple[Library, str]:
+        """The library, and what was wrong with its file, if anything."""
+        try:
+            return from_json(self.path.read_text()), ""
+        except FileNotFoundError:
+            return Library(), ""
+        except OSError as error:
+            self._sealed = f"{self.path} cannot be read ({error.strerror}), so it is not written either; set it right"
+            return Library(), self._sealed
+        except (LibraryError, UnicodeDecodeError) as error:
+            return Library(), self._move_aside(f"{self.path}: {error}")
+
+    def _move_aside(self, found: str) -> str:
+        number = 1
+        while (aside := self.path.with_name(f"{self.path.stem}.corrupt-{number}.json")).exists():
+            number += 1
+        try:
+            self.path.replace(aside)
+        except OSError as error:
+            self._sealed = f"{found}; it cannot be moved aside ({error.strerror}), so nothing is written; move it by hand"
+            return self._sealed
+        return f"{found}; it was moved to {aside} and the library starts empty"
+
+    def _sibling(self, suffix: str) -> Path:
+        return self.path.with_name(self.path.name + suffix)
