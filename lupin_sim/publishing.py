@@ -204,11 +204,11 @@ class CameraPublisher:
         self._raw = node.publisher(topic)
         self._jpeg = node.publisher(graph.compressed(topic))
         self._info = node.publisher(graph.camera_info(topic))
-        # The renderer draws straight into the message: assigning a numpy array to it costs 50 ms a frame.
-        self._buffer = array("B", bytes(new_image().nbytes))
-        self._pixels = np.frombuffer(self._buffer, np.uint8).reshape(mirte.IMAGE_HEIGHT, mirte.IMAGE_WIDTH, 3)
         self._image = Image(height=mirte.IMAGE_HEIGHT, width=mirte.IMAGE_WIDTH, encoding="rgb8", step=3 * mirte.IMAGE_WIDTH)
-        self._image.data = self._buffer
+        self._image.data = array("B", bytes(new_image().nbytes))
+        # The renderer draws straight into the message (whose setter may have copied): assigning an array costs 50 ms a frame.
+        pixels = np.frombuffer(self._image.data, np.uint8)
+        self._pixels = pixels.reshape(mirte.IMAGE_HEIGHT, mirte.IMAGE_WIDTH, 3)
         self._compressed = CompressedImage(format="rgb8; jpeg compressed bgr8")
         self._calibration = _camera_info_message()
         for message in (self._image, self._compressed, self._calibration):

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import math
 import os
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
 
+from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2, wrap_angle
 from lupin_sim.cameras import CameraRig, new_image
 from lupin_sim.engine import Simulation
 from lupin_sim.graphics import DISABLED
 from lupin_sim.world import Tag, World
 from lupin_sim.worlds import load_world
+
+DEADLINE_S = 20.0
 
 
 def _drive(simulation: Simulation, twist: tuple[float, float, float], seconds: float) -> None:
@@ -86,3 +93,97 @@ def demo_eyes(graphics):
 @pytest.fixture
 def simulation() -> Simulation:
     return Simulation(load_world("demo"))
+
+
+class Robot:
+    """A simulation of its own in a process."""
+
+    def __init__(self, *arguments: str, **environment: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "lupin_sim", *arguments],
+            env={**os.environ, **environment},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def stop(self) -> tuple[int, str]:
+        """End it as the supervisor does; its exit status and what it complained about."""
+        self.process.send_signal(signal.SIGTERM)
+        try:
+            _, complaints = self.process.communicate(timeout=10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.communicate()
+            raise
+        return self.process.returncode, complaints
+
+
+class Stranger:
+    """Somebody on the graph with the newest message of every topic that was asked for."""
+
+    def __init__(self) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+
+        from lupin_runtime.ros import LupinNode
+
+        rclpy.init(args=[])
+        self._shutdown = rclpy.shutdown
+        self.node = LupinNode("stranger")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self.newest: dict[str, object] = {}
+        self.count: dict[str, int] = {}
+
+    def listen(self, *rows: graph.Topic) -> None:
+        for row in rows:
+            if row.name not in self.count:
+                self.count[row.name] = 0
+                self.node.subscription(row, lambda message, name=row.name: self._take(name, message))
+
+    def _take(self, name: str, message: object) -> None:
+        self.newest[name] = message
+        self.count[name] += 1
+
+    def until(self, condition, what: str, bound_s: float = DEADLINE_S):
+        end = time.monotonic() + bound_s
+        while not (value := condition()):
+            assert time.monotonic() < end, f"{what} did not happen within {bound_s} s"
+            self._executor.spin_once(timeout_sec=0.05)
+        return value
+
+    def fresh(self, row: graph.Topic):
+        """The next message of a topic."""
+        self.listen(row)
+        before = self.count[row.name]
+        self.until(lambda: self.count[row.name] > before, f"a message on {row.name}")
+        return self.newest[row.name]
+
+    def call(self, row: graph.Service, request):
+        client = self.node.client(row)
+        self.until(client.service_is_ready, f"{row.name}")
+        future = client.call_async(request)
+        self.until(future.done, f"an answer of {row.name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def wait(self, future):
+        self.until(future.done, "an answer")
+        return future.result()
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._shutdown()
+
+
+@pytest.fixture(scope="session")
+def start_robot(private_graph):
+    """Starts `python -m lupin_sim` with arguments, in this test run's own domain."""
+    return Robot
+
+
+@pytest.fixture(scope="session")
+def start_stranger(private_graph):
+    """Joins the graph."""
+    return Stranger
