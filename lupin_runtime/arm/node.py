@@ -60,7 +60,7 @@ class GripperActionBridge(ArmNode):
         self._group = ReentrantCallbackGroup()
         self._turnstile = waits.Turnstile()
         self._gripper = self.action_client(graph.GRIPPER_COMMAND)
-        self._clients = {
+        self._torque_clients = {
             row: self.create_client(SetBool, row.name, callback_group=self._group)
             for row in (graph.VENDOR_ARM_GATE, graph.VENDOR_TORQUE)
         }
@@ -152,7 +152,7 @@ class GripperActionBridge(ArmNode):
                 return str(refusal)
             await waits.sleep(self, step.settle_s)
             return ""
-        client = self._clients[step.row]
+        client = self._torque_clients[step.row]
         if not await waits.ready(self, client.service_is_ready):
             return "" if step.optional else f"{step.row.name} is not there: does the vendor's servo driver run?"
         answer = await waits.answer(self, client.call_async(SetBool.Request(data=step.value)))
