@@ -1,0 +1,188 @@
+"""The simulated robot: how much faster than life it is, and what its process costs beside its budget.
+
+    python -m bench.bench_sim [--seconds 20] [--world demo] [--json]
+
+First the engine alone, as fast as it goes: physics and lidar, then both cameras at 10 fps too; and a lidar revolution by one
+call for all rays beside its peer, a call per ray. Then the process at the wall clock's pace with every topic subscribed, both
+cameras raw and as JPEG: its CPU, memory and real-time factor beside what it may take (45 % of a core, 300 MB, factor 1).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+
+from lupin_runtime import graph
+from lupin_runtime.stack.dds import claim_domain, loopback_environment
+from lupin_sim.cameras import CameraRig, GraphicsUnavailable, new_image
+from lupin_sim.engine import Simulation
+from lupin_sim.worlds import load_world
+
+CPU_BUDGET_PERCENT, MEMORY_BUDGET_MB = 45.0, 300.0
+SETTLE_S = 3.0
+
+
+def engine(world: str, seconds: float, cameras: bool) -> dict[str, float]:
+    """Simulated seconds per second of wall time and of CPU."""
+    simulation = Simulation(load_world(world))
+    rig, image = (CameraRig(simulation.model) if cameras else None), new_image()
+    simulation.step()
+    wall, cpu = time.perf_counter(), time.process_time()
+    for tick in range(round(seconds * 100)):
+        simulation.command_twist(0.2, 0.0, 0.3)
+        simulation.step()
+        if tick % 10 == 0:
+            simulation.scan()
+            if rig is not None:
+                rig.render(simulation.data, "body_camera", image)
+                rig.render(simulation.data, "gripper_camera", image)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    if rig is not None:
+        rig.close()
+    return {"real_time_factor": seconds / wall, "cpu_percent_at_real_time": 100.0 * cpu / seconds}
+
+
+def lidar(world: str, rounds: int = 100) -> dict[str, float]:
+    """Microseconds of a revolution of 360 rays, in one call and ray by ray; the results are the same."""
+    import mujoco
+
+    simulation = Simulation(load_world(world))
+    started = time.perf_counter()
+    for _ in range(rounds):
+        together = simulation.true_ranges()
+    one_us = (time.perf_counter() - started) / rounds * 1e6
+    model, data = simulation.model, simulation.data
+    site = model.site("lidar").id
+    angles = -np.pi + 2 * np.pi / 360 * np.arange(360)
+    rays = np.stack([np.cos(angles), np.sin(angles), np.zeros(360)], 1) @ data.site_xmat[site].reshape(3, 3).T
+    groups, hit = np.array([1, 1, 0, 0, 0, 0], np.uint8), np.zeros(1, np.int32)
+    started = time.perf_counter()
+    for _ in range(rounds):
+        alone = [mujoco.mj_ray(model, data, data.site_xpos[site], ray, groups, 1, -1, hit) for ray in rays]
+    each_us = (time.perf_counter() - started) / rounds * 1e6
+    alone = [np.inf if r < 0 or r > 12.0 else r for r in alone]
+    if not np.allclose(together, alone, atol=1e-9):
+        raise SystemExit("bench_sim: the two ways to cast rays disagree")
+    return {"one_call_us": one_us, "ray_by_ray_us": each_us}
+
+
+def process(world: str, seconds: float) -> dict[str, Any]:
+    """CPU, memory and pace of the process while everything it says is listened to."""
+    claim = claim_domain()
+    directory = Path(tempfile.mkdtemp(prefix="lupin-bench-"))
+    environment = loopback_environment(claim.domain, directory / "dds")
+    os.environ.update(environment)
+    robot = subprocess.Popen(
+        [sys.executable, "-m", "lupin_sim", "--world", world, "--run-dir", str(directory)], env=environment
+    )
+    try:
+        return _listen(psutil.Process(robot.pid), directory, seconds)
+    finally:
+        robot.terminate()
+        try:
+            robot.wait(10)
+        except subprocess.TimeoutExpired:
+            robot.kill()
+            robot.wait()
+        claim.release()
+
+
+def _listen(robot: psutil.Process, directory: Path, seconds: float) -> dict[str, Any]:
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
+    from lupin_runtime.ros import LupinNode
+
+    cameras = (graph.BODY_IMAGE_SIM, graph.GRIPPER_IMAGE)
+    rows = [graph.CLOCK, graph.ODOM, graph.ODOM_SIM, graph.SCAN, graph.IMU, graph.BATTERY, graph.JOINT_STATES, graph.TF]
+    rows += [graph.ESTOP_BUTTON, *(graph.servo_position(servo) for servo in graph.SERVOS)]
+    rows += [row for image in cameras for row in (image, graph.compressed(image), graph.camera_info(image))]
+    rclpy.init(args=[])
+    node, counts = LupinNode("bench"), dict.fromkeys((row.name for row in rows), 0)
+
+    def counter(name: str) -> Any:
+        def count(_: bytes) -> None:
+            counts[name] += 1
+
+        return count
+
+    for row in rows:
+        node.subscription(row, counter(row.name), raw=True)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def spin(for_s: float) -> None:
+        end = time.monotonic() + for_s
+        while time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.1)
+
+    deadline = time.monotonic() + 20.0
+    while not counts[graph.BODY_IMAGE_SIM.name] and not counts[graph.SCAN.name]:
+        if time.monotonic() > deadline:
+            raise SystemExit("bench_sim: no scan within 20 s")
+        spin(0.2)
+    spin(SETTLE_S)
+    before, wall = robot.cpu_times(), time.monotonic()
+    counts.update(dict.fromkeys(counts, 0))
+    spin(seconds)
+    wall = time.monotonic() - wall
+    after = robot.cpu_times()
+    used = after.user + after.system - before.user - before.system
+    memory = robot.memory_info().rss / 1e6
+    state = json.loads((directory / "sim_state.json").read_text())
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown()
+    return {
+        "cpu_percent": 100.0 * used / wall,
+        "memory_mb": memory,
+        "real_time_factor": state["real_time_factor"],
+        "rates_hz": {name: round(count / wall, 1) for name, count in counts.items()},
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--world", default="demo")
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    result: dict[str, Any] = {"world": arguments.world, "engine": engine(arguments.world, arguments.seconds, False)}
+    try:
+        result["engine_with_cameras"] = engine(arguments.world, arguments.seconds, True)
+    except GraphicsUnavailable as missing:
+        print(f"bench_sim: {missing}", file=sys.stderr)
+    result["lidar"] = lidar(arguments.world)
+    result["process"] = process(arguments.world, arguments.seconds)
+    if arguments.json:
+        print(json.dumps(result))
+        return 0
+    print(f"world {arguments.world}, {arguments.seconds:.0f} s, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    for name in ("engine", "engine_with_cameras"):
+        if name in result:
+            row = result[name]
+            cost = row["cpu_percent_at_real_time"]
+            print(f"{name:22} {row['real_time_factor']:7.1f} x real time, {cost:5.1f} % of a core at real time")
+    rays = result["lidar"]
+    ratio = rays["ray_by_ray_us"] / rays["one_call_us"]
+    print(f"{'lidar, 360 rays':22} {rays['one_call_us']:7.0f} us; ray by ray {rays['ray_by_ray_us']:.0f} us: ratio {ratio:.1f}")
+    row = result["process"]
+    share = row["cpu_percent"] / CPU_BUDGET_PERCENT
+    print(f"{'process, all heard':22} {row['cpu_percent']:7.1f} % of a core: {share:.2f} of its budget")
+    print(f"{'':22} {row['memory_mb']:7.0f} MB: {row['memory_mb'] / MEMORY_BUDGET_MB:.2f} of its budget")
+    print(f"{'':22} {row['real_time_factor']:7.3f} x real time")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
