@@ -22,6 +22,7 @@ import yaml
 from lupin_runtime import graph
 from lupin_runtime.graph import Qos, Topic
 from lupin_runtime.record.reader import ChannelInfo, NotARecording, RawMessage, Recording
+from lupin_runtime.stack.process import end_with_parent
 
 CLOCK_PERIOD_S = 0.02
 PROGRESS_PERIOD_S = 0.25
@@ -152,6 +153,7 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument("--rate", type=float, default=1.0, help="times the recorded pace")
     parser.add_argument("--loop", action="store_true", help="start again at the end")
     parser.add_argument("--topics", default="", help="comma-separated names; default: all")
+    parser.add_argument("--end-with-parent", action="store_true", help="stop when standard input ends")
     parser.add_argument("--wait-s", type=float, default=0.0, help="wait this long for subscribers to every topic")
     return parser
 
@@ -162,6 +164,8 @@ def main() -> int:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
+    if arguments.end_with_parent:
+        end_with_parent()
     if not 0.0 < arguments.rate < float("inf"):
         print(f"--rate {arguments.rate} is no pace; expected a positive number", file=sys.stderr)
         return 2

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lupin_runtime.geometry import Pose2
-from lupin_runtime.report.findings import Finding, findings, tag_truth
+from lupin_runtime.report.findings import Finding, TagTruth, findings
 from lupin_runtime.report.health import SENSORS, health
 from lupin_runtime.report.log import RunLog
 from lupin_runtime.report.palette import species_label
@@ -21,15 +21,19 @@ from lupin_runtime.report.timeline import Timeline, timeline
 SCHEMA = "lupin-report/1"
 _PATH_PERIOD_S = 0.5
 
-# What a score may say of the whole run; each also stands in the object of `lupin up --json`.
+# What a score says of the whole run.
 SCORE_FIELDS = (
     "tags_total",
     "tags_reachable",
     "tags_found",
     "tags_read",
-    "collisions",
     "trajectory_rmse_m",
     "tag_error_median_m",
+    "flowers_total",
+    "flowers_right",
+    "bugs_total",
+    "bugs_found",
+    "bugs_imagined",
 )
 
 
@@ -51,7 +55,9 @@ class Material:
     def __post_init__(self) -> None:
         self.tags: list[TagResult] = tag_results(self.log)
         self.timeline: Timeline = timeline(self.log)
-        self.findings: list[Finding] = findings(self.log, self.tags, self.timeline, self.facts, self.score)
+        self.tag_truth: dict[str, TagTruth] = _tag_truth(self.tags, self.truth, self.score, self.map_from_world)
+        facts = {**self.facts, **{name: self.fact(name) for name in ("collisions", "real_time_factor")}}
+        self.findings: list[Finding] = findings(self.log, self.tags, self.timeline, facts, self.tag_truth)
         self.findings += [Finding("warn", "This report is incomplete", text) for text in self.damage]
 
     @property
@@ -67,8 +73,8 @@ class Material:
         return (active[0].from_s, active[-1].to_s) if active else (0.0, self.log.end_s)
 
     def fact(self, name: str) -> Any:
-        """A fact of the run, of its result or of its options; None where nobody knows."""
-        for group in (self.facts, self.facts.get("result") or {}, self.facts.get("options") or {}):
+        """A fact of the run, of its score or of its options; None where nobody knows."""
+        for group in (self.facts, self.score, self.facts.get("options") or {}):
             if group.get(name) is not None:
                 return group[name]
         return None
@@ -86,6 +92,7 @@ def figures(material: Material) -> dict[str, Any]:
         "wall_time_s": _number(material.fact("wall_time_s")),
         "real_time_factor": _number(material.fact("real_time_factor")),
         "memory_mb": _number(material.fact("memory_mb")),
+        "collisions": _number(material.fact("collisions")),
         "drivable_s": _number(material.fact("drivable_s")),
         "ready_s": _number(material.fact("ready_s")),
         "distance_m": _round(log.trajectory.length_m, 2),
@@ -99,7 +106,7 @@ def figures(material: Material) -> dict[str, Any]:
         "health": health((r.sensor, r.value) for tag in tags for r in tag.readings)[0],
         "map_corrections": len(log.trajectory.corrections),
         "largest_correction_m": _round(max((c.distance_m for c in log.trajectory.corrections), default=0.0), 3),
-        **{f"score_{name}": score.get(name) for name in SCORE_FIELDS},
+        **{f"score_{name}": _figure(score.get(name)) for name in SCORE_FIELDS},
     }
 
 
@@ -135,16 +142,22 @@ def content(material: Material) -> dict[str, Any]:
     }
 
 
-def tag_error_m(tag: TagResult, material: Material) -> float | None:
-    """How far the found tag is from the true one: the score's figure, else by the truth's positions; None if unknown."""
-    scored = tag_truth(material.score).get(tag.tag_id, {}).get("error_m")
-    if scored is not None:
-        return _number(scored)
-    for item in material.truth.get("tags") or ():
-        if str(item.get("id")) == tag.tag_id and tag.pose is not None:
-            x, y = material.map_from_world.apply(float(item["x"]), float(item["y"]))
-            return math.hypot(tag.pose.x - x, tag.pose.y - y)
-    return None
+def _tag_truth(
+    tags: list[TagResult], truth: Mapping[str, Any], score: Mapping[str, Any], map_from_world: Pose2
+) -> dict[str, TagTruth]:
+    """The true tags by id. An error is the score's, else the distance from the true place."""
+    scored = {str(tag_id): _number(error) for tag_id, error in (score.get("tag_errors_m") or {}).items()}
+    placed = {tag.tag_id: tag.pose for tag in tags if tag.pose is not None}
+    found = {}
+    for item in truth.get("tags") or ():
+        tag_id = str(item["id"])
+        error, pose = scored.get(tag_id), placed.get(tag_id)
+        if error is None and pose is not None:
+            x, y = map_from_world.apply(float(item["x"]), float(item["y"]))
+            error = math.hypot(pose.x - x, pose.y - y)
+        reachable = item.get("reachable")
+        found[tag_id] = TagTruth(error, None if reachable is None else bool(reachable))
+    return found
 
 
 def _tag(tag: TagResult, material: Material) -> dict[str, Any]:
@@ -161,7 +174,7 @@ def _tag(tag: TagResult, material: Material) -> dict[str, Any]:
         "discovered_s": _round(tag.discovered_s, 1),
         "read_s": _round(tag.read_s, 1),
         "sightings": tag.sightings,
-        "error_m": _round(tag_error_m(tag, material), 4),
+        "error_m": _round(material.tag_truth[tag.tag_id].error_m, 4) if tag.tag_id in material.tag_truth else None,
         "health": tag.health,
         "readings": [
             {
@@ -274,6 +287,11 @@ def _number(value: Any) -> float | None:
     except (TypeError, ValueError):
         return None
     return number if math.isfinite(number) else None
+
+
+def _figure(value: Any) -> int | float | None:
+    """A count as a whole number, a measure as a finite float, else None."""
+    return value if isinstance(value, int) else _number(value)
 
 
 def plain(value: Any) -> Any:

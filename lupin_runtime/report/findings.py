@@ -9,7 +9,7 @@ from typing import Any
 
 from lupin_runtime.report.health import CRITICAL, SENSORS
 from lupin_runtime.report.log import LogLine, RunLog
-from lupin_runtime.report.tags import SCAN_FAILED, SKIPPED, UNREACHABLE, TagResult
+from lupin_runtime.report.tags import SCAN_FAILED, SKIPPED, UNREACHABLE, TagResult, natural_key
 from lupin_runtime.report.timeline import Timeline
 
 ERROR, WARN, NOTE, GOOD = "error", "warn", "note", "good"
@@ -28,41 +28,47 @@ class Finding:
     detail: str = ""
 
 
+@dataclass(frozen=True)
+class TagTruth:
+    """What the simulator knows of a tag: how far the found one was off (None: not compared), whether it can be reached."""
+
+    error_m: float | None
+    reachable: bool | None
+
+
 def findings(
-    log: RunLog, tags: list[TagResult], bands: Timeline, facts: Mapping[str, Any], score: Mapping[str, Any]
+    log: RunLog, tags: list[TagResult], bands: Timeline, facts: Mapping[str, Any], truth: Mapping[str, TagTruth]
 ) -> list[Finding]:
-    """All findings of a run, worst first."""
+    """All findings of a run, worst first. `truth` is empty where none is known."""
     found = [
-        *_tags(tags, score),
+        *_tags(tags, truth),
         *_plants(tags),
         *_stops(bands),
         *_processes(facts),
-        *_truth(score),
+        *_collisions(facts.get("collisions")),
         *_map(log),
         *_words(log),
     ]
     return sorted(found, key=lambda finding: _ORDER.index(finding.severity))
 
 
-def _tags(tags: list[TagResult], score: Mapping[str, Any]) -> Iterable[Finding]:
-    truth = tag_truth(score)
+def _tags(tags: list[TagResult], truth: Mapping[str, TagTruth]) -> Iterable[Finding]:
     for tag in tags:
-        reachable = truth.get(tag.tag_id, {}).get("reachable")
-        if tag.outcome == UNREACHABLE and reachable is False:
-            yield Finding(
-                NOTE, f"Tag {tag.tag_id} can't be reached", "The world has no free way to it, and the mission said so."
-            )
+        known = truth.get(tag.tag_id)
+        if tag.outcome == UNREACHABLE and known is not None and known.reachable is False:
+            yield Finding(NOTE, f"Tag {tag.tag_id} can't be reached", "The world has no free way to it.")
         elif tag.outcome == UNREACHABLE:
             yield Finding(WARN, f"Tag {tag.tag_id} was not reached", _sentence(tag.reason))
         elif tag.outcome == SCAN_FAILED:
             yield Finding(WARN, f"Tag {tag.tag_id} was reached but not read", _sentence(tag.reason))
         elif tag.outcome == SKIPPED:
             yield Finding(NOTE, f"Tag {tag.tag_id} was skipped", _sentence(tag.reason))
-    known = {tag.tag_id for tag in tags}
-    if missed := [tag_id for tag_id, item in truth.items() if tag_id not in known and item.get("reachable") is not False]:
-        yield Finding(
-            WARN, f"{_count(len(missed), 'tag')} never seen", f"The world also holds tag {', '.join(sorted(missed))}."
-        )
+    seen = {tag.tag_id for tag in tags}
+    if missed := [tag_id for tag_id, known in truth.items() if tag_id not in seen and known.reachable is not False]:
+        where = ", ".join(sorted(missed, key=natural_key))
+        yield Finding(WARN, f"{_count(len(missed), 'tag')} never seen", f"The world also holds tag {where}.")
+    if truth and (imagined := sorted(seen - truth.keys(), key=natural_key)):
+        yield Finding(WARN, f"{_count(len(imagined), 'tag')} that the world does not hold", f"Tag {', '.join(imagined)}.")
     if tags and not missed and all(tag.outcome == "read" for tag in tags):
         yield Finding(GOOD, "Every tag that was found was read")
 
@@ -99,18 +105,17 @@ def _processes(facts: Mapping[str, Any]) -> Iterable[Finding]:
             f"{death.get('stage', 'a process')} {death.get('status', 'ended')}",
             _sentence(str(death.get("consequence", ""))),
         )
-    factor = (facts.get("result") or {}).get("real_time_factor")
-    if factor is not None and factor < 0.98:
+    factor = facts.get("real_time_factor")
+    if isinstance(factor, float) and factor < 0.98:
         yield Finding(
             WARN, f"Slower than real time: {factor:.2f}×", "The computer could not keep up; the simulation waited for it."
         )
 
 
-def _truth(score: Mapping[str, Any]) -> Iterable[Finding]:
-    collisions = score.get("collisions")
-    if collisions:
-        yield Finding(ERROR, _count(int(collisions), "collision").capitalize(), "The robot touched something while it drove.")
-    elif collisions == 0:
+def _collisions(count: Any) -> Iterable[Finding]:
+    if count:
+        yield Finding(ERROR, _count(int(count), "collision").capitalize(), "The robot touched something while it drove.")
+    elif count == 0:
         yield Finding(GOOD, "No collision")
 
 
@@ -137,15 +142,6 @@ def _words(log: RunLog) -> Iterable[Finding]:
         kind = "an error" if first.level >= _ERROR_LEVEL else "a warning"
         times = f", {len(lines)} times" if len(lines) > 1 else ""
         yield Finding(NOTE, f"{first.node} logged {kind}{times}", f"{clock(first.t_s)}: {first.text}")
-
-
-def tag_truth(score: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """What the score says of single tags, by id; empty without a score."""
-    tags = score.get("tags") or {}
-    if isinstance(tags, Mapping):
-        return {str(tag_id): dict(item) for tag_id, item in tags.items() if isinstance(item, Mapping)}
-    ids = ((str(item.get("tag_id", item.get("id"))), dict(item)) for item in tags if isinstance(item, Mapping))
-    return dict(ids)
 
 
 def clock(t_s: float) -> str:

@@ -183,7 +183,7 @@ def test_hostile_text_stays_text(tmp_path):
     report = build_report(
         tmp_path / "run",
         {**facts(), "sentence": HOSTILE, "state": HOSTILE, "options": {"world": HOSTILE, "target": "sim"}},
-        lambda _: {"tags": {HOSTILE: {"reachable": True}}},
+        lambda _: {"tags_total": HOSTILE, "tag_errors_m": {HOSTILE: 0.1}},
     )
     text = report.page.read_text()
     page = Page(text)

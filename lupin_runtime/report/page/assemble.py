@@ -75,8 +75,8 @@ def _colours() -> str:
 
 
 def _headline(material: Material, words: str) -> str:
-    n, score = figures(material), material.score
-    goal = score.get("tags_reachable") or score.get("tags_total") or n["tags_seen"]
+    n = figures(material)
+    goal = n["score_tags_reachable"] or n["score_tags_total"] or n["tags_seen"]
     parts = [words]
     if material.tags or goal:
         parts.append(f"{n['tags_read']} of {goal} tags read")

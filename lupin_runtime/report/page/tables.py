@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from lupin_runtime.report.content import Material, figures, tag_error_m
+from lupin_runtime.report.content import Material, figures
 from lupin_runtime.report.findings import Finding, clock
 from lupin_runtime.report.health import SENSORS, grade
 from lupin_runtime.report.log import Picture
@@ -33,29 +33,25 @@ def figure_cards(material: Material) -> str:
 
 def _cards(material: Material) -> Iterable[tuple[str, str, str, str]]:
     """(name, value, note, css class) of each card."""
-    n, score = figures(material), material.score
-    goal = score.get("tags_reachable") or score.get("tags_total")
+    n = figures(material)
+    goal = n["score_tags_reachable"] or n["score_tags_total"]
     yield "Tags read", f"{n['tags_read']} of {n['tags_seen']}", "found by the robot", _good(n["tags_read"] == n["tags_seen"])
-    if goal is not None:
-        found = score.get("tags_found", n["tags_seen"])
-        yield (
-            "Tags found",
-            f"{found} of {goal}",
-            f"reachable; {score.get('tags_total', goal)} in the world",
-            _good(found >= goal),
-        )
-    if (error := score.get("tag_error_median_m")) is not None:
+    if goal and n["score_tags_found"] is not None:
+        note = f"reachable; {n['score_tags_total']} in the world"
+        yield "Tags found", f"{n['score_tags_found']} of {goal}", note, _good(n["score_tags_found"] >= goal)
+    if (error := n["score_tag_error_median_m"]) is not None:
         yield "Tag error", f"{error * 100:.1f} cm", "median, against the truth", _good(error <= 0.05)
-    if (error := score.get("trajectory_rmse_m")) is not None:
+    if (error := n["score_trajectory_rmse_m"]) is not None:
         yield "Path error", f"{error * 100:.1f} cm", "RMSE, against the truth", _good(error <= 0.05)
-    collisions = score.get("collisions", material.fact("collisions"))
-    if collisions is not None:
-        yield "Collisions", str(collisions), "", _good(not collisions)
+    if n["collisions"] is not None:
+        yield "Collisions", f"{n['collisions']:.0f}", "", _good(not n["collisions"])
     if n["distance_m"]:
         yield "Driven", f"{n['distance_m']:.1f} m", "by the wheels", ""
     yield "Mission", clock(n["mission_s"] or 0.0), "of the robot's time", ""
     if n["flowers"] or n["bugs"]:
-        yield "Flowers", str(n["flowers"]), f"bugs: {n['bugs']}", ""
+        pots = n["score_flowers_total"]
+        right = f"; {n['score_flowers_right']} of {pots} pots right" if pots else ""
+        yield "Flowers", str(n["flowers"]), f"bugs: {n['bugs']}{right}", ""
     if n["health"] != "no_data":
         yield "Health", str(n["health"]).capitalize(), "worst reading", f"health-{n['health']}"
     if n["known_area_m2"]:
@@ -87,7 +83,7 @@ def findings_html(found: Sequence[Finding]) -> str:
 
 def tag_table(material: Material) -> str:
     """One row a tag; on a narrow screen each row becomes a card with the column's name before each value."""
-    scored = any(tag_error_m(item, material) is not None for item in material.tags)
+    scored = any(_error_m(item, material) is not None for item in material.tags)
     names = ["Tag", "At the reading", "Outcome", "Readings", "Flowers", "Place", *(["Error"] if scored else [])]
     head = tag("thead", tag("tr", *(tag("th", esc(name), scope="col") for name in names)))
     rows = (_tag_row(item, material, scored) for item in material.tags)
@@ -104,9 +100,14 @@ def _tag_row(item: TagResult, material: Material, scored: bool) -> str:
         _cell("Place", _place(item)),
     ]
     if scored:
-        error = tag_error_m(item, material)
+        error = _error_m(item, material)
         cells.append(_cell("Error", esc(f"{error * 100:.1f} cm") if error is not None else "–"))
     return tag("tr", *cells, id=f"tag-{anchor(item.tag_id)}")
+
+
+def _error_m(item: TagResult, material: Material) -> float | None:
+    known = material.tag_truth.get(item.tag_id)
+    return known.error_m if known is not None else None
 
 
 def _cell(name: str, markup: str) -> str:

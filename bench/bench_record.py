@@ -1,0 +1,203 @@
+"""The recorder under a mission's load: percent of a core and messages lost, beside a recorder of ordinary callbacks.
+
+Limit: 8 % of a core. The load is every standard topic at its nominal rate with messages of real size, from another process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from lupin_runtime import graph
+from lupin_runtime.record.reader import Recording
+from lupin_runtime.stack.dds import claim_domain, loopback_environment
+
+LIMIT_PERCENT = 8.0
+WARM_UP_S = 4.0
+# Topics on change, at about what a driving mission makes of them.
+EVENT_HZ = {
+    graph.TAG_DETECTIONS.name: 10.0,
+    graph.FLOWER_DETECTIONS.name: 5.0,
+    graph.PLAN.name: 1.0,
+    graph.ROSOUT.name: 1.0,
+    graph.OBSERVATIONS.name: 0.2,
+}
+RATES_HZ = {graph.TF.name: 60.0, graph.compressed(graph.BODY_IMAGE_SIM).name: 10.0}
+SILENT = {
+    graph.CMD_VEL_JOY.name,
+    graph.CMD_VEL_SINK_ROBOT.name,
+    graph.TF_STATIC.name,
+    graph.compressed(graph.BODY_IMAGE_ROBOT).name,
+    graph.compressed(graph.GRIPPER_IMAGE).name,
+}
+
+
+def full_size(kind: Any, topic: str) -> Any:
+    """A message as big as a real one."""
+    message = kind()
+    if topic == graph.SCAN.name:
+        message.ranges = message.intensities = [1.0] * 360
+    elif topic == graph.MAP.name:
+        message.data = [0] * (300 * 300)
+    elif topic.endswith("/compressed"):
+        message.data = list(os.urandom(25_000))
+    elif topic == graph.TF.name:
+        message.transforms = [_transform(), _transform()]
+    elif topic == graph.JOINT_STATES.name:
+        message.name, message.position = [f"joint_{i}" for i in range(9)], [0.0] * 9
+    elif topic == graph.TAG_DETECTIONS.name:
+        message.data = json.dumps([{"id": 41, "corners": [[10.5, 10.5]] * 4, "dist": 0.83}] * 2)
+    return message
+
+
+def _transform() -> Any:
+    from geometry_msgs.msg import TransformStamped
+
+    message = TransformStamped(child_frame_id="base_link")
+    message.header.frame_id = "odom"
+    return message
+
+
+def publish(seconds: float) -> int:
+    """Be the rest of the graph for a while; prints how many messages of each topic were sent."""
+    import rclpy
+
+    from lupin_runtime.record.table import STANDARD, cameras
+    from lupin_runtime.ros import LupinNode
+    from lupin_runtime.ros.node import interface
+
+    rclpy.init(args=[])
+    node = LupinNode("load")
+    load = []
+    for row in STANDARD + cameras("always", "off", 1.0, 2.0):
+        topic = row.topic
+        rate = RATES_HZ.get(topic.name) or topic.rate_hz or EVENT_HZ.get(topic.name)
+        if rate and topic.name not in SILENT:
+            load.append([node.publisher(topic), full_size(interface(topic.type), topic.name), 1.0 / rate, 0.0, topic.name, 0])
+    began = time.monotonic()
+    for item in load:
+        item[3] = began + 1.0
+    while (now := time.monotonic()) < began + seconds:
+        for item in load:
+            if now >= item[3]:
+                item[0].publish(item[1])
+                item[3] += item[2]
+                item[5] += 1
+        time.sleep(0.002)
+    time.sleep(1.0)
+    print(json.dumps({item[4]: item[5] for item in load}))
+    return 0
+
+
+def record(output: str, ordinary: bool) -> int:
+    """The recorder, or one that does the same with a callback for each message."""
+    from lupin_runtime.ros import run
+
+    if not ordinary:
+        from lupin_runtime.record.node import Recorder
+
+        return run([lambda: Recorder({"output": output})])
+
+    from lupin_runtime.record.definitions import schema_text
+    from lupin_runtime.record.table import STANDARD, cameras
+    from lupin_runtime.record.writer import RecordingWriter
+    from lupin_runtime.ros import LupinNode
+
+    class Ordinary(LupinNode):
+        """One raw subscription and one callback per topic."""
+
+        def __init__(self) -> None:
+            super().__init__("ordinary")
+            self.writer = RecordingWriter(Path(output))
+            for row in STANDARD + cameras("always", "off", 1.0, 2.0):
+                topic = row.topic
+                channel = self.writer.add_channel(topic.name, topic.type, schema_text(topic.type), topic.qos)
+                self.subscription(topic, partial(self.take, channel), row.qos(), raw=True)
+            self.create_timer(2.0, self.writer.flush)
+
+        def take(self, channel: int, data: bytes) -> None:
+            self.writer.write(channel, data, self.now_ns(), 0)
+
+        def before_shutdown(self) -> None:
+            self.writer.finish()
+
+    return run([Ordinary])
+
+
+def measure(kind: str, seconds: float, folder: Path) -> dict[str, Any]:
+    """One recorder beside one load, in a domain of their own."""
+    claim = claim_domain()
+    environment = loopback_environment(claim.domain, folder)
+    output = folder / f"{kind}.mcap"
+    me = [sys.executable, "-m", "bench.bench_record"]
+    recorder = psutil.Popen([*me, "--as", kind, "--output", str(output)], env=environment, stderr=subprocess.DEVNULL)
+    load = psutil.Popen([*me, "--as", "load", "--seconds", str(seconds + WARM_UP_S)], env=environment, stdout=subprocess.PIPE)
+    try:
+        time.sleep(WARM_UP_S)
+        before, began = recorder.cpu_times(), time.monotonic()
+        time.sleep(seconds - 1.0)
+        after, took = recorder.cpu_times(), time.monotonic() - began
+        memory_mb = recorder.memory_full_info().pss / 1e6
+        sent = json.loads(load.communicate(timeout=60)[0])
+        recorder.terminate()
+        recorder.wait(20)
+    finally:
+        for process in (recorder, load):
+            if process.is_running():
+                process.kill()
+        claim.release()
+    throttled = {graph.IMU.name, graph.JOINT_STATES.name, graph.PLAN.name, graph.ESTOP_BUTTON.name}
+    kept = {topic.channel.topic: topic.messages for topic in Recording(output).summary().topics}
+    counted = [name for name in sent if name not in throttled and not name.endswith("/compressed")]
+    used = (after.user + after.system) - (before.user + before.system)
+    return {
+        "cpu_percent": round(100.0 * used / took, 2),
+        "memory_mb": round(memory_mb, 1),
+        "sent": sum(sent.values()),
+        "lost": sum(sent[name] - kept.get(name, 0) for name in counted),
+        "megabytes": round(output.stat().st_size / 1e6, 2),
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--as", dest="role", choices=("load", "recorder", "ordinary"), help=argparse.SUPPRESS)
+    parser.add_argument("--output", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.role == "load":
+        return publish(options.seconds)
+    if options.role:
+        return record(options.output, options.role == "ordinary")
+    with tempfile.TemporaryDirectory() as folder:
+        ours, ordinary = (measure(kind, options.seconds, Path(folder)) for kind in ("recorder", "ordinary"))
+    result = {
+        "recorder": ours,
+        "ordinary_callbacks": ordinary,
+        "messages_per_s": round(ours["sent"] / (options.seconds + WARM_UP_S - 1.0)),
+        "limit_percent": LIMIT_PERCENT,
+        "ratio_to_limit": round(ours["cpu_percent"] / LIMIT_PERCENT, 2),
+        "ratio_to_ordinary": round(ours["cpu_percent"] / ordinary["cpu_percent"], 2),
+    }
+    if not options.json:
+        for name in ("recorder", "ordinary_callbacks"):
+            row = result[name]
+            print(f"{name}: {row['cpu_percent']} % of a core, {row['memory_mb']} MB, {row['lost']} of {row['sent']} lost")
+        print(f"{result['messages_per_s']} messages/s, ratio to limit {result['ratio_to_limit']}")
+    print(json.dumps(result))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
