@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from lupin_sim import mirte
 from lupin_sim.world import Box, World
@@ -33,7 +33,8 @@ class FreeSpace:
         for pillar in world.pillars:
             clearance = np.minimum(clearance, np.hypot(x - pillar.x, y - pillar.y) - pillar.radius)
         self.free: NDArray[np.bool_] = clearance >= radius_m
-        labels, _ = ndimage.label(self.free)
+        # OpenCV, which the robot's process has anyway: SciPy for this alone would be 20 MB of it.
+        _, labels = cv2.connectedComponents(self.free.astype(np.uint8), connectivity=4)
         here = self._label_at(labels, world.start.x, world.start.y)
         self.reachable: NDArray[np.bool_] = (labels == here) & self.free if here else np.zeros_like(self.free)
 
