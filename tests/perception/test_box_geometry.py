@@ -43,9 +43,7 @@ def test_the_margin_is_metres_on_every_side(box, margin):
 @given(boxes)
 def test_the_footprint_runs_front_left_front_right_back_right_back_left(box):
     corners = box.footprint()
-    assert [box.coordinates(*c) for c in corners] == [
-        pytest.approx(p, abs=1e-9) for p in ((1, 0), (-1, 0), (-1, 1), (1, 1))
-    ]
+    assert [box.coordinates(*c) for c in corners] == [pytest.approx(p, abs=1e-9) for p in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
     assert math.dist(corners[0], corners[1]) == pytest.approx(box.size.width)
     assert math.dist(corners[1], corners[2]) == pytest.approx(box.size.depth)
 

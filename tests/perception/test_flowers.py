@@ -112,7 +112,7 @@ def test_a_bearing_beyond_a_registered_box_is_dropped_and_not_clamped_onto_it():
 
 
 def test_the_gate_can_be_off():
-    detections = [d for d in [*_detections(3.0)]]
+    detections = [*_detections(3.0)]
     assert gated(detections, BOX, OPTIONS) == []
     assert gated(detections, BOX, FlowerOptions(gate=False)) == detections
 
@@ -247,15 +247,20 @@ def test_text_that_is_no_array_is_refused(text):
 def test_entries_that_make_no_sense_are_left_out():
     tags = '[{"id": 3, "dist": 1.0}, {"id": true, "dist": 1}, {"dist": 1}, {"id": 4, "dist": NaN}, {"id": 5}, 7]'
     assert messages.read_tags(tags) == [messages.SeenTag("3", 1.0)]
+    box = '"bbox_xyxy": [1, 2, 3, 4]'
     blooms = (
-        '[{"class": 0, "confidence": 0.5, "bbox_xyxy": [1, 2, 3, 4]}, {"class": 0, "confidence": 0.5, "bbox_xyxy": [1, 2, 3]},'
-        ' {"class": "a", "confidence": 1, "bbox_xyxy": [1, 2, 3, 4]}, {"class": 0, "confidence": NaN, "bbox_xyxy": [1, 2, 3, 4]},'
+        f'[{{"class": 0, "confidence": 0.5, {box}}}, {{"class": 0, "confidence": 0.5, "bbox_xyxy": [1, 2, 3]}},'
+        f' {{"class": "a", "confidence": 1, {box}}}, {{"class": 0, "confidence": NaN, {box}}},'
         ' {"class": 0, "confidence": 1, "bbox_xyxy": [1, 2, 3, null]}]'
     )
     assert messages.read_blooms(blooms) == [SeenBloom(0, 0.5, (1, 2, 3, 4))]
 
 
-@given(st.text() | st.recursive(st.none() | st.floats() | st.text(), lambda c: st.lists(c) | st.dictionaries(st.text(), c)).map(json.dumps))
+leaves = st.none() | st.floats() | st.text()
+documents = st.recursive(leaves, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)).map(json.dumps)
+
+
+@given(st.text() | documents)
 def test_no_text_breaks_the_readers(text):
     for read in (messages.read_blooms, messages.read_tags):
         try:
