@@ -190,6 +190,7 @@ LOAD_CONTROLLER = Service("/controller_manager/load_controller", "controller_man
 CONFIGURE_CONTROLLER = Service("/controller_manager/configure_controller", "controller_manager_msgs/srv/ConfigureController")
 SWITCH_CONTROLLER = Service("/controller_manager/switch_controller", "controller_manager_msgs/srv/SwitchController")
 SIM_BATTERY = Topic("/sim/battery_percentage", "std_msgs/msg/Float32", REL10, None, "simulation only: sets it, 0..1")
+SIM_FAULT = Topic("/sim/fault", "std_msgs/msg/String", REL10, None, "simulation only: break a sensor, e.g. `scan frozen`")
 SIM_PRESS_ESTOP = Service("/sim/press_estop", "std_srvs/srv/SetBool", "simulation only: true presses the red button")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import Any
 
 from lupin_sim.controllers import STATES
@@ -42,6 +43,12 @@ def main(argv: list[str] | None = None) -> int:
     except ValueError as error:
         print(f"lupin_sim: {error}", file=sys.stderr)
         return 2
+    if arguments.run_dir:
+        try:
+            Path(arguments.run_dir).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            print(f"lupin_sim: --run-dir {arguments.run_dir} cannot be made: {error.strerror}", file=sys.stderr)
+            return 2
     robots: list[SimulatedRobot] = []
 
     def make() -> SimulatedRobot:

@@ -9,9 +9,13 @@ import traceback
 from pathlib import Path
 from typing import Any
 
+from std_msgs.msg import String
+
+from lupin_runtime import graph
 from lupin_runtime.ros import LupinNode
 from lupin_sim.cameras import CameraRig, GraphicsUnavailable
 from lupin_sim.engine import Simulation
+from lupin_sim.faults import Faults, UnknownFault
 from lupin_sim.pacing import Pacer
 from lupin_sim.publishing import StatePublishers, camera_publishers, draws
 from lupin_sim.truth import TruthRecorder
@@ -33,8 +37,10 @@ class SimulatedRobot(LupinNode):
         self._wants_cameras = self.parameter("cameras", True)
         run_dir = self.parameter("run_dir", "")
         self._recorder = TruthRecorder(simulation, Path(run_dir)) if run_dir else None
-        self._state_topics = StatePublishers(self, simulation)
-        self._camera_topics = camera_publishers(self, simulation) if self._wants_cameras else ()
+        self._faults = Faults()
+        self._state_topics = StatePublishers(self, simulation, self._faults)
+        self._camera_topics = camera_publishers(self, simulation, self._faults) if self._wants_cameras else ()
+        self.subscription(graph.SIM_FAULT, self._break)
         self._vendor = VendorSide(self, simulation)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
@@ -61,10 +67,16 @@ class SimulatedRobot(LupinNode):
             self.failed = True
             os.kill(os.getpid(), signal.SIGTERM)
         finally:
-            if self._recorder is not None:
-                self._recorder.close()
+            self._close_recorder()
             if rig is not None:
                 rig.close()
+
+    def _close_recorder(self) -> None:
+        if self._recorder is not None:
+            try:
+                self._recorder.close()
+            except OSError as error:
+                self.get_logger().error(f"the last of the truth is lost: {error}")
 
     def _renderer(self) -> CameraRig | None:
         if not self._wants_cameras:
@@ -84,12 +96,27 @@ class SimulatedRobot(LupinNode):
             if rig is not None:
                 for camera in self._camera_topics:
                     camera.publish_due(rig)
-            if self._recorder is not None:
-                self._recorder.update(pacer.real_time_factor(simulation.time_s))
+            self._record(pacer.real_time_factor(simulation.time_s))
             self._report_stalls()
             wait_s = pacer.wait_s(simulation.time_s)
             if wait_s > SHORTEST_SLEEP_S:
                 self._stop.wait(wait_s)
+
+    def _record(self, real_time_factor: float) -> None:
+        if self._recorder is None:
+            return
+        try:
+            self._recorder.update(real_time_factor)
+        except OSError as error:
+            # A full disk costs the score, not the robot.
+            self.get_logger().error(f"the truth is no longer recorded: {error}")
+            self._recorder = None
+
+    def _break(self, message: String) -> None:
+        try:
+            self._faults.order(message.data)
+        except UnknownFault as error:
+            self.get_logger().warning(str(error))
 
     def _report_stalls(self) -> None:
         stalled = frozenset(self.simulation.servos.stalled)

@@ -30,6 +30,7 @@ from lupin_runtime.transforms import Quaternion, Transform
 from lupin_sim import body, lidar, mirte
 from lupin_sim.cameras import CameraRig, new_image
 from lupin_sim.engine import Simulation
+from lupin_sim.faults import Faults
 from lupin_sim.servos import NAMES
 
 JPEG_QUALITY = 80
@@ -62,11 +63,16 @@ def _camera_transform(simulation: Simulation, camera: str) -> Transform:
     return Transform((x, y, z), optical_quaternion(rotation))
 
 
+def _stamp(simulation: Simulation, faults: Faults) -> Time:
+    # Never before the epoch: a stamp cannot say so.
+    return stamp_from_ns(max(1, simulation.time_ns + faults.clock_offset_ns))
+
+
 class StatePublishers:
     """Everything except pictures."""
 
-    def __init__(self, node: LupinNode, simulation: Simulation) -> None:
-        self._simulation = simulation
+    def __init__(self, node: LupinNode, simulation: Simulation, faults: Faults) -> None:
+        self._simulation, self._faults = simulation, faults
         self._clock, self._clock_message = node.publisher(graph.CLOCK), Clock()
         self._odometry = (node.publisher(graph.ODOM), node.publisher(graph.ODOM_SIM))
         self._odometry_message = _odometry_message()
@@ -110,7 +116,7 @@ class StatePublishers:
 
     def publish_due(self) -> None:
         """Publish what this tick is due."""
-        stamp = stamp_from_ns(self._simulation.time_ns)
+        stamp = _stamp(self._simulation, self._faults)
         for (every, at), publish in self._table:
             if self._simulation.tick % every == at:
                 publish(stamp)
@@ -121,7 +127,7 @@ class StatePublishers:
 
     def _publish_odometry(self, stamp: Time) -> None:
         moving = []
-        if self._simulation.controllers.active("mirte_base_controller"):
+        if self._simulation.controllers.active("mirte_base_controller") and not self._faults.silent("odometry"):
             pose, twist = self._simulation.odometry.pose, self._simulation.odometry.twist
             message = self._odometry_message
             message.header.stamp = stamp
@@ -167,7 +173,9 @@ class StatePublishers:
         self._imu.publish(message)
 
     def _publish_scan(self, stamp: Time) -> None:
-        ranges = self._simulation.scan()
+        ranges = self._faults.scan(self._simulation.scan())
+        if ranges is None:
+            return
         self._scan_message.header.stamp = stamp
         self._scan_message.ranges = array("f", ranges.tobytes())
         self._scan.publish(self._scan_message)
@@ -198,9 +206,16 @@ class CameraPublisher:
     """One camera: raw, JPEG and calibration, drawn only while somebody watches."""
 
     def __init__(
-        self, node: LupinNode, simulation: Simulation, topic: graph.Topic, camera: str, frame: str, due: tuple[int, int]
+        self,
+        node: LupinNode,
+        simulation: Simulation,
+        faults: Faults,
+        topic: graph.Topic,
+        camera: str,
+        frame: str,
+        due: tuple[int, int],
     ) -> None:
-        self._simulation, self._camera, self._due = simulation, camera, due
+        self._simulation, self._faults, self._camera, self._due = simulation, faults, camera, due
         self._raw = node.publisher(topic)
         self._jpeg = node.publisher(graph.compressed(topic))
         self._info = node.publisher(graph.camera_info(topic))
@@ -217,9 +232,9 @@ class CameraPublisher:
     def publish_due(self, rig: CameraRig) -> None:
         """Draw and publish if this tick is due and anybody listens."""
         every, at = self._due
-        if self._simulation.tick % every != at:
+        if self._simulation.tick % every != at or self._faults.silent("camera"):
             return
-        stamp = stamp_from_ns(self._simulation.time_ns)
+        stamp = _stamp(self._simulation, self._faults)
         raw, jpeg = self._raw.get_subscription_count(), self._jpeg.get_subscription_count()
         if raw or jpeg:
             rig.render(self._simulation.data, self._camera, self._pixels)
@@ -241,14 +256,13 @@ class CameraPublisher:
             self._jpeg.publish(self._compressed)
 
 
-def camera_publishers(node: LupinNode, simulation: Simulation) -> tuple[CameraPublisher, ...]:
+def camera_publishers(node: LupinNode, simulation: Simulation, faults: Faults) -> tuple[CameraPublisher, ...]:
     """The body's and the gripper's camera."""
-    return (
-        CameraPublisher(node, simulation, graph.BODY_IMAGE_SIM, body.BODY_CAMERA, graph.BODY_CAMERA_FRAME, EVERY_BODY_IMAGE),
-        CameraPublisher(
-            node, simulation, graph.GRIPPER_IMAGE, body.GRIPPER_CAMERA, graph.GRIPPER_CAMERA_FRAME, EVERY_GRIPPER_IMAGE
-        ),
+    rows = (
+        (graph.BODY_IMAGE_SIM, body.BODY_CAMERA, graph.BODY_CAMERA_FRAME, EVERY_BODY_IMAGE),
+        (graph.GRIPPER_IMAGE, body.GRIPPER_CAMERA, graph.GRIPPER_CAMERA_FRAME, EVERY_GRIPPER_IMAGE),
     )
+    return tuple(CameraPublisher(node, simulation, faults, *row) for row in rows)
 
 
 def draws(model: mujoco.MjModel) -> CameraRig:

@@ -19,7 +19,7 @@ from controller_manager_msgs.srv import (
 )
 from geometry_msgs.msg import Twist
 from mirte_msgs.srv import GetServoRange, SetNeopixel
-from std_msgs.msg import Float32
+from std_msgs.msg import Float32, String
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -268,4 +268,24 @@ def test_the_battery_can_be_emptied_by_hand(stranger):
         publisher.publish(Float32(data=value))
     stranger.until(lambda: stranger.fresh(graph.BATTERY).percentage < 0.2, "a low battery")
     assert stranger.newest[graph.BATTERY.name].voltage < 11.3
+    stranger.node.destroy_publisher(publisher)
+
+
+# -- faults -----------------------------------------------------------------------------------------------------------
+def test_a_broken_lidar_and_a_jumping_clock_show_on_the_graph(stranger):
+    publisher = stranger.node.publisher(graph.SIM_FAULT)
+    stranger.until(publisher.get_subscription_count, "a listener")
+
+    def order(text: str) -> None:
+        publisher.publish(String(data=text))
+
+    order("scan nan")
+    stranger.until(lambda: np.isnan(stranger.fresh(graph.SCAN).ranges).all(), "a scan of NaN")
+    order("scan none")
+    stranger.until(lambda: np.isfinite(stranger.fresh(graph.SCAN).ranges).any(), "a sound scan")
+    before = stranger.fresh(graph.CLOCK).clock.sec
+    order("clock 100")
+    stranger.until(lambda: stranger.fresh(graph.CLOCK).clock.sec > before + 50, "a jump ahead")
+    order("clock -100")
+    stranger.until(lambda: stranger.fresh(graph.CLOCK).clock.sec < before + 50, "a jump back")
     stranger.node.destroy_publisher(publisher)

@@ -87,3 +87,35 @@ def test_arguments_that_make_no_simulation_end_with_status_2(arguments, text):
     assert ended.returncode == 2
     assert text in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+def test_a_run_directory_that_cannot_be_made_ends_with_status_2(tmp_path):
+    (tmp_path / "file").write_text("")
+    ended = subprocess.run(
+        [sys.executable, "-m", "lupin_sim", "--no-cameras", "--run-dir", str(tmp_path / "file" / "run")],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert ended.returncode == 2
+    assert "cannot be made" in ended.stderr
+
+
+def test_a_world_that_fails_takes_its_process_along(private_graph):
+    """A robot whose physics died must not go on looking alive."""
+    script = """
+import sys
+from lupin_sim.engine import Simulation
+from lupin_sim.__main__ import main
+step = Simulation.step
+def fail(self):
+    step(self)
+    if self.tick == 50:
+        raise RuntimeError("the floor gave way")
+Simulation.step = fail
+sys.exit(main(["--no-cameras", "--world", "walled"]))
+"""
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=30, check=False)
+    assert ended.returncode == 1
+    assert "the floor gave way" in ended.stderr
