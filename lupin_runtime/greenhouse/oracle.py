@@ -8,6 +8,8 @@ Upstream's faults up to 1.0.8, and what is done about each:
   by half an hour and midnight tears them: time is counted here, and handed over for each reading;
 - the seed of its noise is applied by the constructor only, to the `random` module that everybody shares, and debug mode is
   announced by printing on standard output: the noise gets a state of its own, seeded after the overrides are in;
+- a configuration without `time.debug_mode` crashes the constructor, and wrong settings crash the reading: the file is checked
+  and put in place here;
 - a tag with a sensor that the configuration lacks fails at the reading (KeyError): it is an error at the start;
 - its command line imports GUI toolkits: only `greenhouse_sim.simulator` is imported here.
 """
@@ -28,6 +30,19 @@ import yaml
 
 DAY_S = 86400.0
 DEFAULT_SPEEDUP = 1800.0  # a day in 48 s
+
+# What a setting of the configuration must be, where upstream would fail on another value.
+SETTINGS = {
+    "speedup_factor": "a positive number",
+    "debug_time_of_day": "a number",
+    "value_at_midnight": "a number",
+    "value_at_noon": "a number",
+    "noise_sigma": "a number",
+    "angle": "a number",
+    "decay_distance": "a positive number",
+    "position": "a point [x, y] in metres",
+    "dynamics": "the name of a dynamics",
+}
 
 
 class GreenhouseConfigError(ValueError):
@@ -72,7 +87,8 @@ class GreenhouseOracle:
             if path is not None:
                 check(path)
         self._simulator = _construct(tag_file, sim_config_file)
-        time = self._simulator.sim_config.setdefault("time", {})
+        time = self._simulator.sim_config["time"] = dict(self._simulator.sim_config.get("time") or {})
+        time.setdefault("debug_mode", False)
         if overrides.debug_time_of_day >= 0.0:
             time.update(debug_mode=True, debug_time_of_day=overrides.debug_time_of_day)
         if overrides.debug_seed >= 0:
@@ -136,21 +152,18 @@ def _wrapped(time_s: float) -> float:
 
 
 def _construct(tag_file: Path | None, sim_config_file: Path | None) -> Any:
-    from greenhouse_sim.simulator import GreenhouseSimulator
+    from greenhouse_sim.simulator import GreenhouseSimulator, SensorRegistry
 
+    # In debug mode it prints a banner, where a machine may be reading our standard output, and seeds everybody's `random`.
     shared = random.getstate()
-    try:
-        # In debug mode it prints a banner, where a machine may be reading our standard output.
-        with contextlib.redirect_stdout(io.StringIO()):
-            return GreenhouseSimulator(tag_file, sim_config_file)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        # Whatever the checks below let through, upstream trips over in one of these ways.
-        raise GreenhouseConfigError(
-            f"{sim_config_file or 'the packaged configuration'}: the greenhouse simulator refuses it: "
-            f"{type(error).__name__}: {error}"
-        ) from error
-    finally:
-        random.setstate(shared)
+    with contextlib.redirect_stdout(io.StringIO()):
+        simulator = GreenhouseSimulator(tag_file, None)
+    random.setstate(shared)
+    if sim_config_file is not None:
+        # Its constructor needs keys that its own accessors have defaults for, so the file takes the packaged one's place here.
+        simulator.sim_config = yaml.safe_load(sim_config_file.read_text(encoding="utf-8"))
+        simulator.sensor_registry = SensorRegistry(simulator.sim_config)
+    return simulator
 
 
 def check_tag_file(path: Path) -> None:
@@ -187,17 +200,38 @@ def check_config_file(path: Path) -> None:
     sections = _section(path, "the file", root)
     if "sensors" not in sections:
         raise GreenhouseConfigError(f"{path}:1: the simulator configuration has no section 'sensors'")
+    from greenhouse_sim.dynamics import AVAILABLE_DYNAMICS
+    from greenhouse_sim.sensors import AVAILABLE_SENSORS
+
     for name, node in _section(path, "sensors", sections["sensors"]).items():
         line = node.start_mark.line + 1
+        if name not in AVAILABLE_SENSORS:
+            raise GreenhouseConfigError(f"{path}:{line}: no sensor {name!r}; there are {', '.join(AVAILABLE_SENSORS)}")
         if not isinstance(node, yaml.SequenceNode) or not node.value:
             raise GreenhouseConfigError(f"{path}:{line}: sensor {name} must be a list of at least one field of settings")
         for field in node.value:
-            _section(path, f"sensor {name}", field)
+            for key, value in _section(path, f"sensor {name}", field).items():
+                _check_setting(path, f"sensor {name}: {key}", key, value, tuple(AVAILABLE_DYNAMICS))
     time = sections.get("time")
     for key, node in _section(path, "time", time).items() if time is not None else ():
-        if key in ("speedup_factor", "debug_time_of_day") and not _is_number(yaml.safe_load(node.value)):
-            line = node.start_mark.line + 1
-            raise GreenhouseConfigError(f"{path}:{line}: time.{key} is {node.value!r}, expected a number")
+        _check_setting(path, f"time.{key}", key, node, ())
+
+
+def _check_setting(path: Path, name: str, key: str, node: yaml.Node, dynamics: tuple[str, ...]) -> None:
+    """Refuse a value that upstream would only trip over at a reading."""
+    wanted = SETTINGS.get(key)
+    if wanted is None:
+        return
+    value = yaml.safe_load(yaml.serialize(node))
+    good = {
+        "a number": lambda: _is_number(value),
+        "a positive number": lambda: _is_number(value) and value > 0,
+        "a point [x, y] in metres": lambda: isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)),
+        "the name of a dynamics": lambda: value in dynamics,
+    }
+    if not good[wanted]():
+        known = f" ({', '.join(dynamics)})" if wanted == "the name of a dynamics" else ""
+        raise GreenhouseConfigError(f"{path}:{node.start_mark.line + 1}: {name} is {value!r}, expected {wanted}{known}")
 
 
 def _section(path: Path, name: str, node: yaml.Node | None) -> dict[str, yaml.Node]:
