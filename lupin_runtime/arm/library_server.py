@@ -24,7 +24,7 @@ from lupin_runtime.arm.recorder import MODES, Recorder
 from lupin_runtime.arm.store import LibraryStore, default_path
 
 STATE_HZ = 5.0
-SAMPLE_HZ = 20.0
+SAMPLE_HZ = 50.0  # only while something records or plays
 STOP_S = 0.3
 GRIPPER_RATE_DEGPS = 45.0
 # set_torque itself waits for two services in a row, behind another such call at worst.

@@ -40,7 +40,7 @@ class ArmMotion:
     """The arm's only way to be moved. Thread-safe: nodes of one process share it.
 
     `feedback` returns the newest state of the arm or None, `send` publishes a trajectory, `clock_ns` is the clock of
-    `ArmState.heard_ns`.
+    `ArmState.heard_ns`, `listeners` says how many hear what is sent.
     """
 
     def __init__(
@@ -48,8 +48,9 @@ class ArmMotion:
         feedback: Callable[[], ArmState | None],
         send: Callable[[tuple[Point, ...]], None],
         clock_ns: Callable[[], int],
+        listeners: Callable[[], int] = lambda: 1,
     ) -> None:
-        self._feedback, self._send, self._clock_ns = feedback, send, clock_ns
+        self._feedback, self._send, self._clock_ns, self._listeners = feedback, send, clock_ns, listeners
         self._lock = threading.RLock()
         self._commanded: Arm | None = None
         self._holder: str | None = None
@@ -91,6 +92,7 @@ class ArmMotion:
     def pin(self) -> Arm:
         """Command the arm to stay where it is, however it came there. Raises Refused without fresh feedback."""
         with self._lock:
+            self._need_listener()
             state = self.state(fresh=True)
             if state is None:
                 raise Refused("no fresh /joint_states with all four arm joints: where the arm is, is not known")
@@ -140,7 +142,13 @@ class ArmMotion:
             return path
 
     # -- inside -------------------------------------------------------------------------------------------------------
+    def _need_listener(self) -> None:
+        # A trajectory that nobody hears is not kept for later, and would be taken for what the arm was sent.
+        if self._listeners() == 0:
+            raise Refused("no arm controller listens: bring it up with python -m lupin_runtime.arm.auto_home")
+
     def _permit(self, holder: str | None) -> None:
+        self._need_listener()
         if self.torque is False:
             raise Refused("the arm is limp: switch its torque on with /lupin/arm/set_torque")
         if self._holder not in (None, holder):

@@ -74,9 +74,10 @@ class GripperActionBridge(ArmNode):
     def _pin_once(self) -> None:
         """The controller may still want what it wanted before we came: tell it to want what is."""
         if not self.motion.pinned:
-            if self.motion.state(fresh=True) is None:
-                return
-            self.motion.pin()
+            try:
+                self.motion.pin()
+            except Refused:
+                return  # no feedback or no controller yet: the next tick tries again
         self._pin_timer.cancel()
 
     def _joint_service(self, joint: str) -> Callable[[Any, Any], Any]:

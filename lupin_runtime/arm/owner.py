@@ -40,7 +40,7 @@ class _Owner:
         with self._lock:
             self._members.append(node)
             if self.motion is None:
-                self.motion = ArmMotion(self._state, self._send, self._clock_ns)
+                self.motion = ArmMotion(self._state, self._send, self._clock_ns, self._listeners)
                 self._move_to(node)
             return self.motion
 
@@ -60,7 +60,7 @@ class _Owner:
 
     def _move_to(self, node: LupinNode) -> None:
         self._publisher = node.publisher(graph.ARM_TRAJECTORY)
-        self._subscription = node.subscription(graph.JOINT_STATES, self._hear, qos=graph.REL1, raw=True)
+        self._subscription = node.subscription(graph.JOINT_STATES, self._hear, raw=True)
 
     def _hear(self, data: Any) -> None:
         # 50 messages a second come and few are asked for, so they are decoded when they are.
@@ -69,6 +69,9 @@ class _Owner:
 
     def _clock_ns(self) -> int:
         return self._members[0].elapsed_clock_ns()
+
+    def _listeners(self) -> int:
+        return 0 if self._publisher is None else int(self._publisher.get_subscription_count())
 
     def _state(self) -> ArmState | None:
         heard = self._heard

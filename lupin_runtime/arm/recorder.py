@@ -8,6 +8,7 @@ from lupin_runtime.arm.library import StoredSequence, Waypoint, now_text
 from lupin_runtime.arm.limits import Arm
 
 SHORTEST_GAP_S = 0.05
+ROUNDING_S = 1e-6  # a stream of just that period is kept whole
 SMALLEST_MOVE_RAD = math.radians(0.5)
 MOST_WAYPOINTS = 800
 LONGEST_S = 60.0
@@ -41,7 +42,7 @@ class Recorder:
             last = self._kept[-1]
             moved = max(abs(a - b) for a, b in zip(arm, last.arm)) >= SMALLEST_MOVE_RAD
             gripped = self.include_gripper and _changed(last.gripper, gripper)
-            if t - last.t < SHORTEST_GAP_S or not (moved or gripped):
+            if t - last.t < SHORTEST_GAP_S - ROUNDING_S or not (moved or gripped):
                 return False
             if len(self._kept) >= MOST_WAYPOINTS:
                 self.truncated = True
