@@ -1,0 +1,186 @@
+"""`lupin map`: maps from logs, pose graphs to their optimum, plans on maps; without a robot."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from lupin_runtime.slam.offline import OfflineScan
+
+app = typer.Typer(help="Build, plan on and optimise maps.", add_completion=False, rich_markup_mode=None, no_args_is_help=True)
+
+
+@app.callback()
+def maps() -> None:
+    """Build, plan on and optimise maps, without a robot."""
+
+
+@app.command()
+def build(
+    log: Path = typer.Argument(..., help="A CARMEN log (FLASER or ROBOTLASER1 lines), or an MCAP recording of a run."),
+    out: Path = typer.Option(..., "--out", help="Folder for map.yaml, map.pgm, trajectory.tum and graph.g2o."),
+    resolution: float = typer.Option(0.05, "--resolution", help="Metres per cell.", min=0.01, max=1.0),
+    max_range: float = typer.Option(
+        None, "--max-range", help="Longest reading to use, m (default: 40, or 12 for a recording).", min=0.5
+    ),
+    refine: bool = typer.Option(True, "--refine/--no-refine", help="Match every keyframe once more when loops are closed."),
+    as_json: bool = typer.Option(False, "--json", help="Print one JSON object, alone on standard output."),
+) -> None:
+    """Make a map of a log: scans are matched, loops closed, and every scan gets a pose under the log's own stamp.
+
+    Exit status: 0 built, 1 the log cannot be read or mapped, 2 usage.
+    """
+    import time
+
+    from lupin_runtime.slam.files import MalformedFile
+    from lupin_runtime.slam.g2o import write_g2o
+    from lupin_runtime.slam.map_io import save_map
+    from lupin_runtime.slam.offline import NothingToMap, build_map
+    from lupin_runtime.slam.tum import write_tum
+
+    if not log.is_file():
+        typer.echo(f"{log}: no such file; expected a CARMEN log or an MCAP recording", err=True)
+        raise typer.Exit(2)
+    if out.exists() and not out.is_dir():
+        typer.echo(f"{out}: is a file; --out takes a folder", err=True)
+        raise typer.Exit(2)
+    started = time.perf_counter()
+    try:
+        scans, problems = _read(log, max_range)
+        for problem in problems:
+            typer.echo(f"{log}: {problem}", err=True)
+        with _Progress() as progress:
+            built = build_map(scans, resolution, refine=refine, progress=progress.show)
+        out.mkdir(parents=True, exist_ok=True)
+        save_map(out / "map.yaml", built.grid)
+        write_tum(out / "trajectory.tum", built.stamps, built.poses)
+        write_g2o(out / "graph.g2o", built.graph)
+    except (MalformedFile, NothingToMap) as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(1) from error
+    except OSError as error:
+        typer.echo(f"{error.filename or out}: {error.strerror or error}", err=True)
+        raise typer.Exit(1) from error
+    result = {
+        "scans": len(scans),
+        "keyframes": built.keyframes,
+        "closures": built.closures,
+        "unmatched": built.unmatched,
+        "unusable": built.unusable,
+        "odometry_jumps": built.odometry_jumps,
+        "problems": len(problems),
+        "map": {
+            "width": built.grid.width,
+            "height": built.grid.height,
+            "resolution_m": built.grid.resolution_m,
+            "origin": [built.grid.origin_x, built.grid.origin_y],
+        },
+        "seconds": round(time.perf_counter() - started, 3),
+        "files": [str(out / name) for name in ("map.yaml", "map.pgm", "trajectory.tum", "graph.g2o")],
+    }
+    if as_json:
+        print(json.dumps(result))
+        return
+    typer.echo(
+        f"{len(scans)} scans, {built.keyframes} keyframes, {built.closures} closures: "
+        f"{built.grid.width * resolution:.1f} x {built.grid.height * resolution:.1f} m in {result['seconds']:.1f} s"
+    )
+    if built.unmatched or built.unusable or built.odometry_jumps:
+        typer.echo(
+            f"{built.unmatched} scans did not match, {built.unusable} were unusable, "
+            f"the odometry leapt {built.odometry_jumps} times"
+        )
+    typer.echo(str(out / "map.yaml"))
+
+
+@app.command()
+def optimize(
+    graph: Path = typer.Argument(..., help="A pose graph in g2o's text format: VERTEX_SE2, EDGE_SE2."),
+    out: Path = typer.Option(None, "--out", help="Where to write the optimised graph."),
+    as_json: bool = typer.Option(False, "--json", help="Print one JSON object, alone on standard output."),
+) -> None:
+    """Find the poses that fit a graph's edges best.
+
+    chi2 is g2o's: the sum over edges of e' Omega e. Exit status: 0 optimised, 1 the file cannot be used, 2 usage.
+    """
+    from dataclasses import replace
+
+    from lupin_runtime.slam.files import MalformedFile
+    from lupin_runtime.slam.g2o import read_g2o, write_g2o
+    from lupin_runtime.slam.pose_graph import GraphError
+    from lupin_runtime.slam.pose_graph import optimise as solve
+
+    if not graph.is_file():
+        typer.echo(f"{graph}: no such file; expected a g2o graph", err=True)
+        raise typer.Exit(2)
+    try:
+        read = read_g2o(graph)
+        solution = solve(read.poses, read.edges, read.fixed)
+        if out is not None:
+            write_g2o(out, replace(read, poses=solution.poses))
+    except (MalformedFile, GraphError) as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(1) from error
+    except OSError as error:
+        typer.echo(f"{error.filename or graph}: {error.strerror or error}", err=True)
+        raise typer.Exit(1) from error
+    result = {
+        "vertices": len(read.poses),
+        "edges": len(read.edges),
+        "chi2_before": solution.chi2_before,
+        "chi2": solution.chi2_after,
+        "chi2_after": solution.chi2_after,
+        "iterations": solution.iterations,
+        "converged": solution.converged,
+        "started_from": solution.started_from,
+        "seconds": round(solution.seconds, 4),
+    }
+    if as_json:
+        print(json.dumps(result))
+        return
+    typer.echo(
+        f"{result['vertices']} vertices, {result['edges']} edges: chi2 {solution.chi2_before:.6g} -> {solution.chi2_after:.6g} "
+        f"in {solution.iterations} iterations, {solution.seconds:.2f} s" + ("" if solution.converged else " (not converged)")
+    )
+
+
+def _read(log: Path, max_range: float | None) -> tuple[list[OfflineScan], list[str]]:
+    """The scans of a log of either kind, and what in it could not be used."""
+    with log.open("rb") as stream:
+        is_recording = stream.read(5) == b"\x89MCAP"
+    if is_recording:
+        from lupin_runtime.slam.bag import read_recording
+
+        recording = read_recording(log, range_max_m=max_range or 12.0)
+        return recording.scans, recording.problems[:20]
+    from lupin_runtime.slam.carmen import read_carmen
+    from lupin_runtime.slam.offline import USABLE_RANGE_M, scans_of_carmen
+
+    text = read_carmen(log)
+    return scans_of_carmen(text, max_range or USABLE_RANGE_M), text.problems
+
+
+class _Progress:
+    """A bar on standard error; nothing where that is no terminal."""
+
+    def __enter__(self) -> _Progress:
+        from rich.console import Console
+        from rich.progress import Progress
+
+        self._bar = Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal)
+        self._tasks: dict[str, Any] = {}
+        self._bar.start()
+        return self
+
+    def show(self, stage: str, share: float) -> None:
+        """Where a stage stands, 0 to 1."""
+        if stage not in self._tasks:
+            self._tasks[stage] = self._bar.add_task(stage, total=1.0)
+        self._bar.update(self._tasks[stage], completed=share)
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()

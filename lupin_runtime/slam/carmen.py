@@ -1,0 +1,180 @@
+"""CARMEN logs: laser scans with odometry, as text, one message a line.
+
+Formats: `FLASER n r1..rn  x y yaw  odom_x odom_y odom_yaw  ipc_time host logger_time` and, of later versions,
+`ROBOTLASER1` with its own field of view. The first pose is the laser's, the second the robot's, both by odometry.
+See CARMEN's `param` and `readlog` documentation, http://carmen.sourceforge.net/logger_playback.html.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.geometry import Pose2
+from lupin_runtime.slam.files import MalformedFile
+
+# A laser that sees half a turn: its readings start at the right. 180, 181: one a degree; 360, 361: two; 401: four over 100.
+_HALF_TURN = math.pi / 2.0
+_STEPS_DEG = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
+# More than this share of broken scan lines and the file is something else, or torn: no map of it would be honest.
+MAX_BROKEN_SHARE = 0.1
+# A mount is a constant: offsets that wander further than rounding are two estimates of a pose, not a mount.
+_MOUNT_SPREAD_M, _MOUNT_SPREAD_RAD = 0.005, 0.005
+_KEPT_PROBLEMS = 20
+
+
+@dataclass(frozen=True)
+class LogScan:
+    """One scan: `ranges` (N,) in metres, the angle of the first and between two, the robot's odometry, the stamp as written."""
+
+    stamp: str
+    ranges: NDArray[np.float64]
+    angle_min: float
+    angle_step: float
+    odom: Pose2
+    laser: Pose2
+    line: int
+
+
+@dataclass(frozen=True)
+class CarmenLog:
+    """The scans in the order of the file, the laser's place on the robot, and what could not be used (`line: reason`)."""
+
+    scans: list[LogScan]
+    mount: Pose2
+    problems: list[str] = field(default_factory=list)
+    broken: int = 0
+
+
+def read_carmen(path: Path) -> CarmenLog:
+    """Read a log. Broken lines are named and left out; a file that is mostly broken, or holds no scan, is refused.
+
+    Raises MalformedFile, OSError.
+    """
+    with path.open(encoding="utf-8", errors="replace") as lines:
+        return parse_carmen(lines, path)
+
+
+def parse_carmen(lines: Iterable[str], name: Path | str = "log") -> CarmenLog:
+    """As `read_carmen`, from lines already at hand; `name` is what errors call them."""
+    scans: list[LogScan] = []
+    problems: list[str] = []
+    broken, mount_parameter, first_broken = 0, None, (0, "")
+    for number, text in enumerate(lines, start=1):
+        fields = text.split()
+        if not fields or fields[0].startswith("#"):
+            continue
+        try:
+            if fields[0] == "FLASER":
+                scans.append(_flaser(fields, number))
+            elif fields[0] == "ROBOTLASER1":
+                scans.append(_robotlaser(fields, number))
+            elif fields[0] == "PARAM" and len(fields) > 2 and fields[1] == "robot_frontlaser_offset":
+                mount_parameter = Pose2(float(fields[2]), 0.0, 0.0)
+        except ValueError as error:
+            broken += 1
+            first_broken = first_broken if broken > 1 else (number, str(error))
+            if len(problems) < _KEPT_PROBLEMS:
+                problems.append(f"line {number}: {fields[0]}: {error}")
+    if broken and broken > MAX_BROKEN_SHARE * (broken + len(scans)):
+        raise MalformedFile(
+            name, first_broken[0], f"{first_broken[1]} ({broken} of {broken + len(scans)} scan lines are broken)"
+        )
+    if not scans:
+        raise MalformedFile(name, None, "no FLASER or ROBOTLASER1 line: expected a CARMEN log with laser scans")
+    if len(problems) < broken:
+        problems.append(f"and {broken - len(problems)} more")
+    mount, warning = _mount(scans, mount_parameter)
+    return CarmenLog(scans, mount, problems + ([warning] if warning else []), broken)
+
+
+def _numbers(fields: list[str], start: int, count: int, what: str) -> list[float]:
+    taken = fields[start : start + count]
+    if len(taken) < count:
+        raise ValueError(f"expected {count} fields for {what} from field {start + 1}, found {len(taken)}")
+    return [float(value) for value in taken]
+
+
+def _pose(values: list[float], what: str) -> Pose2:
+    if not all(map(math.isfinite, values)):
+        raise ValueError(f"{what} is not finite")
+    return Pose2(values[0], values[1], values[2])
+
+
+def _count(text: str) -> int:
+    count = int(text)
+    if not 2 <= count <= 10_000:
+        raise ValueError(f"{count} readings make no scan")
+    return count
+
+
+def _stamp(fields: list[str], at: int) -> str:
+    if len(fields) <= at:
+        raise ValueError("the time stamp is missing")
+    if not math.isfinite(float(fields[at])):
+        raise ValueError(f"the time stamp {fields[at]} is not finite")
+    return fields[at]
+
+
+def _flaser(fields: list[str], line: int) -> LogScan:
+    if len(fields) < 2:
+        raise ValueError("the number of readings is missing")
+    count = _count(fields[1])
+    ranges = np.array(_numbers(fields, 2, count, "the readings"))
+    poses = _numbers(fields, 2 + count, 6, "the poses of laser and robot")
+    if count == 401:
+        first, step = -math.radians(50.0), math.radians(0.25)
+    else:
+        first, step = -_HALF_TURN, math.radians(_STEPS_DEG.get(count, 180.0 / (count - 1)))
+    return LogScan(
+        _stamp(fields, 8 + count),
+        ranges,
+        first,
+        step,
+        _pose(poses[3:], "the odometry"),
+        _pose(poses[:3], "the laser's pose"),
+        line,
+    )
+
+
+def _robotlaser(fields: list[str], line: int) -> LogScan:
+    _, first, _, step = _numbers(fields, 1, 4, "type, start angle, field of view, resolution")
+    if not (math.isfinite(first) and math.isfinite(step) and step > 0.0):
+        raise ValueError(f"start angle {first} and resolution {step} make no scan")
+    if len(fields) < 9:
+        raise ValueError("the number of readings is missing")
+    count = _count(fields[8])
+    ranges = np.array(_numbers(fields, 9, count, "the readings"))
+    at = 9 + count
+    if len(fields) <= at:
+        raise ValueError("the number of remissions is missing")
+    at += 1 + int(fields[at])
+    poses = _numbers(fields, at, 6, "the poses of laser and robot")
+    # tv, rv, two safety distances, turn axis
+    return LogScan(
+        _stamp(fields, at + 11),
+        ranges,
+        first,
+        step,
+        _pose(poses[3:], "the odometry"),
+        _pose(poses[:3], "the laser's pose"),
+        line,
+    )
+
+
+def _mount(scans: list[LogScan], parameter: Pose2 | None) -> tuple[Pose2, str]:
+    """Where the laser sits on the robot: from both poses of the lines, where they differ by one constant."""
+    offsets = [scan.odom.inverse() @ scan.laser for scan in scans]
+    values = np.array([(o.x, o.y, math.cos(o.yaw), math.sin(o.yaw)) for o in offsets])
+    middle = np.median(values, axis=0)
+    spread = np.median(np.abs(values - middle), axis=0)
+    if max(spread[:2]) < _MOUNT_SPREAD_M and max(spread[2:]) < _MOUNT_SPREAD_RAD:
+        return Pose2(float(middle[0]), float(middle[1]), math.atan2(middle[3], middle[2])), ""
+    if parameter is not None:
+        return parameter, ""
+    return Pose2(), "the laser's pose is no constant offset from the odometry: the laser is taken to sit on the robot's origin"

@@ -1,0 +1,136 @@
+"""Pose graphs as g2o text: VERTEX_SE2, EDGE_SE2, FIX; TORO's VERTEX2 and EDGE2 are read too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.slam.files import MalformedFile, write_atomically
+from lupin_runtime.slam.pose_graph import Edges
+
+# Where the six numbers of an information matrix stand in its upper triangle: g2o writes rows, TORO diagonals first.
+_ROW_ORDER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_TORO_ORDER = ((0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2))
+
+
+@dataclass(frozen=True)
+class GraphFile:
+    """A pose graph with the ids that its file gave: `ids` (N,), `poses` (N, 3), `edges` by index, `fixed` indices."""
+
+    ids: NDArray[np.int64]
+    poses: NDArray[np.float64]
+    edges: Edges
+    fixed: NDArray[np.int64]
+
+
+class _Reader:
+    """Collects vertices and edges; every method takes the fields after the tag and raises ValueError with the reason."""
+
+    def __init__(self) -> None:
+        self.index: dict[int, int] = {}
+        self.poses: list[list[float]] = []
+        self.fixed: list[int] = []
+        self.joins: list[tuple[int, int]] = []
+        self.edge_lines: list[int] = []
+        self.motions: list[list[float]] = []
+        self.information: list[list[float]] = []
+        self.line = 0
+
+    def vertex(self, fields: list[str]) -> None:
+        _expect(fields, 4, "id x y yaw")
+        number = int(fields[0])
+        if number in self.index:
+            raise ValueError(f"vertex {number} was given before")
+        self.index[number] = len(self.poses)
+        self.poses.append(_finite(fields[1:4]))
+
+    def edge(self, fields: list[str], order: tuple[tuple[int, int], ...]) -> None:
+        _expect(fields, 11, "from to dx dy dyaw and six numbers of the information matrix")
+        matrix = np.zeros((3, 3))
+        for value, (row, column) in zip(_finite(fields[5:11]), order):
+            matrix[row, column] = matrix[column, row] = value
+        if np.linalg.eigvalsh(matrix)[0] <= 0.0:
+            raise ValueError("the information matrix is not positive definite")
+        self.joins.append((int(fields[0]), int(fields[1])))
+        self.motions.append(_finite(fields[2:5]))
+        self.information.append(matrix.ravel().tolist())
+        self.edge_lines.append(self.line)
+
+    def fix(self, fields: list[str]) -> None:
+        self.fixed += [int(field) for field in fields]
+
+
+_TAGS: dict[str, Callable[[_Reader, list[str]], None]] = {
+    "VERTEX_SE2": _Reader.vertex,
+    "VERTEX2": _Reader.vertex,
+    "EDGE_SE2": lambda reader, fields: reader.edge(fields, _ROW_ORDER),
+    "EDGE2": lambda reader, fields: reader.edge(fields, _TORO_ORDER),
+    "FIX": _Reader.fix,
+}
+
+
+def _expect(fields: list[str], count: int, meaning: str) -> None:
+    if len(fields) != count:
+        raise ValueError(f"expected {count} fields ({meaning}), found {len(fields)}")
+
+
+def _finite(fields: list[str]) -> list[float]:
+    values = [float(field) for field in fields]
+    if not np.isfinite(values).all():
+        raise ValueError(f"expected finite numbers, found {' '.join(fields)}")
+    return values
+
+
+def read_g2o(path: Path) -> GraphFile:
+    """Read a graph. Raises MalformedFile naming the line, OSError where the file cannot be opened."""
+    reader = _Reader()
+    with path.open(encoding="utf-8", errors="replace") as lines:
+        for reader.line, text in enumerate(lines, start=1):
+            fields = text.split("#", 1)[0].split()
+            if not fields:
+                continue
+            take = _TAGS.get(fields[0])
+            if take is None:
+                raise MalformedFile(path, reader.line, f"expected one of {', '.join(_TAGS)}, found {fields[0]!r}")
+            try:
+                take(reader, fields[1:])
+            except ValueError as error:
+                raise MalformedFile(path, reader.line, f"{fields[0]}: {error}") from None
+    if not reader.poses:
+        raise MalformedFile(path, None, "no VERTEX_SE2 line: this is no 2-D pose graph")
+    for (tail, head), line in zip(reader.joins, reader.edge_lines):
+        missing = [number for number in (tail, head) if number not in reader.index]
+        if missing:
+            raise MalformedFile(path, line, f"the edge names vertex {missing[0]}, which no VERTEX_SE2 line gives")
+        if tail == head:
+            raise MalformedFile(path, line, f"the edge joins vertex {tail} with itself")
+    unknown = [number for number in reader.fixed if number not in reader.index]
+    if unknown:
+        raise MalformedFile(path, None, f"FIX names vertex {unknown[0]}, which no VERTEX_SE2 line gives")
+    ends = np.array([(reader.index[a], reader.index[b]) for a, b in reader.joins], dtype=np.int64).reshape(-1, 2)
+    return GraphFile(
+        ids=np.array(list(reader.index), dtype=np.int64),
+        poses=np.array(reader.poses),
+        edges=Edges(
+            ends[:, 0].copy(),
+            ends[:, 1].copy(),
+            np.array(reader.motions, dtype=float).reshape(-1, 3),
+            np.array(reader.information, dtype=float).reshape(-1, 3, 3),
+        ),
+        fixed=np.array([reader.index[number] for number in reader.fixed], dtype=np.int64),
+    )
+
+
+def write_g2o(path: Path, graph: GraphFile) -> None:
+    """Write a graph atomically, every number in full precision."""
+    lines = [f"VERTEX_SE2 {number} {x!r} {y!r} {yaw!r}" for number, (x, y, yaw) in zip(graph.ids, graph.poses.tolist())]
+    lines += [f"FIX {graph.ids[index]}" for index in graph.fixed]
+    edges = graph.edges
+    for tail, head, motion, information in zip(edges.tail, edges.head, edges.motion.tolist(), edges.information.tolist()):
+        numbers = [*motion, *(information[row][column] for row, column in _ROW_ORDER)]
+        lines.append(f"EDGE_SE2 {graph.ids[tail]} {graph.ids[head]} {' '.join(map(repr, numbers))}")
+    write_atomically(path, ("\n".join(lines) + "\n").encode())

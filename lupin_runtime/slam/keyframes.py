@@ -1,0 +1,132 @@
+"""The pose graph of a mapper as it grows: keyframes, the edges between them, and who stands near whom along the graph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from lupin_runtime.slam.local_map import ScanPool, _grown
+from lupin_runtime.slam.pose_graph import Edges, wrap
+from lupin_runtime.slam.scan import Scan
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+# What a turn of a radian adds to the length of an edge: uncertainty grows by turning on the spot, too.
+TURN_AS_M = 0.3
+
+
+def relative(frm: Array, to: Array) -> Array:
+    """`to` (3,) in the frame of `frm` (3,)."""
+    c, s = np.cos(frm[2]), np.sin(frm[2])
+    dx, dy = to[0] - frm[0], to[1] - frm[1]
+    return np.array([c * dx + s * dy, -s * dx + c * dy, float(wrap(to[2] - frm[2]))])
+
+
+def composed(base: Array, motion: Array) -> Array:
+    """`base` (3,) followed by `motion` (3,) in its frame."""
+    c, s = np.cos(base[2]), np.sin(base[2])
+    return np.array(
+        [
+            base[0] + c * motion[0] - s * motion[1],
+            base[1] + s * motion[0] + c * motion[1],
+            float(wrap(base[2] + motion[2])),
+        ]
+    )
+
+
+def turned(information: Array, yaw: float) -> Array:
+    """An information (or covariance) matrix over (x, y, yaw) of map axes, in the axes of a frame at `yaw`."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    rotation = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(rotation @ information @ rotation.T)
+
+
+@dataclass(frozen=True)
+class Edge:
+    """One relative pose, as in `pose_graph.Edges`; a closure may be wrong and is optimised under a robust kernel."""
+
+    tail: int
+    head: int
+    motion: Array
+    information: Array
+    closure: bool
+
+
+class KeyframeGraph:
+    """Keyframes with their scans, stamps and poses (n, 3), and the edges between them."""
+
+    def __init__(self) -> None:
+        self.pool = ScanPool()
+        self.stamps: list[float] = []
+        self.edges: list[Edge] = []
+        self._poses = np.zeros((64, 3))
+        self._distances: csr_matrix | None = None
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @property
+    def poses(self) -> Array:
+        """Poses (n, 3) in the map, a view."""
+        return self._poses[: len(self.stamps)]
+
+    @poses.setter
+    def poses(self, values: Array) -> None:
+        self._poses[: len(self.stamps)] = values
+        self._distances = None
+
+    def add(self, scan: Scan, stamp: float, pose: Array) -> int:
+        """A new keyframe; returns its number."""
+        number = self.pool.add(scan)
+        if number == len(self._poses):
+            self._poses = _grown(self._poses, 2 * number)
+        self._poses[number] = pose
+        self.stamps.append(stamp)
+        self._distances = None
+        return number
+
+    def join(self, tail: int, head: int, motion: Array, information: Array, closure: bool = False) -> None:
+        """A new edge; `information` in the axes of the head."""
+        self.edges.append(Edge(tail, head, motion, information, closure))
+        self._distances = None
+
+    def drop(self, gone: set[int]) -> None:
+        """Forget edges by index."""
+        self.edges = [edge for index, edge in enumerate(self.edges) if index not in gone]
+        self._distances = None
+
+    def as_edges(self) -> tuple[Edges, NDArray[np.bool_]]:
+        """The edges as arrays, and which of them are closures."""
+        if not self.edges:
+            empty = np.zeros(0, np.int64)
+            return Edges(empty, empty, np.zeros((0, 3)), np.zeros((0, 3, 3))), np.zeros(0, bool)
+        return (
+            Edges(
+                np.array([edge.tail for edge in self.edges], np.int64),
+                np.array([edge.head for edge in self.edges], np.int64),
+                np.stack([edge.motion for edge in self.edges]),
+                np.stack([edge.information for edge in self.edges]),
+            ),
+            np.array([edge.closure for edge in self.edges]),
+        )
+
+    def path_lengths(self, start: int, limit: float = np.inf) -> Array:
+        """Metres along the graph (n,) from a keyframe to all others; inf beyond `limit`."""
+        if self._distances is None:
+            n = len(self)
+            tail = np.array([edge.tail for edge in self.edges], np.int64)
+            head = np.array([edge.head for edge in self.edges], np.int64)
+            steps = np.array([edge.motion for edge in self.edges]).reshape(-1, 3)
+            length = np.hypot(steps[:, 0], steps[:, 1]) + TURN_AS_M * np.abs(steps[:, 2]) + 1e-3
+            # csr sums duplicate entries, so parallel edges keep their shortest only
+            order = np.argsort(length, kind="stable")
+            keys = (np.minimum(tail, head) * n + np.maximum(tail, head))[order]
+            _, first = np.unique(keys, return_index=True)
+            kept = order[first]
+            self._distances = csr_matrix((length[kept], (tail[kept], head[kept])), shape=(n, n))
+        return np.asarray(dijkstra(self._distances, directed=False, indices=start, limit=limit))

@@ -1,0 +1,140 @@
+"""What scans are matched against: the surfels and the likelihood field of a few keyframes around a place."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.slam import kernels
+from lupin_runtime.slam.scan import Scan
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class ScanPool:
+    """The points of all keyframes in one block of memory, so that a kernel takes any of them by number."""
+
+    def __init__(self) -> None:
+        self.xy = np.empty((4096, 2))
+        self.normal = np.empty((4096, 2))
+        self.sigma = np.empty(4096)
+        self.start = np.zeros(64, np.int64)
+        self.count = np.zeros(64, np.int64)
+        self.sensor: list[tuple[float, float]] = []
+        self._points = 0
+
+    def __len__(self) -> int:
+        return len(self.sensor)
+
+    def add(self, scan: Scan) -> int:
+        """Keep a scan; returns its number."""
+        number, end = len(self.sensor), self._points + len(scan)
+        if end > len(self.xy):
+            size = max(end, 2 * len(self.xy))
+            self.xy, self.normal = (_grown(block, size) for block in (self.xy, self.normal))
+            self.sigma = _grown(self.sigma, size)
+        if number == len(self.start):
+            self.start, self.count = _grown(self.start, 2 * number), _grown(self.count, 2 * number)
+        block = slice(self._points, end)
+        self.xy[block], self.normal[block], self.sigma[block] = scan.xy, scan.normal, scan.sigma
+        self.start[number], self.count[number] = self._points, len(scan)
+        self.sensor.append(scan.sensor)
+        self._points = end
+        return number
+
+    def scan(self, number: int) -> Scan:
+        """A kept scan, as a view."""
+        block = slice(int(self.start[number]), int(self.start[number] + self.count[number]))
+        return Scan(self.xy[block], self.normal[block], self.sigma[block], self.sensor[number])
+
+
+def _grown(block: NDArray, size: int) -> NDArray:
+    result = np.zeros((size, *block.shape[1:]), block.dtype)
+    result[: len(block)] = block
+    return result
+
+
+@dataclass(frozen=True)
+class FieldShape:
+    """Resolution of local maps, their reach around their centre, and the width of the likelihood's bell."""
+
+    cell_m: float = 0.05
+    reach_m: float = 14.0
+    bell_m: float = 0.07
+    levels: int = 6  # of the pyramid for wide searches: bounds over up to 2^5 cells
+
+
+class LocalMap:
+    """Surfels and field of chosen keyframes. Buffers are reused from build to build."""
+
+    def __init__(self, shape: FieldShape | None = None) -> None:
+        self.shape = shape or FieldShape()
+        reach = math.ceil(2.5 * self.shape.bell_m / self.shape.cell_m)
+        along = np.arange(-reach, reach + 1) * self.shape.cell_m
+        squared = along[:, None] ** 2 + along[None, :] ** 2
+        self._stamp = np.ascontiguousarray(np.rint(255 * np.exp(-squared / (2 * self.shape.bell_m**2))).astype(np.uint8))
+        self.corner = (0.0, 0.0)
+        self.size = (0, 0)
+        self.slot = np.empty((0, 0, 2), np.int32)
+        self.surfel = np.empty((0, 5))
+        self._marked = np.empty((0, 0), np.uint8)
+        self._marks = np.empty(0, np.int32)
+        self._pyramid = np.empty((0, 0, 0), np.uint8)
+        self._levels_ready = 0
+        self.surfels = 0
+
+    @property
+    def field(self) -> NDArray[np.uint8]:
+        """The likelihood, 0 to 255 (height, width)."""
+        return self._pyramid[0]
+
+    def build(self, pool: ScanPool, numbers: Index, poses: Array, centre: tuple[float, float]) -> None:
+        """Draw the scans `numbers` (k,) of the pool at `poses` (k, 3); what lies beyond the reach of `centre` is left out."""
+        shape = self.shape
+        pad = (1 << (shape.levels - 1)) + self._stamp.shape[0]
+        extents = pool.xy[:0].reshape(0, 2)
+        corners = []
+        for number, pose in zip(numbers, poses):
+            block = pool.xy[pool.start[number] : pool.start[number] + pool.count[number]]
+            if not len(block):
+                continue
+            c, s = math.cos(pose[2]), math.sin(pose[2])
+            low, high = block.min(axis=0), block.max(axis=0)
+            box = np.array([[low[0], low[1]], [low[0], high[1]], [high[0], low[1]], [high[0], high[1]]])
+            corners.append(box @ np.array([[c, s], [-s, c]]) + pose[:2])
+        extents = np.concatenate(corners) if corners else np.array([centre])
+        low = np.maximum(extents.min(axis=0), np.array(centre) - shape.reach_m)
+        high = np.minimum(extents.max(axis=0), np.array(centre) + shape.reach_m)
+        low = np.floor(low / shape.cell_m).astype(int) - pad
+        high = np.ceil(np.maximum(high, low * shape.cell_m) / shape.cell_m).astype(int) + pad
+        width, height = int(high[0] - low[0]), int(high[1] - low[1])
+        self.corner = (float(low[0] * shape.cell_m), float(low[1] * shape.cell_m))
+        self.size = (height, width)
+        self.slot = np.full((height, width, 2), -1, np.int32)
+        self._marked = np.zeros((height, width), np.uint8)
+        self._pyramid = np.zeros((1, height, width), np.uint8)
+        self._levels_ready = 1
+        total = int(pool.count[numbers].sum())
+        if len(self.surfel) < total:
+            self.surfel = np.empty((2 * total, 5))
+            self._marks = np.empty(2 * total, np.int32)
+        self.surfels, marks = kernels.add_surfels(
+            pool.xy, pool.normal, pool.start[numbers], pool.count[numbers], np.ascontiguousarray(poses), self.corner,
+            shape.cell_m, self.size, self.slot, self.surfel, 0, self._marked, self._marks, 0,
+        )  # fmt: skip
+        kernels.finish_surfels(self.surfel, self.surfels)
+        kernels.draw_field(self._marks, marks, self._stamp, self._pyramid[0])
+
+    def pyramid(self, levels: int) -> NDArray[np.uint8]:
+        """The field and its max-pooled levels (levels, height, width)."""
+        levels = min(levels, self.shape.levels)
+        if levels > self._levels_ready:
+            grown = np.empty((levels, *self.size), np.uint8)
+            grown[0] = self._pyramid[0]
+            kernels.build_pyramid(grown)
+            self._pyramid, self._levels_ready = grown, levels
+        return self._pyramid[:levels]

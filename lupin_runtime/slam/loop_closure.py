@@ -1,0 +1,214 @@
+"""Finding places again: candidates by distance and drift, a wide correlative search to verify, agreement before belief.
+
+A wrong closure ruins a map and a missed one only leaves it bent, so every test may say no: score, overlap, walls in free space, a
+rival that fits as well, and, where the correction is large, a second closure that asks for the same one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.slam import kernels
+from lupin_runtime.slam.keyframes import KeyframeGraph, composed, relative, turned
+from lupin_runtime.slam.local_map import FieldShape, LocalMap
+from lupin_runtime.slam.matching import Match, Window, refine, search
+from lupin_runtime.slam.pose_graph import wrap
+from lupin_runtime.slam.scan import Scan
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """When a closure is looked for and believed. `drift` grows the search with the way since the place was last seen."""
+
+    distance_m: float = 3.0
+    beyond_path_m: float = 8.0
+    largest_window: Window = Window(8.0, 0.6)
+    drift_m: tuple[float, float] = (0.05, 0.015)  # at once, per metre of path
+    drift_rad: tuple[float, float] = (0.03, 0.003)
+    chain: int = 10
+    group: int = 24
+    group_path_m: float = 8.0
+    source_path_m: float = 4.0
+    source: int = 8
+    tries: int = 2
+    coarse_score: float = 0.35
+    fine_score: float = 0.45
+    least_fit: float = 0.6
+    largest_conflict: float = 0.12
+    rival: float = 0.94
+    sure_m: float = 0.3
+    sure_rad: float = 0.06
+    agree_m: float = 0.25
+    agree_rad: float = 0.05
+    remembered: int = 12
+
+
+@dataclass(frozen=True)
+class Closure:
+    """A place found again: where keyframe `head` belongs (3,) if the neighbourhood of `tail` is right, and how sure."""
+
+    tail: int
+    head: int
+    measured: Array
+    was: Array
+    information: Array
+    score: float
+
+
+class LoopCloser:
+    """Looks for closures of a growing graph and remembers those that wait for a second opinion."""
+
+    def __init__(self, settings: LoopSettings | None = None, shape: FieldShape | None = None) -> None:
+        self.settings = settings or LoopSettings()
+        self._local = LocalMap(shape)
+        self._waiting: list[Closure] = []
+        self.looked = 0
+
+    def moved(self) -> None:
+        """The graph was optimised: what waits was measured in a map that is no more."""
+        self._waiting.clear()
+
+    def look(self, graph: KeyframeGraph, number: int) -> list[Closure]:
+        """Closures of keyframe `number` that are to be believed now: none, or several that agree."""
+        accepted: list[Closure] = []
+        lengths = graph.path_lengths(number)
+        for candidate in self._candidates(graph, number, lengths):
+            closure = self.verify(graph, number, candidate, lengths)
+            if closure is None:
+                continue
+            accepted += self._weigh(graph, closure, lengths)
+            if accepted:
+                break
+        return accepted
+
+    def _window(self, path_m: float) -> Window:
+        """Three standard deviations of the drift over a path."""
+        s = self.settings
+        path_m = min(path_m, 1e4)
+        return Window(
+            min(3.0 * (s.drift_m[0] + s.drift_m[1] * path_m), s.largest_window.half_m),
+            min(3.0 * (s.drift_rad[0] + s.drift_rad[1] * path_m), s.largest_window.half_rad),
+        )
+
+    def _candidates(self, graph: KeyframeGraph, number: int, lengths: Array) -> list[int]:
+        """The nearest keyframes that only drift separates from here, at most `tries`, apart from each other."""
+        s = self.settings
+        poses = graph.poses
+        away = np.hypot(*(poses[:, :2] - poses[number, :2]).T)
+        reach = np.minimum(s.distance_m + 3.0 * s.drift_m[1] * np.minimum(lengths, 1e4), s.distance_m + s.largest_window.half_m)
+        open_ = np.flatnonzero((lengths > s.beyond_path_m) & (away < reach))
+        chosen: list[int] = []
+        for candidate in open_[np.argsort(away[open_], kind="stable")]:
+            if all(np.hypot(*(poses[candidate, :2] - poses[other, :2])) > 3.0 for other in chosen):
+                chosen.append(int(candidate))
+                if len(chosen) == s.tries:
+                    break
+        return chosen
+
+    def verify(self, graph: KeyframeGraph, number: int, candidate: int, lengths: Array) -> Closure | None:
+        """Match the surroundings of `number` into those of `candidate`; None unless every test is passed."""
+        s = self.settings
+        self.looked += 1
+        poses = graph.poses
+        here = poses[number].copy()
+        group = self._around(graph, candidate, s.group_path_m, s.group, lengths > s.beyond_path_m)
+        if len(group) < s.chain:
+            return None
+        centre = (float(poses[candidate, 0]), float(poses[candidate, 1]))
+        self._local.build(graph.pool, group, poses[group], centre)
+        source = self._source(graph, number, lengths)
+        points = source.thinned(0.1)
+        window = self._window(float(lengths[candidate]))
+        spread = np.diag([(window.half_m / 3) ** 2, (window.half_m / 3) ** 2, (window.half_rad / 3) ** 2])
+        found = search(self._local, points, here, spread, window, s.coarse_score, 0.002)
+        if found is None:
+            return None
+        fit = refine(self._local, source, found[1], found[1], np.eye(3) * 4.0, points)
+        if fit.score < s.fine_score or fit.fit < s.least_fit:
+            return None
+        if self._conflict(graph, group, centre, source, fit.pose) > s.largest_conflict:
+            return None
+        if window.half_m > 1.0:
+            rival = search(self._local, points, here, spread, window, s.rival * found[0], 0.002, (found[1], 0.5, 0.25))
+            if rival is not None:
+                return None
+        tail = int(group[np.argmin(np.hypot(*(poses[group, :2] - fit.pose[:2]).T))])
+        return Closure(tail, number, fit.pose, here, self._information(fit), fit.score)
+
+    @staticmethod
+    def _information(fit: Match) -> Array:
+        # Two neighbourhoods are each bent a little: a closure is never as good as neighbouring scans are.
+        return np.asarray(np.linalg.inv(fit.covariance + np.diag([0.01**2, 0.01**2, 0.004**2])))
+
+    def _around(self, graph: KeyframeGraph, number: int, path_m: float, most: int, allowed: NDArray[np.bool_]) -> Index:
+        near = np.flatnonzero((graph.path_lengths(number, path_m) <= path_m) & allowed)
+        away = np.hypot(*(graph.poses[near, :2] - graph.poses[number, :2]).T)
+        return near[np.argsort(away, kind="stable")[:most]]
+
+    def _source(self, graph: KeyframeGraph, number: int, lengths: Array) -> Scan:
+        """The scans around a keyframe as one, in its frame."""
+        s = self.settings
+        near = np.flatnonzero(lengths <= s.source_path_m)
+        near = near[np.argsort(lengths[near], kind="stable")[: s.source]]
+        xy, normal, sigma = [], [], []
+        for other in near:
+            scan = graph.pool.scan(int(other))
+            offset = relative(graph.poses[number], graph.poses[other])
+            c, sn = math.cos(offset[2]), math.sin(offset[2])
+            rotation = np.array([[c, sn], [-sn, c]])
+            xy.append(scan.xy @ rotation + offset[:2])
+            normal.append(scan.normal @ rotation)
+            sigma.append(scan.sigma)
+        return Scan(np.concatenate(xy), np.concatenate(normal), np.concatenate(sigma), graph.pool.sensor[number])
+
+    def _conflict(self, graph: KeyframeGraph, group: Index, centre: tuple[float, float], source: Scan, pose: Array) -> float:
+        """Share of the source's points that would stand in what the group saw through."""
+        cell, reach = 0.1, self._local.shape.reach_m
+        size = 2 * math.ceil(reach / cell)
+        seen, hit = np.zeros((size, size), np.int32), np.zeros((size, size), np.int32)
+        corner = (centre[0] - reach, centre[1] - reach)
+        for number in group:
+            scan = graph.pool.scan(int(number))
+            kernels.count_beams(seen, hit, corner, cell, scan.xy, graph.poses[number].copy(), scan.sensor, 1)
+        conflicts, known = kernels.count_conflicts(seen, hit, corner, cell, source.thinned(0.1), pose, 2)
+        return conflicts / known if known >= 30 else 1.0
+
+    def _weigh(self, graph: KeyframeGraph, closure: Closure, lengths: Array) -> list[Closure]:
+        """The closures to believe now that this one is known."""
+        s = self.settings
+        shift = relative(closure.was, closure.measured)
+        if math.hypot(shift[0], shift[1]) < s.sure_m and abs(shift[2]) < s.sure_rad:
+            return [closure]
+        allies = [other for other in self._waiting if self._agree(graph, closure, other, lengths)]
+        if allies:
+            self._waiting = [other for other in self._waiting if all(other is not ally for ally in allies)]
+            return [*allies, closure]
+        self._waiting = [*self._waiting, closure][-s.remembered :]
+        return []
+
+    def _agree(self, graph: KeyframeGraph, new: Closure, old: Closure, lengths: Array) -> bool:
+        """Whether two closures correct the map alike: the loop through both comes home (Mangelson et al., ICRA 2018)."""
+        s = self.settings
+        if old.head == new.head:
+            return False
+        between = relative(graph.poses[old.head], graph.poses[new.head])
+        path = float(lengths[old.head])
+        if not path < 25.0:
+            return False
+        expected = composed(old.measured, between)
+        gap = relative(expected, new.measured)
+        return bool(
+            math.hypot(gap[0], gap[1]) < s.agree_m + 0.01 * path and abs(float(wrap(gap[2]))) < s.agree_rad + 0.001 * path
+        )
+
+
+def information_at_head(closure: Closure) -> Array:
+    """The closure's information in the axes of its head, as edges want it."""
+    return turned(closure.information, float(closure.measured[2]))

@@ -1,0 +1,239 @@
+"""Standard map files: a YAML that places an image, and the image as PGM (http://wiki.ros.org/map_server#Map_format)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from lupin_runtime.gridmap import OCCUPIED, UNKNOWN, GridMap
+from lupin_runtime.slam.files import MalformedFile, write_atomically
+
+MODES = ("trinary", "scale", "raw")
+# 205 must read back as unknown: its shade, 0.19608, lies above 0.196 but below the 0.25 that Nav2's saver writes.
+OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
+_PIXEL_OCCUPIED, _PIXEL_FREE, _PIXEL_UNKNOWN = 0, 254, 205
+_MAX_PIXELS = 100_000_000
+
+
+@dataclass(frozen=True)
+class _Header:
+    """The YAML's fields, checked."""
+
+    image: str
+    resolution: float
+    origin: tuple[float, float, float]
+    negate: bool
+    occupied: float
+    free: float
+    mode: str
+
+
+def load_map(path: Path) -> GridMap:
+    """Read a map from its YAML. A turned origin is resampled onto the axes of the map frame (nearest cell).
+
+    Raises MalformedFile naming file and line, OSError where a file cannot be opened.
+    """
+    header = _read_header(path)
+    image = path.parent / header.image
+    if image.suffix.lower() not in (".pgm", ".pnm"):
+        raise MalformedFile(path, None, f"expected a .pgm image, found {header.image!r}; convert it: magick IN OUT.pgm")
+    try:
+        pixels, maximum = _read_pgm(image)
+    except FileNotFoundError:
+        raise MalformedFile(path, None, f"its image {image} does not exist") from None
+    grid = GridMap(_cells(pixels, maximum, header), header.resolution, header.origin[0], header.origin[1])
+    return grid if header.origin[2] == 0.0 else _upright(grid, header.origin[2])
+
+
+def save_map(path: Path, grid: GridMap, mode: str = "trinary") -> None:
+    """Write `path` (the YAML) and the PGM beside it, both atomically, the image first.
+
+    `trinary` keeps occupied (>= 65), free (<= 19) and unknown; `scale` keeps the grades but has no pixel for unknown; `raw`
+    keeps everything. Raises ValueError for a mode that cannot hold the grid, OSError.
+    """
+    if mode not in MODES:
+        raise ValueError(f"expected a mode of {', '.join(MODES)}, found {mode!r}")
+    image = path.with_suffix(".pgm")
+    pixels = _pixels(grid.cells[::-1], mode)
+    write_atomically(image, b"P5\n%d %d\n255\n" % (grid.width, grid.height) + pixels.tobytes())
+    occupied, free = (1.0, 0.0) if mode == "scale" else (OCCUPIED_THRESHOLD, FREE_THRESHOLD)
+    header = (
+        f"image: {image.name}\nmode: {mode}\nresolution: {grid.resolution_m!r}\n"
+        f"origin: [{grid.origin_x!r}, {grid.origin_y!r}, 0]\nnegate: 0\noccupied_thresh: {occupied}\nfree_thresh: {free}\n"
+    )
+    write_atomically(path, header.encode())
+
+
+def _pixels(cells: NDArray[np.int8], mode: str) -> NDArray[np.uint8]:
+    if mode == "raw":
+        return np.where(cells == UNKNOWN, 255, cells).astype(np.uint8)
+    if mode == "scale":
+        if (cells == UNKNOWN).any():
+            raise ValueError("mode scale has no pixel for unknown cells; use trinary or raw")
+        return np.rint(255.0 - cells * 2.55).astype(np.uint8)
+    pixels = np.full(cells.shape, _PIXEL_UNKNOWN, np.uint8)
+    pixels[cells >= 100 * OCCUPIED_THRESHOLD] = _PIXEL_OCCUPIED
+    pixels[(cells >= 0) & (cells <= 100 * FREE_THRESHOLD)] = _PIXEL_FREE
+    return pixels
+
+
+def _cells(pixels: NDArray[np.uint16], maximum: int, header: _Header) -> NDArray[np.int8]:
+    values = pixels[::-1]
+    if header.mode == "raw":
+        return np.where(values <= OCCUPIED, values, UNKNOWN).astype(np.int8)
+    shade = values / maximum if header.negate else (maximum - values.astype(np.int32)) / maximum
+    cells = np.full(values.shape, UNKNOWN, np.int8)
+    if header.mode == "scale":
+        ratio = (shade - header.free) / (header.occupied - header.free)
+        cells = np.rint(100.0 * np.clip(ratio, 0.0, 1.0)).astype(np.int8)
+    cells[shade > header.occupied] = OCCUPIED
+    cells[shade < header.free] = 0
+    return cells
+
+
+def _upright(grid: GridMap, yaw: float) -> GridMap:
+    """The same cells on a grid along the frame's axes, around the same corner."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    width, height = grid.width * grid.resolution_m, grid.height * grid.resolution_m
+    xs = [0.0, c * width, c * width - s * height, -s * height]
+    ys = [0.0, s * width, s * width + c * height, c * height]
+    columns = math.ceil((max(xs) - min(xs)) / grid.resolution_m - 1e-9)
+    rows = math.ceil((max(ys) - min(ys)) / grid.resolution_m - 1e-9)
+    x = min(xs) + (np.arange(columns) + 0.5) * grid.resolution_m
+    y = min(ys) + (np.arange(rows) + 0.5) * grid.resolution_m
+    along = np.floor((c * x[None, :] + s * y[:, None]) / grid.resolution_m).astype(np.int64)
+    across = np.floor((-s * x[None, :] + c * y[:, None]) / grid.resolution_m).astype(np.int64)
+    inside = (along >= 0) & (along < grid.width) & (across >= 0) & (across < grid.height)
+    cells = np.full((rows, columns), UNKNOWN, np.int8)
+    cells[inside] = grid.cells[across[inside], along[inside]]
+    return GridMap(cells, grid.resolution_m, grid.origin_x + min(xs), grid.origin_y + min(ys))
+
+
+def _read_header(path: Path) -> _Header:
+    text = path.read_text(encoding="utf-8", errors="replace")
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or "this is no YAML"
+        raise MalformedFile(path, mark.line + 1 if mark else None, str(problem)) from None
+    if not isinstance(root, yaml.MappingNode):
+        raise MalformedFile(path, 1, "expected keys such as image, resolution, origin")
+    fields = _Fields(path, root)
+    origin = fields.numbers("origin", 3)
+    header = _Header(
+        image=fields.text("image"),
+        resolution=fields.number("resolution", 1e-6, 1e3),
+        origin=(origin[0], origin[1], origin[2]),
+        negate=fields.number("negate", 0, 1, 0.0) == 1.0,
+        occupied=fields.number("occupied_thresh", 0.0, 1.0),
+        free=fields.number("free_thresh", 0.0, 1.0),
+        mode=fields.choice("mode", MODES, "trinary"),
+    )
+    if header.free >= header.occupied:
+        raise MalformedFile(
+            path,
+            fields.line("free_thresh"),
+            f"free_thresh {header.free} must be below occupied_thresh {header.occupied}",
+        )
+    return header
+
+
+class _Fields:
+    """The keys of a YAML mapping, each with its line, read as what they should be."""
+
+    def __init__(self, path: Path, root: yaml.MappingNode) -> None:
+        self._path = path
+        self._nodes = {key.value: value for key, value in root.value if isinstance(key, yaml.ScalarNode)}
+        self._constructor = yaml.SafeLoader("")
+
+    def line(self, key: str) -> int | None:
+        node = self._nodes.get(key)
+        return node.start_mark.line + 1 if node is not None else None
+
+    def _value(self, key: str, default: Any = None) -> Any:
+        node = self._nodes.get(key)
+        if node is None:
+            if default is None:
+                raise MalformedFile(self._path, None, f"the key {key!r} is missing")
+            return default
+        try:
+            return self._constructor.construct_object(node, deep=True)
+        except (yaml.YAMLError, ValueError):
+            raise self._refuse(key, "something readable", node.value) from None
+
+    def _refuse(self, key: str, expected: str, found: Any) -> MalformedFile:
+        return MalformedFile(self._path, self.line(key), f"{key}: expected {expected}, found {found!r}")
+
+    def text(self, key: str) -> str:
+        value = self._value(key)
+        if not isinstance(value, str) or not value:
+            raise self._refuse(key, "a file name", value)
+        return value
+
+    def choice(self, key: str, among: tuple[str, ...], default: str) -> str:
+        value = self._value(key, default)
+        if value not in among:
+            raise self._refuse(key, f"one of {', '.join(among)}", value)
+        return str(value)
+
+    def number(self, key: str, low: float, high: float, default: float | None = None) -> float:
+        value = self._value(key, default)
+        if not isinstance(value, (int, float)) or not low <= float(value) <= high:
+            raise self._refuse(key, f"a number from {low:g} to {high:g}", value)
+        return float(value)
+
+    def numbers(self, key: str, count: int) -> list[float]:
+        value = self._value(key)
+        if (
+            not isinstance(value, list)
+            or len(value) != count
+            or not all(isinstance(v, (int, float)) and math.isfinite(v) for v in value)
+        ):
+            raise self._refuse(key, f"{count} numbers", value)
+        return [float(v) for v in value]
+
+
+def _read_pgm(path: Path) -> tuple[NDArray[np.uint16], int]:
+    """The pixels (height, width), top row first, and the value of white."""
+    data = path.read_bytes()
+    magic = data[:2]
+    if magic not in (b"P5", b"P2"):
+        raise MalformedFile(path, 1, f"expected a PGM image (P5 or P2), found {magic!r}")
+    numbers, at, line = [], 2, 1
+    while len(numbers) < 3:
+        while at < len(data) and (data[at : at + 1].isspace() or data[at : at + 1] == b"#"):
+            if data[at : at + 1] == b"#":
+                end = data.find(b"\n", at)
+                at = len(data) if end < 0 else end
+                continue
+            line += data[at : at + 1] == b"\n"
+            at += 1
+        end = at
+        while end < len(data) and data[end : end + 1].isdigit():
+            end += 1
+        if end == at:
+            raise MalformedFile(path, line, f"expected width, height and white in the header, found {data[at : at + 8]!r}")
+        numbers.append(int(data[at:end]))
+        at = end
+    width, height, maximum = numbers
+    if not (0 < width and 0 < height and width * height <= _MAX_PIXELS and 0 < maximum < 65536):
+        raise MalformedFile(path, line, f"{width} x {height} pixels with white {maximum} make no map")
+    if magic == b"P2":
+        try:
+            values = np.array(data[at:].split(), dtype=np.int64)
+        except ValueError:
+            raise MalformedFile(path, line, "a pixel is no number") from None
+    else:
+        values = np.frombuffer(
+            data[at + 1 :], dtype=np.uint8 if maximum < 256 else ">u2", count=-1 if maximum < 256 else (len(data) - at - 1) // 2
+        ).astype(np.int64)
+    if len(values) < width * height:
+        raise MalformedFile(path, None, f"expected {width * height} pixels, found {len(values)}: the file is torn")
+    return np.minimum(values[: width * height], maximum).astype(np.uint16).reshape(height, width), maximum

@@ -1,0 +1,147 @@
+"""A whole log to a map: every scan through the mapper, the graph polished, every scan's pose taken from the finished graph."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.geometry import Pose2
+from lupin_runtime.gridmap import GridMap
+from lupin_runtime.slam.carmen import CarmenLog
+from lupin_runtime.slam.g2o import GraphFile
+from lupin_runtime.slam.local_map import FieldShape
+from lupin_runtime.slam.loop_closure import LoopSettings
+from lupin_runtime.slam.mapper import Mapper, MapperSettings, MotionNoise, Place
+from lupin_runtime.slam.matching import Window
+from lupin_runtime.slam.occupancy import OccupancyMap, OccupancySettings
+from lupin_runtime.slam.refinement import refine_graph
+from lupin_runtime.slam.scan import Beams, Health
+
+Array = NDArray[np.float64]
+
+# Beyond this a laser's points are too far apart to match well, and a degree is most of a metre.
+USABLE_RANGE_M = 40.0
+
+
+@dataclass(frozen=True)
+class OfflineScan:
+    """One scan of a log: stamp as text and as seconds, odometry, ranges (N,), the laser; twist and time per beam if known."""
+
+    stamp: str
+    stamp_s: float
+    odom: Pose2
+    ranges: Array
+    beams: Beams
+    twist: tuple[float, float, float] | None = None
+    beam_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class BuiltMap:
+    """What a log gave: the grid, a pose per scan with the log's stamp, the graph, and counts for a report."""
+
+    grid: GridMap
+    stamps: list[str]
+    poses: list[Pose2]
+    graph: GraphFile
+    keyframes: int
+    closures: int
+    unmatched: int
+    unusable: int
+    odometry_jumps: int
+
+
+class NothingToMap(ValueError):
+    """A log without a single usable scan."""
+
+
+def settings_for_logs(range_max_m: float, resolution_m: float = 0.05) -> MapperSettings:
+    """A mapper for logs of unknown robots: odometry is hardly trusted, every keyframe is kept, loops may be far off."""
+    reach = min(range_max_m, 25.0)
+    return MapperSettings(
+        keyframe_interval_s=0.0,
+        revisit_m=0.0,
+        local_radius_m=20.0,
+        noise=MotionNoise(floor_m=0.01, floor_rad=0.006, travel=0.15, turn=0.12, turn_per_m=0.06),
+        field_shape=FieldShape(reach_m=reach),
+        loops=LoopSettings(largest_window=Window(12.0, 0.6), tries=3, chain=6),
+        occupancy=None,
+    )
+
+
+def scans_of_carmen(log: CarmenLog, range_max_m: float = USABLE_RANGE_M) -> list[OfflineScan]:
+    """The scans of a CARMEN log. Readings at the laser's own ceiling, which mean "nothing seen", are left out."""
+    ceiling = no_return_m([scan.ranges for scan in log.scans])
+    limit = min(range_max_m, ceiling - 1e-6)
+    result = []
+    for scan in log.scans:
+        beams = Beams(scan.angle_min, scan.angle_step, len(scan.ranges), log.mount, 0.1, limit)
+        result.append(OfflineScan(scan.stamp, float(scan.stamp), scan.odom, scan.ranges, beams))
+    return result
+
+
+def no_return_m(ranges: Sequence[Array]) -> float:
+    """The reading by which a log says "nothing seen": its largest, if it comes again and again; else inf."""
+    total = sum(len(r) for r in ranges)
+    tops = Counter(float(finite.max()) for r in ranges if len(finite := r[np.isfinite(r)]))
+    if not tops:
+        return math.inf
+    top = max(tops)
+    count = sum(int((r == top).sum()) for r in ranges)
+    return top if count >= max(10, 0.0005 * total) else math.inf
+
+
+def build_map(
+    scans: Sequence[OfflineScan],
+    resolution_m: float = 0.05,
+    settings: MapperSettings | None = None,
+    refine: bool = True,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> BuiltMap:
+    """Map a log. Raises NothingToMap where no scan has enough returns."""
+    farthest = max((scan.beams.range_max_m for scan in scans), default=0.0)
+    settings = settings or settings_for_logs(farthest, resolution_m)
+    mapper = Mapper(replace(settings, occupancy=None))
+    places: list[Place | None] = []
+    unmatched = unusable = jumps = 0
+    for index, scan in enumerate(scans):
+        step = mapper.process(scan.stamp_s, scan.odom, scan.ranges, scan.beams, scan.twist, scan.beam_s)
+        places.append(mapper.place)
+        unusable += step.health not in (Health.GOOD, Health.REPEATED)
+        unmatched += step.health is Health.GOOD and not step.matched
+        jumps += step.odometry_jumped
+        if index % 20 == 0:
+            progress("match", index / len(scans))
+    if mapper.place is None:
+        raise NothingToMap(f"none of {len(scans)} scans has enough returns within its range limits")
+    closures = sum(edge.closure for edge in mapper.graph.edges)
+    if refine and len(mapper.graph) > 2:
+        refine_graph(mapper.graph, shape=settings.field_shape, progress=lambda share: progress("refine", share))
+    occupancy = OccupancyMap(OccupancySettings(resolution_m=resolution_m))
+    for number, pose in enumerate(mapper.graph.poses):
+        occupancy.draw(number, mapper.graph.pool.scan(number), pose)
+        progress("draw", number / len(mapper.graph))
+    grid = occupancy.grid()
+    assert grid is not None  # a keyframe has beams
+    first = np.flatnonzero([place is not None for place in places])[0]
+    poses = []
+    for index, place in enumerate(places):
+        if place is None:
+            # Scans before the first usable one: the odometry, carried back from where the map begins.
+            back = scans[first].odom.inverse() @ scans[index].odom
+            poses.append(_pose2(mapper.graph.poses[0]) @ back)
+        else:
+            poses.append(_pose2(mapper.pose_of(place)))
+    edges, _ = mapper.graph.as_edges()
+    count = len(mapper.graph)
+    graph = GraphFile(np.arange(count), mapper.graph.poses.copy(), edges, np.zeros(1, np.int64))
+    return BuiltMap(grid, [scan.stamp for scan in scans], poses, graph, count, closures, unmatched, unusable, jumps)
+
+
+def _pose2(pose: Array) -> Pose2:
+    return Pose2(float(pose[0]), float(pose[1]), float(pose[2]))

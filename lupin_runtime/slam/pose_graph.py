@@ -1,0 +1,244 @@
+"""Least squares on SE(2) pose graphs: sparse Levenberg-Marquardt from a guess or from a linear initialisation.
+
+A pose is (x, y, yaw) in metres and radians; an edge says where its head stands in the frame of its tail. The cost is g2o's:
+chi2 = sum of e' Omega e, with e the translation and yaw of measurement^-1 * tail^-1 * head, the yaw wrapped.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from lupin_runtime.slam.normal_equations import BlockPattern, adjacency
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class GraphError(ValueError):
+    """A graph that states no problem: an edge to nowhere, an information matrix that is none."""
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Relative poses: `tail` and `head` (E,) index poses, `motion` (E, 3) is tail_from_head, `information` (E, 3, 3) its
+    inverse covariance in the order x, y, yaw."""
+
+    tail: Index
+    head: Index
+    motion: Array
+    information: Array
+
+    def __len__(self) -> int:
+        return len(self.tail)
+
+    def check(self, poses: int) -> None:
+        """Raise GraphError unless every edge joins two of `poses` vertices with a usable measurement."""
+        if not len(self):
+            return
+        for ends in (self.tail, self.head):
+            if ends.min() < 0 or ends.max() >= poses:
+                raise GraphError(f"an edge names vertex {ends.min() if ends.min() < 0 else ends.max()} of {poses}")
+        if (loops := np.flatnonzero(self.tail == self.head)).size:
+            raise GraphError(f"edge {loops[0]} joins vertex {self.tail[loops[0]]} with itself")
+        if not (np.isfinite(self.motion).all() and np.isfinite(self.information).all()):
+            raise GraphError("a measurement or an information matrix is not finite")
+        if (bad := np.flatnonzero(np.linalg.eigvalsh(self.information)[:, 0] <= 0.0)).size:
+            raise GraphError(f"the information matrix of edge {bad[0]} is not positive definite")
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What `optimise` reached: poses (N, 3), g2o's chi2 before and after, the start it took, its accepted steps."""
+
+    poses: Array
+    chi2_before: float
+    chi2_after: float
+    iterations: int
+    converged: bool
+    started_from: str
+    seconds: float
+
+
+def wrap(angle: Array) -> Array:
+    """The same directions within [-pi, pi)."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def residuals(poses: Array, edges: Edges) -> Array:
+    """Errors (E, 3) of the edges at these poses."""
+    tail, head = poses[edges.tail], poses[edges.head]
+    turn = tail[:, 2] + edges.motion[:, 2]
+    c, s = np.cos(turn), np.sin(turn)
+    cz, sz = np.cos(edges.motion[:, 2]), np.sin(edges.motion[:, 2])
+    dx, dy = head[:, 0] - tail[:, 0], head[:, 1] - tail[:, 1]
+    mx, my = edges.motion[:, 0], edges.motion[:, 1]
+    return np.stack(
+        (
+            c * dx + s * dy - cz * mx - sz * my,
+            -s * dx + c * dy + sz * mx - cz * my,
+            wrap(head[:, 2] - turn),
+        ),
+        axis=1,
+    )
+
+
+def edge_chi2(poses: Array, edges: Edges) -> Array:
+    """Every edge's share (E,) of the cost."""
+    e = residuals(poses, edges)
+    return np.einsum("ei,eij,ej->e", e, edges.information, e)
+
+
+def _jacobians(poses: Array, edges: Edges) -> tuple[Array, Array]:
+    """Derivatives (E, 3, 3) of the residuals by the tail's and the head's pose."""
+    tail, head = poses[edges.tail], poses[edges.head]
+    turn = tail[:, 2] + edges.motion[:, 2]
+    c, s = np.cos(turn), np.sin(turn)
+    dx, dy = head[:, 0] - tail[:, 0], head[:, 1] - tail[:, 1]
+    by_head = np.zeros((len(edges), 3, 3))
+    by_head[:, 0, 0] = by_head[:, 1, 1] = c
+    by_head[:, 0, 1], by_head[:, 1, 0] = s, -s
+    by_head[:, 2, 2] = 1.0
+    by_tail = -by_head
+    by_tail[:, 0, 2] = -s * dx + c * dy
+    by_tail[:, 1, 2] = -c * dx - s * dy
+    return by_tail, by_head
+
+
+def anchors_of(poses: int, edges: Edges, fixed: Index | None = None) -> NDArray[np.bool_]:
+    """Vertices (N,) that hold still: the `fixed` ones, and the first vertex of every part that has none."""
+    held = np.zeros(poses, dtype=bool)
+    if fixed is not None:
+        held[fixed] = True
+    _, part = connected_components(adjacency(poses, edges.tail, edges.head), directed=False)
+    parts, first = np.unique(part, return_index=True)
+    free_parts = np.setdiff1d(parts, part[held])
+    held[first[np.isin(parts, free_parts)]] = True
+    return held
+
+
+def linear_guess(poses: Array, edges: Edges, held: NDArray[np.bool_]) -> Array:
+    """A start that needs no guess: chordal rotations, then translations, both linear least squares.
+
+    Carlone, Tron, Daniilidis, Dellaert, "Initialization techniques for 3D SLAM", ICRA 2015; in the plane a rotation is a
+    complex number. Only the held poses are read.
+    """
+    free = ~held
+    if not free.any():
+        return poses.copy()
+    pattern = BlockPattern(len(poses), edges.tail, edges.head, held)
+    turns = np.exp(1j * poses[:, 2])
+    # z_head = z_tail * exp(i yaw), weighted with the yaw's information.
+    weight = edges.information[:, 2, 2]
+    step = np.exp(1j * edges.motion[:, 2])
+    laplacian = pattern.assemble(
+        weight[:, None, None] + 0j,
+        (-weight * np.conj(step))[:, None, None],
+        weight[:, None, None] + 0j,
+    )
+    known = np.where(held, turns, 0.0)
+    right = pattern.scatter((weight * np.conj(step) * known[edges.head])[:, None], (weight * step * known[edges.tail])[:, None])
+    turns[free] = pattern.solve(laplacian, right).reshape(-1)
+    result = poses.copy()
+    result[free, 2] = np.angle(turns[free])
+
+    heading = result[edges.tail, 2]
+    c, s = np.cos(heading), np.sin(heading)
+    rotation = np.stack((np.stack((c, -s), 1), np.stack((s, c), 1)), 1)
+    offset = np.einsum("eij,ej->ei", rotation, edges.motion[:, :2])
+    cz, sz = np.cos(edges.motion[:, 2]), np.sin(edges.motion[:, 2])
+    turn = np.einsum("eij,ejk->eik", rotation, np.stack((np.stack((cz, -sz), 1), np.stack((sz, cz), 1)), 1))
+    metric = np.einsum("eij,ejk,elk->eil", turn, edges.information[:, :2, :2], turn)
+    place = np.where(held[:, None], poses[:, :2], 0.0)
+    pull = np.einsum("eij,ej->ei", metric, offset + place[edges.tail] - place[edges.head])
+    matrix = pattern.assemble(metric, -metric, metric)
+    result[free, :2] = pattern.solve(matrix, pattern.scatter(-pull, pull)).reshape(-1, 2)
+    return result
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When `optimise` stops. `relative_gain` is the fall of the cost, as a share, below which a step counts as none."""
+
+    iterations: int = 100
+    relative_gain: float = 1e-10
+    budget_s: float = float("inf")
+
+
+def optimise(
+    poses: Array,
+    edges: Edges,
+    fixed: Index | None = None,
+    robust: NDArray[np.bool_] | None = None,
+    robust_scale: float = 3.0,
+    limits: Limits | None = None,
+    trust_guess: bool = False,
+) -> Solution:
+    """Poses of least chi2.
+
+    Starts from the better of the guess and `linear_guess`, so that a poor guess costs nothing; `trust_guess` skips the
+    comparison. `robust` (E,) marks edges under a Cauchy kernel of `robust_scale` sigma: closures that may be wrong.
+    Raises GraphError.
+    """
+    started = time.perf_counter()
+    limits = limits or Limits()
+    poses = np.array(poses, dtype=float)
+    if poses.ndim != 2 or poses.shape[1] != 3 or not np.isfinite(poses).all():
+        raise GraphError(f"poses must be finite (N, 3), not {poses.shape}")
+    edges.check(len(poses))
+    chi2_before = float(edge_chi2(poses, edges).sum())
+    if not len(edges) or len(poses) < 2:
+        return Solution(poses, chi2_before, chi2_before, 0, True, "guess", time.perf_counter() - started)
+    held = anchors_of(len(poses), edges, fixed)
+    soft = np.zeros(len(edges), dtype=bool) if robust is None else robust
+    squared = robust_scale * robust_scale
+
+    def cost_of(candidate: Array) -> tuple[float, Array]:
+        chi2 = edge_chi2(candidate, edges)
+        return float(np.where(soft, squared * np.log1p(chi2 / squared), chi2).sum()), chi2
+
+    start, (cost, chi2) = "guess", cost_of(poses)
+    if not trust_guess:
+        linear = linear_guess(poses, edges, held)
+        linear_cost = cost_of(linear)
+        if linear_cost[0] < cost:
+            start, poses, (cost, chi2) = "linear", linear, linear_cost
+
+    pattern = BlockPattern(len(poses), edges.tail, edges.head, held)
+    damping, steps, converged = 0.0, 0, False
+    while steps < limits.iterations and not converged:
+        weight = np.where(soft, 1.0 / (1.0 + chi2 / squared), 1.0)
+        information = edges.information * weight[:, None, None]
+        by_tail, by_head = _jacobians(poses, edges)
+        error = residuals(poses, edges)
+        tail_metric = np.matmul(by_tail.transpose(0, 2, 1), information)
+        head_metric = np.matmul(by_head.transpose(0, 2, 1), information)
+        matrix = pattern.assemble(
+            np.matmul(tail_metric, by_tail), np.matmul(tail_metric, by_head), np.matmul(head_metric, by_head)
+        )
+        right = -pattern.scatter(
+            np.matmul(tail_metric, error[:, :, None])[:, :, 0], np.matmul(head_metric, error[:, :, None])[:, :, 0]
+        )
+        while True:
+            step = pattern.solve(matrix, right, damping)
+            candidate = poses.copy()
+            candidate[~held] += step.reshape(-1, 3)
+            candidate[:, 2] = wrap(candidate[:, 2])
+            new_cost, new_chi2 = cost_of(candidate)
+            if new_cost <= cost or damping > 1e8:
+                break
+            damping = max(10.0 * damping, 1e-6)
+        if new_cost > cost:
+            converged = True  # no step of any length helps: the cost is at its floor within rounding
+            break
+        converged = cost - new_cost <= limits.relative_gain * max(cost, 1e-12)
+        poses, cost, chi2 = candidate, new_cost, new_chi2
+        damping = damping / 10.0 if damping > 1e-6 else 0.0
+        steps += 1
+        if time.perf_counter() - started > limits.budget_s:
+            break
+    return Solution(poses, chi2_before, float(chi2.sum()), steps, converged, start, time.perf_counter() - started)

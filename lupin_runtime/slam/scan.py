@@ -1,0 +1,135 @@
+"""A laser scan as the matcher wants it: finite points in the robot's frame, with normals and uncertainty."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.geometry import Pose2
+from lupin_runtime.slam.kernels import scan_normals
+
+Array = NDArray[np.float64]
+
+# Standard deviation of a range: floor and share. The floor also stands for what a flat map gets wrong.
+SIGMA_FLOOR_M, SIGMA_SHARE = 0.01, 0.004
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Points of one scan in the robot's frame: `xy` and `normal` (n, 2), `sigma` (n,) m, and where the sensor stands."""
+
+    xy: Array
+    normal: Array
+    sigma: Array
+    sensor: tuple[float, float]
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+    def thinned(self, cell_m: float) -> Array:
+        """At most one point per cell, so that a near wall does not outvote the room."""
+        keys = np.floor(self.xy / cell_m).astype(np.int64)
+        _, first = np.unique(keys[:, 0] * 1_000_003 + keys[:, 1], return_index=True)
+        return np.ascontiguousarray(self.xy[np.sort(first)])
+
+
+@dataclass(frozen=True)
+class Beams:
+    """The geometry of a laser: angle of the first beam, angle between two, their number, and the sensor on the robot."""
+
+    angle_min: float
+    angle_step: float
+    count: int
+    mount: Pose2 = Pose2()
+    range_min_m: float = 0.25
+    range_max_m: float = 12.0
+
+    def __post_init__(self) -> None:
+        if not (
+            math.isfinite(self.angle_min) and math.isfinite(self.angle_step) and self.angle_step != 0.0 and self.count >= 2
+        ):
+            raise ValueError(
+                f"{self.count} beams from {self.angle_min} rad every {self.angle_step} rad make no scan: expected finite angles"
+            )
+
+    @property
+    def field_of_view(self) -> float:
+        """Radians that the beams cover."""
+        return min(abs(self.angle_step) * self.count, 2.0 * math.pi)
+
+
+class ScanReader:
+    """Turns ranges into a Scan; keeps the trigonometry of the last geometry."""
+
+    def __init__(self) -> None:
+        self._beams: Beams | None = None
+        self._cos = self._sin = np.empty(0)
+
+    def read(self, beams: Beams, ranges: Array, twist: tuple[float, float, float] | None = None, beam_s: float = 0.0) -> Scan:
+        """Points of the ranges within the laser's limits; NaN, inf and zeros drop out.
+
+        `twist` (m/s, m/s, rad/s in the robot's frame) and `beam_s` undo the motion during the scan, so that all points stand
+        in the frame of the first beam's moment.
+        """
+        if len(ranges) != beams.count:
+            raise ValueError(f"expected {beams.count} ranges, found {len(ranges)}")
+        if beams != self._beams:
+            angles = beams.mount.yaw + beams.angle_min + beams.angle_step * np.arange(beams.count)
+            self._beams, self._cos, self._sin = beams, np.cos(angles), np.sin(angles)
+        with np.errstate(invalid="ignore"):
+            good = np.flatnonzero((ranges >= beams.range_min_m) & (ranges <= beams.range_max_m))
+        r = ranges[good]
+        xy = np.empty((len(good), 2))
+        xy[:, 0] = beams.mount.x + r * self._cos[good]
+        xy[:, 1] = beams.mount.y + r * self._sin[good]
+        if twist is not None and beam_s > 0.0:
+            xy = _moved(xy, twist, beam_s * good)
+        sensor = (beams.mount.x, beams.mount.y)
+        return Scan(xy, scan_normals(xy, sensor, abs(beams.angle_step)), np.hypot(SIGMA_FLOOR_M, SIGMA_SHARE * r), sensor)
+
+
+def _moved(xy: Array, twist: tuple[float, float, float], after_s: Array) -> Array:
+    """Points seen `after_s` (n,) later, in the frame of the start, at constant velocity."""
+    vx, vy, turn = twist
+    yaw = turn * after_s
+    c, s = np.cos(yaw), np.sin(yaw)
+    result = np.empty_like(xy)
+    result[:, 0] = vx * after_s + c * xy[:, 0] - s * xy[:, 1]
+    result[:, 1] = vy * after_s + s * xy[:, 0] + c * xy[:, 1]
+    return result
+
+
+class Health(Enum):
+    """What a scan is worth."""
+
+    GOOD = "good"
+    BLIND = "too few beams returned"
+    REPEATED = "the ranges repeat bit by bit: no news"
+    FROZEN = "the ranges repeat bit by bit while the wheels turn: the lidar or its driver hangs"
+
+
+class ScanHealth:
+    """Tells scans that carry no news: too few returns, or the very same ranges again.
+
+    A real laser never repeats itself; a scan that does must not hold the pose while the odometry moves.
+    """
+
+    def __init__(self, least_points: int = 15, still_m: float = 0.02, still_rad: float = 0.02) -> None:
+        self._least, self._still_m, self._still_rad = least_points, still_m, still_rad
+        self._ranges: Array | None = None
+        self._odom = Pose2()
+
+    def judge(self, ranges: Array, points: int, odom: Pose2) -> Health:
+        """The health of a scan, given the number of its usable points."""
+        if points < self._least:
+            return Health.BLIND
+        if self._ranges is not None and np.array_equal(self._ranges, ranges, equal_nan=True):
+            moved = self._odom.inverse() @ odom
+            far = math.hypot(moved.x, moved.y) > self._still_m or abs(moved.yaw) > self._still_rad
+            return Health.FROZEN if far else Health.REPEATED
+        self._ranges, self._odom = ranges.copy(), odom
+        return Health.GOOD

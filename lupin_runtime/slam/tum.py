@@ -1,0 +1,23 @@
+"""Trajectories as TUM text: `stamp x y z qx qy qz qw`, one pose a line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Iterable
+
+from lupin_runtime.geometry import Pose2, quaternion_from_yaw
+from lupin_runtime.slam.files import write_atomically
+
+
+def format_tum(stamps: Iterable[str], poses: Iterable[Pose2]) -> str:
+    """The lines of a trajectory; stamps are text, so that a log's own digits survive."""
+    lines = []
+    for stamp, pose in zip(stamps, poses):
+        _, _, qz, qw = quaternion_from_yaw(pose.yaw)
+        lines.append(f"{stamp} {pose.x:.6f} {pose.y:.6f} 0.000000 0.000000 0.000000 {qz:.9f} {qw:.9f}\n")
+    return "".join(lines)
+
+
+def write_tum(path: Path, stamps: Iterable[str], poses: Iterable[Pose2]) -> None:
+    """Write a trajectory atomically."""
+    write_atomically(path, format_tum(stamps, poses).encode())
