@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from lupin_runtime.stack.runs import Run
 from lupin_runtime.stack.session import Outcome
@@ -113,11 +112,10 @@ def _print(run: Run, options: Options, outcome: Outcome, result: dict[str, Any],
     console.print(outcome.sentence, style=style)
     for death in outcome.deaths:
         console.print(f"  {death['stage']} {death['status']}: {death['consequence']}", style="yellow")
-    table = Table(box=None, show_header=False, pad_edge=False)
     for name in SCRIPT_FIELDS[1:]:
-        if result[name] is not None:
-            value = result[name]
-            table.add_row(name, f"{value:.3f}" if isinstance(value, float) else str(value))
-    console.print(table)
+        value = result[name]
+        if value is not None:
+            text = f"{value:.3f}" if isinstance(value, float) else str(value)
+            console.print(f"  {name:19s} {text}", highlight=False, soft_wrap=True, markup=False)
     if outcome.exit_status == 3:
         console.print(f"look closer with: lupin logs --run {run.id}")
