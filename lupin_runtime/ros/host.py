@@ -11,13 +11,14 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
-from rclpy.time_source import TimeSource
+
+if TYPE_CHECKING:
+    from lupin_runtime.ros.clock import ClockFollower
 
 STOP_GRACE_S = 2.0
 
@@ -73,16 +74,19 @@ def run(
         signal.signal(number, lambda *_: stop.set())
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     spinners: list[_Spinner] = []
+    follower: ClockFollower | None = None
     try:
-        clock_node, time_source = _clock(simulated_time)
-        if clock_node is not None:
-            spinners.append(_Spinner(clock_node, fail))
-            spinners[0].thread.start()
+        if simulated_time:
+            # Only here: the robot's older rclpy lacks what it needs, and a robot has no simulated time.
+            from lupin_runtime.ros.clock import ClockFollower
+
+            follower = ClockFollower(fail)
+            follower.start()
         nodes = []
         for factory in factories:
             node = factory()
-            if time_source is not None:
-                time_source.attach_clock(node.get_clock())
+            if follower is not None:
+                follower.attach(node)
             nodes.append(node)
         spinners += [_Spinner(node, fail) for node in nodes]
         for spinner in spinners[-len(nodes) :]:
@@ -103,22 +107,10 @@ def run(
         threading.Thread(target=_exit_after, args=(2 * STOP_GRACE_S,), daemon=True).start()
         for spinner in spinners:
             spinner.stop()
+        if follower is not None:
+            follower.stop()
         rclpy.try_shutdown()
     return 1 if failed.is_set() else 0
-
-
-def _clock(simulated_time: bool) -> tuple[Any, Any]:
-    if not simulated_time:
-        return None, None
-    node = Node(
-        f"clock_{os.getpid()}",
-        start_parameter_services=False,
-        enable_rosout=False,
-        parameter_overrides=[Parameter("use_sim_time", value=False)],
-    )
-    source = TimeSource(node=node)
-    source.ros_time_is_active = True
-    return node, source
 
 
 def _exit_after(seconds: float) -> None:
