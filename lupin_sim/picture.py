@@ -85,9 +85,12 @@ class Studio:
             view.azimuth, view.elevation = 90.0, -89.9
             view.distance = 1.12 * max((y1 - y0) / 2 / tangent, (x1 - x0) / 2 / (tangent * aspect))
         elif camera == "overview":
-            view.lookat[:] = (x0 + x1) / 2, (y0 + y1) / 2 - 0.06 * (y1 - y0), 0.0
-            view.azimuth, view.elevation = 68.0, -46.0
-            view.distance = 1.04 * max((y1 - y0) / 2 / tangent, (x1 - x0) / 2 / (tangent * aspect)) + 1.2
+            # From a long side, which lies across the picture.
+            tall = y1 - y0 > x1 - x0
+            across, away = (y1 - y0, x1 - x0) if tall else (x1 - x0, y1 - y0)
+            view.lookat[:] = (x0 + x1) / 2 - 0.06 * away * tall, (y0 + y1) / 2 - 0.06 * away * (not tall), 0.0
+            view.azimuth, view.elevation = 22.0 if tall else 68.0, -46.0
+            view.distance = 1.04 * max(away / 2 / tangent, across / 2 / (tangent * aspect)) + 1.2
         else:
             raise ValueError(f"no camera {camera!r}; there are {', '.join(CAMERAS)}")
         return view

@@ -124,8 +124,8 @@ class World:
         return replace(
             self,
             walls=(
-                wall("wall_south", cx, y0 - t / 2, math.pi / 2, x1 - x0 + 2 * t),
-                wall("wall_north", cx, y1 + t / 2, -math.pi / 2, x1 - x0 + 2 * t),
+                wall("wall_south", cx, y0 - t / 2, math.pi / 2, x1 - x0),
+                wall("wall_north", cx, y1 + t / 2, -math.pi / 2, x1 - x0),
                 wall("wall_west", x0 - t / 2, cy, 0.0, y1 - y0 + 2 * t),
                 wall("wall_east", x1 + t / 2, cy, math.pi, y1 - y0 + 2 * t),
             ),
