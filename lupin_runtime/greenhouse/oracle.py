@@ -223,7 +223,7 @@ def _check_setting(path: Path, name: str, key: str, node: yaml.Node, dynamics: t
     if wanted is None:
         return
     value = yaml.safe_load(yaml.serialize(node))
-    good = {
+    good: dict[str, Callable[[], bool]] = {
         "a number": lambda: _is_number(value),
         "a positive number": lambda: _is_number(value) and value > 0,
         "a point [x, y] in metres": lambda: isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)),
