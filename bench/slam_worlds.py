@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +86,7 @@ GREENHOUSE_TOUR = [
 
 
 def office(seed: int = 0, size: float = 1.0) -> tuple[World, list[tuple[float, float]]]:
-    """A floor of 44 x 32 m times `size`: a corridor around a core, rooms on both sides with doors and furniture; and a tour of it.
+    """A floor of 44 x 32 m times `size`, and a tour: a corridor around a core, rooms with doors and furniture on both sides.
 
     The tour goes round the corridor twice, once each way, and into most rooms.
     """
@@ -105,7 +106,7 @@ def office(seed: int = 0, size: float = 1.0) -> tuple[World, list[tuple[float, f
         while edges[-1] < end - 5.5:
             edges.append(edges[-1] + rng.uniform(3.0, 5.5))
         edges[-1] = end
-        for a, b in zip(edges, edges[1:]):
+        for a, b in pairwise(edges):
             door = rng.uniform(a + 0.8, b - 0.8)
             for lo, hi in ((a, door - 0.5), (door + 0.5, b)):
                 if horizontal:
@@ -159,7 +160,7 @@ def office(seed: int = 0, size: float = 1.0) -> tuple[World, list[tuple[float, f
     tour: list[tuple[float, float]] = [ring[0]]
     for lap in range(2):
         events = sorted([*stops, *corners], key=lambda item: item[0], reverse=lap == 1)
-        for s, (cx, cy, rx, ry) in events:
+        for _, (cx, cy, rx, ry) in events:
             tour.append((cx, cy))
             if (rx, ry) != (cx, cy) and rng.random() < (0.55 if lap == 0 else 0.25):
                 tour += [(rx, ry), (cx, cy)]

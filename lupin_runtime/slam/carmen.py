@@ -8,9 +8,9 @@ See CARMEN's `param` and `readlog` documentation, http://carmen.sourceforge.net/
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Iterable
 
 import numpy as np
 from numpy.typing import NDArray

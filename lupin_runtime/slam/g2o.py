@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ class GraphFile:
     """A pose graph with the ids that its file gave: `ids` (N,), `poses` (N, 3), `edges` by index, `fixed` indices."""
 
     ids: NDArray[np.int64]
-    poses: NDArray[np.float64]
+    poses: NDArray[np.floating]
     edges: Edges
     fixed: NDArray[np.int64]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lupin_runtime.native import load_kernels
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 _F = ndpointer(np.float64, flags="C_CONTIGUOUS")
 _I = ndpointer(np.int32, flags="C_CONTIGUOUS")

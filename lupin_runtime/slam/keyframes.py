@@ -13,7 +13,7 @@ from lupin_runtime.slam.local_map import ScanPool, _grown
 from lupin_runtime.slam.pose_graph import Edges, wrap
 from lupin_runtime.slam.scan import Scan
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Index = NDArray[np.int64]
 
 # What a turn of a radian adds to the length of an edge: uncertainty grows by turning on the spot, too.

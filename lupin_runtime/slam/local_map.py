@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from lupin_runtime.slam import kernels
 from lupin_runtime.slam.scan import Scan
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Index = NDArray[np.int64]
 
 
@@ -24,6 +25,7 @@ class ScanPool:
         self.sigma = np.empty(4096)
         self.start = np.zeros(64, np.int64)
         self.count = np.zeros(64, np.int64)
+        self.corners = np.zeros((64, 4, 2))  # of the box around each scan, in its own frame
         self.sensor: list[tuple[float, float]] = []
         self._points = 0
 
@@ -39,9 +41,13 @@ class ScanPool:
             self.sigma = _grown(self.sigma, size)
         if number == len(self.start):
             self.start, self.count = _grown(self.start, 2 * number), _grown(self.count, 2 * number)
+            self.corners = _grown(self.corners, 2 * number)
         block = slice(self._points, end)
         self.xy[block], self.normal[block], self.sigma[block] = scan.xy, scan.normal, scan.sigma
         self.start[number], self.count[number] = self._points, len(scan)
+        if len(scan):
+            (x0, y0), (x1, y1) = scan.xy.min(axis=0), scan.xy.max(axis=0)
+            self.corners[number] = (x0, y0), (x0, y1), (x1, y0), (x1, y1)
         self.sensor.append(scan.sensor)
         self._points = end
         return number
@@ -52,7 +58,7 @@ class ScanPool:
         return Scan(self.xy[block], self.normal[block], self.sigma[block], self.sensor[number])
 
 
-def _grown(block: NDArray, size: int) -> NDArray:
+def _grown(block: NDArray[Any], size: int) -> NDArray[Any]:
     result = np.zeros((size, *block.shape[1:]), block.dtype)
     result[: len(block)] = block
     return result
@@ -81,32 +87,28 @@ class LocalMap:
         self.size = (0, 0)
         self.slot = np.empty((0, 0, 2), np.int32)
         self.surfel = np.empty((0, 5))
-        self._marked = np.empty((0, 0), np.uint8)
+        self.surfels = 0
+        # Rasters outlive builds, and only what the last one touched is cleaned: clearing would cost more than drawing.
+        self._slots = np.empty(0, np.int32)
+        self._marked = np.empty(0, np.uint8)
         self._marks = np.empty(0, np.int32)
+        self._mark_count = 0
         self._pyramid = np.empty((0, 0, 0), np.uint8)
         self._levels_ready = 0
-        self.surfels = 0
 
     @property
     def field(self) -> NDArray[np.uint8]:
         """The likelihood, 0 to 255 (height, width)."""
-        return self._pyramid[0]
+        level: NDArray[np.uint8] = self._pyramid[0]
+        return level
 
     def build(self, pool: ScanPool, numbers: Index, poses: Array, centre: tuple[float, float]) -> None:
         """Draw the scans `numbers` (k,) of the pool at `poses` (k, 3); what lies beyond the reach of `centre` is left out."""
         shape = self.shape
         pad = (1 << (shape.levels - 1)) + self._stamp.shape[0]
-        extents = pool.xy[:0].reshape(0, 2)
-        corners = []
-        for number, pose in zip(numbers, poses):
-            block = pool.xy[pool.start[number] : pool.start[number] + pool.count[number]]
-            if not len(block):
-                continue
-            c, s = math.cos(pose[2]), math.sin(pose[2])
-            low, high = block.min(axis=0), block.max(axis=0)
-            box = np.array([[low[0], low[1]], [low[0], high[1]], [high[0], low[1]], [high[0], high[1]]])
-            corners.append(box @ np.array([[c, s], [-s, c]]) + pose[:2])
-        extents = np.concatenate(corners) if corners else np.array([centre])
+        c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
+        x, y = pool.corners[numbers, :, 0], pool.corners[numbers, :, 1]
+        extents = np.stack((c * x - s * y + poses[:, :1], s * x + c * y + poses[:, 1:2]), axis=2).reshape(-1, 2)
         low = np.maximum(extents.min(axis=0), np.array(centre) - shape.reach_m)
         high = np.minimum(extents.max(axis=0), np.array(centre) + shape.reach_m)
         low = np.floor(low / shape.cell_m).astype(int) - pad
@@ -114,8 +116,8 @@ class LocalMap:
         width, height = int(high[0] - low[0]), int(high[1] - low[1])
         self.corner = (float(low[0] * shape.cell_m), float(low[1] * shape.cell_m))
         self.size = (height, width)
-        self.slot = np.full((height, width, 2), -1, np.int32)
-        self._marked = np.zeros((height, width), np.uint8)
+        self._clean(width * height)
+        self.slot = self._slots[: 2 * width * height].reshape(height, width, 2)
         self._pyramid = np.zeros((1, height, width), np.uint8)
         self._levels_ready = 1
         total = int(pool.count[numbers].sum())
@@ -126,8 +128,18 @@ class LocalMap:
             pool.xy, pool.normal, pool.start[numbers], pool.count[numbers], np.ascontiguousarray(poses), self.corner,
             shape.cell_m, self.size, self.slot, self.surfel, 0, self._marked, self._marks, 0,
         )  # fmt: skip
+        self._mark_count = marks
         kernels.finish_surfels(self.surfel, self.surfels)
         kernels.draw_field(self._marks, marks, self._stamp, self._pyramid[0])
+
+    def _clean(self, area: int) -> None:
+        if len(self._marked) < area:
+            self._slots = np.full(2 * area, -1, np.int32)
+            self._marked = np.zeros(area, np.uint8)
+            return
+        touched = self._marks[: self._mark_count]
+        self._slots.reshape(-1, 2)[touched] = -1
+        self._marked[touched] = 0
 
     def pyramid(self, levels: int) -> NDArray[np.uint8]:
         """The field and its max-pooled levels (levels, height, width)."""

@@ -1,13 +1,13 @@
 """Finding places again: candidates by distance and drift, a wide correlative search to verify, agreement before belief.
 
-A wrong closure ruins a map and a missed one only leaves it bent, so every test may say no: score, overlap, walls in free space, a
-rival that fits as well, and, where the correction is large, a second closure that asks for the same one.
+A wrong closure ruins a map and a missed one only leaves it bent, so every test may say no: score, overlap, walls in free
+space, a rival that fits as well, and, where the correction is large, a second closure that asks for the same one.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from lupin_runtime.slam.matching import Match, Window, refine, search
 from lupin_runtime.slam.pose_graph import wrap
 from lupin_runtime.slam.scan import Scan
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Index = NDArray[np.int64]
 
 
@@ -29,7 +29,7 @@ class LoopSettings:
 
     distance_m: float = 3.0
     beyond_path_m: float = 8.0
-    largest_window: Window = Window(8.0, 0.6)
+    largest_window: Window = field(default_factory=lambda: Window(8.0, 0.6))
     drift_m: tuple[float, float] = (0.05, 0.015)  # at once, per metre of path
     drift_rad: tuple[float, float] = (0.03, 0.003)
     chain: int = 10

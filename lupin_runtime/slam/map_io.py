@@ -76,7 +76,7 @@ def _pixels(cells: NDArray[np.int8], mode: str) -> NDArray[np.uint8]:
     if mode == "scale":
         if (cells == UNKNOWN).any():
             raise ValueError("mode scale has no pixel for unknown cells; use trinary or raw")
-        return np.rint(255.0 - cells * 2.55).astype(np.uint8)
+        return np.asarray(np.rint(255.0 - cells * 2.55), np.uint8)
     pixels = np.full(cells.shape, _PIXEL_UNKNOWN, np.uint8)
     pixels[cells >= 100 * OCCUPIED_THRESHOLD] = _PIXEL_OCCUPIED
     pixels[(cells >= 0) & (cells <= 100 * FREE_THRESHOLD)] = _PIXEL_FREE
@@ -206,7 +206,8 @@ def _read_pgm(path: Path) -> tuple[NDArray[np.uint16], int]:
     magic = data[:2]
     if magic not in (b"P5", b"P2"):
         raise MalformedFile(path, 1, f"expected a PGM image (P5 or P2), found {magic!r}")
-    numbers, at, line = [], 2, 1
+    numbers: list[int] = []
+    at, line = 2, 1
     while len(numbers) < 3:
         while at < len(data) and (data[at : at + 1].isspace() or data[at : at + 1] == b"#"):
             if data[at : at + 1] == b"#":
@@ -223,7 +224,7 @@ def _read_pgm(path: Path) -> tuple[NDArray[np.uint16], int]:
         numbers.append(int(data[at:end]))
         at = end
     width, height, maximum = numbers
-    if not (0 < width and 0 < height and width * height <= _MAX_PIXELS and 0 < maximum < 65536):
+    if not (width > 0 and height > 0 and width * height <= _MAX_PIXELS and 0 < maximum < 65536):
         raise MalformedFile(path, line, f"{width} x {height} pixels with white {maximum} make no map")
     if magic == b"P2":
         try:

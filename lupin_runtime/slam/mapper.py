@@ -23,7 +23,7 @@ from lupin_runtime.slam.occupancy import OccupancyMap, OccupancySettings
 from lupin_runtime.slam.pose_graph import Limits, edge_chi2, optimise
 from lupin_runtime.slam.scan import Beams, Health, Scan, ScanHealth, ScanReader
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Index = NDArray[np.int64]
 
 # Kernel widths (sigma) of the closures, wide to narrow: graduated non-convexity, so that a true closure that comes as a
@@ -70,7 +70,7 @@ class MapperSettings:
     local_radius_m: float = 10.0
     least_score: float = 0.35
     least_overlap: float = 0.3
-    slip_window: Window = Window(1.2, 0.8)
+    slip_window: Window = field(default_factory=lambda: Window(1.2, 0.8))
     slip_score: float = 0.4
     slip_fit: float = 0.6
     fastest_m_s: float = 3.0
@@ -260,7 +260,7 @@ class Mapper:
     def _join(self, number: int, pose: Array, fit: Match | None) -> None:
         """Tie a new keyframe to the one the robot stood on, by odometry and match together."""
         assert self._place is not None
-        information = np.linalg.inv(self._since_match + np.diag([1e-6, 1e-6, 1e-7]))
+        information: Array = np.linalg.inv(self._since_match + np.diag([1e-6, 1e-6, 1e-7]))
         if fit is not None:
             information = information + np.linalg.inv(fit.covariance)
         last = self._place.keyframe

@@ -16,7 +16,7 @@ from lupin_runtime.slam import kernels
 from lupin_runtime.slam.local_map import LocalMap
 from lupin_runtime.slam.scan import Scan
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 # Beams on one wall share its flaws: their information counts as that of one in this many.
 BEAMS_THAT_ERR_TOGETHER = 6.0
@@ -103,8 +103,8 @@ def search(
             np.int32,
         )
     found = kernels.search_window(
-        local.pyramid(levels), local.corner, cell, points, (float(guess[0]), float(guess[1])), guess[2] + offsets, penalty,
-        half, prior_weight * cell * cell / spread, least, mask,
+        local.pyramid(levels), local.corner, cell, points, (float(guess[0]), float(guess[1])), guess[2] + offsets,
+        penalty, half, prior_weight * cell * cell / spread, least, mask,
     )  # fmt: skip
     if found is None:
         return None

@@ -16,7 +16,7 @@ from lupin_runtime.gridmap import GridMap
 from lupin_runtime.slam import kernels
 from lupin_runtime.slam.scan import Scan
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class OccupancyMap:
         if not self._drawn:
             return None
         s = self.settings
-        rows, columns = self._seen.any(axis=1).nonzero()[0], self._seen.any(axis=0).nonzero()[0]
+        rows, columns = np.flatnonzero(self._seen.max(axis=1)), np.flatnonzero(self._seen.max(axis=0))
         if not len(rows):
             return None
         window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
@@ -114,12 +114,13 @@ class OccupancyMap:
         low, high = np.floor(xy.min(axis=0) / cell).astype(int), np.floor(xy.max(axis=0) / cell).astype(int) + 1
         height, width = self._seen.shape
         here = np.array(self._low)
-        if width and (low >= here).all() and (high <= here + (width, height)).all():
+        there = here + np.array([width, height])
+        if width and (low >= here).all() and (high <= there).all():
             return
         margin = math.ceil(self.settings.margin_m / cell)
         if width:
             low = np.where(low < here, low - margin, here)
-            high = np.where(high > here + (width, height), high + margin, here + (width, height))
+            high = np.where(high > there, high + margin, there)
         else:
             low, high = low - margin, high + margin
         shape = (int(high[1] - low[1]), int(high[0] - low[0]))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from lupin_runtime.slam.occupancy import OccupancyMap, OccupancySettings
 from lupin_runtime.slam.refinement import refine_graph
 from lupin_runtime.slam.scan import Beams, Health
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 # Beyond this a laser's points are too far apart to match well, and a degree is most of a metre.
 USABLE_RANGE_M = 40.0

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from lupin_runtime.slam.normal_equations import BlockPattern, adjacency
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Index = NDArray[np.int64]
 
 
@@ -90,7 +90,7 @@ def residuals(poses: Array, edges: Edges) -> Array:
 def edge_chi2(poses: Array, edges: Edges) -> Array:
     """Every edge's share (E,) of the cost."""
     e = residuals(poses, edges)
-    return np.einsum("ei,eij,ej->e", e, edges.information, e)
+    return np.asarray(np.einsum("ei,eij,ej->e", e, edges.information, e))
 
 
 def _jacobians(poses: Array, edges: Edges) -> tuple[Array, Array]:

@@ -7,8 +7,8 @@ closure merely spread along a loop are taken out where they arose.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,9 @@ from scipy.spatial import cKDTree
 from lupin_runtime.slam.keyframes import Edge, KeyframeGraph, relative, turned
 from lupin_runtime.slam.local_map import FieldShape, LocalMap
 from lupin_runtime.slam.matching import Match, Window, match
-from lupin_runtime.slam.pose_graph import Edges, Limits, optimise
+from lupin_runtime.slam.pose_graph import Limits, optimise
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.slam.kernels import scan_normals
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 # Standard deviation of a range: floor and share. The floor also stands for what a flat map gets wrong.
 SIGMA_FLOOR_M, SIGMA_SHARE = 0.01, 0.004
@@ -44,7 +44,7 @@ class Beams:
     angle_min: float
     angle_step: float
     count: int
-    mount: Pose2 = Pose2()
+    mount: Pose2 = field(default_factory=Pose2)
     range_min_m: float = 0.25
     range_max_m: float = 12.0
 
@@ -83,7 +83,7 @@ class ScanReader:
         with np.errstate(invalid="ignore"):
             good = np.flatnonzero((ranges >= beams.range_min_m) & (ranges <= beams.range_max_m))
         r = ranges[good]
-        xy = np.empty((len(good), 2))
+        xy: Array = np.empty((len(good), 2))
         xy[:, 0] = beams.mount.x + r * self._cos[good]
         xy[:, 1] = beams.mount.y + r * self._sin[good]
         if twist is not None and beam_s > 0.0:
@@ -92,7 +92,7 @@ class ScanReader:
         return Scan(xy, scan_normals(xy, sensor, abs(beams.angle_step)), np.hypot(SIGMA_FLOOR_M, SIGMA_SHARE * r), sensor)
 
 
-def _moved(xy: Array, twist: tuple[float, float, float], after_s: Array) -> Array:
+def _moved(xy: Array, twist: tuple[float, float, float], after_s: NDArray[np.floating]) -> Array:
     """Points seen `after_s` (n,) later, in the frame of the start, at constant velocity."""
     vx, vy, turn = twist
     yaw = turn * after_s

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Iterable
 
 from lupin_runtime.geometry import Pose2, quaternion_from_yaw
 from lupin_runtime.slam.files import write_atomically
