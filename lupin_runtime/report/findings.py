@@ -41,7 +41,7 @@ def findings(
 ) -> list[Finding]:
     """All findings of a run, worst first. `truth` is empty where none is known."""
     found = [
-        *_tags(tags, truth),
+        *_tags(tags, truth if log.mission_id else {}),
         *_plants(tags),
         *_stops(bands),
         *_processes(facts),

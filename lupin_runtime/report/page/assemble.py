@@ -76,12 +76,11 @@ def _colours() -> str:
 
 def _headline(material: Material, words: str) -> str:
     n = figures(material)
+    took = clock(n["mission_s"] or 0.0)
+    if not material.log.mission_id:
+        return f"{words} after {took}, without a mission"
     goal = n["score_tags_reachable"] or n["score_tags_total"] or n["tags_seen"]
-    parts = [words]
-    if material.tags or goal:
-        parts.append(f"{n['tags_read']} of {goal} tags read")
-    parts.append(f"in {clock(n['mission_s'] or 0.0)}")
-    return f"{parts[0]}: {' '.join(parts[1:])}"
+    return f"{words}: {n['tags_read']} of {goal} tags read in {took}"
 
 
 def _facts(material: Material) -> str:

@@ -47,7 +47,7 @@ def _cards(material: Material) -> Iterable[tuple[str, str, str, str]]:
         yield "Collisions", f"{n['collisions']:.0f}", "", _good(not n["collisions"])
     if n["distance_m"]:
         yield "Driven", f"{n['distance_m']:.1f} m", "by the wheels", ""
-    yield "Mission", clock(n["mission_s"] or 0.0), "of the robot's time", ""
+    yield "Mission" if material.log.mission_id else "Recorded", clock(n["mission_s"] or 0.0), "of the robot's time", ""
     if n["flowers"] or n["bugs"]:
         pots = n["score_flowers_total"]
         right = f"; {n['score_flowers_right']} of {pots} pots right" if pots else ""

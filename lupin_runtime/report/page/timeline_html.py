@@ -29,7 +29,7 @@ def timeline_html(material: Material) -> str:
     duration_s = max(material.log.end_s, 1e-3)
     bands = material.timeline
     rows = [
-        _row("Mission", (_state_band(b, duration_s) for b in bands.states)),
+        _row("Mission", (_state_band(b, duration_s) for b in bands.states)) if bands.states else "",
         _row("Target", (_leg_band(b, duration_s) for b in bands.legs)) if bands.legs else "",
         _row("Held", (_flag_band(b, duration_s) for b in bands.flags)) if bands.flags else "",
         _row("Events", (_event_mark(e, duration_s) for e in bands.events)) if bands.events else "",
