@@ -123,25 +123,27 @@ def _write_arguments(path: Path, arguments: dict[str, Any]) -> str:
     return str(path)
 
 
+_parsed: dict[str, Any] = {}
+"""Parsed .idl files by path; filled before the generators' processes are forked, so that they inherit it."""
+
+
 def _parse_each_idl_once() -> None:
-    """Cache the IDL parser: every generator parses every file anew (lark: about 20 ms each) and only reads the tree."""
+    """Cache the IDL parser: every generator parses every file anew (20 ms each) and only reads the tree."""
     import rosidl_generator_py.generate_py_impl
     import rosidl_generator_type_description
     import rosidl_parser.parser
     import rosidl_pycommon
 
     parse = rosidl_parser.parser.parse_idl_file
-    if hasattr(parse, "parsed"):
+    if parse.__module__ == __name__:
         return
-    parsed: dict[str, Any] = {}
 
-    def parse_once(locator, *args):
+    def parse_once(locator: Any, *args: Any) -> Any:
         path = str(locator.get_absolute_path())
-        if path not in parsed:
-            parsed[path] = parse(locator, *args)
-        return parsed[path]
+        if path not in _parsed:
+            _parsed[path] = parse(locator, *args)
+        return _parsed[path]
 
-    parse_once.parsed = parsed
     for module in (
         rosidl_parser.parser,
         rosidl_pycommon,

@@ -36,7 +36,7 @@ def find_toolchain() -> Toolchain:
     """
     c_compiler = tuple(shlex.split(os.environ.get("CC", "gcc")))
     cxx_compiler = tuple(shlex.split(os.environ.get("CXX", "g++")))
-    python_include = Path(sysconfig.get_path("include"))
+    python_include = Path(sysconfig.get_paths()["include"])
     missing = [
         f"{' '.join(command)}: not found; sudo apt install {package}"
         for command, package in ((c_compiler, "gcc"), (cxx_compiler, "g++"))
