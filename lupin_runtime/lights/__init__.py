@@ -1,0 +1,23 @@
+"""The LED strip: what the robot says to the people around it.
+
+Cores only; the node is in `lupin_runtime.lights.node`.
+"""
+
+from lupin_runtime.lights.motion import MotionDetector
+from lupin_runtime.lights.palette import COLOURS, LIFECYCLE, PHASE, Rgb, permutation
+from lupin_runtime.lights.precedence import RULES, Light, Mission, View, choose, shown
+
+__all__ = [
+    "COLOURS",
+    "LIFECYCLE",
+    "PHASE",
+    "RULES",
+    "Light",
+    "Mission",
+    "MotionDetector",
+    "Rgb",
+    "View",
+    "choose",
+    "permutation",
+    "shown",
+]

@@ -1,0 +1,134 @@
+"""Which light wins: a table from the most urgent to what is left when nothing else is to be said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from lupin_runtime.lights.palette import (
+    AMBER,
+    BATTERY_LOW,
+    GREEN,
+    IN_PROGRESS,
+    OFF,
+    ORANGE,
+    PHASE,
+    RED,
+    RESTING,
+    STANDBY,
+    Rgb,
+)
+
+
+class Light(NamedTuple):
+    """A colour, steady or blinking."""
+
+    colour: Rgb
+    blinking: bool = False
+
+
+@dataclass(frozen=True)
+class Mission:
+    """What the mission last said. `fresh`: it said so lately; a mission that fell silent is none, except for its e-stop."""
+
+    lifecycle: str
+    phase: str = ""
+    paused: bool = False
+    estop: bool = False
+    battery_low: bool = False
+    fresh: bool = True
+
+
+@dataclass(frozen=True)
+class View:
+    """All that a light is chosen from."""
+
+    mission: Mission | None = None
+    estop: bool = False
+    manual: Rgb | None = None
+    arm_moving: bool = False
+    driving: bool = False
+    unknown_state_off: bool = True
+
+    @property
+    def current(self) -> Mission | None:
+        """The mission, where it is fresh."""
+        return self.mission if self.mission is not None and self.mission.fresh else None
+
+
+Rule = Callable[[View], "Light | None"]
+
+
+def _stopped(view: View) -> Light | None:
+    mission = view.mission
+    # Never gated by freshness: a stop that was heard last stays red whatever died since.
+    stopped = view.estop or (mission is not None and (mission.estop or mission.lifecycle == "FAULT"))
+    return Light(RED) if stopped else None
+
+
+def _paused(view: View) -> Light | None:
+    return Light(AMBER) if view.current is not None and view.current.paused else None
+
+
+def _manual(view: View) -> Light | None:
+    return Light(view.manual) if view.manual is not None else None
+
+
+def _battery(view: View) -> Light | None:
+    mission = view.current
+    returning = mission is not None and mission.battery_low and mission.lifecycle == "RETURNING"
+    return Light(BATTERY_LOW) if returning else None
+
+
+def _in_progress(view: View) -> Light | None:
+    mission = view.current
+    if mission is None or mission.lifecycle not in IN_PROGRESS:
+        return None
+    return Light(PHASE.get(mission.phase, IN_PROGRESS[mission.lifecycle]))
+
+
+def _arm(view: View) -> Light | None:
+    return Light(ORANGE, blinking=True) if view.arm_moving else None
+
+
+def _driving(view: View) -> Light | None:
+    return Light(GREEN, blinking=True) if view.driving else None
+
+
+def _resting(view: View) -> Light | None:
+    mission = view.current
+    if mission is None:
+        return None
+    if mission.lifecycle in RESTING:
+        return Light(RESTING[mission.lifecycle])
+    return Light(OFF) if view.unknown_state_off else None
+
+
+RULES: tuple[tuple[str, Rule], ...] = (
+    ("e-stop or fault", _stopped),
+    ("paused", _paused),
+    ("set by hand", _manual),
+    ("returning for the battery", _battery),
+    ("mission under way", _in_progress),
+    ("arm moving", _arm),
+    ("driving", _driving),
+    ("mission at rest", _resting),
+    ("standby", lambda _: Light(STANDBY)),
+)
+
+
+def choose(view: View) -> tuple[str, Light]:
+    """The first rule that has something to say, and its light."""
+    for name, rule in RULES:
+        light = rule(view)
+        if light is not None:
+            return name, light
+    raise AssertionError("the last rule always has")
+
+
+def shown(light: Light, now_s: float, blink_hz: float) -> Rgb:
+    """The colour of a light at this moment: a blinking one is on during the first half of each period."""
+    if light.blinking and (now_s * blink_hz) % 1.0 >= 0.5:
+        return OFF
+    return light.colour
