@@ -272,6 +272,7 @@ class Orchestrator:
             self._plan_sweep()
         if after == DONE:
             self._paused = False
+            self._close_remaining()  # a dock request whose dock was never reached has left some
         self._ports.outlet.log(f"{source} -> {dest}")
         self._activities[after].enter(self.hsm.leaf)
         self._ports.outlet.changed()
@@ -534,7 +535,6 @@ class Orchestrator:
         if lifecycle == RETURNING:
             if self._homing.reason == "battery" and not self._paused:
                 return Reply(False, "refused: on the way home with a low battery; it ends by itself at the dock")
-            self._close_remaining()
             self.hsm.fire("returned")
             return Reply(True, "ended")
         if lifecycle == PREPARE:

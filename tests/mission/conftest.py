@@ -217,8 +217,8 @@ class Rig:
             self.orchestrator.tick()
 
     def arrive(self, status: int = STATUS_SUCCEEDED) -> None:
-        """The goal that is under way ends."""
-        (goal,) = self.navigation.wanted
+        """The goal that is under way ends: the newest, where older ones were never answered."""
+        goal = self.navigation.wanted[-1]
         if status == STATUS_SUCCEEDED:
             self.world.pose = goal.pose
         self.navigation.end(goal, status)

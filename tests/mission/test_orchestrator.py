@@ -1143,3 +1143,12 @@ def test_a_new_mission_starts_with_clean_counters(make_rig):
     assert rig.snapshot.targets_skipped == 0
     assert rig.snapshot.last_error == ""
     assert rig.snapshot.started_at_ns > first.started_at_ns
+
+
+def test_an_inspection_that_ends_on_its_way_to_an_unreachable_dock_closes_its_tags(make_rig):
+    rig = make_rig()
+    rig.inspect("1", "2")
+    rig.orchestrator.dock()
+    rig.fail()
+    assert rig.state == "DONE"
+    assert rig.statuses() == [("1", SKIPPED, "mission_aborted"), ("2", SKIPPED, "mission_aborted")]

@@ -2,21 +2,60 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
-from lupin_runtime.mission.hsm import RETURNING
+from lupin_runtime.mission.hsm import RETURNING, build_hsm_spec
 
 TAGS = ("0", "1", "2")
+PLACES = [leaf for leaf in build_hsm_spec().leaves() if leaf != "BOOT"]
+
+
+def bring_to(rig, place):
+    """The shortest way from READY to a leaf state; the search goes on from there."""
+    family, _, leaf = place.partition(".")
+    rig.greenhouse.answers = rig.gate.answers = False
+    if family == "READY":
+        return
+    if family in ("PREPARE", "FAULT"):
+        rig.localize(9.0)
+    assert rig.orchestrator.start("ExplorationMission" if family in ("EXPLORING", "MONITORING") else "", (), 2).success
+    rig.step(20.0 if family == "FAULT" else 1.5)
+    if family == "MONITORING":
+        rig.discover("1", "2")
+        rig.step(4.5)  # as long as a goal may wait for one that was never accepted
+    if leaf in ("SCANNING", "PUBLISHING"):
+        rig.arrive()
+    if leaf == "PUBLISHING" and family == "INSPECTING":
+        rig.orchestrator.pause()
+        rig.orchestrator.skip_current()
+    elif leaf == "PUBLISHING":  # a sweep is held there only if a pause hits the very moment
+        rig.orchestrator.pause()
+        rig.orchestrator.hsm.fire("scan_done")
+    if family in ("RETURNING", "DONE"):
+        rig.orchestrator.abort()
+        rig.step(1.5)
+    if family == "DONE":
+        rig.orchestrator.abort()
+    assert rig.state == place
 
 
 def test_no_order_of_events_raises_moves_a_stopped_robot_or_miscounts(make_rig):
+    seen: Counter[str] = Counter()
+
     class Anything(RuleBasedStateMachine):
         @initialize(
-            gate=st.booleans(), patrol=st.booleans(), sweeps=st.integers(0, 2), dwell=st.sampled_from([0.0, 2.0])
+            place=st.sampled_from(PLACES),
+            accepts=st.booleans(),
+            gate=st.booleans(),
+            patrol=st.booleans(),
+            sweeps=st.integers(0, 2),
+            dwell=st.sampled_from([0.0, 2.0]),
         )
-        def build(self, gate, patrol, sweeps, dwell):
+        def build(self, place, accepts, gate, patrol, sweeps, dwell):
             self.rig = make_rig(
                 booted=False,
                 require_visual_confirmation=gate,
@@ -30,6 +69,10 @@ def test_no_order_of_events_raises_moves_a_stopped_robot_or_miscounts(make_rig):
                 coverage_enabled=False,
             )
             self.rig.show_map()
+            self.rig.localize()
+            self.rig.step()
+            self.rig.navigation.answers = accepts
+            bring_to(self.rig, place)
             self.may_move = True
             self.sent_before = 0
             self.struck_before = 0
@@ -55,6 +98,23 @@ def test_no_order_of_events_raises_moves_a_stopped_robot_or_miscounts(make_rig):
         @rule(seconds=st.sampled_from([0.1, 0.1, 1.0, 5.0]))
         def time_passes(self, seconds):
             self.rig.step(seconds)
+
+        @rule()
+        def all_goes_well(self):
+            """Without this, random manners of the servers let few missions get far."""
+            rig = self.rig
+            rig.navigation.ready = rig.navigation.answers = rig.navigation.acknowledges = True
+            rig.greenhouse.answers, rig.greenhouse.status = True, 0
+            rig.gate.answers = rig.gate.detected = True
+            rig.greenhouse.answer()
+            rig.gate.answer()
+            rig.localize()
+            for goal in rig.navigation.open:
+                if not goal.accepted:
+                    rig.navigation.accept(goal)
+            for goal in rig.navigation.open:
+                rig.navigation.end(goal, 5 if goal.cancel_asked else 4)
+            rig.step(1.2)
 
         @rule(tags=st.sets(st.sampled_from(TAGS)))
         def discovered(self, tags):
@@ -112,17 +172,14 @@ def test_no_order_of_events_raises_moves_a_stopped_robot_or_miscounts(make_rig):
 
         @rule(request=st.sampled_from(["pause", "abort", "skip_current", "dock", "reset"]))
         def request(self, request):
-            before = self.rig.state
-            reply = getattr(self.rig.orchestrator, request)()
-            assert reply.message
-            if not reply.success:
-                assert self.rig.state == before
+            assert getattr(self.rig.orchestrator, request)().message
 
         # -- what always holds
 
         @invariant()
         def no_trigger_was_fired_where_it_is_not_declared(self):
             if hasattr(self, "rig"):
+                seen[self.rig.state] += 1
                 assert self.rig.orchestrator.hsm.ignored == []
 
         @invariant()
@@ -167,9 +224,11 @@ def test_no_order_of_events_raises_moves_a_stopped_robot_or_miscounts(make_rig):
     run_state_machine_as_test(
         Anything,
         settings=settings(
-            max_examples=150,
-            stateful_step_count=60,
+            max_examples=250,
+            stateful_step_count=50,
             deadline=None,
             suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
         ),
     )
+    # A search that never gets anywhere proves nothing.
+    assert {leaf for leaf in build_hsm_spec().leaves() if not seen[leaf]} <= {"BOOT"}
