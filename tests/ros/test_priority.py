@@ -10,6 +10,8 @@ import pytest
 
 from lupin_runtime.ros.priority import NICE, serve_first
 
+pytestmark = pytest.mark.graph  # importing it takes rclpy along
+
 
 def refuse(*_: object) -> None:
     raise PermissionError("not permitted")
