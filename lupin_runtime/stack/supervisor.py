@@ -137,7 +137,9 @@ class Supervisor:
             self._watch.forget(sentinel)
         while stage.restarts and now - stage.restarts[0] > RESTARTS_WITHIN_S:
             stage.restarts.popleft()
-        may_restart = stage.row.on_death == "restart" and len(stage.restarts) < RESTARTS_ALLOWED
+        # Without a mission nothing depends on what a process of one knew.
+        repairable = stage.row.on_death == "restart" or (stage.row.on_death == "mission" and not self.options.mission)
+        may_restart = repairable and len(stage.restarts) < RESTARTS_ALLOWED
         if may_restart:
             stage.restarts.append(now)
             stage.restart_count += 1
@@ -146,9 +148,8 @@ class Supervisor:
             self._start(stage, now)
         else:
             stage.phase = Phase.FAILED
-            consequence = {"restart": "given up after 3 restarts in a minute"}.get(
-                stage.row.on_death, f"the {stage.row.on_death} ends: what it knew is gone"
-            )
+            lost = f"the {stage.row.on_death} ends: what it knew is gone"
+            consequence = "given up after 3 restarts in a minute" if repairable else lost
         stage.why = f"{status}; {consequence}; log: {self.run.logs / (stage.row.name + '.log')}"
         self.deaths.append(Death(stage.row.name, status, consequence))
 
