@@ -123,7 +123,7 @@ def _photos(item: TagResult, material: Material) -> str:
         picture = nearest(pictures, item.read_s)
         small = thumbnail(picture.jpeg, _PHOTO_PX) if picture is not None else None
         if small is not None:
-            images.append(void("img", src=data_uri(small, "jpeg"), alt=f"{words} at tag {item.tag_id}", loading="lazy"))
+            images.append(void("img", src=data_uri(small, "jpeg"), alt=f"{words} at tag {item.tag_id}"))
     return tag("div", *images, class_="photos") if images else tag("span", "–", class_="quiet")
 
 
