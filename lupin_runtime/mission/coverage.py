@@ -106,7 +106,7 @@ class Surfaces:
 
 
 def find_surfaces(grid: GridMap, free_thresh: int = 20, occupied_thresh: int = 65) -> Surfaces:
-    """Every occupied cell's free-facing sides, with normals smoothed over 0.15 m; specks of one or two cells have none."""
+    """Every occupied cell's free-facing sides, with normals fitted over 0.15 m; specks of one or two cells have none."""
     occupied = (grid.cells >= occupied_thresh).astype(np.uint8)
     free = (grid.cells >= 0) & (grid.cells <= free_thresh)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
@@ -116,22 +116,45 @@ def find_surfaces(grid: GridMap, free_thresh: int = 20, occupied_thresh: int = 6
     body = solid[labels]
     steps = ((0, 1), (0, -1), (1, 0), (-1, 0))  # (row, column): east, west, north, south
     faces = [body & _shifted(free, row, column) for row, column in steps]
-    side = 2 * max(1, round(0.15 / grid.resolution_m)) + 1
-    counts = [cv2.boxFilter(face.astype(np.float32), -1, (side, side), normalize=False) for face in faces]
+    reach = max(1, round(0.15 / grid.resolution_m))
     rows, walls = [], []
     for index, (step_row, step_column) in enumerate(steps):
         r, c = np.nonzero(faces[index])
-        along = counts[index][r, c]
-        # Of the two sides across, their difference: an opposite side of a thin wall must not cancel its own normal.
+        near = [_around(face, r, c, reach) for face in faces]
+        # Single steps of a side that faces elsewhere fix no line: there the neighbours' directions are averaged.
+        count = near[index].sum(axis=1)
         first, second = (2, 3) if index < 2 else (0, 1)
-        across = counts[first][r, c] - counts[second][r, c]
-        nx, ny = (step_column * along, across) if index < 2 else (across, step_row * along)
+        mixed = (near[first].sum(axis=1) - near[second].sum(axis=1)) / count
+        slope = _slope(near[index], reach, across_columns=index < 2)
+        tilt = np.where(count >= 3.0, slope * -(step_row + step_column), mixed)
+        nx, ny = (np.full(len(r), float(step_column)), tilt) if index < 2 else (tilt, np.full(len(r), float(step_row)))
         length = np.hypot(nx, ny)
         x = grid.origin_x + (c + step_column + 0.5) * grid.resolution_m
         y = grid.origin_y + (r + step_row + 0.5) * grid.resolution_m
         rows.append(np.stack((x, y, nx / length, ny / length), axis=1))
         walls.append(is_wall[labels[r, c]])
     return Surfaces(np.ascontiguousarray(np.concatenate(rows), np.float64), np.concatenate(walls))
+
+
+def _around(mask: NDArray[np.bool_], r: NDArray[np.intp], c: NDArray[np.intp], reach: int) -> NDArray[np.float64]:
+    """The mask in the square around each of n cells: (n, (2 reach + 1)^2), row-major, 0 outside the grid."""
+    padded = np.pad(mask, reach)
+    dr, dc = (d.ravel() for d in np.mgrid[0 : 2 * reach + 1, 0 : 2 * reach + 1])
+    found: NDArray[np.float64] = padded[r[:, None] + dr, c[:, None] + dc].astype(np.float64)
+    return found
+
+
+def _slope(near: NDArray[np.float64], reach: int, across_columns: bool) -> NDArray[np.float64]:
+    """Slope of the line through the cells that `_around` found: columns per row, or rows per column.
+
+    Only cells that face the same way are fitted, so that neither a corner nor the back of a thin wall bends a normal.
+    """
+    t, u = (d.ravel() for d in np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    if not across_columns:
+        t, u = u, t
+    n, st, su, stt, stu = (near @ m for m in (np.ones(len(t)), t, u, t * t, t * u))
+    spread = stt - st * st / n
+    return np.where(spread > 0.5, (stu - st * su / n) / np.maximum(spread, 0.5), 0.0)
 
 
 def _shifted(mask: NDArray[np.bool_], row: int, column: int) -> NDArray[np.bool_]:
