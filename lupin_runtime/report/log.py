@@ -14,6 +14,7 @@ from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2, yaw_from_quaternion
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.report.trajectory import Trajectory, TrajectoryBuilder
+from lupin_runtime.twin.health import in_natural_unit
 
 # Where a rate is enough for a report, the reader drops the rest before it is deserialised.
 RATES_HZ = {
@@ -371,7 +372,7 @@ def _speed(twist: Any) -> tuple[float, float]:
 
 
 def _readings(readings: Any) -> tuple[tuple[str, float], ...]:
-    return tuple((item.name, float(item.value)) for item in readings)
+    return tuple((item.name, in_natural_unit(item.name, float(item.value))) for item in readings)
 
 
 def _tag_pose(pose: Any) -> TagPose | None:

@@ -15,12 +15,12 @@ from lupin_runtime.gridmap import GridMap
 from lupin_runtime.report.health import SENSORS
 from lupin_runtime.report.palette import HEAT_ALPHA, heat_rgb
 from lupin_runtime.report.tags import TagResult
+from lupin_runtime.twin.field import FieldRequest, IdwOptions, interpolate
 
 # Nearest-neighbour upscaling: a browser that smooths pictures leaves the cells' edges sharp.
 MAP_SCALE = 3
 HEAT_CELL_M = 0.05
-# As the twin's field service has them.
-IDW_POWER, IDW_RADIUS_M, _SAME_PLACE_M = 2.0, 1.5, 1e-3
+_MOST_CELLS = 200_000
 
 # (free, occupied) as RGB, for a page on light and on dark ground; unknown cells are transparent.
 _MAP_INKS = {"light": ((255, 255, 253), (48, 52, 58)), "dark": ((36, 41, 49), (196, 204, 214))}
@@ -114,10 +114,15 @@ def heat_maps(tags: Sequence[TagResult], grid: GridMap | None) -> list[HeatMap]:
 
 
 def _heat_map(sensor: str, samples: NDArray[np.float64], grid: GridMap | None) -> HeatMap:
-    (x0, y0), (x1, y1) = samples[:, :2].min(axis=0) - IDW_RADIUS_M, samples[:, :2].max(axis=0) + IDW_RADIUS_M
-    columns, rows = max(1, math.ceil((x1 - x0) / HEAT_CELL_M)), max(1, math.ceil((y1 - y0) / HEAT_CELL_M))
-    xs, ys = x0 + (np.arange(columns) + 0.5) * HEAT_CELL_M, y0 + (np.arange(rows) + 0.5) * HEAT_CELL_M
-    field = idw(samples, xs, ys)
+    options = IdwOptions()
+    reach = options.max_distance_m
+    (x0, y0), (x1, y1) = samples[:, :2].min(axis=0) - reach, samples[:, :2].max(axis=0) + reach
+    # The field's own cells: a large greenhouse gets larger ones.
+    cell = max(HEAT_CELL_M, math.sqrt((x1 - x0) * (y1 - y0) / _MOST_CELLS))
+    request = FieldRequest(sensor, cell, float(x0), float(y0), float(x1), float(y1))
+    field = interpolate(request, [(float(x), float(y), float(v)) for x, y, v in samples], options).values
+    rows, columns = field.shape
+    xs, ys = x0 + (np.arange(columns) + 0.5) * cell, y0 + (np.arange(rows) + 0.5) * cell
     if grid is not None:
         column = np.floor((xs - grid.origin_x) / grid.resolution_m).astype(int)
         row = np.floor((ys - grid.origin_y) / grid.resolution_m).astype(int)
@@ -132,26 +137,8 @@ def _heat_map(sensor: str, samples: NDArray[np.float64], grid: GridMap | None) -
     picture[..., :3] = inks[np.round(share * 255).astype(int)][..., ::-1]
     picture[..., 3] = np.round(share * HEAT_ALPHA * 255)
     smooth = cv2.resize(picture[::-1], (2 * columns, 2 * rows), interpolation=cv2.INTER_LINEAR)
-    extent = Extent(float(x0), float(y0), float(x0 + columns * HEAT_CELL_M), float(y0 + rows * HEAT_CELL_M))
+    extent = Extent(float(x0), float(y0), float(x0 + columns * cell), float(y0 + rows * cell))
     return HeatMap(sensor, _png(smooth), extent, low, high, len(samples))
-
-
-def idw(samples: NDArray[np.float64], xs: NDArray[np.float64], ys: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inverse-distance weighting of samples (n, 3: x, y, value) on the grid of `xs` and `ys`; shape (len(ys), len(xs)).
-
-    NaN farther than 1.5 m from every sample; the sample's own value within a millimetre (Shepard 1968).
-    """
-    dx = xs[None, :, None] - samples[None, None, :, 0]
-    dy = ys[:, None, None] - samples[None, None, :, 1]
-    distance = np.hypot(dx, dy)
-    nearest = distance.argmin(axis=2)
-    closest = np.take_along_axis(distance, nearest[..., None], axis=2)[..., 0]
-    weight = np.where(distance <= IDW_RADIUS_M, 1.0 / np.maximum(distance, _SAME_PLACE_M) ** IDW_POWER, 0.0)
-    total = weight.sum(axis=2)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        field: NDArray[np.float64] = (weight * samples[:, 2]).sum(axis=2) / total
-    field = np.where(closest < _SAME_PLACE_M, samples[nearest, 2], field)
-    return np.where(closest > IDW_RADIUS_M, np.nan, field)
 
 
 def thumbnail(jpeg: bytes, width_px: int, quality: int = 72) -> bytes | None:

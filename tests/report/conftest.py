@@ -50,7 +50,7 @@ class Plant:
 
 PLANTS = (
     Plant("1", 1.8, 0.6, -math.pi / 2, {"temperature": 22.4, "co2": 640.0}),
-    Plant("2", 4.4, 0.6, -math.pi / 2, {"temperature": 27.9, "soil_moisture": 22.0}, "tulip_white", 5),
+    Plant("2", 4.4, 0.6, -math.pi / 2, {"temperature": 27.9, "soil_moisture": 0.22}, "tulip_white", 5),
     Plant("3", 4.4, 1.0, math.pi / 2, {"humidity": 55.0, "light": 320.0, "co2": 1480.0}, "tulip_pink", 3, 2),
     Plant("7", 1.8, 1.0, math.pi / 2, {"temperature": 19.1, "humidity": 61.0}, "tulip_red", 6),
     Plant("9", 1.8, 2.6, -math.pi / 2, {"light": 840.0}, "tulip_white", 4),

@@ -6,7 +6,7 @@ import pytest
 
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.report.log import TagPose
-from lupin_runtime.report.raster import Extent, heat_maps, idw, known_extent, map_png, thumbnail
+from lupin_runtime.report.raster import Extent, heat_maps, known_extent, map_png, thumbnail
 from lupin_runtime.report.tags import Reading, TagResult
 
 
@@ -47,15 +47,6 @@ def test_unknown_cells_are_transparent():
     picture = decoded(map_png(grid(), Extent(-0.5, -1.5, 1.5, -1.0), "light"))
     assert (picture[:, :30, 3] == 0).all()
     assert (picture[:, 30:, 3] == 255).all()
-
-
-def test_idw_is_exact_at_samples_bounded_between_and_nothing_far_away():
-    samples = np.array([[0.0, 0.0, 10.0], [1.0, 0.0, 20.0]])
-    field = idw(samples, np.array([0.0, 0.25, 0.5, 1.0, 2.4, 2.6]), np.array([0.0]))[0]
-    assert field[[0, 2, 3]] == pytest.approx([10.0, 15.0, 20.0])
-    assert field[1] == pytest.approx((10 / 0.0625 + 20 / 0.5625) / (1 / 0.0625 + 1 / 0.5625))
-    assert field[4] == pytest.approx(20.0)
-    assert np.isnan(field[5])
 
 
 def test_a_heat_map_spans_its_samples_and_stays_on_the_known_map():

@@ -84,6 +84,8 @@ def test_every_tag_tells_its_story(built):
     tags = {tag["id"]: tag for tag in built.content["tags"]}
     assert list(tags) == ["1", "2", "3", "7", "9", "12", "13", "21"]
     three, lost = tags["3"], tags["21"]
+    moisture = next(r for r in tags["2"]["readings"] if r["sensor"] == "soil_moisture")
+    assert (moisture["value"], moisture["unit"]) == (22.0, "%")  # the greenhouse says 0.22
     assert (three["outcome"], three["visited"], three["health"]) == ("read", True, "critical")
     assert (three["x"], three["y"], three["z"]) == pytest.approx((4.41, 0.98, 0.4))
     assert three["facing_rad"] == pytest.approx(1.5708, abs=1e-3)
