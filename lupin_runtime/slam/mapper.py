@@ -74,6 +74,7 @@ class MapperSettings:
     slip_score: float = 0.4
     slip_fit: float = 0.6
     fastest_m_s: float = 3.0
+    use_matching: bool = True
     noise: MotionNoise = field(default_factory=MotionNoise)
     field_shape: FieldShape = field(default_factory=FieldShape)
     loops: LoopSettings | None = field(default_factory=LoopSettings)
@@ -121,6 +122,19 @@ class Mapper:
         self._last_keyframe_s = -math.inf
         self._since_match = np.zeros((3, 3))
 
+    @classmethod
+    def resumed(cls, settings: MapperSettings | None, graph: KeyframeGraph, pose: Array) -> Mapper:
+        """A mapper that goes on with a kept graph, the robot standing near `pose` (3,) of it."""
+        mapper = cls(settings)
+        mapper.graph = graph
+        away = np.hypot(*(graph.poses[:, :2] - pose[:2]).T)
+        nearest = int(np.argmin(away))
+        mapper._place = Place(nearest, relative(graph.poses[nearest], pose))
+        mapper._since_match = np.diag([0.2**2, 0.2**2, 0.1**2])
+        for number in range(len(graph)):
+            mapper._draw(number, graph.pool.scan(number), np.zeros(3))
+        return mapper
+
     @property
     def place(self) -> Place | None:
         """Where the robot stands, tied to the graph; None before the first usable scan."""
@@ -150,7 +164,7 @@ class Mapper:
         self._since_match = self._since_match + turned(self.settings.noise.covariance(motion), -float(guess[2]))
         if jumped:
             self._since_match = self._since_match + np.diag([0.5**2, 0.5**2, 0.3**2])
-        fit = self._match(scan, guess) if health is Health.GOOD else None
+        fit = self._match(scan, guess) if health is Health.GOOD and self.settings.use_matching else None
         pose = guess if fit is None else fit.pose
         self._place = Place(self._place.keyframe, relative(self.graph.poses[self._place.keyframe], pose))
         keyframe = self._advance(scan, stamp_s, pose, fit, beams) if health is Health.GOOD else None
