@@ -29,6 +29,7 @@ from lupin_runtime.transforms import Transform, TransformTree, TransformUnavaila
 
 # A detection and its transform travel on two topics, and the map's transform may lag behind the picture's stamp.
 PAIRING_TIMEOUT_S = 1.0
+CLOCK_STEP_NS = 1_000_000_000
 SCANNING_STATES = ("INSPECTING", "MONITORING")
 
 
@@ -76,6 +77,8 @@ class PerceptionAggregator(LupinNode):
         self._listener = TransformListener(self, self._tree)
         self._registry = TagRegistry(self._min_sightings)
         self._motion = MapMotion()
+        self._map_from_odom: Transform | None = None
+        self._newest_ns = 0
         self._accumulator = Accumulator(self._options)
         self._findings: dict[str, Finding] = {}
         self._boxes: dict[str, Box] = {}
@@ -157,6 +160,7 @@ class PerceptionAggregator(LupinNode):
 
     def _settle(self) -> None:
         """Turn what waits into sightings, as far as the transforms have come."""
+        self._notice_clock()
         now_ns = self.elapsed_clock_ns()
         too_old_ns = now_ns - int(PAIRING_TIMEOUT_S * 1e9)
         self._follow_map()
@@ -173,34 +177,53 @@ class PerceptionAggregator(LupinNode):
                 waiting.detections.popleft()
 
     def _place(self, tag_id: str, look: _Look) -> bool:
-        """Put one look on the map; False while its transform has not come."""
+        """Put one look on the map; False while its transform has not come.
+
+        The robot's place at the look's stamp counts, on the map as it is now: a SLAM that dates its correction ahead would
+        otherwise place the first looks after a jump on the map of before.
+        """
         try:
-            map_from_camera = self._tree.lookup(self._map_frame, look.parent, look.stamp_ns)
+            if self._map_from_odom is not None:
+                odom_from_camera = self._tree.lookup(self._odom_frame, look.parent, look.stamp_ns)
+                map_from_camera = self._map_from_odom @ odom_from_camera
+            else:
+                map_from_camera = self._tree.lookup(self._map_frame, look.parent, look.stamp_ns)
         except TransformUnavailable:
             return False
-        self._registry.add(
-            tag_id,
-            Sighting(
-                look.stamp_ns,
-                map_from_camera @ look.camera_from_tag,
-                map_from_camera.translation,
-                self._motion.travelled,
-            ),
+        sighting = Sighting(
+            look.stamp_ns,
+            map_from_camera @ look.camera_from_tag,
+            map_from_camera.translation,
+            self._motion.travelled,
         )
+        self._registry.add(tag_id, sighting)
         return True
 
     def _follow_map(self) -> None:
         """Let known tags move along where SLAM has moved the map under them."""
         try:
-            stamp_ns = self._tree.newest_ns(self._map_frame, self._base_frame)
-            map_from_odom = self._tree.lookup(self._map_frame, self._odom_frame, stamp_ns)
-            odom_from_base = self._tree.lookup(self._odom_frame, self._base_frame, stamp_ns)
+            map_from_odom = self._tree.lookup(self._map_frame, self._odom_frame)
+            odom_from_base = self._tree.lookup(self._odom_frame, self._base_frame)
         except TransformUnavailable:
             return
+        self._map_from_odom = map_from_odom
         jump = self._motion.update(pose_on_floor(map_from_odom), pose_on_floor(odom_from_base))
         if jump is not None:
             self._registry.follow(jump)
             self.get_logger().info("the map moved: known tags were moved along")
+
+    def _notice_clock(self) -> None:
+        """After the clock went back, transforms and stamps from before are of a future that never comes."""
+        now_ns = self.now_ns()
+        if now_ns < self._newest_ns - CLOCK_STEP_NS:
+            self.get_logger().warning("the clock went back: transforms are collected afresh, tags are kept")
+            self._tree.clear()
+            self._tree.waiting.clear()
+            self._map_from_odom = None
+            self._last_frame_ns = None
+            self._registry.forget_times()
+            self._newest_ns = now_ns
+        self._newest_ns = max(self._newest_ns, now_ns)
 
     def _publish(self) -> None:
         self._settle()

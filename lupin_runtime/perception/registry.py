@@ -139,6 +139,11 @@ class TagRegistry:
             self._sightings[tag_id] = [s.moved(jump.motion_at(s.travelled)) for s in kept]
         self._fused.clear()
 
+    def forget_times(self) -> None:
+        """The clock went back: when a tag was last seen is not known any more."""
+        self._last_seen_ns = dict.fromkeys(self._last_seen_ns, 0)
+        self._fused.clear()
+
     def sightings(self, tag_id: str) -> int:
         """How often a tag was seen and placed."""
         return self._count.get(tag_id, 0)

@@ -358,6 +358,22 @@ def test_known_tags_follow_a_jump_of_the_map(bench, aggregator):
     assert bench.discovered(7).pose_in_map.position.x - before == pytest.approx(0.4, abs=0.02)
 
 
+def test_a_clock_that_goes_back_keeps_the_tags_and_takes_new_looks(bench, aggregator):
+    for _ in range(3):
+        bench.sight(7, (1.0, 0.0, 0.15))
+    bench.discovered(7, 3)
+    back_ns = 3600 * 10**9
+    now = aggregator.now_ns
+    aggregator.now_ns = lambda: now() - back_ns
+    bench.host.until(lambda: aggregator._newest_ns < now() - back_ns // 2, what="the step to be noticed")
+    assert "stale" in bench.call_confirm("7").error_message
+    bench.time_ns -= back_ns
+    bench.host.until(
+        lambda: bench.sight(7, (1.0, 0.0, 0.15)) or aggregator._registry.sightings("7") > 3, what="a look after the step"
+    )
+    assert bench.call_confirm("7").detected
+
+
 def mission(state="MONITORING", phase="SCANNING", target="7"):
     from lupin_msgs.msg import MissionState
 
