@@ -35,9 +35,11 @@ def main(argv: list[str] | None = None) -> int:
         print(f"lupin_sim: {error}", file=sys.stderr)
         return 2
     from lupin_runtime.ros import run
+    from lupin_runtime.ros.parent import end_with_parent
     from lupin_sim.engine import Simulation
     from lupin_sim.node import SimulatedRobot
 
+    end_with_parent()
     try:
         simulation = Simulation(world, arguments.seed, arguments.fidelity, arguments.controllers, led_order=arguments.led_order)
     except ValueError as error:

@@ -33,7 +33,8 @@ def command(
     else:
         _show(found, watch)
         state = found.state()
-    raise typer.Exit(0 if all(stage["phase"] == "up" for stage in state.get("stages", [])) else 1)
+    stages = state.get("stages", [])
+    raise typer.Exit(0 if stages and all(stage["phase"] == "up" for stage in stages) else 1)
 
 
 def _show(found: object, watch: bool) -> None:

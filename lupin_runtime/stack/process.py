@@ -11,28 +11,10 @@ import gc
 import importlib
 import json
 import os
-import signal
 import sys
-import threading
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-ORPHAN_GRACE_S = 5.0
-
-
-def end_with_parent(stream: int = 0) -> None:
-    """Stop this process when `stream` reaches its end; kill it where stopping takes longer than the grace."""
-
-    def watch() -> None:
-        while os.read(stream, 4096):
-            pass
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(ORPHAN_GRACE_S)
-        os._exit(1)
-
-    threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
 def node_class(path: str) -> Any:
@@ -44,9 +26,11 @@ def node_class(path: str) -> Any:
 def main(argument: str) -> int:
     """Run the nodes of a process file until told to stop; returns the exit status."""
     faulthandler.enable()
-    end_with_parent()
     config = json.loads(Path(argument).read_text())
     from lupin_runtime.ros import run
+    from lupin_runtime.ros.parent import end_with_parent
+
+    end_with_parent()
 
     factories = [partial(node_class(node["class"]), node.get("parameters") or {}) for node in config["nodes"]]
     # What was imported lives as long as the process: full collections need not walk it.

@@ -12,6 +12,7 @@ from typing import Any
 
 from lupin_runtime.stack.dds import DomainClaim, claim_domain, loopback_environment, robot_environment
 from lupin_runtime.stack.runs import Run, create_run
+from lupin_runtime.stack.shm import spare_the_tracer
 from lupin_runtime.stack.supervisor import Phase, Supervisor
 from lupin_runtime.stack.table import Options
 
@@ -82,6 +83,7 @@ class Session:
             environment, self.applied = robot_environment()
         os.environ.clear()
         os.environ.update(environment)
+        self._spared = spare_the_tracer()
         # rclpy reads the environment when it is first imported and initialised.
         from lupin_runtime.stack.watch import GraphWatch
 
@@ -216,6 +218,8 @@ class Session:
         self.watch.close()
         outcome.memory_mb = round(self.supervisor.memory_peak_mb, 1)
         self.run.write_state({**self.state_after_end(), "outcome": asdict(outcome)})
+        for path in self._spared:
+            path.rmdir()
         if self._domain is not None:
             self._domain.release()
 

@@ -144,7 +144,7 @@ def test_processes_stop_in_rank_order_and_a_deaf_one_is_killed(supervise, tmp_pa
 
 
 def test_children_end_when_their_supervisor_is_killed() -> None:
-    child = "from lupin_runtime.stack.process import end_with_parent; import signal; end_with_parent(); signal.pause()"
+    child = "from lupin_runtime.ros.parent import end_with_parent; import signal; end_with_parent(); signal.pause()"
     parent = (
         "import subprocess, sys, time\n"
         f"p = subprocess.Popen([sys.executable, '-c', {child!r}], stdin=subprocess.PIPE, start_new_session=True)\n"

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -17,65 +16,17 @@ import pytest
 pytestmark = [pytest.mark.sim, pytest.mark.graph, pytest.mark.xdist_group("stack")]
 
 BARE = ("--no-slam", "--no-nav2", "--no-twin", "--no-perception", "--no-record", "--no-cameras")
-UP_BOUND_S = 60.0
-
-
-class Up:
-    """One `lupin up` in a state folder of the test's own."""
-
-    def __init__(self, home: Path, *arguments: str, prefix: tuple[str, ...] = ()) -> None:
-        self.home = home
-        environment = {**os.environ, "XDG_STATE_HOME": str(home)}
-        command = [*prefix, sys.executable, "-m", "lupin_cli.app", "up", *arguments]
-        self.process = subprocess.Popen(
-            command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-        )
-
-    def state(self) -> dict:
-        for path in (self.home / "lupin" / "runs").glob("*"):
-            info = json.loads((path / "run.json").read_text()) if (path / "run.json").exists() else {}
-            if info.get("pid") == self.process.pid and (path / "state.json").exists():
-                return {**json.loads((path / "state.json").read_text()), "run": info}
-        return {}
-
-    def wait_up(self) -> dict:
-        deadline = time.monotonic() + UP_BOUND_S
-        while time.monotonic() < deadline:
-            state = self.state()
-            if state.get("stages") and all(stage["phase"] == "up" for stage in state["stages"]):
-                return state
-            assert self.process.poll() is None, self.process.communicate()
-            time.sleep(0.1)
-        raise AssertionError(f"not up within {UP_BOUND_S} s: {self.state()}")
-
-    def children(self) -> list[psutil.Process]:
-        return [psutil.Process(stage["pid"]) for stage in self.state()["stages"]]
-
-    def end(self) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-        for stream in (self.process.stdout, self.process.stderr):
-            if stream is not None:
-                stream.close()
-        self.process.wait(10.0)
 
 
 @pytest.fixture
-def up(tmp_path: Path) -> Iterator[Callable[..., Up]]:
-    made: list[Up] = []
-
-    def start(*arguments: str, prefix: tuple[str, ...] = ()) -> Up:
-        made.append(Up(tmp_path, *BARE, *arguments, prefix=prefix))
-        return made[-1]
-
-    yield start
-    for one in made:
-        one.end()
+def up(launch: Callable[..., Any]) -> Callable[..., Any]:
+    """A run with little more than the robot and its drive bus."""
+    return lambda *arguments, **options: launch("--json", *BARE, *arguments, **options)
 
 
-def assert_all_gone(processes: list[psutil.Process], bound_s: float = 12.0) -> None:
+def gone(processes: list[psutil.Process], bound_s: float = 12.0) -> bool:
     _, alive = psutil.wait_procs(processes, timeout=bound_s)
-    assert [p for p in alive if p.is_running() and p.status() != psutil.STATUS_ZOMBIE] == []
+    return not [p for p in alive if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
 
 
 def shared_memory() -> set[str]:
@@ -85,14 +36,13 @@ def shared_memory() -> set[str]:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_run_leaves_no_process_and_no_shared_memory(up, number: int) -> None:
     before = shared_memory()
-    run = up("--json")
+    run = up()
     run.wait_up()
     children = run.children()
     run.process.send_signal(number)
-    out, err = run.process.communicate(timeout=30)
-    assert run.process.returncode == 130, err
-    assert json.loads(out)["state"] == "INTERRUPTED"
-    assert_all_gone(children)
+    status, result = run.result()
+    assert (status, result["state"]) == (130, "INTERRUPTED")
+    assert gone(children)
     assert shared_memory() <= before
 
 
@@ -101,31 +51,16 @@ def test_a_killed_supervisor_takes_every_process_along(up) -> None:
     run.wait_up()
     children = run.children()
     run.process.kill()
-    assert_all_gone(children)
+    assert gone(children)
 
 
 def test_two_runs_at_once_have_graphs_of_their_own(up) -> None:
     first, second = up(), up()
     states = [first.wait_up(), second.wait_up()]
     assert len({state["run"]["domain"] for state in states}) == 2
-    listing = subprocess.run(
-        [sys.executable, "-m", "lupin_cli.app", "down"],
-        env={**os.environ, "XDG_STATE_HOME": str(first.home)},
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=False,
-    )
-    assert listing.returncode == 3 and "--run" in listing.stderr
-    done = subprocess.run(
-        [sys.executable, "-m", "lupin_cli.app", "down", "--all"],
-        env={**os.environ, "XDG_STATE_HOME": str(first.home)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    ambiguous = first.lupin("down")
+    assert ambiguous.returncode == 3 and "--run" in ambiguous.stderr
+    assert first.lupin("down", "--all").returncode == 0
     assert first.process.wait(10) == second.process.wait(10) == 130
 
 
@@ -140,26 +75,47 @@ def test_a_full_dev_shm_does_not_matter(up) -> None:
     assert run.process.wait(30) == 130
 
 
-def test_a_detached_run_is_seen_by_status_and_ended_by_down(up, tmp_path: Path) -> None:
-    environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
+def test_a_process_that_is_killed_comes_back_and_is_named(up) -> None:
+    run = up()
+    run.wait_up()
+    first = run.kill("drive")
+    run.until(
+        lambda state: any(s["name"] == "drive" and s["phase"] == "up" and s["pid"] != first for s in state["stages"]),
+        "drive bus that is up again",
+    )
+    assert run.state()["deaths"] == [{"stage": "drive", "status": "ended by SIGKILL", "consequence": "restarted"}]
 
-    def lupin(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "lupin_cli.app", *arguments],
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
 
-    begun = lupin("up", "--detach", *BARE)
-    assert begun.returncode == 0, begun.stderr
-    deadline = time.monotonic() + UP_BOUND_S
-    while (status := lupin("status", "--json")).returncode != 0:
+def test_the_end_of_the_robot_is_the_end_of_the_run_and_says_so(up) -> None:
+    run = up()
+    run.wait_up()
+    children = run.children()
+    run.kill("sim")
+    status, result = run.result()
+    assert (status, result["state"]) == (1, "LOST")
+    assert gone(children)
+
+
+def test_a_stage_that_never_comes_up_is_named_with_what_it_waits_for(launch, tmp_path: Path) -> None:
+    layout = tmp_path / "broken.json"
+    layout.write_text('{"units": "m", "tables": {"A": {"x0": 0, "x1": 1, "y0": 0}}, "tags": {}}')
+    run = launch(*BARE, "--world", str(layout))
+    out, err = run.process.communicate(timeout=60)
+    assert run.process.returncode == 2, out
+    assert "broken.json" in err and "y1" in err
+
+
+def test_a_detached_run_is_seen_by_status_and_ended_by_down(launch, tmp_path: Path) -> None:
+    run = launch("--detach", *BARE)
+    out, err = run.process.communicate(timeout=60)
+    assert run.process.returncode == 0, err
+    assert "lupin down" in out
+    deadline = time.monotonic() + 60.0
+    while (status := run.lupin("status", "--json")).returncode != 0:
         assert time.monotonic() < deadline, status.stdout
     state = json.loads(status.stdout)
-    pids = [stage["pid"] for stage in state["stages"]]
-    assert lupin("down").returncode == 0
-    assert_all_gone([psutil.Process(pid) for pid in pids if psutil.pid_exists(pid)])
-    assert lupin("status").returncode == 3
+    assert {stage["phase"] for stage in state["stages"]} == {"up"}
+    processes = [psutil.Process(stage["pid"]) for stage in state["stages"]]
+    assert run.lupin("down").returncode == 0
+    assert gone(processes)
+    assert run.lupin("status").returncode == 3
