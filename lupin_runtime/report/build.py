@@ -11,8 +11,9 @@ from typing import Any
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.record.reader import NotARecording, Recording
 from lupin_runtime.record.runs import RunFiles, run_files
+from lupin_runtime.report.collect import RATES_HZ, LogBuilder
 from lupin_runtime.report.content import Material, content, plain
-from lupin_runtime.report.log import RATES_HZ, LogBuilder, RunLog
+from lupin_runtime.report.log import RunLog
 from lupin_runtime.report.page import page
 from lupin_runtime.report.trajectory import write_trajectory
 from lupin_runtime.stack.runs import write_atomically
