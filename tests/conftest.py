@@ -36,25 +36,26 @@ class GraphHost:
 
         self.context = rclpy
         rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-        self._running: list[tuple[Any, Any, threading.Thread]] = []
+        self._running: list[tuple[Any, Any, threading.Thread, Any]] = []
         self._errors: list[BaseException] = []
 
     def add(self, node: Any) -> Any:
         """Start spinning `node`; returns it."""
         from rclpy.executors import SingleThreadedExecutor
+        from rclpy.task import Future
 
-        executor = SingleThreadedExecutor()
+        executor, stop = SingleThreadedExecutor(), Future()
         executor.add_node(node)
-        thread = threading.Thread(target=self._spin, args=(executor,), name=node.get_name(), daemon=True)
-        self._running.append((node, executor, thread))
+        thread = threading.Thread(target=self._spin, args=(executor, stop), name=node.get_name(), daemon=True)
+        self._running.append((node, executor, thread, stop))
         thread.start()
         return node
 
-    def _spin(self, executor: Any) -> None:
+    def _spin(self, executor: Any, stop: Any) -> None:
         from rclpy.executors import ExternalShutdownException
 
         try:
-            executor.spin()
+            executor.spin_until_future_complete(stop)
         except ExternalShutdownException:
             pass
         except BaseException as error:  # handed to the test that waits for something else
@@ -80,9 +81,11 @@ class GraphHost:
         self._running.remove(entry)
         self._stop(*entry)
 
-    def _stop(self, node: Any, executor: Any, thread: threading.Thread) -> None:
-        executor.shutdown(timeout_sec=2.0)
+    def _stop(self, node: Any, executor: Any, thread: threading.Thread, stop: Any) -> None:
+        # The thread leaves by itself first: a shutdown destroys what a callback under way still needs.
+        stop.set_result(None)
         thread.join(timeout=2.0)
+        executor.shutdown(timeout_sec=2.0)
         node.destroy_node()
 
     def close(self) -> None:
