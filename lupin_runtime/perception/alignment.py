@@ -68,7 +68,7 @@ class _Template:
 _BLUR_GRID = tuple(0.04 * 1.12**step for step in range(40))
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=128)  # 46 KB each
 def _template(tag_id: int, blur_u: int, blur_v: int) -> _Template:
     """The upright picture in [0, 1], blurred along u and v by widths of the grid, at the sample points."""
     padded = np.pad(modules(tag_id), QUIET_MODULES, constant_values=1).astype(np.float32)
