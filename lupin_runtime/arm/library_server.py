@@ -9,6 +9,7 @@ from typing import Any
 
 from mirte_msgs.srv import SetServoAngleWithSpeed
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.timer import Timer
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
@@ -74,8 +75,7 @@ class ArmLibraryServer(ArmNode):
         ):
             self.service(row, callback, group)
         self.create_timer(1.0 / STATE_HZ, self._publish_state)
-        self._sampler = self.create_timer(1.0 / SAMPLE_HZ, self._on_sample)
-        self._sampler.cancel()
+        self._sampler: Timer | None = None
 
     # -- poses --------------------------------------------------------------------------------------------------------
     def _on_list(self, _: Any, response: Any) -> Any:
@@ -226,7 +226,7 @@ class ArmLibraryServer(ArmNode):
     def _run(self, activity: _Activity) -> None:
         if self._activity is activity:
             activity.began_ns = self.elapsed_clock_ns()
-            self._sampler.reset()
+            self._sampler = self.create_timer(1.0 / SAMPLE_HZ, self._on_sample)
 
     def _end(self, activity: _Activity | None) -> None:
         if activity is None:
@@ -234,7 +234,10 @@ class ArmLibraryServer(ArmNode):
         self.motion.let_go(_holder(activity))
         if self._activity is activity:
             self._activity = None
-            self._sampler.cancel()
+            if self._sampler is not None:
+                # Destroyed, not cancelled: under simulated time a cancelled timer wakes the executor with every clock message.
+                self.destroy_timer(self._sampler)
+                self._sampler = None
 
     def _elapsed_s(self, activity: _Activity) -> float:
         return 0.0 if activity.began_ns is None else max(0.0, (self.elapsed_clock_ns() - activity.began_ns) / 1e9)

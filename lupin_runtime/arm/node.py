@@ -78,7 +78,8 @@ class GripperActionBridge(ArmNode):
                 self.motion.pin()
             except Refused:
                 return  # no feedback or no controller yet: the next tick tries again
-        self._pin_timer.cancel()
+        # Destroyed, not cancelled: under simulated time a cancelled timer wakes the executor with every clock message.
+        self.destroy_timer(self._pin_timer)
 
     def _joint_service(self, joint: str) -> Callable[[Any, Any], Any]:
         def serve(request: Any, response: Any) -> Any:

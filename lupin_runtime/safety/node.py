@@ -16,14 +16,19 @@ from lupin_runtime.safety.consoles import EXPIRY_S, ConsoleLane
 from lupin_runtime.safety.estop import BUTTON_SILENCE_S, EstopSources, EstopState
 
 SLOWEST_HZ = 0.5
+# Two periods of a console, and discovery before them.
+LISTEN_S = 1.0
 WARNING_PERIOD_S = 30.0
 
 
 class EstopBridge(LupinNode):
-    """Publishes at `publish_rate_hz` and on every edge. Parameters: `button_topic`, `estop_topic`, `hmi_estop_topic`,
-    `engaged_value` (what the button says when pressed), `publish_rate_hz` (floor 0.5), `hmi_expiry_s`,
-    `hmi_silence_engages`, `button_silence_s`, `button_silence_engages`, `serve_first` (ask for real-time
-    scheduling of the process)."""
+    """Publishes at `publish_rate_hz` and on every edge; until it has listened for `listen_s` it may say engaged, but not
+    released: a bridge that was restarted has not heard yet who holds the stop.
+
+    Parameters: `button_topic`, `estop_topic`, `hmi_estop_topic`, `engaged_value` (what the button says when pressed),
+    `publish_rate_hz` (floor 0.5), `listen_s`, `hmi_expiry_s`, `hmi_silence_engages`, `button_silence_s`,
+    `button_silence_engages`, `serve_first` (ask for real-time scheduling of the process).
+    """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("estop_bridge", parameters)
@@ -39,6 +44,8 @@ class EstopBridge(LupinNode):
             button_silence_s=self.parameter("button_silence_s", BUTTON_SILENCE_S),
             button_silence_engages=self.parameter("button_silence_engages", False),
         )
+        # Real time: what is waited for is the middleware's discovery and the consoles, not the simulation.
+        self._released_from_ns = time.monotonic_ns() + int(self.parameter("listen_s", LISTEN_S) * 1e9)
         self._said: EstopState | None = None
         self._output = self.publisher(self._named(graph.ESTOP_STATE, "estop_topic"))
         self._status = self.publisher(graph.ESTOP_STATUS)
@@ -65,6 +72,8 @@ class EstopBridge(LupinNode):
 
     def _publish(self, repeat: bool = False) -> None:
         state = self._sources.state(self.elapsed_clock_ns(), time.monotonic_ns())
+        if not state.engaged and self._said is None and time.monotonic_ns() < self._released_from_ns:
+            return
         edge = self._said is None or state.engaged != self._said.engaged
         if edge or repeat:
             self._output.publish(Bool(data=state.engaged))

@@ -52,7 +52,7 @@ class Probe:
 def bridge(host, **parameters):
     from lupin_runtime.safety.node import EstopBridge
 
-    return host.add(EstopBridge(parameters))
+    return host.add(EstopBridge({"listen_s": 0.0, **parameters}))
 
 
 def test_the_state_is_repeated_and_released_where_nothing_was_heard(graph_host):
@@ -113,6 +113,18 @@ def test_the_button_engages_whatever_the_console_says(graph_host):
     count = len(probe.states)
     graph_host.until(lambda: len(probe.states) >= count + 5, what="repeats while the console says released")
     assert {engaged for _, engaged in probe.states[count:]} == {True}
+
+
+def test_a_bridge_that_just_started_does_not_say_released_before_it_has_listened(graph_host):
+    first = bridge(graph_host)
+    probe = Probe(graph_host)
+    probe.console(True)
+    graph_host.until(lambda: probe.engaged, what="the console's stop")
+    graph_host.remove(first)
+    probe.states.clear()
+    bridge(graph_host, listen_s=1.5)
+    graph_host.until(lambda: len(probe.states) >= 5, what="the states of its successor")
+    assert {engaged for _, engaged in probe.states} == {True}
 
 
 def test_stop_to_sink_through_bridge_and_bus(graph_host):
