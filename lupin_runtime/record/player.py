@@ -22,7 +22,6 @@ import yaml
 from lupin_runtime import graph
 from lupin_runtime.graph import Qos, Topic
 from lupin_runtime.record.reader import ChannelInfo, NotARecording, RawMessage, Recording
-from lupin_runtime.stack.process import end_with_parent
 
 CLOCK_PERIOD_S = 0.02
 PROGRESS_PERIOD_S = 0.25
@@ -165,6 +164,8 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
     if arguments.end_with_parent:
+        from lupin_runtime.ros.parent import end_with_parent
+
         end_with_parent()
     if not 0.0 < arguments.rate < float("inf"):
         print(f"--rate {arguments.rate} is no pace; expected a positive number", file=sys.stderr)

@@ -79,6 +79,7 @@ def test_an_interrupted_replay_leaves_no_process_and_says_130(drive):
         profile = next(word for word in line.split() if word.startswith("FASTRTPS")).split("=", 1)[1]
         assert Path(profile).exists()
         players = children(process.pid)
+        assert players
         process.send_signal(signal.SIGINT)
         process.wait(30)
     finally:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lupin_runtime.report.health import SENSORS, deviation, health
@@ -42,6 +42,7 @@ def test_the_worst_reading_decides(readings, expected):
     assert health(readings)[0] == expected
 
 
+@settings(deadline=None)
 @given(st.sampled_from(sorted(SENSORS)), st.floats(allow_nan=False, allow_infinity=False))
 def test_deviation_is_bounded_and_zero_inside(sensor, value):
     ideal = SENSORS[sensor]
@@ -56,6 +57,7 @@ def test_heat_gets_darker_with_the_value():
     assert heat_rgb("temperature", 0.0) == (240, 204, 168)  # hsl(30 70% 80%)
 
 
+@settings(deadline=None)
 @given(st.floats(-2.0, 3.0))
 def test_a_ramp_is_always_a_colour(fraction):
     for stops in (TIME_RAMP, SPEED_RAMP):

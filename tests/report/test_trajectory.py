@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lupin_runtime.geometry import Pose2
@@ -91,6 +91,7 @@ def test_the_nearest_pose_answers_within_half_a_second():
     assert path.at(2.6) is None
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3.1, 3.1)), min_size=1, max_size=20))
 def test_tum_lines_read_back_as_the_poses(tmp_path_factory, poses):
     builder = TrajectoryBuilder()
