@@ -13,6 +13,9 @@ CANCEL_WAIT_S = 3.0  # an acknowledgement that is lost must not strand what wait
 CANCEL_REPEAT_S = 1.0
 FORGET_S = 30.0
 SERVER_LOST_S = 2.0  # discovery may blink; a server that is gone this long has taken its goal along
+# A killed process stays discovered for its lease, 20 s, and its successor knows nothing of the goal. Navigation that works
+# gives feedback many times a second; one that has begun to and is silent this long is not working on this goal.
+FEEDBACK_SILENCE_S = 5.0
 
 End = Literal["succeeded", "canceled", "rejected", "failed", "lost"]
 
@@ -34,6 +37,7 @@ class _Flight:
     accepted: bool = False
     retired_s: float = 0.0
     cancel_sent_s: float | None = None
+    feedback_s: float | None = None
 
 
 class GoalRunner:
@@ -83,18 +87,21 @@ class GoalRunner:
     def tick(self) -> None:
         """Look after time-outs; call it often."""
         now = self._clock.now_s()
-        for flight in list(self._retired.values()):
-            if now - flight.retired_s > FORGET_S:
+        for retired in list(self._retired.values()):
+            if now - retired.retired_s > FORGET_S:
                 # Should it be accepted after all, `accepted` does not know it and cancels it.
-                del self._retired[flight.token]
-            elif flight.accepted and now - (flight.cancel_sent_s or 0.0) >= CANCEL_REPEAT_S:
-                self._cancel(flight)
+                del self._retired[retired.token]
+            elif retired.accepted and now - (retired.cancel_sent_s or 0.0) >= CANCEL_REPEAT_S:
+                self._cancel(retired)
         if self._waiting is not None:
             pose, since = self._waiting
             if (not self._retired or now - since >= CANCEL_WAIT_S) and self._navigation.is_ready():
                 self._waiting = None
                 self._send(pose)
         self._watch_server(now)
+        flight = self._flight
+        if flight is not None and flight.feedback_s is not None and now - flight.feedback_s >= FEEDBACK_SILENCE_S:
+            self._lose("nav_silent")
 
     def _watch_server(self, now: float) -> None:
         if self._navigation.is_ready() or not (self._flight or self._retired):
@@ -103,9 +110,12 @@ class GoalRunner:
         if self._absent_since is None:
             self._absent_since = now
         elif now - self._absent_since >= SERVER_LOST_S and self._flight is not None:
-            # It may only be out of sight: its goal is cancelled for as long as a cancelled one is remembered.
-            self.cancel()
-            self._done(Outcome("lost", "nav_server_lost"))
+            self._lose("nav_server_lost")
+
+    def _lose(self, detail: str) -> None:
+        # The server may only be out of sight: its goal is cancelled for as long as a cancelled one is remembered.
+        self.cancel()
+        self._done(Outcome("lost", detail))
 
     def _send(self, pose: Pose2) -> None:
         self._token += 1
@@ -131,6 +141,11 @@ class GoalRunner:
             self._cancel(self._retired[token])
         else:
             self._navigation.cancel(token)
+
+    def feedback(self, token: int) -> None:
+        """The server is working on a goal."""
+        if self._flight is not None and self._flight.token == token:
+            self._flight.feedback_s = self._clock.now_s()
 
     def rejected(self, token: int, detail: str = "nav_rejected") -> None:
         """The server has refused a goal, or sending it failed."""

@@ -410,6 +410,10 @@ class Orchestrator:
         """Navigation has taken a goal."""
         self.runner.accepted(token)
 
+    def goal_feedback(self, token: int) -> None:
+        """Navigation is working on a goal."""
+        self.runner.feedback(token)
+
     @_handled
     def goal_rejected(self, token: int, detail: str = "nav_rejected") -> None:
         """Navigation has refused a goal, or it could not be sent."""

@@ -83,7 +83,7 @@ class Clock(Protocol):
 
 
 class Navigation(Protocol):
-    """The navigation action. What becomes of a goal is told to GoalRunner's `accepted`, `rejected`, `finished`."""
+    """The navigation action. What becomes of a goal is told to GoalRunner's `accepted`, `feedback`, `rejected`, `finished`."""
 
     def is_ready(self) -> bool:
         """Whether the action server is there."""

@@ -143,6 +143,19 @@ def test_a_goal_given_up_with_its_server_is_cancelled_should_both_come_back(rig)
     assert rig.navigation.goals[0].cancel_asked > before
 
 
+def test_a_server_that_falls_silent_has_lost_its_goal_and_one_that_never_spoke_has_not(rig):
+    rig.runner.request(A, rig.ends.append)
+    rig.wait(20.0)
+    assert rig.ends == []
+    for _ in range(10):
+        rig.runner.feedback(1)
+        rig.wait(2.0)
+    assert rig.ends == []
+    rig.wait(4.0)
+    assert rig.ends == [Outcome("lost", "nav_silent")]
+    assert rig.navigation.goals[0].cancel_asked
+
+
 def test_a_rejection_is_an_end(rig):
     rig.navigation.answers = False
     rig.runner.request(A, rig.ends.append)
