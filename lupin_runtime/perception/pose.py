@@ -23,7 +23,10 @@ FALLBACK_WIDTH_PX = 640
 CORNER_NOISE_PX = 0.12
 TILT_NOISE_RAD = math.radians(8.0)
 MAX_TILT_SIGMAS = 3.0
-IPPE_FAILED_PX = 2.0
+
+MIN_AREA_PX = 1.0
+SAME_NORMAL_RAD = math.radians(0.3)
+MAX_STEPS = 30
 
 _Candidate = tuple[Array, Array, float]
 
@@ -91,7 +94,6 @@ def tag_pose(corners: Array, intrinsics: Intrinsics, edge_m: float, up: Array | 
     "Infinitesimal plane-based pose estimation", IJCV 2014). The likelier one is returned, by its reprojection and, with
     `up` (unit, camera frame), by how vertically the plate would hang.
     """
-    points = object_points(edge_m)
     pixels = np.asarray(corners, np.float64)
     if not np.isfinite(pixels).all():
         return None
@@ -99,55 +101,106 @@ def tag_pose(corners: Array, intrinsics: Intrinsics, edge_m: float, up: Array | 
         pixels = cv2.undistortPoints(
             pixels.reshape(4, 1, 2), intrinsics.matrix, intrinsics.distortion, P=intrinsics.matrix
         ).reshape(4, 2)
-    try:
-        _, rotations, translations, _ = cv2.solvePnPGeneric(
-            points, pixels.reshape(4, 1, 2), intrinsics.matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
-        )
-    except cv2.error:  # four corners on a line: no plane to speak of
-        return None
-    guesses = [*zip(rotations, translations), *_frontal_guess(pixels, intrinsics, edge_m)]
-    candidates: list[_Candidate] = []
-    for guess in guesses[:2]:
-        candidates += _refined(points, pixels, intrinsics, *guess)
-    if min((error_px for *_, error_px in candidates), default=math.inf) > IPPE_FAILED_PX:
-        # OpenCV's closed form breaks down where the tag is seen exactly head-on.
-        candidates = [c for guess in guesses[2:] for c in _refined(points, pixels, intrinsics, *guess)]
+    candidates = _solutions(pixels, intrinsics, edge_m)
     if not candidates:
         return None
     best, *others = sorted(candidates, key=lambda c: _disbelief(c[0], c[2], up))
     return TagPose(*best, other_error_px=others[0][2] if others else math.inf)
 
 
-def _refined(
-    points: Array, pixels: Array, intrinsics: Intrinsics, rotation_vector: Array, translation_vector: Array
-) -> list[_Candidate]:
-    """The pose near a guess that projects best, with its error; none where that is no view from in front of the plate."""
-    r, t = cv2.solvePnPRefineLM(points, pixels, intrinsics.matrix, None, rotation_vector, translation_vector)
-    rotation, translation = cv2.Rodrigues(r)[0], np.asarray(t, np.float64).ravel()
-    facing = float(rotation[:, 2] @ translation) < 0.0
-    if not (np.isfinite(rotation).all() and np.isfinite(translation).all() and translation[2] > 0.0 and facing):
-        return []
-    return [(rotation, translation, _error_px(points, pixels, rotation, translation, intrinsics))]
+def _solutions(pixels: Array, intrinsics: Intrinsics, edge_m: float) -> list[_Candidate]:
+    """Both poses of a tag in front of the camera, refined, with their errors; one where they are the same, none for corners
+    that are no view of a square.
 
-
-def _frontal_guess(pixels: Array, intrinsics: Intrinsics, edge_m: float) -> list[tuple[Array, Array]]:
-    """The pose of a tag that is seen head-on, as large and as turned as this one; none for corners without an area."""
+    Not OpenCV's IPPE: for tags straight ahead or upright to the last digit 5.0 returns NaN, or rotation vectors of length 8.
+    """
+    points = object_points(edge_m)
     x, y = pixels[:, 0], pixels[:, 1]
-    area = 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
-    if area < 1.0:
+    if 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < MIN_AREA_PX:
         return []
-    k = intrinsics.matrix
-    depth = edge_m * math.sqrt(float(k[0, 0] * k[1, 1]) / area)
-    centre = np.linalg.solve(k, np.array([x.mean(), y.mean(), 1.0])) * depth
-    across = pixels[1] - pixels[0] + pixels[2] - pixels[3]
-    roll = math.atan2(float(across[1]), float(across[0]))
-    c, s = math.cos(roll), math.sin(roll)
-    rotation = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
-    return [(cv2.Rodrigues(rotation)[0], centre.reshape(3, 1))]
+    start = _from_homography(points, pixels, intrinsics.matrix)
+    if start is None:
+        return []
+    first = _refined(points, pixels, intrinsics.matrix, *start)
+    # The mirror image: turned half round about the line of sight, and back in the plate's own plane.
+    sight = first[1] / np.linalg.norm(first[1])
+    half_turn = 2.0 * np.outer(sight, sight) - np.eye(3)
+    second = _refined(points, pixels, intrinsics.matrix, half_turn @ first[0] @ np.diag([-1.0, -1.0, 1.0]), first[1])
+    same = float(first[0][:, 2] @ second[0][:, 2]) > math.cos(SAME_NORMAL_RAD)
+    return [candidate for candidate in ((first,) if same else (first, second)) if _usable(candidate)]
 
 
-def _error_px(points: Array, pixels: Array, rotation: Array, translation: Array, intrinsics: Intrinsics) -> float:
-    projected = intrinsics.matrix @ (rotation @ points.T + translation[:, None])
+def _usable(candidate: _Candidate) -> bool:
+    rotation, translation, error_px = candidate
+    finite = np.isfinite(rotation).all() and np.isfinite(translation).all() and math.isfinite(error_px)
+    return bool(finite) and translation[2] > 0.0 and float(rotation[:, 2] @ translation) < 0.0
+
+
+def _from_homography(points: Array, pixels: Array, matrix: Array) -> tuple[Array, Array] | None:
+    """A pose near the right one: the columns of the homography, made a rotation (Zhang 2000)."""
+    rays = np.linalg.solve(matrix, np.vstack([pixels.T, np.ones(4)]))
+    rows = []
+    for (u, v, _), (x, y, w) in zip(points, rays.T):
+        x, y = x / w, y / w
+        rows += [[u, v, 1.0, 0.0, 0.0, 0.0, -x * u, -x * v, -x], [0.0, 0.0, 0.0, u, v, 1.0, -y * u, -y * v, -y]]
+    system = np.array(rows)
+    try:
+        h = np.append(np.linalg.solve(system[:, :8], -system[:, 8]), 1.0).reshape(3, 3)
+    except np.linalg.LinAlgError:
+        return None
+    # The last entry is 1: the plate's middle lies in front of the camera by construction.
+    scale = 2.0 / (np.linalg.norm(h[:, 0]) + np.linalg.norm(h[:, 1]))
+    columns = np.column_stack([h[:, 0], h[:, 1], np.cross(h[:, 0], h[:, 1]) * scale]) * scale
+    if not np.isfinite(columns).all():
+        return None
+    u, _, vt = np.linalg.svd(columns)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt), np.asarray(h[:, 2] * scale)
+
+
+def _refined(points: Array, pixels: Array, matrix: Array, rotation: Array, translation: Array) -> _Candidate:
+    """The pose near a guess that projects best (Levenberg-Marquardt over a small turn and a shift), with its error."""
+    error_px = _error_px(points, pixels, rotation, translation, matrix)
+    damping = 1e-4
+    for _ in range(MAX_STEPS):
+        turned = rotation @ points.T
+        x, y, z = turned + translation[:, None]
+        u, v = matrix[0, 0] * x / z + matrix[0, 1] * y / z + matrix[0, 2], matrix[1, 1] * y / z + matrix[1, 2]
+        residual = np.concatenate([pixels[:, 0] - u, pixels[:, 1] - v])
+        zero = np.zeros(4)
+        to_point = np.vstack(
+            [
+                np.column_stack([matrix[0, 0] / z, matrix[0, 1] / z, -(matrix[0, 0] * x + matrix[0, 1] * y) / z**2]),
+                np.column_stack([zero, matrix[1, 1] / z, -matrix[1, 1] * y / z**2]),
+            ]
+        )
+        # A small turn w moves a turned point p by w x p: its derivative is that of the shift, crossed with p.
+        jacobian = np.hstack([np.cross(np.tile(turned.T, (2, 1)), to_point), to_point])
+        normal = jacobian.T @ jacobian
+        try:
+            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), jacobian.T @ residual)
+        except np.linalg.LinAlgError:
+            break
+        new_rotation, new_translation = cv2.Rodrigues(step[:3])[0] @ rotation, translation + step[3:]
+        new_error_px = _error_px(points, pixels, new_rotation, new_translation, matrix)
+        if not new_error_px < error_px:
+            if damping > 1e6 or float(np.abs(step).max()) < 1e-9:
+                break
+            damping *= 10.0
+            continue
+        settled = error_px - new_error_px < 1e-6
+        rotation, translation, error_px = new_rotation, new_translation, new_error_px
+        damping /= 10.0
+        if settled:
+            break
+    return rotation, translation, error_px
+
+
+def _error_px(points: Array, pixels: Array, rotation: Array, translation: Array, matrix: Array) -> float:
+    """Root mean square distance of the projected points; infinite behind the camera."""
+    placed = rotation @ points.T + translation[:, None]
+    if float(placed[2].min()) <= 1e-6:
+        return math.inf
+    projected = matrix @ placed
     return float(np.sqrt(np.mean(np.sum((projected[:2] / projected[2] - pixels.T) ** 2, axis=0))))
 
 

@@ -30,11 +30,12 @@ def angle_between(a, b):
 
 @settings(max_examples=80, deadline=None)
 @given(
-    azimuth=st.floats(-1.05, 1.05),
-    tilt=st.floats(-0.1, 0.1),
-    roll=st.floats(-3.0, 3.0),
-    x=st.floats(-0.5, 0.5),
-    y=st.floats(-0.3, 0.3),
+    # Exact symmetries among them: there, closed forms and rotation vectors break down.
+    azimuth=st.floats(-1.05, 1.05) | st.just(0.0),
+    tilt=st.floats(-0.1, 0.1) | st.just(0.0),
+    roll=st.floats(-math.pi, math.pi) | st.sampled_from([0.0, math.pi / 2, math.pi, -math.pi / 2, math.pi / 4]),
+    x=st.floats(-0.5, 0.5) | st.just(0.0),
+    y=st.floats(-0.3, 0.3) | st.just(0.0),
     z=st.floats(0.4, 2.5),
 )
 def test_exact_corners_give_the_exact_pose(tag_views, azimuth, tilt, roll, x, y, z):
@@ -42,8 +43,8 @@ def test_exact_corners_give_the_exact_pose(tag_views, azimuth, tilt, roll, x, y,
     translation = np.array([x, y, z])
     pose = tag_pose(project(rotation, translation), PLAIN, 0.1)
     assert np.abs(pose.translation - translation).max() < 1e-4
-    assert angle_between(pose.normal, rotation[:, 2]) < 0.5 or pose.other_error_px < 0.02
-    assert pose.error_px < 0.01
+    assert angle_between(pose.normal, rotation[:, 2]) < 0.01 or pose.other_error_px < 1e-3
+    assert pose.error_px < 1e-6
 
 
 def test_z_of_a_tag_comes_out_of_the_plate_x_to_the_right_y_up(tag_views):
