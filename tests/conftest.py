@@ -99,9 +99,11 @@ class GraphHost:
 
     def close(self) -> None:
         """Stop all nodes; a callback's exception that no wait has shown yet fails the test here."""
-        while self._running:
-            self._stop(*self._running.pop())
-        self.context.try_shutdown()
+        try:
+            while self._running:
+                self._stop(*self._running.pop())
+        finally:
+            self.context.try_shutdown()
         if self._errors:
             raise self._errors[0]
 

@@ -14,12 +14,13 @@ from typing import NamedTuple
 
 from lupin_runtime.arm.limits import Arm, clamp, clamp_arm
 from lupin_runtime.arm.trajectory import SHORTEST_S, Point, timed, to_pose
-from lupin_runtime.graph import ARM_JOINTS
+from lupin_runtime.graph import ARM_CALIBRATE, ARM_JOINTS, ARM_LIBRARY_STOP
 
 DEFAULT_RATE_RADPS = math.radians(60.0)
 # What was commanded stands for where a joint is, unless feedback this fresh says otherwise by this much.
 FRESH_S = 0.5
 DRIFT_RAD = 0.08
+CALIBRATING = "calibrating"  # a holder whose torque is nobody else's business
 # A replay begins with getting to its first point, no faster than this.
 LEAD_IN_RADPS = 0.8
 
@@ -78,8 +79,7 @@ class ArmMotion:
     def hold(self, holder: str) -> None:
         """Take the arm for oneself. Raises Refused where another has it."""
         with self._lock:
-            if self._holder not in (None, holder):
-                raise Refused(f"the arm is taken: {self._holder}; stop that with /lupin/arm/library/stop")
+            self._need_free(holder)
             self._holder = holder
 
     def let_go(self, holder: str) -> None:
@@ -149,10 +149,14 @@ class ArmMotion:
 
     def _permit(self, holder: str | None) -> None:
         self._need_listener()
+        self._need_free(holder)
         if self.torque is False:
             raise Refused("the arm is limp: switch its torque on with /lupin/arm/set_torque")
+
+    def _need_free(self, holder: str | None) -> None:
         if self._holder not in (None, holder):
-            raise Refused(f"the arm is taken: {self._holder}; stop that with /lupin/arm/library/stop")
+            service = ARM_CALIBRATE.name if self._holder == CALIBRATING else ARM_LIBRARY_STOP.name
+            raise Refused(f"the arm is taken: {self._holder}; end that with {service}")
 
     def _where(self) -> Arm:
         """Per joint, what was commanded, or feedback where that differs: the arm was moved by somebody else, or is still

@@ -1,4 +1,4 @@
-"""`arm_preset_server` and `gripper_action_bridge`; the library's server stands in a file of its own.
+"""`arm_preset_server` and `gripper_action_bridge`; the servers of library and calibration stand in files of their own.
 
 In one process they share the arm (see `owner`): run them together.
 """
@@ -15,14 +15,15 @@ from std_srvs.srv import SetBool
 
 from lupin_runtime import graph
 from lupin_runtime.arm import waits
+from lupin_runtime.arm.calibrate_server import ArmCalibrateServer
 from lupin_runtime.arm.library_server import ArmLibraryServer
 from lupin_runtime.arm.limits import GRIPPER_MAX_EFFORT, gripper_rad
-from lupin_runtime.arm.motion import Refused
+from lupin_runtime.arm.motion import CALIBRATING, Refused
 from lupin_runtime.arm.owner import ArmNode
 from lupin_runtime.arm.presets import PRESET_DURATION_S, preset
 from lupin_runtime.arm.torque import Step, steps
 
-__all__ = ["ArmLibraryServer", "ArmPresetServer", "GripperActionBridge"]
+__all__ = ["ArmCalibrateServer", "ArmLibraryServer", "ArmPresetServer", "GripperActionBridge"]
 
 PIN_POLL_S = 0.1
 GRIPPER_SERVER_S = 2.0
@@ -132,6 +133,8 @@ class GripperActionBridge(ArmNode):
         return response
 
     async def _switch_torque(self, on: bool) -> tuple[bool, str]:
+        if self.motion.holder == CALIBRATING:
+            return False, "the arm is being calibrated: commit or cancel that first"
         done: list[Step] = []
         for step in steps(on):
             failure = await self._take(step)
