@@ -15,16 +15,6 @@ DEFAULT_GOAL = {"sim": "all", "robot": "5"}
 DETACH_BOUND_S = 20.0
 
 
-def _goal(text: str) -> int:
-    from lupin_runtime.stack.table import ALL_TAGS
-
-    if text == "all":
-        return ALL_TAGS
-    if text.isdigit() and 0 < int(text) < ALL_TAGS:
-        return int(text)
-    raise typer.BadParameter(f"{text!r} is neither a number of tags nor 'all'", param_hint="--discovery-goal")
-
-
 def command(
     mission: bool = typer.Option(False, "--mission/--no-mission", help="Run the exploration mission, then end."),
     target: str = typer.Option("sim", help="What to run against: sim or robot."),
@@ -62,6 +52,7 @@ def command(
         _detach()
         return
 
+    from lupin_cli.mission_calls import goal_count
     from lupin_runtime.stack.table import Options
 
     options = Options(
@@ -79,7 +70,7 @@ def command(
         yolo=yolo,
         mission=mission,
         record=record,
-        discovery_goal=_goal(discovery_goal or DEFAULT_GOAL[target]),
+        discovery_goal=goal_count(discovery_goal or DEFAULT_GOAL[target]),
         sweeps=sweeps if sweeps is not None else int(target == "sim"),
         dependency_timeout_s=dependency_timeout_s,
         approach_overrides=overrides.resolve() if overrides else None,
