@@ -102,7 +102,9 @@ class TwistMux(LupinNode):
         if 0 <= since_ns < STATUS_PERIOD_NS:
             return
         decision = self._bus.decision(now_ns)
-        key = (decision.winner, decision.locks, *decision.why.items(), *self._bus.rejected.items())
+        # A sink that nobody listens to looks like a robot that ignores its commands, without any error.
+        listeners = self._sink.get_subscription_count()
+        key = (decision.winner, decision.locks, listeners, *decision.why.items(), *self._bus.rejected.items())
         if key == self._status_key and 0 <= since_ns < STATUS_REPEAT_NS:
             return
         if self._status_key is None or decision.locks != self._status_key[1]:
@@ -114,7 +116,12 @@ class TwistMux(LupinNode):
             name: {"age_s": decision.age_s[name], "why": why, "rejected": self._bus.rejected[name]}
             for name, why in decision.why.items()
         }
-        status = {"winner": decision.winner, "locks": list(decision.locks), "inputs": inputs}
+        status = {
+            "winner": decision.winner,
+            "locks": list(decision.locks),
+            "sink": {"topic": self._sink.topic_name, "listeners": listeners},
+            "inputs": inputs,
+        }
         self._status.publish(String(data=json.dumps(status)))
 
 

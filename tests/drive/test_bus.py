@@ -68,9 +68,7 @@ EVENT = st.one_of(COMMAND, COMMAND, COMMAND, st.sampled_from(["engage", "release
 STEP = st.sampled_from([0, 1, 20, 50, 50, 50, 150, 150, 310, 510, 1100, 2500])
 # Most lives begin with a release and inputs at rest, or nearly all of them would be spent locked.
 READY = [(0, "release"), (200, "release"), *((0, (key, ZERO)) for key in PRIORITY)]
-LIFE = st.builds(
-    list.__add__, st.sampled_from([READY, READY, []]), st.lists(st.tuples(STEP, EVENT), min_size=1, max_size=60)
-)
+LIFE = st.builds(list.__add__, st.sampled_from([READY, READY, []]), st.lists(st.tuples(STEP, EVENT), min_size=1, max_size=60))
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import threading
@@ -76,6 +77,22 @@ def test_the_robot_has_a_sink_of_its_own(graph_host):
     probe = Probe(graph_host, sink=graph.CMD_VEL_SINK_ROBOT)
     bus(graph_host, sink="robot")
     probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: probe.at_sink(FORWARD), "the command at the sink")
+
+
+def test_the_sink_is_best_effort_and_the_status_counts_who_listens_there(graph_host):
+    from rclpy.qos import ReliabilityPolicy
+
+    probe = Probe(graph_host)
+    bus(graph_host)
+    graph_host.until(
+        lambda: probe.status and probe.status[-1]["sink"] == {"topic": "/cmd_vel", "listeners": 1}, what="the status"
+    )
+    (publisher,) = probe.node.get_publishers_info_by_topic(graph.CMD_VEL_SINK_SIM.name)
+    assert publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    bus(graph_host, sink="robot")
+    graph_host.until(
+        lambda: probe.status[-1]["sink"] == {"topic": "/mirte_base_controller/cmd_vel", "listeners": 0}, what="nobody listens"
+    )
 
 
 def test_an_unknown_sink_is_refused(graph_host):
@@ -169,7 +186,7 @@ def test_the_smoother_ramps_up_and_ends_with_zero_and_silence(graph_host):
     target = Twist(0.5, 0.0, 0.0)
     probe.flow(graph_host, graph.CMD_VEL_NAV, encode(target), lambda: probe.at_sink(encode(target)), "full speed")
     xs = [decode(data).x for _, data in probe.sink]
-    assert max(b - a for a, b in zip(xs, xs[1:])) <= 2.5 * 0.1 + 1e-9, "no step is larger than two periods allow"
+    assert max(b - a for a, b in itertools.pairwise(xs)) <= 2.5 * 0.1 + 1e-9, "no step is larger than two periods allow"
     graph_host.until(lambda: probe.sink[-1][1] == STILL, what="rest after the time-out")
     graph_host.until(lambda: time.monotonic() - probe.sink[-1][0] > 0.5, what="silence after rest")
 
