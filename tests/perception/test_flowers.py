@@ -7,7 +7,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lupin_runtime.perception import messages
@@ -260,6 +260,7 @@ leaves = st.none() | st.floats() | st.text()
 documents = st.recursive(leaves, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)).map(json.dumps)
 
 
+@settings(max_examples=60)
 @given(st.text() | documents)
 def test_no_text_breaks_the_readers(text):
     for read in (messages.read_blooms, messages.read_tags):

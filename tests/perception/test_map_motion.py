@@ -97,12 +97,12 @@ def test_tracking_corrections_of_centimetres_are_no_jump():
         assert motion.update(Pose2(*rng.normal(0, 0.01, 2), 0.002 * math.sin(k)), pose) is None
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_closed_loop_moves_old_tags_as_the_pose_graph_moves_their_poses(seed):
     """Tags placed along a drifting lap are off by decimetres; after the closure most of that is gone, though only the
     jump of map -> odom was told."""
     rng = np.random.default_rng(seed)
-    truth = rectangle()[::2]
+    truth = rectangle()[::3]
     odometry = drifting(truth, rng, turn_bias=0.004)
     first, last = 3, len(truth) - 1
     solved = optimum(odometry, first, last, truth[first].inverse() @ truth[last])
