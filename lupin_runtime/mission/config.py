@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from typing import Any
 
 from lupin_runtime.mission.frontier import FrontierSettings
@@ -106,7 +107,9 @@ class MissionConfig:
         clean: dict[str, Any] = {}
         for name, value in values.items():
             if name not in known:
-                raise BadParameter(f"mission_orchestrator has no parameter {name!r}; see its table: lupin run mission --help")
+                near = get_close_matches(name, known, n=1)
+                hint = f"; did you mean {near[0]}?" if near else f"; it has: {', '.join(known)}"
+                raise BadParameter(f"mission_orchestrator has no parameter {name!r}{hint}")
             if isinstance(value, float) and not math.isfinite(value):
                 raise BadParameter(f"parameter {name} is {value}, expected a number")
             if name.endswith("_s") and isinstance(value, (int, float)) and value < 0:

@@ -222,6 +222,8 @@ def _with_declared_types(parameters: dict[str, Any]) -> dict[str, Any]:
             continue
         else:
             given[name] = list(value) if isinstance(value, tuple) else value
+    # rclpy drops an override that nobody declares without a word, so a misspelt one is looked for here.
+    MissionConfig.from_parameters(given)
     return given
 
 

@@ -351,8 +351,15 @@ def test_whole_numbers_serve_for_seconds_and_nonsense_is_refused(graph_host):
     node = graph_host.add(MissionOrchestrator({"nav_timeout_s": 90, "tag_sequence": ["3", "4"]}))
     assert node._config.nav_timeout_s == 90.0
     assert node._config.tag_sequence == ("3", "4")
-    with pytest.raises(BadParameter, match="nav_timeout_s"):
-        MissionOrchestrator({"nav_timeout_s": -1.0})
+    for wrong, named in (
+        ({"nav_timeout_s": -1.0}, "nav_timeout_s is -1"),
+        ({"nav_timout_s": 90.0}, "did you mean nav_timeout_s"),
+        ({"dock_pose": [1.0]}, "dock_pose"),
+        ({"nav_max_attempts": 0}, "nav_max_attempts"),
+        ({"approach_yaw": math.nan}, "approach_yaw"),
+    ):
+        with pytest.raises(BadParameter, match=named):
+            MissionOrchestrator(wrong)
 
 
 def test_the_pose_seed_vouches_for_the_robot_only_while_transforms_come(graph_host):

@@ -1,0 +1,157 @@
+"""`lupin mission`: the diagram without a run, and the requests of an operator on a live one."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from typer.testing import CliRunner
+
+from lupin_cli.commands.mission import app, describe
+from lupin_runtime.mission.diagram import FORMATS
+from lupin_runtime.mission.edges import edges
+from lupin_runtime.mission.hsm import StateSpec, TransitionSpec, build_hsm_spec
+
+runner = CliRunner()
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize("form", list(FORMATS))
+def test_every_state_and_every_trigger_is_in_every_diagram(form):
+    result = runner.invoke(app, ["diagram", "--format", form])
+    assert result.exit_code == 0
+    spec = build_hsm_spec()
+    for word in {t.trigger for t in spec.transitions} | {leaf.split(".")[-1] for leaf in spec.leaves()}:
+        assert re.search(rf"\b{word}\b", result.stdout), word
+
+
+def test_the_picture_is_whole_and_nothing_stands_outside_it():
+    root = ElementTree.fromstring(FORMATS["svg"](build_hsm_spec()))
+    width, height = float(root.attrib["width"]), float(root.attrib["height"])
+    texts = [e for e in root.iter() if e.tag.endswith("text")]
+    assert len(texts) > 30
+    for text in texts:
+        half = 3.2 * len(text.text or "")
+        x, y = float(text.attrib["x"]), float(text.attrib["y"])
+        assert half <= x <= width - half and 0.0 < y < height, text.text
+
+
+def test_a_state_that_the_layout_does_not_know_is_drawn_too():
+    from dataclasses import replace
+
+    spec = build_hsm_spec()
+    spec = replace(
+        spec,
+        states=(*spec.states, StateSpec("CHARGING")),
+        transitions=(*spec.transitions, TransitionSpec("deps_up", ("RETURNING",), "CHARGING")),
+    )
+    for draw in FORMATS.values():
+        assert "CHARGING" in draw(spec)
+
+
+def test_arrows_that_leave_every_leaf_leave_the_composite():
+    found = {(edge.source, edge.dest): edge.text for edge in edges(build_hsm_spec())}
+    assert found[("INSPECTING", "RETURNING")] == "abort_to_return"
+    assert ("INSPECTING.SCANNING", "RETURNING") not in found
+    assert found[("INSPECTING.PUBLISHING", "RETURNING")] == "inspection_complete"
+
+
+def test_a_diagram_is_written_to_a_file_and_an_unknown_format_is_a_usage_error(tmp_path):
+    target = tmp_path / "mission.svg"
+    assert runner.invoke(app, ["diagram", "-f", "svg", "-o", str(target)]).exit_code == 0
+    assert target.read_text().startswith("<svg")
+    wrong = runner.invoke(app, ["diagram", "--format", "png"])
+    assert wrong.exit_code == 2
+    assert "mermaid, dot, svg, ascii" in wrong.stderr
+    nowhere = runner.invoke(app, ["diagram", "-o", str(tmp_path / "no" / "where.svg")])
+    assert nowhere.exit_code == 1
+    assert "cannot write" in nowhere.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["start", "--discovery-goal", "0"], "from 1 to 65535"),
+        (["start", "--discovery-goal", "many"], "from 1 to 65535"),
+        (["start", "7", "--discovery-goal", "3"], "for an exploration"),
+    ],
+)
+def test_a_start_that_makes_no_sense_is_a_usage_error(arguments, text):
+    result = runner.invoke(app, arguments)
+    assert result.exit_code == 2
+    assert text in result.stderr
+
+
+def test_without_a_run_every_request_says_how_to_start_one(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    for verb in ("start", "pause", "resume", "abort", "skip", "dock", "reset", "status"):
+        result = runner.invoke(app, [verb])
+        assert result.exit_code == 3, verb
+        assert "lupin up" in result.stderr
+
+
+def test_the_status_says_where_the_mission_is_and_what_stops_it():
+    lines = describe(
+        {
+            "lifecycle_state": "MONITORING",
+            "mission_phase": "SCANNING",
+            "mission_type": "ExplorationMission",
+            "mission_id": "lupin-00c0ffee",
+            "current_target": "7",
+            "discovery_goal": 65535,
+            "tags_discovered": 9,
+            "targets_total": 9,
+            "targets_completed": 4,
+            "paused": True,
+            "estop_engaged": True,
+            "last_event": "e-stop engaged",
+            "last_error": "estop_engaged",
+        }
+    )
+    assert lines[0] == "MONITORING  SCANNING  [e-stop, paused]"
+    assert "found     9 of all" in lines
+    assert "tags      9: 4 completed, 0 failed, 0 unreachable, 0 skipped" in lines
+
+
+@pytest.mark.graph
+def test_requests_reach_the_mission_of_a_live_run_and_refusals_are_statuses(graph_host, private_graph, tmp_path, monkeypatch):
+    from lupin_runtime.mission.node import MissionOrchestrator
+    from lupin_runtime.stack.runs import create_run
+
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    run, lock = create_run()
+    names = ("ROS_DOMAIN_ID", "RMW_IMPLEMENTATION", "FASTRTPS_DEFAULT_PROFILES_FILE")
+    run.write_info({"environment": {name: os.environ[name] for name in names}})
+    run.write_state({"mission": {"lifecycle_state": "BOOT"}})
+    node = graph_host.add(MissionOrchestrator())
+
+    def lupin(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "lupin_cli.app", "mission", *arguments],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+
+    try:
+        status = lupin("status", "--json")
+        assert json.loads(status.stdout) == {"lifecycle_state": "BOOT"}
+        paused = lupin("pause", "--json")
+        assert paused.returncode == 1
+        assert json.loads(paused.stdout)["message"] == "no mission is running"
+        refused = lupin("start", "--discovery-goal", "all")
+        assert refused.returncode == 1
+        assert "not ready" in refused.stderr
+        node.orchestrator.hsm.fire("fault")
+        reset = lupin("reset")
+        assert (reset.returncode, reset.stdout.strip()) == (0, "ready")
+        assert node.orchestrator.hsm.state == "READY"
+    finally:
+        os.close(lock)
