@@ -18,6 +18,7 @@ setup(
         Extension(
             ".".join(source.with_suffix("").parts),
             [str(source)],
+            depends=[str(header) for header in sorted(source.parent.glob("*.h"))],
             extra_compile_args=FLAGS,
             libraries=["m"],
         )

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lupin_cli.commands.map_plan import plan
+
 if TYPE_CHECKING:
     from lupin_runtime.slam.offline import OfflineScan
 
@@ -95,6 +97,9 @@ def build(
             f"the odometry leapt {built.odometry_jumps} times"
         )
     typer.echo(str(out / "map.yaml"))
+
+
+app.command("plan")(plan)
 
 
 @app.command()

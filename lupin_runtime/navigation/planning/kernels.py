@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lupin_runtime.native import load_kernels
 
 _GRID = ndpointer(np.float32, 2, flags="C_CONTIGUOUS")
+_CELLS = ndpointer(np.uint8, 2, flags="C_CONTIGUOUS")
 _F64 = ndpointer(np.float64, 1, flags="C_CONTIGUOUS")
 _POINTS = ndpointer(np.float64, 2, flags="C_CONTIGUOUS")
 
@@ -24,6 +25,12 @@ _march.argtypes = [_GRID, c_int64, c_int64, c_int64, c_int64, c_double, _GRID]
 _descend = _library.descend
 _descend.restype = c_int64
 _descend.argtypes = [_GRID, c_int64, c_int64, _F64, c_int64, c_int64, _POINTS, c_int64]
+
+_shortest_path = _library.shortest_path
+_shortest_path.restype = c_int64
+_shortest_path.argtypes = [_CELLS, _CELLS, c_int64, c_int64, _F64, c_double, c_double, _POINTS, c_int64]
+
+_NO_WAY, _NO_ROOM = -2, -3
 
 Cell = tuple[int, int]
 
@@ -56,3 +63,29 @@ def descend(times: NDArray[np.float32], origin: tuple[float, float], to: Cell) -
         if count > 0:
             return np.vstack((points[:count], [to[1] + 0.5, to[0] + 0.5]))
     raise ArithmeticError(f"the arrival times lead from {origin} not to cell {to}")
+
+
+def shortest_path(
+    blocked: NDArray[np.uint8],
+    occupied: NDArray[np.uint8],
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    tolerance: float,
+    radius: float,
+) -> NDArray[np.float64] | None:
+    """The shortest path (n, 2) as (x, y) in cells through cells that are not `blocked`, `radius` cells from the squares of
+    `occupied` ones; None where there is none. The start's cell must be free, and both in the grid."""
+    height, width = blocked.shape
+    ends = np.array([*start, *goal])
+    capacity = 4096
+    while True:
+        path = np.empty((capacity, 2))
+        count = _shortest_path(blocked, occupied, height, width, ends.copy(), tolerance, radius, path, capacity)
+        if count == _NO_ROOM:
+            capacity *= 4
+            continue
+        if count == _NO_WAY:
+            return None
+        if count < 0:
+            raise MemoryError(f"no memory to plan over {height} x {width} cells")
+        return path[:count].copy()

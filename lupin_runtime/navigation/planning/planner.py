@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.navigation.costmap import LETHAL, UNKNOWN, Costmap
+from lupin_runtime.navigation.costmap.kernels import squared_distances
 from lupin_runtime.navigation.planning import kernels
 from lupin_runtime.navigation.planning.paths import Plan, evenly_spaced, smoothed
 
@@ -17,6 +18,11 @@ Point = tuple[float, float]
 
 # What surely is under the robot's own hull; walls there are errors of the map, not walls.
 _HULL_M = 0.13
+
+# A map of more cells than this (50 x 50 m) is marched over only near its shortest path.
+_WHOLE_CELLS = 1_000_000
+_CORRIDOR_M = 2.5
+_BLOCK = 8
 
 
 class PlanFailure(Enum):
@@ -64,7 +70,7 @@ def plan(costmap: Costmap, start: Point, goal: Point, parameters: PlannerParamet
     """
     p = parameters or PlannerParameters()
     start_cell, goal_cell = _inside(costmap, start, goal)
-    slowness = _slowness(costmap, p)
+    slowness = _slowness(costmap, p, _corridor(costmap, start, goal, p))
     if slowness[start_cell] <= 0.0:
         _let_out(slowness, costmap, start_cell, p)
     blocked = slowness[goal_cell] <= 0.0
@@ -97,12 +103,45 @@ def _inside(costmap: Costmap, start: Point, goal: Point) -> tuple[kernels.Cell, 
     return costmap.cell_of(*start), costmap.cell_of(*goal)
 
 
-def _slowness(costmap: Costmap, p: PlannerParameters) -> NDArray[np.float32]:
-    distance = costmap.distance_m
+def _corridor(costmap: Costmap, start: Point, goal: Point, p: PlannerParameters) -> NDArray[np.bool_] | None:
+    """On a map too large to march over, the cells near the shortest path; None for all cells."""
+    if costmap.cost.size <= _WHOLE_CELLS:
+        return None
+    blocked = costmap.distance_m <= p.robot_radius_m
+    if not p.allow_unknown:
+        blocked |= costmap.cost == UNKNOWN
+    if blocked[costmap.cell_of(*start)]:
+        return None
+    path = kernels.shortest_path(
+        *(blocked.view(np.uint8), blocked.view(np.uint8)),
+        *(_in_cells(costmap, start), _in_cells(costmap, goal)),
+        p.tolerance / costmap.resolution_m,
+        0.0,
+    )
+    if path is None:
+        return None
+    height, width = blocked.shape
+    coarse = np.zeros((-(-height // _BLOCK), -(-width // _BLOCK)), np.uint8)
+    along = (evenly_spaced(path, _BLOCK / 2) / _BLOCK).astype(np.int64)
+    coarse[along[:, 1], along[:, 0]] = 1
+    reach = max(1, math.ceil(_CORRIDOR_M / (_BLOCK * costmap.resolution_m)))
+    near = squared_distances(coarse, reach) <= reach * reach
+    return np.repeat(np.repeat(near, _BLOCK, axis=0), _BLOCK, axis=1)[:height, :width]
+
+
+def _slowness(costmap: Costmap, p: PlannerParameters, corridor: NDArray[np.bool_] | None) -> NDArray[np.float32]:
+    if corridor is None:
+        return _slowness_of(costmap.distance_m, costmap.cost, p)
+    slowness = np.zeros(costmap.cost.shape, np.float32)
+    slowness[corridor] = _slowness_of(costmap.distance_m[corridor], costmap.cost[corridor], p)
+    return slowness
+
+
+def _slowness_of(distance: NDArray[np.float32], cost: NDArray[np.uint8], p: PlannerParameters) -> NDArray[np.float32]:
     band = max(p.preferred_clearance_m - p.robot_radius_m, 1e-6)
     lack = np.clip((p.preferred_clearance_m - distance) * np.float32(1.0 / band), 0.0, 1.0)
     slowness = 1.0 + p.clearance_weight * lack * lack
-    unknown = costmap.cost == UNKNOWN
+    unknown = cost == UNKNOWN
     if p.allow_unknown:
         slowness[unknown] *= p.unknown_cost
     else:
