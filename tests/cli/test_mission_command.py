@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import pytest
 from typer.testing import CliRunner
 
-from lupin_cli.commands.mission import app, describe
+from lupin_cli.commands.mission import app
 from lupin_runtime.mission.diagram import FORMATS
 from lupin_runtime.mission.edges import edges
 from lupin_runtime.mission.hsm import StateSpec, TransitionSpec, build_hsm_spec
@@ -74,49 +74,12 @@ def test_a_diagram_is_written_to_a_file_and_an_unknown_format_is_a_usage_error(t
     assert "cannot write" in nowhere.stderr
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["start", "--discovery-goal", "0"], "from 1 to 65535"),
-        (["start", "--discovery-goal", "many"], "from 1 to 65535"),
-        (["start", "7", "--discovery-goal", "3"], "for an exploration"),
-    ],
-)
-def test_a_start_that_makes_no_sense_is_a_usage_error(arguments, text):
-    result = runner.invoke(app, arguments)
-    assert result.exit_code == 2
-    assert text in result.stderr
-
-
 def test_without_a_run_every_request_says_how_to_start_one(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     for verb in ("start", "pause", "resume", "abort", "skip", "dock", "reset", "status"):
         result = runner.invoke(app, [verb])
         assert result.exit_code == 3, verb
         assert "lupin up" in result.stderr
-
-
-def test_the_status_says_where_the_mission_is_and_what_stops_it():
-    lines = describe(
-        {
-            "lifecycle_state": "MONITORING",
-            "mission_phase": "SCANNING",
-            "mission_type": "ExplorationMission",
-            "mission_id": "lupin-00c0ffee",
-            "current_target": "7",
-            "discovery_goal": 65535,
-            "tags_discovered": 9,
-            "targets_total": 9,
-            "targets_completed": 4,
-            "paused": True,
-            "estop_engaged": True,
-            "last_event": "e-stop engaged",
-            "last_error": "estop_engaged",
-        }
-    )
-    assert lines[0] == "MONITORING  SCANNING  [e-stop, paused]"
-    assert "found     9 of all" in lines
-    assert "tags      9: 4 completed, 0 failed, 0 unreachable, 0 skipped" in lines
 
 
 @pytest.mark.graph
@@ -143,9 +106,8 @@ def test_requests_reach_the_mission_of_a_live_run_and_refusals_are_statuses(grap
     try:
         status = lupin("status", "--json")
         assert json.loads(status.stdout) == {"lifecycle_state": "BOOT"}
-        paused = lupin("pause", "--json")
-        assert paused.returncode == 1
-        assert json.loads(paused.stdout)["message"] == "no mission is running"
+        paused = lupin("pause")
+        assert (paused.returncode, paused.stderr.strip()) == (1, "no mission is running")
         refused = lupin("start", "--discovery-goal", "all")
         assert refused.returncode == 1
         assert "not ready" in refused.stderr
