@@ -95,8 +95,11 @@ def _drive(options: Options) -> Parameters:
 
 
 def _slam(options: Options) -> Parameters:
-    # The frontier planner looks at the map once a second: a simulated run need not wait for the five of a WiFi link.
-    return {"map_update_interval": 1.0} if options.simulated else {}
+    parameters: dict[str, Any] = {"session_file": str(options.run_path / "slam_session.npz")}
+    if options.simulated:
+        # The frontier planner looks at the map once a second: no need to wait for the five that spare a WiFi link.
+        parameters["map_update_interval"] = 1.0
+    return parameters
 
 
 def _map(options: Options) -> Parameters:
