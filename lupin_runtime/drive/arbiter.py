@@ -149,7 +149,7 @@ class Arbiter:
         if self._require_heartbeat:
             if self._estop_heard_ns is None:
                 reasons.append(ESTOP_UNHEARD)
-            elif not 0 <= now_ns - self._estop_heard_ns <= self._heartbeat_ns:
+            elif not self._heartbeat(now_ns):
                 reasons.append(f"{ESTOP_SILENT} {self._heartbeat_ns / 1e9:.1f} s")
         return tuple(reasons)
 

@@ -119,10 +119,30 @@ def test_a_holder_that_dies_stays_engaged_until_someone_presses_and_releases(con
 
 
 @settings(max_examples=100, deadline=None)
+@given(CROWDS, st.integers(0, 499))
+def test_a_newcomer_that_holds_is_not_outvoted_by_those_that_were_there(consoles, wait_ms):
+    newcomer = consoles[0]
+    newcomer.alive = False
+    room = Room(consoles)
+    room.run(5000 + wait_ms)
+    assert room.reason() is None
+    newcomer.alive = True
+    start_ms = room.now_ms
+    room.say(0, True)
+    room.run(5000)
+    assert room.verdicts_since(start_ms + 1) == {True}
+
+
+@settings(max_examples=100, deadline=None)
 @given(ROOMS, st.integers(0, 2000))
 def test_silence_of_all_engages_after_the_expiry_and_ends_with_a_word_of_release(consoles, before_ms):
     room = Room(consoles)
-    room.run(3000 + before_ms)
+    room.run(3000)
+    room.say(0, True)  # how many there were when one pressed must not be asked of the one that returns
+    room.run(5000)
+    room.say(0, False)
+    room.run(5000 + before_ms)
+    assert room.reason() is None
     for console in room.consoles:
         console.alive = False
     silent_ms = room.now_ms
