@@ -195,6 +195,7 @@ class PerceptionAggregator(LupinNode):
             map_from_camera @ look.camera_from_tag,
             map_from_camera.translation,
             self._motion.travelled,
+            self._motion.unrest_m,
         )
         self._registry.add(tag_id, sighting)
         return True
@@ -207,10 +208,12 @@ class PerceptionAggregator(LupinNode):
         except TransformUnavailable:
             return
         self._map_from_odom = map_from_odom
-        jump = self._motion.update(pose_on_floor(map_from_odom), pose_on_floor(odom_from_base))
+        time_s = self.elapsed_clock_ns() / 1e9
+        jump = self._motion.update(time_s, pose_on_floor(map_from_odom), pose_on_floor(odom_from_base))
         if jump is not None:
             self._registry.follow(jump)
-            self.get_logger().info("the map moved: known tags were moved along")
+            if jump.doubt_m == 0.0:
+                self.get_logger().info("the map moved: known tags were moved along", throttle_duration_sec=1.0)
 
     def _notice_clock(self) -> None:
         """After the clock went back, transforms and stamps from before are of a future that never comes."""

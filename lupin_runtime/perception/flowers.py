@@ -171,22 +171,35 @@ def distinct(detections: Sequence[Detection], columns: int) -> int:
 
 
 def place_blooms(detections: Sequence[Detection], box: Box, options: FlowerOptions) -> tuple[Bloom, ...]:
-    """One bloom in each occupied column of the box: the most confident species there, and whether a bug was."""
+    """A bloom in the middle of each occupied column of the box: the most confident species there, and whether a bug was.
+
+    Where one picture shows several flowers in a column, they share its width in the order in which they stand.
+    """
+    n = options.lateral_columns
     columns: dict[int, list[Detection]] = {}
     for d in detections:
-        column = geometry.column_of(min(1.0, max(-1.0, d.fraction)), options.lateral_columns)
-        columns.setdefault(column, []).append(d)
+        columns.setdefault(geometry.column_of(min(1.0, max(-1.0, d.fraction)), n), []).append(d)
     blooms = []
     for column, members in sorted(columns.items()):
-        fraction = geometry.column_centre(column, options.lateral_columns)
+        neighbours = _most_at_once([d for d in members if not d.anomaly])
+        if len(neighbours) < 2:
+            best = max((d for d in members if not d.anomaly), key=lambda d: d.confidence, default=None)
+            neighbours = [best or Detection("", True, 0.0, geometry.column_centre(column, n))]
+        infested = {
+            min(range(len(neighbours)), key=lambda k: abs(neighbours[k].fraction - bug.fraction))
+            for bug in members
+            if bug.anomaly
+        }
         depth = geometry.column_depth(column, options.base_depth_frac, options.depth_jitter_frac)
-        best = max((d for d in members if not d.anomaly), key=lambda d: d.confidence, default=None)
-        blooms.append(
-            Bloom(
-                box.place(fraction, depth),
-                best.species if best else "",
-                best.confidence if best else 0.0,
-                any(d.anomaly for d in members),
-            )
-        )
+        for k, flower in enumerate(neighbours):
+            fraction = geometry.column_centre(column, n) + (2.0 / n) * ((k + 0.5) / len(neighbours) - 0.5)
+            blooms.append(Bloom(box.place(fraction, depth), flower.species, flower.confidence, k in infested))
     return tuple(blooms)
+
+
+def _most_at_once(flowers: Sequence[Detection]) -> list[Detection]:
+    """Those of the picture that shows the most, from left to right."""
+    frames: dict[int, list[Detection]] = {}
+    for d in flowers:
+        frames.setdefault(d.frame, []).append(d)
+    return sorted(max(frames.values(), key=len, default=[]), key=lambda d: d.fraction)

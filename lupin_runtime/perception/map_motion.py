@@ -9,6 +9,7 @@ path as it does over a chain of equally uncertain motions with fixed ends (Lu & 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,13 @@ MAX_PATH = 2000
 # Scan matching corrects the newest pose by centimetres, which is tracking; a closed loop moves old places along.
 JUMP_M = 0.08
 JUMP_RAD = 0.03
+# Wheels that slip, or a robot that is held by a table, make odometry wrong by as much as it says it has moved, and SLAM takes
+# that back: nothing but the robot was elsewhere than believed. A contact turns it by up to a radian for so many metres.
+SLIP_WINDOW_S = 0.6
+SLIP_LEVER_M = 0.5
+# A correction beyond the usual says that the robot was not where it was thought to be, and for a moment may not be now.
+USUAL_CORRECTION_M = 0.03
+UNREST_WINDOW_S = 1.0
 # Further than any loop is closed from: the map was cleared, or the robot was put elsewhere.
 NEW_MAP_M = 3.0
 NEW_MAP_RAD = 1.0
@@ -47,11 +55,15 @@ class MapJump:
     shift_y: Array
     turn: Array
     whole: Pose2 | None = None
+    # A correction that may be the robot's own error: nothing moves, but what was seen before may be off by this much.
+    doubt_m: float = 0.0
 
     def motion_at(self, travelled: float) -> Pose2:
         """new_map_from_old_map for what was seen from the path at `travelled` metres."""
         if self.whole is not None:
             return self.whole
+        if self.doubt_m > 0.0:
+            return Pose2()
         x, y, dx, dy, turn = (
             float(np.interp(travelled, self.stations, values))
             for values in (self.x, self.y, self.shift_x, self.shift_y, self.turn)
@@ -71,20 +83,29 @@ class MapMotion:
         self._stations: list[float] = []
         self._path: list[Pose2] = []
         self._last_jump = 0.0
+        self._steps: deque[tuple[float, float, float]] = deque()
+        self._corrections: deque[tuple[float, float]] = deque()
 
-    def update(self, map_from_odom: Pose2, odom_from_base: Pose2) -> MapJump | None:
-        """Take the newest transforms, both of about the same time; a jump if the map has moved since the last call."""
+    def update(self, time_s: float, map_from_odom: Pose2, odom_from_base: Pose2) -> MapJump | None:
+        """Take the newest transforms, both of about `time_s`; a jump if the map has moved, or may have, since the last call."""
         if self._last_odom is not None:
             step = self._last_odom.inverse() @ odom_from_base
             self.travelled += math.hypot(step.x, step.y) + TURN_LEVER_M * abs(step.yaw)
+            self._steps.append((time_s, math.hypot(step.x, step.y), abs(step.yaw)))
+        while self._steps and not 0.0 <= time_s - self._steps[0][0] <= SLIP_WINDOW_S:
+            self._steps.popleft()
         self._last_odom = odom_from_base
+        while self._corrections and not 0.0 <= time_s - self._corrections[0][0] <= UNREST_WINDOW_S:
+            self._corrections.popleft()
         before, self._map_from_odom = self._map_from_odom, map_from_odom
         jump = None
         if before is not None:
             was, now = before @ odom_from_base, map_from_odom @ odom_from_base
             turned = wrap_angle(now.yaw - was.yaw)
-            if was.distance_to(now) > JUMP_M or abs(turned) > JUMP_RAD:
-                jump = self._jump(was, now, turned)
+            shift = was.distance_to(now)
+            self._corrections.append((time_s, shift))
+            if shift > JUMP_M or abs(turned) > JUMP_RAD:
+                jump = self._doubt(shift) if self._may_be_slip(shift, turned) else self._jump(was, now, turned)
                 self._follow(jump)
         self._extend(map_from_odom @ odom_from_base)
         return jump
@@ -95,6 +116,20 @@ class MapMotion:
             self._path.append(pose)
         if len(self._path) > MAX_PATH:
             del self._path[: MAX_PATH // 4], self._stations[: MAX_PATH // 4]
+
+    @property
+    def unrest_m(self) -> float:
+        """How uncertain the robot's place is beyond the usual, by the largest correction of the last moments."""
+        return max(0.0, max((shift for _, shift in self._corrections), default=0.0) - USUAL_CORRECTION_M)
+
+    def _may_be_slip(self, shift_m: float, turned: float) -> bool:
+        slid, spun = (sum(step[k] for step in self._steps) for k in (1, 2))
+        return shift_m <= JUMP_M + slid and abs(turned) <= JUMP_RAD + spun + slid / SLIP_LEVER_M
+
+    @staticmethod
+    def _doubt(shift_m: float) -> MapJump:
+        empty = np.zeros(1)
+        return MapJump(empty, empty, empty, empty, empty, empty, doubt_m=shift_m)
 
     def _jump(self, was: Pose2, now: Pose2, turned: float) -> MapJump:
         empty = np.zeros(1)

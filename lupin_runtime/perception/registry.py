@@ -27,6 +27,7 @@ RANGE_SIGMA_PER_M2 = 0.002
 BEARING_SIGMA_PER_M = 0.01
 # After the map has moved, what is left of the error that the move mended, as a share of how far the sighting moved.
 LEFT_AFTER_JUMP = 0.3
+MAX_DOUBT_M = 0.1
 PLACE_CELL_M = 0.25
 HUBER_SIGMAS = 1.5
 ITERATIONS = 12
@@ -43,7 +44,7 @@ class Sighting:
     pose: Transform
     camera: Vector
     travelled: float = 0.0
-    spread_m: float = 0.0  # added uncertainty, after jumps of the map
+    spread_m: float = 0.0  # added uncertainty: while the map is unsettled, and after it has moved
 
     @cached_property
     def range_m(self) -> float:
@@ -84,8 +85,11 @@ class Sighting:
         """A total order that doesn't depend on arrival."""
         return self.stamp_ns, self.pose.translation
 
-    def moved(self, motion: Pose2) -> Sighting:
-        """The same look, on a map that has moved by new_map_from_old_map; what moved far is trusted less."""
+    def moved(self, motion: Pose2, doubt_m: float = 0.0) -> Sighting:
+        """The same look, on a map that has moved by new_map_from_old_map; what moved far is trusted less.
+
+        `doubt_m` is how far it may have moved besides.
+        """
         half = motion.yaw / 2.0
         turn = Transform((motion.x, motion.y, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
         pose = turn @ self.pose
@@ -94,7 +98,8 @@ class Sighting:
             self,
             pose=pose,
             camera=turn.apply(self.camera),
-            spread_m=math.hypot(self.spread_m, LEFT_AFTER_JUMP * shift),
+            # Doubts don't add up: a robot that struggles for a minute makes old sightings no worse than one that slipped once.
+            spread_m=max(math.hypot(self.spread_m, LEFT_AFTER_JUMP * shift), min(doubt_m, MAX_DOUBT_M)),
         )
 
 
@@ -136,7 +141,7 @@ class TagRegistry:
     def follow(self, jump: MapJump) -> None:
         """Move every sighting along with the part of the path it was made from."""
         for tag_id, kept in self._sightings.items():
-            self._sightings[tag_id] = [s.moved(jump.motion_at(s.travelled)) for s in kept]
+            self._sightings[tag_id] = [s.moved(jump.motion_at(s.travelled), jump.doubt_m) for s in kept]
         self._fused.clear()
 
     def forget_times(self) -> None:

@@ -101,6 +101,13 @@ def test_neighbours_in_one_column_are_counted_where_one_picture_shows_both():
     assert look([bloom(RED, 300), bloom(RED, 340)]).flower_count == 2
 
 
+def test_neighbours_in_one_column_share_its_width_and_the_bug_stays_with_its_own():
+    found = look([bloom(RED, 320)], [bloom(RED, 345), bloom(PINK, 300), bloom(BUG, 344)])
+    assert [(b.species, b.anomaly) for b in found.blooms] == [("tulip_pink", False), ("tulip_red", True)]
+    fractions = [BOX.coordinates(*b.position)[0] for b in found.blooms]
+    assert fractions == pytest.approx([-1 / 14, 1 / 14])
+
+
 def test_a_bearing_beyond_a_registered_box_is_dropped_and_not_clamped_onto_it():
     outside = [bloom(BUG, 640), bloom(RED, 320)]
     narrow = Box((0.0, 0.0), (1.0, 0.0), BoxSize(0.5, 0.3))
@@ -142,7 +149,7 @@ def test_news_is_what_changed():
 @given(st.lists(st.builds(bloom, st.integers(0, 3), st.floats(0, 640), st.floats(0, 1)), max_size=30))
 def test_counts_and_blooms_are_bounded(seen):
     found = look(seen)
-    assert len(found.blooms) <= OPTIONS.lateral_columns
+    assert len(found.blooms) <= len(seen)
     assert found.flower_count + found.bug_count <= len(seen)
     assert all(BOX.contains(*b.position, margin_m=1e-6) for b in found.blooms)
     assert found.anomaly == (found.bug_count > 0)

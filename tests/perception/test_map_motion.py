@@ -14,6 +14,8 @@ from lupin_runtime.geometry import Pose2, wrap_angle
 from lupin_runtime.perception.map_motion import MapMotion
 
 ORIGIN = Pose2()
+STEP_S = 1.0  # between the poses of a path: a drive as slow as one that looks around
+LATER_S = 1e4
 
 
 def rectangle(width: float = 6.0, height: float = 4.0, step: float = 0.1) -> list[Pose2]:
@@ -74,8 +76,8 @@ def optimum(odometry: list[Pose2], first: int, last: int, closing: Pose2) -> lis
 def follow(motion: MapMotion, odometry: list[Pose2], map_from_odom: Pose2 = ORIGIN):
     """Feed a path; returns the path lengths at which its poses were, and the jumps."""
     stations, jumps = [], []
-    for pose in odometry:
-        jump = motion.update(map_from_odom, pose)
+    for k, pose in enumerate(odometry):
+        jump = motion.update(STEP_S * k, map_from_odom, pose)
         stations.append(motion.travelled)
         if jump is not None:
             jumps.append(jump)
@@ -94,7 +96,7 @@ def test_tracking_corrections_of_centimetres_are_no_jump():
     motion = MapMotion()
     rng = np.random.default_rng(0)
     for k, pose in enumerate(rectangle()):
-        assert motion.update(Pose2(*rng.normal(0, 0.01, 2), 0.002 * math.sin(k)), pose) is None
+        assert motion.update(STEP_S * k, Pose2(*rng.normal(0, 0.01, 2), 0.002 * math.sin(k)), pose) is None
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -108,7 +110,7 @@ def test_a_closed_loop_moves_old_tags_as_the_pose_graph_moves_their_poses(seed):
     solved = optimum(odometry, first, last, truth[first].inverse() @ truth[last])
     motion = MapMotion()
     stations, _ = follow(motion, odometry)
-    jump = motion.update(solved[-1] @ odometry[-1].inverse(), odometry[-1])
+    jump = motion.update(LATER_S, solved[-1] @ odometry[-1].inverse(), odometry[-1])
     assert jump is not None
     ahead = Pose2(x=0.8, y=0.3)  # where a tag was seen from each pose
     before, after = [], []
@@ -129,7 +131,7 @@ def test_the_newest_pose_moves_exactly_as_the_graph_says_and_the_first_place_sta
     stations, _ = follow(motion, truth)
     now = truth[-1]
     moved = Pose2(now.x + x, now.y + y, now.yaw + yaw)
-    jump = motion.update(moved @ now.inverse(), now)
+    jump = motion.update(LATER_S, moved @ now.inverse(), now)
     if jump is None:
         assert math.hypot(x, y) <= 0.08 and abs(yaw) <= 0.03
         return
@@ -145,16 +147,36 @@ def test_a_new_map_takes_everything_along():
     motion = MapMotion()
     stations, _ = follow(motion, truth)
     new = Pose2(5.0, -3.0, 2.0)
-    jump = motion.update(new, truth[-1])
+    jump = motion.update(LATER_S, new, truth[-1])
     for station, pose in zip(stations, truth):
         assert (jump.motion_at(station) @ pose).distance_to(new @ pose) < 1e-9
-    assert motion.update(new, truth[-1]) is None
+    assert motion.update(LATER_S, new, truth[-1]) is None
 
 
 def test_a_path_of_hours_stays_bounded():
     motion = MapMotion()
     pose = Pose2()
-    for _ in range(5000):
+    for k in range(5000):
         pose = pose @ Pose2(x=0.25, yaw=0.01)
-        motion.update(Pose2(), pose)
+        motion.update(STEP_S * k, Pose2(), pose)
     assert len(motion._path) <= 2000
+
+
+def test_wheels_that_slip_move_no_tag():
+    """The robot is held by a table for five seconds: odometry runs on, and SLAM takes it back, in lumps."""
+    motion = MapMotion()
+    held = Pose2(5.8, 0.2, 0.1)
+    jumps = []
+    for k in range(60):
+        motion.update(0.1 * k, Pose2(), Pose2(x=0.1 * k))
+    for k in range(50):
+        odom = Pose2(x=5.9 + 0.03 * k, yaw=0.01 * k)
+        corrected = held @ Pose2(x=5.9 + 0.03 * (k // 3 * 3), yaw=0.01 * (k // 3 * 3)).inverse()
+        jump = motion.update(6.0 + 0.1 * k, corrected, odom)
+        if k > 0 and jump is not None:
+            jumps.append(jump)
+    assert jumps
+    assert all(jump.motion_at(3.0) == Pose2() and 0.0 < jump.doubt_m < 0.3 for jump in jumps)
+    assert motion.unrest_m > 0.03
+    motion.update(20.0, corrected, odom)
+    assert motion.unrest_m == 0.0

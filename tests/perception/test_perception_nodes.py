@@ -350,6 +350,8 @@ def test_known_tags_follow_a_jump_of_the_map(bench, aggregator):
     for _ in range(3):
         bench.sight(7, (1.0, 0.0, 0.15))
     before = bench.discovered(7, 3).pose_in_map.position.x
+    steps = aggregator._motion._steps
+    bench.host.until(lambda: sum(step[1] for step in list(steps)) < 0.01, what="the robot to have stood for a moment")
     bench.map_from_odom = (0.4, 0.0, 0.0)
     bench.time_ns += STEP_NS
     bench.send_robot(bench.map_from_odom, bench.odom_from_base)

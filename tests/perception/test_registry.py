@@ -174,6 +174,23 @@ def test_sightings_from_before_the_loop_stay():
     assert registry.get("7").pose == before
 
 
+def test_a_doubt_moves_nothing_and_lets_newer_looks_count_more():
+    rng = np.random.default_rng(1)
+    registry = TagRegistry()
+    for k in range(20):
+        registry.add("7", sighting(rng, 0.2, 1.0, k))
+    before = registry.get("7")
+    zero = np.zeros(1)
+    for _ in range(50):
+        registry.follow(MapJump(zero, zero, zero, zero, zero, zero, doubt_m=0.2))
+    after = registry.get("7")
+    assert after.pose.translation == pytest.approx(before.pose.translation, abs=2e-3)
+    assert before.spread_m < after.spread_m <= 0.11
+    for k in range(5):
+        registry.add("7", sighting(rng, 0.5, 0.8, 100 + k, offset=(0.15, 0.0, 0.0)))
+    assert registry.get("7").pose.translation[0] == pytest.approx(TAG[0] + 0.15, abs=0.03)
+
+
 def test_doubts_are_told_apart():
     rng = np.random.default_rng(1)
     registry = TagRegistry(min_sightings=3)
