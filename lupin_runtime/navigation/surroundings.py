@@ -20,6 +20,9 @@ from lupin_runtime.transforms import TransformUnavailable
 # A scan may be stamped a little later than the newest odometry that has come.
 _AHEAD_NS = 200_000_000
 
+# Two periods of the odometry: long enough to average its jitter, short enough to follow the acceleration limits.
+_VELOCITY_NS = 40_000_000
+
 
 class _Watched:
     """One chain of moving transforms; fresh while its newest stamp goes on.
@@ -48,8 +51,7 @@ class _Watched:
 
 
 class Surroundings:
-    """Subscribes to /tf, /scan and the odometry. Scans and odometry are kept as bytes and read when they are needed:
-    they come more often than that."""
+    """Subscribes to /tf and /scan. Scans are kept as bytes and read when they are needed: they come more often than that."""
 
     def __init__(
         self,
@@ -70,12 +72,9 @@ class Surroundings:
         self._lost_since_s: float | None = None
         self._health = ScanHealth(scan_patience_s)
         self._scan_bytes: bytes | None = None
-        self._odom_bytes: tuple[bytes, float] | None = None
         self._scan_type = interface(graph.SCAN.type)
-        self._odom_type = interface(graph.ODOM.type)
         self.local: Costmap | None = None
         node.subscription(graph.SCAN, self._take_scan, graph.BEST1, raw=True)
-        node.subscription(graph.ODOM, self._take_odometry, graph.REL1, raw=True)
 
     @property
     def tree(self) -> Any:
@@ -84,9 +83,6 @@ class Surroundings:
 
     def _take_scan(self, data: bytes) -> None:
         self._scan_bytes = data
-
-    def _take_odometry(self, data: bytes) -> None:
-        self._odom_bytes = data, self._now_s()
 
     # -- the robot -----------------------------------------------------------------------------------------------------
     def odom_from_base(self) -> Pose2 | None:
@@ -105,12 +101,26 @@ class Surroundings:
         return None if correction is None or odometry is None else correction @ odometry
 
     def velocity(self) -> Velocity:
-        """The body's velocity as the odometry measures it; standstill where it has not said for 0.3 s."""
-        if self._odom_bytes is None or self._now_s() - self._odom_bytes[1] > 0.3:
+        """The body's velocity over the last _VELOCITY_NS of odometry; standstill where that is not known.
+
+        Taken from the transforms, which have to be heard anyway: the odometry's own topic would wake the executor another
+        fifty times a second for nothing else.
+        """
+        tree = self._listener.tree
+        try:
+            newest = tree.newest_ns(graph.ODOM_FRAME, graph.BASE_FRAME)
+            if newest is None:
+                return STANDSTILL
+            now = plane_pose(tree.lookup(graph.ODOM_FRAME, graph.BASE_FRAME, newest))
+            before = plane_pose(tree.lookup(graph.ODOM_FRAME, graph.BASE_FRAME, newest - _VELOCITY_NS))
+        except TransformUnavailable:
             return STANDSTILL
-        twist = deserialize_message(self._odom_bytes[0], self._odom_type).twist.twist
-        vx, vy, wz = twist.linear.x, twist.linear.y, twist.angular.z
-        return tuple(v if abs(v) >= self._threshold else 0.0 for v in (vx, vy, wz))  # type: ignore[return-value]
+        motion = before.inverse() @ now
+        # Seen from halfway through the turn, the motion along the arc points where the body did.
+        half = Pose2(0.0, 0.0, -0.5 * motion.yaw).apply(motion.x, motion.y)
+        scale = 1e9 / _VELOCITY_NS
+        vx, vy, wz = (v if abs(v) >= self._threshold else 0.0 for v in (half[0] * scale, half[1] * scale, motion.yaw * scale))
+        return vx, vy, wz
 
     def blind(self) -> str | None:
         """Why the lidar can't be trusted, or None."""
