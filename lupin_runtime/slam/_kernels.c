@@ -406,15 +406,17 @@ int refine_pose(const double *xy, const double *normal, const double *sigma_of, 
 /* ---- occupancy: counters of beams that ended in a cell and that crossed it -------------------------------------------- */
 
 /* Adds (`sign` 1) or takes back (-1) one scan: `seen` counts every beam that crossed or ended in a cell, `hit` those that
- * ended. Counters commute, so that a scan can be moved exactly when the graph moves it. Cells outside are skipped. */
-void count_beams(int32_t *seen, int32_t *hit, int width, int height, double x0, double y0, double cell, const double *xy,
+ * ended. Counters commute, so that a scan can be moved exactly when the graph moves it: cells are counted from the frame's
+ * origin (`col0, row0` is the raster's first), so that a raster which has grown since rounds as it did before. Cells outside
+ * are skipped. */
+void count_beams(int32_t *seen, int32_t *hit, int width, int height, int col0, int row0, double cell, const double *xy,
                  int n, const double *pose, double sx, double sy, int sign)
 {
     double c = cos(pose[2]), s = sin(pose[2]);
-    double fx = (pose[0] + c * sx - s * sy - x0) / cell, fy = (pose[1] + s * sx + c * sy - y0) / cell;
+    double fx = (pose[0] + c * sx - s * sy) / cell, fy = (pose[1] + s * sx + c * sy) / cell;
     for (int i = 0; i < n; i++) {
-        double ex = (pose[0] + c * xy[2 * i] - s * xy[2 * i + 1] - x0) / cell;
-        double ey = (pose[1] + s * xy[2 * i] + c * xy[2 * i + 1] - y0) / cell;
+        double ex = (pose[0] + c * xy[2 * i] - s * xy[2 * i + 1]) / cell;
+        double ey = (pose[1] + s * xy[2 * i] + c * xy[2 * i + 1]) / cell;
         int col = (int)floor(fx), row = (int)floor(fy), last_col = (int)floor(ex), last_row = (int)floor(ey);
         double dx = ex - fx, dy = ey - fy;
         int step_col = dx > 0 ? 1 : -1, step_row = dy > 0 ? 1 : -1;
@@ -422,6 +424,10 @@ void count_beams(int32_t *seen, int32_t *hit, int width, int height, double x0, 
         double next_col = dx > 0 ? (col + 1 - fx) * per_col : dx < 0 ? (fx - col) * per_col : INFINITY;
         double next_row = dy > 0 ? (row + 1 - fy) * per_row : dy < 0 ? (fy - row) * per_row : INFINITY;
         int left = abs(last_col - col) + abs(last_row - row);
+        col -= col0;
+        row -= row0;
+        last_col -= col0;
+        last_row -= row0;
         for (; left > 0; left--) { /* Amanatides and Woo, 1987 */
             if (col >= 0 && row >= 0 && col < width && row < height)
                 seen[(int64_t)row * width + col] += sign;

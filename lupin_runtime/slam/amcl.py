@@ -1,8 +1,8 @@
 """Adaptive Monte Carlo localisation on a saved map: particles say where the robot may be, a refinement says where exactly.
 
 Motion and sensor models are Nav2's omni model and likelihood field (Thrun, Burgard, Fox 2005, 5.4, 6.4, 8.3); the number of
-particles follows Fox's KLD bound (2003). The published covariance is meant to be believed: particles alone are too few to measure
-centimetres, so the refined pose carries the information of its scan, and the cloud's spread where the scan says little.
+particles follows Fox's KLD bound (2003). The published covariance is meant to be believed: particles alone are too few to
+measure centimetres, so the refined pose carries the information of its scan, and the cloud's spread where that says little.
 """
 
 from __future__ import annotations

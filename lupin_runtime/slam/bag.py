@@ -5,7 +5,6 @@ The one place outside nodes that needs rclpy: messages were recorded as the midd
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,9 @@ from lupin_runtime.slam.files import MalformedFile
 from lupin_runtime.slam.offline import OfflineScan
 from lupin_runtime.slam.scan import Beams
 from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable
+
+# Transforms of the whole recording are kept: scans are placed when all of it is read.
+_WHOLE_RECORDING_S = 1e8
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ def read_recording(path: Path, range_min_m: float = 0.25, range_max_m: float = 1
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
 
-    tree = TransformTree(keep_s=math.inf)
+    tree = TransformTree(keep_s=_WHOLE_RECORDING_S)
     scans: list[Any] = []
     problems: list[str] = []
     topics = [graph.SCAN.name, graph.TF.name, graph.TF_STATIC.name, graph.ODOM.name]

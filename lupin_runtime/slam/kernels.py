@@ -34,7 +34,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     ),
     "field_score": (_D, [_B, _N, _N, _D, _D, _D, _F, _N, _F]),
     "refine_pose": (c_int, [_F, _F, _F, _N, _I, _F, *_GRID, _F, _F, _F, _N, _D, _D, _F, _F]),
-    "count_beams": (None, [_I, _I, _N, _N, _D, _D, _D, _F, _N, _F, _D, _D, _N]),
+    "count_beams": (None, [_I, _I, _N, _N, _N, _N, _D, _F, _N, _F, _D, _D, _N]),
     "grade_cells": (None, [_I, _I, c_int64, _N, _D, _C]),
     "count_conflicts": (None, [_I, _I, _N, _N, _D, _D, _D, _F, _N, _F, _N, _OUT, _OUT]),
     "particle_scores": (None, [_F, _N, _F, _N, _B, _N, _N, _D, _D, _D, _F, _F]),
@@ -127,12 +127,15 @@ def refine_pose(
 
 
 def count_beams(
-    seen: NDArray[np.int32], hit: NDArray[np.int32], corner: tuple[float, float], cell_m: float, xy: Array, pose: Array,
+    seen: NDArray[np.int32], hit: NDArray[np.int32], first: tuple[int, int], cell_m: float, xy: Array, pose: Array,
     sensor: tuple[float, float], sign: int,
 ) -> None:  # fmt: skip
-    """Add (1) or take back (-1) the beams of a scan from `sensor` to `xy`, both in the frame of `pose`."""
+    """Add (1) or take back (-1) the beams of a scan from `sensor` to `xy`, both in the frame of `pose`.
+
+    `first` is the (column, row) of the raster's first cell, counted from the frame's origin.
+    """
     height, width = seen.shape
-    _library.count_beams(seen, hit, width, height, *corner, cell_m, xy, len(xy), pose, *sensor, sign)
+    _library.count_beams(seen, hit, width, height, *first, cell_m, xy, len(xy), pose, *sensor, sign)
 
 
 def grade_cells(seen: NDArray[np.int32], hit: NDArray[np.int32], least: int, share: float) -> NDArray[np.int8]:

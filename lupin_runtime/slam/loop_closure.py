@@ -173,10 +173,11 @@ class LoopCloser:
         cell, reach = 0.1, self._local.shape.reach_m
         size = 2 * math.ceil(reach / cell)
         seen, hit = np.zeros((size, size), np.int32), np.zeros((size, size), np.int32)
-        corner = (centre[0] - reach, centre[1] - reach)
+        first = (math.floor((centre[0] - reach) / cell), math.floor((centre[1] - reach) / cell))
+        corner = (first[0] * cell, first[1] * cell)
         for number in group:
             scan = graph.pool.scan(int(number))
-            kernels.count_beams(seen, hit, corner, cell, scan.xy, graph.poses[number].copy(), scan.sensor, 1)
+            kernels.count_beams(seen, hit, first, cell, scan.xy, graph.poses[number].copy(), scan.sensor, 1)
         conflicts, known = kernels.count_conflicts(seen, hit, corner, cell, source.thinned(0.1), pose, 2)
         return conflicts / known if known >= 30 else 1.0
 

@@ -1,10 +1,19 @@
-"""The nodes of this room, for the stack's table."""
+"""The nodes of this room, for the stack's table. Each is imported when asked for: a mapper does without AMCL's libraries."""
 
 from __future__ import annotations
 
-from lupin_runtime.slam.amcl_node import AmclNode
-from lupin_runtime.slam.map_server import MapServer
-from lupin_runtime.slam.reset_node import SlamResetNode
-from lupin_runtime.slam.slam_node import SlamNode
+import importlib
+from typing import Any
 
-__all__ = ["AmclNode", "MapServer", "SlamNode", "SlamResetNode"]
+_MODULES = {
+    "SlamNode": "slam_node",
+    "SlamResetNode": "reset_node",
+    "MapServer": "map_server",
+    "AmclNode": "amcl_node",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"lupin_runtime.slam.{_MODULES[name]}"), name)

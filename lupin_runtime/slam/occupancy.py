@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lupin_runtime.gridmap import GridMap
+from lupin_runtime.gridmap import UNKNOWN, GridMap
 from lupin_runtime.slam import kernels
 from lupin_runtime.slam.scan import Scan
 
@@ -83,28 +83,25 @@ class OccupancyMap:
             self.draw(key, self._drawn[key].scan, self._waiting[key])
 
     def grid(self) -> GridMap | None:
-        """The map as far as beams went; None before the first scan. Its corner is a whole number of cells from the origin."""
+        """The map as far as it is known; None before the first scan. Its corner is a whole number of cells from the origin."""
         if not self._drawn:
             return None
         s = self.settings
-        rows, columns = np.flatnonzero(self._seen.max(axis=1)), np.flatnonzero(self._seen.max(axis=0))
+        cells = kernels.grade_cells(self._seen, self._hit, s.least_beams, s.occupied_share)
+        known = cells != UNKNOWN
+        rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if not len(rows):
             return None
-        window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-        cells = kernels.grade_cells(
-            np.ascontiguousarray(self._seen[window]), np.ascontiguousarray(self._hit[window]), s.least_beams, s.occupied_share
-        )
         return GridMap(
-            cells,
+            np.ascontiguousarray(cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]),
             s.resolution_m,
             (self._low[0] + int(columns[0])) * s.resolution_m,
             (self._low[1] + int(rows[0])) * s.resolution_m,
         )
 
     def _count(self, drawn: _Drawn, sign: int) -> None:
-        corner = (self._low[0] * self.settings.resolution_m, self._low[1] * self.settings.resolution_m)
         kernels.count_beams(
-            self._seen, self._hit, corner, self.settings.resolution_m, drawn.scan.xy, drawn.pose, drawn.scan.sensor, sign
+            self._seen, self._hit, self._low, self.settings.resolution_m, drawn.scan.xy, drawn.pose, drawn.scan.sensor, sign
         )
 
     def _make_room(self, scan: Scan, pose: Array) -> None:

@@ -227,7 +227,7 @@ def optimise(
             step = pattern.solve(matrix, right, damping)
             candidate = poses.copy()
             candidate[~held] += step.reshape(-1, 3)
-            candidate[:, 2] = wrap(candidate[:, 2])
+            candidate[~held, 2] = wrap(candidate[~held, 2])
             new_cost, new_chi2 = cost_of(candidate)
             if new_cost <= cost or damping > 1e8:
                 break

@@ -61,7 +61,7 @@ def save_session(path: Path, graph: KeyframeGraph, map_from_odom: Array, step_ra
 def load_session(path: Path) -> Session:
     """Read a session. Raises MalformedFile, OSError."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             values: dict[str, Any] = {name: stored[name] for name in stored.files}
         if int(values["version"]) != _VERSION:
             raise MalformedFile(path, None, f"expected a session of version {_VERSION}, found {int(values['version'])}")

@@ -1,0 +1,170 @@
+"""Localisation on a saved map: accuracy, covariances that can be believed, the bound on particles."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lupin_runtime.geometry import Pose2
+from lupin_runtime.gridmap import GridMap
+from lupin_runtime.slam.amcl import Amcl, AmclSettings, wrap
+from lupin_runtime.slam.keyframes import relative
+from lupin_runtime.slam.likelihood_field import LikelihoodField
+from lupin_runtime.slam.scan import Beams, ScanReader
+
+SPREAD = np.diag([0.25, 0.25, 0.068])
+
+
+def beams_of(log) -> Beams:
+    return Beams(float(log.angles[0]), float(log.angles[1] - log.angles[0]), len(log.angles))
+
+
+def rasterised(world, cell: float = 0.05) -> GridMap:
+    """The world's walls as a saved map would have them."""
+    ends = world.segments.reshape(-1, 2)
+    low = ends.min(axis=0) - 0.5
+    width, height = np.ceil((ends.max(axis=0) + 0.5 - low) / cell).astype(int)
+    cells = np.zeros((height, width), np.int8)
+    for x0, y0, x1, y1 in world.segments:
+        steps = int(math.hypot(x1 - x0, y1 - y0) / 0.01) + 2
+        x, y = np.linspace(x0, x1, steps), np.linspace(y0, y1, steps)
+        cells[((y - low[1]) / cell).astype(int), ((x - low[0]) / cell).astype(int)] = 100
+    return GridMap(cells, cell, float(low[0]), float(low[1]))
+
+
+def localise(grid: GridMap, log, seed: int, start=None, last: int | None = None, blind=range(0)):
+    """Errors (n, 3), covariances (n, 3, 3) and beliefs of a filter led along a log in the map's frame."""
+    amcl, reader, beams = Amcl(grid, seed=seed), ScanReader(), beams_of(log)
+    rng = np.random.default_rng(seed)
+    origin = np.zeros(3) if start is None else start
+    truth = np.array([relative(origin, row) for row in log.truth]) if start is not None else log.truth
+    amcl.start(truth[0] + rng.multivariate_normal(np.zeros(3), SPREAD / 4), SPREAD / 4)
+    before, errors, covariances, beliefs = Pose2(*log.odom[0]), [], [], []
+    for k in range(last or len(log.stamps)):
+        odom = Pose2(*log.odom[k])
+        step = before.inverse() @ odom
+        motion = np.array([step.x, step.y, step.yaw])
+        if k >= 3 and not amcl.is_due(motion):
+            continue
+        amcl.predict(motion)
+        before = odom
+        belief = amcl.belief() if k in blind else amcl.correct(reader.read(beams, log.ranges[k]).xy)
+        error = belief.pose - truth[k]
+        error[2] = float(wrap(np.asarray(error[2])))
+        errors.append(error)
+        covariances.append(belief.covariance)
+        beliefs.append(belief)
+        assert 500 <= len(amcl.particles) <= 2000
+    return np.array(errors), np.array(covariances), beliefs
+
+
+def nees(errors: np.ndarray, covariances: np.ndarray) -> np.ndarray:
+    """Normalised estimation error squared: three on average, where a covariance is honest."""
+    return np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_on_a_true_map_the_covariance_is_as_large_as_the_error(worlds, seed):
+    log = worlds.greenhouse_log(1.5, seed=20 + seed)
+    errors, covariances, beliefs = localise(rasterised(worlds.greenhouse()), log, seed)
+    settled = slice(5, None)
+    assert np.sqrt((errors[settled, :2] ** 2).sum(axis=1).mean()) < 0.04
+    assert np.sqrt((errors[settled, 2] ** 2).mean()) < math.radians(0.5)
+    consistency = nees(errors[settled], covariances[settled])
+    assert 0.5 < consistency.mean() < 5.0
+    assert np.quantile(consistency, 0.95) < 11.3  # 99 % of chi-squared with three degrees of freedom
+    assert np.mean([belief.refined for belief in beliefs[5:]]) > 0.9
+
+
+def test_on_a_map_that_was_built_the_covariance_is_no_smaller_than_the_error(worlds, mapped, greenhouse_log):
+    log = worlds.greenhouse_log(1.0, seed=31)
+    errors, covariances, beliefs = localise(mapped.mapper.grid(), log, 1, start=greenhouse_log.truth[0])
+    assert 0.1 < nees(errors[5:], covariances[5:]).mean() < 5.0
+    refined = np.array([belief.refined for belief in beliefs])
+    assert refined.mean() > 0.9
+    assert np.hypot(*errors[refined, :2].T).max() < 0.06
+
+
+def test_without_scans_the_covariance_grows_and_still_covers_the_error(worlds):
+    log = worlds.greenhouse_log(0.6, seed=4)
+    blind = range(150, 360)
+    errors, covariances, beliefs = localise(rasterised(worlds.greenhouse()), log, 0, blind=blind)
+    traces = covariances[:, 0, 0] + covariances[:, 1, 1]
+    assert traces[-1] > 20 * np.median(traces[5:25])
+    assert not beliefs[-1].refined
+    assert nees(errors[-5:], covariances[-5:]).max() < 11.3
+
+
+def test_a_corridor_leaves_the_particles_spread_along_it(worlds):
+    world = worlds.World(np.array([[-30.0, -1.0, 30.0, -1.0], [-30.0, 1.0, 30.0, 1.0]]))
+    amcl = Amcl(rasterised(world), seed=0)
+    amcl.start(np.array([0.3, 0.1, 0.05]), np.diag([0.04, 0.04, 0.02]))
+    angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
+    beams = Beams(-math.pi, float(angles[1] - angles[0]), 360)
+    for k in range(4):
+        truth = np.array([0.3 * k, 0.0, 0.0])
+        amcl.predict(np.array([0.3, 0.0, 0.0]) if k else np.zeros(3))
+        belief = amcl.correct(ScanReader().read(beams, world.cast(truth, angles, 12.0)).xy)
+    sigma = np.sqrt(np.diag(belief.covariance))
+    assert abs(belief.pose[1]) < 0.03 and abs(belief.pose[2]) < 0.02
+    assert sigma[0] > 4 * sigma[1]
+    assert abs(belief.pose[0] - truth[0]) < 3 * sigma[0]
+
+
+def test_two_rooms_alike_give_a_covariance_that_spans_both(worlds):
+    rooms = np.concatenate((worlds.box(0, 0, 3, 3), worlds.box(6, 0, 3, 3)))
+    amcl = Amcl(rasterised(worlds.World(rooms)), seed=0)
+    amcl.start(np.array([3.0, 0.0, 0.0]), np.diag([9.0, 0.05, 0.01]))
+    angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
+    ranges = worlds.World(rooms).cast(np.zeros(3), angles, 12.0)
+    belief = amcl.correct(ScanReader().read(Beams(-math.pi, float(angles[1] - angles[0]), 360), ranges).xy)
+    assert not belief.refined
+    assert math.sqrt(belief.covariance[0, 0]) > 2.0
+
+
+def test_the_number_of_particles_follows_the_spread():
+    cells = np.zeros((400, 400), np.int8)
+    cells[0, :] = 100
+    amcl = Amcl(GridMap(cells, 0.05, 0.0, 0.0), AmclSettings(), seed=0)
+    points = np.array([[0.5, 0.0], [0.0, 0.5]])
+    amcl.start(np.array([10.0, 15.0, 0.0]), np.diag([25.0, 25.0, 3.0]))
+    amcl.correct(points)
+    assert len(amcl.particles) == 2000
+    amcl.start(np.array([10.0, 15.0, 0.0]), np.diag([1e-4, 1e-4, 1e-4]))
+    amcl.correct(points)
+    assert len(amcl.particles) == 500
+
+
+def test_the_omni_model_spreads_sideways_as_well():
+    amcl = Amcl(GridMap(np.zeros((10, 10), np.int8), 0.05, 0.0, 0.0), seed=0)
+    amcl.start(np.zeros(3), np.zeros((3, 3)))
+    amcl.predict(np.array([0.0, 0.5, 0.0]))  # a mecanum base drives to its left
+    x, y, yaw = amcl.particles.T
+    assert y.mean() == pytest.approx(0.5, abs=0.03) and abs(x.mean()) < 0.03
+    expected = math.sqrt(0.2 * 0.25)  # alpha 0.2, half a metre
+    for spread in (x.std(), y.std(), yaw.std()):
+        assert spread == pytest.approx(expected, rel=0.1)
+
+
+def test_the_field_rises_linearly_from_a_wall_and_is_cut_far_away():
+    cells = np.zeros((60, 200), np.int8)
+    cells[:, 0] = 100
+    field = LikelihoodField(GridMap(cells, 0.05, 0.0, 0.0))
+    distance, gx, gy = field.sample(np.array([0.525, 1.025, 9.0]), np.array([1.5, 1.5, 1.5]))
+    np.testing.assert_allclose(distance, [0.5, 1.0, 2.0], atol=1e-9)
+    np.testing.assert_allclose(gx, [1.0, 1.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(gy, 0.0, atol=1e-9)
+    near, far = field.log_likelihood(np.array([[0.525, 1.5, 0.0], [5.0, 1.5, 0.0]]), np.array([[-0.5, 0.0]]))
+    assert near > far
+
+
+@pytest.mark.parametrize(
+    ("pose", "covariance"), [([np.nan, 0, 0], np.eye(3)), ([0, 0, 0], np.full((3, 3), np.inf)), ([0, 0, 0], -np.eye(3))]
+)
+def test_an_initial_pose_that_means_nothing_is_refused(pose, covariance):
+    amcl = Amcl(GridMap(np.zeros((10, 10), np.int8), 0.05, 0.0, 0.0))
+    with pytest.raises(ValueError, match="initial"):
+        amcl.start(np.array(pose, float), covariance)
+    assert not amcl.started

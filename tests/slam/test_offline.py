@@ -1,0 +1,176 @@
+"""Maps from logs, as a function and as a command; sessions that go on."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from lupin_cli.commands.map import app
+from lupin_runtime.geometry import Pose2
+from lupin_runtime.slam.files import MalformedFile
+from lupin_runtime.slam.g2o import read_g2o
+from lupin_runtime.slam.map_io import load_map
+from lupin_runtime.slam.mapper import Mapper, MapperSettings
+from lupin_runtime.slam.offline import NothingToMap, OfflineScan, build_map, no_return_m
+from lupin_runtime.slam.scan import Beams
+from lupin_runtime.slam.session import load_session, save_session
+
+
+@pytest.fixture(scope="module")
+def office(worlds):
+    """A floor with a loop of 100 m: half a turn of laser, a scan in three seconds, people, slips, drift of tens of metres."""
+    drift = worlds.Drift(travel_scale=0.03, turn_scale=0.05, turn_per_m=0.02, travel_noise=0.15, turn_noise=0.08)
+    trouble = worlds.Trouble(people=3, nonsense=0.01, nothing=0.04, slip=0.0004)
+    log = worlds.office_log(2, drift=drift, trouble=trouble)
+    return worlds.Log(log.stamps[:340], log.truth[:340], log.odom[:340], log.ranges[:340], log.angles)
+
+
+@pytest.fixture(scope="module")
+def built(office, worlds, tmp_path_factory):
+    """That log through `lupin map build`, with two broken lines in it: the folder and the JSON."""
+    folder = tmp_path_factory.mktemp("office")
+    lines = worlds.carmen_text(office).splitlines()
+    lines.insert(50, "FLASER 180 1.0 2.0")
+    lines.append(lines[-1][:200])
+    (folder / "office.log").write_text("\n".join(lines) + "\n")
+    result = CliRunner().invoke(app, ["build", str(folder / "office.log"), "--out", str(folder / "map"), "--json"])
+    assert result.exit_code == 0, result.stderr
+    return folder / "map", json.loads(result.stdout), result.stderr
+
+
+def test_a_nasty_log_becomes_a_consistent_map(built, office, worlds):
+    folder, result, _ = built
+    drift, _ = worlds.aligned_errors(office.odom, office.truth)
+    assert drift.max() > 20.0
+    rows = np.loadtxt(folder / "trajectory.tum")
+    poses = np.column_stack((rows[:, 1:3], 2.0 * np.arctan2(rows[:, 6], rows[:, 7])))
+    place, yaw = worlds.aligned_errors(poses, office.truth)
+    assert np.sqrt((place**2).mean()) < 0.25
+    assert np.degrees(np.sqrt((yaw**2).mean())) < 1.0
+    assert result["closures"] > 20
+    assert 40.0 < result["map"]["width"] * 0.05 < 80.0  # 44 m of floor, and what nonsense readings saw beyond its walls
+
+
+def test_every_scan_has_a_pose_under_its_own_stamp(built, office):
+    stamps = [line.split()[0] for line in (built[0] / "trajectory.tum").read_text().splitlines()]
+    assert stamps == [f"{976052857.337534 + stamp:.6f}" for stamp in office.stamps]
+
+
+def test_broken_lines_are_named_on_standard_error(built):
+    _, result, errors = built
+    assert "line 51: FLASER" in errors
+    assert result["problems"] == 2
+
+
+def test_the_graph_that_is_written_is_at_its_optimum(built):
+    graph = read_g2o(built[0] / "graph.g2o")
+    result = CliRunner().invoke(app, ["optimize", str(built[0] / "graph.g2o"), "--json"])
+    found = json.loads(result.stdout)
+    assert result.exit_code == 0 and found["vertices"] == len(graph.poses) and found["edges"] == len(graph.edges)
+    assert found["chi2"] <= found["chi2_before"]
+
+
+def test_the_map_reads_back_with_walls_and_rooms(built):
+    grid = load_map(built[0] / "map.yaml")
+    assert (grid.cells == 100).sum() > 3000
+    assert (grid.cells == 0).sum() * 0.05**2 > 300.0
+
+
+def test_optimize_writes_the_graph_it_found(built, tmp_path):
+    graph = read_g2o(built[0] / "graph.g2o")
+    poor = tmp_path / "poor.g2o"
+    text = (built[0] / "graph.g2o").read_text().splitlines()
+    poor.write_text("\n".join(f"VERTEX_SE2 {line.split()[1]} 0 0 0" if line.startswith("VERTEX") else line for line in text))
+    result = CliRunner().invoke(app, ["optimize", str(poor), "--out", str(tmp_path / "good.g2o"), "--json"])
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    reference = json.loads(CliRunner().invoke(app, ["optimize", str(built[0] / "graph.g2o"), "--json"]).stdout)
+    assert found["chi2"] == pytest.approx(reference["chi2"], rel=1e-4)
+    good = read_g2o(tmp_path / "good.g2o")
+    assert len(good.edges) == len(graph.edges) and np.abs(good.poses).max() > 10.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (["build", "{}/none.log", "--out", "{}/o"], 2, "no such file"),
+        (["build", "{}/bad.log", "--out", "{}/o"], 1, "no FLASER"),
+        (["build", "{}/bad.mcap", "--out", "{}/o"], 1, "bad.mcap"),
+        (["build", "{}/blind.log", "--out", "{}/o"], 1, "none of 20 scans"),
+        (["build", "{}/blind.log", "--out", "{}/bad.log"], 2, "is a file"),
+        (["build", "{}/blind.log"], 2, "--out"),
+        (["optimize", "{}/none.g2o"], 2, "no such file"),
+        (["optimize", "{}/bad.log"], 1, "bad.log:1: expected one of VERTEX_SE2"),
+    ],
+)
+def test_what_cannot_be_done_is_said_with_its_exit_code(tmp_path, arguments, code, says):
+    (tmp_path / "bad.log").write_text("nothing of use\n")
+    (tmp_path / "bad.mcap").write_bytes(b"\x89MCAP0\r\n" + b"\0" * 40)
+    blind = " ".join(["81.83"] * 180)
+    (tmp_path / "blind.log").write_text("".join(f"FLASER 180 {blind} {k} 0 0 {k} 0 0 {k}.0 host 0\n" for k in range(20)))
+    result = CliRunner().invoke(app, [a.format(tmp_path) for a in arguments])
+    assert result.exit_code == code
+    assert says in result.stderr.replace("\n", "")
+    assert not (tmp_path / "o" / "map.yaml").exists()
+
+
+def test_the_ceiling_of_a_laser_is_found_in_its_readings():
+    rng = np.random.default_rng(0)
+    free = [np.round(rng.uniform(1, 30, 180), 2) for _ in range(20)]
+    assert math.isinf(no_return_m(free))
+    assert no_return_m([np.where(rng.random(180) < 0.1, 81.83, r) for r in free]) == 81.83
+    assert math.isinf(no_return_m([np.full(180, np.nan)]))
+
+
+def test_scans_before_the_first_usable_one_get_poses_too(worlds, greenhouse_log):
+    beams = Beams(float(greenhouse_log.angles[0]), float(greenhouse_log.angles[1] - greenhouse_log.angles[0]), 360)
+    scans = [
+        OfflineScan(
+            str(k), k * 0.1, Pose2(*greenhouse_log.odom[k]), greenhouse_log.ranges[k] * (np.nan if k < 20 else 1.0), beams
+        )
+        for k in range(120)
+    ]
+    result = build_map(scans, settings=MapperSettings())
+    assert len(result.poses) == 120 and result.unusable == 20
+    estimate = np.array([[p.x, p.y, p.yaw] for p in result.poses])
+    assert worlds.aligned_errors(estimate, greenhouse_log.truth[:120])[0].max() < 0.05
+    with pytest.raises(NothingToMap):
+        build_map(scans[:20])
+
+
+# -- sessions --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_mapper_goes_on_with_a_kept_session(greenhouse_log, drive, tmp_path):
+    first = drive(greenhouse_log).go(0, 400)
+    x, y, yaw = first.steps[-1].pose
+    at = Pose2(x, y, yaw) @ Pose2(*greenhouse_log.odom[399]).inverse()
+    save_session(tmp_path / "s.posegraph", first.mapper.graph, np.array([at.x, at.y, at.yaw]), math.radians(1.0))
+    kept = load_session(tmp_path / "s.posegraph")
+    assert len(kept.graph) == len(first.mapper.graph) and len(kept.graph.edges) == len(first.mapper.graph.edges)
+
+    second = drive(greenhouse_log)
+    pose = Pose2(*kept.map_from_odom) @ Pose2(*greenhouse_log.odom[420])
+    second.mapper = Mapper.resumed(None, kept.graph, np.array([pose.x, pose.y, pose.yaw]))
+    before = first.mapper.grid()
+    after = second.mapper.grid()
+    same = (before.cells == after.cells).mean() if before.cells.shape == after.cells.shape else 0.0
+    assert same > 0.97  # the kept points are rounded to single precision
+    second.go(420, 700)
+    start = Pose2(*greenhouse_log.truth[0]).inverse()
+    for k, step in zip(range(420, 700), second.steps):
+        truth = start @ Pose2(*greenhouse_log.truth[k])
+        assert math.hypot(step.pose[0] - truth.x, step.pose[1] - truth.y) < 0.06
+
+
+@pytest.mark.parametrize("spoil", [lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b"PK" + b[2:50], lambda b: bytes(200)])
+def test_a_torn_session_is_refused(greenhouse_log, drive, tmp_path, spoil):
+    path = tmp_path / "s.posegraph"
+    save_session(path, drive(greenhouse_log).go(0, 30).mapper.graph, np.zeros(3), 0.01)
+    path.write_bytes(spoil(path.read_bytes()))
+    with pytest.raises(MalformedFile, match=r"s\.posegraph"):
+        load_session(path)

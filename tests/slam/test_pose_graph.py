@@ -1,0 +1,169 @@
+"""The optimiser against known optima: closed graphs, a general solver, guesses of every quality."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from lupin_runtime.slam.pose_graph import (
+    Edges,
+    GraphError,
+    anchors_of,
+    edge_chi2,
+    linear_guess,
+    optimise,
+    residuals,
+    wrap,
+)
+
+
+def relative(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    c, s, d = np.cos(a[:, 2]), np.sin(a[:, 2]), b - a
+    return np.stack((c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1], wrap(d[:, 2])), axis=1)
+
+
+def graph_of(seed: int, poses: int, loops: int, place: float = 0.05, turn: float = 0.02) -> tuple[np.ndarray, Edges]:
+    """A random walk with closures between random poses, measured with Gaussian noise."""
+    rng = np.random.default_rng(seed)
+    truth = np.zeros((poses, 3))
+    for k in range(1, poses):
+        yaw = truth[k - 1, 2] + rng.choice([0.0, 0.0, 0.0, np.pi / 2, -np.pi / 2])
+        truth[k] = truth[k - 1, 0] + np.cos(yaw), truth[k - 1, 1] + np.sin(yaw), yaw
+    truth[:, 2] = wrap(truth[:, 2])
+    pairs = np.array([sorted(rng.choice(poses, 2, replace=False)) for _ in range(loops)]).reshape(-1, 2)
+    tail = np.concatenate((np.arange(poses - 1), pairs[:, 0])).astype(np.int64)
+    head = np.concatenate((np.arange(1, poses), pairs[:, 1])).astype(np.int64)
+    noise = rng.normal(size=(len(tail), 3)) * [place, place, turn]
+    information = np.broadcast_to(np.diag([place**-2, place**-2, turn**-2]), (len(tail), 3, 3)).copy()
+    return truth, Edges(tail, head, relative(truth[tail], truth[head]) + noise, information)
+
+
+def odometry(edges: Edges, poses: int) -> np.ndarray:
+    """Poses from the chain of edges k -> k + 1 alone."""
+    guess = np.zeros((poses, 3))
+    for k in range(1, poses):
+        x, y, yaw = guess[k - 1]
+        dx, dy, turn = edges.motion[k - 1]
+        guess[k] = x + np.cos(yaw) * dx - np.sin(yaw) * dy, y + np.sin(yaw) * dx + np.cos(yaw) * dy, yaw + turn
+    return guess
+
+
+def general_optimum(start: np.ndarray, edges: Edges) -> float:
+    """The least cost a general solver finds from `start`, its first pose held."""
+    roots = np.linalg.cholesky(edges.information).transpose(0, 2, 1)
+
+    def cost(free: np.ndarray) -> np.ndarray:
+        poses = np.vstack((start[0], free.reshape(-1, 3)))
+        return np.einsum("eij,ej->ei", roots, residuals(poses, edges)).ravel()
+
+    return 2.0 * least_squares(cost, start[1:].ravel(), xtol=1e-12, ftol=1e-12, gtol=1e-12).cost
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000), scale=st.floats(0.1, 100.0))
+def test_exact_measurements_give_back_the_truth_from_any_guess(seed, scale):
+    truth, edges = graph_of(seed, 30, 12)
+    exact = Edges(edges.tail, edges.head, relative(truth[edges.tail], truth[edges.head]), edges.information)
+    guess = np.random.default_rng(seed).normal(size=truth.shape) * scale
+    guess[0] = truth[0]
+    solution = optimise(guess, exact)
+    assert solution.chi2_after < 1e-6
+    np.testing.assert_allclose(solution.poses[:, :2], truth[:, :2], atol=1e-5)
+    np.testing.assert_allclose(wrap(solution.poses[:, 2] - truth[:, 2]), 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_optimum_is_the_one_a_general_solver_finds_from_the_truth(seed):
+    truth, edges = graph_of(seed, 40, 25)
+    reference = general_optimum(truth, edges)
+    for guess in (odometry(edges, 40), np.zeros_like(truth), np.random.default_rng(seed).normal(size=truth.shape) * 20):
+        guess[0] = truth[0]
+        solution = optimise(guess, edges)
+        assert solution.chi2_after == pytest.approx(reference, rel=1e-6)
+        assert solution.converged
+
+
+def test_thousands_of_poses_reach_one_optimum_from_good_and_poor_guesses():
+    truth, edges = graph_of(7, 1500, 900, 0.1, 0.1)
+    good, poor = optimise(truth, edges), optimise(np.zeros_like(truth), edges)
+    assert good.chi2_after == pytest.approx(poor.chi2_after, rel=1e-9)
+    assert poor.started_from == "linear"
+    # As many residuals as measurements, less the unknowns: chi2 of a right model.
+    freedom = 3 * (len(edges) - len(truth) + 1)
+    assert abs(good.chi2_after - freedom) < 5 * np.sqrt(2 * freedom)
+
+
+def test_a_correlated_information_matrix_counts_as_it_stands():
+    truth, edges = graph_of(1, 25, 15)
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(len(edges), 3, 3)) * 5
+    information = root @ root.transpose(0, 2, 1) + np.eye(3)
+    edges = Edges(edges.tail, edges.head, edges.motion, information)
+    assert optimise(odometry(edges, 25), edges).chi2_after == pytest.approx(general_optimum(truth, edges), rel=1e-6)
+
+
+def test_held_vertices_do_not_move():
+    _, edges = graph_of(2, 20, 10)
+    guess = odometry(edges, 20)
+    solution = optimise(guess, edges, fixed=np.array([3, 9]))
+    np.testing.assert_array_equal(solution.poses[[3, 9]], guess[[3, 9]])
+    assert solution.chi2_after > 0.0
+
+
+def test_every_part_of_a_torn_graph_is_solved_in_its_own_frame():
+    _, edges = graph_of(3, 20, 8)
+    keep = (edges.tail < 10) == (edges.head < 10)
+    torn = Edges(edges.tail[keep], edges.head[keep], edges.motion[keep], edges.information[keep])
+    assert np.flatnonzero(anchors_of(20, torn)).tolist() == [0, 10]
+    solution = optimise(odometry(edges, 20), torn)
+    assert solution.converged and np.isfinite(solution.poses).all()
+
+
+def test_the_linear_guess_of_exact_measurements_is_the_truth():
+    truth, edges = graph_of(5, 50, 30)
+    exact = Edges(edges.tail, edges.head, relative(truth[edges.tail], truth[edges.head]), edges.information)
+    guess = np.zeros_like(truth)
+    guess[0] = truth[0]
+    found = linear_guess(guess, exact, anchors_of(50, exact))
+    np.testing.assert_allclose(found[:, :2], truth[:, :2], atol=1e-8)
+
+
+def test_a_wrong_closure_under_a_robust_kernel_bends_nothing():
+    truth, edges = graph_of(6, 60, 40, 0.02, 0.01)
+    wrong = edges.motion.copy()
+    wrong[-1] += [4.0, -3.0, 1.0]
+    lied = Edges(edges.tail, edges.head, wrong, edges.information)
+    soft = np.zeros(len(edges), bool)
+    soft[59:] = True
+    plain = optimise(truth, lied)
+    robust = optimise(truth, lied, robust=soft)
+    honest = optimise(truth, edges)
+    off = np.hypot(*(robust.poses - honest.poses)[:, :2].T).max()
+    assert off < 0.05
+    assert np.hypot(*(plain.poses - honest.poses)[:, :2].T).max() > 4 * off
+    assert edge_chi2(robust.poses, lied).argmax() == len(edges) - 1
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda e: Edges(e.tail, e.head + 100, e.motion, e.information), "names vertex"),
+        (lambda e: Edges(e.tail, e.tail, e.motion, e.information), "with itself"),
+        (lambda e: Edges(e.tail, e.head, e.motion * np.nan, e.information), "not finite"),
+        (lambda e: Edges(e.tail, e.head, e.motion, -e.information), "positive definite"),
+    ],
+)
+def test_a_graph_without_meaning_is_refused_with_its_reason(spoil, says):
+    truth, edges = graph_of(0, 10, 3)
+    with pytest.raises(GraphError, match=says):
+        optimise(truth, spoil(edges))
+
+
+def test_a_lone_pose_and_a_graph_without_edges_stay_as_they_are():
+    nothing = Edges(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
+    poses = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 0.1]])
+    np.testing.assert_array_equal(optimise(poses, nothing).poses, poses)
+    np.testing.assert_array_equal(optimise(poses[:1], nothing).poses, poses[:1])
