@@ -258,7 +258,7 @@ def _line_of_key(path: Path, key: str) -> int:
         root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
     except yaml.YAMLError:
         return 1  # tabs: JSON allows them where YAML doesn't
-    for name, value in root.value:
+    for name, value in root.value if isinstance(root, yaml.MappingNode) else ():
         if name.value == "tags" and isinstance(value, yaml.MappingNode):
             for tag_key, _ in value.value:
                 if tag_key.value == key:

@@ -202,4 +202,5 @@ def _most_at_once(flowers: Sequence[Detection]) -> list[Detection]:
     frames: dict[int, list[Detection]] = {}
     for d in flowers:
         frames.setdefault(d.frame, []).append(d)
-    return sorted(max(frames.values(), key=len, default=[]), key=lambda d: d.fraction)
+    fullest = max(frames.values(), key=lambda group: len(group)) if frames else []
+    return sorted(fullest, key=lambda d: d.fraction)
