@@ -120,6 +120,8 @@ class StatePublishers:
         for (every, at), publish in self._table:
             if self._simulation.tick % every == at:
                 publish(stamp)
+        if self._button_message.value != self._simulation.estop_pressed:
+            self._publish_button(stamp)  # an edge waits for no period
 
     def _publish_clock(self, stamp: Time) -> None:
         self._clock_message.clock = stamp

@@ -91,7 +91,17 @@ def _simulator_command(options: Options) -> list[str]:
 
 
 def _drive(options: Options) -> Parameters:
-    return {"sink": "sim" if options.simulated else "robot"}
+    # Twelve processes share the cores: the bus and the e-stop are asked to be served before the rest of them.
+    return {"sink": "sim" if options.simulated else "robot", "serve_first": True}
+
+
+def _estop(_: Options) -> Parameters:
+    return {"serve_first": True}
+
+
+def _strip(options: Options) -> Parameters:
+    # The robot's strip was wired with its colours in another order.
+    return {"drive_topic": graph.CMD_VEL_SINK_SIM.name} if options.simulated else {"color_order": "BRG"}
 
 
 def _slam(options: Options) -> Parameters:
@@ -107,7 +117,10 @@ def _map(options: Options) -> Parameters:
 
 
 def _annotator(options: Options) -> Parameters:
-    return {"image_topic": (graph.BODY_IMAGE_SIM if options.simulated else graph.BODY_IMAGE_ROBOT).name}
+    if options.simulated:
+        return {"image_topic": graph.BODY_IMAGE_SIM.name}
+    # Raw pictures never cross the WiFi link.
+    return {"image_topic": graph.BODY_IMAGE_ROBOT.name, "compressed": True}
 
 
 def _bridge(options: Options) -> Parameters:
@@ -142,7 +155,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ),
     ProcessRow(
         "estop",
-        (NodeRow("lupin_runtime.safety.node:EstopBridge"),),
+        (NodeRow("lupin_runtime.safety.node:EstopBridge", _estop),),
         when=_simulated,
         ready=(Heard(graph.ESTOP_STATE),),
         stop_rank=2,
@@ -193,7 +206,7 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.arm.node:ArmPresetServer"),
             NodeRow("lupin_runtime.arm.node:GripperActionBridge"),
             NodeRow("lupin_runtime.arm.node:ArmLibraryServer"),
-            NodeRow("lupin_runtime.lights.node:LightStripBridge"),
+            NodeRow("lupin_runtime.lights.node:LightStripBridge", _strip),
         ),
         when=_simulated,
         needs=(Heard(graph.JOINT_STATES),),
