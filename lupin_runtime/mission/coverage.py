@@ -17,9 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.geometry import Pose2, wrap_angle
-from lupin_runtime.gridmap import GridMap
+from lupin_runtime.gridmap import UNKNOWN, GridMap
 from lupin_runtime.mission.approach import Clearance
 from lupin_runtime.native import load_kernels
+
+Floats = NDArray[np.float64]
 
 MAX_SAMPLES = 4000  # bounds what a new map costs: 4000 poses against 3000 surfaces take about 30 ms
 _STILL_M, _STILL_RAD = 0.03, math.radians(3.0)
@@ -96,28 +98,33 @@ def travel_distances(clearance: Clearance, robot: Pose2, room_m: float) -> NDArr
 
 @dataclass(frozen=True)
 class Surfaces:
-    """The sides of obstacles that face free space.
+    """The sides of what is not free, where free space begins.
 
-    `rows` is float64 (n, 4): x, y of the free cell in front, unit outward normal; `wall` (n,) marks those of outer walls.
+    `rows` is float64 (n, 4): x, y of the free cell in front, unit outward normal. `wall` (n,) marks those of the room's
+    outer walls, `unknown` (n,) those of which only is known that no beam has shown what they are.
     """
 
     rows: NDArray[np.float64]
     wall: NDArray[np.bool_]
+    unknown: NDArray[np.bool_]
 
 
 def find_surfaces(grid: GridMap, free_thresh: int = 20, occupied_thresh: int = 65) -> Surfaces:
-    """Every occupied cell's free-facing sides, with normals fitted over 0.15 m; specks of one or two cells have none."""
-    occupied = (grid.cells >= occupied_thresh).astype(np.uint8)
+    """Every side of a cell that is not free towards one that is, with normals fitted over 0.15 m.
+
+    Unknown cells count, since a lidar passes a box's end at a flat angle without touching it; specks of one or two cells
+    of a kind do not.
+    """
+    occupied = grid.cells >= occupied_thresh
     free = (grid.cells >= 0) & (grid.cells <= free_thresh)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
-    is_wall = _outer_walls(grid, labels, stats)
-    solid = stats[:, cv2.CC_STAT_AREA] >= 3
-    solid[0] = False
-    body = solid[labels]
+    labels, stats = _components(occupied)
+    unknown_labels, unknown_stats = _components(grid.cells == UNKNOWN)
+    seen = (stats[:, cv2.CC_STAT_AREA] >= 3)[labels] & occupied
+    hidden = (unknown_stats[:, cv2.CC_STAT_AREA] >= 3)[unknown_labels] & (grid.cells == UNKNOWN)
     steps = ((0, 1), (0, -1), (1, 0), (-1, 0))  # (row, column): east, west, north, south
-    faces = [body & _shifted(free, row, column) for row, column in steps]
+    faces = [(seen | hidden) & _shifted(free, row, column) for row, column in steps]
     reach = max(1, round(0.15 / grid.resolution_m))
-    rows, walls = [], []
+    rows, unknown = [], []
     for index, (step_row, step_column) in enumerate(steps):
         r, c = np.nonzero(faces[index])
         near = [_around(face, r, c, reach) for face in faces]
@@ -132,8 +139,15 @@ def find_surfaces(grid: GridMap, free_thresh: int = 20, occupied_thresh: int = 6
         x = grid.origin_x + (c + step_column + 0.5) * grid.resolution_m
         y = grid.origin_y + (r + step_row + 0.5) * grid.resolution_m
         rows.append(np.stack((x, y, nx / length, ny / length), axis=1))
-        walls.append(is_wall[labels[r, c]])
-    return Surfaces(np.ascontiguousarray(np.concatenate(rows), np.float64), np.concatenate(walls))
+        unknown.append(hidden[r, c])
+    table = np.ascontiguousarray(np.concatenate(rows), np.float64)
+    return Surfaces(table, _outer_walls(grid, table, labels, stats), np.concatenate(unknown))
+
+
+def _components(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Labels (height, width) of 8-connected components, 0 for none, and OpenCV's statistics of each."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    return np.asarray(labels, np.int32), np.asarray(stats, np.int32)
 
 
 def _around(mask: NDArray[np.bool_], r: NDArray[np.intp], c: NDArray[np.intp], reach: int) -> NDArray[np.float64]:
@@ -167,28 +181,52 @@ def _shifted(mask: NDArray[np.bool_], row: int, column: int) -> NDArray[np.bool_
     return result
 
 
-def _outer_walls(grid: GridMap, labels: NDArray[np.int32], stats: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Which components (by label) enclose the place: those that span half of it, and long ones along its rim."""
-    walls = np.zeros(len(stats), bool)
-    rows, columns = np.nonzero(labels)
-    if rows.size < 3:
+WALL_BAND_M = 0.2  # outer walls of a SLAM map are this straight; no box is this shallow
+
+
+def _outer_walls(
+    grid: GridMap, rows: NDArray[np.float64], labels: NDArray[np.int32], stats: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Which surfaces are a room's outer walls: those along the rim of all that is occupied, facing inwards.
+
+    Boxes that stand against a wall stick out of the rim, and their sides face along it. Where nothing encloses the place,
+    only what is long and lies along the rim as a whole is a wall: boxes in the open are none.
+    """
+    walls = np.zeros(len(rows), bool)
+    occupied_rows, occupied_columns = np.nonzero(labels)
+    if occupied_rows.size < 3 or not len(rows):
         return walls
-    spans = stats[:, cv2.CC_STAT_WIDTH].astype(float) * stats[:, cv2.CC_STAT_HEIGHT]
-    whole = (np.ptp(rows) + 1.0) * (np.ptp(columns) + 1.0)
-    walls = spans >= 0.5 * whole
-    walls[0] = False
-    (cx, cy), (width, height), angle = cv2.minAreaRect(np.stack((columns, rows), axis=1).astype(np.float32))
-    if min(width, height) < 2.0:
+    points = np.stack((occupied_columns, occupied_rows), axis=1).astype(np.float32)
+    (cx, cy), (width, height), angle = cv2.minAreaRect(points)
+    if min(width, height) * grid.resolution_m < 1.0:
         return walls
     c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
-    u, v = c * (columns - cx) + s * (rows - cy), -s * (columns - cx) + c * (rows - cy)
-    inward = np.minimum(width / 2 - np.abs(u), height / 2 - np.abs(v)) * grid.resolution_m
+
+    def inside(columns: Floats, rows_: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Metres inside the two nearer edges of the rim, and which way, +1 or -1, is inwards along either axis."""
+        u, v = c * (columns - cx) + s * (rows_ - cy), -s * (columns - cx) + c * (rows_ - cy)
+        du, dv = (width / 2 - np.abs(u)) * grid.resolution_m, (height / 2 - np.abs(v)) * grid.resolution_m
+        return du, dv, -np.sign(u), -np.sign(v)
+
+    spans = stats[:, cv2.CC_STAT_WIDTH].astype(float) * stats[:, cv2.CC_STAT_HEIGHT]
+    spans[0] = 0.0
+    columns, rows_ = (rows[:, 0] - grid.origin_x) / grid.resolution_m, (rows[:, 1] - grid.origin_y) / grid.resolution_m
+    du, dv, towards_u, towards_v = inside(columns - 0.5, rows_ - 0.5)
+    facing_u = towards_u * (c * rows[:, 2] + s * rows[:, 3])
+    facing_v = towards_v * (-s * rows[:, 2] + c * rows[:, 3])
+    along: NDArray[np.bool_] = ((du <= WALL_BAND_M) & (facing_u >= 0.7)) | ((dv <= WALL_BAND_M) & (facing_v >= 0.7))
+    if spans.max() >= 0.5 * (np.ptp(occupied_rows) + 1.0) * (np.ptp(occupied_columns) + 1.0):
+        return along
     deepest = np.zeros(len(stats))
-    np.maximum.at(deepest, labels[rows, columns], inward)
+    du, dv, _, _ = inside(occupied_columns.astype(float), occupied_rows.astype(float))
+    np.maximum.at(deepest, labels[occupied_rows, occupied_columns], np.minimum(du, dv))
     longest = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) * grid.resolution_m
-    rim = (deepest <= 0.3) & (longest >= (1.0 if walls.any() else 2.5))
-    rim[0] = False
-    result: NDArray[np.bool_] = walls | rim
+    is_wall = (deepest <= WALL_BAND_M) & (longest >= 2.5)
+    # The cell behind a surface is the one its normal points away from.
+    behind_rows = np.clip(np.floor(rows_ - np.sign(np.round(rows[:, 3]))).astype(int), 0, grid.height - 1)
+    behind_columns = np.clip(np.floor(columns - np.sign(np.round(rows[:, 2]))).astype(int), 0, grid.width - 1)
+    behind = labels[behind_rows, behind_columns]
+    result: NDArray[np.bool_] = along & is_wall[behind] & (behind > 0)
     return result
 
 
@@ -228,7 +266,7 @@ class Coverage:
         self._counted = 0
         self._tries: dict[tuple[int, int, int], int] = {}
         self._grid: GridMap | None = None
-        self._surfaces = Surfaces(np.empty((0, 4)), np.empty(0, bool))
+        self._surfaces = Surfaces(np.empty((0, 4)), np.empty(0, bool), np.empty(0, bool))
         self._seen_s = np.empty(0)
 
     def note_pose(self, pose: Pose2, elapsed_s: float) -> None:
@@ -278,9 +316,11 @@ class Coverage:
     def _weights_of_all(self) -> NDArray[np.float64]:
         return np.where(self._surfaces.wall, self._wall_weight, 1.0)
 
-    def _wanted(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Rows and weights of the surfaces still to be seen."""
+    def _wanted(self, unknown: bool = True) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Rows and weights of the surfaces still to be seen, with or without those that no beam has touched."""
         weights = self._weights_of_all()
+        if not unknown:
+            weights[self._surfaces.unknown] = 0.0
         weights[self._seen_s >= self._min_view_s] = 0.0
         if self._tries:
             for index in np.flatnonzero(weights):
@@ -305,10 +345,13 @@ class Coverage:
         for key in {_key(row) for row in rows[seen > 0.0]}:
             self._tries[key] = self._tries.get(key, 0) + 1
 
-    def viewpoints(self, clearance: Clearance, travel_m: NDArray[np.float32], robot: Pose2, room_m: float) -> list[Viewpoint]:
+    def viewpoints(
+        self, clearance: Clearance, travel_m: NDArray[np.float32], robot: Pose2, room_m: float, unknown: bool = True
+    ) -> list[Viewpoint]:
         """Poses worth going to, best first: free, with `room_m` around them, on a road from the robot, facing something
-        unseen from 0.6 to 1.4 m. The score is gain / (1 + travel), a turn of the robot counted as travel too."""
-        rows, weights = self._wanted()
+        unseen from 0.6 to 1.4 m. The score is gain / (1 + travel), a turn of the robot counted as travel too. `unknown`
+        False leaves out what may be free space still to be explored."""
+        rows, weights = self._wanted(unknown)
         if not len(rows):
             return []
         poses = _candidates(rows[:: max(1, len(rows) // 150)])

@@ -82,7 +82,8 @@ class Explorer:
             travel = travel_distances(clearance, robot, self._travel_room_m)
         reachable = [f for f in found if self._road_m(f, grid, travel) < math.inf]
         ready = [f for f in reachable if self._spot(f.x, f.y).not_before_s <= now_s]
-        viewpoint = self._viewpoint(grid, clearance, travel, robot)
+        # The unknown is a matter of frontiers while there are any: what is left of it then is the side of something.
+        viewpoint = self._viewpoint(grid, clearance, travel, robot, unknown=not ready)
         if ready:
             best = ready[0]
             if viewpoint is not None and self._on_the_way(viewpoint, self._road_m(best, grid, travel)):
@@ -154,7 +155,12 @@ class Explorer:
         return float(near.min()) if near.size else math.inf
 
     def _viewpoint(
-        self, grid: GridMap, clearance: Clearance | None, travel: NDArray[np.float32] | None, robot: Pose2 | None
+        self,
+        grid: GridMap,
+        clearance: Clearance | None,
+        travel: NDArray[np.float32] | None,
+        robot: Pose2 | None,
+        unknown: bool,
     ) -> Viewpoint | None:
         if self._coverage is None or clearance is None or travel is None or robot is None:
             return None
@@ -162,7 +168,7 @@ class Explorer:
         if self._looked_from is not None:
             self._coverage.give_up_slowly(self._looked_from)
             self._looked_from = None
-        options = self._coverage.viewpoints(clearance, travel, robot, self._viewpoint_room_m)
+        options = self._coverage.viewpoints(clearance, travel, robot, self._viewpoint_room_m, unknown)
         return options[0] if options else None
 
     @staticmethod
