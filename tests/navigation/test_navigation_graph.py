@@ -56,9 +56,7 @@ def _robot_class(toolbox):
             self._tf = TransformBroadcaster(self)
             self.subscription(graph.CMD_VEL_NAV, self._take)
             # The lidar looks to the left: what assumes otherwise drives into walls here.
-            self._tf.send_static(
-                to_message(graph.BASE_FRAME, graph.LASER_FRAME, 0, transform(Pose2(0.0, 0.0, math.pi / 2)))
-            )
+            self._tf.send_static(to_message(graph.BASE_FRAME, graph.LASER_FRAME, 0, transform(Pose2(0.0, 0.0, math.pi / 2))))
             self.create_timer(STEP_S / SPEED, self._step)
 
         def _take(self, message: Twist) -> None:
