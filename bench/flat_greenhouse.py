@@ -44,8 +44,10 @@ def _standing(yaw: float) -> tuple[float, float, float, float]:
 class FlatGreenhouse:
     """The ports of an orchestrator, and the world behind them."""
 
-    def __init__(self, world: World, **parameters: Any) -> None:
+    def __init__(self, world: World, range_sigma_m: float = 0.0, pose_sigma_m: float = 0.0, **parameters: Any) -> None:
         self.world = world
+        self._rng = np.random.default_rng(world.seed)
+        self._range_sigma_m, self._pose_sigma_m = range_sigma_m, pose_sigma_m
         x0, y0, x1, y1 = world.bounds
         margin = 0.5
         self._origin = (x0 - margin, y0 - margin)
@@ -59,7 +61,7 @@ class FlatGreenhouse:
             self.solid |= (np.abs(u) <= box.depth / 2) & (np.abs(v) <= box.width / 2)
         for pillar in world.pillars:
             self.solid |= np.hypot(x - pillar.x, y - pillar.y) <= pillar.radius
-        self.known = np.full(shape, -1, np.int8)
+        self._odds = np.full(shape, np.nan)  # log odds of being occupied; not a number: never touched
         self.pose = world.start
         self.now = 1.0
         self.length_m = 0.0
@@ -110,7 +112,14 @@ class FlatGreenhouse:
         return True
 
     def robot_pose(self) -> Pose2:
-        return self.pose
+        dx, dy, dyaw = self._rng.normal(0.0, self._pose_sigma_m, 3)
+        return Pose2(self.pose.x + dx, self.pose.y + dy, self.pose.yaw + dyaw)
+
+    @property
+    def known(self) -> NDArray[np.int8]:
+        """The map that the lidar has made so far."""
+        touched = np.where(self._odds > 0.0, 100, 0)
+        return np.where(np.isnan(self._odds), -1, touched).astype(np.int8)
 
     def map(self) -> tuple[int, GridMap] | None:
         return self._map
@@ -185,7 +194,8 @@ class FlatGreenhouse:
 
     def _plan(self, goal: Pose2) -> list[tuple[float, float]] | None:
         """A road over what is not known to be blocked, as a planner that may cross the unknown finds it."""
-        cells = np.where(self.known >= 65, self.known, 0).astype(np.int8)
+        known = self.known
+        cells = np.where(known >= 65, known, 0).astype(np.int8)
         clearance = Clearance.of(self._grid(cells))
         distance = travel_distances(clearance, goal, ROBOT_ROOM_M)
         if distance is None:
@@ -224,14 +234,25 @@ class FlatGreenhouse:
 
     def _scan(self, number: int) -> None:
         angles = np.linspace(-math.pi, math.pi, BEAMS, endpoint=False)
+        seen_from = self.robot_pose()
         rows, columns, first = self._ray(self.pose.x, self.pose.y, angles, LIDAR_M)
-        along = np.arange(rows.shape[1])
-        free = along[None, :] < first[:, None]
-        self.known[rows[free], columns[free]] = 0
-        ends = np.flatnonzero(first < rows.shape[1])
-        self.known[rows[ends, first[ends]], columns[ends, first[ends]]] = 100
-        self.known[self.solid & (self.known == 0)] = 100
-        self._map = (number, self._grid(self.known.copy()))
+        hits = np.flatnonzero(first < rows.shape[1])
+        noise = np.round(self._rng.normal(0.0, self._range_sigma_m, len(first)) / (CELL_M / 2)).astype(int)
+        ends = np.clip(first + noise, 0, rows.shape[1] - 1)
+        by = round((seen_from.y - self.pose.y) / CELL_M), round((seen_from.x - self.pose.x) / CELL_M)
+        rows, columns = np.clip(rows + by[0], 0, self.solid.shape[0] - 1), np.clip(columns + by[1], 0, self.solid.shape[1] - 1)
+        # The cell of the hit is not passed, whichever of its half-cell steps the beam ends in.
+        hit_rows, hit_columns = rows[hits, ends[hits]], columns[hits, ends[hits]]
+        passed = np.zeros(self.solid.shape, bool)
+        free = np.arange(rows.shape[1])[None, :] < ends[:, None]
+        passed[rows[free], columns[free]] = True
+        touched = np.zeros(self.solid.shape, bool)
+        touched[hit_rows, hit_columns] = True
+        passed &= ~touched
+        self._odds[np.isnan(self._odds) & (passed | touched)] = 0.0
+        self._odds[passed] = np.maximum(self._odds[passed] - 0.4, -4.0)
+        self._odds[touched] = np.minimum(self._odds[touched] + 0.9, 4.0)
+        self._map = (number, self._grid(self.known))
 
     def _look(self) -> None:
         x, y = self.pose.apply(CAMERA_X_M, 0.0)
@@ -242,7 +263,7 @@ class FlatGreenhouse:
                 continue
             if abs(wrap_angle(math.atan2(-dy, -dx) - tag.yaw)) > TAG_INCIDENCE_RAD:
                 continue
-            _, _, first = self._ray(x, y, np.array([math.atan2(dy, dx)]), distance - 0.1)
+            _, _, first = self._ray(x, y, np.array([math.atan2(dy, dx)]), max(0.1, distance - 0.1))
             if first[0] * CELL_M / 2 >= distance - 0.15:
                 self._sightings[tag.id] += 1
 
@@ -263,10 +284,12 @@ class Result:
     goals: int = 0
 
 
-def explore(name: str, limit_s: float = 3600.0, **parameters: Any) -> tuple[Result, FlatGreenhouse]:
+def explore(
+    name: str, limit_s: float = 3600.0, range_sigma_m: float = 0.0, pose_sigma_m: float = 0.0, **parameters: Any
+) -> tuple[Result, FlatGreenhouse]:
     """A mission for all tags in a world of the simulator."""
     world = load_world(name)
-    house = FlatGreenhouse(world, **parameters)
+    house = FlatGreenhouse(world, range_sigma_m, pose_sigma_m, **parameters)
     while house.orchestrator.hsm.lifecycle != "READY":
         house.step()
     for _ in range(20):

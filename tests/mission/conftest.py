@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+
+# Whole missions are run in the greenhouse of the benchmarks.
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.gridmap import GridMap
