@@ -494,3 +494,187 @@ void particle_scores(const double *particles, int count, const double *xy, int n
         score[p] = sum;
     }
 }
+
+/* ---- pose graphs: sparse block Cholesky --------------------------------------------------------------------------------
+ * Up-looking, after Davis, "Direct Methods for Sparse Linear Systems", 2006, chapter 4, on blocks of k x k (k is 2 or 3), so
+ * that an index is looked up once for a pose. Vertices come in elimination order; `start, row` list for every column j the
+ * rows i < j of the upper blocks A(i, j). */
+
+/* The elimination tree (`parent`) and the number of blocks in every column of L (`count`, diagonal included).
+ * `mark` is scratch of n. Returns the sum of counts. */
+int64_t block_symbolic(int n, const int32_t *start, const int32_t *row, int32_t *parent, int32_t *count, int32_t *mark)
+{
+    int64_t total = 0;
+    for (int k = 0; k < n; k++) {
+        parent[k] = -1;
+        mark[k] = k;
+        count[k] = 1;
+        for (int p = start[k]; p < start[k + 1]; p++)
+            for (int i = row[p]; mark[i] != k; i = parent[i]) {
+                if (parent[i] < 0)
+                    parent[i] = k;
+                mark[i] = k;
+                count[i]++;
+            }
+    }
+    for (int k = 0; k < n; k++)
+        total += count[k];
+    return total;
+}
+
+/* Adds the blocks of the edges: to[e] >= 0 is the slot of block e, flipped (transposed) where `flip[e]`; < 0 is left out. */
+void add_blocks(const double *blocks, const int32_t *to, const uint8_t *flip, int count, int k, double *sum)
+{
+    for (int e = 0; e < count; e++) {
+        if (to[e] < 0)
+            continue;
+        const double *b = blocks + (int64_t)e * k * k;
+        double *s = sum + (int64_t)to[e] * k * k;
+        for (int r = 0; r < k; r++)
+            for (int c = 0; c < k; c++)
+                s[r * k + c] += flip[e] ? b[c * k + r] : b[r * k + c];
+    }
+}
+
+/* x <- x L^-T for a lower triangular block. */
+static inline void right_solve(double *x, const double *l, int k)
+{
+    for (int r = 0; r < k; r++)
+        for (int c = 0; c < k; c++) {
+            double v = x[r * k + c];
+            for (int m = 0; m < c; m++)
+                v -= x[r * k + m] * l[c * k + m];
+            x[r * k + c] = v / l[c * k + c];
+        }
+}
+
+/* x <- x - a b^T */
+static inline void subtract_outer(double *x, const double *a, const double *b, int k)
+{
+    for (int r = 0; r < k; r++)
+        for (int c = 0; c < k; c++) {
+            double v = 0.0;
+            for (int m = 0; m < k; m++)
+                v += a[r * k + m] * b[c * k + m];
+            x[r * k + c] -= v;
+        }
+}
+
+static inline int factor_block(double *d, int k)
+{
+    for (int c = 0; c < k; c++)
+        for (int r = c; r < k; r++) {
+            double v = d[r * k + c];
+            for (int m = 0; m < c; m++)
+                v -= d[r * k + m] * d[c * k + m];
+            if (r == c) {
+                if (!(v > 0.0))
+                    return 0;
+                d[r * k + c] = sqrt(v);
+            } else {
+                d[r * k + c] = v / d[c * k + c];
+            }
+        }
+    return 1;
+}
+
+static inline int factor(int n, int k, const int32_t *start, const int32_t *row, const double *upper, const double *diagonal,
+                         const int32_t *parent, const int64_t *column, int32_t *low_row, double *low, int64_t *filled,
+                         int32_t *mark, int32_t *stack, double *x)
+{
+    int area = k * k;
+    for (int j = 0; j < n; j++)
+        mark[j] = -1;
+    memset(x, 0, (size_t)n * area * sizeof(double));
+    for (int j = 0; j < n; j++) {
+        double d[9];
+        memcpy(d, diagonal + (int64_t)j * area, area * sizeof(double));
+        int top = n;
+        mark[j] = j;
+        for (int p = start[j]; p < start[j + 1]; p++) {
+            int i = row[p], length = 0;
+            /* row j of the lower triangle: A(j, i) = A(i, j)^T */
+            double *to = x + (int64_t)i * area;
+            const double *from = upper + (int64_t)p * area;
+            for (int r = 0; r < k; r++)
+                for (int c = 0; c < k; c++)
+                    to[r * k + c] = from[c * k + r];
+            for (; mark[i] != j; i = parent[i]) {
+                stack[length++] = i;
+                mark[i] = j;
+            }
+            while (length > 0)
+                stack[--top] = stack[--length];
+        }
+        for (; top < n; top++) {
+            int i = stack[top];
+            double *block = x + (int64_t)i * area, value[9];
+            const double *own = low + column[i] * area;
+            memcpy(value, block, area * sizeof(double));
+            memset(block, 0, area * sizeof(double));
+            right_solve(value, own, k);
+            for (int64_t p = column[i] + 1; p < filled[i]; p++)
+                subtract_outer(x + (int64_t)low_row[p] * area, value, low + p * area, k);
+            subtract_outer(d, value, value, k);
+            low_row[filled[i]] = j;
+            memcpy(low + filled[i] * area, value, area * sizeof(double));
+            filled[i]++;
+        }
+        if (!factor_block(d, k))
+            return 0;
+        low_row[column[j]] = j;
+        memcpy(low + column[j] * area, d, area * sizeof(double));
+        filled[j] = column[j] + 1;
+    }
+    return 1;
+}
+
+/* L of A = L L^T into `low` (blocks by column, `column` their starts) and `low_row`. Scratch: `filled` (n), `mark` (n), `stack`
+ * (n), `x` (n blocks). Returns 0 where A is not positive definite. */
+int block_factor(int n, int k, const int32_t *start, const int32_t *row, const double *upper, const double *diagonal,
+                 const int32_t *parent, const int64_t *column, int32_t *low_row, double *low, int64_t *filled, int32_t *mark,
+                 int32_t *stack, double *x)
+{
+    /* constant k lets the compiler unroll the blocks */
+    if (k == 3)
+        return factor(n, 3, start, row, upper, diagonal, parent, column, low_row, low, filled, mark, stack, x);
+    if (k == 2)
+        return factor(n, 2, start, row, upper, diagonal, parent, column, low_row, low, filled, mark, stack, x);
+    return 0;
+}
+
+/* b <- A^-1 b from L. */
+void block_solve(int n, int k, const int64_t *column, const int32_t *low_row, const double *low, double *b)
+{
+    for (int j = 0; j < n; j++) {
+        const double *d = low + column[j] * k * k;
+        double *x = b + (int64_t)j * k;
+        for (int r = 0; r < k; r++) {
+            for (int m = 0; m < r; m++)
+                x[r] -= d[r * k + m] * x[m];
+            x[r] /= d[r * k + r];
+        }
+        for (int64_t p = column[j] + 1; p < column[j + 1]; p++) {
+            double *y = b + (int64_t)low_row[p] * k;
+            const double *l = low + p * k * k;
+            for (int r = 0; r < k; r++)
+                for (int m = 0; m < k; m++)
+                    y[r] -= l[r * k + m] * x[m];
+        }
+    }
+    for (int j = n - 1; j >= 0; j--) {
+        double *x = b + (int64_t)j * k;
+        for (int64_t p = column[j] + 1; p < column[j + 1]; p++) {
+            const double *y = b + (int64_t)low_row[p] * k, *l = low + p * k * k;
+            for (int r = 0; r < k; r++)
+                for (int m = 0; m < k; m++)
+                    x[r] -= l[m * k + r] * y[m];
+        }
+        const double *d = low + column[j] * k * k;
+        for (int r = k - 1; r >= 0; r--) {
+            for (int m = r + 1; m < k; m++)
+                x[r] -= d[m * k + r] * x[m];
+            x[r] /= d[r * k + r];
+        }
+    }
+}

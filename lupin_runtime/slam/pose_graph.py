@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from lupin_runtime.slam.normal_equations import BlockPattern, adjacency
+from lupin_runtime.slam.normal_equations import BlockPattern, Indefinite, adjacency
 
 Array = NDArray[np.floating]
 Index = NDArray[np.int64]
@@ -121,43 +121,61 @@ def anchors_of(poses: int, edges: Edges, fixed: Index | None = None) -> NDArray[
     return held
 
 
-def linear_guess(poses: Array, edges: Edges, held: NDArray[np.bool_]) -> Array:
+def linear_guess(poses: Array, edges: Edges, held: NDArray[np.bool_], pattern: BlockPattern | None = None) -> Array:
     """A start that needs no guess: chordal rotations, then translations, both linear least squares.
 
     Carlone, Tron, Daniilidis, Dellaert, "Initialization techniques for 3D SLAM", ICRA 2015; in the plane a rotation is a
     complex number. Only the held poses are read.
     """
-    free = ~held
-    if not free.any():
+    free = np.flatnonzero(~held)
+    if not len(free):
         return poses.copy()
-    pattern = BlockPattern(len(poses), edges.tail, edges.head, held)
-    turns = np.exp(1j * poses[:, 2])
-    # z_head = z_tail * exp(i yaw), weighted with the yaw's information.
-    weight = edges.information[:, 2, 2]
-    step = np.exp(1j * edges.motion[:, 2])
-    laplacian = pattern.assemble(
-        weight[:, None, None] + 0j,
-        (-weight * np.conj(step))[:, None, None],
-        weight[:, None, None] + 0j,
+    pattern = pattern or BlockPattern(len(poses), edges.tail, edges.head, held)
+    # z_head = z_tail * exp(i yaw), weighted with the yaw's information; a complex number is a pair of reals.
+    weight = edges.information[:, 2, 2][:, None, None]
+    step = _turns(edges.motion[:, 2])
+    known = np.where(held[:, None], np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=1), 0.0)
+    identity = np.broadcast_to(np.eye(2), step.shape) * weight
+    back = (weight * step).transpose(0, 2, 1)
+    turns = pattern.solve(
+        identity,
+        -back,
+        identity,
+        np.einsum("eij,ej->ei", back, known[edges.head]),
+        np.einsum("eji,ej->ei", back, known[edges.tail]),
     )
-    known = np.where(held, turns, 0.0)
-    right = pattern.scatter((weight * np.conj(step) * known[edges.head])[:, None], (weight * step * known[edges.tail])[:, None])
-    turns[free] = pattern.solve(laplacian, right).reshape(-1)
     result = poses.copy()
-    result[free, 2] = np.angle(turns[free])
+    result[free, 2] = np.arctan2(turns[free, 1], turns[free, 0])
 
-    heading = result[edges.tail, 2]
-    c, s = np.cos(heading), np.sin(heading)
-    rotation = np.stack((np.stack((c, -s), 1), np.stack((s, c), 1)), 1)
+    rotation = _turns(result[edges.tail, 2])
     offset = np.einsum("eij,ej->ei", rotation, edges.motion[:, :2])
-    cz, sz = np.cos(edges.motion[:, 2]), np.sin(edges.motion[:, 2])
-    turn = np.einsum("eij,ejk->eik", rotation, np.stack((np.stack((cz, -sz), 1), np.stack((sz, cz), 1)), 1))
+    turn = np.matmul(rotation, step)
     metric = np.einsum("eij,ejk,elk->eil", turn, edges.information[:, :2, :2], turn)
     place = np.where(held[:, None], poses[:, :2], 0.0)
     pull = np.einsum("eij,ej->ei", metric, offset + place[edges.tail] - place[edges.head])
-    matrix = pattern.assemble(metric, -metric, metric)
-    result[free, :2] = pattern.solve(matrix, pattern.scatter(-pull, pull)).reshape(-1, 2)
+    result[free, :2] = pattern.solve(metric, -metric, metric, -pull, pull)[free]
     return result
+
+
+def _turns(yaw: Array) -> Array:
+    """Rotation matrices (E, 2, 2)."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.stack((np.stack((c, -s), 1), np.stack((s, c), 1)), 1)
+
+
+def _step(pattern: BlockPattern, blocks: tuple[Array, Array, Array, Array, Array], poses: int, damping: float) -> Array:
+    """The damped Gauss-Newton step (N, 3), damped as much more as it takes to have one."""
+    step = np.zeros((poses, 3))
+    while True:
+        try:
+            found = pattern.solve(*blocks, damping)
+        except Indefinite:
+            if damping > 1e8:
+                return step
+            damping = max(10.0 * damping, 1e-6)
+            continue
+        step[: len(found)] = found
+        return step
 
 
 @dataclass(frozen=True)
@@ -194,6 +212,7 @@ def optimise(
     if not len(edges) or len(poses) < 2:
         return Solution(poses, chi2_before, chi2_before, 0, True, "guess", time.perf_counter() - started)
     held = anchors_of(len(poses), edges, fixed)
+    pattern = BlockPattern(len(poses), edges.tail, edges.head, held)
     soft = np.zeros(len(edges), dtype=bool) if robust is None else robust
     squared = robust_scale * robust_scale
 
@@ -203,12 +222,11 @@ def optimise(
 
     start, (cost, chi2) = "guess", cost_of(poses)
     if not trust_guess:
-        linear = linear_guess(poses, edges, held)
+        linear = linear_guess(poses, edges, held, pattern)
         linear_cost = cost_of(linear)
         if linear_cost[0] < cost:
             start, poses, (cost, chi2) = "linear", linear, linear_cost
 
-    pattern = BlockPattern(len(poses), edges.tail, edges.head, held)
     damping, steps, converged = 0.0, 0, False
     while steps < limits.iterations and not converged:
         weight = np.where(soft, 1.0 / (1.0 + chi2 / squared), 1.0)
@@ -217,16 +235,16 @@ def optimise(
         error = residuals(poses, edges)
         tail_metric = np.matmul(by_tail.transpose(0, 2, 1), information)
         head_metric = np.matmul(by_head.transpose(0, 2, 1), information)
-        matrix = pattern.assemble(
-            np.matmul(tail_metric, by_tail), np.matmul(tail_metric, by_head), np.matmul(head_metric, by_head)
-        )
-        right = -pattern.scatter(
-            np.matmul(tail_metric, error[:, :, None])[:, :, 0], np.matmul(head_metric, error[:, :, None])[:, :, 0]
+        blocks = (
+            np.matmul(tail_metric, by_tail),
+            np.matmul(tail_metric, by_head),
+            np.matmul(head_metric, by_head),
+            -np.matmul(tail_metric, error[:, :, None])[:, :, 0],
+            -np.matmul(head_metric, error[:, :, None])[:, :, 0],
         )
         while True:
-            step = pattern.solve(matrix, right, damping)
-            candidate = poses.copy()
-            candidate[~held] += step.reshape(-1, 3)
+            step = _step(pattern, blocks, len(poses), damping)
+            candidate = poses + step
             candidate[~held, 2] = wrap(candidate[~held, 2])
             new_cost, new_chi2 = cost_of(candidate)
             if new_cost <= cost or damping > 1e8:

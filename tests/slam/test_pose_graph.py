@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
+from lupin_runtime.slam.normal_equations import BlockPattern, Indefinite
 from lupin_runtime.slam.pose_graph import (
     Edges,
     GraphError,
@@ -167,3 +168,45 @@ def test_a_lone_pose_and_a_graph_without_edges_stay_as_they_are():
     poses = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 0.1]])
     np.testing.assert_array_equal(optimise(poses, nothing).poses, poses)
     np.testing.assert_array_equal(optimise(poses[:1], nothing).poses, poses[:1])
+
+
+def test_a_graph_whose_every_vertex_is_held_stays_as_it_is():
+    truth, edges = graph_of(4, 12, 5)
+    solution = optimise(truth, edges, fixed=np.arange(12))
+    np.testing.assert_array_equal(solution.poses, truth)
+    assert solution.chi2_after == pytest.approx(solution.chi2_before)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000), k=st.sampled_from([2, 3]), damping=st.sampled_from([0.0, 0.5]))
+def test_the_block_solver_agrees_with_a_dense_one(seed, k, damping):
+    rng = np.random.default_rng(seed)
+    vertices, count = 9, 20
+    ends = np.array([rng.choice(vertices, 2, replace=False) for _ in range(count)])
+    held = rng.random(vertices) < 0.3
+    factors = rng.normal(size=(count, 2 * k, 2 * k))
+    blocks = factors @ factors.transpose(0, 2, 1) + np.eye(2 * k)  # of (tail, head) together
+    right = rng.normal(size=(count, 2 * k))
+    dense, vector = np.zeros((vertices * k,) * 2), np.zeros(vertices * k)
+    for (tail, head), block, share in zip(ends, blocks, right):
+        at = np.concatenate((tail * k + np.arange(k), head * k + np.arange(k)))
+        dense[np.ix_(at, at)] += block
+        vector[at] += share
+    used = np.unique(ends)
+    keep = np.isin(np.arange(vertices), used) & ~held
+    rows = (np.flatnonzero(keep)[:, None] * k + np.arange(k)).ravel()
+    matrix = dense[np.ix_(rows, rows)]
+    matrix = matrix + damping * np.diag(np.diag(matrix))
+    pattern = BlockPattern(vertices, ends[:, 0], ends[:, 1], ~keep)
+    found = pattern.solve(blocks[:, :k, :k], blocks[:, :k, k:], blocks[:, k:, k:], right[:, :k], right[:, k:], damping)
+    np.testing.assert_allclose(
+        found[np.flatnonzero(keep)].ravel(), np.linalg.solve(matrix, vector[rows]), rtol=1e-8, atol=1e-10
+    )
+
+
+def test_equations_without_a_minimum_are_named():
+    ends = np.array([[0, 1], [1, 2]])
+    pattern = BlockPattern(3, ends[:, 0], ends[:, 1], np.array([True, False, False]))
+    flat = -np.broadcast_to(np.eye(3), (2, 3, 3))
+    with pytest.raises(Indefinite):
+        pattern.solve(flat, -flat, flat, np.zeros((2, 3)), np.zeros((2, 3)))

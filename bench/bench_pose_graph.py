@@ -1,0 +1,155 @@
+"""The pose graph optimiser on a Manhattan world of 3500 nodes and 5500 edges, from odometry and from poor first guesses.
+
+Limit: the optimum, within 1 s. The reference is a textbook Gauss-Newton of its own (complex numbers for poses, numeric
+Jacobian, SciPy's sparse solver) that starts at the truth: the easiest start there is. It is the peer of the same run, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import block_diag, csr_matrix
+from scipy.sparse.linalg import spsolve
+from scipy.spatial import cKDTree
+
+from lupin_runtime.slam.pose_graph import Edges, edge_chi2, optimise, wrap
+
+Array = NDArray[np.float64]
+LIMIT_S, LIMIT_EXCESS = 1.0, 1e-6
+
+
+def manhattan(seed: int, nodes: int, edges: int, place: float, turn: float) -> tuple[Array, Edges]:
+    """Truth (n, 3) and noisy measurements of a walk on a grid; closures join places where it came by again."""
+    rng = np.random.default_rng(seed)
+    walk = [(0, 0, 0)]
+    heading = 0
+    ways = ((1, 0), (0, 1), (-1, 0), (0, -1))
+    while len(walk) < nodes:
+        for _ in range(rng.integers(1, 6)):
+            x, y, _ = walk[-1]
+            if max(abs(x + ways[heading][0]), abs(y + ways[heading][1])) > 20:
+                heading = (heading + 2) % 4
+            walk.append((x + ways[heading][0], y + ways[heading][1], heading))
+        heading = (heading + rng.choice((-1, 1))) % 4
+    truth = np.array(walk[:nodes], float)
+    truth[:, 2] = wrap(truth[:, 2] * np.pi / 2)
+    near = np.sort(cKDTree(truth[:, :2]).query_pairs(1.01, output_type="ndarray"), axis=1)
+    near = near[near[:, 1] - near[:, 0] > 10]
+    near = near[rng.choice(len(near), edges - nodes + 1, replace=False)]
+    tail = np.concatenate((np.arange(nodes - 1), near[:, 0])).astype(np.int64)
+    head = np.concatenate((np.arange(1, nodes), near[:, 1])).astype(np.int64)
+    a, b = truth[tail], truth[head]
+    c, s, d = np.cos(a[:, 2]), np.sin(a[:, 2]), b - a
+    motion = np.stack((c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1], wrap(d[:, 2])), axis=1)
+    motion = motion + rng.normal(size=motion.shape) * [place, place, turn]
+    information = np.broadcast_to(np.diag([place**-2, place**-2, turn**-2]), (len(tail), 3, 3)).copy()
+    return truth, Edges(tail, head, motion, information)
+
+
+def dead_reckoned(edges: Edges, nodes: int) -> Array:
+    """Poses from the odometry edges alone."""
+    poses = np.zeros((nodes, 3))
+    for k in range(1, nodes):
+        x, y, yaw = poses[k - 1]
+        dx, dy, turn = edges.motion[k - 1]
+        poses[k] = x + np.cos(yaw) * dx - np.sin(yaw) * dy, y + np.sin(yaw) * dx + np.cos(yaw) * dy, yaw + turn
+    return poses
+
+
+def peer(truth: Array, edges: Edges) -> tuple[float, float]:
+    """(chi2, seconds) of the textbook from the truth, the first pose held."""
+    began = time.perf_counter()
+    nodes, m = len(truth), edges.motion
+    position, yaw = truth[:, 0] + 1j * truth[:, 1], truth[:, 2].copy()
+    measured = m[:, 0] + 1j * m[:, 1]
+
+    def error(tail_p: Array, tail_yaw: Array, head_p: Array, head_yaw: Array) -> Array:
+        offset = (np.exp(-1j * tail_yaw) * (head_p - tail_p) - measured) * np.exp(-1j * m[:, 2])
+        return np.stack((offset.real, offset.imag, np.angle(np.exp(1j * (head_yaw - tail_yaw - m[:, 2])))), axis=1)
+
+    step = 1e-6
+    moves = ((step, 0.0), (1j * step, 0.0), (0.0, step))
+    rows = np.arange(3 * len(edges)).reshape(-1, 3)
+    weights = block_diag(list(edges.information), format="csr")
+    for _ in range(50):
+        ends = (position[edges.tail], yaw[edges.tail], position[edges.head], yaw[edges.head])
+        e = error(*ends)
+        data, row, column = [], [], []
+        for k, (dp, dyaw) in enumerate(moves):
+            for at, vertex in ((0, edges.tail), (2, edges.head)):
+                plus, minus = list(ends), list(ends)
+                plus[at], plus[at + 1] = plus[at] + dp, plus[at + 1] + dyaw
+                minus[at], minus[at + 1] = minus[at] - dp, minus[at + 1] - dyaw
+                data.append((error(*plus) - error(*minus)).ravel() / (2 * step))
+                row.append(rows.ravel())
+                column.append(np.repeat(3 * vertex + k, 3))
+        jacobian = csr_matrix(
+            (np.concatenate(data), (np.concatenate(row), np.concatenate(column))), shape=(3 * len(edges), 3 * nodes)
+        )[:, 3:]
+        gradient = jacobian.T @ (weights @ e.ravel())
+        change = spsolve((jacobian.T @ weights @ jacobian).tocsc(), -gradient).reshape(-1, 3)
+        position[1:] += change[:, 0] + 1j * change[:, 1]
+        yaw[1:] += change[:, 2]
+        if np.abs(change).max() < 1e-7:
+            break
+    e = error(position[edges.tail], yaw[edges.tail], position[edges.head], yaw[edges.head])
+    return float(np.einsum("ei,eij,ej->", e, edges.information, e)), time.perf_counter() - began
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--nodes", type=int, default=3500)
+    parser.add_argument("--edges", type=int, default=5500)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    cases = []
+    for name, place, turn in (
+        ("usual noise", 0.05, 0.02),
+        ("large noise", 0.1, 0.1),
+        ("rotations off by 11 degrees", 0.1, 0.2),
+    ):
+        truth, edges = manhattan(7, options.nodes, options.edges, place, turn)
+        rng = np.random.default_rng(0)
+        reference, peer_s = peer(truth, edges)
+        guesses = {
+            "odometry": dead_reckoned(edges, options.nodes),
+            "scattered over 60 m": rng.normal(size=truth.shape) * (30.0, 30.0, 3.0),
+            "all at the origin": np.zeros_like(truth),
+        }
+        for guess_name, guess in guesses.items():
+            solution = optimise(guess, edges)
+            reference = min(reference, solution.chi2_after)
+            cases.append(
+                {
+                    "graph": name,
+                    "guess": guess_name,
+                    "chi2_guess": float(edge_chi2(guess, edges).sum()),
+                    "chi2": solution.chi2_after,
+                    "chi2_reference": reference,
+                    "excess": solution.chi2_after / reference - 1.0,
+                    "iterations": solution.iterations,
+                    "seconds": round(solution.seconds, 3),
+                    "peer_seconds_from_truth": round(peer_s, 3),
+                    "ratio_to_peer": round(solution.seconds / peer_s, 4),
+                    "ratio_to_limit": round(solution.seconds / LIMIT_S, 3),
+                }
+            )
+            if not options.json:
+                case = cases[-1]
+                print(
+                    f"{name}, from {guess_name}: chi2 {case['chi2_guess']:.3g} -> {case['chi2']:.6f}, reference "
+                    f"{case['chi2_reference']:.6f}, {case['iterations']} iterations, {case['seconds']} s "
+                    f"({case['ratio_to_limit']} of the limit, {case['ratio_to_peer']} of the textbook's from the truth)"
+                )
+    ok = all(case["excess"] < LIMIT_EXCESS and case["seconds"] <= LIMIT_S for case in cases)
+    print(json.dumps({"nodes": options.nodes, "edges": options.edges, "limit_s": LIMIT_S, "ok": ok, "cases": cases}))
+    return 0 if ok else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,106 @@
+"""SLAM against real time on one core: 360 beams, 10 Hz, in a greenhouse with drifting odometry. Limits: 50 x real time,
+no growth of the cost per scan over an hour, 5 cm and 0.5 degrees RMSE.
+
+The peer of the same run is dead reckoning (what the odometry alone would give), and a bare pass over the readings in numpy
+(finite check and trigonometry), below which nothing that looks at them can come.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+
+import numpy as np
+
+from bench.slam_worlds import Log, aligned_errors, greenhouse_log
+from lupin_runtime.geometry import Pose2
+from lupin_runtime.slam.mapper import Mapper
+from lupin_runtime.slam.scan import Beams
+
+LIMIT_REAL_TIME, LIMIT_GROWTH, LIMIT_RMSE_M, LIMIT_YAW_DEG = 50.0, 1.25, 0.05, 0.5
+SCAN_S = 0.1
+
+
+def bare_pass_ms(log: Log) -> float:
+    """CPU time a scan of touching the readings once."""
+    began = time.process_time()
+    for ranges in log.ranges:
+        good = np.isfinite(ranges)
+        np.stack((ranges[good] * np.cos(log.angles[good]), ranges[good] * np.sin(log.angles[good])), axis=1)
+    return (time.process_time() - began) * 1e3 / len(log.ranges)
+
+
+def drive(log: Log) -> tuple[np.ndarray, np.ndarray, Mapper]:
+    """CPU milliseconds (n,) and pose (n, 3) of every scan; the map is rendered once a second, as in the stack."""
+    mapper = Mapper()
+    beams = Beams(float(log.angles[0]), float(log.angles[1] - log.angles[0]), len(log.angles))
+    cost, poses = np.empty(len(log.stamps)), np.empty((len(log.stamps), 3))
+    for k in range(len(log.stamps)):
+        odom = Pose2(*(float(v) for v in log.odom[k]))
+        began = time.process_time()
+        poses[k] = mapper.process(float(log.stamps[k]), odom, log.ranges[k], beams).pose
+        if k % 10 == 0:
+            mapper.grid()
+        cost[k] = (time.process_time() - began) * 1e3
+    return cost, poses, mapper
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=60.0, help="length of the drive")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    log = greenhouse_log(options.minutes, seed=1)
+    cost, poses, mapper = drive(log)
+    bare = bare_pass_ms(log)
+    tenth = len(cost) // 10
+    # The first tenth maps the room; what may not grow is the cost after that.
+    early, late = cost[tenth : 3 * tenth].mean(), cost[-2 * tenth :].mean()
+    place, yaw = aligned_errors(poses, log.truth)
+    drift, _ = aligned_errors(log.odom, log.truth)
+    result = {
+        "minutes": round(len(cost) * SCAN_S / 60.0, 1),
+        "scans": len(cost),
+        "cpu_ms_per_scan": round(float(cost.mean()), 3),
+        "cpu_ms_p99": round(float(np.quantile(cost, 0.99)), 2),
+        "cpu_ms_max": round(float(cost.max()), 1),
+        "bare_pass_ms": round(bare, 4),
+        "ratio_to_bare_pass": round(float(cost.mean()) / bare, 1),
+        "times_real_time": round(SCAN_S * 1e3 / float(cost.mean()), 1),
+        "limit_times_real_time": LIMIT_REAL_TIME,
+        "ratio_to_limit": round(SCAN_S * 1e3 / float(cost.mean()) / LIMIT_REAL_TIME, 2),
+        "growth": round(float(late / early), 3),
+        "limit_growth": LIMIT_GROWTH,
+        "keyframes": len(mapper.graph),
+        "rmse_m": round(float(np.sqrt((place**2).mean())), 4),
+        "yaw_rmse_deg": round(math.degrees(float(np.sqrt((yaw**2).mean()))), 3),
+        "odometry_rmse_m": round(float(np.sqrt((drift**2).mean())), 3),
+    }
+    result["ok"] = bool(
+        result["times_real_time"] >= LIMIT_REAL_TIME
+        and result["growth"] <= LIMIT_GROWTH
+        and result["rmse_m"] <= LIMIT_RMSE_M
+        and result["yaw_rmse_deg"] <= LIMIT_YAW_DEG
+    )
+    if not options.json:
+        print(f"{result['scans']} scans of {len(log.angles)} beams, {result['minutes']} min, {result['keyframes']} keyframes")
+        print(
+            f"CPU a scan: {result['cpu_ms_per_scan']} ms (p99 {result['cpu_ms_p99']}, max {result['cpu_ms_max']}): "
+            f"{result['times_real_time']} x real time, limit {LIMIT_REAL_TIME:.0f}, ratio {result['ratio_to_limit']}; "
+            f"{result['ratio_to_bare_pass']} x a bare pass over the readings"
+        )
+        print("CPU a scan by tenths:", " ".join(f"{cost[k * tenth : (k + 1) * tenth].mean():.2f}" for k in range(10)), "ms")
+        print(f"growth, last fifth over the second and third tenth: {result['growth']}, limit {LIMIT_GROWTH}")
+        print(
+            f"RMSE {result['rmse_m']} m, {result['yaw_rmse_deg']} deg; the odometry alone {result['odometry_rmse_m']} m, "
+            f"ratio {result['rmse_m'] / result['odometry_rmse_m']:.4f}"
+        )
+    print(json.dumps(result))
+    return 0 if result["ok"] else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
