@@ -17,7 +17,7 @@ from lupin_runtime.gridmap import GridMap
 from lupin_runtime.mission.config import MissionConfig
 from lupin_runtime.mission.freshness import Freshness
 from lupin_runtime.mission.messages import goal_message, grid_map, reading
-from lupin_runtime.mission.ports import Confirmation, Reading
+from lupin_runtime.mission.ports import STATUS_UNKNOWN, Confirmation, Reading
 from lupin_runtime.ros import LupinNode, TransformListener
 from lupin_runtime.transforms import TransformUnavailable
 
@@ -81,8 +81,8 @@ class NavigationClient:
 
     def _finished(self, token: int, future: Any) -> None:
         self._handles.pop(token, None)
-        # Without a result nobody knows how it ended: 0 is action_msgs' "unknown".
-        status = int(future.result().status) if future.exception() is None and future.result() is not None else 0
+        known = future.exception() is None and future.result() is not None
+        status = int(future.result().status) if known else STATUS_UNKNOWN
         self.listener.goal_finished(token, status)
 
     def cancel(self, token: int) -> None:

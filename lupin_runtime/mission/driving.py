@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from lupin_runtime.geometry import Pose2
-from lupin_runtime.mission.ports import STATUS_CANCELED, STATUS_SUCCEEDED, Arm, Clock, Navigation
+from lupin_runtime.mission.ports import STATUS_CANCELED, STATUS_SUCCEEDED, STATUS_UNKNOWN, Arm, Clock, Navigation
 
 CANCEL_WAIT_S = 3.0  # an acknowledgement that is lost must not strand what waits for it
 CANCEL_REPEAT_S = 1.0
@@ -50,7 +50,7 @@ class GoalRunner:
         self._token = 0
         self._flight: _Flight | None = None
         self._retired: dict[int, _Flight] = {}
-        self._waiting: tuple[Pose2, float] | None = None
+        self._waiting: Pose2 | None = None
         self._done: Callable[[Outcome], None] = lambda outcome: None
         self._absent_since: float | None = None
 
@@ -68,10 +68,8 @@ class GoalRunner:
         """Drive to a pose; `done` hears how it ended, unless it was cancelled from here. Replaces what is under way."""
         self.cancel()
         self._done = done
-        if self._retired:
-            self._waiting = (pose, self._clock.now_s())
-        else:
-            self._send(pose)
+        self._waiting = pose
+        self._send_waiting()
 
     def cancel(self) -> None:
         """Stop what is under way; its end is no longer reported to anyone."""
@@ -93,11 +91,7 @@ class GoalRunner:
                 del self._retired[retired.token]
             elif retired.accepted and now - (retired.cancel_sent_s or 0.0) >= CANCEL_REPEAT_S:
                 self._cancel(retired)
-        if self._waiting is not None:
-            pose, since = self._waiting
-            if (not self._retired or now - since >= CANCEL_WAIT_S) and self._navigation.is_ready():
-                self._waiting = None
-                self._send(pose)
+        self._send_waiting()
         self._watch_server(now)
         flight = self._flight
         if flight is not None and flight.feedback_s is not None and now - flight.feedback_s >= FEEDBACK_SILENCE_S:
@@ -116,6 +110,13 @@ class GoalRunner:
         # The server may only be out of sight: its goal is cancelled for as long as a cancelled one is remembered.
         self.cancel()
         self._done(Outcome("lost", detail))
+
+    def _send_waiting(self) -> None:
+        now = self._clock.now_s()
+        ending = any(now - flight.retired_s < CANCEL_WAIT_S for flight in self._retired.values())
+        if self._waiting is not None and not ending and self._navigation.is_ready():
+            pose, self._waiting = self._waiting, None
+            self._send(pose)
 
     def _send(self, pose: Pose2) -> None:
         self._token += 1
@@ -157,6 +158,8 @@ class GoalRunner:
             self._ended(token, Outcome("succeeded"))
         elif status == STATUS_CANCELED:
             self._ended(token, Outcome("canceled", f"nav_status_{status}"))
+        elif status == STATUS_UNKNOWN:  # a server that was restarted has never heard of the goal
+            self._ended(token, Outcome("lost", f"nav_status_{status}"))
         else:
             self._ended(token, Outcome("failed", f"nav_status_{status}"))
 
@@ -165,9 +168,7 @@ class GoalRunner:
             self._end(outcome)
             return
         self._retired.pop(token, None)
-        if self._waiting is not None and not self._retired:
-            pose, self._waiting = self._waiting[0], None
-            self._send(pose)
+        self._send_waiting()
 
 
 class Driver:

@@ -11,7 +11,7 @@ from lupin_runtime.gridmap import GridMap
 from lupin_runtime.mission.approach import TagPose
 
 # Result codes of a ROS action (action_msgs/GoalStatus).
-STATUS_SUCCEEDED, STATUS_CANCELED, STATUS_ABORTED = 4, 5, 6
+STATUS_UNKNOWN, STATUS_SUCCEEDED, STATUS_CANCELED, STATUS_ABORTED = 0, 4, 5, 6
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ def test_the_end_of_a_goal_is_reported_once(rig):
     assert not rig.runner.busy
 
 
-@pytest.mark.parametrize(("status", "end"), [(4, "succeeded"), (5, "canceled"), (6, "failed"), (0, "failed")])
+@pytest.mark.parametrize(("status", "end"), [(4, "succeeded"), (5, "canceled"), (6, "failed"), (0, "lost")])
 def test_ends_are_told_apart(rig, status, end):
     rig.runner.request(A, rig.ends.append)
     rig.navigation.end(rig.navigation.goals[0], status)

@@ -304,6 +304,7 @@ def test_navigation_that_is_killed_and_restarted_is_given_its_goal_again(graph_h
     world.show_tags("1")
     world.host.until(lambda: world.start("InspectionMission", ("1",)).accepted, what="a start with a known tag")
     world.host.until(lambda: world.active, what="a goal")
+    world.host.until(lambda: world.orchestrator.orchestrator.runner._flight.feedback_s, what="feedback")
     world.hang_navigation()
     world.hold = False
     world.start_navigation()
