@@ -70,7 +70,7 @@ class GraphHost:
         except BaseException as error:  # handed to the test that waits for something else
             self._errors.append(error)
 
-    def until(self, condition: Callable[[], Any], timeout_s: float = 10.0, what: str = "the condition") -> Any:
+    def until(self, condition: Callable[[], Any], timeout_s: float = 20.0, what: str = "the condition") -> Any:
         """Wait until `condition()` is true and return its value; fails the test after `timeout_s`, or with the first
         exception of a node's callback."""
         deadline = time.monotonic() + timeout_s
@@ -83,6 +83,17 @@ class GraphHost:
             if time.monotonic() > deadline:
                 pytest.fail(f"{what} did not come about within {timeout_s:g} s")
             time.sleep(0.002)
+
+    def within(self, node: Any, function: Callable[[], Any]) -> Any:
+        """Run a function on the thread that spins `node` and return its value.
+
+        An action client must send from there: rclpy notes a goal as pending only after it is sent, and an answer that another
+        thread's executor takes in between is dropped.
+        """
+        executor = next(entry[1] for entry in self._running if entry[0] is node)
+        task = executor.create_task(function)
+        self.until(task.done, what="the executor's turn")
+        return task.result()
 
     def remove(self, node: Any) -> None:
         """Stop and destroy one node, as if its process had ended."""

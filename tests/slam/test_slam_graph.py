@@ -103,6 +103,15 @@ def slam(graph_host, robot):
 
     node = graph_host.add(SlamNode({"map_update_interval": 0.5, "transform_publish_period": 0.02}))
     graph_host.until(lambda: robot.count_subscribers(graph.SCAN.name) and robot.count_subscribers(graph.TF.name) > 1)
+
+    def knows_the_mount() -> bool:
+        try:
+            node._tree.lookup(graph.BASE_FRAME, graph.LASER_FRAME)
+        except LookupError:
+            return False
+        return True
+
+    graph_host.until(knows_the_mount, what="the lidar's mount, which is told only once")
     return node
 
 
