@@ -96,12 +96,11 @@ def robot(graph_host, greenhouse_log):
     return replayer
 
 
-@pytest.fixture
-def slam(graph_host, robot):
-    """A mapper that has heard of the robot; started first, since scans are not repeated."""
+def mapper(graph_host, robot, parameters):
+    """A mapper that has heard of the robot: scans and the lidar's mount are not told twice."""
     from lupin_runtime.slam.node import SlamNode
 
-    node = graph_host.add(SlamNode({"map_update_interval": 0.5, "transform_publish_period": 0.02}))
+    node = graph_host.add(SlamNode(parameters))
     graph_host.until(lambda: robot.count_subscribers(graph.SCAN.name) and robot.count_subscribers(graph.TF.name) > 1)
 
     def knows_the_mount() -> bool:
@@ -111,8 +110,13 @@ def slam(graph_host, robot):
             return False
         return True
 
-    graph_host.until(knows_the_mount, what="the lidar's mount, which is told only once")
+    graph_host.until(knows_the_mount, what="the lidar's mount")
     return node
+
+
+@pytest.fixture
+def slam(graph_host, robot):
+    return mapper(graph_host, robot, {"map_update_interval": 0.5, "transform_publish_period": 0.02})
 
 
 def call(host, node, row, request):
@@ -231,8 +235,7 @@ def test_a_node_that_was_killed_goes_on_where_it_was(graph_host, robot, tmp_path
     monkeypatch.setattr(slam_node, "SESSION_PERIOD_S", 0.2)
     session = tmp_path / "slam.posegraph"
     parameters = {"map_update_interval": 0.5, "session_file": str(session)}
-    first = graph_host.add(slam_node.SlamNode(parameters))
-    graph_host.until(lambda: robot.count_subscribers(graph.SCAN.name))
+    first = mapper(graph_host, robot, parameters)
     robot.play(250)
     graph_host.until(lambda: robot.error_m() < 0.05)
     graph_host.until(session.exists)
@@ -242,20 +245,16 @@ def test_a_node_that_was_killed_goes_on_where_it_was(graph_host, robot, tmp_path
     graph_host.until(lambda: not robot.count_subscribers(graph.SCAN.name))
     robot.tree.clear()
     robot.maps.clear()
-    graph_host.add(slam_node.SlamNode(parameters))
-    graph_host.until(lambda: robot.count_subscribers(graph.SCAN.name))
+    mapper(graph_host, robot, parameters)
     robot.play(330)
     graph_host.until(lambda: robot.error_m() < 0.05, what="the old map's frame")
     assert graph_host.until(lambda: robot.maps and robot.maps[-1]).info.width * 0.05 > 8.0
 
 
 def test_a_torn_session_starts_a_new_map_and_says_so(graph_host, robot, tmp_path):
-    from lupin_runtime.slam.node import SlamNode
-
     session = tmp_path / "slam.posegraph"
     session.write_bytes(b"not a session")
-    graph_host.add(SlamNode({"session_file": str(session)}))
-    graph_host.until(lambda: robot.count_subscribers(graph.SCAN.name))
+    mapper(graph_host, robot, {"session_file": str(session)})
     robot.play(40)
     graph_host.until(lambda: robot.error_m() < 0.05)
 
