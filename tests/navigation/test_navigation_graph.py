@@ -9,6 +9,7 @@ from array import array
 import numpy as np
 import pytest
 
+from bench.kinematic import Arena, Base
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2
 
@@ -19,7 +20,7 @@ SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 STEP_S, SPEED = 0.04, 3.0
 
 
-def _robot_class(toolbox):
+def _robot_class():
     from geometry_msgs.msg import Twist
     from nav_msgs.msg import OccupancyGrid, Odometry
     from rosgraph_msgs.msg import Clock
@@ -42,7 +43,7 @@ def _robot_class(toolbox):
             self.steps = 0
             self._clock_out = self.publisher(graph.CLOCK)
             self.arena = arena
-            self.base = toolbox.Base(start)
+            self.base = Base(start)
             self.command = (0.0, 0.0, 0.0)
             self.heard: list[tuple[float, float, float]] = []
             self.scan_mode = "good"
@@ -139,11 +140,13 @@ class Pilot:
     def send(self, goal, client=None):
         client = client or self.client
         self.host.until(client.server_is_ready, what="the action server")
-        future = client.send_goal_async(goal, feedback_callback=lambda m: self.feedback.append(m.feedback))
+        future = self.host.within(
+            self.node, lambda: client.send_goal_async(goal, feedback_callback=lambda m: self.feedback.append(m.feedback))
+        )
         return self.host.until(lambda: future.done() and future.result(), what="the goal's answer")
 
     def result(self, handle, timeout_s: float = 40.0):
-        future = handle.get_result_async()
+        future = self.host.within(self.node, handle.get_result_async)
         return self.host.until(lambda: future.done() and future.result(), timeout_s, "the goal's end")
 
     def driving(self) -> bool:
@@ -157,12 +160,12 @@ class Pilot:
 
 
 @pytest.fixture
-def pilot(graph_host, toolbox):
+def pilot(graph_host):
     from lupin_runtime.navigation.node import Navigator
     from lupin_runtime.ros import LupinNode
 
-    arena = toolbox.Arena(4.0, 3.0, [(1.6, 0.9, 2.4, 3.0)])
-    robot = graph_host.add(_robot_class(toolbox)(arena, Pose2(0.6, 0.6, 0.0)))
+    arena = Arena(4.0, 3.0, [(1.6, 0.9, 2.4, 3.0)])
+    robot = graph_host.add(_robot_class()(arena, Pose2(0.6, 0.6, 0.0)))
     robot.publish_map()
     navigator = graph_host.add(Navigator({"use_sim_time": True, "goal_checker.settle_s": 0.5}))
     pilot = Pilot(graph_host, robot, navigator, graph_host.add(LupinNode("pilot")))
@@ -226,8 +229,9 @@ def test_goals_that_are_no_poses_of_the_map_are_refused(pilot, x, yaw, frame):
     goal.pose.pose.position.x = x
     if not math.isfinite(yaw):
         goal.pose.pose.orientation.z = yaw
-    future = pilot.client.send_goal_async(goal) if pilot.client.wait_for_server(10.0) else None
-    pilot.host.until(lambda: future is not None and future.done())
+    assert pilot.client.wait_for_server(10.0)
+    future = pilot.host.within(pilot.node, lambda: pilot.client.send_goal_async(goal))
+    pilot.host.until(future.done)
     assert not future.result().accepted
 
 

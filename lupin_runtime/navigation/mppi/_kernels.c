@@ -34,7 +34,7 @@ typedef struct {
     float goal_x, goal_y, goal_yaw;
     float grid_x, grid_y, cells_per_metre; /* corner of the padded distance grid */
     int32_t grid_height, grid_width;
-    float collision_distance;
+    float collision_distance, margin_reach;
     float path_points_per_metre;
     int32_t path_size;
     int32_t use_repulsion, use_goal, use_goal_angle, use_align, use_follow, use_angle, use_forward;
@@ -86,7 +86,7 @@ static inline float distance_at(const Scene *scene, const float *grid, float x, 
 
 SIMD static void simulate(const Settings *settings, const Scene *scene, const float *controls, const float *noise,
                           const float *grid, Tile *restrict tile, float *restrict track_x, float *restrict track_y) {
-    const float dt = settings->dt, margin = settings->collision_margin, radius = scene->collision_distance;
+    const float dt = settings->dt, margin = settings->collision_margin, radius = scene->collision_distance, reach = scene->margin_reach;
     const float inflation = settings->inflation_radius;
     const int32_t steps = settings->steps;
     memset(tile, 0, sizeof *tile);
@@ -127,7 +127,7 @@ SIMD static void simulate(const Settings *settings, const Scene *scene, const fl
         for (int j = 0; j < LANES; j++) {
             const float distance = distance_at(scene, grid, tile->x[j], tile->y[j]), clearance = distance - radius;
             tile->nearest[j] = minimum(tile->nearest[j], clearance);
-            tile->margin[j] += maximum(margin - clearance, 0.0f);
+            tile->margin[j] += clearance < reach ? maximum(margin - clearance, 0.0f) : 0.0f;
             tile->repulsion[j] += maximum(inflation - clearance, 0.0f);
         }
         if (scene->use_goal)

@@ -149,6 +149,9 @@ class MppiController:
             grid_height=shape[0],
             grid_width=shape[1],
             collision_distance=nearest,
+            # As in Nav2, where a point without inflated cost costs nothing: a wider margin would outweigh, by the mere spread
+            # of the samples, all progress through an aisle narrower than itself.
+            margin_reach=p.obstacles.inflation_radius - nearest + 0.5 * costmap.resolution_m,
             path_points_per_metre=1.0 / path.spacing_m,
             path_size=len(path.x),
         )

@@ -39,7 +39,7 @@ class Scene(Structure):
         ("velocity", c_float * 3),
         *((name, c_float) for name in ("yaw", "goal_x", "goal_y", "goal_yaw", "grid_x", "grid_y", "cells_per_metre")),
         *((name, c_int32) for name in ("grid_height", "grid_width")),
-        *((name, c_float) for name in ("collision_distance", "path_points_per_metre")),
+        *((name, c_float) for name in ("collision_distance", "margin_reach", "path_points_per_metre")),
         *((name, c_int32) for name in ("path_size", "use_repulsion", "use_goal", "use_goal_angle", "use_align")),
         *((name, c_int32) for name in ("use_follow", "use_angle", "use_forward")),
     )

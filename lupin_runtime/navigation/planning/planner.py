@@ -48,7 +48,9 @@ class PlannerParameters:
     """`tolerance`: how far from the goal a path may end when the goal itself can't be reached (m).
 
     Within `preferred_clearance_m` of an obstacle a metre costs up to `1 + clearance_weight` times as much, so that a path
-    runs in the middle of an aisle and takes corners wide. Unknown space costs `unknown_cost` times as much as free space.
+    runs in the middle of an aisle and takes corners wide; within `tight_m` of the robot's hull it costs `tight_cost` times as
+    much, since there a controller that samples its way gets on slowly or not at all. Unknown space costs `unknown_cost` times
+    as much as free space.
     """
 
     tolerance: float = 0.5
@@ -56,6 +58,8 @@ class PlannerParameters:
     robot_radius_m: float = 0.22
     preferred_clearance_m: float = 0.5
     clearance_weight: float = 4.0
+    tight_m: float = 0.05
+    tight_cost: float = 15.0
     unknown_cost: float = 1.5
     escape_m: float = 0.6
     escape_cost: float = 20.0
@@ -141,6 +145,7 @@ def _slowness_of(distance: NDArray[np.float32], cost: NDArray[np.uint8], p: Plan
     band = max(p.preferred_clearance_m - p.robot_radius_m, 1e-6)
     lack = np.clip((p.preferred_clearance_m - distance) * np.float32(1.0 / band), 0.0, 1.0)
     slowness = 1.0 + p.clearance_weight * lack * lack
+    slowness[distance <= p.robot_radius_m + p.tight_m] = p.tight_cost
     unknown = cost == UNKNOWN
     if p.allow_unknown:
         slowness[unknown] *= p.unknown_cost

@@ -9,8 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Blocks with a corner of an obstacle are cut into windows of SPLIT x SPLIT cells: where paths bend, the nodes lie close. */
-enum { EDGE = 8, SPLIT = 2, OPEN = 1, CLOSED = 2, MAX_NEIGHBOURS = 128 };
+/* MANY_NODES keeps a search through a map of 2000 x 2000 cells within tens of milliseconds. */
+enum { EDGE = 8, FEW_CELLS = 65536, MANY_NODES = 300000, OPEN = 1, CLOSED = 2, MAX_NEIGHBOURS = 128 };
 
 #define ALL (~(uint64_t)0)
 #define COLUMN_FIRST 0x0101010101010101ULL
@@ -110,13 +110,20 @@ static int field_build(Field *field, const uint8_t *blocked, int64_t height, int
         for (int64_t x = width / EDGE * EDGE; x < width; x++)
             if (!row[x]) band[x / EDGE] |= (uint64_t)1 << (shift + x % EDGE);
     }
+    /* Blocks with a corner of an obstacle, where paths bend, are cut into windows as small as the number of nodes allows. On
+     * a small map every cell is a node. */
+    int64_t bends = 0;
+    for (int64_t b = 0; b < blocks; b++)
+        bends += field->free[b] != ALL && corner_bits(field, b / field->columns, b % field->columns) != 0;
+    const int whole = height * width <= FEW_CELLS ? 1 : EDGE;
+    const int split = whole == 1 || bends * 64 <= MANY_NODES ? 1 : bends * 16 <= MANY_NODES ? 2 : 4;
     /* Components, in two passes: count, then keep. */
     for (int pass = 0; pass < 2; pass++) {
         int64_t count = 0;
         for (int64_t b = 0; b < blocks; b++) {
             field->first[b] = (int32_t)count;
             const uint64_t corners = field->free[b] == ALL ? 0 : corner_bits(field, b / field->columns, b % field->columns);
-            const int size = corners ? SPLIT : EDGE;
+            const int size = corners ? split : whole;
             for (int r = 0; r < EDGE; r += size)
                 for (int c = 0; c < EDGE; c += size)
                     for (uint64_t left = field->free[b] & (WINDOW(size) << (8 * r + c)); left;) {

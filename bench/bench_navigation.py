@@ -1,0 +1,90 @@
+"""Driving in closed loop: rooms of random boxes with aisles of 0.9 m, a kinematic robot with a lag, drifting odometry.
+
+Limits: no collision, every goal reached. The peer of the speed is the straight line at full speed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+
+import numpy as np
+
+from bench.kinematic import HALF_LENGTH_M, HALF_WIDTH_M, Arena, Drive, random_arena
+from lupin_runtime.geometry import Pose2
+
+GOALS = 5
+
+
+def hull_clearance_m(arena: Arena, track: list[Pose2]) -> float:
+    """The least distance between the hull's outline and a solid along a track."""
+    u = np.linspace(-1.0, 1.0, 9)
+    sides = [(HALF_LENGTH_M * s, HALF_WIDTH_M * t) for s in (-1, 1) for t in u]
+    outline = np.array(sides + [(HALF_LENGTH_M * t, HALF_WIDTH_M * s) for s in (-1, 1) for t in u])
+    poses = np.array([(p.x, p.y, p.yaw) for p in track])
+    c, s = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
+    x = poses[:, 0, None] + c * outline[:, 0] - s * outline[:, 1]
+    y = poses[:, 1, None] + s * outline[:, 0] + c * outline[:, 1]
+    least = math.inf
+    for x0, y0, x1, y1 in arena.solids():
+        dx, dy = np.maximum(np.maximum(x0 - x, x - x1), 0.0), np.maximum(np.maximum(y0 - y, y - y1), 0.0)
+        least = min(least, float(np.hypot(dx, dy).min()))
+    return least
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", action="store_true", help="one JSON line")
+    parser.add_argument("--worlds", type=int, default=20)
+    arguments = parser.parse_args()
+    began = time.process_time()
+    collisions = reached = sent = recoveries = 0
+    driven_m = seconds = straight_m = 0.0
+    errors, clearances = [], []
+    for seed in range(arguments.worlds):
+        arena = random_arena(seed)
+        drive = Drive(arena, Pose2(0.45, 0.45, 0.0), drift=0.02, seed=seed)
+        costmap, random = drive.world.snapshot(None), np.random.default_rng(seed)
+        for _ in range(GOALS):
+            while True:
+                goal = Pose2(*random.uniform((0.3, 0.3, -3.1), (arena.width_m - 0.3, arena.height_m - 0.3, 3.1)))
+                if costmap.distance_at(goal.x, goal.y) > 0.3:
+                    break
+            sent += 1
+            straight_m += drive.base.truth.distance_to(goal)
+            if drive.go(goal, limit_s=180.0).failure is None:
+                reached += 1
+                errors.append(drive.error_to(goal))
+        collisions += drive.collisions
+        recoveries += len(drive.logs)
+        driven_m += drive.driven_m()
+        seconds += drive.now_s
+        clearances.append(hull_clearance_m(arena, drive.track))
+    median = np.median(errors, axis=0)
+    result = {
+        "worlds": arguments.worlds,
+        "goals": sent,
+        "reached": reached,
+        "collisions": collisions,
+        "least_clearance_m": round(min(clearances), 3),
+        "log_lines": recoveries,
+        "driven_m": round(driven_m, 1),
+        "mean_speed_m_s": round(driven_m / seconds, 3),
+        "driven_over_straight": round(driven_m / straight_m, 3),
+        "error_median_m": round(float(median[0]), 4),
+        "error_median_rad": round(float(median[1]), 4),
+        "error_worst_m": round(max(e[0] for e in errors), 3),
+        "cpu_share_of_real_time": round((time.process_time() - began) / seconds, 4),
+    }
+    if arguments.json:
+        print(json.dumps(result))
+    else:
+        for name, value in result.items():
+            print(f"{name:24} {value}")
+    return 0 if collisions == 0 and reached == sent else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,157 @@
+"""Global planning on 2000 x 2000 cells: time, and length against an exact reference and a peer.
+
+Limits: 100 ms a plan, 1 % over the shortest path. The exact reference is the tangent graph over the boxes' corners; the peer is
+SciPy's Dijkstra over the 8-neighbourhood, on a quarter of the map: the graph of the whole takes it a gigabyte.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from bench.tangent_graph import random_boxes, shortest_length
+from lupin_runtime.gridmap import GridMap
+from lupin_runtime.navigation.costmap import GlobalCostmap
+from lupin_runtime.navigation.costmap.kernels import squared_distances
+from lupin_runtime.navigation.planning import plan
+from lupin_runtime.navigation.planning.shortest import shortest
+
+LIMIT_MS, LIMIT_RATIO = 100.0, 1.01
+CELLS, RESOLUTION_M, RADIUS_M = 2000, 0.05, 0.22
+RUNS = 7
+
+
+def serpentine(walls: int) -> GridMap:
+    """Corridors back and forth: every cell has to be reached."""
+    grid = np.zeros((CELLS, CELLS), np.int8)
+    pitch = CELLS // walls
+    for i in range(1, walls):
+        grid[i * pitch : i * pitch + 3, slice(0, -30) if i % 2 else slice(30, None)] = 100
+    return GridMap(grid, RESOLUTION_M, 0.0, 0.0)
+
+
+def clutter(share: float) -> GridMap:
+    """Single occupied cells at random."""
+    grid = (np.random.default_rng(3).random((CELLS, CELLS)) < share).astype(np.int8) * 100
+    grid[:40, :40] = grid[-40:, -40:] = 0
+    return GridMap(grid, RESOLUTION_M, 0.0, 0.0)
+
+
+def rooms() -> GridMap:
+    """A building of 10 x 10 rooms with a door of 1 m in most walls."""
+    random = np.random.default_rng(4)
+    grid = np.zeros((CELLS, CELLS), np.int8)
+    for at in range(200, CELLS, 200):
+        grid[at : at + 4, :] = grid[:, at : at + 4] = 100
+    for i in range(10):
+        for at in range(200, CELLS, 200):
+            for across in (True, False):
+                if random.random() < 0.75:
+                    door = slice(200 * i + (j := int(random.integers(20, 160))), 200 * i + j + 20)
+                    grid[(door, slice(at, at + 4)) if across else (slice(at, at + 4), door)] = 0
+    return GridMap(grid, RESOLUTION_M, 0.0, 0.0)
+
+
+def best_ms(work: Callable[[], Any]) -> tuple[float, float, Any]:
+    """Median CPU and best wall time of RUNS runs in ms, and the last result."""
+    cpu, wall, result = [], [], None
+    for _ in range(RUNS):
+        began, began_cpu = time.perf_counter(), time.thread_time()
+        result = work()
+        cpu.append((time.thread_time() - began_cpu) * 1e3)
+        wall.append((time.perf_counter() - began) * 1e3)
+    return float(np.median(cpu)), min(wall), result
+
+
+def peer(grid: GridMap, start: tuple[int, int], goal: tuple[int, int]) -> tuple[float, float]:
+    """SciPy's Dijkstra over free cells: ms, building included, and metres."""
+    began = time.thread_time()
+    squares = squared_distances((grid.cells >= 65).view(np.uint8), 8, to_edges=True)
+    free = squares >= (2 * RADIUS_M / RESOLUTION_M) ** 2
+    index = np.arange(free.size, dtype=np.int32).reshape(free.shape)
+    a, b, w = [], [], []
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        here = (slice(0, free.shape[0] - dy), slice(max(0, -dx), free.shape[1] - max(0, dx)))
+        there = (slice(dy, None), slice(max(0, dx), free.shape[1] + min(0, dx)))
+        both = free[here] & free[there]
+        a.append(index[here][both])
+        b.append(index[there][both])
+        w.append(np.full(len(a[-1]), math.hypot(dx, dy) * RESOLUTION_M))
+    graph = csr_matrix((np.concatenate(w), (np.concatenate(a), np.concatenate(b))), shape=(free.size, free.size))
+    metres = dijkstra(graph, directed=False, indices=index[start])[index[goal]]
+    return (time.thread_time() - began) * 1e3, float(metres)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", action="store_true", help="one JSON line")
+    as_json = parser.parse_args().json
+    far = CELLS * RESOLUTION_M - 0.5
+    start, goal = (0.5, 0.5), (far, far)
+    boxes_grid, boxes = random_boxes(CELLS, 60, (60, 320), 11)
+    maps = {
+        "60 boxes": boxes_grid,
+        "1500 boxes": random_boxes(CELLS, 1500, (4, 40), 1)[0],
+        "rooms": rooms(),
+        "serpentine 20": serpentine(20),
+        "serpentine 40": serpentine(40),
+        "clutter 0.3 %": clutter(0.003),
+        "empty": GridMap(np.zeros((CELLS, CELLS), np.int8), RESOLUTION_M, 0.0, 0.0),
+    }
+    cases = {}
+    for name, grid in maps.items():
+        cpu, wall, found = best_ms(lambda grid=grid: shortest(grid, start, goal, RADIUS_M))
+        cases[name] = {"cpu_ms": round(cpu, 1), "wall_ms": round(wall, 1), "length_m": round(found.length_m, 3)}
+    exact_m = shortest_length(boxes, start, goal, RADIUS_M, CELLS * RESOLUTION_M, chords=3)
+    ratios = []
+    for seed in range(10):
+        grid, small = random_boxes(300, 40, (10, 50), seed)
+        exact = shortest_length(small, (0.5, 0.5), (14.5, 14.5), RADIUS_M, 15.0, chords=3)
+        if math.isfinite(exact):
+            ratios.append(shortest(grid, (0.5, 0.5), (14.5, 14.5), RADIUS_M).length_m / exact)
+
+    costmap = GlobalCostmap()
+    costmap.set_map(maps["1500 boxes"])
+    nav_cpu, _, path = best_ms(lambda: plan(costmap.snapshot(None), start, goal))
+
+    quarter = GridMap(maps["1500 boxes"].cells[:1000, :1000].copy(), RESOLUTION_M, 0.0, 0.0)
+    quarter.cells[-40:, -40:] = 0
+    peer_ms, peer_m = peer(quarter, (10, 10), (989, 989))
+    ours_ms, _, ours = best_ms(lambda: shortest(quarter, (0.525, 0.525), (49.475, 49.475), RADIUS_M))
+    result = {
+        "cells": [CELLS, CELLS],
+        "limit_ms": LIMIT_MS,
+        "slowest_cpu_ms": max(case["cpu_ms"] for case in cases.values()),
+        "over_exact_2000": round(cases["60 boxes"]["length_m"] / exact_m, 5),
+        "over_exact_worst_of_10": round(max(ratios), 5),
+        "limit_over_exact": LIMIT_RATIO,
+        "costmap_and_drivable_plan_cpu_ms": round(nav_cpu, 1),
+        "drivable_over_shortest": round(path.length_m / cases["1500 boxes"]["length_m"], 4),
+        "peer_1000_ms": round(peer_ms, 1),
+        "ours_1000_ms": round(ours_ms, 1),
+        "times_faster_than_peer": round(peer_ms / ours_ms, 1),
+        "shorter_than_peer": round(1.0 - ours.length_m / peer_m, 4),
+        "maps": cases,
+    }
+    if as_json:
+        print(json.dumps(result))
+    else:
+        for name, value in result.items():
+            if name != "maps":
+                print(f"{name:34} {value}")
+        for name, case in cases.items():
+            print(f"  {name:16} {case['cpu_ms']:6.1f} ms CPU {case['wall_ms']:6.1f} ms wall {case['length_m']:9.2f} m")
+    worst = max(result["over_exact_2000"], result["over_exact_worst_of_10"])
+    return 0 if result["slowest_cpu_ms"] <= LIMIT_MS and worst <= LIMIT_RATIO else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,276 @@
+"""Whole navigations in closed loop with a kinematic robot, a ray-cast lidar and drifting odometry."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bench.kinematic import Arena, Drive, greenhouse, random_arena
+from lupin_runtime.geometry import Pose2
+from lupin_runtime.navigation.executive import Executive, Failure, View
+from lupin_runtime.navigation.planning import Plan
+
+ZERO = (0.0, 0.0, 0.0)
+
+
+def assert_arrived(drive: Drive, goal: Pose2) -> None:
+    away, turn = drive.error_to(goal)
+    assert away <= 0.25
+    assert turn <= 0.12
+    assert drive.collisions == 0
+
+
+def test_aisles_of_90_cm_are_driven_both_ways_with_u_turns_and_a_heading_at_the_end():
+    drive = Drive(greenhouse(2, 0.9), Pose2(0.45, 0.45, 0.0), drift=0.02)
+    goals = [Pose2(3.75, 0.45, 0.0), Pose2(2.1, 1.95, math.pi), Pose2(2.1, 3.45, 0.0), Pose2(0.45, 0.6, -math.pi / 2)]
+    for goal in goals:
+        assert drive.go(goal).failure is None
+        assert_arrived(drive, goal)
+    assert drive.logs == []
+    # Turns on the spot included.
+    assert drive.driven_m() / drive.now_s > 0.25
+
+
+def test_an_aisle_of_65_cm_is_still_driven():
+    drive = Drive(greenhouse(2, 0.65), Pose2(0.33, 0.33, 0.0))
+    for goal in (Pose2(3.3, 0.33, 0.0), Pose2(2.0, 1.58, math.pi)):
+        assert drive.go(goal).failure is None
+        assert_arrived(drive, goal)
+
+
+def test_the_final_pose_is_far_better_than_its_tolerance():
+    drive = Drive(Arena(4.0, 4.0), Pose2(0.6, 0.6, 0.0))
+    goal = Pose2(3.0, 2.8, 2.5)
+    assert drive.go(goal).failure is None
+    away, turn = drive.error_to(goal)
+    assert away < 0.06
+    assert turn < 0.06
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_box_is_touched_in_a_random_room(seed):
+    arena = random_arena(seed)
+    drive = Drive(arena, Pose2(0.45, 0.45, 0.0), drift=0.02, seed=seed)
+    costmap = drive.world.snapshot(None)
+    random = np.random.default_rng(seed)
+    for _ in range(3):
+        while True:
+            goal = Pose2(*random.uniform((0.3, 0.3, -3.1), (arena.width_m - 0.3, arena.height_m - 0.3, 3.1)))
+            if costmap.distance_at(goal.x, goal.y) > 0.4:
+                break
+        assert drive.go(goal).failure is None
+        assert_arrived(drive, goal)
+
+
+def test_a_turn_on_the_spot_is_a_navigation_too():
+    drive = Drive(Arena(3.0, 3.0), Pose2(1.5, 1.5, 0.0))
+    assert drive.go(Pose2(1.5, 1.5, math.pi)).failure is None
+    assert_arrived(drive, Pose2(1.5, 1.5, math.pi))
+
+
+def test_a_box_that_is_not_on_the_map_is_driven_round():
+    empty = Arena(6.0, 3.0)
+    drive = Drive(Arena(6.0, 3.0, [(2.7, 0.9, 3.2, 2.1)]), Pose2(0.6, 1.5, 0.0), grid=empty.grid())
+    goal = Pose2(5.3, 1.5, 0.0)
+    assert drive.go(goal).failure is None
+    assert_arrived(drive, goal)
+
+
+def test_a_way_that_is_shut_while_driving_is_left_for_another_one():
+    arena = Arena(6.0, 4.0, [(2.5, 1.0, 3.5, 3.0)])
+    drive = Drive(arena, Pose2(0.6, 0.5, 0.0), grid=arena.grid())
+    goal = Pose2(5.4, 0.5, 0.0)
+    drive.executive.start([goal], drive.now_s)
+    for _ in range(80):
+        drive.step()
+    assert drive.base.truth.x > 1.2
+    arena.boxes.append((2.9, -0.1, 3.2, 1.1))  # the lower way is shut now
+    for _ in range(1200):
+        step = drive.step()
+        if step.finished:
+            break
+    assert step.finished
+    assert step.failure is None
+    assert_arrived(drive, goal)
+    assert max(pose.y for pose in drive.track) > 3.2
+
+
+def test_a_goal_that_becomes_unreachable_ends_in_bounded_time_with_a_reason():
+    arena = Arena(6.0, 2.0)
+    drive = Drive(arena, Pose2(0.6, 1.0, 0.0), grid=arena.grid())
+    drive.executive.start([Pose2(5.4, 1.0, 0.0)], drive.now_s)
+    for _ in range(60):
+        drive.step()
+    arena.boxes.append((3.2, -0.1, 3.5, 2.1))
+    for _ in range(3000):
+        step = drive.step()
+        if step.finished:
+            break
+    assert step.finished
+    assert step.failure in (Failure.NO_VALID_PATH, Failure.FAILED_TO_MAKE_PROGRESS, Failure.NO_VALID_CONTROL)
+    assert step.reason
+    assert step.velocity == ZERO
+    assert drive.collisions == 0
+    assert any("recovery" in line for line in drive.logs)
+
+
+def test_a_goal_in_a_bench_is_given_up_within_a_second_without_moving():
+    drive = Drive(greenhouse(2), Pose2(0.45, 0.45, 0.0))
+    step = drive.go(Pose2(2.1, 1.2, 0.0))
+    assert step.failure is Failure.GOAL_OCCUPIED
+    assert "from an obstacle" in step.reason
+    assert drive.now_s < 1.0
+    assert all(command == ZERO for command in drive.commands)
+
+
+def test_a_blind_robot_stands_still_then_gives_up_and_names_the_reason():
+    drive = Drive(Arena(6.0, 3.0), Pose2(0.6, 1.5, 0.0))
+    drive.executive.start([Pose2(5.0, 1.5, 0.0)], drive.now_s)
+    for _ in range(60):
+        drive.step()
+    drive.blind = "nothing comes on /scan"
+    assert drive.step().velocity == ZERO
+    for _ in range(400):
+        step = drive.step()
+        assert step.velocity == ZERO
+        if step.finished:
+            break
+    assert step.failure is Failure.SENSOR_LOST
+    assert "nothing comes on /scan" in step.reason
+
+
+def test_a_robot_that_sees_again_goes_on():
+    drive = Drive(Arena(6.0, 3.0), Pose2(0.6, 1.5, 0.0))
+    goal = Pose2(5.0, 1.5, 0.0)
+    drive.executive.start([goal], drive.now_s)
+    for i in range(900):
+        drive.blind = "fog" if 60 < i < 200 else None
+        if (step := drive.step()).finished:
+            break
+    assert step.failure is None
+    assert_arrived(drive, goal)
+
+
+def test_a_halt_of_any_length_costs_the_goal_nothing():
+    drive = Drive(Arena(6.0, 3.0), Pose2(0.6, 1.5, 0.0))
+    goal = Pose2(5.0, 1.5, 0.0)
+    drive.executive.start([goal], drive.now_s)
+    for _ in range(60):
+        drive.step()
+    drive.halted = True
+    for _ in range(20 * 60):
+        step = drive.step()
+        assert step.velocity == ZERO
+        assert not step.finished
+    drive.halted = False
+    for _ in range(600):
+        if (step := drive.step()).finished:
+            break
+    assert step.failure is None
+    assert_arrived(drive, goal)
+
+
+def test_lost_transforms_end_in_an_error_of_their_own():
+    executive = Executive(_Silent())
+    executive.start([Pose2(1.0, 1.0, 0.0)], 0.0)
+    for i in range(400):
+        step = executive.tick(View(i * 0.05, None, None, ZERO, None))
+        if step.finished:
+            break
+    assert step.failure is Failure.TF_ERROR
+    assert "odom -> base_link" in step.reason
+
+
+class _Silent:
+    """A planner that never answers."""
+
+    def request(self, start, goals) -> None: ...
+
+    def take(self) -> None:
+        return None
+
+    def clear(self) -> None: ...
+
+
+def test_a_planner_that_never_answers_is_not_waited_for_for_ever():
+    drive = Drive(Arena(3.0, 3.0), Pose2(1.0, 1.0, 0.0))
+    drive.executive = Executive(_Silent())
+    step = drive.go(Pose2(2.0, 2.0, 0.0), limit_s=20.0)
+    assert step.failure is Failure.PLANNING_TIMED_OUT
+
+
+class _Nowhere:
+    """A planner whose path the robot can't leave: it is stuck."""
+
+    def __init__(self, at: Pose2, goal: Pose2) -> None:
+        self._plan = Plan(np.linspace((at.x, at.y), (goal.x, goal.y), 60))
+
+    def request(self, start, goals) -> None: ...
+
+    def take(self) -> Plan:
+        return self._plan
+
+    def clear(self) -> None: ...
+
+
+def test_a_robot_that_does_not_move_tries_all_recoveries_and_then_says_so():
+    drive = Drive(Arena(6.0, 3.0), Pose2(1.0, 1.5, 0.0))
+    drive.base.drive = lambda command, dt: None  # the wheels are off
+    drive.executive = Executive(_Nowhere(Pose2(1.0, 1.5), Pose2(5.0, 1.5)), log=drive.logs.append)
+    step = drive.go(Pose2(5.0, 1.5, 0.0), limit_s=300.0)
+    assert step.failure is Failure.FAILED_TO_MAKE_PROGRESS
+    tried = " ".join(drive.logs)
+    assert all(name in tried for name in ("clear the costmaps", "backup", "spin", "wait"))
+    assert len(drive.logs) == 6
+
+
+def test_a_new_goal_replaces_the_old_one_in_mid_drive():
+    drive = Drive(Arena(6.0, 3.0), Pose2(0.6, 1.5, 0.0))
+    drive.executive.start([Pose2(5.0, 1.5, 0.0)], drive.now_s)
+    for _ in range(100):
+        drive.step()
+    goal = Pose2(0.8, 0.8, 1.0)
+    assert drive.go(goal).failure is None
+    assert_arrived(drive, goal)
+
+
+def test_poses_on_the_way_are_passed_by_without_stopping_at_them():
+    drive = Drive(Arena(6.0, 6.0), Pose2(0.6, 0.6, 0.0))
+    corner, goal = Pose2(5.0, 0.8, 0.0), Pose2(5.0, 5.0, math.pi / 2)
+    assert drive.go(corner, goal).failure is None
+    assert_arrived(drive, goal)
+    assert min(pose.distance_to(corner) for pose in drive.track) < 0.7
+
+
+def test_after_a_stop_there_is_nothing_to_do():
+    drive = Drive(Arena(6.0, 3.0), Pose2(0.6, 1.5, 0.0))
+    drive.executive.start([Pose2(5.0, 1.5, 0.0)], drive.now_s)
+    for _ in range(60):
+        drive.step()
+    at_speed = drive.base.velocity[0]
+    assert at_speed > 0.3
+    drive.executive.stop()
+    stopped_at = drive.base.truth
+    for _ in range(40):
+        step = drive.step()
+        assert step.finished
+        assert step.velocity == ZERO
+    assert drive.base.truth.distance_to(stopped_at) < 0.15
+    assert abs(drive.base.velocity[0]) < 0.01
+
+
+def test_progress_counts_down_while_driving():
+    drive = Drive(Arena(6.0, 3.0), Pose2(0.6, 1.5, 0.0))
+    drive.executive.start([Pose2(5.0, 1.5, 0.0)], drive.now_s)
+    distances, etas = [], []
+    for i in range(160):
+        drive.step()
+        if i % 20 == 19:
+            progress = drive.executive.progress(drive.now_s)
+            distances.append(progress.distance_remaining_m)
+            etas.append(progress.estimated_time_remaining_s)
+    assert distances == sorted(distances, reverse=True)
+    assert distances[0] == pytest.approx(4.4, abs=0.3)
+    assert 0.0 < etas[-1] < 20.0
