@@ -15,11 +15,10 @@ from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2, yaw_from_quaternion
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.mission.config import MissionConfig
-from lupin_runtime.mission.freshness import Freshness
 from lupin_runtime.mission.messages import goal_message, grid_map, reading
+from lupin_runtime.mission.place import Place
 from lupin_runtime.mission.ports import STATUS_UNKNOWN, Confirmation, Reading
-from lupin_runtime.ros import LupinNode, TransformListener
-from lupin_runtime.transforms import TransformUnavailable
+from lupin_runtime.ros import LupinNode
 
 STALE_TRANSFORM_S = 2.0
 
@@ -167,24 +166,18 @@ class RobotWorld:
 
     def __init__(self, node: LupinNode, config: MissionConfig) -> None:
         self._node, self._config = node, config
-        self._tree = TransformListener(node).tree
-        self._freshness = Freshness()
+        self._place = Place(node, config.frame_id, config.base_frame)
         self._message: Any = None
         self._number = 0
         self._newest: tuple[int, GridMap] | None = None
 
     def robot_pose(self) -> Pose2 | None:
         """The robot in the map frame; None where the transforms do not tell, or have stopped coming."""
-        frame, base = self._config.frame_id, self._config.base_frame
-        try:
-            transform = self._tree.lookup(frame, base)
-            age_s = self._freshness.age_s(self._tree.newest_ns(frame, base), self._node.elapsed_clock_ns() / 1e9)
-        except TransformUnavailable:
+        found = self._place.look()
+        if found is None or found[1] > STALE_TRANSFORM_S:
             return None
-        if age_s > STALE_TRANSFORM_S:
-            return None
-        x, y, _ = transform.translation
-        return Pose2(x, y, yaw_from_quaternion(*transform.rotation))
+        x, y, _ = found[0].translation
+        return Pose2(x, y, yaw_from_quaternion(*found[0].rotation))
 
     def heard_map(self, message: Any) -> None:
         """Keep a map."""

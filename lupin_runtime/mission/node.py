@@ -24,7 +24,6 @@ from lupin_runtime.mission.adapters import (
     RobotWorld,
 )
 from lupin_runtime.mission.config import MissionConfig
-from lupin_runtime.mission.freshness import Freshness
 from lupin_runtime.mission.layout import Layout, LayoutError, Override, load_layout, load_overrides
 from lupin_runtime.mission.messages import (
     observation_message,
@@ -33,9 +32,9 @@ from lupin_runtime.mission.messages import (
     tag_pose,
 )
 from lupin_runtime.mission.orchestrator import Orchestrator, Reply
+from lupin_runtime.mission.place import Place
 from lupin_runtime.mission.ports import ObservationRecord, Ports
-from lupin_runtime.ros import LupinNode, TransformListener, stamp_from_ns
-from lupin_runtime.transforms import TransformUnavailable
+from lupin_runtime.ros import LupinNode, stamp_from_ns
 
 WATCHDOG_HZ = 10.0
 LOWEST_STATE_RATE_HZ = 0.1
@@ -239,26 +238,22 @@ class PoseSeed(LupinNode):
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("seed_amcl_pose", parameters)
         self._frame = self.parameter("frame_id", graph.MAP_FRAME)
-        self._base = self.parameter("base_frame", graph.BASE_FRAME)
         self._variance = self.parameter("variance", 0.01)
         self._stale_after_s = self.parameter("stale_after_s", STALE_TRANSFORM_S)
-        self._tree = TransformListener(self).tree
-        self._freshness = Freshness()
+        self._place = Place(self, self._frame, self.parameter("base_frame", graph.BASE_FRAME))
         self._poses = self.publisher(replace(graph.AMCL_POSE, name=self.parameter("pose_topic", graph.AMCL_POSE.name)))
         self.create_timer(1.0 / max(LOWEST_STATE_RATE_HZ, self.parameter("rate_hz", 1.0)), self._publish)
 
     def _publish(self) -> None:
-        try:
-            transform = self._tree.lookup(self._frame, self._base)
-            newest_ns = self._tree.newest_ns(self._frame, self._base)
-        except TransformUnavailable:
+        found = self._place.look()
+        if found is None:
             return  # nobody knows yet: a pose is only vouched for once there was one
-        age_s = self._freshness.age_s(newest_ns, self.elapsed_clock_ns() / 1e9)
+        transform, age_s = found
         variance = self._variance
         if age_s > self._stale_after_s:
             variance = max(variance, (self.FASTEST_M_S * age_s) ** 2)
             self.get_logger().warning(
-                f"no new transform {self._frame} -> {self._base} for {age_s:.0f} s: the pose is not vouched for",
+                f"nobody has renewed the robot's transform in {self._frame!r} for {age_s:.0f} s: the pose is not vouched for",
                 throttle_duration_sec=10.0,
             )
         message = PoseWithCovarianceStamped()
