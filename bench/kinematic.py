@@ -123,6 +123,9 @@ class DirectPlanner:
         answer, self._answer = self._answer, None
         return answer
 
+    def drop(self) -> None:
+        self._answer = None
+
     def clear(self) -> None:
         self.costmap.clear()
 

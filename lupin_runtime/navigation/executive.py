@@ -88,6 +88,10 @@ class PlanSource(Protocol):
         """The answer to the last request, once; None while there is none."""
         ...
 
+    def drop(self) -> None:
+        """Forget the last request: its answer, should one still come, is nobody's."""
+        ...
+
     def clear(self) -> None:
         """Forget the obstacles that are not in the map."""
         ...
@@ -151,6 +155,8 @@ class Executive:
         """Navigate through these poses of the map frame to the last of them."""
         if not goals:
             raise ValueError("a navigation needs at least one pose")
+        # A path to the last goal that is still being planned would be taken for one to this goal.
+        self._planner.drop()
         self._goals = list(goals)
         self._target = self._goals[-1]
         self._path: TrackedPath | None = None

@@ -92,8 +92,7 @@ class PlanWorker:
 
     def request(self, start: Pose2, goals: Sequence[Pose2]) -> None:
         """Ask on behalf of the executive; replaces its last request."""
-        if self._current is not None:
-            self._current.abandoned = True
+        self.drop()
         self._current = self.submit(start, goals, robot=start)
 
     def take(self) -> Plan | NoPath | None:
@@ -102,6 +101,12 @@ class PlanWorker:
             return None
         answer, self._current = self._current.answer, None
         return answer
+
+    def drop(self) -> None:
+        """Forget the executive's request."""
+        if self._current is not None:
+            self._current.abandoned = True
+        self._current = None
 
     def clear(self) -> None:
         """Forget the obstacles that are not in the map."""

@@ -191,6 +191,8 @@ class _Silent:
     def take(self) -> None:
         return None
 
+    def drop(self) -> None: ...
+
     def clear(self) -> None: ...
 
 
@@ -211,6 +213,8 @@ class _Nowhere:
 
     def take(self) -> Plan:
         return self._plan
+
+    def drop(self) -> None: ...
 
     def clear(self) -> None: ...
 
@@ -234,6 +238,37 @@ def test_a_new_goal_replaces_the_old_one_in_mid_drive():
     goal = Pose2(0.8, 0.8, 1.0)
     assert drive.go(goal).failure is None
     assert_arrived(drive, goal)
+
+
+class _Desk:
+    """A planner whose answer lies ready until it is taken."""
+
+    def __init__(self) -> None:
+        self.answer: Plan | None = None
+
+    def request(self, start, goals) -> None: ...
+
+    def take(self) -> Plan | None:
+        answer, self.answer = self.answer, None
+        return answer
+
+    def drop(self) -> None:
+        self.answer = None
+
+    def clear(self) -> None: ...
+
+
+def test_a_path_that_was_still_planned_to_the_last_goal_is_not_taken_for_one_to_the_next():
+    drive = Drive(Arena(6.0, 3.0), Pose2(0.6, 1.5, 0.0))
+    desk = _Desk()
+    drive.executive = Executive(desk)
+    drive.executive.start([Pose2(0.7, 1.5, 0.0)], 0.0)
+    drive.step()
+    drive.executive.stop()
+    desk.answer = Plan(np.array([[0.6, 1.5], [0.62, 1.5], [0.64, 1.5]]))  # a replan of the first goal, come late
+    # The same heading: a path that ends where the robot stands would count as an arrival.
+    drive.executive.start([Pose2(5.0, 1.5, 0.0)], drive.now_s)
+    assert not any(drive.step().finished for _ in range(10))
 
 
 def test_poses_on_the_way_are_passed_by_without_stopping_at_them():
