@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -78,12 +79,15 @@ def test_an_interrupted_replay_leaves_no_process_and_says_130(drive):
                 break
         profile = next(word for word in line.split() if word.startswith("FASTRTPS")).split("=", 1)[1]
         assert Path(profile).exists()
-        players = children(process.pid)
-        assert players
+        deadline = time.monotonic() + 20.0
+        while not (players := children(process.pid)):
+            assert time.monotonic() < deadline, "no player was started"
+            time.sleep(0.05)
         process.send_signal(signal.SIGINT)
         process.wait(30)
     finally:
         process.kill()
+        process.wait(10)
         process.stdout.close()
     assert process.returncode == 130
     assert not Path(profile).exists()

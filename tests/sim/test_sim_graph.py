@@ -172,8 +172,10 @@ def test_a_command_of_nan_stops_the_wheels(stranger):
 def test_five_controllers_are_active_and_a_base_without_its_own_is_silent(stranger):
     listed = stranger.call(graph.LIST_CONTROLLERS, ListControllers.Request()).controller
     assert {c.name: c.state for c in listed} == dict.fromkeys(graph.CONTROLLERS, "active")
+    stranger.fresh(graph.ODOM)
     request = SwitchController.Request(deactivate_controllers=["mirte_base_controller"], strictness=2)
     assert stranger.call(graph.SWITCH_CONTROLLER, request).ok
+    stranger.fresh(graph.SCAN)  # what was on its way has arrived by then
     before = stranger.count[graph.ODOM.name]
     stranger.fresh(graph.SCAN)
     stranger.fresh(graph.SCAN)
