@@ -263,6 +263,15 @@ def test_the_estop_holds_a_goal_and_its_release_lets_it_go_on(pilot):
     assert pilot.result(handle).status == SUCCEEDED
 
 
+@pytest.mark.parametrize("jump_s", [-5.0, 60.0])
+def test_a_clock_that_jumps_costs_the_goal_a_moment_and_no_more(pilot, jump_s):
+    handle = pilot.send(pilot.goal(3.2, 2.0))
+    pilot.host.until(pilot.driving, 20)
+    pilot.robot.time_ns = max(1, pilot.robot.time_ns + int(jump_s * 1e9))
+    assert pilot.result(handle).status == SUCCEEDED
+    assert pilot.robot.base.truth.distance_to(Pose2(3.2, 2.0)) < 0.25
+
+
 def test_a_clicked_goal_is_driven_and_cancelled_as_any_other(pilot):
     from action_msgs.srv import CancelGoal
 
