@@ -54,12 +54,8 @@ def save_session(path: Path, graph: KeyframeGraph, map_from_odom: Array, step_ra
     )
     # Renamed but not synced: this runs between scans, and a power cut may cost the newest session but never tear one.
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_bytes(buffer.getbuffer())
-        temporary.replace(path)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
+    temporary.write_bytes(buffer.getbuffer())
+    temporary.replace(path)
 
 
 def load_session(path: Path) -> Session:
