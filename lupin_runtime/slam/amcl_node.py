@@ -89,9 +89,13 @@ class AmclNode(LupinNode):
     # -- input -----------------------------------------------------------------------------------------------------------
 
     def _take_map(self, message: OccupancyGrid) -> None:
-        cells = np.frombuffer(message.data, np.int8).reshape(message.info.height, message.info.width).copy()
-        at = message.info.origin.position
-        grid = GridMap(cells, float(message.info.resolution), at.x, at.y)
+        try:
+            cells = np.frombuffer(message.data, np.int8).reshape(message.info.height, message.info.width).copy()
+            at = message.info.origin.position
+            grid = GridMap(cells, float(message.info.resolution), at.x, at.y)
+        except ValueError as error:
+            self.get_logger().error(f"map ignored: {error}")
+            return
         if self._grid is not None and self._same(self._grid, grid):
             return
         self._grid = grid
@@ -161,8 +165,9 @@ class AmclNode(LupinNode):
         if self._filter is None:
             self._filter = Amcl(self._grid, self._settings)
         if self._start is not None:
-            self._filter.start(*self._start)
-            self._start, self._odom, self._first_scans = None, odom, FIRST_SCANS
+            start, self._start = self._start, None
+            self._filter.start(*start)
+            self._odom, self._first_scans = odom, FIRST_SCANS
         if not self._filter.started or self._odom is None:
             self.get_logger().warning(f"no initial pose yet: publish {graph.INITIAL_POSE.name}", throttle_duration_sec=10.0)
             return

@@ -1,6 +1,6 @@
 """Scans and odometry out of an MCAP recording of the robot's graph.
 
-The one place outside nodes that needs rclpy: messages were recorded as the middleware's bytes, and its type support reads them.
+Messages were recorded as the middleware's bytes: reading them needs its type support, and so rclpy.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2, yaw_from_quaternion
+from lupin_runtime.record.reader import NotARecording, Recording
 from lupin_runtime.slam.files import MalformedFile
 from lupin_runtime.slam.offline import OfflineScan
 from lupin_runtime.slam.scan import Beams
@@ -23,7 +24,7 @@ _WHOLE_RECORDING_S = 1e8
 
 
 @dataclass(frozen=True)
-class Recording:
+class RecordedScans:
     """Scans with the odometry of their moment, and what could not be used."""
 
     scans: list[OfflineScan]
@@ -35,42 +36,40 @@ def pose2_of(transform: Transform) -> Pose2:
     return Pose2(transform.translation[0], transform.translation[1], yaw_from_quaternion(*transform.rotation))
 
 
-def read_recording(path: Path, range_min_m: float = 0.25, range_max_m: float = 12.0) -> Recording:
-    """Read `/scan`, `/tf_static` and the odometry (its topic, or `/tf`) of a recording.
+def read_recording(path: Path, range_min_m: float = 0.25, range_max_m: float = 12.0) -> RecordedScans:
+    """Read `/scan`, `/tf_static` and the odometry (its topic, or `/tf`) of a recording; of a damaged one, what is readable.
 
     Raises MalformedFile where the file is no MCAP or lacks one of them, OSError.
     """
-    from mcap.exceptions import McapError
-    from mcap.reader import make_reader
-
     tree = TransformTree(keep_s=_WHOLE_RECORDING_S)
     scans: list[Any] = []
     problems: list[str] = []
-    topics = [graph.SCAN.name, graph.TF.name, graph.TF_STATIC.name, graph.ODOM.name]
     has_odometry = False
     try:
-        with path.open("rb") as stream:
-            for schema, channel, record in make_reader(stream).iter_messages(topics=topics):
-                message = _decode(schema.name if schema else "", record.data)
-                if channel.topic == graph.SCAN.name:
-                    scans.append(message)
-                elif channel.topic == graph.ODOM.name:
-                    has_odometry = True
-                    pose = message.pose.pose
-                    _insert(tree, graph.ODOM_FRAME, graph.BASE_FRAME, message.header.stamp, pose.position, pose.orientation)
-                else:
-                    for item in message.transforms:
-                        if channel.topic == graph.TF.name and (item.header.frame_id != graph.ODOM_FRAME or has_odometry):
-                            continue  # other frames do not matter here, and the odometry topic goes first
-                        t = item.transform
-                        _insert(
-                            tree, item.header.frame_id, item.child_frame_id, item.header.stamp, t.translation, t.rotation,
-                            channel.topic == graph.TF_STATIC.name,
-                        )  # fmt: skip
-    except (McapError, EOFError) as error:
-        raise MalformedFile(path, None, f"expected an MCAP recording: {error}") from None
+        recording = Recording(path)
+    except NotARecording as error:
+        raise MalformedFile(path, None, str(error)) from None
+    for topic, _, message in recording.messages((graph.SCAN.name, graph.TF.name, graph.TF_STATIC.name, graph.ODOM.name)):
+        if topic == graph.SCAN.name:
+            scans.append(message)
+            continue
+        try:
+            if topic == graph.ODOM.name:
+                has_odometry = True
+                pose = message.pose.pose
+                _insert(tree, graph.ODOM_FRAME, graph.BASE_FRAME, message.header.stamp, pose.position, pose.orientation)
+                continue
+            static = topic == graph.TF_STATIC.name
+            for item in message.transforms:
+                t, parent = item.transform, item.header.frame_id
+                # Of what moves only the odometry matters here, and its own topic goes first.
+                if static or (parent == graph.ODOM_FRAME and not has_odometry):
+                    _insert(tree, parent, item.child_frame_id, item.header.stamp, t.translation, t.rotation, static)
+        except ValueError as error:
+            problems.append(str(error))
+    problems = recording.damage + problems
     if not scans:
-        raise MalformedFile(path, None, f"the recording has no {graph.SCAN.name}")
+        raise MalformedFile(path, None, f"the recording has no {graph.SCAN.name}{_said(problems)}")
     result = []
     for message in scans:
         try:
@@ -78,16 +77,12 @@ def read_recording(path: Path, range_min_m: float = 0.25, range_max_m: float = 1
         except (TransformUnavailable, ValueError) as error:
             problems.append(str(error))
     if not result:
-        raise MalformedFile(path, None, f"no scan can be placed: {problems[0]}")
-    return Recording(result, problems)
+        raise MalformedFile(path, None, f"no scan can be placed{_said(problems)}")
+    return RecordedScans(result, problems)
 
 
-def _decode(type_name: str, data: bytes) -> Any:
-    from rclpy.serialization import deserialize_message
-
-    from lupin_runtime.ros.node import interface
-
-    return deserialize_message(data, interface(type_name))
+def _said(problems: list[str]) -> str:
+    return f": {problems[0]}" if problems else ""
 
 
 def _ns(stamp: Any) -> int:

@@ -58,7 +58,8 @@ class MotionNoise:
 class MapperSettings:
     """What a mapper does when. Distances in metres, angles in radians.
 
-    `revisit_m` lets the robot stand on a keyframe that is this near instead of adding one; 0 keeps every keyframe.
+    `revisit_m` lets the robot stand on a keyframe that is this near instead of adding one; 0 keeps every keyframe. A scan that
+    fits nowhere becomes a keyframe only `lost_m` or `lost_rad` from the last one: a crowd around the robot is no new room.
     """
 
     keyframe_m: float = 0.3
@@ -74,6 +75,9 @@ class MapperSettings:
     slip_score: float = 0.4
     slip_fit: float = 0.6
     fastest_m_s: float = 3.0
+    fastest_rad_s: float = 4.0
+    lost_m: float = 1.0
+    lost_rad: float = 1.0
     use_matching: bool = True
     noise: MotionNoise = field(default_factory=MotionNoise)
     field_shape: FieldShape = field(default_factory=FieldShape)
@@ -185,8 +189,8 @@ class Mapper:
         if before is None:
             return np.zeros(3), False
         step = before.inverse() @ odom
-        reach = 0.5 + self.settings.fastest_m_s * max(since, 0.0)
-        if math.hypot(step.x, step.y) > reach:
+        s, since = self.settings, max(since, 0.0)
+        if math.hypot(step.x, step.y) > 0.5 + s.fastest_m_s * since or abs(step.yaw) > 0.5 + s.fastest_rad_s * since:
             return np.zeros(3), True
         return np.array([step.x, step.y, step.yaw]), False
 
@@ -237,6 +241,8 @@ class Mapper:
         if stamp_s - self._last_keyframe_s < s.keyframe_interval_s:
             return None
         if math.hypot(moved[0], moved[1]) < s.keyframe_m and abs(moved[2]) < s.keyframe_rad:
+            return None
+        if fit is None and s.use_matching and math.hypot(moved[0], moved[1]) < s.lost_m and abs(moved[2]) < s.lost_rad:
             return None
         if fit is not None and (old := self._revisited(pose, beams)) is not None:
             self._place = Place(old, relative(self.graph.poses[old], pose))

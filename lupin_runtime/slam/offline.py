@@ -66,6 +66,7 @@ def settings_for_logs(range_max_m: float, resolution_m: float = 0.05) -> MapperS
     return MapperSettings(
         keyframe_interval_s=0.0,
         revisit_m=0.0,
+        lost_m=0.0,
         local_radius_m=20.0,
         noise=MotionNoise(floor_m=0.01, floor_rad=0.006, travel=0.15, turn=0.12, turn_per_m=0.06),
         field_shape=FieldShape(reach_m=reach),

@@ -54,8 +54,12 @@ def save_session(path: Path, graph: KeyframeGraph, map_from_odom: Array, step_ra
     )
     # Renamed but not synced: this runs between scans, and a power cut may cost the newest session but never tear one.
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_bytes(buffer.getbuffer())
-    temporary.replace(path)
+    try:
+        temporary.write_bytes(buffer.getbuffer())
+        temporary.replace(path)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 def load_session(path: Path) -> Session:

@@ -31,6 +31,8 @@ Array = NDArray[np.floating]
 SESSION_PERIOD_S = 5.0
 # A clock that steps back further than this has been set; less is jitter between publishers.
 CLOCK_STEP_NS = 200_000_000
+# What a path out of a request may end in: no such user, no name, no space, no file of that kind.
+_UNUSABLE_PATH = (OSError, ValueError, RuntimeError)
 # More than the mapper moves per scan, since a map that is about to be seen should be whole.
 MOVES_PER_MAP = 60
 
@@ -240,13 +242,12 @@ class SlamNode(LupinNode):
         if grid is None:
             response.result = response.RESULT_NO_MAP_RECEIEVD
             return response
-        path = Path(request.name.data or "map").expanduser()
-        path = path if path.suffix == ".yaml" else path.with_name(path.name + ".yaml")
+        name = request.name.data or "map"
         try:
-            save_map(path, grid)
+            save_map(_with_suffix(name, ".yaml"), grid)
             response.result = response.RESULT_SUCCESS
-        except OSError as error:
-            self.get_logger().error(f"{path} cannot be written: {error.strerror or error}")
+        except _UNUSABLE_PATH as error:
+            self.get_logger().error(f"a map cannot be written to {name!r}: {error}")
             response.result = response.RESULT_UNDEFINED_FAILURE
         return response
 
@@ -267,20 +268,20 @@ class SlamNode(LupinNode):
 
     def _serialize(self, request: Any, response: Any) -> Any:
         try:
-            self._write_session(_session_path(request.filename))
+            self._write_session(_with_suffix(request.filename, ".posegraph"))
             response.result = response.RESULT_SUCCESS
-        except (OSError, ValueError) as error:
+        except _UNUSABLE_PATH as error:
             self.get_logger().error(f"the graph cannot be written: {error}")
             response.result = response.RESULT_FAILED_TO_WRITE_FILE
         return response
 
     def _deserialize(self, request: Any, response: Any) -> Any:
         try:
-            session = load_session(_session_path(request.filename))
+            session = load_session(_with_suffix(request.filename, ".posegraph"))
         except FileNotFoundError:
             response.result = response.RESULT_INVALID_FILENAME
             return response
-        except (MalformedFile, OSError) as error:
+        except _UNUSABLE_PATH as error:
             self.get_logger().error(str(error))
             response.result = response.RESULT_FAILED_TO_READ_FILE
             return response
@@ -324,6 +325,7 @@ class SlamNode(LupinNode):
         self.get_logger().info(f"mapping goes on from {path}: {len(session.graph)} keyframes")
 
 
-def _session_path(name: str) -> Path:
+def _with_suffix(name: str, suffix: str) -> Path:
+    """A path from a request, with the suffix that it may leave out. Raises one of _UNUSABLE_PATH."""
     path = Path(name).expanduser()
-    return path if path.suffix == ".posegraph" else path.with_name(path.name + ".posegraph")
+    return path if path.suffix == suffix else path.with_name(path.name + suffix)

@@ -132,6 +132,33 @@ def test_odometry_that_starts_again_at_zero_is_left_out(greenhouse_log, drive):
     assert rmse(place) < RMSE_M
 
 
+def test_odometry_that_starts_again_with_another_heading_is_left_out(greenhouse_log, drive):
+    turn = Pose2(0.0, 0.0, 2.5)
+    base = Pose2(*greenhouse_log.odom[150])
+
+    def turned(k, stamp, odom, ranges):
+        return stamp, base @ turn @ base.inverse() @ odom if k >= 150 else odom, ranges
+
+    driven = drive(greenhouse_log).go(0, 300, turned)
+    assert driven.steps[150].odometry_jumped
+    place, _ = driven.errors()
+    assert rmse(place) < RMSE_M
+
+
+def test_a_crowd_around_the_robot_is_not_mapped(greenhouse_log, drive):
+    rng = np.random.default_rng(0)
+
+    def crowded(k, stamp, odom, ranges):
+        crowd = np.repeat(rng.uniform(0.3, 0.9, 36), 10)
+        return stamp, odom, crowd + rng.normal(size=360) * 0.005 if 200 <= k < 220 else ranges
+
+    driven = drive(greenhouse_log).go(0, 400, crowded)
+    assert not any(step.keyframe for step in driven.steps[200:220])
+    assert not any(step.matched for step in driven.steps[201:220])
+    place, _ = driven.errors()
+    assert rmse(place[225:]) < RMSE_M and place[200:225].max() < 0.1
+
+
 def test_a_wheel_that_slips_is_caught_by_the_scan(greenhouse_log, drive):
     kick = Pose2(0.35, -0.25, 0.3)
     base = Pose2(*greenhouse_log.odom[150])

@@ -164,8 +164,9 @@ def test_a_map_is_saved_where_asked_and_a_bad_place_is_said(graph_host, robot, s
     graph_host.until(lambda: robot.maps)
     assert call(graph_host, robot, graph.SLAM_SAVE_MAP, request).result == SaveMap.Response.RESULT_SUCCESS
     assert (load_map(tmp_path / "house.yaml").cells == 100).sum() > 200
-    request.name.data = str(tmp_path / "nowhere" / "house")
-    assert call(graph_host, robot, graph.SLAM_SAVE_MAP, request).result == SaveMap.Response.RESULT_UNDEFINED_FAILURE
+    for bad in (str(tmp_path / "nowhere" / "house"), "~nobody-of-that-name/house", "/"):
+        request.name.data = bad
+        assert call(graph_host, robot, graph.SLAM_SAVE_MAP, request).result == SaveMap.Response.RESULT_UNDEFINED_FAILURE
 
 
 def test_clear_map_clears_both_costmaps_and_starts_the_map_where_the_robot_is(graph_host, robot, slam):
