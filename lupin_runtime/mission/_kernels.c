@@ -80,6 +80,19 @@ void view_gain(const int8_t *cells, const View *v, const double *surfaces, const
     }
 }
 
+/* visible[j * n + i] = whether pose j sees surface i. */
+void view_matrix(const int8_t *cells, const View *v, const double *surfaces, int64_t n, const double *poses, int64_t m,
+                 uint8_t *visible)
+{
+    for (int64_t j = 0; j < m; j++) {
+        const double *p = poses + 4 * j;
+        const double ux = cos(p[2]), uy = sin(p[2]);
+        const double cx = p[0] + v->camera_x * ux, cy = p[1] + v->camera_x * uy;
+        for (int64_t i = 0; i < n; i++)
+            visible[j * n + i] = (uint8_t)sees(cells, v, cx, cy, ux, uy, surfaces + 4 * i);
+    }
+}
+
 /* Distances by road in cells from (row, column) over cells with passable != 0, 8-connected, corners not cut; infinity
  * where no road leads. Dial's buckets on chamfer weights 5 and 7 (Borgefors 1986: within 4 % of Euclid's).
  * Returns 0, or -1 without memory. */

@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 from lupin_runtime.geometry import Pose2, wrap_angle
 from lupin_runtime.gridmap import UNKNOWN, GridMap
 from lupin_runtime.mission.approach import Clearance
+from lupin_runtime.mission.tour import covering, short_order
 from lupin_runtime.native import load_kernels
 
 Floats = NDArray[np.float64]
 
 MAX_SAMPLES = 4000  # bounds what a new map costs: 4000 poses against 3000 surfaces take about 30 ms
+MAX_STOPS = 40  # of a tour; more are planned when these are done
 _STILL_M, _STILL_RAD = 0.03, math.radians(3.0)
 
 
@@ -66,6 +68,16 @@ def _kernels() -> ctypes.CDLL:
     library.add_view_time.restype = None
     library.view_gain.argtypes = [grid, view, rows, vector, count, rows, count, vector]
     library.view_gain.restype = None
+    library.view_matrix.argtypes = [
+        grid,
+        view,
+        rows,
+        count,
+        rows,
+        count,
+        np.ctypeslib.ndpointer(np.uint8, 2, flags="C_CONTIGUOUS"),
+    ]
+    library.view_matrix.restype = None
     library.travel_distance.argtypes = [
         np.ctypeslib.ndpointer(np.uint8, 2, flags="C_CONTIGUOUS"),
         *[ctypes.c_int32] * 4,
@@ -237,7 +249,6 @@ class Viewpoint:
     pose: Pose2
     gain_m: float
     travel_m: float
-    score: float
 
 
 class Coverage:
@@ -352,8 +363,44 @@ class Coverage:
         unseen from 0.6 to 1.4 m. The score is gain / (1 + travel), a turn of the robot counted as travel too. `unknown`
         False leaves out what may be free space still to be explored."""
         rows, weights = self._wanted(unknown)
-        if not len(rows):
+        poses, road = self._stands(rows, clearance, travel_m, room_m)
+        if not len(poses):
             return []
+        gains = self._gains(rows, weights, poses)
+        turns = np.abs((poses[:, 2] - robot.yaw + math.pi) % (2.0 * math.pi) - math.pi)
+        scores = gains / (1.0 + road + 0.3 * turns)
+        worth = np.flatnonzero(gains >= self._min_gain_m)
+        order = worth[np.argsort(-scores[worth], kind="stable")]
+        return [_viewpoint(poses[i], gains[i], road[i]) for i in order[:20]]
+
+    def tour(
+        self,
+        clearance: Clearance,
+        travel_m: NDArray[np.float32],
+        room_m: float,
+        travel_room_m: float,
+    ) -> list[Viewpoint]:
+        """Viewpoints that together show all that is still to be seen, in the order of a short way past them."""
+        rows, weights = self._wanted()
+        poses, road = self._stands(rows, clearance, travel_m, room_m)
+        if not len(poses) or self._grid is None:
+            return []
+        visible = np.zeros((len(poses), len(rows)), np.uint8)
+        _kernels().view_matrix(*self._view(self._grid), rows, len(rows), poses, len(poses), visible)
+        sees = visible.astype(bool)
+        chosen = covering(sees, weights, self._min_gain_m / self._grid.resolution_m, MAX_STOPS)
+        roads = [travel_distances(clearance, Pose2(*poses[i, :3]), travel_room_m) for i in chosen]
+        cells = [clearance.grid.cell_of(poses[i, 0], poses[i, 1]) for i in chosen]
+        between = np.array([[field[cell] if field is not None else math.inf for cell in cells] for field in roads])
+        gains = sees @ weights * self._grid.resolution_m
+        return [_viewpoint(poses[chosen[k]], gains[chosen[k]], road[chosen[k]]) for k in short_order(road[chosen], between)]
+
+    def _stands(
+        self, rows: Floats, clearance: Clearance, travel_m: NDArray[np.float32], room_m: float
+    ) -> tuple[Floats, Floats]:
+        """Poses (n, 4) in front of surfaces where the robot may stand, and metres of road to each."""
+        if not len(rows):
+            return np.empty((0, 4)), np.empty(0)
         poses = _candidates(rows[:: max(1, len(rows) // 150)])
         grid = clearance.grid
         r = np.floor((poses[:, 1] - grid.origin_y) / grid.resolution_m).astype(int)
@@ -361,21 +408,7 @@ class Coverage:
         inside = (r >= 0) & (r < grid.height) & (c >= 0) & (c < grid.width)
         poses, r, c = poses[inside], r[inside], c[inside]
         good = clearance.free[r, c] & (clearance.distance_m[r, c] >= room_m) & np.isfinite(travel_m[r, c])
-        poses, road = np.ascontiguousarray(poses[good]), travel_m[r[good], c[good]]
-        gains = self._gains(rows, weights, poses)
-        turns = np.abs((poses[:, 2] - robot.yaw + math.pi) % (2.0 * math.pi) - math.pi)
-        scores = gains / (1.0 + road + 0.3 * turns)
-        worth = np.flatnonzero(gains >= self._min_gain_m)
-        order = worth[np.argsort(-scores[worth], kind="stable")]
-        return [
-            Viewpoint(
-                Pose2(float(poses[i, 0]), float(poses[i, 1]), float(poses[i, 2])),
-                float(gains[i]),
-                float(road[i]),
-                float(scores[i]),
-            )
-            for i in order[:20]
-        ]
+        return np.ascontiguousarray(poses[good]), travel_m[r[good], c[good]].astype(np.float64)
 
     def _gains(
         self, rows: NDArray[np.float64], weights: NDArray[np.float64], poses: NDArray[np.float64]
@@ -403,6 +436,10 @@ class Coverage:
             self._occupied_thresh,
         )
         return np.ascontiguousarray(grid.cells), view
+
+
+def _viewpoint(pose: Floats, gain_m: float, travel_m: float) -> Viewpoint:
+    return Viewpoint(Pose2(float(pose[0]), float(pose[1]), float(pose[2])), float(gain_m), float(travel_m))
 
 
 def _candidates(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -168,7 +168,10 @@ class Explorer:
         if self._looked_from is not None:
             self._coverage.give_up_slowly(self._looked_from)
             self._looked_from = None
-        options = self._coverage.viewpoints(clearance, travel, robot, self._viewpoint_room_m, unknown)
+        if unknown:
+            options = self._coverage.tour(clearance, travel, self._viewpoint_room_m, self._travel_room_m)
+        else:
+            options = self._coverage.viewpoints(clearance, travel, robot, self._viewpoint_room_m, unknown)
         return options[0] if options else None
 
     @staticmethod

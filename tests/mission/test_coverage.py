@@ -216,7 +216,6 @@ def test_viewpoints_are_free_reachable_and_show_what_they_promise():
         assert clearance.at(viewpoint.pose.x, viewpoint.pose.y) >= 0.32
         assert viewpoint.travel_m >= 0.9 * math.hypot(viewpoint.pose.x - robot.x, viewpoint.pose.y - robot.y) - 0.1
         assert coverage.worth_going(viewpoint.pose)
-    assert [v.score for v in found] == sorted((v.score for v in found), reverse=True)
     before = len(_unseen(coverage, grid))
     coverage.note_pose(found[0].pose, 1.0)
     assert before - len(_unseen(coverage, grid)) == pytest.approx(found[0].gain_m / RES)
