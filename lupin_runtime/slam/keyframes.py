@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,6 +67,9 @@ class KeyframeGraph:
         self.edges: list[Edge] = []
         self._poses = np.zeros((64, 3))
         self._distances: csr_matrix | None = None
+        # Ends and lengths of the first `_joined` edges, for distances along the graph.
+        self._joined = 0
+        self._low, self._high, self._length = np.zeros(64, np.int64), np.zeros(64, np.int64), np.zeros(64)
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -78,7 +82,6 @@ class KeyframeGraph:
     @poses.setter
     def poses(self, values: Array) -> None:
         self._poses[: len(self.stamps)] = values
-        self._distances = None
 
     def add(self, scan: Scan, stamp: float, pose: Array) -> int:
         """A new keyframe; returns its number."""
@@ -95,10 +98,10 @@ class KeyframeGraph:
         self.edges.append(Edge(tail, head, motion, information, closure))
         self._distances = None
 
-    def drop(self, gone: set[int]) -> None:
-        """Forget edges by index."""
-        self.edges = [edge for index, edge in enumerate(self.edges) if index not in gone]
-        self._distances = None
+    def replace_edges(self, edges: list[Edge]) -> None:
+        """Other edges between the same keyframes."""
+        self.edges = edges
+        self._distances, self._joined = None, 0
 
     def as_edges(self) -> tuple[Edges, NDArray[np.bool_]]:
         """The edges as arrays, and which of them are closures."""
@@ -115,18 +118,28 @@ class KeyframeGraph:
             np.array([edge.closure for edge in self.edges]),
         )
 
+    def _measure(self) -> None:
+        """Lengths of the edges that came since the last time."""
+        new = self.edges[self._joined :]
+        if len(self.edges) > len(self._low):
+            size = 2 * len(self.edges)
+            self._low, self._high, self._length = (_grown(block, size) for block in (self._low, self._high, self._length))
+        for at, edge in enumerate(new, start=self._joined):
+            x, y, yaw = edge.motion
+            self._low[at], self._high[at] = min(edge.tail, edge.head), max(edge.tail, edge.head)
+            self._length[at] = math.hypot(x, y) + TURN_AS_M * abs(yaw) + 1e-3
+        self._joined = len(self.edges)
+
     def path_lengths(self, start: int, limit: float = np.inf) -> Array:
         """Metres along the graph (n,) from a keyframe to all others; inf beyond `limit`."""
+        n = len(self)
+        if self._joined < len(self.edges):
+            self._measure()
         if self._distances is None:
-            n = len(self)
-            tail = np.array([edge.tail for edge in self.edges], np.int64)
-            head = np.array([edge.head for edge in self.edges], np.int64)
-            steps = np.array([edge.motion for edge in self.edges]).reshape(-1, 3)
-            length = np.hypot(steps[:, 0], steps[:, 1]) + TURN_AS_M * np.abs(steps[:, 2]) + 1e-3
-            # csr sums duplicate entries, so parallel edges keep their shortest only
+            low, high, length = (block[: self._joined] for block in (self._low, self._high, self._length))
+            # csr sums duplicate entries, so of parallel edges only the shortest is kept
             order = np.argsort(length, kind="stable")
-            keys = (np.minimum(tail, head) * n + np.maximum(tail, head))[order]
-            _, first = np.unique(keys, return_index=True)
+            _, first = np.unique((low * n + high)[order], return_index=True)
             kept = order[first]
-            self._distances = csr_matrix((length[kept], (tail[kept], head[kept])), shape=(n, n))
+            self._distances = csr_matrix((length[kept], (low[kept], high[kept])), shape=(n, n))
         return np.asarray(dijkstra(self._distances, directed=False, indices=start, limit=limit))

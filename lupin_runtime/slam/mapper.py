@@ -30,6 +30,8 @@ Index = NDArray[np.int64]
 # surprise may pull before it is judged (Yang et al., RA-L 2020).
 KERNELS = (30.0, 10.0, 4.0)
 SURPRISE_M = 0.1
+AGREES_M = 0.03
+KEYFRAMES_PER_WAIT = 200
 # A closure that the graph contradicts by more than this is dropped (chi2 of 3 degrees of freedom: p < 1e-6).
 CONTRADICTED_CHI2 = 31.0
 # Drawn scans that may be moved while one scan is taken: about a millisecond.
@@ -125,6 +127,7 @@ class Mapper:
         self._stamp_s = -math.inf
         self._last_keyframe_s = -math.inf
         self._since_match = np.zeros((3, 3))
+        self._unsettled = 0
 
     @classmethod
     def resumed(cls, settings: MapperSettings | None, graph: KeyframeGraph, pose: Array) -> Mapper:
@@ -301,7 +304,11 @@ class Mapper:
             self.graph.join(closure.tail, closure.head, motion, information_at_head(closure), closure=True)
         if closures:
             surprise = max(float(np.hypot(*(closure.measured - closure.was)[:2])) for closure in closures)
-            self.optimise(KERNELS if surprise > SURPRISE_M else KERNELS[-1:])
+            self._unsettled += len(closures)
+            # Closures that agree with the map may wait for company, the longer the larger the graph: the whole of it is
+            # relaxed a bounded number of times for each keyframe.
+            if surprise > AGREES_M or self._unsettled > len(self.graph) / KEYFRAMES_PER_WAIT:
+                self.optimise(KERNELS if surprise > SURPRISE_M else KERNELS[-1:])
         return bool(closures)
 
     def optimise(self, kernels: tuple[float, ...] = KERNELS) -> None:
@@ -317,9 +324,10 @@ class Mapper:
             self.graph.poses = poses
             if last or not len(wrong):
                 break
-            self.graph.drop(set(wrong.tolist()))
+            self.graph.replace_edges([edge for at, edge in enumerate(self.graph.edges) if at not in set(wrong.tolist())])
         if self._closer is not None:
             self._closer.moved()
+        self._unsettled = 0
         self._local_centre = None
         if self.occupancy is not None:
             self.occupancy.move({key: composed(self.graph.poses[key], offset) for key, offset in self._drawn_offset.items()})

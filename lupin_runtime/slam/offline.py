@@ -120,6 +120,7 @@ def build_map(
             progress("match", index / len(scans))
     if mapper.place is None:
         raise NothingToMap(f"none of {len(scans)} scans has enough returns within its range limits")
+    mapper.optimise()
     closures = sum(edge.closure for edge in mapper.graph.edges)
     if refine and len(mapper.graph) > 2:
         refine_graph(mapper.graph, shape=settings.field_shape, progress=lambda share: progress("refine", share))

@@ -42,9 +42,9 @@ def refine_graph(
     shape: FieldShape | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> None:
-    """Move the keyframes of a closed graph to where all their neighbours want them; its closures become the new ties."""
+    """Move the keyframes of a closed graph to where all their neighbours want them: its edges stay, ties join them."""
     settings = settings or RefinementSettings()
-    chain = [edge for edge in graph.edges if not edge.closure]
+    kept = list(graph.edges)
     local = LocalMap(shape)
     done, total = 0, len(settings.rounds) * len(graph)
     for window in settings.rounds:
@@ -56,7 +56,7 @@ def refine_graph(
             done += 1
             if done % 50 == 0:
                 progress(done / total)
-        graph.edges = chain + ties
+        graph.replace_edges(kept + ties)
         edges, _ = graph.as_edges()
         solution = optimise(
             poses,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lupin_runtime.slam.files import MalformedFile
 from lupin_runtime.slam.kernels import scan_normals
-from lupin_runtime.slam.keyframes import Edge, KeyframeGraph
+from lupin_runtime.slam.keyframes import KeyframeGraph
 from lupin_runtime.slam.scan import SIGMA_FLOOR_M, SIGMA_SHARE, Scan
 
 Array = NDArray[np.floating]
@@ -82,7 +82,7 @@ def load_session(path: Path) -> Session:
         for tail, head, motion, information, closure in zip(
             values["tail"], values["head"], values["motion"], values["information"], values["closures"]
         ):
-            graph.edges.append(Edge(int(tail), int(head), motion, information, bool(closure)))
+            graph.join(int(tail), int(head), motion, information, bool(closure))
         if not len(graph) or not np.isfinite(graph.poses).all():
             raise MalformedFile(path, None, "the session has no usable keyframe")
         return Session(graph, values["map_from_odom"])
