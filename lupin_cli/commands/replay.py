@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -140,10 +141,21 @@ def _play(files: list[Path], options: list[str], rate: float) -> int:
         typer.echo("join it in another terminal with:")
         typer.echo(f"  export {' '.join(f'{name}={environment[name]}' for name in names)}")
         command = [sys.executable, "-m", "lupin_runtime.record.player", *map(str, files), *options, "--end-with-parent"]
-        player = subprocess.Popen(
-            command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
-        )
+        # An interrupt inside Popen would leave a player that nobody holds: it is noted, and acted on once it is held.
+        noted: list[int] = []
+        interrupt = signal.signal(signal.SIGINT, lambda number, _: noted.append(number))
         try:
+            player = subprocess.Popen(
+                command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+            )
+        except BaseException:
+            signal.signal(signal.SIGINT, interrupt)
+            claim.release()
+            raise
+        try:
+            signal.signal(signal.SIGINT, interrupt)
+            if noted:
+                return 130
             _show_progress(_lines(player), rate)
             return player.wait(STOP_GRACE_S)
         except KeyboardInterrupt:
