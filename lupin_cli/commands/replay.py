@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from lupin_runtime.record.reader import Recording, Summary
     from lupin_runtime.record.runs import RunFiles
 
@@ -128,6 +130,11 @@ def _plain(summary: Summary) -> dict[str, Any]:
 
 def _play(files: list[Path], options: list[str], rate: float) -> int:
     """Run the player in a domain of its own and show how far it is; returns its exit status."""
+    # Imported before there is anything to interrupt: CPython dies of a SIGINT that lands in code that is executed as a
+    # string, as the making of a dataclass is, even where the KeyboardInterrupt is caught.
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
     from lupin_runtime.stack.dds import NoFreeDomain, claim_domain, loopback_environment
 
     try:
@@ -156,7 +163,9 @@ def _play(files: list[Path], options: list[str], rate: float) -> int:
             signal.signal(signal.SIGINT, interrupt)
             if noted:
                 return 130
-            _show_progress(_lines(player), rate)
+            columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[messages]} messages"))
+            with Progress(*columns, console=Console(stderr=True), transient=False) as progress:
+                _show_progress(progress, _lines(player), rate)
             return player.wait(STOP_GRACE_S)
         except KeyboardInterrupt:
             return 130
@@ -171,22 +180,17 @@ def _lines(player: subprocess.Popen[str]) -> Iterator[dict[str, Any]]:
         yield json.loads(line)
 
 
-def _show_progress(lines: Iterator[dict[str, Any]], rate: float) -> None:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[messages]} messages"))
-    with Progress(*columns, console=Console(stderr=True), transient=False) as progress:
-        task = progress.add_task("waiting", total=None, messages=0)
-        for line in lines:
-            description = f"{_clock(line['at_s'])} of {_clock(line['of_s'])}" + (f"  ×{rate:g}" if rate != 1.0 else "")
-            progress.update(
-                task,
-                total=max(line["of_s"], 1e-9),
-                completed=line["at_s"],
-                description=description,
-                messages=line["published"],
-            )
+def _show_progress(progress: Progress, lines: Iterator[dict[str, Any]], rate: float) -> None:
+    task = progress.add_task("waiting", total=None, messages=0)
+    for line in lines:
+        description = f"{_clock(line['at_s'])} of {_clock(line['of_s'])}" + (f"  ×{rate:g}" if rate != 1.0 else "")
+        progress.update(
+            task,
+            total=max(line["of_s"], 1e-9),
+            completed=line["at_s"],
+            description=description,
+            messages=line["published"],
+        )
 
 
 def _end(player: subprocess.Popen[str]) -> None:
