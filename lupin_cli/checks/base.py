@@ -1,0 +1,60 @@
+"""A check and what it finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from lupin_cli.facts.base import Fact, Facts
+
+
+class Severity(str, Enum):
+    """A problem keeps the robot from its work; a warning will, some day."""
+
+    PROBLEM = "problem"
+    WARNING = "warning"
+
+
+@dataclass(frozen=True)
+class Fix:
+    """What mends a finding. `command` is what a person types; `playbook` with `variables` is what `--fix` plays."""
+
+    command: str
+    playbook: str = ""  # empty: only a person can do it
+    variables: dict[str, Any] = field(default_factory=dict)
+    safe: bool = False  # may be done unasked: stops nothing that works and loses nothing
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One cause, with what shows it."""
+
+    id: str  # kebab-case, stable: scripts and `explains` name it
+    severity: Severity
+    where: str  # "robot", "laptop" or "link"
+    symptom: str  # what a person sees
+    cause: str
+    evidence: tuple[str, ...]  # the lines that show it, as the machine printed them
+    fix: Fix
+    explains: frozenset[str] = frozenset()  # ids of findings that go away with this one
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What checks look at: both machines, and how the robot could (not) be reached."""
+
+    laptop: Facts
+    robot: Facts | None  # None where no robot was asked for or reached
+    link: Any = None  # what is known of the way between them
+
+
+@dataclass(frozen=True)
+class Check:
+    """A pure function from evidence to findings, with the facts it needs."""
+
+    name: str
+    find: Callable[[Evidence], Iterable[Finding]]
+    laptop: tuple[Fact[Any], ...] = ()
+    robot: tuple[Fact[Any], ...] = ()

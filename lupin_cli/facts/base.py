@@ -1,0 +1,51 @@
+"""A fact, and the facts of one machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from lupin_cli.target.base import Output
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Fact(Generic[Value]):
+    """A question that both ends are asked.
+
+    `probe` is POSIX sh that needs no more than a base Debian and changes nothing. `parse` is pure: it turns the probe's output
+    into a frozen value, and raises ValueError with what it could not read.
+    """
+
+    name: str
+    probe: str
+    parse: Callable[[Output], Value]
+    timeout_s: float = 3.0
+    root: bool = False
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """In a value's place where the machine could not be asked, did not answer in time, or answered what nobody can read."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The facts of one machine, by name."""
+
+    machine: str  # "robot" or "laptop"
+    values: Mapping[str, Any]
+
+    def get(self, fact: Fact[Value]) -> Value | None:
+        """The value, or None where it is unknown."""
+        value = self.values.get(fact.name)
+        return None if isinstance(value, Unknown) else value
+
+    def why_unknown(self, fact: Fact[Any]) -> str:
+        """Why `fact` has no value here; empty where it has one."""
+        value = self.values.get(fact.name, Unknown("was not asked"))
+        return value.reason if isinstance(value, Unknown) else ""

@@ -1,0 +1,41 @@
+"""What an operation is. A playbook's step names one and gives its arguments; the runner calls it in this order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol
+
+from lupin_cli.target.base import Target
+
+
+class OperationError(Exception):
+    """A change that could not be made or did not hold, and the next command to type."""
+
+    def __init__(self, message: str, next_command: str = "") -> None:
+        super().__init__(message)
+        self.next_command = next_command
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How a machine differs from what is asked of it."""
+
+    summary: str  # one line: what will change
+    diff: str = ""  # unified diff of a file, where there is one
+    before: dict[str, Any] = field(default_factory=dict)  # JSON-able; what `undo` needs to take the change back
+
+
+class Operation(Protocol):
+    """A frozen dataclass whose fields are the step's arguments."""
+
+    name: ClassVar[str]  # as a playbook writes it, kebab-case
+    machine: str  # "robot" or "laptop"
+
+    def differs(self, target: Target) -> Difference | None:
+        """Read only; None where nothing is to do."""
+
+    def change(self, target: Target, difference: Difference) -> None:
+        """Make it so; raises OperationError."""
+
+    def undo(self, target: Target, before: dict[str, Any]) -> None:
+        """Take the change back; raises OperationError where that can't be done."""

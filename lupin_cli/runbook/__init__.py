@@ -1,0 +1,1 @@
+"""Playbooks: validated YAML over operations, with dry run, journal, resume and rollback."""

@@ -1,0 +1,25 @@
+"""Where a command acts: a robot over SSH, or this machine. One small protocol serves both."""
+
+from lupin_cli.target.base import (
+    AuthenticationFailed,
+    HostKeyChanged,
+    HostKeyUnknown,
+    Output,
+    RootRefused,
+    Script,
+    Target,
+    TargetError,
+    Unreachable,
+)
+
+__all__ = [
+    "AuthenticationFailed",
+    "HostKeyChanged",
+    "HostKeyUnknown",
+    "Output",
+    "RootRefused",
+    "Script",
+    "Target",
+    "TargetError",
+    "Unreachable",
+]
