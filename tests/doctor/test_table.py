@@ -1,0 +1,61 @@
+"""Which checks there are, and which are run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from lupin_cli.checks import Check
+from lupin_cli.checks.table import UnknownCheck, built_in, plugged_in, select
+from lupin_cli.diagnosis import facts_of
+
+
+@dataclass
+class EntryPoint:
+    name: str
+    loaded: Any
+    value: str = "package.module:CHECKS"
+
+    def load(self) -> Any:
+        if isinstance(self.loaded, Exception):
+            raise self.loaded
+        return self.loaded
+
+
+ONE, TWO, THREE = (Check(name, lambda e: ()) for name in ("dds.server", "dds.shell", "clock"))
+
+
+def test_plug_ins_add_one_check_or_several() -> None:
+    checks, broken = plugged_in([EntryPoint("one", ONE), EntryPoint("many", [TWO, THREE])])
+    assert checks == (ONE, TWO, THREE)
+    assert broken == ()
+
+
+@pytest.mark.parametrize("loaded", [ImportError("no module named x"), 7, ["a word"]])
+def test_a_broken_plug_in_is_named_and_stops_nothing(loaded) -> None:
+    checks, (line,) = plugged_in([EntryPoint("theirs", loaded), EntryPoint("one", ONE)])
+    assert checks == (ONE,)
+    assert line.startswith("plug-in theirs (package.module:CHECKS): ")
+
+
+def test_only_and_skip_take_names_and_patterns() -> None:
+    every = (ONE, TWO, THREE)
+    assert select(every) == every
+    assert select(every, only=["dds.*"]) == (ONE, TWO)
+    assert select(every, only=["dds.*"], skip=["dds.shell"]) == (ONE,)
+    assert select(every, skip=["clock"]) == (ONE, TWO)
+
+
+def test_a_pattern_without_a_check_names_the_nearest_one() -> None:
+    with pytest.raises(UnknownCheck, match=r"did you mean dds\.server"):
+        select((ONE, TWO), only=["dds.servr"])
+
+
+def test_names_of_the_built_in_checks_are_unique_and_so_are_their_facts() -> None:
+    checks = built_in()
+    names = [check.name for check in checks]
+    assert len(set(names)) == len(names)
+    for machine in ("laptop", "robot"):
+        facts_of(checks, machine)

@@ -1,0 +1,56 @@
+"""Every parser against what machines really printed: `captured/<fact>/<case>.txt` is the output, `<case>.json` its value.
+
+To add a case, capture the output and let the parser write the value, then read it: `LUPIN_WRITE_VALUES=1 pytest tests/facts`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lupin_cli.checks.table import built_in
+from lupin_cli.diagnosis import facts_of
+from lupin_cli.target import Output
+
+CAPTURED = Path(__file__).parent / "captured"
+FACTS = {fact.name: fact for machine in ("laptop", "robot") for fact in facts_of(built_in(), machine)}
+CASES = sorted(CAPTURED.glob("*/*.txt"))
+
+
+def plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, frozenset | set):
+        return sorted(plain(each) for each in value)
+    if isinstance(value, tuple | list):
+        return [plain(each) for each in value]
+    return value
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.parent.name}/{case.stem}")
+def test_captured_output_has_the_expected_value(case: Path) -> None:
+    value = plain(FACTS[case.parent.name].parse(Output(0, case.read_text())))
+    expected = case.with_suffix(".json")
+    if os.environ.get("LUPIN_WRITE_VALUES") == "1" and not expected.exists():
+        expected.write_text(json.dumps(value, indent=1, ensure_ascii=False) + "\n")
+    assert value == json.loads(expected.read_text())
+
+
+def test_every_fact_has_a_captured_output() -> None:
+    assert set(FACTS) == {case.parent.name for case in CASES}
+
+
+@pytest.mark.parametrize("name", sorted(FACTS))
+def test_a_parser_answers_garbage_with_a_value_or_a_value_error(name: str) -> None:
+    for text in ("", "\n", "garbage", "a: b\n\x00\xff", "== x\n1 2 3\n" * 3, "-" * 10_000):
+        try:
+            FACTS[name].parse(Output(0, text))
+        except ValueError as error:
+            assert str(error)
