@@ -24,6 +24,8 @@ from lupin_runtime.transforms import TransformTree, TransformUnavailable, rotate
 
 # A camera that publishes pictures but never its calibration gets the assumed one after this long.
 CALIBRATION_WAIT_S = 2.0
+# A camera that has shown something and then nothing for this long is said to be dead.
+SILENCE_S = 3.0
 
 
 class TagAnnotator(LupinNode):
@@ -47,12 +49,16 @@ class TagAnnotator(LupinNode):
         self._fixed = TransformTree()
         self._info: CameraInfo | None = None
         self._first_picture_ns: int | None = None
+        self._pictures = self._pictures_then = 0
+        self._silent = False
         self._broadcaster = TransformBroadcaster(self)
         self._detections = self.publisher(graph.TAG_DETECTIONS)
         self.subscription(graph.TF_STATIC, self._on_static)
         self.subscription(graph.camera_info(image), self._on_info)
         compressed = bool(self.parameter("compressed", False))
         self.subscription(graph.compressed(image) if compressed else image, self._on_image)
+        self._image_name = name
+        self.create_timer(SILENCE_S, self._watch_camera)
         self.get_logger().info(f"looking for tag36h11 on {name} with {self._engine.name}")
 
     def _on_static(self, message: TFMessage) -> None:
@@ -65,7 +71,17 @@ class TagAnnotator(LupinNode):
     def _on_info(self, message: CameraInfo) -> None:
         self._info = message
 
+    def _watch_camera(self) -> None:
+        """Say once when a camera goes silent, and once when it is back."""
+        came, self._pictures_then = self._pictures != self._pictures_then, self._pictures
+        if came and self._silent:
+            self.get_logger().info(f"pictures come on {self._image_name} again")
+        elif not came and self._pictures and not self._silent:
+            self.get_logger().warning(f"no picture on {self._image_name} for {SILENCE_S:.0f} s: no tags can be found meanwhile")
+        self._silent = not came and bool(self._pictures)
+
     def _on_image(self, message: Image) -> None:
+        self._pictures += 1
         try:
             grey = grey_pixels(message)
         except ImageError as error:
