@@ -17,6 +17,9 @@ from pathlib import Path
 
 SOCKET_BUFFER_BYTES = 4 * 1024 * 1024
 
+# What a process needs to join the same graph.
+GRAPH_VARIABLES = ("ROS_DOMAIN_ID", "ROS_DISCOVERY_SERVER", "RMW_IMPLEMENTATION", "FASTRTPS_DEFAULT_PROFILES_FILE")
+
 # RTPS 2.2, 9.6.1.1: a domain's ports start at 7400 + 250 * domain. Above domain 101 they run into the ephemeral range.
 _PORT_BASE = 7400
 _PORTS_PER_DOMAIN = 250

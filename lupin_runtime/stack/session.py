@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lupin_runtime.stack.dds import DomainClaim, claim_domain, loopback_environment, robot_environment
+from lupin_runtime.stack.dds import GRAPH_VARIABLES, DomainClaim, claim_domain, loopback_environment, robot_environment
 from lupin_runtime.stack.runs import Run, create_run
 from lupin_runtime.stack.shm import spare_the_tracer
 from lupin_runtime.stack.supervisor import Phase, Supervisor
@@ -19,13 +19,6 @@ from lupin_runtime.stack.table import Options
 STEP_S = 0.1
 STATE_PERIOD_S = 1.0
 MISSION_SILENCE_S = 15.0
-# What a process needs to join the same graph.
-GRAPH_VARIABLES = (
-    "ROS_DOMAIN_ID",
-    "ROS_DISCOVERY_SERVER",
-    "RMW_IMPLEMENTATION",
-    "FASTRTPS_DEFAULT_PROFILES_FILE",
-)
 DRIVABLE = ("sim", "estop", "drive")
 
 EXIT_DONE, EXIT_ENDED_OTHERWISE, EXIT_USAGE, EXIT_NEVER_UP, EXIT_INTERRUPTED = 0, 1, 2, 3, 130

@@ -11,15 +11,15 @@ import sys
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
-
-import psutil
+from typing import Any, BinaryIO, Protocol
 
 from lupin_runtime.stack.runs import Run
 from lupin_runtime.stack.sentinels import Sentinel
 from lupin_runtime.stack.table import Launch, Options, ProcessRow, launch, rows
+from lupin_runtime.stack.usage import cpu_time_s, memory_mb
 
 STOP_GRACE_S = 4.0
 RESTARTS_ALLOWED, RESTARTS_WITHIN_S = 3, 60.0
@@ -54,12 +54,13 @@ class Stage:
     phase: Phase = Phase.WAITING
     since_s: float = 0.0
     up_after_s: float | None = None
-    process: psutil.Popen | None = None
+    process: subprocess.Popen[bytes] | None = None
     restarts: deque[float] = field(default_factory=deque)
     restart_count: int = 0
     why: str = ""
     cpu_percent: float = 0.0
     memory_mb: float = 0.0
+    cpu_seen: tuple[float, float] | None = None  # when, s, and the processor time used until then, s
 
     @property
     def row(self) -> ProcessRow:
@@ -79,8 +80,12 @@ class Death:
 class Supervisor:
     """Runs the rows of `options` inside `run`, in `environment`; `step` moves it on and never blocks for long."""
 
-    def __init__(self, options: Options, run: Run, environment: Mapping[str, str], watch: Watch) -> None:
+    def __init__(
+        self, options: Options, run: Run, environment: Mapping[str, str], watch: Watch, own_output: bool = False
+    ) -> None:
+        """With `own_output` the processes write where this one does, a journal say, and not into files of the run."""
         self.options = options
+        self._own_output = own_output
         self.run = run
         self._environment = {**environment, "PYTHONUNBUFFERED": "1", "PYTHONFAULTHANDLER": "1"}
         # Every process computes on one thread: twelve of them share the cores, and thread pools only fight over them.
@@ -120,8 +125,8 @@ class Supervisor:
         directory.mkdir(exist_ok=True)
         if stage.launch.config is not None:
             (directory / f"{stage.row.name}.json").write_text(json.dumps(stage.launch.config, indent=1))
-        with (self.run.logs / f"{stage.row.name}.log").open("ab") as log:
-            stage.process = psutil.Popen(
+        with self._log(stage.row.name) as log:
+            stage.process = subprocess.Popen(
                 [sys.executable, *stage.launch.arguments],
                 stdin=subprocess.PIPE,  # held open for as long as we live: its end is how a child learns of our death
                 stdout=log,
@@ -129,7 +134,11 @@ class Supervisor:
                 env=dict(self._environment),
                 start_new_session=True,
             )
-        stage.phase, stage.since_s = Phase.STARTING, now
+        stage.phase, stage.since_s, stage.cpu_seen = Phase.STARTING, now, None
+
+    def _log(self, name: str) -> AbstractContextManager[BinaryIO | None]:
+        """Where a process's words go: its file of the run, or with None where ours go."""
+        return nullcontext() if self._own_output else (self.run.logs / f"{name}.log").open("ab")
 
     def _bury(self, stage: Stage, now: float) -> None:
         status = _describe(stage.process.returncode if stage.process else None)
@@ -150,7 +159,8 @@ class Supervisor:
             stage.phase = Phase.FAILED
             lost = f"the {stage.row.on_death} ends: what it knew is gone"
             consequence = "given up after 3 restarts in a minute" if repairable else lost
-        stage.why = f"{status}; {consequence}; log: {self.run.logs / (stage.row.name + '.log')}"
+        log = "" if self._own_output else f"; log: {self.run.logs / (stage.row.name + '.log')}"
+        stage.why = f"{status}; {consequence}{log}"
         self.deaths.append(Death(stage.row.name, status, consequence))
 
     @staticmethod
@@ -181,18 +191,20 @@ class Supervisor:
         return [s for s in self.stages if s.phase is Phase.WAITING and now - s.since_s > gate_s]
 
     def _measure(self) -> None:
-        total = 0.0
+        total = memory_mb("self") or 0.0
         for stage in self.stages:
             if stage.process is None or stage.phase not in (Phase.STARTING, Phase.UP):
                 stage.cpu_percent = stage.memory_mb = 0.0
                 continue
-            try:
-                stage.cpu_percent = stage.process.cpu_percent()
-                stage.memory_mb = stage.process.memory_full_info().pss / 1e6
-            except (psutil.NoSuchProcess, psutil.AccessDenied):
+            used_s, memory = cpu_time_s(stage.process.pid), memory_mb(stage.process.pid)
+            if used_s is None or memory is None:
                 continue
-            total += stage.memory_mb
-        total += psutil.Process().memory_full_info().pss / 1e6
+            now = time.monotonic()
+            if stage.cpu_seen is not None:
+                since_s, before_s = stage.cpu_seen
+                stage.cpu_percent = 100.0 * (used_s - before_s) / (now - since_s)
+            stage.cpu_seen, stage.memory_mb = (now, used_s), memory
+            total += memory
         self.memory_peak_mb = max(self.memory_peak_mb, total)
 
     def stop(self) -> None:
@@ -215,7 +227,7 @@ class Supervisor:
             return
         try:
             process.wait(max(0.0, deadline - time.monotonic()))
-        except psutil.TimeoutExpired:
+        except subprocess.TimeoutExpired:
             process.kill()
             process.wait(STOP_GRACE_S)
             stage.why = "had to be killed"

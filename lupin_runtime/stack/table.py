@@ -10,6 +10,7 @@ from typing import Any
 from lupin_runtime import graph
 from lupin_runtime.stack.sentinels import Acts, Chain, Heard, Lifecycle, Sentinel, Serves
 
+ONBOARD = "onboard"  # the robot's own half; `lupin up --target robot` is the laptop's
 ALL_TAGS = 65535  # discovery goal "all that can be found": the largest count that StartMission can carry
 
 
@@ -41,6 +42,10 @@ class Options:
     def simulated(self) -> bool:
         """Whether the robot is the simulator."""
         return self.target == "sim"
+
+    def in_folder(self, path: Path) -> Options:
+        """The same, for the run that keeps its files at `path`."""
+        return replace(self, run_path=path)
 
 
 Parameters = Mapping[str, Any]
@@ -82,6 +87,14 @@ class ProcessRow:
 
 def _simulated(options: Options) -> bool:
     return options.simulated
+
+
+def _on_the_robot(options: Options) -> bool:
+    return options.target == ONBOARD
+
+
+def _close_to_hardware(options: Options) -> bool:
+    return options.simulated or _on_the_robot(options)
 
 
 def _simulator_command(options: Options) -> list[str]:
@@ -156,7 +169,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "estop",
         (NodeRow("lupin_runtime.safety.node:EstopBridge", _estop),),
-        when=_simulated,
+        when=_close_to_hardware,
         ready=(Heard(graph.ESTOP_STATE),),
         stop_rank=2,
     ),
@@ -166,7 +179,7 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.drive.node:TwistMux", _drive),
             NodeRow("lupin_runtime.drive.node:IdleStop", when=_simulated),
         ),
-        when=_simulated,
+        when=_close_to_hardware,
         ready=(Heard(graph.DRIVE_STATUS),),
         stop_rank=1,
     ),
@@ -204,11 +217,12 @@ TABLE: tuple[ProcessRow, ...] = (
         "body",
         (
             NodeRow("lupin_runtime.arm.node:ArmPresetServer"),
+            NodeRow("lupin_runtime.arm.calibrate_server:ArmCalibrateServer", when=_on_the_robot),
             NodeRow("lupin_runtime.arm.node:GripperActionBridge"),
             NodeRow("lupin_runtime.arm.node:ArmLibraryServer"),
             NodeRow("lupin_runtime.lights.node:LightStripBridge", _strip),
         ),
-        when=_simulated,
+        when=_close_to_hardware,
         needs=(Heard(graph.JOINT_STATES),),
         ready=(Serves(graph.ARM_PRESET),),
     ),
@@ -260,8 +274,11 @@ class Launch:
 
 def rows(options: Options) -> tuple[ProcessRow, ...]:
     """The rows that a run consists of, each with only the nodes it asks for."""
-    chosen = (row for row in TABLE if row.when(options))
-    return tuple(replace(row, nodes=tuple(node for node in row.nodes if node.when(options))) for row in chosen)
+    chosen = (replace(row, nodes=tuple(n for n in row.nodes if n.when(options))) for row in TABLE if row.when(options))
+    if _on_the_robot(options):
+        # What heals the vendor's controllers starts after this half is up, so nothing of it may wait for what they publish.
+        return tuple(replace(row, needs=()) for row in chosen)
+    return tuple(chosen)
 
 
 def launch(row: ProcessRow, options: Options) -> Launch:

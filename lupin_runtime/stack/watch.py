@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Protocol
 
@@ -46,13 +46,14 @@ class Rate:
 class GraphWatch:
     """Watches the graph that this process's environment names. `close` before the process ends."""
 
-    def __init__(self) -> None:
+    def __init__(self, rated: Sequence[graph.Topic] = RATED_TOPICS) -> None:
+        """`rated` are the topics whose rates are measured, each by a subscription."""
         rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
         self.node = LupinNode("lupin_supervisor", enable_rosout=False)
         self._satisfied: set[Sentinel] = set()
         self._probes: dict[Sentinel, _Probe] = {}
-        self._rates = {topic.name: Rate() for topic in RATED_TOPICS}
-        for topic in RATED_TOPICS:
+        self._rates = {topic.name: Rate() for topic in (*rated, graph.MISSION_STATE)}
+        for topic in rated:
             if topic is not graph.MISSION_STATE:
                 self.node.subscription(topic, partial(self._tick, topic.name), raw=True)
         self.mission: Any = None
