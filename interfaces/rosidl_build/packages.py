@@ -64,13 +64,13 @@ def referenced_packages(package: InterfacePackage) -> set[str]:
 
 
 def installed_definitions(packages: list[InterfacePackage]) -> list[tuple[str, list[str]]]:
-    """``data_files`` of a wheel: each definition and package.xml under ``share/<package>/``, as every ROS package has them.
+    """``data_files`` of a wheel: each definition, package.xml and CMakeLists.txt under ``share/<package>/``, as every ROS package has them.
 
     Recorders and introspection tools read a type's text from there.
     """
     files: dict[str, list[str]] = {}
     for package in packages:
-        for path in (Path("package.xml"), *package.definitions):
+        for path in (Path("package.xml"), Path("CMakeLists.txt"), *package.definitions):
             target = (Path("share") / package.name / path).parent
             files.setdefault(str(target), []).append(str(Path(package.name) / path))
     return sorted(files.items())

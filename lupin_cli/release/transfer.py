@@ -1,0 +1,196 @@
+"""A release on its way to a robot: whole or not at all.
+
+Below `/opt/lupin` a robot keeps `releases/<id>/`, complete and never changed again; `current` and `previous`, links that are
+replaced in one step; and `incoming/<id>/`, where a release grows. What was cut off is taken up there by the next deploy.
+Nothing under `incoming` is ever run.
+"""
+
+from __future__ import annotations
+
+import io
+import shlex
+import tarfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from lupin_cli.operations.base import OperationError
+from lupin_cli.release.contents import Robot
+from lupin_cli.release.manifest import Entry, Manifest
+from lupin_cli.target.base import Output, Script, Target
+
+ROOT = "/opt/lupin"
+CHUNK_BYTES = 8_000_000
+KEPT_RELEASES = 3
+HEADROOM_BYTES = 50_000_000
+
+
+@dataclass(frozen=True)
+class Installed:
+    """What a robot says of its releases, and of itself as far as a release depends on it."""
+
+    robot: Robot
+    current: str  # empty: none
+    previous: str
+    releases: tuple[str, ...]
+    free_bytes: int
+    writable: bool  # by this user, without root
+
+
+_ASK = """
+uname -m
+python3 -c 'import sys; print(*sys.version_info[:2])' 2>/dev/null || echo 0 0
+ls /opt/ros 2>/dev/null | tail -n 1 | grep . || echo -
+basename "$(readlink {root}/current || echo -)"
+basename "$(readlink {root}/previous || echo -)"
+(ls {root}/releases 2>/dev/null || true) | tr '\\n' ' '; echo
+df -Pk "$(test -d {root} && echo {root} || echo /opt)" | awk 'NR == 2 {{print $4}}'
+test -w {root}/releases && test -w {root}/incoming && echo yes || echo no
+"""
+
+
+def installed(target: Target, root: str = ROOT) -> Installed:
+    """One question; raises OperationError where the answer can't be read."""
+    output = target.batch([Script("releases", _ASK.format(root=root), timeout_s=10.0)], bound_s=15.0)["releases"]
+    lines = output.stdout.splitlines()
+    if not output.ok or len(lines) != 8:
+        raise OperationError(f"{target.name} does not say what releases it has: {_last_words(output)}", "lupin doctor")
+    major, minor = map(int, lines[1].split())
+    if not major:
+        raise OperationError(f"{target.name} has no python3", "sudo apt install python3 (on the robot)")
+    names = ["" if line == "-" else line for line in lines[2:5]]
+    return Installed(
+        robot=Robot(lines[0], (major, minor), names[0]),
+        current=names[1],
+        previous=names[2],
+        releases=tuple(lines[5].split()),
+        free_bytes=int(lines[6]) * 1024,
+        writable=lines[7] == "yes",
+    )
+
+
+def upload(
+    target: Target, state: Installed, manifest: Manifest, on_progress: Callable[[int, int], None], root: str = ROOT
+) -> None:
+    """Bring the release under `releases/`, verified; does not make it current.
+
+    `on_progress` gets bytes sent and bytes to send. Raises OperationError; what has arrived stays for the next attempt.
+    """
+    if not state.writable:
+        script = f"install -d -o {shlex.quote(target.user)} {root} {root}/releases {root}/incoming"
+        _run(target, script, "make the folder of releases", root=True)
+    here = f"{root}/incoming/{manifest.id}"
+    answer = _run(target, _PREPARE.format(root=root, id=manifest.id), "compare the files", stdin=manifest.text().encode())
+    missing = set(answer.stdout.splitlines())
+    wanted = [entry for entry in manifest.entries if entry.path in missing]
+    total, sent = sum({entry.sha256: entry.size for entry in wanted}.values()), 0
+    if total + HEADROOM_BYTES > state.free_bytes:
+        raise OperationError(
+            f"{target.name} has {state.free_bytes / 1e6:.0f} MB free below {root}, the release needs {total / 1e6:.0f} MB more",
+            f"ssh {target.name} du -xh --max-depth=2 / | sort -h | tail",
+        )
+    on_progress(0, total)
+    for size, archive in _archives(wanted):
+        _run(target, f"exec tar -xzf - -C {here}", "write the files", stdin=archive)
+        sent += size
+        on_progress(sent, total)
+    python = f"python{state.robot.python[0]}.{state.robot.python[1]}"
+    _run(target, _FINISH.format(root=root, id=manifest.id, python=python), "verify the release")
+
+
+def activate(target: Target, release: str, root: str = ROOT) -> None:
+    """Make `release` current in one step, and the one before it `previous`; old ones are removed."""
+    _run(target, _ACTIVATE.format(root=root, id=shlex.quote(release), keep=KEPT_RELEASES), f"switch to release {release}")
+
+
+_PREPARE = """set -eu
+umask 022
+cd {root}
+for old in incoming/* incoming/.[!.]*; do
+  case $old in incoming/{id}) ;; *) rm -rf "$old" ;; esac
+done
+if [ ! -d incoming/{id} ]; then
+  mkdir incoming/.{id}
+  if [ -f current/manifest ]; then cp -al "$(readlink -f current)/." incoming/.{id}/; fi
+  mv incoming/.{id} incoming/{id}
+fi
+cd incoming/{id}
+cat > .manifest && mv -f .manifest manifest
+cut -c67- manifest | LC_ALL=C sort > .wanted
+find . -type f ! -name .wanted ! -name manifest -printf '%P\\n' | LC_ALL=C sort | LC_ALL=C comm -23 - .wanted |
+  tr '\\n' '\\0' | xargs -0r rm -f
+rm -f .wanted
+sha256sum --check --quiet manifest 2>/dev/null | sed 's/: FAILED.*$//' || true
+"""
+
+# Byte code is checked by hash: every file of a release carries the same time.
+_FINISH = """set -eu
+umask 022
+cd {root}/incoming/{id}
+sha256sum --check --quiet manifest
+mkdir -p venv/bin bin
+ln -sfn /usr/bin/{python} venv/bin/python3
+venv/bin/python3 -m compileall -q -j 0 --invalidation-mode checked-hash venv/lib || true
+if [ -d ws/src ]; then
+  command -v colcon >/dev/null || {{ echo 'colcon is missing: sudo apt install python3-colcon-common-extensions' >&2; exit 1; }}
+  . /opt/ros/*/setup.sh
+  (cd ws && colcon build --merge-install)
+fi
+sync -f .
+cd {root}
+if [ -d releases/{id} ]; then rm -rf incoming/{id}; else mv incoming/{id} releases/{id}; fi
+sync -f releases
+"""
+
+_ACTIVATE = """set -eu
+cd {root}
+new={id}
+test -f "releases/$new/manifest" || {{ echo "there is no release $new" >&2; exit 1; }}
+old=$(basename "$(readlink current || echo -)")
+if [ "$old" != "$new" ]; then
+  if [ "$old" != - ]; then ln -sfn "releases/$old" .previous && mv -T .previous previous; fi
+  ln -sfn "releases/$new" .current && mv -T .current current
+  sync -f .
+fi
+previous=$(basename "$(readlink previous || echo -)")
+ls -t releases | grep -vxF -e "$new" -e "$previous" | tail -n +{keep} | while read -r name; do rm -rf "releases/$name"; done
+"""
+
+
+def _archives(entries: Sequence[Entry]) -> Iterator[tuple[int, bytes]]:
+    """Archives of about CHUNK_BYTES each; equal contents travel once, as hard links to their first path."""
+    first: dict[str, str] = {}
+    buffer, archive, size = io.BytesIO(), None, 0
+    for entry in entries:
+        if archive is None:
+            buffer, size = io.BytesIO(), 0
+            archive = tarfile.open(fileobj=buffer, mode="w:gz", compresslevel=1)  # noqa: SIM115 -- closed where it is full
+        info = tarfile.TarInfo(entry.path)
+        info.mode = 0o755 if entry.executable else 0o644
+        if entry.sha256 in first:
+            info.type, info.linkname = tarfile.LNKTYPE, first[entry.sha256]
+            archive.addfile(info)
+            continue
+        first[entry.sha256] = entry.path
+        data = entry.read()
+        info.size = len(data)
+        archive.addfile(info, io.BytesIO(data))
+        size += entry.size
+        if size >= CHUNK_BYTES:
+            archive.close()
+            archive = None
+            yield size, buffer.getvalue()
+    if archive is not None:
+        archive.close()
+        yield size, buffer.getvalue()
+
+
+def _run(target: Target, script: str, what: str, *, root: bool = False, stdin: bytes = b"") -> Output:
+    output = target.run(script, root=root, stdin=stdin, bound_s=300.0)
+    if not output.ok:
+        raise OperationError(f"{target.name} could not {what}: {_last_words(output)}", "lupin deploy robot")
+    return output
+
+
+def _last_words(output: Output) -> str:
+    said = (output.stderr or output.stdout).strip().splitlines()
+    return said[-1] if said else ("it did not answer in time" if output.status is None else f"status {output.status}")
