@@ -1,0 +1,112 @@
+"""USB devices, cameras and serial ports, and which processes hold them open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lupin_cli.facts.base import Fact
+from lupin_cli.facts.sections import PRELUDE, answers
+from lupin_cli.target.base import Output
+
+# Only root sees what other users' processes hold open, so sudo is tried where it needs no password.
+PROBE = (
+    PRELUDE
+    + """as=; [ "$(id -u)" = 0 ] || { sudo -n true 2>/dev/null && as='sudo -n'; }
+echo '@@ usb'
+for d in /sys/bus/usb/devices/*; do
+  [ -r "$d/idVendor" ] || continue
+  echo "${d##*/} $(cat "$d/idVendor"):$(cat "$d/idProduct") $(cat "$d/product" 2>/dev/null)"
+done
+echo '@@ video'; for v in /sys/class/video4linux/*; do [ -e "$v" ] && echo "/dev/${v##*/} $(cat "$v/name" 2>/dev/null)"; done
+echo '@@ serial'; for s in /dev/ttyACM* /dev/ttyUSB*; do [ -e "$s" ] && echo "$s $(stat -c '%U:%G %a' "$s")"; done
+echo '@@ by-id'; for s in /dev/serial/by-id/*; do [ -e "$s" ] && echo "$(readlink -f "$s") ${s##*/}"; done
+echo '@@ holders'
+$as find /proc/[0-9]*/fd -maxdepth 1 \\( -lname '/dev/video*' -o -lname '/dev/ttyACM*' -o -lname '/dev/ttyUSB*' \
+  -o -lname '/dev/bus/usb/*' -o -lname '/dev/media*' \\) -printf '%p %l\\n' 2>/dev/null | while read -r f dev; do
+  p=${f#/proc/}; p=${p%%/*}
+  echo "$p $dev $(cat "/proc/$p/comm" 2>/dev/null) $(tr '\\0' ' ' <"/proc/$p/cmdline" 2>/dev/null | cut -c1-200)"
+done | sort -u
+echo '@@ board'
+for c in $(grep -la '[t]elemetrix' /proc/[0-9]*/cmdline 2>/dev/null); do
+  p=${c#/proc/}; p=${p%/cmdline}
+  s=$(sed -n 's/^State:[[:space:]]*//p' "/proc/$p/status" 2>/dev/null)
+  echo "$p ${s%% *} $(tr '\\0' ' ' <"$c" 2>/dev/null | cut -c1-200)"
+done
+echo '@@ end'
+"""
+)
+
+
+@dataclass(frozen=True)
+class Holder:
+    """A process that holds a device open."""
+
+    pid: int
+    device: str
+    program: str
+    command: str
+
+    def line(self) -> str:
+        """As a person would write it down."""
+        return f"{self.device} held by {self.program} (pid {self.pid}): {self.command}"
+
+
+@dataclass(frozen=True)
+class Video:
+    """A video device and the name that its driver gives it."""
+
+    device: str
+    name: str
+
+
+@dataclass(frozen=True)
+class Process:
+    """A process of interest."""
+
+    pid: int
+    state: str  # R, S, D, Z, T as the kernel says
+    command: str
+
+
+@dataclass(frozen=True)
+class Devices:
+    """What is plugged in."""
+
+    usb: tuple[str, ...]  # `1-1.2 1a86:7523 USB Serial`
+    videos: tuple[Video, ...]
+    serials: tuple[str, ...]  # `/dev/ttyACM0 root:dialout 660`
+    by_id: tuple[str, ...]  # `/dev/ttyACM0 usb-Raspberry_Pi_Pico_...`
+    holders: tuple[Holder, ...]
+    telemetrix: tuple[Process, ...]
+
+    def holders_of(self, prefix: str) -> tuple[Holder, ...]:
+        """Who holds devices of that kind."""
+        return tuple(holder for holder in self.holders if holder.device.startswith(prefix))
+
+
+def parse(output: Output) -> Devices:
+    """Pure parser of PROBE. Raises ValueError."""
+    said = answers(output)
+    said.lines("end")
+    holders = []
+    for line in said.lines("holders"):
+        words = line.split(" ", 3)
+        if len(words) >= 3 and words[0].isdigit():
+            holders.append(Holder(int(words[0]), words[1], words[2], words[3].strip() if len(words) > 3 else ""))
+    processes = []
+    for line in said.lines("board"):
+        words = line.split(" ", 2)
+        if len(words) == 3 and words[0].isdigit():
+            processes.append(Process(int(words[0]), words[1], words[2].strip()))
+    videos = [line.partition(" ") for line in said.lines("video")]
+    return Devices(
+        usb=said.lines("usb"),
+        videos=tuple(Video(device, name.strip()) for device, _, name in videos),
+        serials=said.lines("serial"),
+        by_id=said.lines("by-id"),
+        holders=tuple(holders),
+        telemetrix=tuple(processes),
+    )
+
+
+DEVICES = Fact("devices", PROBE, parse, timeout_s=5.0)
