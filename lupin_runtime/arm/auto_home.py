@@ -1,16 +1,17 @@
-"""At boot: heal the vendor's controllers, then send the arm to `home`. Run as `python -m lupin_runtime.arm.auto_home`.
+"""Heal the vendor's controllers, then send the arm to `home`. Run as `python -m lupin_runtime.arm.auto_home [--patience S]`.
 
-Exit status 0 when the arm was sent home (or LUPIN_AUTO_HOME says no), 1 with the reason otherwise. Every wait is bounded,
-in real time: nothing here runs against a simulated clock.
+The robot's boot runs it, and so does `lupin home`. A line per step says what was found and what was done. Exit status 0 when
+the arm was sent home (or LUPIN_AUTO_HOME says no), 1 with the reason otherwise. Every wait is bounded, in real time.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import rclpy
@@ -33,7 +34,7 @@ class NotHome(RuntimeError):
 
 @dataclass(frozen=True)
 class Limits:
-    """How long each step may take, s."""
+    """How long each step may take, and all of them together, s."""
 
     manager_s: float = 30.0
     visible_s: float = 60.0
@@ -43,6 +44,7 @@ class Limits:
     preset_s: float = 30.0
     settle_s: float = 2.0
     home_s: float = 10.0
+    longest_s: float = 220.0
 
 
 def opted_out(environment: Mapping[str, str]) -> bool:
@@ -54,7 +56,8 @@ class AutoHome:
     """The steps, in order. `say` gets a line per step."""
 
     def __init__(self, node: LupinNode, limits: Limits | None = None, say: Callable[[str], None] = print) -> None:
-        self._node, self._limits, self._say = node, limits or Limits(), say
+        self._limits, self._say = limits or Limits(), say
+        self._began_s = time.monotonic()
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
         self._list = node.client(graph.LIST_CONTROLLERS)
@@ -79,6 +82,7 @@ class AutoHome:
         self._wait(self._list.service_is_ready, limits.manager_s, f"the service {graph.LIST_CONTROLLERS.name}")
         deadline = time.monotonic() + limits.visible_s
         states = self._states()
+        self._report("found", states)
         # The vendor's spawners are at work at boot: what they load need not be loaded by us.
         while any(name not in states for name in graph.CONTROLLERS) and time.monotonic() < deadline:
             self._spin_for(limits.poll_s)
@@ -94,10 +98,14 @@ class AutoHome:
             if step.activate:
                 self._activate(list(step.activate))
             states = self._states()
+            self._report("now", states)
         wrong = complaints(states, graph.CONTROLLERS)
         if wrong:
             raise NotHome(f"controllers not active: {', '.join(wrong)}; see journalctl -u mirte-ros")
-        self._say(f"all {len(graph.CONTROLLERS)} controllers are active")
+
+    def _report(self, when: str, states: Mapping[str, str]) -> None:
+        wrong = complaints(states, graph.CONTROLLERS)
+        self._say(f"{when}: {', '.join(wrong)}" if wrong else f"{when}: all {len(graph.CONTROLLERS)} controllers are active")
 
     def _go_home(self) -> None:
         deadline = time.monotonic() + self._limits.home_s
@@ -129,25 +137,38 @@ class AutoHome:
         if what:
             self._say(what)
         future = client.call_async(client.srv_type.Request(**fields))
-        self._executor.spin_until_future_complete(future, self._limits.call_s if limit_s is None else limit_s)
-        if future.done():
-            return future.result()
-        client.remove_pending_request(future)
-        self._say(f"no answer from {client.srv_name}")
-        return None
+        self._executor.spin_until_future_complete(future, self._left_s(self._limits.call_s if limit_s is None else limit_s))
+        if not future.done():
+            client.remove_pending_request(future)
+            self._say(f"no answer from {client.srv_name}")
+            return None
+        answer = future.result()
+        if what and not getattr(answer, "ok", True):
+            self._say(f"{what}: refused by {client.srv_name}")
+        return answer
+
+    def _left_s(self, limit_s: float) -> float:
+        """`limit_s`, or what is left of the whole where that is less. Raises NotHome when nothing is."""
+        left_s = self._began_s + self._limits.longest_s - time.monotonic()
+        if left_s <= 0.0:
+            raise NotHome(f"gave up after {self._limits.longest_s:g} s; see journalctl -u mirte-ros -u lupin-onboard")
+        return min(limit_s, left_s)
 
     def _on_joint_states(self, message: Any) -> None:
         self._arm_heard = self._arm_heard or arm_state(message.name, message.position, 0) is not None
 
     def _wait(self, condition: Callable[[], bool], limit_s: float, what: str) -> None:
+        limit_s = self._left_s(limit_s)
         deadline = time.monotonic() + limit_s
+        if not condition():
+            self._say(f"waiting for {what}")
         while not condition():
             if time.monotonic() > deadline:
-                raise NotHome(f"waited {limit_s:g} s for {what}; see journalctl -u mirte-ros -u lupin-onboard")
+                raise NotHome(f"waited {limit_s:.1f} s for {what}; see journalctl -u mirte-ros -u lupin-onboard")
             self._executor.spin_once(timeout_sec=0.1)
 
     def _spin_for(self, duration_s: float) -> None:
-        end = time.monotonic() + duration_s
+        end = time.monotonic() + self._left_s(duration_s)
         while (left_s := end - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=min(0.1, left_s))
 
@@ -156,13 +177,24 @@ class AutoHome:
         self._executor.shutdown(timeout_sec=2.0)
 
 
-def main() -> int:
+def main(arguments: list[str]) -> int:
     """Run all steps once."""
+    parser = argparse.ArgumentParser(prog="auto_home", description="Heal the controllers, then send the arm home.")
+    visible_s = Limits().visible_s
+    parser.add_argument(
+        "--patience", type=float, default=visible_s, help="s for the vendor to load a missing controller itself"
+    )
+    patience_s = parser.parse_args(arguments).patience
     if opted_out(os.environ):
         print("LUPIN_AUTO_HOME says no: the arm stays where it is")
         return 0
+    began_s = time.monotonic()
+
+    def say(line: str) -> None:
+        print(f"{time.monotonic() - began_s:6.1f} s  {line}", flush=True)
+
     rclpy.init(args=[])
-    home = AutoHome(LupinNode("auto_home"))
+    home = AutoHome(LupinNode("auto_home"), replace(Limits(), visible_s=patience_s), say)
     try:
         home.run()
     except NotHome as reason:
@@ -175,7 +207,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    status = main()
+    status = main(sys.argv[1:])
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)  # nothing is left to do, and the middleware's threads may take their time

@@ -147,6 +147,45 @@ def test_without_a_controller_manager_it_fails_in_bounded_time(graph_host):
 
 
 @pytest.mark.graph
+def test_a_line_per_step_says_what_was_found_and_what_was_done(graph_host):
+    from lupin_runtime.arm.auto_home import AutoHome, Limits
+    from lupin_runtime.ros import LupinNode
+
+    Manager(graph_host, {**dict.fromkeys(graph.CONTROLLERS, "active"), "pid_wheels_controller": "unconfigured"})
+    said: list[str] = []
+    node = LupinNode("auto_home")
+    home = AutoHome(node, Limits(5.0, 0.5, 0.1, 5.0, 5.0, 5.0, 0.1, 5.0), said.append)
+    home.run()
+    home.close()
+    node.destroy_node()
+    told = [line for line in said if not line.startswith("waiting for ")]
+    assert told == [
+        "found: pid_wheels_controller is unconfigured",
+        "configure pid_wheels_controller",
+        "now: pid_wheels_controller is inactive",
+        "activate pid_wheels_controller",
+        "now: all 5 controllers are active",
+        "preset home",
+        "arm: sent",
+    ]
+
+
+@pytest.mark.graph
+def test_all_waits_together_are_bounded_too(graph_host):
+    from lupin_runtime.arm.auto_home import AutoHome, Limits, NotHome
+    from lupin_runtime.ros import LupinNode
+
+    node = LupinNode("auto_home")
+    home = AutoHome(node, Limits(longest_s=0.5), say=lambda _: None)
+    with pytest.raises(NotHome, match=r"waited 0\.[45] s for the service"):
+        home.run()
+    with pytest.raises(NotHome, match=r"gave up after 0\.5 s"):
+        home.run()
+    home.close()
+    node.destroy_node()
+
+
+@pytest.mark.graph
 @pytest.mark.parametrize("word", ["false", "0", "No", " OFF "])
 def test_the_environment_may_say_no(word):
     run = subprocess.run(
