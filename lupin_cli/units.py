@@ -40,7 +40,7 @@ def _word(pattern: str, what: str) -> Callable[[object], str]:
 
 
 def _shell_lines(value: object) -> str:
-    """Lines of bash as one prefix of a command, inside the double quotes of an ExecStart= (systemd.service(5), Command lines)."""
+    """Lines of bash as one prefix, inside the double quotes of an ExecStart= (systemd.service(5), Command lines)."""
     if isinstance(value, str) or not isinstance(value, Sequence) or not all(isinstance(line, str) for line in value):
         raise UnitError(f"expected a list of shell lines, found {value!r}")
     quoted = []
