@@ -49,7 +49,7 @@ _PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
 """
 
 # Each of these would pull a process of ours out of its private graph.
-_FOREIGN = (
+FOREIGN = (
     "ROS_DISCOVERY_SERVER",
     "ROS_SUPER_CLIENT",
     "ROS_AUTOMATIC_DISCOVERY_RANGE",
@@ -99,7 +99,7 @@ def loopback_environment(domain: int, directory: Path, base: Mapping[str, str] |
     profile = directory / "fastdds_loopback.xml"
     directory.mkdir(parents=True, exist_ok=True)
     profile.write_text(_PROFILE)
-    environment = {key: value for key, value in (os.environ if base is None else base).items() if key not in _FOREIGN}
+    environment = {key: value for key, value in (os.environ if base is None else base).items() if key not in FOREIGN}
     environment.update(
         ROS_DOMAIN_ID=str(domain),
         RMW_IMPLEMENTATION="rmw_fastrtps_cpp",
