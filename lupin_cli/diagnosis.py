@@ -83,8 +83,10 @@ def ask(target: Target, machine: str, facts: Sequence[Fact[Any]]) -> Facts:
     if not facts:
         return Facts(machine, {})
     scripts = [Script(fact.name, fact.probe, fact.timeout_s, fact.root) for fact in facts]
+    before_ns = time.time_ns()
     outputs = target.batch(scripts, bound_s=max(fact.timeout_s for fact in facts) + BATCH_SLACK_S)
-    return Facts(machine, {fact.name: read(fact, outputs.get(fact.name)) for fact in facts})
+    asked_ns = before_ns, time.time_ns()
+    return Facts(machine, {fact.name: read(fact, outputs.get(fact.name)) for fact in facts}, asked_ns)
 
 
 def gather(checks: Sequence[Check], laptop: Target, connect: Callable[[], Target] | None = None, link: Any = None) -> Evidence:

@@ -39,6 +39,7 @@ class Facts:
 
     machine: str  # "robot" or "laptop"
     values: Mapping[str, Any]
+    asked_ns: tuple[int, int] | None = None  # this machine's wall clock before the question left and after the answer came
 
     def get(self, fact: Fact[Value]) -> Value | None:
         """The value, or None where it is unknown."""
