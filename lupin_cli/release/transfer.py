@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import shlex
 import tarfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from lupin_cli.operations.base import OperationError
@@ -68,17 +68,27 @@ def installed(target: Target, root: str = ROOT) -> Installed:
     )
 
 
-def upload(
-    target: Target, state: Installed, manifest: Manifest, on_progress: Callable[[int, int], None], root: str = ROOT
-) -> None:
-    """Bring the release under `releases/`, verified; does not make it current.
+def changes(target: Target, state: Installed, manifest: Manifest, root: str = ROOT) -> tuple[list[str], int]:
+    """One line a file that differs from the current release, as a diff marks it, and the bytes of those that are new."""
+    text = (target.get(f"{root}/releases/{state.current}/manifest") if state.current else None) or b""
+    before = {line[66:]: line[:64] for line in text.decode().splitlines()}
+    after = {entry.path: entry for entry in manifest.entries}
+    lines = [f"-{path}" for path in before if path not in after or before[path] != after[path].sha256]
+    new = [entry for entry in manifest.entries if before.get(entry.path) != entry.sha256]
+    lines += [f"+{entry.path}  {entry.size} bytes" for entry in new]
+    return sorted(lines, key=lambda line: (line[1:].split("  ")[0], line[0] == "+")), sum(entry.size for entry in new)
 
-    `on_progress` gets bytes sent and bytes to send. Raises OperationError; what has arrived stays for the next attempt.
+
+def upload(target: Target, state: Installed, manifest: Manifest, root: str = ROOT) -> None:
+    """Bring the release under `releases/`, verified; does not make it current. The target's lines tell how far it is.
+
+    Raises OperationError; what has arrived stays for the next attempt.
     """
+    if manifest.id in state.releases:
+        return
     if not state.writable:
         script = f"install -d -o {shlex.quote(target.user)} {root} {root}/releases {root}/incoming"
         _run(target, script, "make the folder of releases", root=True)
-    here = f"{root}/incoming/{manifest.id}"
     answer = _run(target, _PREPARE.format(root=root, id=manifest.id), "compare the files", stdin=manifest.text().encode())
     missing = set(answer.stdout.splitlines())
     wanted = [entry for entry in manifest.entries if entry.path in missing]
@@ -88,17 +98,19 @@ def upload(
             f"{target.name} has {state.free_bytes / 1e6:.0f} MB free below {root}, the release needs {total / 1e6:.0f} MB more",
             f"ssh {target.name} du -xh --max-depth=2 / | sort -h | tail",
         )
-    on_progress(0, total)
     for size, archive in _archives(wanted):
-        _run(target, f"exec tar -xzf - -C {here}", "write the files", stdin=archive)
         sent += size
-        on_progress(sent, total)
+        script = f"tar -xzf - -C {root}/incoming/{manifest.id} && echo '{sent / 1e6:.0f} of {total / 1e6:.0f} MB'"
+        _run(target, script, "write the files", stdin=archive)
     python = f"python{state.robot.python[0]}.{state.robot.python[1]}"
     _run(target, _FINISH.format(root=root, id=manifest.id, python=python), "verify the release")
 
 
 def activate(target: Target, release: str, root: str = ROOT) -> None:
-    """Make `release` current in one step, and the one before it `previous`; old ones are removed."""
+    """Make `release` current in one step, and the one before it `previous`; old ones are removed. No release is ""."""
+    if not release:
+        _run(target, f"rm -f {root}/current", "take the release back")
+        return
     _run(target, _ACTIVATE.format(root=root, id=shlex.quote(release), keep=KEPT_RELEASES), f"switch to release {release}")
 
 

@@ -1,0 +1,68 @@
+"""The release that a robot runs: the one made here, or one that it has kept."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+from lupin_cli.operations.base import Difference, OperationError
+from lupin_cli.release.contents import CannotBuild, Robot, files
+from lupin_cli.release.manifest import Hashes, Manifest, manifest_of
+from lupin_cli.release.transfer import ROOT, Installed, activate, changes, installed, upload
+from lupin_cli.target.base import Target
+
+
+@cache
+def built(robot: Robot) -> Manifest:
+    """The release of this checkout for `robot`; made once a process."""
+    folder = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    try:
+        return manifest_of(files(robot), Hashes(Path(folder) / "lupin" / "release-hashes.json"))
+    except CannotBuild as error:
+        raise OperationError(f"no release can be made for the robot: {error}", "make setup") from error
+
+
+@dataclass(frozen=True)
+class Release:
+    """`release` is the id of one that the robot has kept; empty: what this machine has."""
+
+    name: ClassVar[str] = "release"
+
+    machine: str = "robot"
+    release: str = ""
+    root: str = ROOT
+
+    def differs(self, target: Target) -> Difference | None:
+        state = installed(target, self.root)
+        if (self.release or built(state.robot).id) == state.current:
+            return None
+        before = {"current": state.current}
+        there = f"replaces {state.current}" if state.current else "is the first"
+        if self.release:
+            self._kept(target, state)
+            return Difference(f"release {self.release} {there}", before=before)
+        manifest = built(state.robot)
+        lines, size = changes(target, state, manifest, self.root)
+        summary = f"release {manifest.id} {there}: {len(manifest.entries)} files, {size / 1e6:.1f} MB of them new"
+        return Difference(summary, "\n".join(lines) + "\n", before)
+
+    def change(self, target: Target, difference: Difference) -> None:
+        state = installed(target, self.root)
+        if self.release:
+            self._kept(target, state)
+            activate(target, self.release, self.root)
+            return
+        manifest = built(state.robot)
+        upload(target, state, manifest, self.root)
+        activate(target, manifest.id, self.root)
+
+    def _kept(self, target: Target, state: Installed) -> None:
+        if self.release not in state.releases:
+            kept = ", ".join(state.releases) or "none"
+            raise OperationError(f"{target.name} has no release {self.release}; it has: {kept}", "lupin deploy robot")
+
+    def undo(self, target: Target, before: dict[str, Any]) -> None:
+        activate(target, str(before["current"]), self.root)
