@@ -21,20 +21,29 @@ from lupin_runtime.mission.ports import STATUS_UNKNOWN, Confirmation, Reading
 from lupin_runtime.ros import LupinNode
 
 STALE_TRANSFORM_S = 2.0
+# The clock is looked at ten times a second; a longer step is a stalled process or a clock that was set.
+LONGEST_STEP_S = 2.0
 
 # What an answer does on its way in: the node serialises it with everything else and publishes what has changed.
 Guard = Callable[[Callable[[], None]], None]
 
 
 class NodeClock:
-    """Time of the node."""
+    """Time of the node. A clock that is set while a mission runs neither expires its waits nor holds them up: what passes
+    between two looks counts from nothing to LONGEST_STEP_S."""
 
     def __init__(self, node: LupinNode) -> None:
         self._node = node
+        self._elapsed_ns = 0
+        self._looked_ns: int | None = None
 
     def now_s(self) -> float:
-        """Seconds for time-outs."""
-        return self._node.elapsed_clock_ns() / 1e9
+        """Seconds for time-outs; never less than before."""
+        now_ns = self._node.elapsed_clock_ns()
+        if self._looked_ns is not None:
+            self._elapsed_ns += min(max(now_ns - self._looked_ns, 0), int(LONGEST_STEP_S * 1e9))
+        self._looked_ns = now_ns
+        return self._elapsed_ns / 1e9
 
     def stamp_ns(self) -> int:
         """ROS time."""
