@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import subprocess
 import sys
 import time
@@ -30,6 +32,9 @@ def command(
     yolo: bool = typer.Option(True, "--yolo/--no-yolo", help="Flower detector."),
     cameras: bool = typer.Option(True, "--cameras/--no-cameras", help="The simulated cameras."),
     record: bool = typer.Option(True, "--record/--no-record", help="Record the graph to MCAP."),
+    web: bool = typer.Option(True, "--web/--no-web", help="Web console; not in this release, which is said."),
+    joystick: bool = typer.Option(True, "--joystick/--no-joystick", help="Xbox teleop; not in this release, which is said."),
+    rviz: bool = typer.Option(True, "--rviz/--no-rviz", help="RViz, where the machine has it and a display."),
     discovery_goal: str = typer.Option(None, help="Tags to discover: a number, or all [5 on the robot, all in the sim]."),
     sweeps: int = typer.Option(None, min=0, help="Monitoring sweeps, 0 for ever [0 on the robot, 1 in the sim]."),
     dependency_timeout_s: float = typer.Option(120.0, min=1.0, help="How long the mission waits for what it needs."),
@@ -45,9 +50,7 @@ def command(
         raise typer.BadParameter(f"{target!r} is neither sim nor robot", param_hint="--target")
     if speed <= 0.0:
         raise typer.BadParameter("must be positive", param_hint="--speed")
-    for path, hint in ((map_file, "--map"), (overrides, "--overrides")):
-        if path is not None and not path.is_file():
-            raise typer.BadParameter(f"there is no file {path}", param_hint=hint)
+    _check_files(map_file, overrides)
     if detach:
         _detach()
         return
@@ -55,6 +58,7 @@ def command(
     from lupin_cli.mission_calls import goal_count
     from lupin_runtime.stack.table import Options
 
+    absent = _absent(web and not headless, joystick, rviz and not headless)
     options = Options(
         target=target,
         world=world,
@@ -70,12 +74,46 @@ def command(
         yolo=yolo,
         mission=mission,
         record=record,
+        rviz=rviz and not headless and "rviz" not in absent,
         discovery_goal=goal_count(discovery_goal or DEFAULT_GOAL[target]),
         sweeps=sweeps if sweeps is not None else int(target == "sim"),
         dependency_timeout_s=dependency_timeout_s,
         approach_overrides=overrides.resolve() if overrides else None,
     )
-    raise typer.Exit(_run(options, as_json))
+    raise typer.Exit(_run(options, absent, as_json))
+
+
+def _check_files(map_file: Path | None, overrides: Path | None) -> None:
+    """Read what was given once before anything starts: a process that finds it broken later can only do without it."""
+    for path, hint in ((map_file, "--map"), (overrides, "--overrides")):
+        if path is not None and not path.is_file():
+            raise typer.BadParameter(f"there is no file {path}", param_hint=hint)
+    try:
+        if overrides is not None:
+            from lupin_runtime.mission.layout import load_overrides
+
+            load_overrides(overrides)
+        if map_file is not None:
+            from lupin_runtime.slam.map_io import load_map
+
+            load_map(map_file)
+    except (ValueError, OSError) as error:
+        typer.echo(f"lupin up: {error}", err=True)
+        raise typer.Exit(2) from error
+
+
+def _absent(web: bool, joystick: bool, rviz: bool) -> dict[str, str]:
+    """What was asked for and cannot be started here, each with the reason."""
+    absent = {}
+    if web:
+        absent["web"] = "the web console is not in this release"
+    if joystick:
+        absent["joystick"] = "the Xbox teleop is not in this release"
+    if rviz and shutil.which("rviz2") is None:
+        absent["rviz"] = "there is no rviz2 on PATH; install rviz2 of your ROS distribution and source its setup.bash"
+    elif rviz and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        absent["rviz"] = "rviz2 has no display to open a window on"
+    return absent
 
 
 def _layout(world: str, target: str) -> Path | None:
@@ -91,7 +129,7 @@ def _layout(world: str, target: str) -> Path | None:
     return Path(world).resolve() if world.endswith(".json") else None
 
 
-def _run(options: Any, as_json: bool) -> int:
+def _run(options: Any, absent: dict[str, str], as_json: bool) -> int:
     from rich.console import Console
 
     from lupin_cli.live import LiveView
@@ -109,6 +147,8 @@ def _run(options: Any, as_json: bool) -> int:
         return 2
     if session.applied:
         console.print(f"applied from ros-env.sh: {', '.join(session.applied)}", highlight=False)
+    for flag, reason in absent.items():
+        console.print(f"not started: {reason} (--no-{flag})", highlight=False, soft_wrap=True)
     with view:
         console.print(f"run {session.run.id}  logs: {session.run.logs}", highlight=False, soft_wrap=True)
         outcome = session.execute()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
@@ -14,6 +13,7 @@ from typing import Any
 from lupin_runtime.arm.limits import Arm
 
 VERSION = 1
+_LARGEST = 1e6  # rad or s; a whole number may be too large to be a float at all
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
 
 
@@ -89,7 +89,7 @@ def from_json(text: str) -> Library:
     """The library in a file's text. Raises LibraryError, naming the entry that is wrong."""
     try:
         document = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise LibraryError(f"not JSON: {error}") from error
     if not isinstance(document, dict) or document.get("version") != VERSION:
         found = document.get("version") if isinstance(document, dict) else type(document).__name__
@@ -132,7 +132,7 @@ def _sequence(entry: dict[str, Any]) -> StoredSequence:
 
 
 def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _LARGEST:
         raise LibraryError(f"expected a finite number, found {value!r}")
     return float(value)
 

@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+_LARGEST = 1e9  # no greenhouse is larger in any unit; a whole number may be too large to be a float at all
 _OVERRIDE_KEYS = ("goal_x", "goal_y", "yaw", "standoff")
 
 
@@ -85,6 +86,8 @@ def load_layout(path: Path | None = None) -> Layout:
         raise LayoutError(f"{path}: cannot read the layout: {error}") from error
     except json.JSONDecodeError as error:
         raise LayoutError(f"{path}:{error.lineno}: not JSON: {error.msg}") from error
+    except (ValueError, RecursionError) as error:  # numbers of thousands of digits, brackets of thousands of levels
+        raise LayoutError(f"{path}: not JSON that can be read: {error}") from error
     if not isinstance(document, dict):
         raise LayoutError(f"{path}: expected an object with tables and tags, found {type(document).__name__}")
     unit = document.get("units", "m")
@@ -118,7 +121,7 @@ def _numbers(path: Path, where: str, entry: Any, keys: tuple[str, ...], scale: f
     result = {}
     for key in keys:
         value = entry.get(key)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _LARGEST:
             raise LayoutError(f"{path}: {where}.{key} is {value!r}, expected a number")
         result[key] = value * scale
     return result
@@ -138,6 +141,8 @@ def load_overrides(path: Path) -> dict[str, Override]:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark is not None else ""
         raise LayoutError(f"{path}{line}: not YAML: {getattr(error, 'problem', None) or error}") from error
+    except RecursionError as error:
+        raise LayoutError(f"{path}: brackets of too many levels to be read") from error
     if root is None:
         return {}
     entries = dict(_entries(path, "the file", root)).get("overrides")

@@ -19,6 +19,8 @@ MODES = ("trinary", "scale", "raw")
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 _PIXEL_OCCUPIED, _PIXEL_FREE, _PIXEL_UNKNOWN = 0, 254, 205
 _MAX_PIXELS = 100_000_000
+_MAX_DIGITS = 9
+_FARTHEST_M = 1e6  # an origin; a whole number may be too large to be a float at all
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,8 @@ def _read_header(path: Path) -> _Header:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "this is no YAML"
         raise MalformedFile(path, mark.line + 1 if mark else None, str(problem)) from None
+    except RecursionError:
+        raise MalformedFile(path, None, "brackets of too many levels to be read") from None
     if not isinstance(root, yaml.MappingNode):
         raise MalformedFile(path, 1, "expected keys such as image, resolution, origin")
     fields = _Fields(path, root)
@@ -185,7 +189,7 @@ class _Fields:
 
     def number(self, key: str, low: float, high: float, default: float | None = None) -> float:
         value = self._value(key, default)
-        if not isinstance(value, (int, float)) or not low <= float(value) <= high:
+        if not isinstance(value, (int, float)) or not low <= value <= high:
             raise self._refuse(key, f"a number from {low:g} to {high:g}", value)
         return float(value)
 
@@ -194,7 +198,7 @@ class _Fields:
         if (
             not isinstance(value, list)
             or len(value) != count
-            or not all(isinstance(v, (int, float)) and math.isfinite(v) for v in value)
+            or not all(isinstance(v, (int, float)) and abs(v) <= _FARTHEST_M for v in value)
         ):
             raise self._refuse(key, f"{count} numbers", value)
         return [float(v) for v in value]
@@ -221,6 +225,8 @@ def _read_pgm(path: Path) -> tuple[NDArray[np.uint16], int]:
             end += 1
         if end == at:
             raise MalformedFile(path, line, f"expected width, height and white in the header, found {data[at : at + 8]!r}")
+        if end - at > _MAX_DIGITS:
+            raise MalformedFile(path, line, f"a number of {end - at} digits in the header")
         numbers.append(int(data[at:end]))
         at = end
     width, height, maximum = numbers

@@ -30,6 +30,7 @@ class Options:
     yolo: bool = True
     mission: bool = False
     record: bool = True
+    rviz: bool = False
     map_file: Path | None = None
     discovery_goal: int = 5
     sweeps: int = 0
@@ -101,6 +102,11 @@ def _simulator_command(options: Options) -> list[str]:
     command = ["-m", "lupin_sim", "--world", options.world, "--seed", str(options.seed)]
     command += ["--speed", str(options.speed), "--run-dir", str(options.run_path)]
     return command if options.cameras else [*command, "--no-cameras"]
+
+
+def _rviz_command(options: Options) -> list[str]:
+    command = ["-m", "lupin_runtime.stack.external", "rviz2", "--fixed-frame", graph.MAP_FRAME]
+    return [*command, "--ros-args", "-p", f"use_sim_time:={str(options.simulated).lower()}"]
 
 
 def _drive(options: Options) -> Parameters:
@@ -260,6 +266,7 @@ TABLE: tuple[ProcessRow, ...] = (
         (NodeRow("lupin_runtime.record.node:Recorder", lambda o: {"output": str(o.run_path / "recording.mcap")}),),
         when=lambda o: o.record,
     ),
+    ProcessRow("rviz", (), when=lambda o: o.rviz, command=_rviz_command),
 )
 
 

@@ -27,6 +27,7 @@ STRETCH_RANGE = (1.0, 5.0)
 # From the outermost table to the wall: room to stand half a metre in front of a tag that looks outwards.
 WALL_MARGIN_M = 1.1
 START_CLEARANCE_M = 0.40
+FARTHEST_M = 100.0  # a coordinate: more is no greenhouse but a slip, of units most often
 _KEYS = ("x0", "x1", "y0", "y1")
 
 
@@ -68,6 +69,8 @@ def parse_layout(text: str, source: str) -> Layout:
         document = json.loads(text)
     except json.JSONDecodeError as error:
         raise LayoutError(f"{source}:{error.lineno}: not JSON: {error.msg}") from None
+    except (ValueError, RecursionError) as error:  # numbers of thousands of digits, brackets of thousands of levels
+        raise LayoutError(f"{source}: not JSON that can be read: {error}") from None
     reader = _Reader(text, source)
     root = reader.mapping(document, "the file", "")
     units = root.get("units", "m")
@@ -100,8 +103,10 @@ class _Reader:
 
     def number(self, owner: str, holder: Mapping[str, Any], name: str) -> float:
         value = holder.get(name)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise self.error(owner, f"{owner}.{name} must be a number in metres, found {_found(value)}")
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= FARTHEST_M:
+            raise self.error(
+                owner, f"{owner}.{name} must be a number, at most {FARTHEST_M:.0f} m from 0, found {_found(value)}"
+            )
         return float(value)
 
     def table(self, name: str, value: Any) -> Table:
@@ -171,16 +176,13 @@ def _planter(table: Table, dx: float, dy: float) -> Box:
 def _start(world: World) -> Pose2:
     """The free place nearest to the south-west corner, heading east."""
     x0, y0, x1, y1 = world.bounds
-    places = [
-        (math.hypot(x - x0, y - y0), x, y)
-        for x in np.arange(x0 + START_CLEARANCE_M, x1 - START_CLEARANCE_M, 0.1)
-        for y in np.arange(y0 + START_CLEARANCE_M, y1 - START_CLEARANCE_M, 0.1)
-        if world.clearance(float(x), float(y)) >= START_CLEARANCE_M
-    ]
-    if not places:
-        raise ValueError(f"world {world.name!r} has no place where the robot could start")
-    _, x, y = min(places)
-    return Pose2(float(x), float(y), 0.0)
+    xs = np.arange(x0 + START_CLEARANCE_M, x1 - START_CLEARANCE_M, 0.1)
+    ys = np.arange(y0 + START_CLEARANCE_M, y1 - START_CLEARANCE_M, 0.1)
+    x, y = (part.ravel() for part in np.meshgrid(xs, ys))
+    for index in np.lexsort((y, x, np.hypot(x - x0, y - y0))):
+        if world.clearance(float(x[index]), float(y[index])) >= START_CLEARANCE_M:
+            return Pose2(float(x[index]), float(y[index]), 0.0)
+    raise ValueError(f"world {world.name!r} has no place where the robot could start")
 
 
 def layout_file(path: str, seed: int) -> World:

@@ -1,0 +1,198 @@
+"""Files that a user hands over, spoilt in every way: each is refused with its name, and none is lost or written over."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from lupin_cli.app import app
+from lupin_runtime.arm.store import LibraryStore
+
+LAYOUT = {
+    "units": "m",
+    "tables": {"A": {"x0": 0.0, "x1": 1.0, "y0": 0.0, "y1": 0.5}},
+    "tags": {"1": {"x": 0.5, "y": 0.0}},
+}
+OVERRIDES = "overrides:\n  '1':\n    goal_x: 1.0\n    goal_y: -0.5\n    yaw: 1.57\n  '2':\n    standoff: 0.4\n"
+MAP = "image: map.pgm\nresolution: 0.05\norigin: [0.0, 0.0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+IMAGE = b"P5\n8 6\n255\n" + bytes([254] * 48)
+GRAPH = (
+    "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nVERTEX_SE2 2 2 0 0\n"
+    "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 0 0 1 0 1\nEDGE_SE2 0 2 2 0 0 1 0 0 1 0 1\n"
+)
+LIBRARY = {"version": 1, "poses": {"up": {"arm": [0.0, 0.1, 0.2, 0.3], "gripper": 0.1}}, "sequences": {}}
+
+# A usage error that is looked at after the files: whatever is accepted goes no further than there.
+STOP = ("--discovery-goal", "nothing")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of file: its name, a sound one, the command that reads it, and the status that command refuses with."""
+
+    name: str
+    sound: bytes
+    command: Callable[[str], list[str]]
+    refusal: int = 2
+
+
+KINDS = {
+    "layout": Kind("own.json", json.dumps(LAYOUT, indent=1).encode(), lambda path: ["up", "--world", path, *STOP]),
+    "overrides": Kind("overrides.yaml", OVERRIDES.encode(), lambda path: ["up", "--overrides", path, *STOP]),
+    "map": Kind("map.yaml", MAP.encode(), lambda path: ["up", "--map", path, *STOP]),
+    "planned map": Kind("map.yaml", MAP.encode(), lambda path: ["map", "plan", path, "--from", "0.2,0.15", "--to", "0.3,0.15"]),
+    "image": Kind(
+        "map.pgm", IMAGE, lambda path: ["map", "plan", path.replace(".pgm", ".yaml"), "--from", "0.2,0.15", "--to", "0.3,0.15"]
+    ),
+    "graph": Kind("graph.g2o", GRAPH.encode(), lambda path: ["map", "optimize", path], refusal=1),
+}
+
+NEST = 100_000
+SPOILT = {
+    "layout": {
+        "truncated": (json.dumps(LAYOUT, indent=1).encode()[:60], True),
+        "binary": (b"\x00\xff\xfe\x80" * 64, False),
+        "a list": (b"[1, 2]", False),
+        "a word for a number": (json.dumps(LAYOUT, indent=1).replace("0.5", '"wide"', 1).encode(), True),
+        "not a number": (json.dumps(LAYOUT, indent=1).replace("0.5", "NaN", 1).encode(), True),
+        "endless": (json.dumps(LAYOUT, indent=1).replace("0.5", "1e999", 1).encode(), True),
+        "huge": (json.dumps(LAYOUT, indent=1).replace("0.5", "1" + 400 * "0", 1).encode(), True),
+        "kilometres": (json.dumps(LAYOUT, indent=1).replace("0.5", "5000", 1).encode(), True),
+        "digits without end": (json.dumps(LAYOUT, indent=1).replace("0.5", 6000 * "9", 1).encode(), False),
+        "nested without end": (b"[" * NEST, False),
+        "empty": (b"", False),
+    },
+    "overrides": {
+        "truncated": (b"overrides:\n  '1': {goal_x: 1.0\n", True),
+        "binary": (b"\x00\xff\xfe\x80" * 64, False),
+        "a list": (b"overrides:\n  - goal_x\n", True),
+        "a word for a number": (OVERRIDES.replace("-0.5", "south").encode(), True),
+        "not a number": (OVERRIDES.replace("-0.5", ".nan").encode(), True),
+        "nested without end": (b"[" * NEST, False),
+    },
+    "map": {
+        "truncated": (MAP.encode()[:60], False),
+        "binary": (b"\x00\xff\xfe\x80" * 64, False),
+        "a list": (b"- image\n- resolution\n", True),
+        "a word for a number": (MAP.replace("0.05", "fine").encode(), True),
+        "not a number": (MAP.replace("0.05", ".nan").encode(), True),
+        "huge": (MAP.replace("0.05", "1e300").encode(), True),
+        "huge, whole": (MAP.replace("0.05", "1" + 400 * "0").encode(), True),
+        "far away": (MAP.replace("[0.0,", "[1" + 400 * "0" + ",").encode(), True),
+        "image gone": (MAP.replace("map.pgm", "gone.pgm").encode(), False),
+        "nested without end": (b"[" * NEST, False),
+        "empty": (b"", True),
+    },
+    "image": {
+        "truncated": (IMAGE[:30], False),
+        "binary": (b"\x00\xff\xfe\x80" * 64, True),
+        "huge": (b"P5\n999999999 999999999\n255\n" + bytes(16), True),
+        "endless": (b"P5\n" + b"9" * 6000, True),
+    },
+    "graph": {
+        "truncated": (GRAPH.encode()[:90], True),
+        "binary": (b"\x00\xff\xfe\x80" * 64, False),
+        "a word for a number": (GRAPH.replace("EDGE_SE2 0 1 1", "EDGE_SE2 0 1 far").encode(), True),
+        "not a number": (GRAPH.replace("EDGE_SE2 0 1 1", "EDGE_SE2 0 1 nan").encode(), True),
+        "endless": (GRAPH.replace("EDGE_SE2 0 1 1", "EDGE_SE2 0 1 1e999").encode(), True),
+        "empty": (b"", False),
+    },
+}
+CASES = [(kind, how) for kind, ways in SPOILT.items() for how in ways]
+
+
+def lay_out(folder: Path, kind: Kind, content: bytes) -> Path:
+    """The file, with a sound map beside it."""
+    (folder / "map.yaml").write_bytes(MAP.encode())
+    (folder / "map.pgm").write_bytes(IMAGE)
+    path = folder / kind.name
+    path.write_bytes(content)
+    return path
+
+
+def ask(kind: Kind, path: Path) -> tuple[int, str]:
+    """Exit status and words of the command; an exception that it does not handle fails the test."""
+    result = CliRunner().invoke(app, kind.command(str(path)), catch_exceptions=False)
+    return result.exit_code, result.output + result.stderr
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where a run would leave its folder."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setenv("COLUMNS", "500")
+    return tmp_path / "state"
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_a_sound_file_is_accepted(kind: Kind, tmp_path: Path, home: Path) -> None:
+    status, said = ask(kind, lay_out(tmp_path, kind, kind.sound))
+    assert ("discovery-goal" in said and status == 2) or status == 0, said
+
+
+@pytest.mark.parametrize(("name", "how"), CASES)
+def test_a_spoilt_file_is_refused_with_its_name_and_line_and_kept(name: str, how: str, tmp_path: Path, home: Path) -> None:
+    kind, (content, has_line) = KINDS[name], SPOILT[name][how]
+    path = lay_out(tmp_path, kind, content)
+    status, said = ask(kind, path)
+    assert status == kind.refusal, said
+    assert str(path) in said, said
+    if has_line:
+        place = said.split(str(path), 1)[1]
+        assert place.startswith(":") and place[1:].split(":")[0].isdigit(), said
+    assert path.read_bytes() == content
+    assert not home.exists()
+
+
+SPOIL = st.tuples(st.floats(0.0, 1.0), st.integers(0, 12), st.binary(max_size=12))
+
+
+def spoil(sound: bytes, at: float, cut: int, insert: bytes) -> bytes:
+    """Replace some bytes by others."""
+    begin = int(at * len(sound))
+    return sound[:begin] + insert + sound[begin + cut :]
+
+
+@pytest.mark.parametrize("name", KINDS)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(where=SPOIL)
+def test_any_change_of_a_file_is_accepted_or_refused_by_name(
+    name: str, tmp_path: Path, home: Path, where: tuple[float, int, bytes]
+) -> None:
+    kind = KINDS[name]
+    content = spoil(kind.sound, *where)
+    path = lay_out(tmp_path, kind, content)
+    status, said = ask(kind, path)
+    accepted = status == 0 or "discovery-goal" in said
+    # A map whose places have moved may have no path any more.
+    pathless = kind.command("")[:2] == ["map", "plan"] and status == 1
+    assert accepted or pathless or (status == kind.refusal and str(path.parent) in said), (status, said)
+    assert path.read_bytes() == content
+    assert not home.exists()
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(where=SPOIL)
+def test_any_change_of_an_arm_library_loses_no_byte_of_it(tmp_path: Path, where: tuple[float, int, bytes]) -> None:
+    content = spoil(json.dumps(LIBRARY).encode(), *where)
+    folder = tmp_path / "library"
+    folder.mkdir(exist_ok=True)
+    for old in folder.iterdir():
+        old.unlink()
+    path = folder / "arm_library.json"
+    path.write_bytes(content)
+    store = LibraryStore(path)
+    kept = [file.read_bytes() for file in folder.iterdir()]
+    assert content in kept
+    if store.complaint:
+        assert path.name in store.complaint
+    for pose in store.library.poses.values():
+        assert all(map(math.isfinite, pose.arm))
