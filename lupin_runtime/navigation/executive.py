@@ -112,6 +112,7 @@ class ExecutiveParameters:
     blind_patience_s: float = 10.0
     off_path_m: float = 0.6
     passed_radius_m: float = 0.7
+    beside_m: float = 0.1
     tolerance: GoalTolerance = field(default_factory=GoalTolerance)
     behaviours: BehaviourLimits = field(default_factory=BehaviourLimits)
 
@@ -169,6 +170,7 @@ class Executive:
         self._last_request_s = -math.inf
         self._retried = False
         self._blocked = False
+        self._said_beside = False
         self._blind_since_s: float | None = None
         self._invalid_since_s: float | None = None
         self._goal_checker.reset()
@@ -308,6 +310,13 @@ class Executive:
             self._phase = _Phase.FOLLOWING
         # The path may end beside the goal, within the planner's tolerance: that is where the robot is to stand then.
         self._target = Pose2(*plan.goal, self._goals[-1].yaw)
+        asked, beside_m = self._goals[-1], self._target.distance_to(self._goals[-1])
+        if beside_m > self._p.beside_m and not self._said_beside:
+            self._said_beside = True
+            self._log(
+                f"nobody can stand at the goal ({asked.x:.2f}, {asked.y:.2f}): going to ({self._target.x:.2f}, "
+                f"{self._target.y:.2f}), {beside_m:.2f} m beside it"
+            )
         return Step(STANDSTILL, new_path=plan.points)
 
     def _take_refusal(self, refusal: NoPath, now_s: float) -> Step | None:

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -90,6 +91,26 @@ class Up:
             check=False,
         )
 
+    def speed_m_s(self) -> float:
+        """How fast the robot truly moves."""
+        twist = self.simulator().get("twist") or [0.0, 0.0, 0.0]
+        return float((twist[0] ** 2 + twist[1] ** 2) ** 0.5)
+
+    def wait(self, condition: Callable[[], Any], what: str, bound_s: float = UP_BOUND_S) -> Any:
+        """The first true value of the condition while the run lives."""
+        deadline = time.monotonic() + bound_s
+        while not (value := condition()):
+            assert self.process.poll() is None, f"ended while waiting for {what}: {self.process.communicate()}"
+            assert time.monotonic() < deadline, f"no {what} within {bound_s:.0f} s: {self.simulator()} {self.state()}"
+            time.sleep(0.1)
+        return value
+
+    def log(self, stage: str) -> str:
+        """What a process of the run has said so far."""
+        folder = self.folder()
+        path = folder / "logs" / f"{stage}.log" if folder is not None else None
+        return path.read_text(errors="replace") if path is not None and path.exists() else ""
+
     def children(self) -> list[psutil.Process]:
         """The processes of the run that live."""
         pids = [stage["pid"] for stage in self.state()["stages"] if stage["pid"] is not None]
@@ -123,3 +144,76 @@ def launch(tmp_path: Path) -> Iterator[Callable[..., Up]]:
     yield start
     for one in made:
         one.end()
+
+
+class Onlooker:
+    """A node of the test on the graph of a run, spun by a thread of its own."""
+
+    def __init__(self, run: Up) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.task import Future
+
+        from lupin_runtime.ros.node import LupinNode
+
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=run.state()["run"]["domain"])
+        self.node = LupinNode("onlooker", context=self._context, enable_rosout=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._end = Future()
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        self._executor.spin_until_future_complete(self._end)
+
+    def until(self, condition: Callable[[], Any], what: str, bound_s: float = 30.0) -> Any:
+        """The first true value of the condition."""
+        deadline = time.monotonic() + bound_s
+        while not (value := condition()):
+            assert time.monotonic() < deadline, f"no {what} within {bound_s:.0f} s"
+            time.sleep(0.02)
+        return value
+
+    def within(self, function: Callable[[], Any]) -> Any:
+        """Run a function on the thread that spins, as an action client must, and return its value."""
+        task = self._executor.create_task(function)
+        self.until(task.done, "turn of the executor")
+        return task.result()
+
+    def publisher(self, topic: Any) -> Callable[[Any], None]:
+        """A publisher that has found its reader."""
+        made = self.node.publisher(topic)
+        self.until(lambda: made.get_subscription_count() > 0, f"reader of {topic.name}")
+        return made.publish
+
+    def call(self, service: Any, request: Any) -> Any:
+        """The service's answer."""
+        client = self.node.client(service)
+        self.until(client.service_is_ready, f"server of {service.name}")
+        future = client.call_async(request)
+        self.until(future.done, f"answer of {service.name}")
+        return future.result()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._end.set_result(None)
+        self._thread.join(5.0)
+        self._executor.shutdown(timeout_sec=2.0)
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+
+@pytest.fixture
+def join() -> Iterator[Callable[[Up], Onlooker]]:
+    """Join the graph of a run."""
+    made: list[Onlooker] = []
+
+    def onlooker(run: Up) -> Onlooker:
+        made.append(Onlooker(run))
+        return made[-1]
+
+    yield onlooker
+    for one in made:
+        one.close()

@@ -1,0 +1,234 @@
+"""Goals that nobody can reach, and the red button in every state of the mission, on a stack that really drives."""
+
+from __future__ import annotations
+
+import math
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from lupin_runtime import graph
+from lupin_runtime.mission.hsm import build_hsm_spec
+
+pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
+
+AT_REST_M_S = 0.005
+SUCCEEDED, ABORTED = 4, 6
+
+
+def pose_message(x: float, y: float) -> Any:
+    from geometry_msgs.msg import PoseStamped
+
+    message = PoseStamped()
+    message.header.frame_id = graph.MAP_FRAME
+    message.pose.position.x, message.pose.position.y, message.pose.orientation.w = x, y, 1.0
+    return message
+
+
+class Goals:
+    """navigate_to_pose as a client of the run, and whatever reached the wheels meanwhile."""
+
+    def __init__(self, onlooker: Any) -> None:
+        from nav2_msgs.action import NavigateToPose
+
+        self._onlooker, self._type = onlooker, NavigateToPose
+        self._client = onlooker.node.action_client(graph.NAVIGATE_TO_POSE)
+        self.fastest = 0.0
+        self.drive_messages = 0
+        onlooker.node.subscription(graph.CMD_VEL_SINK_SIM, self._take)
+        onlooker.until(self._client.server_is_ready, "navigation")
+
+    def _take(self, twist: Any) -> None:
+        self.drive_messages += 1
+        speeds = (twist.linear.x, twist.linear.y, twist.angular.z)
+        self.fastest = max(self.fastest, *map(abs, speeds))
+
+    def go(self, x: float, y: float, bound_s: float = 90.0) -> Any:
+        """The end of a drive to a place of the map."""
+        sent = self._onlooker.within(lambda: self._client.send_goal_async(self._type.Goal(pose=pose_message(x, y))))
+        handle = self._onlooker.until(lambda: sent.done() and sent.result(), "answer to the goal")
+        if not handle.accepted:
+            return None
+        result = self._onlooker.within(handle.get_result_async)
+        return self._onlooker.until(lambda: result.done() and result.result(), "end of the drive", bound_s)
+
+
+def test_a_goal_inside_a_wall_is_refused_with_a_reason_and_the_next_one_works(
+    launch: Callable[..., Any], join: Callable[..., Any]
+) -> None:
+    run = launch("--headless", "--json", "--world", "walled", "--no-twin", "--no-perception", "--no-record", "--no-cameras")
+    run.wait_up()
+    onlooker = join(run)
+    goals = Goals(onlooker)
+    start = run.wait(lambda: run.simulator().get("pose"), "word of the simulator")
+    # The map begins where the robot does, 0.8 m from the wall behind it.
+    ended = goals.go(-2.5, 0.0)
+    assert ended.status == ABORTED
+    assert "goal" in ended.result.error_msg.lower(), ended.result.error_msg
+    assert ended.result.error_code != 0
+    refusals = run.log("nav").count("navigation aborted")
+    click = onlooker.publisher(graph.GOAL_POSE)
+    click(pose_message(-2.5, 0.5))
+    run.wait(lambda: run.log("nav").count("navigation aborted") > refusals, "refusal of the click")
+    click(pose_message(math.nan, 0.0))
+    run.wait(lambda: f"{graph.GOAL_POSE.name} refused" in run.log("nav"), "refusal of a place that is none")
+    assert goals.fastest == 0.0
+    pose = run.simulator()["pose"]
+    assert math.hypot(pose["x"] - start["x"], pose["y"] - start["y"]) < 0.01
+    assert goals.go(0.8, 0.0).status == SUCCEEDED
+    # In the wall itself: the nearest place within the planner's tolerance serves, as with Nav2, and that is said.
+    assert goals.go(0.8, -0.82).status == SUCCEEDED
+    assert "nobody can stand at the goal (0.80, -0.82)" in run.log("nav")
+    assert goals.fastest > 0.05
+    assert run.simulator()["collisions"] == 0
+    run.process.send_signal(signal.SIGINT)
+    assert run.result()[0] == 130
+
+
+class Buttons:
+    """The red button of a running stack, and what the mission says of itself."""
+
+    def __init__(self, run: Any, onlooker: Any) -> None:
+        self.run, self.onlooker = run, onlooker
+        self.mission: Any = None
+        self.reached: set[str] = set()
+        self.pressed_in: set[str] = set()
+        onlooker.node.subscription(graph.MISSION_STATE, self._take)
+
+    def _take(self, message: Any) -> None:
+        self.mission = message
+        self.reached.add(self.state)
+
+    @property
+    def state(self) -> str:
+        """The mission's leaf state."""
+        message = self.mission
+        if message is None:
+            return ""
+        return f"{message.lifecycle_state}.{message.mission_phase}" if message.mission_phase else message.lifecycle_state
+
+    def until(self, what: str, condition: Callable[[], Any], bound_s: float = 90.0) -> None:
+        self.onlooker.until(lambda: self.mission is not None and condition(), f"{what} (last {self.state})", bound_s)
+
+    def until_state(self, state: str, bound_s: float = 90.0) -> None:
+        self.until(state, lambda: self.state == state, bound_s)
+
+    def ask(self, service: Any) -> Any:
+        from std_srvs.srv import Trigger
+
+        return self.onlooker.call(service, Trigger.Request())
+
+    def start(self, *tags: str, goal: int = 0) -> Any:
+        from lupin_msgs.srv import StartMission
+
+        request = StartMission.Request(mission_type="InspectionMission" if tags else "ExplorationMission", discovery_goal=goal)
+        request.tag_sequence = list(tags)
+        return self.onlooker.call(graph.MISSION_START, request)
+
+    def press(self, down: bool) -> None:
+        from std_srvs.srv import SetBool
+
+        assert self.onlooker.call(graph.SIM_PRESS_ESTOP, SetBool.Request(data=down)).success
+        self.until("word of the e-stop", lambda: self.mission.estop_engaged is down)
+
+    def press_and_let_go(self, state: str, driving: bool = False) -> None:
+        """Press the button in a state, let it go, and see that nothing moves and nothing goes on by itself."""
+        self.until_state(state)
+        if driving:
+            self.run.wait(lambda: self.run.speed_m_s() > 0.05 and self.state == state, f"driving in {state}")
+        self.press(True)
+        stopped_in = self.state
+        assert self.mission.paused
+        self.run.wait(lambda: self.run.speed_m_s() < AT_REST_M_S, f"rest in {stopped_in}", 20.0)
+        refused = self.ask(graph.MISSION_RESUME)
+        assert not refused.success and "e-stop" in refused.message
+        refused = self.start(goal=1)
+        assert not refused.accepted and refused.error_message
+        self.press(False)
+        for _ in range(2):
+            then = self.run.simulator()["sim_time_s"]
+            self.run.wait(lambda then=then: self.run.simulator()["sim_time_s"] > then, "word of the simulator")
+            assert self.run.speed_m_s() < AT_REST_M_S
+        assert (self.state, self.mission.paused) == (stopped_in, True)
+        assert stopped_in == state
+        self.pressed_in.add(state)
+
+    def resume(self) -> None:
+        answer = self.ask(graph.MISSION_RESUME)
+        assert answer.success, answer.message
+
+
+@pytest.fixture
+def beside() -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
+    """`lupin run PROCESS` in the foreground of a run; ended with the test."""
+    made: list[subprocess.Popen[bytes]] = []
+
+    def start(run: Any, *arguments: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "lupin_cli.app", "run", *arguments]
+        with (run.home / f"{arguments[0]}.log").open("wb") as log:
+            made.append(subprocess.Popen(command, env=run.environment, stderr=log))
+        return made[-1]
+
+    yield start
+    for one in made:
+        one.terminate()  # its child ends with its input
+        one.wait(20.0)
+
+
+def test_the_red_button_holds_in_every_state_of_the_mission_and_letting_it_go_starts_nothing(
+    launch: Callable[..., Any], join: Callable[..., Any], beside: Callable[..., Any]
+) -> None:
+    from std_msgs.msg import String
+
+    run = launch("--headless", "--json", "--world", "walled", "--no-nav2", "--no-twin", "--no-record")
+    run.wait_up()
+    onlooker = join(run)
+    button = Buttons(run, onlooker)
+    break_it = onlooker.publisher(graph.SIM_FAULT)
+    # Without navigation the mission waits in BOOT.
+    beside(run, "mission", "-p", "MissionOrchestrator.localization_timeout_s=4.0")
+    button.press_and_let_go("BOOT")
+    beside(run, "nav")
+    button.press_and_let_go("READY")
+    # Without odometry nobody vouches for a pose.
+    break_it(String(data="odometry silent"))
+    onlooker.until(lambda: "is not vouched for" in (run.home / "mission.log").read_text(), "doubt about the pose")
+    assert button.start(goal=1).accepted
+    button.press_and_let_go("PREPARE.LOCALIZING")
+    button.resume()
+    button.press_and_let_go("FAULT")
+    break_it(String(data="odometry none"))
+    assert button.ask(graph.MISSION_RESET).success
+    button.until_state("READY")
+    button.until("pose", lambda: True)
+    assert button.start(goal=1).accepted
+    button.press_and_let_go("EXPLORING", driving=True)
+    button.resume()
+    button.press_and_let_go("MONITORING.NAVIGATING", driving=True)
+    button.resume()
+    button.press_and_let_go("MONITORING.SCANNING")
+    button.resume()
+    tag = button.mission.current_target
+    button.until("end of the reading", lambda: button.mission.targets_completed > 0)
+    assert button.ask(graph.MISSION_ABORT).success
+    button.press_and_let_go("RETURNING", driving=True)
+    button.resume()
+    button.press_and_let_go("DONE")
+    assert button.start(tag).accepted
+    button.press_and_let_go("INSPECTING.NAVIGATING", driving=True)
+    button.resume()
+    button.press_and_let_go("INSPECTING.SCANNING")
+    # Publishing waits for nothing, so the mission only rests there while it is paused.
+    assert button.ask(graph.MISSION_SKIP).success
+    button.press_and_let_go("INSPECTING.PUBLISHING")
+    button.resume()
+    button.until_state("DONE")
+    assert button.mission.targets_skipped == 1
+    passed_at_once = {"MONITORING.PUBLISHING"}
+    assert button.pressed_in == set(build_hsm_spec().leaves()) - passed_at_once
+    assert run.simulator()["collisions"] == 0
+    assert run.lupin("down").returncode == 0
