@@ -1,0 +1,120 @@
+"""Where a connection goes: what the inventory says, filled up from ~/.ssh/config."""
+
+from __future__ import annotations
+
+import getpass
+import glob
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lupin_cli.target.base import TargetError
+
+if TYPE_CHECKING:
+    import paramiko
+
+_INCLUDE = re.compile(r"^\s*include[\s=]+(.+?)\s*$", re.IGNORECASE)
+_INCLUDE_DEPTH = 8  # OpenSSH stops at 16; a file that includes itself must end somewhere
+_DESTINATION = re.compile(r"^(?:(?P<user>[^@\s]+)@)?(?P<host>\[[0-9A-Fa-f:.%]+\]|[^@:\s]+)(?::(?P<port>\d{1,5}))?$")
+
+
+@dataclass(frozen=True)
+class Destination:
+    """Everything needed to reach an sshd, with nothing left to look up but the host's address."""
+
+    host: str
+    port: int = 22
+    user: str = ""
+    identity_files: tuple[str, ...] = ()
+    identities_only: bool = False
+    jumps: tuple[Destination, ...] = ()  # in the order they are passed
+    proxy_command: str = ""
+    asked: str = ""  # the host as it was asked for, before ~/.ssh/config named another
+
+    def __str__(self) -> str:
+        return f"{self.user}@{self.host}" + (f":{self.port}" if self.port != 22 else "")
+
+    @property
+    def known_as(self) -> str:
+        """How known_hosts files name it."""
+        return self.host if self.port == 22 else f"[{self.host}]:{self.port}"
+
+
+def parse_destination(text: str) -> tuple[str, str, int]:
+    """`[user@]host[:port]` as user (or ""), host and port (or 0). Raises ValueError."""
+    found = _DESTINATION.match(text)
+    if found is None or int(found["port"] or 1) not in range(1, 65536):
+        raise ValueError(f"{text!r} is no [user@]host[:port]")
+    return found["user"] or "", found["host"].strip("[]"), int(found["port"] or 0)
+
+
+def resolve(host: str, user: str = "", port: int = 0, config_path: Path | None = None) -> Destination:
+    """The destination for `host`, which may be an alias of ~/.ssh/config; `user` and `port` win over that file.
+
+    Raises TargetError where the file can't be read.
+    """
+    config = _ssh_config(Path("~/.ssh/config").expanduser() if config_path is None else config_path)
+    return _resolve(config, host, user, port, ())
+
+
+def _resolve(config: paramiko.SSHConfig, host: str, user: str, port: int, passed: tuple[str, ...]) -> Destination:
+    import paramiko
+
+    try:
+        entry = config.lookup(host)
+        port = port or int(entry.get("port", 22))
+    except (paramiko.SSHException, ImportError, ValueError) as error:  # Match exec, CanonicalizeHostname, a bad port
+        raise TargetError(f"~/.ssh/config says of {host} what can't be followed: {error}", f"ssh -G {host}") from error
+    jumps: tuple[Destination, ...] = ()
+    jump = entry.get("proxyjump", "none")
+    if jump.lower() != "none":
+        if host in passed:
+            raise TargetError(f"~/.ssh/config jumps in a circle: {' -> '.join([*passed, host])}", f"ssh -G {host}")
+        for hop in jump.split(","):
+            try:
+                hop_user, hop_host, hop_port = parse_destination(hop.strip().removeprefix("ssh://"))
+            except ValueError as error:
+                raise TargetError(f"~/.ssh/config jumps for {host}: {error}", f"ssh -G {host}") from error
+            found = _resolve(config, hop_host, hop_user, hop_port, (*passed, host))
+            jumps += (*found.jumps, found)
+    proxy_command = entry.get("proxycommand", "none")
+    return Destination(
+        host=entry.get("hostname", host),
+        port=port,
+        user=user or entry.get("user", "") or getpass.getuser(),
+        identity_files=tuple(str(Path(name).expanduser()) for name in entry.get("identityfile", ())),
+        identities_only=entry.get("identitiesonly", "no").lower() == "yes",
+        jumps=jumps,
+        proxy_command="" if jumps or proxy_command.lower() == "none" else proxy_command,
+        asked=host,
+    )
+
+
+def _ssh_config(path: Path) -> paramiko.SSHConfig:
+    import paramiko
+
+    try:
+        return paramiko.SSHConfig.from_text("\n".join(_lines(path, 0)))
+    except (paramiko.SSHException, OSError) as error:
+        raise TargetError(f"{path} can't be read: {error}", f"ssh -F {path} -G localhost") from error
+
+
+def _lines(path: Path, depth: int) -> list[str]:
+    """The lines of an ssh_config with its includes in their places: paramiko passes over Include."""
+    try:
+        text = path.read_text(errors="replace")
+    except FileNotFoundError:
+        return []
+    lines: list[str] = []
+    for line in text.splitlines():
+        found = _INCLUDE.match(line)
+        if found is None:
+            lines.append(line)
+        elif depth < _INCLUDE_DEPTH:
+            for pattern in found[1].split():
+                pattern = pattern.strip('"')
+                place = Path(pattern).expanduser() if pattern.startswith("~") else path.parent / pattern
+                for name in sorted(glob.glob(str(place))):  # noqa: PTH207 - the pattern is absolute
+                    lines += _lines(Path(name), depth + 1)
+    return lines

@@ -1,0 +1,105 @@
+"""From an address to a socket on which an sshd has spoken; each way of failing has a word of its own, as it has a cause."""
+
+from __future__ import annotations
+
+import errno
+import queue
+import socket
+import threading
+import time
+from typing import Any
+
+from lupin_cli.target.base import Unreachable
+
+# `No route to host` says that the laptop's own link is gone, a time-out that the robot's is.
+_KINDS = {
+    errno.EHOSTUNREACH: "no-route",
+    errno.ENETUNREACH: "no-route",
+    errno.ENETDOWN: "no-route",
+    errno.EADDRNOTAVAIL: "no-route",
+    errno.ECONNREFUSED: "refused",
+    errno.ECONNRESET: "refused",
+    errno.ETIMEDOUT: "timeout",
+}
+_WORTH = ("refused", "no-route", "timeout")  # of several addresses, the answer that says most
+
+MEANING = {
+    "no-route": "there is no way there from here: this machine has lost the robot's network",
+    "refused": "the machine answers, but no sshd listens there",
+    "timeout": "nothing answers at that address",
+    "silent": "it accepts connections and says nothing: its sshd hangs",
+    "name": "that name has no address",
+    "lost": "the connection was lost",
+}
+
+
+def unreachable(who: str, kind: str, detail: str = "") -> Unreachable:
+    """The error for `kind`, with what to look at next."""
+    host = who.split("@")[-1]
+    commands = {
+        "no-route": f"ip route get {host}",
+        "timeout": f"ping -c 3 {host}",
+        "refused": f"ping -c 3 {host}",
+        "name": "lupin robots list",
+    }
+    message = f"{who}: {MEANING[kind]}" + (f" ({detail})" if detail else "")
+    return Unreachable(message, kind, commands.get(kind, "lupin doctor"))
+
+
+def open_socket(host: str, port: int, timeout_s: float, who: str) -> socket.socket:
+    """A connected socket with small packets sent at once, that notices a dead link. Raises Unreachable."""
+    deadline = time.monotonic() + timeout_s
+    failures: dict[str, str] = {}
+    for family, address in _addresses(host, port, timeout_s, who):
+        connection = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            connection.settimeout(max(0.1, deadline - time.monotonic()))
+            connection.connect(address)
+        except OSError as error:
+            connection.close()
+            kind = "timeout" if isinstance(error, TimeoutError) else _KINDS.get(error.errno or 0, "no-route")
+            failures[kind] = error.strerror or f"no answer within {timeout_s:g} s"
+            continue
+        # Nagle would hold every small request back until the last is acknowledged: 44 ms a command instead of 2.
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux: what isn't acknowledged for so long ends the connection
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 10_000)
+        return connection
+    kind = next(kind for kind in _WORTH if kind in failures)
+    raise unreachable(who, kind, failures[kind])
+
+
+def await_banner(connection: socket.socket, timeout_s: float, who: str) -> None:
+    """Wait until the other side has said something, and leave it unread. Raises Unreachable."""
+    connection.settimeout(timeout_s)
+    try:
+        first = connection.recv(1, socket.MSG_PEEK)
+    except TimeoutError:
+        raise unreachable(who, "silent", f"no greeting within {timeout_s:g} s") from None
+    except OSError as error:
+        raise unreachable(who, "lost", f"{error.strerror} before it greeted: it is going down or coming up") from error
+    if not first:
+        raise unreachable(who, "lost", "it hung up before it greeted: it is going down or coming up, or turns us away")
+
+
+def _addresses(host: str, port: int, timeout_s: float, who: str) -> list[tuple[int, Any]]:
+    """What the name stands for. The resolver knows no bound, so it is asked on a thread that may be left behind."""
+    answers: queue.Queue[list[tuple[int, Any]] | OSError] = queue.Queue()
+
+    def ask() -> None:
+        try:
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        except OSError as error:
+            answers.put(error)
+        else:
+            answers.put([(family, address) for family, _, _, _, address in found])
+
+    threading.Thread(target=ask, name="lupin-resolver", daemon=True).start()
+    try:
+        answer = answers.get(timeout=timeout_s)
+    except queue.Empty:
+        raise unreachable(who, "name", f"no answer from the name server within {timeout_s:g} s") from None
+    if isinstance(answer, OSError):
+        raise unreachable(who, "name", answer.strerror or str(answer)) from answer
+    return answer

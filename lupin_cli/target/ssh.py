@@ -1,0 +1,371 @@
+"""A robot over SSH. One connection, opened when it is first needed and again after it was lost; every wait on it is bounded."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import secrets
+import selectors
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import paramiko
+
+from lupin_cli.target.base import AuthenticationFailed, Output, RootRefused, Script, TargetError
+from lupin_cli.target.destination import Destination
+from lupin_cli.target.files import get_program, put_program, read_get, reason_of_failure
+from lupin_cli.target.framing import batch_program
+from lupin_cli.target.reach import await_banner, open_socket, unreachable
+from lupin_cli.target.streaming import Streams, run_program
+from lupin_cli.target.trust import Trust
+
+logging.getLogger("paramiko").setLevel(logging.CRITICAL)  # its threads print stacks of what is reported here in one line
+
+AskPassword = Callable[[str], str]
+
+_KEEPALIVE_S = 5
+_HANDSHAKE_S = 10.0  # key exchange on a robot that is busy booting
+_QUIET_S = 0.3  # after a script has ended: how long a child that kept its pipe may stay silent before nobody listens
+_LOST = (OSError, EOFError, paramiko.SSHException)
+
+
+class SshTarget:
+    """See `Target`. `ask_password` is None where nobody can be asked; `sudo_password` is for a user whose sudo wants one."""
+
+    def __init__(
+        self,
+        name: str,
+        destination: Destination,
+        trust: Trust,
+        *,
+        ask_password: AskPassword | None = None,
+        sudo_password: str | None = None,
+        connect_timeout_s: float = 5.0,
+    ) -> None:
+        self.name = name
+        self.user = destination.user
+        self.destination = destination
+        self._trust = trust
+        self._ask_password = ask_password
+        self._password: str | None = None
+        self._sudo_password = sudo_password
+        self._connect_timeout_s = connect_timeout_s
+        self._clients: list[paramiko.SSHClient] = []  # hops first
+        self._sftp_client: paramiko.SFTPClient | None = None
+
+    # -- the connection
+
+    def connect(self) -> paramiko.Transport:
+        """The live connection. Raises Unreachable, HostKeyUnknown, HostKeyChanged or AuthenticationFailed."""
+        transport = self._clients[-1].get_transport() if self._clients else None
+        if transport is not None and transport.is_active():
+            return transport
+        self.close()
+        through: Any = None
+        for hop in self.destination.jumps:
+            # A hop is a machine of its own, known by its own name.
+            through = self._open(hop.asked or hop.host, hop, through)
+        return self._open(self.name, self.destination, through)
+
+    def _open(self, name: str, destination: Destination, through: paramiko.Transport | None) -> paramiko.Transport:
+        """One more client at the end of the chain."""
+        sock = self._socket(destination, through)
+        client = paramiko.SSHClient()
+        keys, _ = self._trust.known(name, destination)
+        # The robot's name stands in for its address: paramiko then asks for a key type that is known, and compares.
+        for key in keys:
+            client.get_host_keys().add(name, key.get_name(), key)
+        client.set_missing_host_key_policy(_Policy(self._trust, name, destination))
+        try:
+            self._log_in(client, name, destination, sock)
+        except BaseException:
+            client.close()
+            sock.close()
+            raise
+        transport = client.get_transport()
+        assert transport is not None
+        transport.set_keepalive(_KEEPALIVE_S)
+        self._clients.append(client)
+        return transport
+
+    def _socket(self, destination: Destination, through: paramiko.Transport | None) -> Any:
+        who = str(destination)
+        if through is not None:
+            try:
+                return through.open_channel(
+                    "direct-tcpip", (destination.host, destination.port), ("127.0.0.1", 0), timeout=self._connect_timeout_s
+                )
+            except _LOST as error:
+                raise unreachable(who, "timeout", f"the host on the way says: {error}") from error
+        if destination.proxy_command:
+            return paramiko.ProxyCommand(destination.proxy_command)
+        connection = open_socket(destination.host, destination.port, self._connect_timeout_s, who)
+        try:
+            await_banner(connection, self._connect_timeout_s, who)
+        except BaseException:
+            connection.close()
+            raise
+        return connection
+
+    def _log_in(self, client: paramiko.SSHClient, name: str, destination: Destination, sock: Any) -> None:
+        who = str(destination)
+        files: Any = [name for name in destination.identity_files if Path(name).is_file()]
+        try:
+            client.connect(
+                name,
+                username=destination.user,
+                password=self._password,
+                key_filename=files or None,
+                timeout=_HANDSHAKE_S,
+                banner_timeout=self._connect_timeout_s,
+                auth_timeout=_HANDSHAKE_S,
+                channel_timeout=_HANDSHAKE_S,
+                allow_agent=not destination.identities_only,
+                look_for_keys=not destination.identities_only,
+                sock=sock,
+            )
+        except paramiko.BadHostKeyException as error:
+            self._trust.check(name, destination, error.key)  # says what changed, and where
+            raise
+        except paramiko.AuthenticationException as error:
+            transport = client.get_transport()
+            if "timeout" in str(error).lower():
+                raise unreachable(who, "silent", "no answer while logging in") from error
+            if transport is None or not transport.is_active():
+                raise unreachable(who, "lost", "it hung up while logging in: going down, or tired of too many keys") from error
+            if self._password is None and self._ask_password is not None:
+                self._password = self._ask_password(f"Password of {who}: ")
+                self._with_password(transport, destination)
+                return
+            port = f"-p {destination.port} " if destination.port != 22 else ""
+            raise AuthenticationFailed(
+                f"{who} takes none of the keys of this user"
+                + ("" if self._password is None else ", nor the password")
+                + (f" ({error})" if "encrypted" in str(error) else ""),
+                f"ssh-copy-id {port}{destination.user}@{destination.host}",
+            ) from error
+        except _LOST as error:
+            raise unreachable(who, "lost", f"{str(error) or type(error).__name__} in the handshake") from error
+
+    def _with_password(self, transport: paramiko.Transport, destination: Destination) -> None:
+        try:
+            transport.auth_password(destination.user, self._password or "")
+        except paramiko.AuthenticationException as error:
+            self._password = None
+            raise AuthenticationFailed(
+                f"{destination} takes neither the keys of this user nor the password", f"ssh-copy-id {destination}"
+            ) from error
+        except _LOST as error:
+            raise unreachable(str(destination), "lost", f"{error} while logging in") from error
+        if self._sudo_password is None:
+            self._sudo_password = self._password  # on every Debian it is the same one
+
+    def close(self) -> None:
+        """See `Target.close`."""
+        self._sftp_client = None
+        while self._clients:
+            self._clients.pop().close()
+
+    # -- what it can do
+
+    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
+        """See `Target.batch`. Where the link goes before anything was heard, raises Unreachable."""
+        program = batch_program(scripts, bound_s, self._sudo_password)
+        deadline = time.monotonic() + bound_s
+        why = f"no end within {bound_s:g} s"
+        with self._bounded(bound_s) as transport:
+            try:
+                with self._channel(transport, program.command, bound_s) as channel:
+                    channel.sendall(program.payload)
+                    channel.shutdown_write()
+                    while not program.reader.done and (left := deadline - time.monotonic()) > 0:
+                        channel.settimeout(min(left, 0.5))
+                        try:
+                            data = channel.recv(1 << 16)
+                        except TimeoutError:
+                            continue
+                        if not data:
+                            break
+                        program.reader.feed(data)
+            except _LOST as error:
+                why = f"the link went: {str(error) or type(error).__name__}"
+            if not program.reader.done and not transport.is_active() and time.monotonic() < deadline:
+                why = "the link went"
+                if not program.reader.started:
+                    raise unreachable(str(self.destination), "lost")
+        return program.reader.outputs(why)
+
+    def run(
+        self,
+        script: str,
+        *,
+        root: bool = False,
+        stdin: bytes = b"",
+        bound_s: float = 60.0,
+        on_line: Callable[[str], None] | None = None,
+    ) -> Output:
+        """See `Target.run`."""
+        program = run_program(script, root=root, stdin=stdin, bound_s=bound_s, sudo_password=self._sudo_password)
+        streams = Streams(program.mark, on_line)
+        status, lost = None, ""
+        start = time.monotonic()
+        with self._bounded(bound_s) as transport:
+            try:
+                with self._channel(transport, program.command, bound_s) as channel:
+                    threading.Thread(target=_send, args=(channel, program.payload), name="lupin-stdin", daemon=True).start()
+                    for is_stderr, data in _read(channel, start + bound_s):
+                        streams.feed(data, is_stderr)
+                    if channel.exit_status_ready() and channel.exit_status >= 0:
+                        status = channel.exit_status
+            except _LOST as error:
+                lost = str(error) or type(error).__name__
+            if status is None and not transport.is_active() and time.monotonic() < start + bound_s:
+                lost = lost or "it hung up"
+        if root and not streams.marked and status is not None:
+            raise RootRefused(
+                f"{self.name}: root is refused to {self.user}: {streams.last_error}", f"ssh -t {self.destination} sudo -v"
+            )
+        output = streams.output(status, time.monotonic() - start, bound_s)
+        if lost:
+            said = f"{output.stderr}\n" if streams.marked and output.stderr else ""
+            return Output(None, output.stdout, f"{said}the link went: {lost}", output.duration_s, True)
+        return output
+
+    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, bound_s: float = 60.0) -> None:
+        """See `Target.put`."""
+        if not root and self._sftp_put(path, data, mode, bound_s):
+            return
+        # As root, or where SFTP isn't served or says no more than "Failure": a shell does it, or tells why not.
+        output = self.run(put_program(path, len(data), mode), root=root, stdin=data, bound_s=bound_s)
+        if not output.ok:
+            raise TargetError(f"{self.name}: could not write {path}: {reason_of_failure(output)}; it is as it was")
+
+    def get(self, path: str, *, root: bool = False, bound_s: float = 60.0) -> bytes | None:
+        """See `Target.get`."""
+        return read_get(self.name, path, self.run(get_program(path), root=root, bound_s=bound_s))
+
+    def forward(self, host: str, port: int, timeout_s: float = 5.0) -> paramiko.Channel:
+        """A TCP connection that the robot makes to `host`:`port`. Raises Unreachable."""
+        try:
+            return self.connect().open_channel("direct-tcpip", (host, port), ("127.0.0.1", 0), timeout=timeout_s)
+        except _LOST as error:
+            raise unreachable(str(self.destination), "lost", str(error)) from error
+
+    def open_run(self, script: str, bound_s: float) -> paramiko.Channel:
+        """A channel on which `script` runs with its standard streams, for exchanges that go to and fro. Close it."""
+        program = run_program(script, root=False, stdin=b"", bound_s=bound_s, sudo_password=None)
+        try:
+            channel = self.connect().open_session(timeout=min(bound_s, _HANDSHAKE_S))
+            channel.settimeout(bound_s)
+            channel.exec_command(program.command)
+            channel.sendall(program.payload)
+        except _LOST as error:
+            raise unreachable(str(self.destination), "lost", str(error)) from error
+        return channel
+
+    # -- bounds
+
+    @contextlib.contextmanager
+    def _bounded(self, bound_s: float) -> Iterator[paramiko.Transport]:
+        """A connection that is given up a little after the bound: paramiko waits for some answers without one of its own."""
+        transport = self.connect()
+        watchdog = threading.Timer(bound_s + 1.0, transport.close)
+        watchdog.daemon = True
+        watchdog.start()
+        try:
+            yield transport
+        finally:
+            watchdog.cancel()
+
+    @contextlib.contextmanager
+    def _channel(self, transport: paramiko.Transport, command: str, bound_s: float) -> Iterator[paramiko.Channel]:
+        channel = transport.open_session(timeout=min(bound_s, _HANDSHAKE_S))
+        try:
+            channel.settimeout(bound_s)
+            channel.exec_command(command)
+            yield channel
+        finally:
+            channel.close()
+
+    # -- SFTP
+
+    def _sftp_put(self, path: str, data: bytes, mode: int, bound_s: float) -> bool:
+        """Write `path` over SFTP; False where that did not work and nothing has changed."""
+        name = path.removeprefix("~/")  # SFTP starts at home
+        new = f"{name}.lupin-{secrets.token_hex(4)}"
+        with self._bounded(bound_s) as transport:
+            try:
+                sftp = self._sftp(transport)
+                with sftp.open(new, "wbx") as file:
+                    file.chmod(0o600)
+                    file.set_pipelined(True)
+                    file.write(data)
+                    file.flush()
+                    file.set_pipelined(False)
+                    file.chmod(mode)
+                    # paramiko has no name for OpenSSH's extension; without it a power cut may leave the name with no bytes.
+                    sftp._request(paramiko.sftp.CMD_EXTENDED, "fsync@openssh.com", file.handle)  # type: ignore[attr-defined]
+                    if file.stat().st_size != len(data):
+                        raise OSError("short write")
+                sftp.posix_rename(new, name)
+            except _LOST:
+                if transport.is_active() and self._sftp_client is not None:
+                    with contextlib.suppress(*_LOST):  # it may never have come into being
+                        self._sftp_client.remove(new)
+                return False
+        return True
+
+    def _sftp(self, transport: paramiko.Transport) -> paramiko.SFTPClient:
+        if self._sftp_client is None:
+            client = paramiko.SFTPClient.from_transport(transport)
+            assert client is not None
+            self._sftp_client = client
+        return self._sftp_client
+
+
+class _Policy(paramiko.MissingHostKeyPolicy):
+    """A key that isn't known is a question for `Trust`; nothing is ever accepted without it."""
+
+    def __init__(self, trust: Trust, name: str, destination: Destination) -> None:
+        self._trust, self._name, self._destination = trust, name, destination
+
+    def missing_host_key(self, client: paramiko.SSHClient, hostname: str, key: paramiko.PKey) -> None:
+        self._trust.check(self._name, self._destination, key)
+
+
+def _send(channel: paramiko.Channel, data: bytes) -> None:
+    with contextlib.suppress(*_LOST):  # the reader sees the same end
+        channel.sendall(data)
+        channel.shutdown_write()
+
+
+def _read(channel: paramiko.Channel, deadline: float) -> Iterator[tuple[bool, bytes]]:
+    """What comes on standard output (False) and error (True) until both end, or the script does and its heirs are silent."""
+    heard = time.monotonic()
+    with selectors.DefaultSelector() as selector:
+        selector.register(channel.fileno(), selectors.EVENT_READ)
+        while time.monotonic() < deadline:
+            ready = False
+            if channel.recv_ready():
+                yield False, channel.recv(1 << 16)
+                ready = True
+            if channel.recv_stderr_ready():
+                yield True, channel.recv_stderr(1 << 16)
+                ready = True
+            if ready:
+                heard = time.monotonic()
+                continue
+            if channel.exit_status_ready() and (channel.closed or channel.eof_received or time.monotonic() > heard + _QUIET_S):
+                # What arrived between the look and the end is still to be had.
+                while channel.recv_ready():
+                    yield False, channel.recv(1 << 16)
+                while channel.recv_stderr_ready():
+                    yield True, channel.recv_stderr(1 << 16)
+                return
+            if channel.eof_received and not channel.exit_status_ready():
+                time.sleep(0.002)  # the descriptor stays readable after the end: the status follows
+            else:
+                selector.select(min(0.1, max(0.0, deadline - time.monotonic())))
