@@ -20,6 +20,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("Run", "Run one process of the stack in the foreground."),
     "mission": ("Mission", "Start, pause, resume or abort a mission; draw its state machine."),
     "sim": ("Simulator", "The simulated robot: worlds, pictures, the red button."),
+    "sweep": ("Robot", "End zombie ROS processes, remove shared memory that nobody holds."),
     "replay": ("Results", "Look at a recorded run again."),
     "report": ("Results", "Build the report of a recorded run."),
     "map": ("Tools", "Build, plan on and optimise maps, without a robot."),

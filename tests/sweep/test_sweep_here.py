@@ -1,0 +1,146 @@
+"""Real ROS processes with shared memory, killed for real and swept by the command, apart from all others on this machine."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.graph
+
+NODE = """
+import rclpy, time
+rclpy.init(args=[])
+node = rclpy.create_node("left_over")
+print("up", flush=True)
+while True:
+    time.sleep(1)
+"""
+BOUND_S = 60.0
+
+
+class Sandbox:
+    """Processes and a /dev/shm of its own: what is swept in there is nobody else's."""
+
+    def __init__(self, state_home: Path) -> None:
+        kind = ["--map-root-user"] if os.geteuid() else []
+        setup = "mount -t tmpfs none /dev/shm && echo ready && while :; do sleep 1; done"
+        self._holder = subprocess.Popen(
+            ["unshare", *kind, "--mount", "--pid", "--fork", "--mount-proc", "--kill-child", "sh", "-c", setup],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert self._holder.stdout is not None and self._holder.stderr is not None
+        if self._holder.stdout.readline() != "ready\n":
+            pytest.skip(f"no namespaces here: {self._holder.stderr.read().strip()}")
+        inner = subprocess.run(["pgrep", "-P", str(self._holder.pid)], capture_output=True, text=True, timeout=5).stdout.strip()
+        self._enter = ["nsenter", "-t", inner, "-m", "-p", *(["-U", "--preserve-credentials"] if kind else []), "--"]
+        self.environment = {key: value for key, value in os.environ.items() if key != "FASTRTPS_DEFAULT_PROFILES_FILE"}
+        self.environment.update(ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", XDG_STATE_HOME=str(state_home))
+        self._shm = Path(f"/proc/{inner}/root/dev/shm")
+        self._nodes: list[subprocess.Popen[str]] = []
+
+    def node(self, script: str) -> tuple[subprocess.Popen[str], set[str]]:
+        """Start a shell that starts a node as "$@"; the shell, and the files that came to /dev/shm."""
+        before = self.files()
+        command = [*self._enter, "sh", "-c", script, "sh", sys.executable, "-c", NODE]
+        process = subprocess.Popen(command, env=self.environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self._nodes.append(process)
+        assert process.stdout is not None and process.stdout.readline() == "up\n"
+        return process, self.files() - before
+
+    def run(self, *command: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([*self._enter, *command], env=self.environment, capture_output=True, text=True, timeout=BOUND_S)
+
+    def sweep(self, *arguments: str) -> tuple[int, dict[str, Any]]:
+        """What the command says of itself, and its status."""
+        done = self.run(sys.executable, "-m", "lupin_cli.app", "sweep", "--json", *arguments)
+        assert done.stdout, done.stderr
+        return done.returncode, json.loads(done.stdout)
+
+    def files(self) -> set[str]:
+        return {path.name for path in self._shm.iterdir() if "fastrtps" in path.name}
+
+    def zombie(self) -> dict[str, Any]:
+        """The plan's one culprit, once the shell that started it has ended."""
+        deadline = time.monotonic() + BOUND_S
+        while not (culprits := self.sweep("--dry-run")[1]["culprits"]):
+            assert time.monotonic() < deadline, "no zombie was seen"
+        (culprit,) = culprits
+        return culprit
+
+    def living(self, pid: int) -> bool:
+        return self.run("grep", "-q", "^State:.[^Z]", f"/proc/{pid}/status").returncode == 0
+
+    def close(self) -> None:
+        self._holder.kill()
+        self._holder.communicate(timeout=10)
+        for process in self._nodes:
+            process.wait(10)
+            for pipe in (process.stdin, process.stdout):
+                if pipe is not None:
+                    pipe.close()
+
+
+@pytest.fixture
+def sandbox(tmp_path: Path) -> Iterator[Sandbox]:
+    made = Sandbox(tmp_path)
+    yield made
+    made.close()
+
+
+LEAVE_BEHIND = '"$@" & read line; exit'  # the shell ends when its input does: who started the node is gone
+WATCH = '"$@" & echo $! >&2; wait'
+KILLED = '"$@" & pid=$!; read line; kill -9 $pid; wait $pid; read line'
+
+
+def files_of(plan: dict[str, Any], key: str) -> set[str]:
+    return {name for orphan in plan[key] for name in orphan["files"]}
+
+
+def test_what_a_killed_process_left_is_swept_and_a_live_ones_stays(sandbox: Sandbox) -> None:
+    dying, left = sandbox.node(KILLED)
+    _, alive = sandbox.node(WATCH)
+    assert len(left) >= 5
+    status, plan = sandbox.sweep("--dry-run")
+    assert status == 0 and plan["orphans"] == plan["culprits"] == []
+    assert dying.stdin is not None
+    dying.stdin.write("\n")
+    dying.stdin.flush()
+    while not files_of(plan, "orphans"):
+        status, plan = sandbox.sweep("--dry-run")
+    assert status == 1 and files_of(plan, "orphans") == left - alive and sandbox.files() == left | alive
+    status, result = sandbox.sweep()
+    assert status == 0 and files_of(result, "removed") == left - alive and result["failed"] == []
+    assert sandbox.files() == alive
+    assert sandbox.sweep()[1]["removed"] == []
+
+
+def test_a_process_whose_starter_lives_is_named_and_left_alone(sandbox: Sandbox) -> None:
+    _, files = sandbox.node(WATCH)
+    status, result = sandbox.sweep()
+    assert status == 0 and result["ended"] == [] and sandbox.files() == files
+    assert any("which lives; end it there" in kept["why"] for kept in result["kept"])
+
+
+@pytest.mark.parametrize("stopped", [False, True], ids=["hears SIGTERM", "is stopped"])
+def test_a_process_whose_starter_is_gone_is_ended_and_its_memory_freed_in_one_sweep(sandbox: Sandbox, stopped: bool) -> None:
+    shell, files = sandbox.node(LEAVE_BEHIND)
+    assert shell.stdin is not None and files
+    shell.stdin.close()
+    shell.wait(BOUND_S)
+    zombie = sandbox.zombie()
+    assert zombie["why"] == "who started it is gone" and zombie["ports"] and "left_over" in zombie["command"]
+    if stopped:
+        sandbox.run("kill", "-s", "STOP", str(zombie["pid"]))
+    status, result = sandbox.sweep()
+    assert status == 0 and [each["pid"] for each in result["ended"]] == [zombie["pid"]]
+    assert not sandbox.living(zombie["pid"]) and sandbox.files() == set()
