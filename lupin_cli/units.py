@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 
-TEMPLATES = Path(__file__).resolve().parents[1] / "systemd"
+from lupin_cli.shipped import shipped_folder
+
+TEMPLATES = shipped_folder("systemd")
 SUFFIX = ".service.in"
 CLOCK_SYNC_SCRIPT = "/usr/local/lib/lupin/clock-sync"  # where the script of lupin-clock-sync.service lies on a robot
 
