@@ -26,7 +26,14 @@ class Difference:
 
 
 class Operation(Protocol):
-    """A frozen dataclass whose fields are the step's arguments."""
+    """A frozen dataclass whose fields are the step's arguments. Its __post_init__ raises ValueError for unfit ones.
+
+    Optional, where an operation has use for it:
+      settle_s: ClassVar[float]    how long after `change` a difference may remain; the step's time-out ends it too (default 0)
+      read_only: ClassVar[bool]    it never differs, only reports: asked also where its step is not reached
+      reports: ClassVar[tuple]     the values of `report(target) -> dict`, read only, for later steps' conditions; JSON-able
+      look_command: property       what a person types to look at it where it would not settle
+    """
 
     name: ClassVar[str]  # as a playbook writes it, kebab-case
     machine: str  # "robot" or "laptop"
@@ -38,4 +45,4 @@ class Operation(Protocol):
         """Make it so; raises OperationError."""
 
     def undo(self, target: Target, before: dict[str, Any]) -> None:
-        """Take the change back; raises OperationError where that can't be done."""
+        """Take the change back, also one that was cut off half-way; doing it twice is doing it once. Raises OperationError."""

@@ -1,0 +1,82 @@
+"""`file`: a file with this content, these rights and this owner - or none."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from lupin_cli.operations.base import Difference
+from lupin_cli.operations.paths import Entry, describe, own, read_entry, restore, unified_diff
+from lupin_cli.operations.shell import change, quote
+from lupin_cli.target.base import Target
+
+MODE = re.compile(r"0?[0-7]{3}\Z")
+
+
+@dataclass(frozen=True, kw_only=True)
+class File:
+    """Written whole or not at all; what stood there is kept for undo. `mode` and `owner` count only where they are given."""
+
+    name: ClassVar[str] = "file"
+
+    path: str
+    content: str | None = None  # None: only its rights and owner, or its absence, are asked for
+    mode: str | None = None
+    owner: str | None = None  # user:group
+    present: bool = True
+    root: bool = False
+    machine: str = "robot"
+
+    def __post_init__(self) -> None:
+        if self.mode is not None and not MODE.match(self.mode):
+            raise ValueError(f'a mode is three octal digits in quotes, such as "0644", not {self.mode!r}')
+        if self.owner is not None and ":" not in self.owner:
+            raise ValueError(f"an owner is user:group, not {self.owner!r}")
+        if not self.path.startswith(("/", "~/")):
+            raise ValueError(f"a path begins with / or ~/, unlike {self.path!r}")
+
+    def differs(self, target: Target) -> Difference | None:
+        entry = read_entry(target, self.path, self.root)
+        old = target.get(self.path, root=self.root) if entry.kind == "file" else None
+        if not self.present:
+            if entry.kind == "absent":
+                return None
+            return Difference(f"{self.path} goes away", unified_diff(self.path, old, None), describe(entry, old))
+        changes = self._changes(entry, old)
+        if not changes:
+            return None
+        new = old if self.content is None else self.content.encode()
+        text = unified_diff(self.path, old, new) if new != old else ""
+        return Difference(f"{self.path}: {', '.join(changes)}", text, describe(entry, old))
+
+    def _changes(self, entry: Entry, old: bytes | None) -> list[str]:
+        changes = []
+        if entry.kind == "absent":
+            return ["is written"] if self.content is not None else ["is made, empty"]
+        if entry.kind != "file":
+            changes.append(f"a {entry.kind} becomes a file")
+        elif self.content is not None and old != self.content.encode():
+            changes.append("its content changes")
+        if self.mode is not None and int(entry.mode or "0", 8) != int(self.mode, 8):
+            changes.append(f"mode {entry.mode} becomes {self.mode}")
+        if self.owner is not None and entry.owner != self.owner:
+            changes.append(f"owner {entry.owner} becomes {self.owner}")
+        return changes
+
+    def change(self, target: Target, difference: Difference) -> None:
+        if not self.present:
+            change(target, f"rm -f -- {quote(self.path)}", f"remove {self.path}", root=self.root)
+            return
+        before = difference.before
+        mode = self.mode or before.get("mode") or "644"
+        if self.content is not None or before["kind"] == "absent":
+            target.put(self.path, (self.content or "").encode(), mode=int(mode, 8), root=self.root)
+        elif self.mode is not None:
+            change(target, f"chmod {mode} -- {quote(self.path)}", f"set the mode of {self.path}", root=self.root)
+        owner = self.owner or before.get("owner")  # a file that is written anew would else become the writer's
+        if owner:
+            own(target, self.path, owner, self.root)
+
+    def undo(self, target: Target, before: dict[str, Any]) -> None:
+        restore(target, self.path, before, self.root)
