@@ -13,6 +13,8 @@ import pytest
 
 from lupin_runtime.stack.dds import claim_domain, loopback_environment
 
+pytest_plugins = ["lupin_sim.host.fixtures"]  # a robot's computer that boots: host, fresh_host, boot_host
+
 
 @pytest.fixture(scope="session", autouse=True)
 def private_graph(tmp_path_factory: pytest.TempPathFactory):

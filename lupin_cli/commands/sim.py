@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lupin_cli.commands import sim_host
+
 if TYPE_CHECKING:
     from lupin_sim.tour import Frame
     from lupin_sim.world import World
@@ -20,6 +22,8 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+
+app.add_typer(sim_host.app, name="host")
 
 USAGE_ERROR, FAILED = 2, 1
 _WORLD = typer.Option("--world", help="demo, course[:STRETCH], random:SEED, walled, or a layout file.")

@@ -1,0 +1,1 @@
+export MIRTE_FASTDDS=true

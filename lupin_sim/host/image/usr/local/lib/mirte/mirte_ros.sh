@@ -1,0 +1,14 @@
+#!/bin/bash
+# As the vendor's: the discovery server is started once, nobody looks whether it came up, and the robot is launched.
+source /home/mirte/.mirte_settings.sh
+
+if [ "$MIRTE_FASTDDS" = "true" ]; then
+  if command -v fast-discovery-server >/dev/null; then
+    fast-discovery-server -i 0 -l 0.0.0.0 -p 11811 &
+  else
+    echo "fast-discovery-server tool not found!"
+  fi
+fi
+
+source /home/mirte/mirte_ws/install/setup.bash
+exec /usr/local/lib/mirte/launch-robot

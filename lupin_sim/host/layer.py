@@ -1,0 +1,111 @@
+"""What lies over the bare Debian: the vendor's files, keys, this robot's name and addresses."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+from lupin_sim.host.clock import library
+from lupin_sim.host.rootfs import cache_directory
+
+IMAGE = Path(__file__).with_name("image")
+MIRTE_UID = 1000
+EXECUTABLE, SECRET, SUDOERS = 0o755, 0o600, 0o440
+HOST_KEYS = ("ed25519", "ecdsa", "rsa")
+WANTED = "etc/systemd/system/multi-user.target.wants"
+ENABLED = ("mirte-ros", "mirte-ap", "mirte-wifi-watchdog", "mirte-web-interface", "mirte-jupyter")
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What tells one robot of several from the others: its number from 0 on."""
+
+    index: int
+
+    @property
+    def name(self) -> str:
+        return "mirte" if self.index == 0 else f"mirte-{self.index + 1}"
+
+    @property
+    def last_byte(self) -> int:
+        """Of all its addresses: 1 for the first robot, then from 11 on; 2 is the laptop's."""
+        return 1 if self.index == 0 else 10 + self.index
+
+    def address(self, link: str) -> str:
+        """Of eth0 or wlan0."""
+        return f"{NETWORKS[link]}.{self.last_byte}"
+
+    def mac(self, link: str) -> str:
+        """Fixed, so that a neighbour's entry outlives a reboot as it does on a robot."""
+        return f"02:00:00:0{list(NETWORKS).index(link)}:42:{self.last_byte:02x}"
+
+    @property
+    def machine_id(self) -> str:
+        return f"4d69727465{self.index:022x}"
+
+
+NETWORKS = {"eth0": "10.42.0", "wlan0": "192.168.42"}
+LAPTOP_LINKS = {"eth0": "lan0", "wlan0": "wifi0"}
+
+
+def keys() -> Path:
+    """The folder of the fixed keys, made once: the robot's host keys, and the one that mirte lets in."""
+    folder = cache_directory() / "keys"
+    if not folder.is_dir():
+        draft = folder.with_name(f".keys-{os.getpid()}")
+        draft.mkdir(parents=True, mode=0o700)
+        for name, kind in (("id_ed25519", "ed25519"), *((f"ssh_host_{kind}_key", kind) for kind in HOST_KEYS)):
+            command = ["ssh-keygen", "-q", "-t", kind, "-N", "", "-C", "lupin-host", "-f", str(draft / name)]
+            subprocess.run(command, check=True, timeout=60, stdin=subprocess.DEVNULL)
+        try:
+            draft.rename(folder)
+        except OSError:  # another process was faster: its keys are as good
+            shutil.rmtree(draft)
+    return folder
+
+
+def lay(target: Path, robot: Identity, clock: bool) -> None:
+    """Write the layer of one robot into an empty folder, owned as the robot would have it."""
+    shutil.copytree(IMAGE, target, dirs_exist_ok=True)
+    for path in (target, *target.rglob("*")):
+        mirte = path.is_relative_to(target / "home/mirte")
+        os.chown(path, MIRTE_UID if mirte else 0, MIRTE_UID if mirte else 0)
+        executable = path.is_dir() or (not path.is_symlink() and path.read_bytes().startswith(b"#!"))
+        path.chmod(EXECUTABLE if executable else 0o644)
+
+    _put(target / "etc/sudoers.d/mirte", "mirte ALL=(ALL) NOPASSWD:ALL\n", SUDOERS)
+    _put(target / "etc/hostname", f"{robot.name}\n")
+    _put(target / "etc/hosts", f"127.0.0.1 localhost\n127.0.1.1 {robot.name}\n")
+    _put(target / "etc/machine-id", f"{robot.machine_id}\n", 0o444)
+    _put(target / "etc/mirte/ap-address", f"{robot.address('wlan0')}/24\n")
+    eth0 = (target / "etc/systemd/network/10-eth0.network").read_text()
+    _put(target / "etc/systemd/network/10-eth0.network", eth0.replace("ADDRESS", robot.address("eth0")))
+    if clock:
+        _put(target / "etc/ld.so.preload", "/usr/lib/lupin-clock.so\n")
+        (target / "usr/lib").mkdir(exist_ok=True)
+        shutil.copy(library(), target / "usr/lib/lupin-clock.so")
+    (target / WANTED).mkdir(parents=True, exist_ok=True)
+    for unit in ENABLED:
+        (target / WANTED / f"{unit}.service").symlink_to(f"/etc/systemd/system/{unit}.service")
+    # A bind-mounted Python may live under /root, which is nobody else's to enter.
+    (target / "root").mkdir(exist_ok=True)
+    (target / "root").chmod(0o711)
+
+    secrets = keys()
+    for kind in HOST_KEYS:
+        _put(target / f"etc/ssh/ssh_host_{kind}_key", (secrets / f"ssh_host_{kind}_key").read_text(), SECRET)
+        _put(target / f"etc/ssh/ssh_host_{kind}_key.pub", (secrets / f"ssh_host_{kind}_key.pub").read_text())
+    authorized = target / "home/mirte/.ssh/authorized_keys"
+    _put(authorized, (secrets / "id_ed25519.pub").read_text(), SECRET)
+    authorized.parent.chmod(0o700)
+    for path in (authorized.parent, authorized):
+        os.chown(path, MIRTE_UID, MIRTE_UID)
+
+
+def _put(path: Path, text: str, mode: int = 0o644) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    path.chmod(mode)

@@ -1,0 +1,123 @@
+"""The robot's computer boots, can be logged into, forgets what it should and keeps what it should."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from lupin_sim.host import Host, state
+from lupin_sim.host.host import PROJECT
+from lupin_sim.host.missing import cgroup_roots
+from lupin_sim.host.state import Keeping
+
+pytestmark = pytest.mark.host
+
+
+def test_systemd_runs_as_the_first_process_and_nothing_has_failed(host: Host) -> None:
+    said = host.ssh("cat /proc/1/comm; systemctl is-system-running --wait; systemctl --failed --no-legend")
+    assert said.stdout.split() == ["systemd", "running"], said
+
+
+def test_mirte_is_let_in_over_both_links_and_may_sudo_without_a_password(host: Host) -> None:
+    for link in ("eth0", "wlan0"):
+        said = host.run(host.ssh_command("sudo -n id -u; hostname", link=link))
+        assert said.stdout.split() == ["0", "mirte"], said.stderr
+
+
+def test_both_interfaces_have_the_robots_addresses(host: Host) -> None:
+    said = host.ssh("ip -4 -br address").stdout
+    assert "10.42.0.1/24" in said
+    assert "192.168.42.1/24" in said
+
+
+def test_this_machines_interfaces_are_not_seen_in_there_nor_on_the_laptop(host: Host) -> None:
+    assert sorted(host.ssh("ls /sys/class/net").stdout.split()) == ["eth0", "lo", "wlan0"]
+    assert sorted(host.run(["ls", "/sys/class/net"]).stdout.split()) == ["lan0", "lo", "wifi0"]
+
+
+def test_the_laptop_has_processes_of_its_own(host: Host) -> None:
+    with host.popen(["sleep", "60"]) as sleeper:
+        seen = host.run(["ps", "-eo", "comm="]).stdout.split()
+        sleeper.kill()
+    assert seen == ["sleep", "sleep", "ps"]
+    assert sleeper.returncode == -9
+
+
+def test_a_renewed_robot_has_forgotten_files_and_has_the_same_host_key(fresh_host: Host) -> None:
+    fresh_host.ssh("echo kept > ~/note; sync")
+    fresh_host.robot.renew()
+    said = fresh_host.ssh("ls ~")
+    assert (said.returncode, said.stdout) == (0, "mirte_ws\n")
+
+
+def test_files_and_the_journal_outlive_a_power_cut_but_routes_do_not(fresh_host: Host) -> None:
+    robot = fresh_host.robot
+    fresh_host.ssh(
+        "echo kept > ~/note; sudo ip route add 172.30.0.0/16 via 10.42.0.2; echo x > /dev/shm/x; sudo journalctl --sync"
+    )
+    robot.power_cut()
+    assert not robot.state["running"]
+    robot.power_on()
+    robot.wait_ready()
+    said = fresh_host.ssh("cat ~/note; ip route; ls /dev/shm; sudo journalctl --list-boots --no-pager --quiet | wc -l").stdout
+    assert "kept" in said
+    assert "172.30" not in said
+    assert said.split()[-1] == "2"
+
+
+def test_a_reboot_comes_back_by_itself_and_is_up_since_then(fresh_host: Host) -> None:
+    before = fresh_host.ssh("cat /proc/sys/kernel/random/boot_id; cut -d. -f1 /proc/uptime").stdout.split()
+    fresh_host.ssh("sudo systemctl reboot")
+    robot = fresh_host.robot
+    while robot.state["boots"] < 2 or fresh_host.ssh("true").returncode:
+        robot.wait_ready()
+    after = fresh_host.ssh("cat /proc/sys/kernel/random/boot_id; cut -d. -f1 /proc/uptime").stdout.split()
+    assert int(after[1]) < 60
+    assert robot.state["running"]
+    assert len(before) == 2
+
+
+def test_several_robots_stand_on_one_wire_under_their_own_addresses(boot_host: Callable[..., Host]) -> None:
+    host = boot_host(robots=2)
+    names = [host.run(host.ssh_command("hostname", robot=robot)).stdout.strip() for robot in host.robots]
+    assert names == ["mirte", "mirte-2"]
+    assert [robot.eth0 for robot in host.robots] == ["10.42.0.1", "10.42.0.11"]
+
+
+KILLED = """
+import os, signal
+from lupin_sim.host import Host
+host = Host.start({name!r})
+assert host.ssh("true").returncode == 0
+host.popen(["sleep", "1000"])
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_nothing_is_left_when_the_process_that_booted_it_is_killed(host: Host, tmp_path: Path) -> None:
+    name = f"killed-{tmp_path.name}"
+    killed = subprocess.run([sys.executable, "-c", KILLED.format(name=name)], cwd=PROJECT, timeout=60, check=False)
+    assert killed.returncode == -9
+    keeping = state.read(state.STATE / name)
+    assert keeping is not None
+    until_gone(keeping)
+    state.sweep()
+    assert not (state.STATE / name).exists()
+    assert not [base for base in cgroup_roots() if list(base.glob(f"*{name}*"))]
+    assert name not in Path("/proc/self/mountinfo").read_text()
+    commands = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if path.exists()]
+    assert not [command for command in commands if name.encode() in command]
+    assert host.ssh("true").returncode == 0  # the neighbour's host was let be
+
+
+def until_gone(keeping: Keeping) -> None:
+    """The kernel takes a moment to end a PID namespace."""
+    deadline = time.monotonic() + 20.0
+    while keeping.alive:
+        assert time.monotonic() < deadline, "the keeper outlived the process that started it"
+        time.sleep(0.01)
