@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - one fault a line
 """A bad playbook is refused with file, line, column and the nearest valid word; a good one means what it says."""
 
 from __future__ import annotations
