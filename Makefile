@@ -14,11 +14,11 @@ setup: $(VENV)/.lupin
 mission: setup
 	$(VENV)/bin/lupin up --mission --headless --world $(WORLD)
 
-# Cores side by side; what talks over DDS one after another, since its peers are processes that want the cores themselves. A busy
+# Cores side by side; what talks over DDS or boots a computer one after another, since its peers want the cores themselves. A busy
 # machine may stall a peer past its bound: what failed there runs once more, alone, and what fails twice fails.
-GRAPH := -m "(graph or sim) and not mission"
+GRAPH := -m "(graph or sim or host) and not mission"
 test: setup lint
-	$(PY) -m pytest -q -n 2 -m "not graph and not sim and not mission" tests
+	$(PY) -m pytest -q -n 2 -m "not graph and not sim and not host and not mission" tests
 	$(PY) -m pytest -q $(GRAPH) tests || $(PY) -m pytest -q --last-failed $(GRAPH) tests
 	$(PY) -m pytest -q -m mission tests || $(PY) -m pytest -q --last-failed -m mission tests
 
