@@ -153,8 +153,9 @@ class PerceptionAggregator(LupinNode):
         now_ns = self.elapsed_clock_ns()
         self._last_frame, self._last_frame_ns = seen, now_ns
         for tag in seen:
-            self._seen_ids.add(tag.id)
             near = self._max_distance_m <= 0.0 or tag.dist_m <= self._max_distance_m
+            if near:  # one that is too far away is left out on purpose
+                self._seen_ids.add(tag.id)
             self._tree.waiting.setdefault(tag.id, _Waiting()).detections.append((now_ns, near))
         self._settle()
 
