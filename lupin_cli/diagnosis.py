@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -10,6 +11,8 @@ from typing import Any
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Severity
 from lupin_cli.facts.base import Fact, Facts, Unknown
+from lupin_cli.facts.link import Link
+from lupin_cli.facts.routes import ROBOT_ADDRESSES
 from lupin_cli.target.base import (
     AuthenticationFailed,
     HostKeyChanged,
@@ -78,34 +81,48 @@ def read(fact: Fact[Any], output: Output | None) -> Any:
         return Unknown(f"unreadable answer: {error}")
 
 
-def ask(target: Target, machine: str, facts: Sequence[Fact[Any]]) -> Facts:
-    """The facts of one machine, all in one batch. Raises TargetError where the machine can't be asked at all."""
+def ask(target: Target, machine: str, facts: Sequence[Fact[Any]], robot_addresses: Sequence[str] = ()) -> Facts:
+    """The facts of one machine, all in one batch. Raises TargetError where the machine can't be asked at all.
+
+    Probes find the addresses by which the robot is known in $LUPIN_ROBOT_ADDRESSES.
+    """
     if not facts:
         return Facts(machine, {})
-    scripts = [Script(fact.name, fact.probe, fact.timeout_s, fact.root) for fact in facts]
+    known = f"{ROBOT_ADDRESSES}={shlex.quote(' '.join(robot_addresses))}\n"
+    scripts = [Script(fact.name, known + fact.probe, fact.timeout_s, fact.root) for fact in facts]
     before_ns = time.time_ns()
     outputs = target.batch(scripts, bound_s=max(fact.timeout_s for fact in facts) + BATCH_SLACK_S)
     asked_ns = before_ns, time.time_ns()
     return Facts(machine, {fact.name: read(fact, outputs.get(fact.name)) for fact in facts}, asked_ns)
 
 
-def gather(checks: Sequence[Check], laptop: Target, connect: Callable[[], Target] | None = None, link: Any = None) -> Evidence:
-    """Ask this machine while the robot is reached and asked. `link` says which robot; it comes back with what became of it.
+def gather(
+    checks: Sequence[Check],
+    laptop: Target,
+    reach: Callable[[], tuple[Target, Link]] | None = None,
+    link: Link | None = None,
+    addresses: Sequence[str] = (),
+) -> Evidence:
+    """Ask this machine while the robot is reached and asked.
 
-    A robot that can't be reached costs none of this machine's facts: they are what tells why.
+    `reach` gives the robot and the link that it was reached by; `link` is what is said of the link where `reach` fails, and
+    `addresses` are those that the robot may have. A robot that can't be reached costs none of this machine's facts: they are
+    what tells why.
     """
     of_laptop, of_robot = facts_of(checks, "laptop"), facts_of(checks, "robot")
-    with ThreadPoolExecutor(max_workers=1) as pool:
-        here = pool.submit(ask, laptop, "laptop", of_laptop)
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="laptop") as pool:
+        here = pool.submit(ask, laptop, "laptop", of_laptop, addresses)
         there = None
-        if connect is not None:
+        if reach is not None:
             started = time.monotonic()
             try:
-                robot = connect()
+                robot, link = reach()
                 link = replace(link, connect_s=time.monotonic() - started)
-                there = ask(robot, "robot", of_robot)
+                there = ask(robot, "robot", of_robot, addresses)
             except TargetError as error:
-                link = replace(link, kind=failure_kind(error), message=str(error), next_command=error.next_command)
+                link = replace(
+                    link or Link("robot", ""), kind=failure_kind(error), message=str(error), next_command=error.next_command
+                )
         return Evidence(here.result(), there, link)
 
 

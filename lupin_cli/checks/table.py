@@ -15,7 +15,15 @@ from lupin_cli.checks.base import Check
 
 ENTRY_POINT_GROUP = "lupin.checks"
 
-MODULES: tuple[str, ...] = ()
+MODULES: tuple[str, ...] = (
+    "lupin_cli.checks.link",
+    "lupin_cli.checks.discovery",
+    "lupin_cli.checks.homing",
+    "lupin_cli.checks.environment",
+    "lupin_cli.checks.profiles",
+    "lupin_cli.checks.leftovers",
+    "lupin_cli.checks.ports",
+)
 
 
 class UnknownCheck(ValueError):

@@ -30,7 +30,7 @@ def test_each_machine_is_asked_once_for_the_union_of_what_checks_need(machine) -
         Check("b", lambda e: (), laptop=(LENGTH,), robot=(UPTIME,)),
     ]
     laptop, robot = machine({"length": Output(0, "four")}), machine({"length": Output(0, "xy"), "uptime": Output(0, "z")})
-    evidence = gather(checks, laptop, lambda: robot, Link("r", "10.42.0.1"))
+    evidence = gather(checks, laptop, lambda: (robot, Link("r", "10.42.0.1")))
     assert laptop.asked == [["length"]]
     assert robot.asked == [["length", "uptime"]]
     assert evidence.laptop.get(LENGTH) == 4
@@ -54,11 +54,11 @@ def test_what_could_not_be_asked_cut_off_or_read_is_unknown_with_its_reason(mach
     [(Unreachable("gone", "no-route", "nmcli"), "no-route"), (HostKeyChanged("other key"), "host-key-changed")],
 )
 def test_an_unreachable_robot_costs_no_fact_of_this_machine(machine, error, kind) -> None:
-    def connect():
+    def reach():
         raise error
 
     check = Check("a", lambda e: (), laptop=(LENGTH,), robot=(LENGTH,))
-    evidence = gather([check], machine({"length": Output(0, "four")}), connect, Link("r", "10.42.0.1"))
+    evidence = gather([check], machine({"length": Output(0, "four")}), reach, Link("r", "10.42.0.1"))
     assert evidence.laptop.get(LENGTH) == 4
     assert evidence.robot is None
     assert (evidence.link.kind, evidence.link.next_command) == (kind, error.next_command)

@@ -6,19 +6,22 @@ To add a case, capture the output and let the parser write the value, then read 
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import json
 import os
+import pkgutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from lupin_cli.checks.table import built_in
-from lupin_cli.diagnosis import facts_of
+import lupin_cli.facts
+from lupin_cli.facts import Fact
 from lupin_cli.target import Output
 
 CAPTURED = Path(__file__).parent / "captured"
-FACTS = {fact.name: fact for machine in ("laptop", "robot") for fact in facts_of(built_in(), machine)}
+MODULES = [importlib.import_module(f"lupin_cli.facts.{each.name}") for each in pkgutil.iter_modules(lupin_cli.facts.__path__)]
+FACTS = {value.name: value for module in MODULES for value in vars(module).values() if isinstance(value, Fact)}
 CASES = sorted(CAPTURED.glob("*/*.txt"))
 
 

@@ -1,0 +1,125 @@
+"""What a launch that died left behind: processes that still hold DDS ports, and shared memory that nobody holds any more."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
+from lupin_cli.checks.environment import machines
+from lupin_cli.checks.typed import there
+from lupin_cli.facts.base import Facts
+from lupin_cli.facts.ros_processes import ROS_PROCESSES, RosProcess
+from lupin_cli.facts.shared_memory import SHARED_MEMORY, SharedFile
+from lupin_cli.facts.sockets import SOCKETS
+
+# Unicast ports of domain 0: 7410 + 2 * participant, and one more each for data.
+FIRST_PORT, LAST_PORT = 7410, 7447
+
+
+def sweep(facts: Facts) -> Fix:
+    """What removes leftovers of one machine."""
+    where = "" if facts.machine == "laptop" else " --robot"
+    return Fix(f"lupin sweep{where}", playbook="sweep", variables={"machine": facts.machine}, safe=True)
+
+
+def find_zombies(evidence: Evidence) -> Iterator[Finding]:
+    """Processes whose launch is gone and which still sit on the graph's ports: the server hands out their topics."""
+    for facts in machines(evidence):
+        processes, sockets = facts.get(ROS_PROCESSES), facts.get(SOCKETS)
+        if processes is None or sockets is None:
+            continue
+        for process in processes:
+            held = [s for s in sockets.of(process.pid) if s.protocol == "udp" and FIRST_PORT <= s.port <= LAST_PORT]
+            why = _why_zombie(process)
+            if held and why:
+                ports = ", ".join(str(port) for port in sorted({socket.port for socket in held}))
+                yield Finding(
+                    id="zombie-process",
+                    severity=Severity.PROBLEM,
+                    where=facts.machine,
+                    symptom="a fresh node sees the topics and gets nothing, or two answers",
+                    cause=f"{process.name} (process {process.pid}) outlived its launch and still holds UDP {ports}: {why}",
+                    evidence=(process.line(), f"parent {process.parent}, group {process.group}", *(s.line() for s in held)),
+                    fix=Fix(there(evidence, facts.machine, f"kill {process.pid}")),
+                )
+
+
+def _why_zombie(process: RosProcess) -> str:
+    if process.is_daemon or process.is_server or process.is_lupin or process.group.endswith(".service"):
+        return ""  # those have no parent by design
+    if process.state in ("T", "t"):
+        return "it is stopped (Ctrl-Z), and answers nobody"
+    return "its parent is gone" if process.parent == 1 else ""
+
+
+def find_orphaned_memory(evidence: Evidence) -> Iterator[Finding]:
+    """Segments and ports of dead processes: the next participant fails to lock them, and never completes discovery."""
+    for facts in machines(evidence):
+        files = facts.get(SHARED_MEMORY) or ()
+        orphans = [file for file in files if file.lockable and not file.held]
+        if not orphans:
+            continue
+        total_kib = sum(file.size_bytes for file in orphans) / 1024
+        yield Finding(
+            id="shared-memory-orphans",
+            severity=Severity.WARNING,
+            where=facts.machine,
+            symptom="a new node comes up, and never finishes discovery",
+            cause=f"{len(orphans)} shared-memory files of Fast DDS ({total_kib:.0f} KiB) belong to processes that were killed",
+            evidence=tuple(
+                f"/dev/shm/{file.name}: {file.size_bytes} bytes, user {file.user_id}, nobody holds its lock"
+                for file in orphans[:6]
+            ),
+            fix=sweep(facts),
+        )
+
+
+def find_unshared_memory(evidence: Evidence) -> Iterator[Finding]:
+    """Two sides on one machine that can't share memory and believe they do: names arrive, samples never."""
+    for facts in machines(evidence):
+        processes, files = facts.get(ROS_PROCESSES) or (), facts.get(SHARED_MEMORY) or ()
+        holders = {file.holder for file in files if file.held and file.holder}
+        graphs: dict[tuple[int, str], list[RosProcess]] = {}
+        for process in processes:
+            if _uses_shared_memory(process, holders):
+                graphs.setdefault((process.domain, process.server), []).append(process)
+        for members in graphs.values():
+            other = next((each for each in members if _apart(each, members[0])), None)
+            if other is not None:
+                yield _unshared(facts, members[0], other, files)
+
+
+def _uses_shared_memory(process: RosProcess, holders: set[int]) -> bool:
+    if process.is_daemon or process.environment.get("FASTDDS_BUILTIN_TRANSPORTS", "").startswith("UDP"):
+        return False
+    return process.pid in holders
+
+
+def _apart(one: RosProcess, other: RosProcess) -> bool:
+    different_memory = bool(one.shared_memory and other.shared_memory) and one.shared_memory != other.shared_memory
+    return different_memory or one.user_id != other.user_id  # segments are writable for their owner only
+
+
+def _unshared(facts: Facts, one: RosProcess, other: RosProcess, files: tuple[SharedFile, ...]) -> Finding:
+    of_both = [file for file in files if file.holder in (one.pid, other.pid)]
+    return Finding(
+        id="shared-memory-not-shared",
+        severity=Severity.PROBLEM,
+        where=facts.machine,
+        symptom="a late subscriber sees every topic name and gets no sample",
+        cause=f"{one.name} (user {one.user_id}) and {other.name} (user {other.user_id}) can't share memory, and think they do",
+        evidence=(
+            one.line("FASTDDS_BUILTIN_TRANSPORTS"),
+            other.line("FASTDDS_BUILTIN_TRANSPORTS"),
+            *(f"/dev/shm/{file.name}: user {file.user_id}, held by {file.holder}" for file in of_both[:4]),
+        ),
+        fix=Fix(f"start {other.name} again with: export FASTDDS_BUILTIN_TRANSPORTS=UDPv4"),
+    )
+
+
+_MEMORY = (SHARED_MEMORY, ROS_PROCESSES)
+CHECKS = (
+    Check("dds.zombies", find_zombies, (ROS_PROCESSES, SOCKETS), (ROS_PROCESSES, SOCKETS)),
+    Check("dds.shared-memory", find_unshared_memory, _MEMORY, _MEMORY),
+    Check("dds.orphans", find_orphaned_memory, (SHARED_MEMORY,), (SHARED_MEMORY,)),
+)

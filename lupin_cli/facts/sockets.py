@@ -1,0 +1,102 @@
+"""Who listens where. Owners are known of this user's processes, and of all where root asks."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from lupin_cli.facts.base import Fact
+from lupin_cli.facts.sections import PRELUDE, answers, integer
+from lupin_cli.target.base import Output
+
+# ss may leave out the owner of a socket that was only just opened, so owners that are missing are asked for again.
+PROBE = (
+    PRELUDE
+    + r"""found=$(ss -H -lntup) || exit 1
+case $found in *udp*) printf '%s\n' "$found" | grep -q '^udp.*users:' || { sleep 0.1; found=$(ss -H -lntup); } ;; esac
+echo '@@ sockets'; printf '%s\n' "$found"
+pids=$(printf '%s\n' "$found" | grep -oE 'pid=[0-9]+' | cut -d= -f2 | sort -un)
+echo '@@ commands'; grep -zHas '' $(for pid in $pids; do echo "/proc/$pid/cmdline"; done) /dev/null | tr '\n\0' ' \n'
+exit 0
+"""
+)
+
+_OWNER = re.compile(r'\("((?:[^"\\]|\\.)*)",pid=(\d+),fd=\d+\)')
+
+
+@dataclass(frozen=True)
+class Socket:
+    """A socket that waits for packets or connections. `pid` is 0 where the owner isn't known."""
+
+    protocol: str  # tcp or udp
+    address: str  # 0.0.0.0, [::], * or one address; without its interface
+    port: int
+    process: str = ""  # the kernel's name of it, cut to 15 characters
+    pid: int = 0
+    command: str = ""
+    raw: str = ""
+
+    @property
+    def anywhere(self) -> bool:
+        """Whether it is bound to every address."""
+        return self.address in ("0.0.0.0", "*", "[::]")
+
+    def line(self) -> str:
+        """As `ss` printed it, without its padding."""
+        return " ".join(self.raw.split())
+
+
+@dataclass(frozen=True)
+class Sockets:
+    """All listening sockets, and with UDP all that are bound."""
+
+    every: tuple[Socket, ...]
+
+    def on(self, protocol: str, port: int) -> tuple[Socket, ...]:
+        """The sockets of one port."""
+        return tuple(each for each in self.every if (each.protocol, each.port) == (protocol, port))
+
+    def of(self, pid: int) -> tuple[Socket, ...]:
+        """The sockets of one process."""
+        return tuple(each for each in self.every if each.pid == pid)
+
+
+def parse(output: Output) -> Sockets:
+    """Pure parser of PROBE. Raises ValueError."""
+    said = answers(output)
+    commands = _commands(said.lines("commands"))
+    found = []
+    for line in said.lines("sockets"):
+        words = line.split(None, 6)
+        if len(words) < 6 or words[0] not in ("tcp", "udp"):
+            raise ValueError(f"expected a line of ss(8), found {line[:80]!r}")
+        address, _, port = words[4].rpartition(":")
+        owners = _OWNER.findall(words[6]) if len(words) > 6 else []
+        for name, pid in owners or [("", "0")]:
+            found.append(
+                Socket(
+                    protocol=words[0],
+                    address=address.split("%")[0],
+                    port=integer(port, "a port"),
+                    process=name,
+                    pid=int(pid),
+                    command=commands.get(int(pid), ""),
+                    raw=line,
+                )
+            )
+    return Sockets(tuple(found))
+
+
+_COMMAND = re.compile(r"/proc/(\d+)/cmdline:(.*)")
+
+
+def _commands(lines: tuple[str, ...]) -> dict[int, str]:
+    """Arguments by process; each argument is a line of its own, with the file it was read from."""
+    commands: dict[int, list[str]] = {}
+    for line in lines:
+        if found := _COMMAND.match(line):
+            commands.setdefault(int(found[1]), []).append(found[2])
+    return {pid: " ".join(arguments) for pid, arguments in commands.items()}
+
+
+SOCKETS = Fact("sockets", PROBE, parse)
