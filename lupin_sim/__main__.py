@@ -17,6 +17,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--world", default="demo", help="demo, course[:STRETCH], random:SEED, walled, or a layout file")
     parser.add_argument("--seed", type=int, default=0, help="of sensor noise and of everything else that is random")
     parser.add_argument("--speed", type=float, default=1.0, help="simulated seconds per second; 0 is as fast as it goes")
+    parser.add_argument("--wall-clock", action="store_true", help="stamp by this computer's clock, as a robot does")
     parser.add_argument("--no-cameras", action="store_true", help="draw nothing")
     parser.add_argument("--run-dir", default="", help="where truth.json, truth_trajectory.tum and sim_state.json go")
     parser.add_argument("--fidelity", choices=sorted(DRIVES), default="ideal", help="how wheels follow their set-points")
@@ -58,6 +59,7 @@ def main(argv: list[str] | None = None) -> int:
             "speed": arguments.speed,
             "cameras": not arguments.no_cameras,
             "run_dir": arguments.run_dir,
+            "wall_clock": arguments.wall_clock,
         }
         robots.append(SimulatedRobot(simulation, parameters))
         return robots[0]

@@ -17,7 +17,7 @@ from lupin_sim.cameras import CameraRig, GraphicsUnavailable
 from lupin_sim.engine import Simulation
 from lupin_sim.faults import Faults, UnknownFault
 from lupin_sim.pacing import Pacer
-from lupin_sim.publishing import StatePublishers, camera_publishers, draws
+from lupin_sim.publishing import Stamps, StatePublishers, camera_publishers, draws
 from lupin_sim.truth import TruthRecorder
 from lupin_sim.vendor import VendorSide
 
@@ -27,7 +27,11 @@ SHORTEST_SLEEP_S = 0.001
 
 
 class SimulatedRobot(LupinNode):
-    """A MIRTE on the graph. Parameters: `speed` (1.0; 0 as fast as possible), `cameras` (true), `run_dir` ("" for none)."""
+    """A MIRTE on the graph.
+
+    Parameters: `speed` (1.0; 0 as fast as possible), `cameras` (true), `run_dir` ("" for none), `wall_clock` (false: simulated
+    time, published on /clock; true: stamps by this computer's clock, as a robot's).
+    """
 
     def __init__(self, simulation: Simulation, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("mirte", parameters)
@@ -38,8 +42,9 @@ class SimulatedRobot(LupinNode):
         run_dir = self.parameter("run_dir", "")
         self._recorder = TruthRecorder(simulation, Path(run_dir)) if run_dir else None
         self._faults = Faults()
-        self._state_topics = StatePublishers(self, simulation, self._faults)
-        self._camera_topics = camera_publishers(self, simulation, self._faults) if self._wants_cameras else ()
+        stamps = Stamps(simulation, self._faults, self.parameter("wall_clock", False))
+        self._state_topics = StatePublishers(self, stamps)
+        self._camera_topics = camera_publishers(self, stamps) if self._wants_cameras else ()
         self.subscription(graph.SIM_FAULT, self._break)
         self._vendor = VendorSide(self, simulation)
         self._stop = threading.Event()

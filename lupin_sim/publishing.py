@@ -6,8 +6,10 @@ Messages are made once and refilled: rclpy checks every field that is set, and a
 from __future__ import annotations
 
 import math
+import time
 from array import array
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -63,16 +65,28 @@ def _camera_transform(simulation: Simulation, camera: str) -> Transform:
     return Transform((x, y, z), optical_quaternion(rotation))
 
 
-def _stamp(simulation: Simulation, faults: Faults) -> Time:
-    # Never before the epoch: a stamp cannot say so.
-    return stamp_from_ns(max(1, simulation.time_ns + faults.clock_offset_ns))
+@dataclass(frozen=True)
+class Stamps:
+    """When messages say they were made: in simulated time, which the robot then also publishes, or by this computer's clock, as
+    a robot's are."""
+
+    simulation: Simulation
+    faults: Faults
+    wall_clock: bool = False
+
+    def now(self) -> Time:
+        """The stamp of this tick."""
+        now_ns = time.time_ns() if self.wall_clock else self.simulation.time_ns
+        # Never before the epoch: a stamp cannot say so.
+        return stamp_from_ns(max(1, now_ns + self.faults.clock_offset_ns))
 
 
 class StatePublishers:
     """Everything except pictures."""
 
-    def __init__(self, node: LupinNode, simulation: Simulation, faults: Faults) -> None:
-        self._simulation, self._faults = simulation, faults
+    def __init__(self, node: LupinNode, stamps: Stamps) -> None:
+        self._stamps, self._simulation, self._faults = stamps, stamps.simulation, stamps.faults
+        simulation = stamps.simulation
         self._clock, self._clock_message = node.publisher(graph.CLOCK), Clock()
         self._odometry = (node.publisher(graph.ODOM), node.publisher(graph.ODOM_SIM))
         self._odometry_message = _odometry_message()
@@ -90,7 +104,7 @@ class StatePublishers:
         self._battery, self._battery_message = node.publisher(graph.BATTERY), _battery_message()
         self._servos = [node.publisher(graph.servo_position(name)) for name in NAMES]
         self._table: tuple[tuple[tuple[int, int], Callable[[Time], None]], ...] = (
-            (EVERY_CLOCK, self._publish_clock),
+            *(() if stamps.wall_clock else ((EVERY_CLOCK, self._publish_clock),)),
             (EVERY_STATE, self._publish_odometry),
             (EVERY_STATE, self._publish_joints),
             (EVERY_STATE, self._publish_imu),
@@ -116,7 +130,7 @@ class StatePublishers:
 
     def publish_due(self) -> None:
         """Publish what this tick is due."""
-        stamp = _stamp(self._simulation, self._faults)
+        stamp = self._stamps.now()
         for (every, at), publish in self._table:
             if self._simulation.tick % every == at:
                 publish(stamp)
@@ -210,14 +224,14 @@ class CameraPublisher:
     def __init__(
         self,
         node: LupinNode,
-        simulation: Simulation,
-        faults: Faults,
+        stamps: Stamps,
         topic: graph.Topic,
         camera: str,
         frame: str,
         due: tuple[int, int],
     ) -> None:
-        self._simulation, self._faults, self._camera, self._due = simulation, faults, camera, due
+        self._stamps, self._simulation, self._faults = stamps, stamps.simulation, stamps.faults
+        self._camera, self._due = camera, due
         self._raw = node.publisher(topic)
         self._jpeg = node.publisher(graph.compressed(topic))
         self._info = node.publisher(graph.camera_info(topic))
@@ -236,7 +250,7 @@ class CameraPublisher:
         every, at = self._due
         if self._simulation.tick % every != at or self._faults.silent("camera"):
             return
-        stamp = _stamp(self._simulation, self._faults)
+        stamp = self._stamps.now()
         raw, jpeg = self._raw.get_subscription_count(), self._jpeg.get_subscription_count()
         if raw or jpeg:
             rig.render(self._simulation.data, self._camera, self._pixels)
@@ -258,13 +272,13 @@ class CameraPublisher:
             self._jpeg.publish(self._compressed)
 
 
-def camera_publishers(node: LupinNode, simulation: Simulation, faults: Faults) -> tuple[CameraPublisher, ...]:
+def camera_publishers(node: LupinNode, stamps: Stamps) -> tuple[CameraPublisher, ...]:
     """The body's and the gripper's camera."""
     rows = (
         (graph.BODY_IMAGE_SIM, body.BODY_CAMERA, graph.BODY_CAMERA_FRAME, EVERY_BODY_IMAGE),
         (graph.GRIPPER_IMAGE, body.GRIPPER_CAMERA, graph.GRIPPER_CAMERA_FRAME, EVERY_GRIPPER_IMAGE),
     )
-    return tuple(CameraPublisher(node, simulation, faults, *row) for row in rows)
+    return tuple(CameraPublisher(node, stamps, *row) for row in rows)
 
 
 def draws(model: mujoco.MjModel) -> CameraRig:

@@ -42,8 +42,9 @@ def up(
     Exit status: 0 up, 1 it did not come up or this machine lacks something for it.
     """
     from lupin_sim.host import Host
+    from lupin_sim.host.host import ROBOT_ARGUMENTS
 
-    arguments = f"--no-cameras --world {world}"
+    arguments = f"{ROBOT_ARGUMENTS} --world {world}"
     with _reporting():
         host = Host.start(
             name, robots=robots, vendor_robot=vendor_robot, robot_arguments=arguments, lifeline=False, progress=_say

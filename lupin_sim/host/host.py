@@ -26,6 +26,8 @@ PROJECT = Path(__file__).resolve().parents[2]
 START_LIMIT_S = 30.0
 READY_LIMIT_S = 60.0
 USER = "mirte"
+# Drawing pictures would take a core from everything else, and a robot stamps by its own clock.
+ROBOT_ARGUMENTS = "--wall-clock --no-cameras"
 
 
 class HostError(Exception):
@@ -126,7 +128,7 @@ class Host:
         *,
         robots: int = 1,
         vendor_robot: bool = False,
-        robot_arguments: str = "--no-cameras",
+        robot_arguments: str = ROBOT_ARGUMENTS,
         lifeline: bool = True,
         progress: Progress = lambda _: None,
         **hardware: Any,
