@@ -23,6 +23,15 @@ MODULES: tuple[str, ...] = (
     "lupin_cli.checks.profiles",
     "lupin_cli.checks.leftovers",
     "lupin_cli.checks.ports",
+    "lupin_cli.checks.software",
+    "lupin_cli.checks.services",
+    "lupin_cli.checks.clocks",
+    "lupin_cli.checks.samples",
+    "lupin_cli.checks.controllers",
+    "lupin_cli.checks.drive",
+    "lupin_cli.checks.board",
+    "lupin_cli.checks.cameras",
+    "lupin_cli.checks.resources",
 )
 
 

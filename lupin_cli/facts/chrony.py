@@ -23,7 +23,7 @@ echo '@@ files'
 for f in /etc/chrony/chrony.conf /etc/chrony.conf /etc/chrony/conf.d/*.conf /etc/chrony/sources.d/*.sources; do
   [ -r "$f" ] && grep -HnE '^[[:space:]]*({DIRECTIVES})' "$f"
 done
-echo '@@ listeners'; ss -H -lnu 2>/dev/null
+echo '@@ listeners'; ss -H -lnu 'sport = :{NTP_PORT}' 2>/dev/null
 if pidof -s chronyd >/dev/null 2>&1; then
   echo '@@ tracking'; timeout 2 chronyc -c -n tracking 2>&1
   echo '@@ sources'; timeout 2 chronyc -c -n sources 2>&1

@@ -24,7 +24,8 @@ echo '@@ holders'
 $as find /proc/[0-9]*/fd -maxdepth 1 \\( -lname '/dev/video*' -o -lname '/dev/ttyACM*' -o -lname '/dev/ttyUSB*' \
   -o -lname '/dev/bus/usb/*' -o -lname '/dev/media*' \\) -printf '%p %l\\n' 2>/dev/null | while read -r f dev; do
   p=${f#/proc/}; p=${p%%/*}
-  echo "$p $dev $(cat "/proc/$p/comm" 2>/dev/null) $(tr '\\0' ' ' <"/proc/$p/cmdline" 2>/dev/null | cut -c1-200)"
+  u=$(sed -n 's,.*/\\([^/]*\\.service\\).*,\\1,p' "/proc/$p/cgroup" 2>/dev/null | head -n 1)
+  echo "$p $dev ${u:--} $(cat "/proc/$p/comm" 2>/dev/null) $(tr '\\0' ' ' <"/proc/$p/cmdline" 2>/dev/null | cut -c1-200)"
 done | sort -u
 echo '@@ board'
 for c in $(grep -la '[t]elemetrix' /proc/[0-9]*/cmdline 2>/dev/null); do
@@ -43,12 +44,13 @@ class Holder:
 
     pid: int
     device: str
+    unit: str  # the service it belongs to, or `-`
     program: str
     command: str
 
     def line(self) -> str:
         """As a person would write it down."""
-        return f"{self.device} held by {self.program} (pid {self.pid}): {self.command}"
+        return f"{self.device} held by {self.program} (pid {self.pid}, {self.unit}): {self.command}"
 
 
 @dataclass(frozen=True)
@@ -90,9 +92,9 @@ def parse(output: Output) -> Devices:
     said.lines("end")
     holders = []
     for line in said.lines("holders"):
-        words = line.split(" ", 3)
-        if len(words) >= 3 and words[0].isdigit():
-            holders.append(Holder(int(words[0]), words[1], words[2], words[3].strip() if len(words) > 3 else ""))
+        words = line.split(" ", 4)
+        if len(words) >= 4 and words[0].isdigit():
+            holders.append(Holder(int(words[0]), words[1], words[2], words[3], words[4].strip() if len(words) > 4 else ""))
     processes = []
     for line in said.lines("board"):
         words = line.split(" ", 2)

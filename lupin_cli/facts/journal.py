@@ -15,7 +15,7 @@ LOOKED_AT_LINES = 4000
 # `exit code -11` is how a launch reports a spawner that the clock's step killed.
 WORDS = (
     "error|fatal|exception|traceback|wasn.t able|not found|exit code|exited|failed|no such|timed out|"
-    "died|killed|disconnect|could ?n.t|refused|denied"
+    "died|killed|too quickly|disconnect|could ?n.t|refused|denied"
 )
 KERNEL_WORDS = (
     "out of memory|oom-kill|usb .*(disconnect|error|reset|not accepting|unable to enumerate)|cdc_acm|ttyACM|ttyUSB|"

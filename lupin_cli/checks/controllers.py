@@ -1,0 +1,82 @@
+"""The five controllers: each must be there and active."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
+from lupin_cli.facts.graph import GRAPH, Graph
+from lupin_runtime.graph import CONTROLLERS, LIST_CONTROLLERS, ODOM, SCAN, TF
+
+# A graph on which none of these is published has no robot on it: that is another fault.
+OF_A_ROBOT = (SCAN.name, ODOM.name, TF.name)
+HEAL = Fix("lupin play heal", playbook="heal")  # moves the arm home: a person says so
+
+
+def has_robot(graph: Graph) -> bool:
+    """Whether the robot's side of the graph is there at all."""
+    return any(topic and topic.publishers for topic in map(graph.topic, OF_A_ROBOT))
+
+
+def graphs(evidence: Evidence) -> tuple[Graph, ...]:
+    """Every graph that was visited and has somebody on it."""
+    seen = evidence.laptop.get(GRAPH)
+    return seen.alive if seen else ()
+
+
+def stuck(evidence: Evidence) -> Iterator[Finding]:
+    """Controllers that are missing from the list or in another state than active."""
+    for graph in graphs(evidence):
+        if graph.controllers is None:
+            continue
+        states = {controller.name: controller.state for controller in graph.controllers}
+        lacking = [name for name in CONTROLLERS if name not in states]
+        idle = [name for name in CONTROLLERS if states.get(name, "active") != "active"]
+        if not lacking and not idle:
+            continue
+        said = [f"{name} is not loaded" for name in lacking] + [f"{name} is {states[name]}" for name in idle]
+        yield Finding(
+            id="controllers-not-active",
+            severity=Severity.PROBLEM,
+            where=graph.where,
+            symptom="the base doesn't drive, or arm and gripper don't move, and nobody says why",
+            cause=f"{len(said)} of {len(CONTROLLERS)} controllers do not work: {', '.join(said)}",
+            evidence=(f"{LIST_CONTROLLERS.name} on {graph.name}:", *(controller.line() for controller in graph.controllers)),
+            fix=HEAL,
+            explains=frozenset({"drive-sink-unheard", "topic-silent"}),
+        )
+
+
+def manager(evidence: Evidence) -> Iterator[Finding]:
+    """A robot without a controller manager, or with one that doesn't answer."""
+    for graph in graphs(evidence):
+        call = next((call for call in graph.calls if call.service == LIST_CONTROLLERS.name), None)
+        if call is None and has_robot(graph):
+            published = [f"{name}: published" for name in OF_A_ROBOT if (topic := graph.topic(name)) and topic.publishers]
+            yield Finding(
+                id="controller-manager-missing",
+                severity=Severity.PROBLEM,
+                where=graph.where,
+                symptom="wheels, arm and gripper are dead; the lidar may go on",
+                cause="nobody serves the controllers: controller_manager died or never came up",
+                evidence=(f"{LIST_CONTROLLERS.name}: no server on {graph.name}", *published),
+                fix=Fix("lupin sync-clock", playbook="sync-clock"),
+                explains=frozenset({"drive-sink-unheard", "topic-silent", "controllers-not-active", "oneshot-failed"}),
+            )
+        elif call is not None and call.round_trip_s is None and any(other.round_trip_s is not None for other in graph.calls):
+            yield Finding(
+                id="controller-manager-silent",
+                severity=Severity.PROBLEM,
+                where=graph.where,
+                symptom="wheels, arm and gripper are dead although every topic is listed",
+                cause="controller_manager is there and does not answer, while others do: it hangs, as after a clock step",
+                evidence=tuple(each.line() for each in graph.calls),
+                fix=Fix("lupin sync-clock", playbook="sync-clock"),
+                explains=frozenset({"drive-sink-unheard", "topic-silent", "oneshot-failed"}),
+            )
+
+
+CHECKS = (
+    Check("controllers", stuck, laptop=(GRAPH,)),
+    Check("controller-manager", manager, laptop=(GRAPH,)),
+)
