@@ -19,6 +19,7 @@ from lupin_runtime.mission.messages import goal_message, grid_map, reading
 from lupin_runtime.mission.place import Place
 from lupin_runtime.mission.ports import STATUS_UNKNOWN, Confirmation, Reading
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.node import interface
 
 STALE_TRANSFORM_S = 2.0
 # The clock is looked at ten times a second; a longer step is a stalled process or a clock that was set.
@@ -50,6 +51,15 @@ class NodeClock:
         return self._node.now_ns()
 
 
+def blind_codes() -> frozenset[int]:
+    """The error codes by which navigation says that its senses failed: transforms that stop, a costmap that gets no scans.
+    Releases of nav2_msgs before Jazzy have none."""
+    names = {"FollowPath": ("TF_ERROR", "CONTROLLER_TIMED_OUT"), "ComputePathToPose": ("TF_ERROR",)}
+    results = {action: interface(f"nav2_msgs/action/{action}").Result for action in names}
+    found = (getattr(results[action], name, None) for action, constants in names.items() for name in constants)
+    return frozenset(int(code) for code in found if code is not None)
+
+
 class NavigationClient:
     """navigate_to_pose. `listener` has `goal_accepted`, `goal_feedback`, `goal_rejected` and `goal_finished`."""
 
@@ -59,6 +69,7 @@ class NavigationClient:
         self._client = node.action_client(row)
         self._cancel_all = node.create_client(CancelGoal, f"{row.name}/_action/cancel_goal")
         self._handles: dict[int, Any] = {}
+        self._blind_codes = blind_codes()
         self.listener: Any = None
 
     def is_ready(self) -> bool:
@@ -91,7 +102,8 @@ class NavigationClient:
         self._handles.pop(token, None)
         known = future.exception() is None and future.result() is not None
         status = int(future.result().status) if known else STATUS_UNKNOWN
-        self.listener.goal_finished(token, status)
+        code = int(getattr(future.result().result, "error_code", 0)) if known else 0
+        self.listener.goal_finished(token, status, code in self._blind_codes)
 
     def cancel(self, token: int) -> None:
         """Ask for the end of a goal."""

@@ -16,13 +16,20 @@ SERVER_LOST_S = 2.0  # discovery may blink; a server that is gone this long has 
 # A killed process stays discovered for its lease, 20 s, and its successor knows nothing of the goal. Navigation that works
 # gives feedback many times a second; one that has begun to and is silent this long is not working on this goal.
 FEEDBACK_SILENCE_S = 5.0
+# Navigation stands still for some seconds before it gives a goal up for blind; it is asked again for about five minutes.
+MAX_BLIND = 20
+BLIND_WAIT_S = 5.0
 
-End = Literal["succeeded", "canceled", "rejected", "failed", "lost"]
+End = Literal["succeeded", "canceled", "rejected", "failed", "lost", "blind"]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a drive ended: `detail` is what a report says of it ("" after a success)."""
+    """How a drive ended: `detail` is what a report says of it ("" after a success).
+
+    `lost` went down with its server; `blind` was given up since lidar or odometry cannot be trusted: neither says anything
+    of the goal.
+    """
 
     end: End
     detail: str = ""
@@ -152,9 +159,11 @@ class GoalRunner:
         """The server has refused a goal, or sending it failed."""
         self._ended(token, Outcome("rejected", detail))
 
-    def finished(self, token: int, status: int) -> None:
-        """A goal has ended with an action status."""
-        if status == STATUS_SUCCEEDED:
+    def finished(self, token: int, status: int, blind: bool = False) -> None:
+        """A goal has ended with an action status; `blind` says that the robot's senses failed, and not the goal."""
+        if blind and status not in (STATUS_SUCCEEDED, STATUS_CANCELED):
+            self._ended(token, Outcome("blind", "nav_blind"))
+        elif status == STATUS_SUCCEEDED:
             self._ended(token, Outcome("succeeded"))
         elif status == STATUS_CANCELED:
             self._ended(token, Outcome("canceled", f"nav_status_{status}"))

@@ -152,7 +152,9 @@ class Exploring:
             if self._goal.kind == "viewpoint":
                 self._selected_s = self._context.now_s  # stay for a look
             self._goal = None
-        elif outcome.end in ("canceled", "lost"):
+        elif outcome.end in ("canceled", "lost", "blind"):
+            if outcome.end == "blind":
+                self._context.note(outcome.detail)
             self._selected_s = self._context.now_s
             self._give_up()
         else:

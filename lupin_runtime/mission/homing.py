@@ -6,7 +6,7 @@ from typing import Literal
 
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.mission.context import Context
-from lupin_runtime.mission.driving import Outcome
+from lupin_runtime.mission.driving import BLIND_WAIT_S, MAX_BLIND, Outcome
 
 Reason = Literal["complete", "abort", "battery", "dock"]
 
@@ -32,6 +32,7 @@ class Homing:
         self._retries = 0
         self._stale_cancels = 0
         self._lost = 0
+        self._blind = 0
         self._not_before_s = 0.0
         self._unready_since_s: float | None = None
 
@@ -56,6 +57,7 @@ class Homing:
         self._retries = 0
         self._stale_cancels = 0
         self._lost = 0
+        self._blind = 0
         self._unready_since_s = None
 
     def tick(self) -> None:
@@ -87,6 +89,10 @@ class Homing:
         elif outcome.end == "lost" and self._lost < MAX_LOST:
             self._lost += 1
             self._not_before_s = context.now_s + RETRY_AFTER_S
+        elif outcome.end == "blind" and self._blind < MAX_BLIND:
+            context.note(outcome.detail)
+            self._blind += 1
+            self._not_before_s = context.now_s + BLIND_WAIT_S
         elif outcome.end == "canceled" and not context.battery_low() and self._stale_cancels < MAX_STALE_CANCELS:
             # A cancel of the leg before may have hit this goal: sent again, but not for ever.
             self._stale_cancels += 1

@@ -420,9 +420,9 @@ class Orchestrator:
         self.runner.rejected(token, detail)
 
     @_handled
-    def goal_finished(self, token: int, status: int) -> None:
-        """A goal has ended with an action status."""
-        self.runner.finished(token, status)
+    def goal_finished(self, token: int, status: int, blind: bool = False) -> None:
+        """A goal has ended with an action status; `blind` where the robot's senses failed, and not the goal."""
+        self.runner.finished(token, status, blind)
 
     # -- what the operator asks ----------------------------------------------------------------------------------------
 

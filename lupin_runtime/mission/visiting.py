@@ -13,7 +13,7 @@ from lupin_runtime.mission.approach import (
     fit_approach,
 )
 from lupin_runtime.mission.context import INSPECTION, Context
-from lupin_runtime.mission.driving import Outcome
+from lupin_runtime.mission.driving import BLIND_WAIT_S, MAX_BLIND, Outcome
 from lupin_runtime.mission.hsm import NAVIGATING, PUBLISHING, SCANNING, Trigger
 from lupin_runtime.mission.missions import OK, SCAN_FAILED, SKIPPED, UNREACHABLE, TagWalk
 from lupin_runtime.mission.ports import Confirmation, Reading
@@ -29,6 +29,7 @@ class _Visit:
     tag_id: str | None
     attempts: int = 0
     refunds: int = 0
+    blind: int = 0
     tried: list[tuple[float, float]] = field(default_factory=list)
     detail: str = ""
     not_before_s: float = 0.0
@@ -189,6 +190,11 @@ class Visiting:
             self._refund()
             self._visit.refunds += 1
             self._visit.not_before_s = self._context.now_s + FOREIGN_CANCEL_WAIT_S
+        elif outcome.end == "blind" and self._visit.blind < MAX_BLIND:
+            self._attempt_failed(outcome.detail)
+            self._refund()
+            self._visit.blind += 1
+            self._visit.not_before_s = self._context.now_s + BLIND_WAIT_S
         else:
             self._attempt_failed(outcome.detail)
 

@@ -17,6 +17,7 @@ _VISITS = ("InspectionMission", "MonitoringMission")
 REASONS = {
     "nav_timeout": "the robot did not arrive within the time for one leg",
     "nav_rejected": "the navigator refused the goal",
+    "nav_blind": "lidar or odometry could not be trusted for minutes, so the robot stood still",
     "nav_status_5": "the leg was cancelled",
     "nav_status_6": "the navigator gave up: no free way to the tag was found",
     "nav_status": "navigation ended without arriving",
