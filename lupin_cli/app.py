@@ -19,6 +19,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "down": ("Run", "Stop a run and leave nothing behind."),
     "run": ("Run", "Run one process of the stack in the foreground."),
     "mission": ("Mission", "Start, pause, resume or abort a mission; draw its state machine."),
+    "doctor": ("Robot", "What is wrong with robot, laptop and link, why, and what mends it."),
+    "robots": ("Robot", "The robots that Lupin knows, and whether they answer."),
     "sim": ("Simulator", "The simulated robot: worlds, pictures, the red button."),
     "sweep": ("Robot", "End zombie ROS processes, remove shared memory that nobody holds."),
     "replay": ("Results", "Look at a recorded run again."),

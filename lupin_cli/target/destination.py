@@ -5,7 +5,7 @@ from __future__ import annotations
 import getpass
 import glob
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 _INCLUDE = re.compile(r"^\s*include[\s=]+(.+?)\s*$", re.IGNORECASE)
 _INCLUDE_DEPTH = 8  # OpenSSH stops at 16; a file that includes itself must end somewhere
-_DESTINATION = re.compile(r"^(?:(?P<user>[^@\s]+)@)?(?P<host>\[[0-9A-Fa-f:.%]+\]|[^@:\s]+)(?::(?P<port>\d{1,5}))?$")
+_DESTINATION = re.compile(
+    r"^(?:(?P<user>[^@\s]+)@)?(?P<host>\[[0-9A-Fa-f:.]+(?:%[^\]\s]+)?\]|[^@:\s]+)(?::(?P<port>\d{1,5}))?$"
+)
 
 
 @dataclass(frozen=True)
@@ -49,13 +51,18 @@ def parse_destination(text: str) -> tuple[str, str, int]:
     return found["user"] or "", found["host"].strip("[]"), int(found["port"] or 0)
 
 
-def resolve(host: str, user: str = "", port: int = 0, config_path: Path | None = None) -> Destination:
+def resolve(
+    host: str, user: str = "", port: int = 0, *, default_user: str = "", config_path: Path | None = None
+) -> Destination:
     """The destination for `host`, which may be an alias of ~/.ssh/config; `user` and `port` win over that file.
+
+    `default_user` is for where neither says one; else it is the name of whoever runs this.
 
     Raises TargetError where the file can't be read.
     """
     config = _ssh_config(Path("~/.ssh/config").expanduser() if config_path is None else config_path)
-    return _resolve(config, host, user, port, ())
+    found = _resolve(config, host, user, port, ())
+    return found if found.user else replace(found, user=default_user or getpass.getuser())
 
 
 def _resolve(config: paramiko.SSHConfig, host: str, user: str, port: int, passed: tuple[str, ...]) -> Destination:
@@ -77,12 +84,12 @@ def _resolve(config: paramiko.SSHConfig, host: str, user: str, port: int, passed
             except ValueError as error:
                 raise TargetError(f"~/.ssh/config jumps for {host}: {error}", f"ssh -G {host}") from error
             found = _resolve(config, hop_host, hop_user, hop_port, (*passed, host))
-            jumps += (*found.jumps, found)
+            jumps += (*found.jumps, found if found.user else replace(found, user=getpass.getuser()))
     proxy_command = entry.get("proxycommand", "none")
     return Destination(
         host=entry.get("hostname", host),
         port=port,
-        user=user or entry.get("user", "") or getpass.getuser(),
+        user=user or entry.get("user", ""),
         identity_files=tuple(str(Path(name).expanduser()) for name in entry.get("identityfile", ())),
         identities_only=entry.get("identitiesonly", "no").lower() == "yes",
         jumps=jumps,

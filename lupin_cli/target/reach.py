@@ -7,9 +7,11 @@ import queue
 import socket
 import threading
 import time
+from collections.abc import Mapping
 from typing import Any
 
 from lupin_cli.target.base import Unreachable
+from lupin_cli.target.destination import Destination
 
 # `No route to host` says that the laptop's own link is gone, a time-out that the robot's is.
 _KINDS = {
@@ -22,6 +24,8 @@ _KINDS = {
     errno.ETIMEDOUT: "timeout",
 }
 _WORTH = ("refused", "no-route", "timeout")  # of several addresses, the answer that says most
+
+_HEAD_START_S = 0.3
 
 MEANING = {
     "no-route": "there is no way there from here: this machine has lost the robot's network",
@@ -68,6 +72,47 @@ def open_socket(host: str, port: int, timeout_s: float, who: str) -> socket.sock
         return connection
     kind = next(kind for kind in _WORTH if kind in failures)
     raise unreachable(who, kind, failures[kind])
+
+
+def best_of(choices: Mapping[str, Destination], timeout_s: float = 3.0) -> tuple[str, Destination]:
+    """The transport to use: the best ranked (first) of those on which something answers.
+
+    All are tried at once; a better one may come `_HEAD_START_S` later than a worse. Where none answers it is the first, so that
+    the attempt which follows says why. A destination behind a jump isn't tried: its answer takes a whole connection.
+    """
+    if len(choices) == 1 or any(place.jumps or place.proxy_command for place in choices.values()):
+        return next(iter(choices.items()))
+    results: queue.Queue[tuple[str, bool]] = queue.Queue()
+
+    def attempt(transport: str, place: Destination) -> None:
+        try:
+            open_socket(place.host, place.port, timeout_s, str(place)).close()
+        except Unreachable:
+            results.put((transport, False))
+        else:
+            results.put((transport, True))
+
+    for transport, place in choices.items():
+        threading.Thread(target=attempt, args=(transport, place), name=f"try-{transport}", daemon=True).start()
+    answers: dict[str, bool] = {}
+    deadline = time.monotonic() + timeout_s
+    while len(answers) < len(choices):
+        try:
+            transport, answered = results.get(timeout=max(0.0, deadline - time.monotonic()))
+        except queue.Empty:
+            break
+        answers[transport] = answered
+        if answered:
+            if all(transport == name or name in answers for name in _up_to(choices, transport)):
+                break
+            deadline = min(deadline, time.monotonic() + _HEAD_START_S)
+    best = next((name for name in choices if answers.get(name)), next(iter(choices)))
+    return best, choices[best]
+
+
+def _up_to(choices: Mapping[str, Destination], last: str) -> list[str]:
+    names = list(choices)
+    return names[: names.index(last) + 1]
 
 
 def await_banner(connection: socket.socket, timeout_s: float, who: str) -> None:

@@ -6,6 +6,7 @@ import contextlib
 import logging
 import secrets
 import selectors
+import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -48,12 +49,14 @@ class SshTarget:
         self.name = name
         self.user = destination.user
         self.destination = destination
+        self.transport_name = ""  # of the inventory: wired, router or ap
         self._trust = trust
         self._ask_password = ask_password
         self._password: str | None = None
         self._sudo_password = sudo_password
         self._connect_timeout_s = connect_timeout_s
         self._clients: list[paramiko.SSHClient] = []  # hops first
+        self._proxies: list[paramiko.ProxyCommand] = []
         self._sftp_client: paramiko.SFTPClient | None = None
 
     # -- the connection
@@ -101,7 +104,8 @@ class SshTarget:
             except _LOST as error:
                 raise unreachable(who, "timeout", f"the host on the way says: {error}") from error
         if destination.proxy_command:
-            return paramiko.ProxyCommand(destination.proxy_command)
+            self._proxies.append(paramiko.ProxyCommand(destination.proxy_command))
+            return self._proxies[-1]
         connection = open_socket(destination.host, destination.port, self._connect_timeout_s, who)
         try:
             await_banner(connection, self._connect_timeout_s, who)
@@ -168,6 +172,8 @@ class SshTarget:
         self._sftp_client = None
         while self._clients:
             self._clients.pop().close()
+        while self._proxies:
+            _end(self._proxies.pop())
 
     # -- what it can do
 
@@ -334,6 +340,22 @@ class _Policy(paramiko.MissingHostKeyPolicy):
 
     def missing_host_key(self, client: paramiko.SSHClient, hostname: str, key: paramiko.PKey) -> None:
         self._trust.check(self._name, self._destination, key)
+
+
+def _end(proxy: paramiko.ProxyCommand) -> None:
+    """paramiko signals a proxy's process and leaves it and its pipes to the collector."""
+    process = proxy.process
+    with contextlib.suppress(ProcessLookupError):
+        process.terminate()
+    try:
+        process.wait(1.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait(1.0)
+    for pipe in (process.stdin, process.stdout, process.stderr):
+        if pipe is not None:
+            with contextlib.suppress(OSError):  # what was not sent yet has nowhere to go
+                pipe.close()
 
 
 def _send(channel: paramiko.Channel, data: bytes) -> None:

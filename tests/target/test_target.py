@@ -46,7 +46,7 @@ def test_a_batch_keeps_status_output_and_error_of_each_script_apart(target: Targ
 
 def test_scripts_of_a_batch_run_side_by_side(target: Target) -> None:
     # Each waits until the other has begun: one after the other they would both be cut.
-    script = "mkfifo {0} 2>/dev/null; mkfifo {1} 2>/dev/null; echo here >{0} & read word <{1}; echo got $word"
+    script = "mkfifo {0} 2>/dev/null; mkfifo {1} 2>/dev/null; echo here >{0} & read word <{1}; echo got $word; wait"
     place = f"/tmp/lupin-test-{os.getpid()}-{time.monotonic_ns()}"
     outputs = target.batch(
         [
@@ -203,7 +203,7 @@ def test_a_full_disk_leaves_the_old_file_whole_and_says_so(target: Target, tmp_p
         assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
         # And a batch needs no disk at all.
         (tmp_path / "rest").write_bytes(b"x" * 57_000)
-        assert target.batch([Script("fine", f"cd {tmp_path} && df -P . | tail -n 1")])["fine"].ok
+        assert target.batch([Script("fine", f"cd {tmp_path} && df -P . | tail -n 1", 20.0)], 30.0)["fine"].ok
     finally:
         subprocess.run(["umount", "-l", str(tmp_path)], check=True)
 

@@ -1,0 +1,199 @@
+"""The options by which every command names its robots, and the way from a name to an open target.
+
+def command(robot: ROBOT = None, every: ALL = False, limit: LIMIT = None, config: CONFIG = None) -> None:
+    with reporting("doctor"):
+        chosen = select(load(config), robot, every=every, limit=limit)
+        with connect(chosen[0]) as target: ...
+        results = on_each(chosen, lambda robot: ...)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fnmatch
+import getpass
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+import typer
+
+from lupin_cli.config import DEFAULT_USER, Config, ConfigError, Robot, load
+from lupin_cli.target.base import TargetError, Unreachable
+
+if TYPE_CHECKING:
+    from lupin_cli.target.destination import Destination
+    from lupin_cli.target.ssh import SshTarget
+    from lupin_cli.target.trust import Trust
+
+USAGE_ERROR, UNREACHED = 2, 3
+
+ROBOT = Annotated[
+    list[str] | None, typer.Option("--robot", "-r", help="A robot of lupin.toml, or [user@]host[:port]; may be given again.")
+]
+ALL = Annotated[bool, typer.Option("--all", help="Every robot of lupin.toml, side by side.")]
+LIMIT = Annotated[
+    str | None, typer.Option("--limit", help="With --all: only robots whose name fits this pattern, as in pot-*.")
+]
+CONFIG = Annotated[
+    Path | None, typer.Option("--config", help="The inventory; else $LUPIN_CONFIG or lupin/lupin.toml in ~/.config.")
+]
+ASK_SUDO = Annotated[bool, typer.Option("--ask-sudo-password", "-K", help="Ask for the password of sudo on the robot.")]
+
+# Where there is no inventory: a MIRTE as it comes, on a cable or at its own access point.
+STOCK = Robot("mirte", {"wired": "10.42.0.1", "ap": "192.168.42.1"})
+
+_AT_ONCE = 20
+Result = TypeVar("Result")
+
+
+def select(config: Config, names: Sequence[str] | None, *, every: bool = False, limit: str | None = None) -> list[Robot]:
+    """The robots that were meant: all of them, those named, or the one that goes without saying. Raises ConfigError."""
+    if every:
+        if names:
+            raise ConfigError("--all and --robot exclude each other; to take some of all: --all --limit PATTERN")
+        if not config.robots:
+            raise ConfigError(f"{config.path} has no robots; add one: lupin robots add NAME ADDRESS")
+        found = [robot for name, robot in config.robots.items() if limit is None or fnmatch.fnmatchcase(name, limit)]
+        if not found:
+            raise ConfigError(f"no robot of {', '.join(config.robots)} fits --limit {limit}")
+        return found
+    if limit is not None:
+        raise ConfigError("--limit goes with --all")
+    if names:
+        return [named(config, name) for name in dict.fromkeys(names)]
+    if config.default_robot:
+        return [config.robots[config.default_robot]]
+    if len(config.robots) > 1:
+        raise ConfigError(f"which robot? say --robot with one of {', '.join(config.robots)}, or default_robot in {config.path}")
+    return list(config.robots.values()) or [STOCK]
+
+
+def named(config: Config, name: str) -> Robot:
+    """The robot of the inventory, or one that an address describes. Raises ConfigError."""
+    if name in config.robots:
+        return config.robots[name]
+    from lupin_cli.target.destination import parse_destination
+
+    with contextlib.suppress(ValueError):
+        user, host, port = parse_destination(name)
+        if user or port or "." in host or ":" in host or not config.robots:
+            address = f"[{host}]" if ":" in host else host
+            return Robot(name, {"": f"{address}:{port}" if port else address}, user)
+    import difflib
+
+    near = difflib.get_close_matches(name, config.robots, n=1)
+    hint = f"did you mean {near[0]}?" if near else f"it knows {', '.join(config.robots)}"
+    raise ConfigError(f"{config.path} has no robot {name!r}; {hint}")
+
+
+def destinations(robot: Robot) -> dict[str, Destination]:
+    """Where `robot` may be, by transport, best first; the pinned transport alone where one is pinned. Raises TargetError."""
+    from lupin_cli.target.destination import parse_destination, resolve
+
+    wanted = [robot.transport] if robot.transport else list(robot.addresses)
+    found = {}
+    for transport in wanted:
+        _, host, port = parse_destination(robot.addresses[transport])
+        found[transport] = resolve(host, robot.user, port, default_user=DEFAULT_USER)
+    return found
+
+
+def trust_of(config: Config, accept: str = "") -> Trust:
+    """Lupin's accepted keys; on a terminal a person may accept more."""
+    from lupin_cli.target.trust import Trust
+
+    return Trust(config.known_hosts, ask=_confirm if _terminal() else None, accept=accept)
+
+
+@contextlib.contextmanager
+def connect(
+    robot: Robot, config: Config | None = None, *, sudo_password: str | None = None, accept: str = ""
+) -> Iterator[SshTarget]:
+    """An open connection to `robot`, over the best of its transports that answers; closed at the end. Raises TargetError."""
+    target = open_target(robot, config, sudo_password=sudo_password, accept=accept)
+    try:
+        target.connect()
+        yield target
+    finally:
+        target.close()
+
+
+def open_target(robot: Robot, config: Config | None = None, *, sudo_password: str | None = None, accept: str = "") -> SshTarget:
+    """The target of `robot`; it connects when it is first used."""
+    from lupin_cli.target.reach import best_of
+    from lupin_cli.target.ssh import SshTarget
+
+    transport, destination = best_of(destinations(robot))
+    target = SshTarget(
+        robot.name,
+        destination,
+        trust_of(config or load(), accept),
+        ask_password=_ask_password if _terminal() else None,
+        sudo_password=sudo_password,
+    )
+    target.transport_name = transport
+    return target
+
+
+def on_each(robots: Sequence[Robot], action: Callable[[Robot], Result]) -> dict[str, Result | TargetError]:
+    """`action` on every robot, side by side; a robot that fails gives its TargetError and disturbs no other."""
+
+    def guarded(robot: Robot) -> Result | TargetError:
+        try:
+            return action(robot)
+        except TargetError as error:
+            return error
+
+    with ThreadPoolExecutor(max_workers=min(_AT_ONCE, max(1, len(robots))), thread_name_prefix="robot") as pool:
+        return dict(zip([robot.name for robot in robots], pool.map(guarded, robots)))
+
+
+@contextlib.contextmanager
+def reporting(verb: str) -> Iterator[None]:
+    """Turn what is expected to go wrong into one line, the next command and a status: 2 usage, 3 the robot can't be reached,
+    1 it was reached and something else failed."""
+    try:
+        yield
+    except ConfigError as error:
+        typer.echo(f"lupin {verb}: {error}", err=True)
+        raise typer.Exit(USAGE_ERROR) from error
+    except TargetError as error:
+        say(verb, error)
+        raise typer.Exit(status_of(error)) from error
+
+
+def say(verb: str, error: TargetError) -> None:
+    """One line of what went wrong and one of what to type."""
+    typer.echo(f"lupin {verb}: {error}", err=True)
+    if error.next_command:
+        typer.echo(f"  next: {error.next_command}", err=True)
+
+
+def status_of(error: TargetError) -> int:
+    """3 where no conversation came about, 1 where something in it failed."""
+    from lupin_cli.target.base import AuthenticationFailed, HostKeyChanged, HostKeyUnknown
+
+    return UNREACHED if isinstance(error, Unreachable | HostKeyChanged | HostKeyUnknown | AuthenticationFailed) else 1
+
+
+def ask_sudo_password(robot: str) -> str:
+    """The password of sudo, from the terminal. Raises ConfigError without one."""
+    if not _terminal():
+        raise ConfigError("--ask-sudo-password needs a terminal")
+    return getpass.getpass(f"sudo password on {robot}: ")
+
+
+def _terminal() -> bool:
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def _confirm(question: str) -> bool:
+    typer.echo(question, err=True)
+    return typer.confirm("Accept it", default=False, err=True)
+
+
+def _ask_password(prompt: str) -> str:
+    return getpass.getpass(prompt)

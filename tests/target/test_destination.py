@@ -1,0 +1,121 @@
+"""~/.ssh/config as it is honoured: held against what ssh itself makes of the same file."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from lupin_cli.target.base import Script, TargetError
+from lupin_cli.target.destination import parse_destination, resolve
+from lupin_cli.target.ssh import SshTarget
+
+CONFIG = """\
+Include more/*.conf
+Host lupin-wired
+    HostName 10.42.0.1
+    User mirte
+    Port 2222
+    IdentityFile ~/.ssh/robot_key
+    IdentitiesOnly yes
+Host behind
+    HostName 192.168.42.1
+    ProxyJump gate,operator@lupin-wired
+Host *
+    User somebody
+"""
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "gate.conf").write_text("Host gate\n  HostName gate.example\n  Port 22022\n\nHost *\n")
+    path = tmp_path / "config"
+    path.write_text(CONFIG)
+    return path
+
+
+@pytest.mark.parametrize("host", ["lupin-wired", "behind", "gate", "10.9.9.9"])
+def test_host_user_and_port_are_those_that_ssh_would_use(config: Path, host: str) -> None:
+    # ssh reads relative includes from ~/.ssh: it gets the same file with the path written out.
+    config.with_name("absolute").write_text(CONFIG.replace("more/", f"{config.parent}/more/"))
+    said = subprocess.run(
+        ["ssh", "-F", str(config.with_name("absolute")), "-G", host], capture_output=True, text=True, check=True
+    ).stdout
+    expected = dict(line.split(" ", 1) for line in said.splitlines() if " " in line)
+    found = resolve(host, config_path=config)
+    assert (found.host, found.user, str(found.port)) == (expected["hostname"], expected["user"], expected["port"])
+    assert found.identities_only == (expected["identitiesonly"] == "yes")
+
+
+def test_jumps_are_resolved_in_their_order(config: Path) -> None:
+    found = resolve("behind", config_path=config)
+    assert [str(hop) for hop in found.jumps] == ["somebody@gate.example:22022", "operator@10.42.0.1:2222"]
+
+
+def test_what_the_inventory_says_wins_over_the_file(config: Path) -> None:
+    found = resolve("lupin-wired", user="root", port=22, config_path=config)
+    assert (found.user, found.port) == ("root", 22)
+
+
+def test_the_default_user_is_for_where_nobody_says_one(tmp_path: Path) -> None:
+    assert resolve("10.42.0.1", default_user="mirte", config_path=tmp_path / "none").user == "mirte"
+
+
+def test_a_file_that_jumps_in_a_circle_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "config").write_text("Host a\n ProxyJump b\nHost b\n ProxyJump a\n")
+    with pytest.raises(TargetError, match="circle"):
+        resolve("a", config_path=tmp_path / "config")
+
+
+def test_a_file_that_includes_itself_ends(tmp_path: Path) -> None:
+    (tmp_path / "config").write_text(f"Include {tmp_path}/config\nHost a\n Port 7\n")
+    assert resolve("a", config_path=tmp_path / "config").port == 7
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("10.42.0.1", ("", "10.42.0.1", 0)),
+        ("mirte@10.42.0.1:2222", ("mirte", "10.42.0.1", 2222)),
+        ("mirte@[fe80::1%eth0]:22", ("mirte", "fe80::1%eth0", 22)),
+        ("lupin-wired", ("", "lupin-wired", 0)),
+    ],
+)
+def test_a_destination_is_taken_apart(text: str, expected: tuple[str, str, int]) -> None:
+    assert parse_destination(text) == expected
+
+
+@pytest.mark.parametrize("text", ["", "a b", "host:0", "host:65536", "host:x", "@host", "a@b@c", "[fe80::1"])
+def test_what_is_no_destination_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="is no"):
+        parse_destination(text)
+
+
+def test_a_robot_behind_another_host_is_reached_through_it(sshd) -> None:
+    jump = replace(sshd.destination, asked="robot")
+    target = SshTarget("robot", replace(sshd.destination, host="localhost", jumps=(jump,)), sshd.trust())
+    assert target.batch([Script("who", "echo $SSH_CONNECTION")])["who"].stdout.startswith(("127.0.0.1 ", "::1 "))
+    target.close()
+
+
+def test_a_proxy_command_carries_the_connection(sshd) -> None:
+    # A relay in one line of sh would need nc, which not every machine has.
+    relay = sshd.directory / "relay.py"
+    relay.write_text(
+        "import os, socket, sys, threading\n"
+        f"s = socket.create_connection(('127.0.0.1', {sshd.port}))\n"
+        "def up():\n"
+        "    while data := os.read(0, 65536):\n"
+        "        s.sendall(data)\n"
+        "threading.Thread(target=up, daemon=True).start()\n"
+        "while data := s.recv(65536):\n"
+        "    os.write(1, data)\n"
+    )
+    command = f"{sys.executable} {relay}"
+    target = SshTarget("robot", replace(sshd.destination, host="nowhere.invalid", proxy_command=command), sshd.trust())
+    assert target.batch([Script("hello", "echo hello")])["hello"].stdout == "hello\n"
+    target.close()
