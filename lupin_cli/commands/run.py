@@ -8,8 +8,12 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
+
+if TYPE_CHECKING:
+    from lupin_runtime.stack.table import ProcessRow
 
 
 def command(
@@ -24,7 +28,7 @@ def command(
     rows = {row.name: row for row in TABLE}
     if process is None:
         for row in TABLE:
-            typer.echo(f"{row.name:13s} {', '.join(node.path.split(':')[1] for node in row.nodes) or 'lupin_sim'}")
+            typer.echo(f"{row.name:13s} {', '.join(node.path.split(':')[1] for node in row.nodes) or _program(row)}")
         return
     if process not in rows:
         typer.echo(f"there is no process {process!r}; there are: {', '.join(rows)}", err=True)
@@ -54,6 +58,14 @@ def command(
             raise typer.Exit(child.wait())
         except KeyboardInterrupt:
             continue  # the terminal sent it to the child too, which stops in its own order
+
+
+def _program(row: ProcessRow) -> str:
+    """What a row without nodes of ours runs."""
+    from lupin_runtime.stack.table import Options
+
+    command = row.command(Options()) if row.command is not None else [sys.executable]
+    return command[2] if command[1] == "lupin_runtime.stack.external" else command[1]
 
 
 def _override(config: dict[str, object], settings: list[str]) -> None:

@@ -29,7 +29,6 @@ class Trouble:
 
 TROUBLES = (
     Trouble("scan nan", True, "nav", "beams measure anything"),
-    Trouble("scan zero", True, "nav", "beams measure anything"),
     Trouble("scan frozen", True, "nav", "the lidar is frozen"),
     Trouble("scan silent", True, "nav", "nothing comes on /scan"),
     Trouble("camera silent", False, "perception", "no picture"),
@@ -73,6 +72,14 @@ def test_a_mission_outlives_every_sensor_and_a_clock_that_jumps(launch: Callable
     order = join(run).publisher(graph.SIM_FAULT)
     for trouble in TROUBLES:
         survive(run, lambda text: order(String(data=text)), trouble)
+    # Dark until navigation gives the goal up: no reason to call a tag unreachable.
+    run.until(lambda state: state["mission"]["lifecycle_state"] == "MONITORING", "sweep", 300.0)
+    run.wait(lambda: run.speed_m_s() > DRIVING_M_S, "driving to a tag")
+    order(String(data="scan zero"))
+    run.until(lambda state: state["mission"]["last_error"] == "nav_blind", "word of the darkness")
+    assert "navigation aborted, SENSOR_LOST" in run.log("nav")
+    stays_at_rest(run)
+    order(String(data="scan none"))
     status, result = run.result(MISSION_BOUND_S)
     assert (status, result["state"]) == (0, "DONE"), result
     assert result["tags_read"] == result["tags_reachable"] == result["tags_total"] - 1
