@@ -4,55 +4,55 @@ from __future__ import annotations
 
 import json
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lupin_cli.robot_options import ASK_SUDO, CONFIG, ROBOT, ask_sudo_password, connect, load, reporting, select
+
 if TYPE_CHECKING:
     from lupin_cli.sweep import Kept, Plan, Result
+    from lupin_cli.target import Target
 
-CLEAN, LEFT, UNREACHABLE = 0, 1, 3
+CLEAN, LEFT = 0, 1
 
 
 def command(
-    robot: str = typer.Option(None, "--robot", help="Sweep this robot instead of this machine."),
+    robot: ROBOT = None,
     dry_run: bool = typer.Option(False, "--dry-run", help="Only say what would be ended and removed."),
     as_json: bool = typer.Option(False, "--json", help="Print JSON, alone on standard output."),
+    config: CONFIG = None,
+    ask_sudo: ASK_SUDO = False,
 ) -> None:
     """End zombie ROS processes on DDS ports, by number and after a look at each; remove shared memory that nobody holds.
 
-    What a live run, a service or an operator's terminal owns is named and left alone.
-    Exit status: 0 nothing is left over, 1 something is (with --dry-run: would be removed), 3 the robot can't be reached.
+    Sweeps this machine, or a robot with --robot. What a live run, a service or an operator's terminal owns is named and left
+    alone. Exit status: 0 nothing is left over, 1 something is (with --dry-run: would be removed), 2 usage, 3 the robot can't
+    be reached.
     """
-    from lupin_cli.sweep import look, sweep
-    from lupin_cli.target import TargetError
-
-    try:
-        target, who = _target(robot)
-        try:
-            if dry_run:
-                plan = look(target, **who)
-                _tell_plan(plan, as_json)
-                raise typer.Exit(CLEAN if plan.clean else LEFT)
-            result = sweep(target, **who)
-        finally:
-            target.close()
-    except TargetError as error:
-        typer.echo(f"lupin sweep: {error}" + (f"; next: {error.next_command}" if error.next_command else ""), err=True)
-        raise typer.Exit(UNREACHABLE) from error
-    _tell_result(result, as_json)
-    raise typer.Exit(LEFT if result.failed or any(kept.blocks for kept in result.kept) else CLEAN)
-
-
-def _target(robot: str | None):  # type: ignore[no-untyped-def]
-    """Where to sweep, and as whom: root on a robot, ourselves here."""
-    if robot is not None:
-        from lupin_cli.target.open import open_robot
-
-        return open_robot(robot), {"user_id": 0}
     from lupin_cli.target.local import LocalTarget
 
-    return LocalTarget(), {"user_id": os.geteuid(), "runs": live_run_processes(), "ourselves": frozenset({os.getpid()})}
+    with reporting("sweep"):
+        if robot is None:
+            who = {"user_id": os.geteuid(), "runs": live_run_processes(), "ourselves": frozenset({os.getpid()})}
+            raise typer.Exit(_sweep(LocalTarget(), who, dry_run, as_json))
+        inventory, status = load(config), CLEAN
+        for one in select(inventory, robot):
+            with connect(one, inventory, sudo_password=ask_sudo_password(one.name) if ask_sudo else None) as target:
+                status = max(status, _sweep(target, {"user_id": 0}, dry_run, as_json))
+    raise typer.Exit(status)
+
+
+def _sweep(target: Target, who: dict[str, Any], dry_run: bool, as_json: bool) -> int:
+    from lupin_cli.sweep import look, sweep
+
+    if dry_run:
+        plan = look(target, **who)
+        _tell_plan(plan, as_json)
+        return CLEAN if plan.clean else LEFT
+    result = sweep(target, **who)
+    _tell_result(result, as_json)
+    return LEFT if result.failed or any(kept.blocks for kept in result.kept) else CLEAN
 
 
 def live_run_processes() -> dict[int, str]:

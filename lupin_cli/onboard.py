@@ -1,0 +1,27 @@
+"""Running a program of the release on a robot: on its own graph, with its set-up, and its words as they come."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+
+from lupin_cli.config import Robot
+from lupin_cli.target.base import Output, Target
+
+RELEASE = "/opt/lupin/current"
+NOT_DEPLOYED = 127
+
+
+def program(robot: Robot, module: str, *arguments: str) -> str:
+    """A shell script that runs a module of the release as the robot's units do. Its status is the module's, or NOT_DEPLOYED."""
+    python = f"{RELEASE}/venv/bin/python3"
+    lines: Sequence[str] = (*robot.ros_setup, f"exec {shlex.join([python, '-u', '-m', module, *arguments])}")
+    # bash, since the set-up files are bash's; with a login's environment, as the units have it.
+    return f"[ -x {python} ] || exit {NOT_DEPLOYED}\nexec bash -lc {shlex.quote('; '.join(lines))}"
+
+
+def run_program(
+    target: Target, robot: Robot, module: str, *arguments: str, bound_s: float, on_line: Callable[[str], None] | None = None
+) -> Output:
+    """Run it and wait for its end. Raises TargetError where the robot can't be reached."""
+    return target.run(program(robot, module, *arguments), bound_s=bound_s, on_line=on_line)

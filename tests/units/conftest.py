@@ -1,0 +1,63 @@
+"""A robot computer with Lupin's units on it, and the vendor's side running against a simulated robot."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+
+from lupin_cli import units
+
+if TYPE_CHECKING:
+    from lupin_sim.host import Host
+
+SET_UP = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
+RELEASE = "/opt/lupin/current"
+
+
+def install_units(host: Host) -> None:
+    """Put the rendered units there, with this project in the place of a release."""
+    robot = host.robot
+    made = robot.inside("sh", "-ec", f"mkdir -p {RELEASE}; ln -s {sys.prefix} {RELEASE}/venv")
+    assert made.status == 0, made.stderr
+    for name, text in units.robot_units("mirte", RELEASE, SET_UP).items():
+        assert robot.inside("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
+    done = robot.inside("sh", "-ec", "systemctl daemon-reload; systemctl enable --quiet lupin-onboard lupin-auto-home")
+    assert done.status == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def lupin_robot() -> Iterator[Host]:
+    """Booted, with everything that `lupin deploy robot` makes of a robot. One for a whole file: a boot costs seconds."""
+    from lupin_sim.host import Host
+    from lupin_sim.host.fixtures import require
+
+    require()
+    with Host.start(vendor_robot=True) as host:
+        install_units(host)
+        yield host
+
+
+@pytest.fixture
+def robot_host(lupin_robot: Host) -> Host:
+    """That robot with the vendor's stack up and nothing of Lupin started."""
+    fresh = """systemctl stop lupin-auto-home lupin-onboard; systemctl reset-failed
+systemctl restart mirte-ros && journalctl --rotate --vacuum-size=1"""
+    done = lupin_robot.robot.inside("sh", "-c", fresh, timeout_s=60.0)
+    assert done.status == 0, done.stderr
+    return lupin_robot
+
+
+@pytest.fixture
+def as_mirte(lupin_robot: Host) -> Callable[..., None]:
+    """Runs a Python program with its arguments on the robot's own graph."""
+
+    def run(program: str, *arguments: str) -> None:
+        script = "; ".join(("cd ~", *SET_UP, f"exec {RELEASE}/venv/bin/python3 - {' '.join(arguments)}"))
+        command = ("runuser", "-u", "mirte", "--", "bash", "-c", script)
+        done = lupin_robot.robot.inside(*command, stdin=program, timeout_s=60.0)
+        assert done.status == 0, done.stderr
+
+    return run
