@@ -22,6 +22,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "doctor": ("Robot", "What is wrong with robot, laptop and link, why, and what mends it."),
     "robots": ("Robot", "The robots that Lupin knows, and whether they answer."),
     "sim": ("Simulator", "The simulated robot: worlds, pictures, the red button."),
+    "home": ("Robot", "Controllers active, arm at rest."),
     "sweep": ("Robot", "End zombie ROS processes, remove shared memory that nobody holds."),
     "replay": ("Results", "Look at a recorded run again."),
     "report": ("Results", "Build the report of a recorded run."),
