@@ -65,12 +65,12 @@ def to_json(diagnosis: Diagnosis, link: Link | None = None) -> str:
     return json.dumps(to_dict(diagnosis, link), indent=2)
 
 
-def to_junit(diagnosis: Diagnosis) -> str:
-    """The diagnosis as a JUnit report: a test case per check, a failure where it found something."""
+def to_junit(diagnosis: Diagnosis, name: str = "lupin doctor") -> str:
+    """The diagnosis as a suite of a JUnit report: a test case per check, a failure where it found something."""
     from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
     failures = sum(1 for findings in diagnosis.by_check.values() if findings)
-    suite = Element("testsuite", name="lupin doctor", tests=str(len(diagnosis.checks) + len(diagnosis.unknown)))
+    suite = Element("testsuite", name=name, tests=str(len(diagnosis.checks) + len(diagnosis.unknown)))
     suite.set("failures", str(failures))
     suite.set("errors", str(len(diagnosis.broken) + len(diagnosis.unknown)))
     for check in diagnosis.checks:
@@ -90,7 +90,7 @@ def to_junit(diagnosis: Diagnosis) -> str:
             SubElement(case, "error", type="plug-in", message=printable(line))
             suite.set("tests", str(int(suite.get("tests", "0")) + 1))
     indent(suite)
-    return '<?xml version="1.0" encoding="utf-8"?>\n' + tostring(suite, encoding="unicode")
+    return tostring(suite, encoding="unicode")
 
 
 def to_markdown(diagnosis: Diagnosis, title: str) -> str:

@@ -41,6 +41,10 @@ def find_unreachable(evidence: Evidence) -> Iterator[Finding]:
         return
     meaning, command = _MEANINGS.get(link.kind, ("the robot could not be asked", "ping -c 3 {address}"))
     routes, address = evidence.laptop.get(ROUTES), robot_address(evidence)
+    if link.kind == "no-route" and routes is not None and address and routes.leads_to(address):
+        meaning = (
+            "its network is here, and nobody answers there at that address: the robot is off, or the far end of the link is"
+        )
     yield Finding(
         id="robot-unreachable",
         severity=Severity.PROBLEM,

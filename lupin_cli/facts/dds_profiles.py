@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from lupin_cli.facts.base import Fact
+from lupin_cli.facts.ros_processes import SAME_NETWORK
 from lupin_cli.facts.sections import PRELUDE, answers
 from lupin_cli.target.base import Output
 
@@ -16,14 +17,19 @@ DISCOVERY_PORT = 11811
 
 PROBE = (
     PRELUDE
-    + r"""names='FASTRTPS_DEFAULT_PROFILES_FILE|FASTDDS_DEFAULT_PROFILES_FILE'
-{ grep -zhasE "^($names)=" /proc/[0-9]*/environ | tr '\n\0' ' \n'
-  env | grep -E "^($names)="
-  echo "=${XDG_CONFIG_HOME:-$HOME/.config}/lupin/fastdds_super_client.xml"
-} | cut -d= -f2- | sort -u | while read -r path; do
+    + rf"""names='FASTRTPS_DEFAULT_PROFILES_FILE|FASTDDS_DEFAULT_PROFILES_FILE'
+pids=$(grep -zlasE "^($names)=" /proc/[0-9]*/environ | cut -d/ -f3)
+{SAME_NETWORK}
+{{ for pid in $pids; do
+    grep -zhasE "^($names)=" "/proc/$pid/environ" | tr '\n\0' ' \n' | sed "s#^[^=]*=#/proc/$pid/root #"
+  done
+  env | grep -E "^($names)=" | sed 's#^[^=]*=#/ #'
+  echo "/ ${{XDG_CONFIG_HOME:-$HOME/.config}}/lupin/fastdds_super_client.xml"
+}} | sort -u -k2 | while read -r root path; do
   [ -n "$path" ] || continue
+  case $path in /*) file="${{root%/}}$path" ;; *) file="${{root%root}}cwd/$path" ;; esac
   echo "@@ file $path"
-  if [ -r "$path" ]; then head -c 20000 "$path" | sed 's/^/ /'; echo; else echo "missing"; fi
+  if [ -r "$file" ]; then head -c 20000 "$file" | sed 's/^/ /'; echo; else echo "missing"; fi
 done
 echo '@@ end'
 """

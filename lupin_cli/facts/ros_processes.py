@@ -15,10 +15,17 @@ from lupin_cli.facts.sections import PRELUDE, answers, integer, number
 from lupin_cli.target.base import Output
 
 _LIBRARIES = r"lib(rcl|fastrtps|fastdds|ddsc|rmw_[a-z_]+_cpp)\.so"
+# Containers with a network of their own are other machines, though their processes show in /proc here.
+SAME_NETWORK = (
+    """own=$(stat -L -c %i /proc/self/ns/net)
+pids=$(for pid in $pids; do echo "/proc/$pid/ns/net"; done | xargs -r stat -L -c '%i %n' 2>/dev/null |"""
+    """ awk -v own="$own" '$1 == own { split($2, part, "/"); print part[3] }')"""
+)
 _VARIABLES = "(ROS_|RMW_|FASTRTPS_|FASTDDS_|CYCLONEDDS_|MIRTE_|LUPIN_|VIRTUAL_ENV=)"
 PROBE = (
     PRELUDE
     + rf"""pids=$(grep -lsE '{_LIBRARIES}' /proc/[0-9]*/maps | cut -d/ -f3)
+{SAME_NETWORK}
 files() {{ for pid in $pids; do echo "/proc/$pid/$1"; done; }}
 echo '@@ uptime'; cat /proc/uptime
 echo '@@ ticks'; getconf CLK_TCK
@@ -63,7 +70,9 @@ class RosProcess:
         words = [PurePosixPath(argument).name for argument in self.arguments[:2]] + list(self.arguments[2:])
         if words and re.fullmatch(r"(python|ruby|node|bash|sh)[0-9.]*", words[0]):
             script = [word for word in words[1:] if word and not word.startswith("-")]
-            return " ".join(script[:3]) or words[0]
+            if script[:1] == ["lupin_runtime.stack.process"] and len(script) > 1:
+                return PurePosixPath(script[1]).stem  # one process of the stack's table, by its name there
+            return " ".join(script[:2])[:40].strip() or words[0]
         return words[0] if words else f"process {self.pid}"
 
     @property
