@@ -8,7 +8,8 @@ import sys
 
 import typer
 
-from lupin_cli.robot_options import CONFIG, ROBOT, connect, load, reporting, select
+from lupin_cli.config import load
+from lupin_cli.robot_options import CONFIG, ROBOT, connect, reporting, select
 
 MODULE = "lupin_runtime.arm.auto_home"
 BOUND_S = 240.0

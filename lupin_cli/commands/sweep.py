@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lupin_cli.robot_options import ASK_SUDO, CONFIG, ROBOT, ask_sudo_password, connect, load, reporting, select
+from lupin_cli.config import load
+from lupin_cli.robot_options import ASK_SUDO, CONFIG, ROBOT, ask_sudo_password, connect, reporting, select
 
 if TYPE_CHECKING:
     from lupin_cli.sweep import Kept, Plan, Result
