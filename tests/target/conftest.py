@@ -5,6 +5,7 @@ from __future__ import annotations
 import getpass
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import time
@@ -82,5 +83,15 @@ def start_sshd(directory: Path, port: int = 0, extra: str = "") -> tuple[subproc
 def sshd(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sshd]:
     process, server = start_sshd(tmp_path_factory.mktemp("sshd"))
     yield server
+    process.terminate()
+    process.wait(10)
+
+
+@pytest.fixture
+def own_sshd(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[bytes], Sshd]]:
+    """An sshd for one test, which may treat it badly."""
+    process, server = start_sshd(tmp_path)
+    yield process, server
+    process.send_signal(signal.SIGCONT)
     process.terminate()
     process.wait(10)
