@@ -32,6 +32,7 @@ class Operation(Protocol):
       settle_s: ClassVar[float]    how long after `change` a difference may remain; the step's time-out ends it too (default 0)
       read_only: ClassVar[bool]    it never differs, only reports: asked also where its step is not reached
       reports: ClassVar[tuple]     the values of `report(target) -> dict`, read only, for later steps' conditions; JSON-able
+      begun(before) -> Operation   the same, knowing what it found before it began; verification and resume ask that
       look_command: property       what a person types to look at it where it would not settle
     """
 

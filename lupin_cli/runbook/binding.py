@@ -18,24 +18,27 @@ from lupin_cli.target.base import Target
 class Binding:
     """The values of one run of a playbook. Made before anything runs: what can be checked by then is checked here."""
 
-    def __init__(self, playbook: Playbook, variables: Mapping[str, Any], targets: Mapping[str, Target]) -> None:
-        """Raises PlaybookError for unknown, missing and unfit variables, a machine that nobody named, unfit arguments."""
+    def __init__(self, playbook: Playbook, variables: Mapping[str, Any], targets: Mapping[str, Target] | None) -> None:
+        """`targets` of None: only to be asked which machines it takes.
+
+        Raises PlaybookError for unknown, missing and unfit variables, a machine that nobody named, unfit arguments.
+        """
         self._playbook = playbook
         self._given = dict(variables)
-        self._machines = _machines(targets)
+        self._machines = _machines(targets or {})
         self._results: dict[int, dict[str, Any]] = {}
         known = {variable.name for variable in playbook.variables}
         for name in variables:
             if name not in known:
                 raise PlaybookError(f"{playbook.name!r} has no variable {name!r}{nearest(name, known)}", playbook.file)
-        for machine in sorted(playbook.machines):
-            if machine not in targets:
-                raise PlaybookError(f"{playbook.name!r} works on the {machine}, and none is named: --robot NAME", playbook.file)
         root = playbook.steps[0].frame
         while root.parent is not None:
             root = root.parent
         self.variables = self._variables(root)
         self._check_arguments()
+        for machine in sorted(self.machines()):
+            if targets is not None and machine not in targets:
+                raise PlaybookError(f"{playbook.name!r} works on the {machine}, and none is named: --robot NAME", playbook.file)
 
     @property
     def secrets(self) -> dict[str, str]:
@@ -48,6 +51,16 @@ class Binding:
                 self.operation(step)
             except ExpressionError:
                 continue  # waits for the result of an earlier step
+
+    def machines(self) -> set[str]:
+        """The machines that steps may need: those whose conditions hold, or wait for a result."""
+        return {step.machine for step in self._playbook.steps if self._may_run(step)}
+
+    def _may_run(self, step: Step) -> bool:
+        try:
+            return self.wanted(step)
+        except (PlaybookError, ExpressionError):
+            return True
 
     def scope(self, frame: Frame) -> dict[str, Any]:
         """Every name that a step of this frame may use."""

@@ -129,6 +129,10 @@ def _index_of(book: Playbook, word: str) -> int:
     raise PlaybookError(f"there is no step {word!r}{nearest(word, names)}, or a number from 1 to {len(names)}", book.file)
 
 
+def _begun(operation: Any, before: Mapping[str, Any]) -> Any:
+    return operation.begun(before) if hasattr(operation, "begun") else operation
+
+
 class _Stopped(Exception):
     """Ends the run. `state` is the step's, `ending` the run's."""
 
@@ -245,6 +249,8 @@ class _Run:
         target = self._targets[step.machine]
         target.deadline = time.monotonic() + step.timeout_s
         touched = prior is not None and prior.before is not None
+        if prior is not None and prior.before is not None:
+            operation = _begun(operation, prior.before)
         for attempt in range(step.retry.times + 1):
             try:
                 ended = self._attempt(index, step, operation, target, blank, touched)
@@ -286,6 +292,7 @@ class _Run:
             if not self._dry_run:
                 self._ask(step)
                 self._change(index, step, operation, target, difference)
+                operation = _begun(operation, difference.before)
                 state = "changed"
         result = self._report(index, step, operation, target, state != "same")
         return dataclasses.replace(blank, state=state, summary=summary, diff=text, result=result)
@@ -308,6 +315,7 @@ class _Run:
             operation.change(target, difference)
         finally:
             target.record = target.on_line = None
+        operation = _begun(operation, difference.before)
         settle_s = float(getattr(operation, "settle_s", 0.0))
         limit = min(target.deadline, time.monotonic() + settle_s)
         pause_s = _FIRST_POLL_S

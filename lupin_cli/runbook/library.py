@@ -4,21 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import lupin_cli
 from lupin_cli.runbook.language import Playbook
 from lupin_cli.runbook.source import nearest
-
-
-def shipped_folder() -> Path:
-    """The folder of shipped playbooks: inside the installed package, or beside it in a checkout."""
-    package = Path(lupin_cli.__file__).parent
-    inside = package / "playbooks"
-    return inside if inside.is_dir() else package.parent / "playbooks"
+from lupin_cli.shipped import shipped_folder
 
 
 def shipped() -> list[Path]:
     """The files of all shipped playbooks, by name."""
-    return sorted(shipped_folder().glob("*.yaml"))
+    return sorted(shipped_folder("playbooks").glob("*.yaml"))
 
 
 def find_playbook(name: str, folder: Path | None = None) -> Path:
@@ -28,7 +21,7 @@ def find_playbook(name: str, folder: Path | None = None) -> Path:
         if not path.is_file():
             raise FileNotFoundError(f"there is no file {str(path)!r}; shipped playbooks: lupin play --list")
         return path
-    for candidate in (*([folder / f"{name}.yaml"] if folder else []), shipped_folder() / f"{name}.yaml"):
+    for candidate in (*([folder / f"{name}.yaml"] if folder else []), shipped_folder("playbooks") / f"{name}.yaml"):
         if candidate.is_file():
             return candidate
     known = {path.stem for path in shipped()} | ({path.stem for path in folder.glob("*.yaml")} if folder else set())

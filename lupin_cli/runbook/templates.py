@@ -85,20 +85,22 @@ def names_in(value: Any) -> Iterator[Name]:
             yield from names_in(item)
 
 
+def _arguments(operation: type) -> list[dataclasses.Field]:
+    return [f for f in dataclasses.fields(operation) if f.init and f.name != "machine" and not f.name.startswith("_")]
+
+
 @cache
 def arguments_of(operation: type) -> dict[str, Any]:
     """The arguments of an operation by name, with their types: its fields, but for the machine, which the step says."""
     hints = typing.get_type_hints(operation)
-    return {f.name: hints[f.name] for f in dataclasses.fields(operation) if f.init and f.name != "machine"}
+    return {f.name: hints[f.name] for f in _arguments(operation)}
 
 
 @cache
 def required_of(operation: type) -> tuple[str, ...]:
     """The arguments that an operation can't do without."""
     return tuple(
-        f.name
-        for f in dataclasses.fields(operation)
-        if f.init and f.name != "machine" and f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+        f.name for f in _arguments(operation) if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
     )
 
 
