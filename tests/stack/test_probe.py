@@ -1,0 +1,183 @@
+"""A visit to graphs of real nodes: what is broken on them is seen, what works gives nothing, and nothing keeps a visitor."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from lupin_cli.checks import board, controllers, drive, samples
+from lupin_cli.checks.base import Evidence
+from lupin_cli.diagnosis import diagnose
+from lupin_cli.facts.base import Facts
+from lupin_cli.facts.graph import Graph, Graphs, parse
+from lupin_cli.target.base import Output
+from lupin_runtime import graph
+from lupin_runtime.stack import probe
+from lupin_runtime.stack.graphs import known_graphs
+from lupin_runtime.stack.runs import create_run
+
+CHECKS = (*controllers.CHECKS, *drive.CHECKS, *samples.CHECKS, *board.CHECKS)
+
+
+def visit() -> Graph:
+    """What a visitor of this test's graph sees."""
+    command = [sys.executable, "-m", "lupin_runtime.stack.probe", "--here"]
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert answer.returncode == 0, answer.stderr
+    return read(answer.stdout)
+
+
+def read(told: str) -> Graph:
+    return parse(Output(0, '{"graphs": [{"name": "test", "kind": "sim", ' + told.strip()[1:] + "]}")).graphs[0]
+
+
+def ids(seen: Graph) -> list[str]:
+    diagnosis = diagnose(CHECKS, Evidence(Facts("laptop", {"graph": Graphs((seen,))}), None))
+    assert diagnosis.broken == ()
+    return sorted(root.finding.id for root in diagnosis.roots)
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen]]:
+    """Starts simulated robots as processes and waits until their world turns."""
+    running: list[subprocess.Popen] = []
+
+    def start(*arguments: str) -> subprocess.Popen:
+        folder = tmp_path / str(len(running))
+        command = [sys.executable, "-m", "lupin_sim", "--world", "walled", "--no-cameras", "--run-dir", str(folder), *arguments]
+        running.append(subprocess.Popen(command))
+        deadline = time.monotonic() + 60
+        while not (folder / "sim_state.json").exists():
+            assert running[-1].poll() is None and time.monotonic() < deadline, "the simulated robot did not come up"
+            time.sleep(0.05)
+        return running[-1]
+
+    yield start
+    for process in running:
+        process.send_signal(signal.SIGCONT)
+        process.terminate()
+        process.wait(timeout=20)
+
+
+@pytest.mark.graph
+def test_a_simulated_robot_that_works_gives_nothing(robot) -> None:
+    robot()
+    seen = visit()
+    assert ids(seen) == []
+    assert [controller.state for controller in seen.controllers or ()] == ["active"] * 5
+    assert all(count for _, count in seen.samples) and graph.SCAN.name in dict(seen.samples)
+    assert all(call.round_trip_s is not None for call in seen.calls) and len(seen.calls) == 2
+    assert not any("lupin_probe" in name for name in seen.nodes)
+
+
+@pytest.mark.graph
+def test_controllers_that_the_vendors_race_left_unconfigured_are_the_root(robot) -> None:
+    robot("--controllers", "unconfigured")
+    assert ids(visit()) == ["controllers-not-active"]
+
+
+@pytest.mark.graph
+def test_a_robot_that_stops_once_its_names_are_known_gives_names_and_no_samples(robot, monkeypatch) -> None:
+    process = robot()
+    listen = probe.Visit.listen
+
+    def stop_and_listen(self: probe.Visit, topics: dict) -> None:
+        os.kill(process.pid, signal.SIGSTOP)
+        listen(self, topics)
+
+    monkeypatch.setattr(probe.Visit, "listen", stop_and_listen)
+    started = time.monotonic()
+    seen = read(json.dumps(probe.look()))
+    assert time.monotonic() - started < probe.VISIT_BOUND_S
+    assert len(seen.nodes) >= 1 and len(seen.samples) >= 5
+    assert ids(seen) == ["names-no-samples"]
+
+
+@pytest.mark.graph
+def test_every_fault_of_a_graph_of_real_nodes_is_named_and_no_other(graph_host) -> None:
+    from lupin_runtime.drive.twist import ZERO, encode
+    from lupin_runtime.ros import LupinNode
+    from lupin_runtime.ros.node import interface
+
+    talker = graph_host.add(LupinNode("talker"))
+    scan, battery = talker.publisher(graph.SCAN), talker.publisher(graph.BATTERY)
+    manual, stop = talker.publisher(graph.CMD_VEL_MANUAL), talker.publisher(graph.ESTOP_STATE)
+    talker.publisher(graph.CMD_VEL_SINK_ROBOT)
+    laser, state, pressed = (interface(row.type) for row in (graph.SCAN, graph.BATTERY, graph.ESTOP_STATE))
+
+    def speak() -> None:
+        scan.publish(laser())
+        battery.publish(state(percentage=math.nan))
+        stop.publish(pressed(data=True))
+        manual.publish(encode(ZERO))
+
+    talker.create_timer(0.05, speak)
+    listener = graph_host.add(LupinNode("listener"))
+    listener.subscription(graph.SCAN, lambda _: None, qos=graph.REL10)
+    listener.subscription(graph.ESTOP_STATE, lambda _: None)
+
+    assert ids(visit()) == [
+        "battery-unreadable",
+        "controller-manager-missing",
+        "estop-engaged",
+        "qos-mismatch",
+    ]
+
+
+@pytest.mark.graph
+def test_an_empty_graph_is_left_soon() -> None:
+    seen = visit()
+    assert seen.nodes == () and ids(seen) == []
+
+
+def test_a_visitor_that_does_not_end_is_ended_and_said_to_have_hung(monkeypatch: pytest.MonkeyPatch) -> None:
+    process = subprocess.Popen(["sleep", "600"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    told = probe._finish(process, time.monotonic() + 0.2)
+    assert "did not end" in told["error"] and process.poll() is not None
+
+
+def test_a_visitor_that_dies_leaves_its_last_words() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", "raise SystemExit('no such middleware')"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    told = probe._finish(process, time.monotonic() + 30)
+    assert told["error"] == "the visit to the graph ended with 1: no such middleware"
+
+
+def test_graphs_are_those_of_live_runs_and_of_the_robot_each_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    base = {"HOME": str(tmp_path), "PATH": os.environ["PATH"], "ROS_DOMAIN_ID": "7", "ROS_LOCALHOST_ONLY": "1"}
+    assert known_graphs(base) == ()
+
+    run, lock = create_run()
+    run.write_info({"environment": {"ROS_DOMAIN_ID": "42"}, "options": {"target": "sim"}})
+    config = tmp_path / ".config" / "lupin"
+    config.mkdir(parents=True)
+    (config / "ros-env.sh").write_text('export ROS_DISCOVERY_SERVER="10.42.0.1:11811"\n')
+    found = known_graphs(base)
+    assert [(each.name, each.kind) for each in found] == [(run.id, "sim"), ("robot", "robot")]
+    assert found[0].environment["ROS_DOMAIN_ID"] == "42"
+    assert "ROS_LOCALHOST_ONLY" not in found[0].environment
+    assert found[1].environment["ROS_DISCOVERY_SERVER"] == "10.42.0.1:11811"
+
+    run.write_info({"environment": dict(found[1].environment), "options": {"target": "robot"}})
+    assert [(each.name, each.kind) for each in known_graphs(base)] == [(run.id, "robot")]
+    os.close(lock)
+    assert [each.name for each in known_graphs(base)] == ["robot"]
+
+
+def test_unknown_arguments_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert probe.main(["--everything"]) == 2
+    assert "--here" in capsys.readouterr().err
