@@ -91,9 +91,8 @@ def make_plan(
         elif user_id not in (0, process.user_id):
             kept.append(Kept(f"{process.name} ({process.pid}){_on(ports)}", f"belongs to user {process.user_id}", True))
         elif process.pid in families.members:
-            why = "the ros2 command's daemon answers from what it once saw" if process.is_daemon else "who started it is gone"
             start = families.members[process.pid].start_ticks
-            culprits.append(Culprit(process.pid, start, process.name, process.command, ports, why))
+            culprits.append(Culprit(process.pid, start, process.name, process.command, ports, _why(process)))
     for socket in sockets.every:
         if socket.protocol == "udp" and _FIRST_PORT <= socket.port <= _LAST_PORT and socket.pid and socket.pid not in by_pid:
             kept.append(Kept(f"{socket.process} ({socket.pid}) on {socket.port}", "is no ROS process"))
@@ -105,6 +104,12 @@ def _ports(process: RosProcess, sockets: Sockets) -> tuple[int, ...]:
     base = _PORTS_PER_DOMAIN * process.domain
     held = {s.port for s in sockets.of(process.pid) if s.protocol == "udp" and _FIRST_PORT <= s.port - base <= _LAST_PORT}
     return tuple(sorted(held))
+
+
+def _why(process: RosProcess) -> str:
+    if process.is_daemon:
+        return "the ros2 command's daemon answers from what it once saw"
+    return "it is stopped and answers nobody" if process.state == "T" else "who started it is gone"
 
 
 def _on(ports: tuple[int, ...]) -> str:
@@ -122,7 +127,8 @@ def _protected(process: RosProcess, families: Families, runs: Mapping[int, str],
     if process.is_daemon:
         return ""
     unit = process.group.rpartition("/")[2]
-    if unit.endswith(".service") and not unit.startswith("user@"):
+    # A service's process that is stopped answers nobody either; its service manager may start it again.
+    if process.state != "T" and unit.endswith(".service") and not unit.startswith("user@"):
         return f"part of {unit}; restart that instead"
     if process.is_server:
         return "a discovery server; others wait for it"

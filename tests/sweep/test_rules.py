@@ -45,6 +45,12 @@ def test_what_somebody_looks_after_is_named_and_left_alone(change, families, sai
     assert made.culprits == () and said in made.kept[0].why and not made.kept[0].blocks
 
 
+def test_a_stopped_process_of_a_service_is_ended_and_one_of_a_shell_that_lives_is_not() -> None:
+    stopped = replace(ZOMBIE, state="T", group="/system.slice/run-7.service")
+    assert plan(stopped).culprits[0].why == "it is stopped and answers nobody"
+    assert plan(replace(stopped, parent=40)).culprits == ()
+
+
 def test_a_process_of_a_live_run_is_left_alone_and_so_are_its_children() -> None:
     assert plan(runs={500: "20261121-1"}).kept[0].why.startswith("part of the live run 20261121-1")
     family = Families({**FAMILY.members, 499: Member(499, 1, 5, "python3"), 500: Member(500, 499, 77, "twin_node")})
