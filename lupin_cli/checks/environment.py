@@ -53,7 +53,7 @@ def find_dead_processes(evidence: Evidence) -> Iterator[Finding]:
         for process in processes:
             # `lupin up` sets the variables for itself before it joins: only the sockets tell which graph it is in.
             there = multicast_socket(process, sockets, domains)
-            if process.server or process.is_daemon or process.is_server or there is None:
+            if process.server or process.is_daemon or process.is_server or process.outlived or there is None:
                 continue
             yield Finding(
                 id="process-multicast-only",

@@ -8,6 +8,7 @@ from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
 from lupin_cli.checks.environment import machines
 from lupin_cli.checks.typed import there
 from lupin_cli.facts.base import Facts
+from lupin_cli.facts.link import Link
 from lupin_cli.facts.ros_processes import ROS_PROCESSES, RosProcess
 from lupin_cli.facts.shared_memory import SHARED_MEMORY, SharedFile
 from lupin_cli.facts.sockets import SOCKETS
@@ -16,10 +17,10 @@ from lupin_cli.facts.sockets import SOCKETS
 FIRST_PORT, LAST_PORT = 7410, 7447
 
 
-def sweep(facts: Facts) -> Fix:
+def sweep(evidence: Evidence, machine: str) -> Fix:
     """What removes leftovers of one machine."""
-    where = "" if facts.machine == "laptop" else " --robot"
-    return Fix(f"lupin sweep{where}", playbook="sweep", variables={"machine": facts.machine}, safe=True)
+    robot = f" --robot {evidence.link.robot}" if machine == "robot" and isinstance(evidence.link, Link) else ""
+    return Fix(f"lupin sweep{robot}", playbook="sweep", variables={"machine": machine}, safe=True)
 
 
 def find_zombies(evidence: Evidence) -> Iterator[Finding]:
@@ -30,7 +31,7 @@ def find_zombies(evidence: Evidence) -> Iterator[Finding]:
             continue
         for process in processes:
             held = [s for s in sockets.of(process.pid) if s.protocol == "udp" and FIRST_PORT <= s.port <= LAST_PORT]
-            why = _why_zombie(process)
+            why = "" if process.is_server else process.outlived
             if held and why:
                 ports = ", ".join(str(port) for port in sorted({socket.port for socket in held}))
                 yield Finding(
@@ -42,14 +43,6 @@ def find_zombies(evidence: Evidence) -> Iterator[Finding]:
                     evidence=(process.line(), f"parent {process.parent}, group {process.group}", *(s.line() for s in held)),
                     fix=Fix(there(evidence, facts.machine, f"kill {process.pid}")),
                 )
-
-
-def _why_zombie(process: RosProcess) -> str:
-    if process.is_daemon or process.is_server or process.is_lupin or process.group.endswith(".service"):
-        return ""  # those have no parent by design
-    if process.state in ("T", "t"):
-        return "it is stopped (Ctrl-Z), and answers nobody"
-    return "its parent is gone" if process.parent == 1 else ""
 
 
 def find_orphaned_memory(evidence: Evidence) -> Iterator[Finding]:
@@ -70,7 +63,7 @@ def find_orphaned_memory(evidence: Evidence) -> Iterator[Finding]:
                 f"/dev/shm/{file.name}: {file.size_bytes} bytes, user {file.user_id}, nobody holds its lock"
                 for file in orphans[:6]
             ),
-            fix=sweep(facts),
+            fix=sweep(evidence, facts.machine),
         )
 
 
@@ -90,7 +83,7 @@ def find_unshared_memory(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _uses_shared_memory(process: RosProcess, holders: set[int]) -> bool:
-    if process.is_daemon or process.environment.get("FASTDDS_BUILTIN_TRANSPORTS", "").startswith("UDP"):
+    if process.is_daemon or process.outlived or process.environment.get("FASTDDS_BUILTIN_TRANSPORTS", "").startswith("UDP"):
         return False
     return process.pid in holders
 

@@ -20,17 +20,23 @@ PROBE = (
     + rf"""names='FASTRTPS_DEFAULT_PROFILES_FILE|FASTDDS_DEFAULT_PROFILES_FILE'
 pids=$(grep -zlasE "^($names)=" /proc/[0-9]*/environ | cut -d/ -f3)
 {SAME_NETWORK}
-{{ for pid in $pids; do
-    grep -zhasE "^($names)=" "/proc/$pid/environ" | tr '\n\0' ' \n' | sed "s#^[^=]*=#/proc/$pid/root #"
-  done
+{{ for pid in $pids; do echo "/proc/$pid/environ"; done | xargs -r grep -zHasE "^($names)=" | tr '\n\0' ' \n' |
+    sed -E 's#^(/proc/[0-9]+)/environ:[^=]*=#\1/root #'
   env | grep -E "^($names)=" | sed 's#^[^=]*=#/ #'
   echo "/ ${{XDG_CONFIG_HOME:-$HOME/.config}}/lupin/fastdds_super_client.xml"
-}} | sort -u -k2 | while read -r root path; do
-  [ -n "$path" ] || continue
-  case $path in /*) file="${{root%/}}$path" ;; *) file="${{root%root}}cwd/$path" ;; esac
-  echo "@@ file $path"
-  if [ -r "$file" ]; then head -c 20000 "$file" | sed 's/^/ /'; echo; else echo "missing"; fi
-done
+}} | sort -u | sort -s -k2 | {{
+  last= found=
+  missing() {{ [ -z "$last" ] || [ -n "$found" ] || {{ echo "@@ file $last"; echo missing; }}; }}
+  while read -r root path; do
+    [ -n "$path" ] || continue
+    [ "$path" = "$last" ] || {{ missing; last=$path found=; }}
+    case $path in /*) file="${{root%/}}$path" ;; *) file="${{root%root}}cwd/$path" ;; esac
+    # A process may end before its root is looked at: any other that names the path will do.
+    [ -z "$found" ] && [ -r "$file" ] || continue
+    found=yes; echo "@@ file $path"; head -c 20000 "$file" | sed 's/^/ /'; echo
+  done
+  missing
+}}
 echo '@@ end'
 """
 )

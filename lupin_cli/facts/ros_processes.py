@@ -117,6 +117,18 @@ class RosProcess:
         """Whether it is a `lupin` command: a run may go on without the terminal that it was typed in."""
         return any(argument == "lupin_cli.app" or argument.endswith("/lupin") for argument in self.arguments[:3])
 
+    @property
+    def outlived(self) -> str:
+        """Why it must be taken for left over by a launch that died; empty where it need not.
+
+        A stopped process answers nobody, whoever owns it. Services, daemons and runs of Lupin have no parent by design.
+        """
+        if self.state in ("T", "t"):
+            return "it is stopped (as by Ctrl-Z), and answers nobody"
+        if self.parent != 1 or self.is_daemon or self.is_server or self.is_lupin or self.group.endswith(".service"):
+            return ""
+        return "its parent is gone"
+
     def line(self, *variables: str) -> str:
         """The process with the variables that matter, as `/proc/PID/environ` has them."""
         shown = " ".join(f"{name}={self.environment.get(name, '')}" for name in variables)
@@ -177,4 +189,4 @@ def _by_pid(lines: tuple[str, ...]) -> dict[int, list[str]]:
     return found
 
 
-ROS_PROCESSES = Fact("ros-processes", PROBE, parse, timeout_s=4.0)
+ROS_PROCESSES = Fact("ros-processes", PROBE, parse)

@@ -371,6 +371,11 @@ def test_a_stopped_process_on_the_graphs_ports_is_named(healthy) -> None:
     assert "Ctrl-Z" in finding.cause
 
 
+def test_a_stopped_service_is_named_too(healthy) -> None:
+    stopped = changed(1, state="T", parent=1, group="/system.slice/lupin-onboard.service")
+    assert healthy.with_("robot", "ros-processes", stopped).named() == ["zombie-process"]
+
+
 def test_a_unit_without_a_parent_is_no_zombie(healthy) -> None:
     unit = changed(1, parent=1, group="/system.slice/mirte-ros.service")
     assert healthy.with_("robot", "ros-processes", unit).named() == []
