@@ -1,0 +1,192 @@
+"""`lupin sync-clock`: the robot's clock, set only while nothing watches it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lupin_cli.config import ConfigError, load
+from lupin_cli.robot_options import ASK_SUDO, CONFIG, ROBOT, ask_sudo_password, connect, reporting, select
+
+if TYPE_CHECKING:
+    from lupin_cli.clock import Drift
+    from lupin_cli.facts.clock import Offset
+    from lupin_cli.runbook.outcome import Event, Result
+    from lupin_cli.target.ssh import SshTarget
+
+PLAYBOOK, INSTALL = "sync-clock", "install-clock-sync"
+MEASURE_BOUND_S = 15.0
+NTP_WAIT_S = 0.7
+VENDOR = "mirte-ros.service"
+
+
+@dataclass(frozen=True)
+class Look:
+    """What was found before anything was done."""
+
+    drift: Drift
+    ntp: Offset | None  # where the robot serves its time itself
+    stack: str  # the vendor's service: active, inactive, ... or "missing"
+
+    @property
+    def fine(self) -> bool:
+        """Whether nothing must be touched."""
+        return self.drift.tolerable and self.stack == "active"
+
+    def as_json(self) -> dict[str, Any]:
+        drift = self.drift
+        return {
+            "offset_s": round(drift.offset.offset_s, 6),
+            "bound_s": round(drift.offset.bound_s, 6),
+            "round_trip_s": round(drift.round_trip_s, 6),
+            "samples": drift.samples,
+            "steady": drift.steady,
+            "ntp_offset_s": None if self.ntp is None else round(self.ntp.offset_s, 6),
+            "ntp_bound_s": None if self.ntp is None else round(self.ntp.bound_s, 6),
+            "stack": self.stack,
+        }
+
+
+def command(
+    robot: ROBOT = None,
+    install: bool = typer.Option(False, "--install", help="Let the robot take this machine's time at every boot (chrony)."),
+    dry_run: bool = typer.Option(False, "--dry-run", help="Measure, and say what would be done."),
+    resume: bool = typer.Option(False, "--resume", help="Go on where the last one was cut off."),
+    as_json: bool = typer.Option(False, "--json", help="Print JSON, alone on standard output."),
+    config: CONFIG = None,
+    ask_sudo: ASK_SUDO = False,
+) -> None:
+    """Measure how far the robot's clock is off. Up to 3 s with its stack up, nothing is touched; else the stack is stopped, the
+    clock set, shared memory swept and everything started again. The clock of a running stack is never stepped.
+
+    Exit status: 0 the clock is right and the stack up, 1 something failed, with how to go on; 2 usage, 3 the robot can't be
+    reached, 130 interrupted.
+    """
+    status = 0
+    with reporting("sync-clock"):
+        inventory = load(config)
+        for one in select(inventory, robot):
+            with connect(one, inventory, sudo_password=ask_sudo_password(one.name) if ask_sudo else None) as target:
+                status = max(status, _sync(target, install, dry_run, resume, as_json))
+    raise typer.Exit(status)
+
+
+def _sync(target: SshTarget, install: bool, dry_run: bool, resume: bool, as_json: bool) -> int:
+    before = look(target)
+    if not as_json:
+        _tell_look(target.name, before)
+    if before.fine and not install and not resume:
+        if as_json:
+            print(json.dumps({"robot": target.name, "before": before.as_json(), "done": "nothing"}))
+        else:
+            typer.echo("within 3 s and the stack is up: nothing is touched")
+        return 0
+    result = _play(INSTALL if install else PLAYBOOK, target, dry_run, resume, as_json)
+    after = None if dry_run else _look_again(target)
+    if as_json:
+        print(json.dumps(_outcome(target.name, before, result, after)))
+    elif result.state == "done" and after is not None:
+        _tell_look(target.name, after)
+    if result.state != "done":
+        typer.echo(f"lupin sync-clock: {result.message}", err=True)
+    if after is not None and after.stack != "active":
+        # Whatever else happened: nobody may walk away from a robot that is down without having read so.
+        how = f"; go on with: {result.next_command}" if result.next_command else f"; start it with: systemctl start {VENDOR}"
+        typer.echo(f"{target.name}: THE STACK IS DOWN ({VENDOR} is {after.stack}){how}", err=True)
+        return result.exit_code or 1
+    if result.state != "done" and after is None and not dry_run:
+        typer.echo(f"{target.name} can't be asked whether its stack is up; go on with: {result.next_command}", err=True)
+    return result.exit_code
+
+
+def look(target: SshTarget) -> Look:
+    """Measure the clock over one open channel, ask for NTP meanwhile, and see whether the stack is up. Raises TargetError."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    from lupin_cli.clock import ntp_offset
+    from lupin_cli.target.base import Script
+
+    with ThreadPoolExecutor(1, thread_name_prefix="ntp") as pool:
+        ntp = pool.submit(ntp_offset, target.destination.host, NTP_WAIT_S)
+        drift = measure_drift(target)
+        script = f"systemctl show --property=LoadState,ActiveState {VENDOR}"
+        output = target.batch([Script("stack", script)])["stack"]
+        found = dict(line.partition("=")[::2] for line in output.stdout.splitlines())
+        loaded = found.get("LoadState") == "loaded"
+        return Look(drift, ntp.result(), found.get("ActiveState", "unknown") if loaded else "missing")
+
+
+def measure_drift(target: SshTarget) -> Drift:
+    """The offset of the target's clock. Raises TargetError."""
+    from lupin_cli.clock import ANSWERING, ChannelConversation, ClockError, measure
+    from lupin_cli.target.base import TargetError
+
+    channel = target.open_run(ANSWERING, MEASURE_BOUND_S)
+    try:
+        return measure(ChannelConversation(channel.sendall, channel.recv))
+    except (ClockError, OSError, EOFError) as error:
+        why = str(error) or type(error).__name__
+        raise TargetError(
+            f"{target.name}: its clock could not be read: {why}", f"lupin doctor --robot {target.name}"
+        ) from error
+    finally:
+        channel.close()
+
+
+def _look_again(target: SshTarget) -> Look | None:
+    from lupin_cli.target.base import TargetError
+
+    try:
+        return look(target)
+    except TargetError:
+        return None
+
+
+def _play(name: str, target: SshTarget, dry_run: bool, resume: bool, as_json: bool) -> Result:
+    from lupin_cli.runbook.engine import play
+    from lupin_cli.runbook.journal import JournalError
+    from lupin_cli.runbook.source import PlaybookError
+    from lupin_cli.target.local import LocalTarget
+
+    try:
+        return play(
+            name,
+            {"robot": target, "laptop": LocalTarget()},
+            dry_run=dry_run,
+            resume=resume,
+            on_event=(lambda _: None) if as_json else _tell_event,
+        )
+    except (PlaybookError, FileNotFoundError) as error:
+        raise ConfigError(str(error)) from error
+    except JournalError as error:
+        raise ConfigError(f"{error}; next: {error.next_command}") from error
+
+
+def _tell_look(name: str, seen: Look) -> None:
+    ntp = f"; by NTP {seen.ntp}" if seen.ntp is not None else ""
+    typer.echo(f"{name}: clock {seen.drift}{ntp}; {VENDOR} is {seen.stack}")
+
+
+def _tell_event(event: Event) -> None:
+    if event.kind == "step-end" and event.state != "skipped":
+        text = f": {event.text}" if event.text else ""
+        typer.echo(f"  {event.index + 1:2d}/{event.total} {event.step} - {event.state}{text} ({event.duration_s:.1f} s)")
+    elif event.kind == "line":
+        typer.echo(f"        {event.text}")
+
+
+def _outcome(name: str, before: Look, result: Result, after: Look | None) -> dict[str, Any]:
+    steps = [{key: getattr(step, key) for key in ("name", "state", "summary", "error")} for step in result.steps]
+    return {
+        "robot": name,
+        "before": before.as_json(),
+        "done": f"would play {result.playbook}" if result.dry_run else result.playbook,
+        "state": result.state,
+        "steps": steps,
+        "after": None if after is None else after.as_json(),
+        "message": result.message,
+        "next_command": result.next_command,
+    }
