@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from bench.laptop_home import furnish
+from lupin_sim.host.operator import furnish
 
 WITHIN_LIMIT, BOUND_LIMIT_S = 0.99, 0.005
 # Latency and jitter each way, ms; none: the cable as it is. The second is the link of the limit, 2 ms there and back.

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lupin_sim.host import Host
+    from lupin_sim.host.host import Host
 
 
 def furnish(host: Host, home: Path, set_up: tuple[str, ...] = ()) -> dict[str, str]:
