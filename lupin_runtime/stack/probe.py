@@ -34,6 +34,8 @@ SAMPLE_BOUND_S = 4.0
 # A first sample takes up to 3.3 s through a discovery server; where none has come at all, twice that long is waited.
 SILENCE_BOUND_S = 8.0
 CALL_BOUND_S = 3.0
+WAIT_BOUND_S = 10.0
+LOOK_AGAIN_S = 0.4
 VISIT_BOUND_S = 25.0
 
 WATCHED: tuple[graph.Topic, ...] = (
@@ -77,6 +79,7 @@ class Visit:
         self.calls: dict[str, dict[str, Any]] = {}
         self.controllers: list[dict[str, str]] | None = None
         self._pending: dict[str, Any] = {}
+        self._since_s: dict[str, float] = {}  # when each topic was subscribed to and each service looked for
 
     def close(self) -> None:
         """Leave, so that the others know it at once."""
@@ -139,13 +142,14 @@ class Visit:
         ]
 
     def listen(self, topics: Mapping[str, dict[str, Any]]) -> None:
-        """Subscribe to what is watched and published, asking for no more than its publishers offer."""
+        """Subscribe to what is watched and published, and isn't yet, asking for no more than its publishers offer."""
         decoded = {row.name: keep for row, keep in _KEPT.items()}
         for row in WATCHED:
             ends = topics.get(row.name, {}).get("publishers", [])
-            if not ends:
+            if not ends or row.name in self.samples:
                 continue
             self.samples[row.name] = {"count": 0, "first_s": -1.0}
+            self._since_s[row.name] = time.monotonic()
             offered = graph.Qos(all(e["reliable"] for e in ends), all(e["latched"] for e in ends), depth=5)
             asked = offered if row.qos.latched else graph.BEST5
             keep = decoded.get(row.name)
@@ -154,7 +158,7 @@ class Visit:
             else:
                 self.node.subscription(row, partial(self._keep, row.name, keep), qos=asked)
         for row in INPUTS:
-            if topics.get(row.name, {}).get("publishers"):
+            if topics.get(row.name, {}).get("publishers") and row.name not in self.inputs:
                 self.inputs[row.name] = {"count": 0, "moving": 0}
                 self.node.subscription(row, partial(self._input, row.name), qos=graph.BEST5, raw=True)
 
@@ -179,14 +183,15 @@ class Visit:
 
         served = dict(self.node.get_service_names_and_types())
         for row in CALLED:
-            if row.name not in served:
+            if row.name not in served or row.name in self.calls:
                 continue
             self.calls[row.name] = {"answered": False, "round_trip_s": None}
+            self._since_s[row.name] = time.monotonic()
             client = self.node.client(row)
             self._pending[row.name] = (client, interface(row.type).Request(), None, 0.0)
 
-    def _advance_calls(self) -> bool:
-        """Send what can be sent, take what was answered; whether all is answered."""
+    def _advance_calls(self) -> None:
+        """Send what can be sent, take what was answered."""
         for name, (client, request, future, sent_s) in list(self._pending.items()):
             if future is None:
                 if client.service_is_ready():
@@ -196,20 +201,40 @@ class Visit:
                 if name == graph.LIST_CONTROLLERS.name:
                     self.controllers = [{"name": c.name, "state": c.state, "type": c.type} for c in future.result().controller]
                 del self._pending[name]
-        return not self._pending
 
     def wait(self) -> None:
-        """Until everything has been heard and answered, or the bounds."""
-        started_s = time.monotonic()
+        """Until everything has been heard and answered, or its own bound; what came too late for its bound is left out."""
+        started_s = looked_s = time.monotonic()
 
         def done() -> bool:
-            age_s = time.monotonic() - started_s
-            answered = self._advance_calls() or age_s > CALL_BOUND_S
-            heard = [bool(sample["count"]) for sample in self.samples.values()]
-            enough = all(heard) or (any(heard) and age_s > SAMPLE_BOUND_S)
-            return answered and enough and age_s > LISTEN_S
+            nonlocal looked_s
+            now_s = time.monotonic()
+            if now_s - looked_s > LOOK_AGAIN_S:
+                # Under load the names of services trail those of topics by seconds.
+                looked_s = now_s
+                self.listen({topic["name"]: topic for topic in self.names()["topics"]})
+                self.call()
+            self._advance_calls()
+            asked = len(self.calls) == len(CALLED) or now_s - started_s > CALL_BOUND_S
+            waiting = [*self._unheard(), *self._unanswered()]
+            return asked and now_s - started_s > LISTEN_S and all(now_s - since_s > bound_s for since_s, bound_s in waiting)
 
-        self.until(done, SILENCE_BOUND_S)
+        self.until(done, WAIT_BOUND_S)
+        end_s = time.monotonic()
+        for name, since_s in self._since_s.items():
+            bound_s = CALL_BOUND_S if name in self.calls else SAMPLE_BOUND_S
+            answered = self.calls[name]["answered"] if name in self.calls else self.samples[name]["count"]
+            if not answered and end_s - since_s < bound_s:
+                (self.calls if name in self.calls else self.samples).pop(name)
+
+    def _unheard(self) -> list[tuple[float, float]]:
+        """Since when, and how long at most, each topic is waited for that said nothing yet."""
+        bound_s = SAMPLE_BOUND_S if any(sample["count"] for sample in self.samples.values()) else SILENCE_BOUND_S
+        return [(self._since_s[name], bound_s) for name, sample in self.samples.items() if not sample["count"]]
+
+    def _unanswered(self) -> list[tuple[float, float]]:
+        """Since when, and how long at most, each answer is waited for that did not come yet."""
+        return [(self._since_s[name], CALL_BOUND_S) for name, call in self.calls.items() if not call["answered"]]
 
 
 _KEPT: dict[graph.Topic, Callable[[Any], Any]] = {
