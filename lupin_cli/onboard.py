@@ -12,10 +12,19 @@ RELEASE = "/opt/lupin/current"
 NOT_DEPLOYED = 127
 
 
+def set_up(robot: Robot) -> tuple[str, ...]:
+    """Lines of bash that come before anything of the release: the vendor's choice of discovery, its ROS, our messages.
+
+    Messages are built on the robot only where it has a ROS of its own.
+    """
+    ours = f"{RELEASE}/ws/install/setup.bash"
+    return ("source ~/.mirte_settings.sh", *robot.ros_setup, f"if [ -r {ours} ]; then source {ours}; fi")
+
+
 def program(robot: Robot, module: str, *arguments: str) -> str:
     """A shell script that runs a module of the release as the robot's units do. Its status is the module's, or NOT_DEPLOYED."""
     python = f"{RELEASE}/venv/bin/python3"
-    lines: Sequence[str] = (*robot.ros_setup, f"exec {shlex.join([python, '-u', '-m', module, *arguments])}")
+    lines: Sequence[str] = (*set_up(robot), f"exec {shlex.join([python, '-u', '-m', module, *arguments])}")
     # bash, since the set-up files are bash's; with a login's environment, as the units have it.
     return f"[ -x {python} ] || exit {NOT_DEPLOYED}\nexec bash -lc {shlex.quote('; '.join(lines))}"
 

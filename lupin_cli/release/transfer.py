@@ -89,8 +89,8 @@ def upload(target: Target, state: Installed, manifest: Manifest, root: str = ROO
     if not state.writable:
         script = f"install -d -o {shlex.quote(target.user)} {root} {root}/releases {root}/incoming"
         _run(target, script, "make the folder of releases", root=True)
-    answer = _run(target, _PREPARE.format(root=root, id=manifest.id), "compare the files", stdin=manifest.text().encode())
-    missing = set(answer.stdout.splitlines())
+    _run(target, _PREPARE.format(root=root, id=manifest.id), "compare the files", stdin=manifest.text().encode())
+    missing = set((target.get(f"{root}/incoming/{manifest.id}/.missing") or b"").decode().splitlines())
     wanted = [entry for entry in manifest.entries if entry.path in missing]
     total, sent = sum({entry.sha256: entry.size for entry in wanted}.values()), 0
     if total + HEADROOM_BYTES > state.free_bytes:
@@ -128,10 +128,10 @@ fi
 cd incoming/{id}
 cat > .manifest && mv -f .manifest manifest
 cut -c67- manifest | LC_ALL=C sort > .wanted
-find . -type f ! -name .wanted ! -name manifest -printf '%P\\n' | LC_ALL=C sort | LC_ALL=C comm -23 - .wanted |
+find . -type f ! -name .wanted ! -name .missing ! -name manifest -printf '%P\\n' | LC_ALL=C sort | LC_ALL=C comm -23 - .wanted |
   tr '\\n' '\\0' | xargs -0r rm -f
 rm -f .wanted
-sha256sum --check --quiet manifest 2>/dev/null | sed 's/: FAILED.*$//' || true
+(sha256sum --check --quiet manifest 2>/dev/null || true) | sed 's/: FAILED.*$//' > .missing
 """
 
 # Byte code is checked by hash: every file of a release carries the same time.
@@ -139,6 +139,7 @@ _FINISH = """set -eu
 umask 022
 cd {root}/incoming/{id}
 sha256sum --check --quiet manifest
+rm -f .missing
 mkdir -p venv/bin bin
 ln -sfn /usr/bin/{python} venv/bin/python3
 venv/bin/python3 -m compileall -q -j 0 --invalidation-mode checked-hash venv/lib || true
