@@ -108,6 +108,6 @@ def battery(evidence: Evidence) -> Iterator[Finding]:
 
 
 CHECKS = (
-    Check("board", wedged, laptop=(GRAPH,), robot=(DEVICES, JOURNAL, UNIT_STATES)),
-    Check("battery", battery, laptop=(GRAPH,)),
+    Check("board.motor", wedged, laptop=(GRAPH,), robot=(DEVICES, JOURNAL, UNIT_STATES)),
+    Check("board.battery", battery, laptop=(GRAPH,)),
 )

@@ -145,8 +145,8 @@ def laptop_serves(evidence: Evidence) -> Iterator[Finding]:
 
 
 CHECKS = (
-    Check("clock-drift", drift, robot=(CLOCK, UNIT_STATES)),
-    Check("chrony-makestep", stock_makestep, robot=(CHRONY,)),
-    Check("chrony-robot", robots_chrony, robot=(CHRONY, UNIT_STATES)),
-    Check("chrony-laptop", laptop_serves, laptop=(CHRONY,), robot=(CHRONY, UNIT_STATES)),
+    Check("clock.drift", drift, robot=(CLOCK, UNIT_STATES)),
+    Check("clock.makestep", stock_makestep, robot=(CHRONY,)),
+    Check("clock.robot", robots_chrony, robot=(CHRONY, UNIT_STATES)),
+    Check("clock.laptop", laptop_serves, laptop=(CHRONY,), robot=(CHRONY, UNIT_STATES)),
 )

@@ -77,6 +77,6 @@ def manager(evidence: Evidence) -> Iterator[Finding]:
 
 
 CHECKS = (
-    Check("controllers", stuck, laptop=(GRAPH,)),
-    Check("controller-manager", manager, laptop=(GRAPH,)),
+    Check("controllers.states", stuck, laptop=(GRAPH,)),
+    Check("controllers.manager", manager, laptop=(GRAPH,)),
 )

@@ -111,7 +111,7 @@ def outvoted(evidence: Evidence) -> Iterator[Finding]:
 
 
 CHECKS = (
-    Check("drive-sink", unheard, laptop=(GRAPH,)),
-    Check("estop", stopped, laptop=(GRAPH,)),
-    Check("drive-inputs", outvoted, laptop=(GRAPH,)),
+    Check("drive.sink", unheard, laptop=(GRAPH,)),
+    Check("drive.estop", stopped, laptop=(GRAPH,)),
+    Check("drive.inputs", outvoted, laptop=(GRAPH,)),
 )

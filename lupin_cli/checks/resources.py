@@ -177,8 +177,8 @@ def load(evidence: Evidence) -> Iterator[Finding]:
 
 
 CHECKS = (
-    Check("storage", storage, laptop=(STORAGE,), robot=(STORAGE,)),
-    Check("memory", memory, laptop=(MEMORY,), robot=(MEMORY, JOURNAL)),
-    Check("heat", heat, robot=(THERMAL,)),
-    Check("load", load, robot=(BOOT,)),
+    Check("machine.storage", storage, laptop=(STORAGE,), robot=(STORAGE,)),
+    Check("machine.memory", memory, laptop=(MEMORY,), robot=(MEMORY, JOURNAL)),
+    Check("machine.heat", heat, robot=(THERMAL,)),
+    Check("machine.load", load, robot=(BOOT,)),
 )

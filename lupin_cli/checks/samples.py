@@ -158,9 +158,9 @@ def unvisited(evidence: Evidence) -> Iterator[Finding]:
 
 
 CHECKS = (
-    Check("qos", unfitting, laptop=(GRAPH,)),
-    Check("samples", names_only, laptop=(GRAPH,)),
-    Check("asymmetry", one_way, laptop=(GRAPH,)),
-    Check("silent-topics", silent, laptop=(GRAPH,)),
-    Check("graph-visit", unvisited, laptop=(GRAPH,)),
+    Check("graph.qos", unfitting, laptop=(GRAPH,)),
+    Check("graph.samples", names_only, laptop=(GRAPH,)),
+    Check("graph.asymmetry", one_way, laptop=(GRAPH,)),
+    Check("graph.silent", silent, laptop=(GRAPH,)),
+    Check("graph.visit", unvisited, laptop=(GRAPH,)),
 )

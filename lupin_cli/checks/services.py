@@ -222,8 +222,8 @@ def reload(evidence: Evidence) -> Iterator[Finding]:
 
 
 CHECKS = (
-    Check("vendor-service", vendor, robot=(UNIT_STATES, JOURNAL)),
-    Check("lupin-units", ours, robot=(UNIT_STATES, JOURNAL, VERSIONS)),
-    Check("units-together", together, robot=(UNIT_STATES,)),
-    Check("units-reload", reload, robot=(UNIT_STATES,)),
+    Check("units.vendor", vendor, robot=(UNIT_STATES, JOURNAL)),
+    Check("units.lupin", ours, robot=(UNIT_STATES, JOURNAL, VERSIONS)),
+    Check("units.together", together, robot=(UNIT_STATES,)),
+    Check("units.reload", reload, robot=(UNIT_STATES,)),
 )

@@ -126,7 +126,7 @@ def _dotted(version: tuple[int, ...]) -> str:
 
 
 CHECKS = (
-    Check("release", release, robot=(VERSIONS,)),
-    Check("groups", groups, robot=(ACCOUNT, DEVICES, VERSIONS)),
-    Check("home-folder", home, robot=(ACCOUNT,)),
+    Check("software.release", release, robot=(VERSIONS,)),
+    Check("software.groups", groups, robot=(ACCOUNT, DEVICES, VERSIONS)),
+    Check("software.home", home, robot=(ACCOUNT,)),
 )
