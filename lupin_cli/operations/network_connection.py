@@ -41,7 +41,7 @@ class NetworkConnection:
 
     def _read(self, target: Target) -> dict[str, str] | None:
         """The values by property, and the state; None where there is no such connection."""
-        names = ["GENERAL.STATE", *self.settings]
+        names = ["GENERAL.STATE", *(name for name in self.settings if not _secret(name))]
         lines = [
             f'printf "%s=%s\\n" {quote(n)} "$(nmcli -g {quote(n)} connection show id {quote(self.connection)})"' for n in names
         ]
@@ -63,9 +63,14 @@ class NetworkConnection:
         if now is None:
             if not (self.type and self.interface):
                 raise OperationError(f"{target.name} has no saved connection {self.connection!r}", "nmcli connection show")
-            return Difference(f"the connection {self.connection} is made", _lines({}, self.settings), {"present": False})
-        old = {name: now.get(name, "") for name in self.settings}
-        changed = {name: value for name, value in self.settings.items() if not _same(old[name], value)}
+            return Difference(
+                f"the connection {self.connection} is made",
+                _lines({}, {n: v for n, v in self.settings.items() if not _secret(n)}),
+                {"present": False},
+            )
+        wanted = {name: value for name, value in self.settings.items() if not _secret(name)}
+        old = {name: now.get(name, "") for name in wanted}
+        changed = {name: value for name, value in wanted.items() if not _same(old[name], value)}
         is_up = "activated" in now.get("GENERAL.STATE", "")
         wants = self.up is not None and is_up != self.up
         if not changed and not wants:
@@ -74,7 +79,7 @@ class NetworkConnection:
             ["goes up" if self.up else "goes down"] if wants else []
         )
         before = {"present": True, "settings": {name: old[name] for name in changed}, "up": is_up}
-        return Difference(f"{self.connection}: {', '.join(what)}", _lines(old, self.settings), before)
+        return Difference(f"{self.connection}: {', '.join(what)}", _lines(old, wanted), before)
 
     def change(self, target: Target, difference: Difference) -> None:
         name = quote(self.connection)
@@ -105,6 +110,10 @@ class NetworkConnection:
             lines.append(f"nmcli --wait 20 connection {'up' if before['up'] else 'down'} id {name}")
         if lines:
             change(target, "set -e\n" + "\n".join(lines), f"put the connection {self.connection} back", root=True)
+
+
+def _secret(name: str) -> bool:
+    return name.rpartition(".")[2] in ("psk", "password", "pin", "leap-password", "wep-key0", "private-key-password")
 
 
 def _same(old: str, new: str) -> bool:

@@ -102,6 +102,9 @@ def _unfinished(book: Playbook, robot: str, folder: Path | None) -> RunRecord | 
             raise JournalError(f"the run {run.run} is still going on", f"lupin journal show {run.run}")
         if run.finished:
             return None
+        if run.closed:
+            command = f"lupin play {book.name}" + (f" --robot {robot}" if robot else "")
+            raise JournalError(f"{run.run} failed and was put in order: there is nothing half-way to go on with", command)
         if run.digest != book.digest:
             raise PlaybookError(f"has changed since {run.run} was cut off: play it anew, or undo that run first", book.file)
         return run
@@ -173,7 +176,7 @@ class _Run:
 
     def all(self, first: int, prior: Mapping[int, StepRecord]) -> Result:
         self._tell("run", text=self._journal.run if self._journal else "")
-        state, message, next_command = "done", "", ""
+        state, message, next_command, closed = "done", "", "", False
         try:
             for index, step in enumerate(self._book.steps):
                 if self._stop.is_set():
@@ -183,22 +186,41 @@ class _Run:
         except _Stopped as stopped:
             state, message = stopped.ending, str(stopped)
             next_command = stopped.next_command or self._resume_command()
+            if state != "unreachable" and self._put_in_order(index, first):
+                closed, next_command = True, stopped.next_command or self._command()
         except JournalError as error:
             # What can't be written down isn't done: the run could be neither resumed nor taken back.
             state, message, next_command = "failed", str(error), error.next_command
         except KeyboardInterrupt:
             state, message, next_command = "interrupted", "interrupted", self._resume_command()
-        self._write("end", state=state, message=message)
+            if self._put_in_order(index, first):
+                closed, next_command = True, self._command()
+        self._write("end", state=state, message=message, closed=closed)
         self._tell("end", state=state, text=message)
         run = self._journal.run if self._journal else ""
         steps = tuple(self._results)
         return Result(self._book.name, self._robot, state, steps, run, self._dry_run, self._mask(message), next_command)
 
+    def _command(self) -> str:
+        return f"lupin play {self._book.name}" + (f" --robot {self._robot}" if self._robot else "")
+
     def _resume_command(self) -> str:
-        if self._dry_run:
-            return ""
-        robot = f" --robot {self._robot}" if self._robot else ""
-        return f"lupin play {self._book.name}{robot} --resume"
+        return "" if self._dry_run else f"{self._command()} --resume"
+
+    def _put_in_order(self, failed: int, first: int) -> bool:
+        """Do what is to be done always, after a step that failed. True where there was such a thing."""
+        waiting = [(i, step) for i, step in enumerate(self._book.steps) if i > failed and i >= first and step.always]
+        done = False
+        for index, step in waiting if not self._dry_run else ():
+            self._stop.clear()
+            try:
+                result = self._step(index, step, True, None)
+            except _Stopped:
+                done = True
+                continue  # it is among the results; the others are tried all the same
+            self._results.append(result)
+            done |= result.state != "skipped"
+        return done
 
     def _step(self, index: int, step: Step, reached: bool, prior: StepRecord | None) -> StepResult:
         word = step.operation.name  # type: ignore[attr-defined]

@@ -174,6 +174,7 @@ class RunRecord:
     state: str  # done | failed | unreachable | declined | interrupted | running | cut off
     steps: tuple[StepRecord, ...]
     torn_lines: int = 0
+    closed: bool = False  # it failed, and then did what is to be done always: it isn't resumed but played anew
 
     @property
     def finished(self) -> bool:
@@ -218,6 +219,7 @@ def read_run(path: Path) -> RunRecord:
         state=state or ("running" if _is_locked(path) else "cut off"),
         steps=_steps(lines),
         torn_lines=torn,
+        closed=lines[-1]["event"] == "end" and lines[-1].get("closed") is True,
     )
 
 

@@ -17,6 +17,7 @@ steps:
     timeout: 30                    # seconds for the whole step
     confirm: This ends the session.
     undo: false                    # left as it is by --undo
+    always: true                   # done also where a step before it failed: nothing stays half-way down
   - include: sweep
     vars: {dry: false}
     when: server.changed
@@ -84,6 +85,7 @@ class Step:
     timeout_s: float = DEFAULT_TIMEOUT_S
     confirm: Any = None
     undo: bool = True
+    always: bool = False
 
 
 @dataclass(frozen=True)

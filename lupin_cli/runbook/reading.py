@@ -37,7 +37,7 @@ from lupin_cli.runbook.templates import (
 )
 
 _TOP = ("name", "description", "vars", "steps")
-_STEP = ("name", "on", "as", "when", "until", "retry", "timeout", "confirm", "undo")
+_STEP = ("name", "on", "as", "when", "until", "retry", "timeout", "confirm", "undo", "always")
 _INCLUDE = ("include", "name", "vars", "when")
 _VARIABLE = ("type", "default", "choices", "help")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
@@ -220,10 +220,10 @@ class _Reader:
         if "name" not in entries:
             raise source.error(node, "a step needs a 'name': a sentence of what holds after it")
         operation = self._operations[words[0]]
-        arguments = self._arguments(source, words[0], operation, entries[words[0]], names)
         machine = source.text_of(entries["on"][1], "'on'") if "on" in entries else "robot"
         if machine not in MACHINES:
             raise source.error(entries["on"][1], f"there is no machine {machine!r}{nearest(machine, MACHINES)}")
+        arguments = self._arguments(source, words[0], operation, entries[words[0]], names, machine)
         when = self._expression(source, entries["when"][1], names) if "when" in entries else None
         result = self._result(source, entries, operation, names)
         return Step(
@@ -239,6 +239,7 @@ class _Reader:
             retry=self._retry(source, entries["retry"][1]) if "retry" in entries else Retry(),
             timeout_s=self._number(source, entries["timeout"][1], "'timeout'") if "timeout" in entries else DEFAULT_TIMEOUT_S,
             confirm=self._value(source, entries["confirm"][1], names) if "confirm" in entries else None,
+            always=self._truth(source, entries["always"][1]) if "always" in entries else False,
             undo=self._truth(source, entries["undo"][1]) if "undo" in entries else True,
         )
 
@@ -253,7 +254,7 @@ class _Reader:
         return word
 
     def _arguments(
-        self, source: Source, word: str, operation: type, entry: tuple[yaml.Node, yaml.Node], names: _Names
+        self, source: Source, word: str, operation: type, entry: tuple[yaml.Node, yaml.Node], names: _Names, machine: str
     ) -> dict[str, tuple[Any, Place]]:
         key, node = entry
         hints = arguments_of(operation)
@@ -273,7 +274,7 @@ class _Reader:
             if name not in arguments:
                 raise source.error(key, f"{word} needs the argument {name!r}")
         if not any(True for value, _ in arguments.values() for _ in names_in(value)):
-            build(operation, {name: value for name, (value, _) in arguments.items()}, "robot", source.place(key), word)
+            build(operation, {name: value for name, (value, _) in arguments.items()}, machine, source.place(key), word)
         return arguments
 
     def _value(self, source: Source, node: yaml.Node, names: _Names) -> Any:

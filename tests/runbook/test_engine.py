@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from lupin_cli.runbook import Event, Playbook, PlaybookError, find_run, list_runs, play
+from lupin_cli.runbook import Event, JournalError, Playbook, PlaybookError, find_run, list_runs, play
 from lupin_cli.runbook.undo import undo
 from lupin_cli.target.base import Unreachable
 from lupin_cli.target.local import LocalTarget
@@ -172,7 +172,9 @@ def test_retry_tries_again_and_until_waits(loaded: Loaded, targets: Targets, roo
 steps:
 - name: fails twice
   retry: {{times: 2, pause_s: 0.05}}
-  command: {{run: "echo x >> {root}/tries; [ $(wc -l < {root}/tries) -ge 3 ]", unless: "[ $(cat {root}/tries 2>/dev/null | wc -l) -ge 3 ]"}}
+  command:
+    run: "echo x >> {root}/tries; [ $(wc -l < {root}/tries) -ge 3 ]"
+    unless: "[ $(cat {root}/tries 2>/dev/null | wc -l) -ge 3 ]"
 - name: counts
   as: count
   until: count.number >= 3
@@ -215,6 +217,27 @@ def test_a_question_is_asked_only_where_something_changes(loaded: Loaded, target
     assert asked == ["Write it?"] and not (root / "a").exists()
     assert play(book, targets, journal=journal, confirm=lambda q: True).state == "done"
     assert play(book, targets, journal=journal).state == "done"
+
+
+def test_what_is_done_always_is_done_after_a_failure_and_there_is_nothing_to_resume(
+    loaded: Loaded, targets: Targets, root: Path, tmp_path: Path
+) -> None:
+    body = (
+        f"vars: {{fail: {{type: truth}}}}\nsteps:\n"
+        f"- name: down\n  command: {{run: rm {root}/up, unless: '[ ! -e {root}/up ]'}}\n"
+        f"- name: work\n  require: {{holds: '{{{{ not fail }}}}', otherwise: it broke}}\n"
+        f"- name: more work\n  file: {{path: {root}/more, content: x}}\n"
+        f"- name: up\n  always: true\n  file: {{path: {root}/up, content: x}}"
+    )
+    (root / "up").touch()
+    journal = tmp_path / "journal"
+    result = play(loaded(body), targets, {"fail": True}, journal=journal)
+    assert [(step.name, step.state) for step in result.steps] == [("down", "changed"), ("work", "failed"), ("up", "changed")]
+    assert (result.state, result.message, result.next_command) == ("failed", "work: it broke", "lupin play book --robot robot")
+    assert [path.name for path in root.iterdir()] == ["up"]
+    with pytest.raises(JournalError, match="was put in order: there is nothing half-way"):
+        play(loaded(body), targets, {"fail": True}, resume=True, journal=journal)
+    assert play(loaded(body), targets, {"fail": False}, journal=journal).state == "done"
 
 
 def test_undo_leaves_steps_that_say_so_and_restores_what_was(

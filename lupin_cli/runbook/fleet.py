@@ -1,0 +1,80 @@
+"""One playbook on several robots side by side, each with a journal of its own; the laptop, of which there is one, by turns."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from lupin_cli.runbook.journal import JournalError
+from lupin_cli.runbook.outcome import Result
+from lupin_cli.target.base import Output, Script, Target, TargetError
+
+AT_ONCE = 20
+Play = Callable[[Any, threading.Event], Result]
+Robot = TypeVar("Robot")
+
+
+class TakingTurns:
+    """The laptop for several runs: one call at a time."""
+
+    def __init__(self, target: Target, turn: threading.Lock | None = None) -> None:
+        self._target = target
+        self._turn = turn or threading.Lock()
+        self.name, self.user = target.name, target.user
+
+    @contextmanager
+    def _mine(self) -> Any:
+        with self._turn:
+            yield self._target
+
+    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
+        with self._mine() as target:
+            return target.batch(scripts, bound_s)  # type: ignore[no-any-return]
+
+    def run(self, script: str, **options: Any) -> Output:
+        with self._mine() as target:
+            return target.run(script, **options)  # type: ignore[no-any-return]
+
+    def put(self, path: str, data: bytes, **options: Any) -> None:
+        with self._mine() as target:
+            target.put(path, data, **options)
+
+    def get(self, path: str, **options: Any) -> bytes | None:
+        with self._mine() as target:
+            return target.get(path, **options)  # type: ignore[no-any-return]
+
+    def close(self) -> None:
+        """The laptop is always there."""
+
+
+def on_all(
+    robots: Iterable[Robot], name: Callable[[Robot], str], playbook: str, one: Callable[[Robot, threading.Event], Result]
+) -> list[Result]:
+    """Play on every robot at once. An interrupt asks all of them to stop, and waits until what is under way has ended.
+
+    `one(robot, stop)` plays on one robot. Where it can't even begin there, that robot's result says so; the others go on.
+    """
+    stop = threading.Event()
+    found = list(robots)
+
+    def guarded(robot: Robot) -> Result:
+        try:
+            return one(robot, stop)
+        except TargetError as error:
+            return Result(playbook, name(robot), "unreachable", message=str(error), next_command=error.next_command)
+        except JournalError as error:
+            return Result(playbook, name(robot), "failed", message=str(error), next_command=error.next_command)
+
+    pool = ThreadPoolExecutor(max_workers=min(AT_ONCE, max(1, len(found))), thread_name_prefix="play")
+    futures: list[Future[Result]] = [pool.submit(guarded, robot) for robot in found]
+    try:
+        try:
+            return [future.result() for future in futures]
+        except KeyboardInterrupt:
+            stop.set()
+            return [future.result() for future in futures]
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)

@@ -1,0 +1,34 @@
+"""The playbooks that Lupin ships can be read, say what they need, and name nothing that isn't there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from lupin_cli.runbook import load, shipped
+from lupin_cli.shipped import shipped_folder
+
+EXPECTED = {
+    "deploy-robot", "remove-robot", "deploy-laptop", "remove-laptop", "sync-clock", "install-clock-sync", "recover-discovery",
+    "single-home", "demo-wired", "demo-router", "demo-access-point", "sweep", "heal", "pin-wifi",
+}  # fmt: skip
+
+
+def test_all_that_are_promised_are_there() -> None:
+    assert {path.stem for path in shipped()} >= EXPECTED
+
+
+@pytest.mark.parametrize("path", shipped(), ids=lambda path: path.stem)
+def test_a_shipped_playbook_is_sound(path: Path) -> None:
+    book = load(path)
+    assert book.description.endswith(".") and len(book.description) < 128
+    names = [step.name for step in book.steps]
+    assert len(names) == len(set(names))
+
+
+def test_every_playbook_that_a_finding_names_is_shipped() -> None:
+    checks = shipped_folder("playbooks").parent / "lupin_cli" / "checks"
+    named = {name for path in checks.glob("*.py") for name in re.findall(r'playbook="([^"]+)"', path.read_text())}
+    assert named and named <= {path.stem for path in shipped()}
