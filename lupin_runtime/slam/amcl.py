@@ -22,6 +22,9 @@ Array = NDArray[np.floating]
 BEAMS_THAT_ERR_TOGETHER = 4.0
 # A grid of 5 cm cells is never better known than this (m, m, rad).
 FLOOR = np.diag([0.012**2, 0.012**2, 0.004**2])
+# The share of the particles that a scan may not go below, in effective number; parts of a scan at most; a kernel's widest.
+LEAST_EFFECTIVE, MAX_PARTS = 0.05, 12
+KERNEL = np.array([0.15, 0.15, 0.1])
 # Bins of the KLD bound: Nav2's, m and rad.
 _BIN = np.array([0.5, 0.5, math.radians(10.0)])
 
@@ -55,6 +58,18 @@ class Belief:
 def wrap(angle: Array) -> Array:
     """The same directions within [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def _scaled(weights: Array, log_likelihood: Array, exponent: float) -> Array:
+    """Weights (n,) times a power of the likelihood, normalised."""
+    score = np.log(np.maximum(weights, 1e-300)) + exponent * log_likelihood
+    scaled = np.exp(score - score.max())
+    return np.asarray(scaled / scaled.sum())
+
+
+def _effective(weights: Array) -> float:
+    """The number of equally weighted particles that would say as much."""
+    return 1.0 / float(weights @ weights)
 
 
 class Amcl:
@@ -109,14 +124,52 @@ class Amcl:
         """Weigh the particles by a scan (b, 2) in the robot's frame, resample, and say where the robot is."""
         s = self.settings
         few = np.ascontiguousarray(points[:: max(1, math.ceil(len(points) / s.max_beams))])
-        score = np.log(np.maximum(self._weights, 1e-300)) + self.field.log_likelihood(self.particles, few)
-        weights = np.exp(score - score.max())
-        self._weights = weights / weights.sum()
+        self._weigh(few)
         belief = self.belief(points)
         self._updates += 1
         if self._updates % s.resample_interval == 0:
             self._resample()
         return belief
+
+    def _weigh(self, few: Array) -> None:
+        """Weights by the likelihood of a scan.
+
+        Where only a handful of particles would keep all the weight, as after a vague first pose, their spread says nothing of
+        the error. Then the likelihood is taken in parts (tempering, Neal 2001): each part leaves enough particles, which are
+        drawn anew and spread by a kernel (regularised particle filter, Musso et al. 2001) before the next.
+        """
+        left = 1.0
+        for last in (False,) * MAX_PARTS + (True,):
+            likelihood = self.field.log_likelihood(self.particles, few)
+            part = left if last else self._bearable(likelihood, left)
+            self._weights = _scaled(self._weights, likelihood, part)
+            left -= part
+            if left <= 1e-9:
+                return
+            self._draw(len(self.particles))
+            self._spread()
+
+    def _bearable(self, likelihood: Array, most: float) -> float:
+        """The largest exponent up to `most` by which the likelihood leaves enough particles effective."""
+        least = LEAST_EFFECTIVE * len(self.particles)
+        if _effective(_scaled(self._weights, likelihood, most)) >= least:
+            return most
+        low, high = 0.0, most
+        for _ in range(20):
+            middle = (low + high) / 2.0
+            enough = _effective(_scaled(self._weights, likelihood, middle)) >= least
+            low, high = (middle, high) if enough else (low, middle)
+        return max(low, most / (2.0 * MAX_PARTS))
+
+    def _spread(self) -> None:
+        """Move each particle a little, by what the cloud's spread makes of their number; no further than KERNEL."""
+        mean = self.particles.mean(axis=0)
+        mean[2] = math.atan2(float(np.sin(self.particles[:, 2]).mean()), float(np.cos(self.particles[:, 2]).mean()))
+        offset = self.particles - mean
+        offset[:, 2] = wrap(offset[:, 2])
+        width = (4.0 / (5.0 * len(self.particles))) ** (1.0 / 7.0) * offset.std(axis=0)  # Silverman's rule in 3 dimensions
+        self.particles += self._rng.normal(size=self.particles.shape) * np.minimum(width, KERNEL)
+        self.particles[:, 2] = wrap(self.particles[:, 2])
 
     def belief(self, points: Array | None = None) -> Belief:
         """The cloud's mean and covariance, refined on `points` where they pin it down."""
@@ -143,11 +196,15 @@ class Amcl:
         """Low-variance resampling to as many particles as the KLD bound asks for."""
         s = self.settings
         n = self._bound()
+        self._draw(n)
+        assert s.min_particles <= n <= s.max_particles
+
+    def _draw(self, n: int) -> None:
+        """Draw `n` particles by their weights, with low variance."""
         marks = (self._rng.random() + np.arange(n)) / n
         picked = np.searchsorted(np.cumsum(self._weights), marks).clip(max=len(self.particles) - 1)
         self.particles = np.ascontiguousarray(self.particles[picked])
         self._weights = np.full(n, 1.0 / n)
-        assert s.min_particles <= n <= s.max_particles
 
     def _bound(self) -> int:
         """Fox's bound on the particles that keep the KL divergence below `pf_err`, for the bins the weight occupies."""

@@ -78,6 +78,23 @@ def test_on_a_true_map_the_covariance_is_as_large_as_the_error(worlds, seed):
     assert np.mean([belief.refined for belief in beliefs[5:]]) > 0.9
 
 
+@pytest.mark.parametrize("wrong_m", [0.0, 0.8])
+def test_a_vague_first_pose_leads_home_at_standstill_and_never_to_a_place_that_is_sworn_to_and_wrong(worlds, wrong_m):
+    log = worlds.greenhouse_log(0.2, seed=3)
+    grid, scan = rasterised(worlds.greenhouse()), ScanReader().read(beams_of(log), log.ranges[0]).xy
+    errors, covariances = [], []
+    for seed in range(12):
+        amcl = Amcl(grid, seed=seed)
+        amcl.start(log.truth[0] + [wrong_m, -wrong_m / 2.0, 0.0], SPREAD)
+        for _ in range(4):
+            amcl.predict(np.zeros(3))
+            belief = amcl.correct(scan)
+        errors.append(belief.pose - log.truth[0])
+        covariances.append(belief.covariance)
+    assert nees(np.array(errors), np.array(covariances)).max() < 16.3  # 99.9 % of chi-squared with three degrees of freedom
+    assert np.median(np.hypot(*np.array(errors)[:, :2].T)) < 0.05
+
+
 def test_on_a_map_that_was_built_the_covariance_is_no_smaller_than_the_error(worlds, mapped, greenhouse_log):
     log = worlds.greenhouse_log(1.0, seed=31)
     errors, covariances, beliefs = localise(mapped.mapper.grid(), log, 1, start=greenhouse_log.truth[0])
