@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -26,6 +27,9 @@ def command(
     headless: bool = typer.Option(False, "--headless", help="No page, no window."),
     slam: bool = typer.Option(True, "--slam/--no-slam", help="Mapping."),
     map_file: Path = typer.Option(None, "--map", help="Localise on this saved map (YAML) instead of mapping."),
+    initial_pose: str = typer.Option(
+        None, metavar="X,Y,YAW", help="Where the robot stands on that map, m and rad [0,0,0 in the sim, else AMCL's own]."
+    ),
     nav2: bool = typer.Option(True, "--nav2/--no-nav2", help="Navigation."),
     twin: bool = typer.Option(True, "--twin/--no-twin", help="Digital twin."),
     perception: bool = typer.Option(True, "--perception/--no-perception", help="Tags and the aggregator."),
@@ -68,6 +72,7 @@ def command(
         cameras=cameras,
         slam=slam,
         map_file=map_file.resolve() if map_file else None,
+        initial_pose=_pose(initial_pose, map_file),
         nav2=nav2,
         twin=twin,
         perception=perception,
@@ -81,6 +86,21 @@ def command(
         approach_overrides=overrides.resolve() if overrides else None,
     )
     raise typer.Exit(_run(options, absent, as_json))
+
+
+def _pose(text: str | None, map_file: Path | None) -> tuple[float, float, float] | None:
+    """Three finite numbers, or a usage error."""
+    if text is None:
+        return None
+    if map_file is None:
+        raise typer.BadParameter("is a pose on a saved map: give that as well, with --map", param_hint="--initial-pose")
+    try:
+        x, y, yaw = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = yaw = math.nan
+    if not all(map(math.isfinite, (x, y, yaw))):
+        raise typer.BadParameter(f"expected X,Y,YAW such as 1.5,-0.3,1.57, found {text!r}", param_hint="--initial-pose")
+    return x, y, yaw
 
 
 def _check_files(map_file: Path | None, overrides: Path | None) -> None:

@@ -32,6 +32,7 @@ class Options:
     record: bool = True
     rviz: bool = False
     map_file: Path | None = None
+    initial_pose: tuple[float, float, float] | None = None  # on the map: x m, y m, yaw rad
     discovery_goal: int = 5
     sweeps: int = 0
     dependency_timeout_s: float = 120.0
@@ -135,6 +136,14 @@ def _map(options: Options) -> Parameters:
     return {"yaml_filename": str(options.map_file)}
 
 
+def _amcl(options: Options) -> Parameters:
+    pose = options.initial_pose
+    if pose is None and options.simulated:
+        # Every run begins at the world's start, and so did the run that made the map: there is its origin.
+        pose = (0.0, 0.0, 0.0)
+    return {} if pose is None else {f"initial_pose.{name}": value for name, value in zip(("x", "y", "yaw"), pose)}
+
+
 def _annotator(options: Options) -> Parameters:
     if options.simulated:
         return {"image_topic": graph.BODY_IMAGE_SIM.name}
@@ -203,7 +212,7 @@ TABLE: tuple[ProcessRow, ...] = (
         "localization",
         (
             NodeRow("lupin_runtime.slam.node:MapServer", _map),
-            NodeRow("lupin_runtime.slam.node:AmclNode"),
+            NodeRow("lupin_runtime.slam.node:AmclNode", _amcl),
         ),
         when=lambda o: o.slam and o.map_file is not None,
         needs=(Heard(graph.SCAN),),
