@@ -7,6 +7,7 @@ Nothing under `incoming` is ever run.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import shlex
 import tarfile
@@ -185,6 +186,8 @@ def _archives(entries: Sequence[Entry]) -> Iterator[tuple[int, bytes]]:
             continue
         first[entry.sha256] = entry.path
         data = entry.read()
+        if hashlib.sha256(data).hexdigest() != entry.sha256:
+            raise OperationError(f"{entry.source!r} changed while the release was made", "lupin deploy robot")
         info.size = len(data)
         archive.addfile(info, io.BytesIO(data))
         size += entry.size

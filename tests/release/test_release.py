@@ -267,3 +267,11 @@ def test_a_lease_of_another_boot_or_of_a_dead_run_of_ours_counts_for_nothing(tar
     (tmp_path / "lease/owner").write_text(json.dumps({**owner, "pid": dead.pid}))
     with Lease(target, root=root):
         assert json.loads((tmp_path / "lease/owner").read_text())["pid"] == os.getpid()
+
+
+def test_a_file_that_changes_while_the_release_is_made_is_named(target, make, tmp_path):
+    release = make(a="one")
+    Path(release.entries[0].source).write_text("two")
+    with pytest.raises(OperationError, match="changed while the release was made"):
+        put(target, tmp_path / "opt", release)
+    assert not (tmp_path / "opt/current").exists()

@@ -1,0 +1,104 @@
+"""`lupin deploy robot` on a computer that boots: there, there again, cut off, replaced, taken back, removed."""
+
+from __future__ import annotations
+
+import pytest
+
+from lupin_cli.operations.release import built
+from lupin_cli.release import contents, transfer
+
+pytestmark = pytest.mark.host
+ID = "basename $(readlink /opt/lupin/current)"
+
+
+def said(host, *command: str) -> str:
+    return host.robot.inside("sh", "-c", " ".join(command)).stdout.strip()
+
+
+def runs_from(host) -> str:
+    """The release that the onboard half's main process was started from."""
+    line = said(host, "tr '\\0' ' ' < /proc/$(systemctl show -p MainPID --value lupin-onboard)/cmdline")
+    return line.split("/opt/lupin/releases/")[1].split("/")[0]
+
+
+@pytest.fixture
+def next_release(monkeypatch):
+    """From here on this machine has another release than before."""
+
+    def make(version: str) -> None:
+        monkeypatch.setattr(contents, "__version__", version)
+        built.cache_clear()
+
+    yield make
+    built.cache_clear()
+
+
+def test_a_deploy_is_whole_or_not_at_all_and_goes_back_and_off_again(robot_host, lupin, next_release, monkeypatch):
+    host = robot_host
+    dry = lupin("deploy", "robot", "--dry-run", "--diff")
+    assert dry.exit_code == 0, dry.output
+    assert "+venv/pyvenv.cfg" in dry.output
+    assert said(host, "ls -d /opt/lupin /etc/systemd/system/lupin-*") == ""
+
+    first = lupin("deploy", "robot", "--no-check")
+    assert first.exit_code == 0, first.output
+    assert said(host, "systemctl is-active lupin-onboard; systemctl is-enabled lupin-onboard lupin-auto-home").split() == [
+        "active",
+        "enabled",
+        "enabled",
+    ]
+    assert said(host, "systemctl is-active lupin-auto-home") == "inactive", "it moves the arm: at the next boot, not now"
+    old = said(host, ID)
+    assert runs_from(host) == old
+    again = lupin("deploy", "robot")
+    assert (again.exit_code, "nothing to do" in again.output) == (0, True), again.output
+
+    # The second archive meets a cable that is pulled: the release before it goes on, and nothing of the new one is run.
+    next_release("0.2.0")
+    archives = transfer._archives
+
+    def cut(entries):
+        for archive in archives(entries):
+            host.robot.fault("cable-cut", link="eth0")
+            yield archive
+
+    with monkeypatch.context() as patch:
+        patch.setattr(transfer, "_archives", cut)
+        broken = lupin("deploy", "robot")
+    assert broken.exit_code in (1, 3), broken.output
+    host.robot.mend("cable-cut")
+    assert said(host, ID) == old
+    assert said(host, "systemctl is-active lupin-onboard") == "active"
+    assert runs_from(host) == old
+
+    # The cut run's lease is our own and its process is this one: it has to be broken by name.
+    held = lupin("deploy", "robot")
+    if held.exit_code != 0:
+        assert "is being deployed to by" in held.output, held.output
+        held = lupin("deploy", "robot", "--break-lease", "--no-check")
+    assert held.exit_code == 0, held.output
+    new = said(host, ID)
+    assert new != old
+    assert runs_from(host) == new
+
+    back = lupin("deploy", "robot", "--rollback", "--no-check")
+    assert back.exit_code == 0, back.output
+    assert said(host, ID) == old
+    assert runs_from(host) == old
+
+    removed = lupin("deploy", "robot", "--remove")
+    assert removed.exit_code == 0, removed.output
+    assert said(host, "ls /etc/systemd/system/lupin-* /etc/udev/rules.d/70-lupin* /opt/lupin/*") == ""
+    assert said(host, "systemctl is-active mirte-ros") == "active"
+    nothing = lupin("deploy", "robot", "--remove")
+    assert "nothing to do" in nothing.output, nothing.output
+
+
+def test_going_back_where_there_is_nothing_to_go_back_to_says_so(robot_host, lupin):
+    result = lupin("deploy", "robot", "--rollback")
+    assert result.exit_code == 1
+    assert "no release before the first" in result.output
+
+
+def test_a_machine_that_cannot_be_reached_is_status_3(robot_host, lupin):
+    assert lupin("deploy", "robot", "--robot", "mirte@10.42.0.77", "--dry-run").exit_code == 3
