@@ -116,6 +116,12 @@ def sudo_command(password: str | None) -> str:
     return "sudo -n" if password is None else "sudo -S -p ''"
 
 
+def sudo_check(password: str | None) -> str:
+    """sh that fails where sudo doesn't take the password: tried once alone, since a wrong one would be asked for twice more,
+    the script's lines would be taken for it, and three failures lock an account on some machines."""
+    return "true" if password is None else f"printf '%s\\n' {shlex.quote(password)} | sudo -S -p '' -k true"
+
+
 # sudo reads the password from its standard input, if it wants one at all: what it leaves must not reach the shell behind it.
 SKIP_PASSWORD = 'while IFS= read -r skipped && [ "$skipped" != lupin-begins ]; do :; done'
 
@@ -126,8 +132,8 @@ def _as_root(program: str, bound_s: int, password: str | None) -> str:
     sudo = f"{sudo_command(password)} timeout -k 1 {bound_s} /bin/sh -c {runner}"
     return (
         f'{{ p={shlex.quote(program)}; if [ "$(id -u)" = 0 ]; then ( exec 1>&4; eval "$p" ); else '
-        f"x=$( {{ {given}printf 'lupin-begins\\n%s' \"$p\"; }} | {sudo} 2>&1 >&4 ); "
-        'line r "${x%%"$newline"*}"; fi; }'
+        f"x=$( {{ {sudo_check(password)} && {{ {given}printf 'lupin-begins\\n%s' \"$p\"; }} | {sudo}; }} 2>&1 >&4 ); "
+        'line r "${x##*"$newline"}"; fi; }'
     )
 
 

@@ -261,13 +261,18 @@ class SshTarget:
             raise unreachable(str(self.destination), "lost", str(error)) from error
 
     def open_run(self, script: str, bound_s: float) -> paramiko.Channel:
-        """A channel on which `script` runs with its standard streams, for exchanges that go to and fro. Close it."""
+        """A channel on which `script` has begun to run, for exchanges that go to and fro. Close it. Raises Unreachable."""
         program = run_program(script, root=False, stdin=b"", bound_s=bound_s, sudo_password=None)
         try:
             channel = self.connect().open_session(timeout=min(bound_s, _HANDSHAKE_S))
             channel.settimeout(bound_s)
             channel.exec_command(program.command)
             channel.sendall(program.payload)
+            said = bytearray()
+            while not said.endswith(program.mark + b"\n"):  # byte by byte: what follows is the caller's
+                if not (byte := channel.recv(1)):
+                    raise EOFError("the script did not begin")
+                said += byte
         except _LOST as error:
             raise unreachable(str(self.destination), "lost", str(error)) from error
         return channel
@@ -317,9 +322,9 @@ class SshTarget:
                     if file.stat().st_size != len(data):
                         raise OSError("short write")
                 sftp.posix_rename(new, name)
-            except _LOST:
+            except (*_LOST, paramiko.SFTPError):  # SFTPError: a login shell that talks spoils the protocol
                 if transport.is_active() and self._sftp_client is not None:
-                    with contextlib.suppress(*_LOST):  # it may never have come into being
+                    with contextlib.suppress(*_LOST, paramiko.SFTPError):  # it may never have come into being
                         self._sftp_client.remove(new)
                 return False
         return True

@@ -10,14 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from lupin_cli.target.base import Output
-from lupin_cli.target.framing import ENVIRONMENT, READ_PROGRAM, SKIP_PASSWORD, sudo_command
+from lupin_cli.target.framing import ENVIRONMENT, READ_PROGRAM, SKIP_PASSWORD, sudo_check, sudo_command
 
 KEPT_BYTES = 32 * 1024 * 1024  # of each stream; `on_line` gets all of it
 
 
 @dataclass(frozen=True)
 class RunProgram:
-    """A script as it goes over the wire; it writes `mark` to its standard error once it runs as whom it should."""
+    """A script as it goes over the wire; it writes `mark` to both its streams once it runs as whom it should."""
 
     command: str
     payload: bytes
@@ -31,7 +31,7 @@ def run_program(script: str, *, root: bool, stdin: bytes, bound_s: float, sudo_p
     """
     mark = f"lupin-{secrets.token_hex(8)}"
     # The shell's stdin is the script's: `head` takes the text and no byte more.
-    text = f"{ENVIRONMENT}printf '{mark}\\n' >&2\n{script}\n".encode("utf-8", "surrogateescape")
+    text = f"{ENVIRONMENT}printf '{mark}\\n'; printf '{mark}\\n' >&2\n{script}\n".encode("utf-8", "surrogateescape")
     inner = f'eval "$(head -c {len(text)})"'
     bounded = f"timeout -k 2 {max(1, math.ceil(bound_s))} /bin/sh -c {shlex.quote(inner)}"
     lead = b""
@@ -40,7 +40,7 @@ def run_program(script: str, *, root: bool, stdin: bytes, bound_s: float, sudo_p
         after_sudo = shlex.quote(f"{SKIP_PASSWORD}; exec {bounded}")
         start = (
             f'{ENVIRONMENT}if [ "$(id -u)" = 0 ]; then {SKIP_PASSWORD}; exec {bounded}; else '
-            f"exec {sudo_command(sudo_password)} /bin/sh -c {after_sudo}; fi\n"
+            f"{sudo_check(sudo_password)} || exit 1; exec {sudo_command(sudo_password)} /bin/sh -c {after_sudo}; fi\n"
         ).encode()
         lead = (b"" if sudo_password is None else sudo_password.encode() + b"\n") + b"lupin-begins\n"
     else:
@@ -49,7 +49,10 @@ def run_program(script: str, *, root: bool, stdin: bytes, bound_s: float, sudo_p
 
 
 class Streams:
-    """Collects both streams of a run, hands out their lines, and takes the mark out of standard error."""
+    """Collects both streams of a run and hands out their lines.
+
+    What stands before the mark was said by the login shell's start files or sudo's lecture, and isn't the script's.
+    """
 
     def __init__(self, mark: bytes, on_line: Callable[[str], None] | None) -> None:
         self._mark = mark + b"\n"
@@ -58,18 +61,22 @@ class Streams:
         self._on_line = on_line
         self._decoders = tuple(codecs.getincrementaldecoder("utf-8")("backslashreplace") for _ in range(2))
         self._lines = ["", ""]
-        self.marked = False
+        self._marked = [False, False]
+
+    @property
+    def marked(self) -> bool:
+        """Whether the script came to run."""
+        return any(self._marked)
 
     def feed(self, data: bytes, is_stderr: bool) -> None:
         """Take the next bytes of one stream."""
         kept = self._kept[is_stderr]
-        if is_stderr and not self.marked:
+        if not self._marked[is_stderr]:
             kept += data
             place = kept.find(self._mark)
             if place < 0:
                 return
-            self.marked = True
-            # What stands before it was said by the login shell's start files or sudo's lecture: not the script's.
+            self._marked[is_stderr] = True
             data = bytes(kept[place + len(self._mark) :])
             kept.clear()
         room = KEPT_BYTES - len(kept)

@@ -216,3 +216,18 @@ def test_a_file_that_cannot_be_written_says_why(target: Target, tmp_path: Path) 
 def test_two_scripts_of_one_name_are_refused(target: Target) -> None:
     with pytest.raises(ValueError, match="one name"):
         target.batch([Script("a", ":"), Script("a", ":")])
+
+
+def test_an_open_channel_carries_an_exchange_and_nothing_before_it(sshd) -> None:
+    from lupin_cli.target.ssh import SshTarget
+
+    target = SshTarget("robot", sshd.destination, sshd.trust())
+    channel = target.open_run("while read -r word; do echo got $word; done", bound_s=20)
+    for word in (b"one", b"two"):
+        channel.sendall(word + b"\n")
+        said = b""
+        while not said.endswith(b"\n"):
+            said += channel.recv(100)
+        assert said == b"got " + word + b"\n"
+    channel.close()
+    target.close()

@@ -1,0 +1,169 @@
+"""The same promises kept by a robot's computer that boots: sudo in all its moods, cables, disks and power."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from lupin_cli.target.base import RootRefused, Script, TargetError, Unreachable
+from lupin_cli.target.destination import Destination
+from lupin_cli.target.ssh import SshTarget
+from lupin_cli.target.trust import Trust
+from lupin_sim.host import Host
+
+pytestmark = pytest.mark.host
+
+
+@contextmanager
+def robot_of(host: Host, *, address: str = "", sudo_password: str | None = None, timeout_s: float = 5.0) -> Iterator[SshTarget]:
+    """An operator's target, on the laptop's network."""
+    place = Destination(address or host.robot.eth0, 22, "mirte", (str(host.key),), identities_only=True)
+    trust = Trust(Path("/nonexistent"), users=Path(host.known_hosts))
+    target = SshTarget("robot", place, trust, sudo_password=sudo_password, connect_timeout_s=timeout_s)
+    with host.on_laptop():
+        try:
+            yield target
+        finally:
+            target.close()
+
+
+def test_root_is_had_without_a_password_and_user_scripts_stay_the_users(host: Host) -> None:
+    with robot_of(host) as target:
+        outputs = target.batch([Script("root", "id -u; head -n 1 /etc/shadow | wc -l", root=True), Script("user", "id -un")])
+        assert outputs["root"].stdout == "0\n1\n" and outputs["user"].stdout == "mirte\n"
+        ran = target.run("id -u; cat", root=True, stdin=b"lupin-begins\nmore")
+        assert ran.stdout == "0\nlupin-begins\nmore" and ran.stderr == ""
+
+
+def test_a_file_of_roots_is_written_and_read_byte_for_byte(fresh_host: Host) -> None:
+    data = os.urandom(200_000)
+    with robot_of(fresh_host) as target:
+        target.put("/etc/lupin.test", data, mode=0o600, root=True)
+        assert target.get("/etc/lupin.test", root=True) == data
+        assert target.run("stat -c '%U %a' /etc/lupin.test").stdout == "root 600\n"
+        with pytest.raises(TargetError, match="Permission denied"):
+            target.get("/etc/lupin.test")
+        with pytest.raises(TargetError, match=r"could not write /etc/lupin\.other: .*Permission denied"):
+            target.put("/etc/lupin.other", data)
+        target.put("~/it's mine", b"text")
+        assert target.get("~/it's mine") == b"text"
+
+
+def test_sudo_with_a_password_takes_the_right_one_and_refuses_none_and_a_wrong_one(fresh_host: Host) -> None:
+    fresh_host.robot.fault("sudo-password")
+    scripts = [Script("root", "id -u; cat", root=True), Script("user", "echo fine")]
+    for password, expected in (("mirte_mirte", "0\n"), (None, ""), ('it\'s "wrong"', "")):
+        with robot_of(fresh_host, sudo_password=password) as target:
+            outputs = target.batch(scripts, bound_s=20)
+            assert outputs["root"].stdout == expected and outputs["user"].stdout == "fine\n"
+            if expected:
+                # sudo may remember by now, and the password must not be taken for a script or its input.
+                assert target.batch(scripts, bound_s=20)["root"].stdout == expected
+                assert target.run("id -u; cat", root=True, stdin=b"given").stdout == "0\ngiven"
+                target.put("/etc/lupin.test", b"data", root=True)
+            else:
+                assert outputs["root"].status is None and outputs["root"].stderr.startswith("root refused: sudo: ")
+                with pytest.raises(RootRefused, match="sudo: "):
+                    target.put("/etc/lupin.test", b"data", root=True)
+
+
+def test_a_password_that_sudo_does_not_want_reaches_nobody(host: Host) -> None:
+    with robot_of(host, sudo_password="echo leaked; exit 9") as target:
+        outputs = target.batch([Script("root", "id -u", root=True)])
+        assert (outputs["root"].status, outputs["root"].stdout) == (0, "0\n")
+        assert target.run("cat", root=True, stdin=b"given").stdout == "given"
+
+
+def test_a_user_who_may_not_sudo_is_told(fresh_host: Host) -> None:
+    fresh_host.robot.fault("sudo-refused")
+    with robot_of(fresh_host, sudo_password="mirte_mirte") as target:
+        assert "root refused" in target.batch([Script("root", "id", root=True)], bound_s=20)["root"].stderr
+        with pytest.raises(RootRefused):
+            target.run("id", root=True)
+
+
+def test_the_password_is_in_no_command_line(fresh_host: Host) -> None:
+    fresh_host.robot.fault("sudo-password")
+    with robot_of(fresh_host, sudo_password="mirte_mirte") as target:
+        look = "cat /proc/[0-9]*/cmdline /proc/[0-9]*/environ 2>/dev/null | tr '\\0' '\\n' | grep -c mirte_mirt[e]"
+        outputs = target.batch([Script("root", look, root=True), Script("user", look)], bound_s=20)
+        assert outputs["root"].stdout == outputs["user"].stdout == "0\n"
+        assert target.run(look, root=True).stdout == "0\n"
+
+
+def test_a_pulled_cable_is_a_time_out_and_ends_a_batch_at_its_bound(fresh_host: Host) -> None:
+    with robot_of(fresh_host, timeout_s=1.5) as target:
+        target.connect()
+        cut = threading.Timer(1.0, fresh_host.robot.fault, ("cable-cut",), {"link": "eth0"})
+        cut.start()
+        start = time.monotonic()
+        outputs = target.batch([Script("early", "echo early"), Script("late", "sleep 5; echo late", 8.0)], bound_s=9)
+        assert time.monotonic() - start < 25
+        assert outputs["early"].stdout == "early\n" and outputs["late"].status is None
+        cut.join()
+    with robot_of(fresh_host, timeout_s=1.5) as target, pytest.raises(Unreachable) as caught:
+        target.connect()
+    assert caught.value.kind in ("timeout", "no-route")
+    with robot_of(fresh_host, address=fresh_host.robot.wlan0) as target:
+        assert target.batch([Script("other way", "echo fine")])["other way"].stdout == "fine\n"
+
+
+def test_a_robot_that_reboots_during_a_run_is_lost_then_found_by_the_same_target(fresh_host: Host) -> None:
+    with robot_of(fresh_host, timeout_s=2.0) as target:
+        before = target.run("cat /proc/sys/kernel/random/boot_id").stdout
+        assert target.run("systemctl reboot; sleep 60", root=True, bound_s=30).status is None
+        deadline = time.monotonic() + 60
+        kinds = set()
+        while time.monotonic() < deadline:
+            try:
+                after = target.batch([Script("id", "cat /proc/sys/kernel/random/boot_id")], bound_s=5)["id"].stdout
+            except Unreachable as error:
+                kinds.add(error.kind)
+                continue
+            if after and after != before:
+                break
+        else:
+            pytest.fail(f"the robot did not come back: {kinds}")
+        assert kinds <= {"timeout", "refused", "lost", "silent", "no-route"}
+
+
+def test_a_full_and_a_read_only_disk_answer_a_batch_and_refuse_a_file(fresh_host: Host) -> None:
+    with robot_of(fresh_host) as target:
+        target.put("~/file", b"old")
+        made = target.run(
+            "mkdir -p /mnt/small && mount -t tmpfs -o size=64k none /mnt/small && chmod 777 /mnt/small", root=True
+        )
+        assert made.ok, made.stderr
+        for root in (False, True):
+            target.put("/mnt/small/file", b"old", root=root)
+            with pytest.raises(TargetError, match="No space left"):
+                target.put("/mnt/small/file", b"x" * 200_000, root=root)
+            assert target.get("/mnt/small/file") == b"old"
+        assert target.run("ls /mnt/small").stdout == "file\n"
+        assert target.run("mount -o remount,ro none /mnt/small", root=True).ok
+        with pytest.raises(TargetError, match="Read-only file system"):
+            target.put("/mnt/small/file", b"new", root=True)
+        # Every place where a temporary file could go is shut, and a batch answers as ever.
+        assert target.run("mount --bind /mnt/small /tmp && mount --bind /mnt/small /dev/shm", root=True).ok
+        assert target.batch([Script("fine", "echo fine"), Script("root", "id -u", root=True)])["root"].stdout == "0\n"
+
+
+def test_a_robot_without_python_and_with_a_chatty_login_shell_answers_all_the_same(fresh_host: Host) -> None:
+    chatter = (
+        "sed -i '1i echo 0 s 0 0 0 0; echo noise >&2; cd /; export LC_ALL=nl_NL.UTF-8 TZ=Asia/Kolkata' /home/mirte/.bashrc"
+    )
+    inside = fresh_host.robot.inside("sh", "-c", f"{chatter}; mv /usr/bin/python3 /usr/bin/python3.gone")
+    assert inside.status == 0, inside.stderr
+    with robot_of(fresh_host) as target:
+        outputs = target.batch([Script("language", "echo $LC_ALL"), Script("none", "command -v python3")])
+        assert outputs["language"].stdout == "C\n" and outputs["none"].status != 0
+        ran = target.run("echo said; echo complained >&2")
+        assert (ran.stdout, ran.stderr) == ("said\n", "complained\n")
+        target.put("~/file", b"data")
+        assert target.get("~/file") == b"data"
