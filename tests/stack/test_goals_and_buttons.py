@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -27,6 +28,14 @@ def pose_message(x: float, y: float) -> Any:
     message.header.frame_id = graph.MAP_FRAME
     message.pose.position.x, message.pose.position.y, message.pose.orientation.w = x, y, 1.0
     return message
+
+
+def stays_at_rest(run: Any, words: int = 2) -> None:
+    """The simulator says so often that the robot does not move."""
+    for _ in range(words):
+        then = run.simulator()["sim_time_s"]
+        run.wait(lambda then=then: run.simulator()["sim_time_s"] > then, "word of the simulator")
+        assert run.speed_m_s() < AT_REST_M_S, run.simulator()
 
 
 class Goals:
@@ -84,6 +93,34 @@ def test_a_goal_inside_a_wall_is_refused_with_a_reason_and_the_next_one_works(
     assert goals.go(0.8, -0.82).status == SUCCEEDED
     assert "nobody can stand at the goal (0.80, -0.82)" in run.log("nav")
     assert goals.fastest > 0.05
+    assert run.simulator()["collisions"] == 0
+    run.process.send_signal(signal.SIGINT)
+    assert run.result()[0] == 130
+
+
+def test_a_map_that_was_saved_is_driven_on(launch: Callable[..., Any], join: Callable[..., Any], tmp_path: Path) -> None:
+    from slam_toolbox.srv import SaveMap
+
+    from lupin_runtime.ros import TransformListener
+
+    bare = ("--headless", "--json", "--world", "walled", "--no-twin", "--no-perception", "--no-record", "--no-cameras")
+    mapping = launch("--no-nav2", *bare)
+    mapping.wait_up()
+    request = SaveMap.Request()
+    request.name.data = str(tmp_path / "house")
+    assert join(mapping).call(graph.SLAM_SAVE_MAP, request).result == SaveMap.Response.RESULT_SUCCESS
+    mapping.process.send_signal(signal.SIGINT)
+    assert mapping.result()[0] == 130
+    run = launch("--map", str(tmp_path / "house.yaml"), *bare)
+    run.wait_up()
+    start = run.wait(lambda: run.simulator().get("pose"), "word of the simulator")
+    onlooker = join(run)
+    tree = TransformListener(onlooker.node).tree
+    assert Goals(onlooker).go(1.0, 0.2).status == SUCCEEDED
+    run.wait(lambda: run.speed_m_s() < AT_REST_M_S, "rest at the goal", 20.0)
+    stays_at_rest(run)
+    believed, truth = tree.lookup(graph.MAP_FRAME, graph.BASE_FRAME).translation, run.simulator()["pose"]
+    assert math.hypot(believed[0] - (truth["x"] - start["x"]), believed[1] - (truth["y"] - start["y"])) < 0.1
     assert run.simulator()["collisions"] == 0
     run.process.send_signal(signal.SIGINT)
     assert run.result()[0] == 130
@@ -149,10 +186,7 @@ class Buttons:
         refused = self.start(goal=1)
         assert not refused.accepted and refused.error_message
         self.press(False)
-        for _ in range(2):
-            then = self.run.simulator()["sim_time_s"]
-            self.run.wait(lambda then=then: self.run.simulator()["sim_time_s"] > then, "word of the simulator")
-            assert self.run.speed_m_s() < AT_REST_M_S
+        stays_at_rest(self.run)
         assert (self.state, self.mission.paused) == (stopped_in, True)
         assert stopped_in == state
         self.pressed_in.add(state)
