@@ -1,90 +1,188 @@
-"""Everything that can be broken, as a table: what it is, how it is done, how it is taken back."""
+"""Everything that can be broken, as a table."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
+from lupin_sim.host import damage
+from lupin_sim.host.bench import Act, Bench, Fault, FaultError, Settings
+from lupin_sim.host.damage import script
 from lupin_sim.host.machine import NspawnMachine
-from lupin_sim.host.wire import Wire
 
+__all__ = ["FAULTS", "FaultError", "listing", "parse"]
 
-class FaultError(Exception):
-    """There is no such fault, or it cannot be made as things stand."""
-
-
-Settings = Mapping[str, Any]
-Act = Callable[["Bench", NspawnMachine, Settings], None]
-
-
-@dataclass(frozen=True)
-class Fault:
-    """One row. `undo` is None for what is over once it happened."""
-
-    summary: str
-    do: Act
-    undo: Act | None
-    settings: Mapping[str, Any] = field(default_factory=dict)  # those it takes, with their defaults
-
-
-class Bench:
-    """Where faults are made: the wire and the robots, and which faults stand."""
-
-    def __init__(self, wire: Wire, machines: list[NspawnMachine], root: Path) -> None:
-        self.wire, self.machines, self.root = wire, machines, root
-        self._active: dict[tuple[int, str], Settings] = {}
-
-    def apply(self, machine: NspawnMachine, name: str, settings: Settings, undo: bool) -> None:
-        """Make a fault, or take it back. Raises FaultError."""
-        fault = FAULTS.get(name)
-        if fault is None:
-            raise FaultError(f"there is no fault {name!r}; there are: {', '.join(sorted(FAULTS))}")
-        if unknown := sorted(set(settings) - set(fault.settings)):
-            takes = ", ".join(fault.settings) or "no settings"
-            raise FaultError(f"{name} knows no {', '.join(unknown)}; it takes {takes}")
-        where = (machine.identity.index, name)
-        if not undo:
-            chosen = {**fault.settings, **settings}
-            fault.do(self, machine, chosen)
-            if fault.undo is not None:
-                self._active[where] = chosen
-            return
-        if fault.undo is None:
-            raise FaultError(f"{name} is over once it happened: there is nothing to undo")
-        fault.undo(self, machine, self._active.pop(where, {**fault.settings, **settings}))
-
-    def active(self, machine: NspawnMachine) -> list[str]:
-        """The faults that stand."""
-        return [name for index, name in self._active if index == machine.identity.index]
-
-    def forget(self, machine: NspawnMachine) -> None:
-        """Take back all that would outlive a new disk and a new boot: what was done to the wire."""
-        for name in self.active(machine):
-            settings = self._active.pop((machine.identity.index, name))
-            fault = FAULTS[name]
-            if name in OUTSIDE and fault.undo is not None:
-                fault.undo(self, machine, settings)
+WIRED, WIRELESS = {"link": "eth0"}, {"link": "wlan0"}
+# Where Fast DDS's unicast user data goes: 7411 and the odd ports after it (RTPS 2.2, 9.6.1.1); 7410 and the even are discovery.
+USER_DATA_PORTS = (7411, 7447)
 
 
 def _cable(is_cut: bool) -> Act:
     return lambda bench, machine, settings: bench.wire.cut(machine.identity, settings["link"], is_cut)
 
 
-LINK = {"link": "eth0"}
+def _switch(dead: bool) -> Act:
+    return lambda bench, _, settings: bench.wire.switch(settings["link"], dead)
+
+
+def _laptop(away: bool) -> Act:
+    return lambda bench, _, settings: bench.wire.laptop_link(settings["link"], away)
+
+
+def _pump(bench: Bench, machine: NspawnMachine, settings: Settings) -> None:
+    bench.pump(machine, settings["link"])
+
+
+def _dual_home(away: bool) -> Act:
+    def act(bench: Bench, machine: NspawnMachine, settings: Settings) -> None:
+        bench.wire.laptop_link("wlan0", away)
+        bench.pump(machine, settings["link"])
+
+    return act
+
+
+def _clock(offset_s: bool, crystal: bool) -> Act:
+    def act(_: Bench, machine: NspawnMachine, settings: Settings) -> None:
+        machine.clock.make_wrong(settings["offset_s"] if offset_s else None, settings["ppm"] if crystal else None)
+
+    return act
+
+
+def _right_clock(_: Bench, machine: NspawnMachine, __: Settings) -> None:
+    machine.clock.make_wrong(0.0, 0.0)
+
+
+def _ntp(mode: str) -> Act:
+    return lambda bench, _, __: bench.serve_ntp(mode)
+
+
+def _reboot(_: Bench, machine: NspawnMachine, __: Settings) -> None:
+    machine.inside(["systemctl", "--no-block", "reboot"])
+
+
 FAULTS: dict[str, Fault] = {
-    "cable-cut": Fault("the cable is pulled: both ends lose their carrier", _cable(True), _cable(False), LINK),
+    # -- the wire
+    "cable-cut": Fault("the cable is pulled: both ends lose their carrier", _cable(True), _cable(False), WIRED, True),
+    "switch-dead": Fault(
+        "the switch died, or WiFi is out of range: carrier stays, nothing passes", _switch(True), _switch(False), WIRED, True
+    ),
+    "slow-link": Fault(
+        *("latency each way, and jitter around it", _pump, _pump),
+        *({**WIRED, "delay_ms": 60.0, "jitter_ms": 10.0}, True),
+        lambda s: {"delay_ms": s["delay_ms"], "jitter_ms": s["jitter_ms"]},
+    ),
+    "lossy-link": Fault(
+        *("a share of all frames is lost", _pump, _pump, {**WIRED, "loss": 0.2}, True), lambda s: {"loss": s["loss"]}
+    ),
+    "no-multicast": Fault(
+        *("multicast is dropped, as many access points do", _pump, _pump, WIRED, True), lambda _: {"multicast": False}
+    ),
+    "wifi-roam": Fault(
+        "the laptop's WiFi went elsewhere: no address and no route there", _laptop(True), _laptop(False), WIRELESS, True
+    ),
+    "dual-homed": Fault(
+        "the laptop has no route to the robot's AP, which the robot still announces; data to the robot doesn't arrive",
+        *(_dual_home(True), _dual_home(False), WIRED, True),
+        lambda _: {"deaf_ports": USER_DATA_PORTS},
+    ),
+    # -- the computer
+    "power-cut": Fault(
+        "the plug is pulled; undone, it is switched on",
+        lambda _, machine, __: machine.power_cut(),
+        lambda _, machine, __: machine.power_on(),
+    ),
+    "reboot": Fault("it reboots in good order", _reboot, None),
+    "frozen": Fault(
+        "it hangs: the network takes connections, nothing in there answers",
+        lambda _, machine, __: machine.freeze(True),
+        lambda _, machine, __: machine.freeze(False),
+        outside=True,
+    ),
+    "sshd-hung": Fault(
+        "sshd hangs: the port accepts, no banner comes",
+        script(damage.SSHD.format(signal="STOP")),
+        script(damage.SSHD.format(signal="CONT")),
+    ),
+    "sshd-down": Fault(
+        "sshd is off: the port refuses",
+        script("systemctl stop ssh"),
+        script("systemctl start ssh"),
+    ),
+    "host-key-changed": Fault("it shows other host keys", script(damage.NEW_HOST_KEYS), script(damage.OLD_HOST_KEYS)),
+    "sudo-password": Fault("sudo asks for mirte's password", script(damage.ASK_PASSWORD), script(damage.ALLOW_SUDO)),
+    "sudo-refused": Fault("mirte may not sudo", script(damage.REFUSE_SUDO), script(damage.ALLOW_SUDO)),
+    "program-missing": Fault(
+        "a program isn't there",
+        script(damage.HIDE_PROGRAM, "program"),
+        script(damage.SHOW_PROGRAM, "program"),
+        {"program": "python3"},
+    ),
+    "disk-full": Fault(
+        "nothing more fits on the disk",
+        lambda _, machine, __: machine.limit_disk(machine.disk_used_mb()),
+        lambda _, machine, __: machine.limit_disk(None),
+    ),
+    "disk-read-only": Fault("the file systems went read-only", script(damage.MAKE_READ_ONLY), script(damage.MAKE_WRITABLE)),
+    "port-taken": Fault(
+        "another program listens there", script(damage.TAKE_PORT, "port"), script(damage.GIVE_PORT, "port"), {"port": 8091}
+    ),
+    # -- clocks
+    "clock-wrong": Fault(
+        "its clock is off, as of a board without an RTC", _clock(True, False), _right_clock, {"offset_s": -287.5}
+    ),
+    "clock-drifts": Fault("its crystal runs too fast", _clock(False, True), _right_clock, {"ppm": 120.0}),
+    "chrony-not-serving": Fault(
+        "the laptop's chronyd runs and answers nobody; undone, it serves", _ntp("refusing"), _ntp("serving"), outside=True
+    ),
+    "chrony-stopped": Fault("the robot's chronyd is off", script("systemctl stop chrony"), script("systemctl start chrony")),
+    # -- DDS
+    "server-not-started": Fault(
+        "the cold-boot race is lost: mirte-ros is active, nothing is bound to 11811; cause is port or path",
+        damage.lose_race,
+        script(damage.RESTART_ROS),
+        {"cause": "port"},
+    ),
+    "server-killed": Fault(
+        "the discovery server is killed", script("pkill -KILL -x fast-discovery-"), damage.sweep(damage.RESTART_ROS)
+    ),
+    "dds-off": Fault(
+        "mirte's settings say multicast: MIRTE_FASTDDS=false", script(damage.SETTINGS_FALSE), script(damage.SETTINGS_TRUE)
+    ),
+    "interface-late": Fault(
+        "wlan0 came up after mirte-ros, which doesn't know it", script(damage.LATE_INTERFACE), script(damage.RESTART_ROS)
+    ),
+    "zombies": Fault(
+        "stopped participants hold DDS ports",
+        damage.zombie,
+        damage.sweep("systemctl kill --signal=KILL 'lupin-fault-zombie-*'; sleep 0.2"),
+        {"count": 2},
+    ),
+    "shm-orphans": Fault("segments of killed participants", damage.orphan, damage.sweep(), {"user": "mirte", "count": 2}),
+    "shm-foreign": Fault(
+        "segments that root's killed participants left are in the way of mirte's",
+        *(damage.orphan, damage.sweep("systemctl stop mirte-ros", "systemctl start mirte-ros"), {"user": "root", "count": 1}),
+    ),
+    "shm-full": Fault("nothing more fits in /dev/shm", script(damage.FILL_SHM), script("mount -o remount,size=256M /dev/shm")),
+    # -- services
+    "oneshot-failed": Fault(
+        "a oneshot failed, and nothing retries it",
+        script(damage.FAIL_ONESHOT, "unit"),
+        script(damage.MEND_ONESHOT, "unit"),
+        {"unit": "lupin-auto-home"},
+    ),
+    "controllers-stuck": Fault(
+        "the vendor's controllers boot into another state: unloaded, unconfigured or inactive",
+        script(damage.CONTROLLERS, "state"),
+        lambda bench, machine, _: script(damage.CONTROLLERS, "state")(bench, machine, {"state": "active"}),
+        {"state": "unconfigured"},
+    ),
 }
-# Those that are made outside of the robot, so that neither a new disk nor a boot takes them back.
-OUTSIDE = {"cable-cut"}
 
 
 def listing() -> list[dict[str, Any]]:
     """All faults, for those who choose one: name, summary, settings with their defaults, whether it can be taken back."""
     return [
         {"name": name, "summary": fault.summary, "settings": dict(fault.settings), "undo": fault.undo is not None}
-        for name, fault in sorted(FAULTS.items())
+        for name, fault in FAULTS.items()
     ]
 
 

@@ -19,7 +19,7 @@ from lupin_sim.host import state
 from lupin_sim.host.layer import keys
 from lupin_sim.host.machine import Done
 from lupin_sim.host.missing import what_is_missing
-from lupin_sim.host.namespaces import NEW_FLAGS, standing_in
+from lupin_sim.host.namespaces import NEW_FLAGS, popen_in, standing_in
 from lupin_sim.host.rootfs import Progress, RootError, root_directory
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -199,14 +199,7 @@ class Host:
     def popen(self, command: Sequence[str], env: Mapping[str, str] | None = None, **options: Any) -> subprocess.Popen[Any]:
         """Start a program on the laptop: its network, its processes, its /dev/shm, this machine's files. It is a child of this
         process, so signals reach it as they would any."""
-        # The network and the PID namespace this thread can lend to its children; the others nsenter joins, and then becomes
-        # the program itself.
-        there = {kind: self._laptop[kind] for kind in ("mnt", "ipc", "uts")}
-        options_of = {"mnt": "mount", "ipc": "ipc", "uts": "uts"}
-        enter = ["nsenter", *(f"--{options_of[kind]}=/proc/self/fd/{fd}" for kind, fd in there.items())]
-        enter += [f"--wdns={options.pop('cwd', None) or Path.cwd()}", "--", *command]
-        with standing_in(self._laptop["net"], "net"), standing_in(self._laptop["pid"], "pid"):
-            return subprocess.Popen(enter, env=env, pass_fds=(*there.values(), *options.pop("pass_fds", ())), **options)
+        return popen_in(self._laptop, command, env, **options)
 
     def run(self, command: Sequence[str], timeout_s: float = 60.0, **options: Any) -> subprocess.CompletedProcess[str]:
         """Run a program on the laptop to its end; text, captured unless told otherwise. Raises subprocess.TimeoutExpired."""
@@ -238,6 +231,10 @@ class Host:
     def ssh(self, command: str, **options: Any) -> subprocess.CompletedProcess[str]:
         """Run a shell command as mirte on the first robot, over SSH."""
         return self.run(self.ssh_command("-o", "BatchMode=yes", command), **options)
+
+    def serve_ntp(self, mode: str = "serving") -> None:
+        """The laptop's clock server: "serving", "refusing", or "off" as a host starts. It never touches a clock itself."""
+        self.ask("ntp", mode=mode)
 
     # -- its life
 

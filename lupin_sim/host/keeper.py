@@ -7,7 +7,6 @@ gone, however that happened), at a request, or at SIGTERM; killed, the kernel ta
 from __future__ import annotations
 
 import argparse
-import array
 import json
 import os
 import signal
@@ -18,7 +17,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from lupin_sim.host.faults import FAULTS, Bench, FaultError
+from lupin_sim.host.bench import Bench, FaultError
+from lupin_sim.host.faults import FAULTS
 from lupin_sim.host.layer import Identity
 from lupin_sim.host.machine import Hardware, MachineError, NspawnMachine, mount
 from lupin_sim.host.state import CGROUP, remove_cgroups
@@ -46,7 +46,7 @@ class Keeper:
             if vendor_robot is not None:
                 machine.install_robot(**vendor_robot)
             self.machines.append(machine)
-        self.bench = Bench(self.wire, self.machines, root)
+        self.bench = Bench(FAULTS, self.wire, self.machines, root, folder)
         self._lock = threading.Lock()  # one change at a time; looking needs none
         self.ended = threading.Event()
         self._verbs: dict[str, Callable[[Reply], Any]] = {
@@ -56,6 +56,7 @@ class Keeper:
             "cut": lambda request: self._each(request, NspawnMachine.power_cut),
             "renew": self._renew,
             "fault": self._fault,
+            "ntp": lambda request: self.bench.serve_ntp(request["mode"]),
             "end": lambda _: self.ended.set(),
         }
 
@@ -136,15 +137,12 @@ class Keeper:
             }
             for machine in self.machines
         ]
-        return {"robots": robots, "faults": {name: fault.summary for name, fault in FAULTS.items()}}
+        return {"robots": robots, "ntp": self.bench.ntp_mode}
 
     def _hand_over(self, connection: socket.socket) -> None:
         """The laptop's namespaces as descriptors: PIDs mean nothing outside of this namespace."""
-        namespaces = self.wire.laptop_namespaces()
-        message = json.dumps({"value": list(namespaces)}).encode() + b"\n"
-        socket.send_fds(connection, [message], array.array("i", namespaces.values()).tolist())
-        for fd in namespaces.values():
-            os.close(fd)
+        message = json.dumps({"value": list(self.wire.laptop)}).encode() + b"\n"
+        socket.send_fds(connection, [message], list(self.wire.laptop.values()))
 
 
 def main() -> int:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
+import sysconfig
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -93,6 +95,11 @@ def lay(target: Path, robot: Identity, clock: bool) -> None:
     # A bind-mounted Python may live under /root, which is nobody else's to enter.
     (target / "root").mkdir(exist_ok=True)
     (target / "root").chmod(0o711)
+
+    # The server of the very Fast DDS that the robot's processes use: another version's segments keep them off shared memory.
+    libraries = f"{sys.prefix}/lib:{sysconfig.get_paths()['purelib']}/ros_fastrtps.libs"
+    server = f'LD_LIBRARY_PATH={libraries} exec {sys.prefix}/bin/fast-discovery-server "$@"'
+    _put(target / "usr/local/bin/fast-discovery-server", f"#!/bin/sh\n{server}\n", EXECUTABLE)
 
     secrets = keys()
     for kind in HOST_KEYS:

@@ -6,16 +6,17 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO, Any, Protocol
 
 from lupin_sim.host.clock import Clock
 from lupin_sim.host.layer import Identity, lay
 from lupin_sim.host.missing import cgroup_roots
-from lupin_sim.host.namespaces import CLEAN_ENVIRONMENT
+from lupin_sim.host.namespaces import CLEAN_ENVIRONMENT, popen_in
 
 REBOOT_STATUS = 133  # nspawn with --keep-unit leaves the second start to whoever called it
 SIGRTMIN_POWEROFF = signal.SIGRTMIN + 4
@@ -143,24 +144,44 @@ class NspawnMachine:
         self.clock.reset()
 
     def inside(self, command: Sequence[str], stdin: str = "", timeout_s: float = 20.0) -> Done:
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        with self.popen_inside(command, text=True, errors="replace", **pipes) as process:
+            try:
+                stdout, stderr = process.communicate(stdin, timeout=timeout_s)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise MachineError(f"{' '.join(command)[:80]} did not end within {timeout_s:g} s") from None
+        return Done(process.returncode, stdout, stderr)
+
+    def popen_inside(self, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
+        """Start a command in there as root. It is a child of this process."""
         leader = self._leader()
         if leader is None:
             raise MachineError(f"{self.identity.name} is off")
-        enter = ["nsenter", "--target", str(leader), "--mount", "--uts", "--ipc", "--net", "--pid", "--", *command]
+        kinds = ("mnt", "uts", "ipc", "net", "pid")
         try:
-            done = subprocess.run(
-                enter,
-                env=CLEAN_ENVIRONMENT,
-                input=stdin,
-                capture_output=True,
-                text=True,
-                errors="replace",
-                timeout=timeout_s,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            raise MachineError(f"{' '.join(command)[:80]} did not end within {timeout_s:g} s") from None
-        return Done(done.returncode, done.stdout, done.stderr)
+            there = {kind: os.open(f"/proc/{leader}/ns/{kind}", os.O_RDONLY | os.O_CLOEXEC) for kind in kinds}
+        except OSError as error:
+            raise MachineError(f"{self.identity.name} just went off: {error}") from None
+        try:
+            return popen_in(there, command, env=CLEAN_ENVIRONMENT, cwd="/", **options)
+        finally:
+            for fd in there.values():
+                os.close(fd)
+
+    def freeze(self, frozen: bool) -> None:
+        """Stop every process in there where it stands, or let them all go on."""
+        for cgroup in self._cgroups:
+            control = cgroup / "cgroup.freeze"
+            if control.exists():
+                control.write_text("1" if frozen else "0")
+                return
+        raise MachineError("this machine's cgroups cannot freeze: it has no cgroup v2")
+
+    @property
+    def project_python(self) -> str:
+        """A Python in there that has the project's packages."""
+        return sys.executable
 
     def limit_disk(self, size_mb: int | None) -> None:
         size = f"{self._hardware.disk_mb if size_mb is None else size_mb}M"

@@ -70,7 +70,9 @@ def main(name_a: str, name_b: str, text: str) -> None:
                 out.send(frame)
             except OSError:
                 continue  # its interface is down: the frame is lost, as on a cable
-        for fd, _ in ready.poll(max(0.0, waiting[0][0] - now) * 1e3 if waiting else None):
+        events = ready.poll(max(0.0, waiting[0][0] - now) * 1e3 if waiting else None)
+        now = time.monotonic()
+        for fd, _ in events:
             source, out = ends[fd]
             now = time.monotonic()  # the wait may have been long: a frame is late from its arrival, not from before
             for _ in range(BATCH):

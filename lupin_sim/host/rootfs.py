@@ -16,7 +16,6 @@ PACKAGES = (
     *("systemd", "systemd-sysv", "libpam-systemd", "dbus", "udev", "kmod"),
     *("openssh-server", "sudo", "chrony", "python3", "procps", "netbase", "zstd"),
     *("iproute2", "iputils-ping", "nftables", "tcpdump", "iw", "ethtool"),
-    "fastdds-tools",  # fast-discovery-server, as the vendor's image has it
 )
 # No languages and no manuals: a fifth of the size.
 OPTIONS = (

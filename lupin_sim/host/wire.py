@@ -12,6 +12,7 @@ from pathlib import Path
 from lupin_sim.host.layer import LAPTOP_LINKS, NETWORKS, Identity
 from lupin_sim.host.namespaces import CLEAN_ENVIRONMENT, new_namespaces
 
+LAPTOP_KINDS = ("net", "mnt", "ipc", "uts", "pid")
 PUMP = Path(__file__).with_name("pump.py")
 
 
@@ -26,12 +27,15 @@ class Wire:
     """
 
     def __init__(self) -> None:
-        self.laptop = new_namespaces("net", "mnt", "ipc", "uts", "pid")
+        self._laptop = new_namespaces(*LAPTOP_KINDS)
         self._wire = new_namespaces("net")
-        for holder in (self.laptop, self._wire):
+        for holder in (self._laptop, self._wire):
             assert holder.stdout is not None
             holder.stdout.readline()
-        self.laptop_pid = _first_child(self.laptop.pid)
+        self.laptop_pid = _first_child(self._laptop.pid)
+        # Open descriptors of the namespaces that are the laptop.
+        flags = os.O_RDONLY | os.O_CLOEXEC
+        self.laptop = {kind: os.open(f"/proc/{self.laptop_pid}/ns/{kind}", flags) for kind in LAPTOP_KINDS}
         self._in(self.laptop_pid, "mount", "-t", "sysfs", "sysfs", "/sys")  # else it shows this machine's interfaces
         self._in(self.laptop_pid, "mount", "-t", "tmpfs", "-o", "mode=1777", "tmpfs", "/dev/shm")
         self._in(self.laptop_pid, "hostname", "laptop")
@@ -116,11 +120,6 @@ class Wire:
             self._ip(self.laptop_pid, "address", "flush", "dev", end)
         else:
             self._ip(self.laptop_pid, "address", "replace", f"{NETWORKS[link]}.2/24", "dev", end)
-
-    def laptop_namespaces(self) -> dict[str, int]:
-        """Open descriptors of the namespaces that are the laptop; the caller closes them."""
-        kinds = ("net", "mnt", "ipc", "uts", "pid")
-        return {kind: os.open(f"/proc/{self.laptop_pid}/ns/{kind}", os.O_RDONLY | os.O_CLOEXEC) for kind in kinds}
 
     def _port(self, robot: Identity, link: str) -> str:
         return f"r{robot.index}-{link}"
