@@ -10,7 +10,7 @@ from lupin_cli.facts.base import Facts
 from lupin_cli.facts.boot import BOOT
 from lupin_cli.facts.journal import JOURNAL
 from lupin_cli.facts.memory import MEMORY
-from lupin_cli.facts.storage import STORAGE
+from lupin_cli.facts.storage import STORAGE, Mount
 from lupin_cli.facts.thermal import THERMAL
 
 FULL_KB = 50_000  # nothing works any more: logs, temporary files, a deploy
@@ -36,20 +36,23 @@ def storage(evidence: Evidence) -> Iterator[Finding]:
     """File systems that are full, out of inodes or read-only."""
     for facts in _machines(evidence):
         seen = facts.get(STORAGE)
-        for mount in seen.mounts if seen else ():
-            written = mount.path in WRITTEN
+        mounts = seen.mounts if seen else ()
+        if locked := [mount for mount in mounts if mount.read_only and mount.path in WRITTEN]:
+            yield Finding(
+                id="filesystem-read-only",
+                severity=Severity.PROBLEM,
+                where=facts.machine,
+                symptom="logs stop, settings are lost, a deploy fails",
+                cause=f"{', '.join(mount.path for mount in locked)} is read-only: the kernel does that when the card fails",
+                evidence=tuple(f"{mount.raw} (ro)" for mount in locked),
+                fix=Fix(there(evidence, facts.machine, "sudo dmesg | grep -iE 'error|remount'")),
+                explains=frozenset({"home-not-writable"}),
+            )
+        for mount in mounts:
+            if mount in locked:
+                continue
             show = there(evidence, facts.machine, f"sudo du -xh --max-depth=2 {mount.path} | sort -h | tail")
-            if mount.read_only and written:
-                yield Finding(
-                    id="filesystem-read-only",
-                    severity=Severity.PROBLEM,
-                    where=facts.machine,
-                    symptom="logs stop, settings are lost, a deploy fails",
-                    cause=f"{mount.path} is mounted read-only, as the kernel does after an error of the card",
-                    evidence=(f"{mount.raw} (ro)",),
-                    fix=Fix(there(evidence, facts.machine, f"sudo dmesg | grep -iE 'error|{mount.device.rpartition('/')[2]}'")),
-                )
-            elif mount.path == SHARED_MEMORY and mount.size_kb and mount.available_kb < SHARED_MEMORY_KB:
+            if mount.path == SHARED_MEMORY and mount.size_kb and mount.available_kb < SHARED_MEMORY_KB:
                 yield Finding(
                     id="shared-memory-full",
                     severity=Severity.PROBLEM,
@@ -60,9 +63,7 @@ def storage(evidence: Evidence) -> Iterator[Finding]:
                     fix=Fix("lupin sweep", playbook="sweep"),
                     explains=frozenset({"names-no-samples"}),
                 )
-            elif (
-                mount.path != SHARED_MEMORY and mount.size_kb and _short(mount.available_kb, mount.used_fraction, mount.size_kb)
-            ):
+            elif mount.path != SHARED_MEMORY and mount.size_kb and _short(mount):
                 full = mount.available_kb < FULL_KB
                 yield Finding(
                     id="disk-full",
@@ -85,11 +86,11 @@ def storage(evidence: Evidence) -> Iterator[Finding]:
                 )
 
 
-def _short(available_kb: int, used: float, size_kb: int) -> bool:
-    # A small file system that is meant to be nearly full, such as /boot or /run, is not short of anything.
-    if size_kb < 10 * FULL_KB:
-        return available_kb < size_kb // 50
-    return available_kb < FULL_KB or (used > NEARLY_FULL and available_kb < NEARLY_FULL_KB)
+def _short(mount: Mount) -> bool:
+    # A small file system that is filled once and for all, such as /boot, is not short of anything.
+    if mount.path not in WRITTEN and mount.size_kb < 10 * FULL_KB:
+        return mount.available_kb < mount.size_kb // 50
+    return mount.available_kb < FULL_KB or (mount.used_fraction > NEARLY_FULL and mount.available_kb < NEARLY_FULL_KB)
 
 
 def memory(evidence: Evidence) -> Iterator[Finding]:
