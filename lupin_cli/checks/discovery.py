@@ -43,6 +43,13 @@ def find_server(evidence: Evidence) -> Iterator[Finding]:
         yield _missing(evidence, log, clients)
 
 
+def lacks_server(evidence: Evidence) -> bool:
+    """Whether a vendor's stack is up on the robot without anything on the discovery server's port."""
+    sockets = evidence.robot.get(SOCKETS) if evidence.robot else None
+    log = evidence.robot.get(DISCOVERY_LOG) if evidence.robot else None
+    return sockets is not None and log is not None and log.vendor == "active" and not sockets.on("udp", DISCOVERY_PORT)
+
+
 def _looks_here(process: RosProcess) -> bool:
     return host_of(process.server) in ("127.0.0.1", "localhost")
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
+from lupin_cli.checks.discovery import lacks_server
 from lupin_cli.checks.environment import machines
 from lupin_cli.checks.typed import there
 from lupin_cli.facts.base import Facts
+from lupin_cli.facts.discovery_log import DISCOVERY_LOG
 from lupin_cli.facts.link import Link
 from lupin_cli.facts.ros_processes import ROS_PROCESSES, RosProcess
 from lupin_cli.facts.shared_memory import SHARED_MEMORY, SharedFile
@@ -50,8 +52,9 @@ def find_orphaned_memory(evidence: Evidence) -> Iterator[Finding]:
     for facts in machines(evidence):
         files = facts.get(SHARED_MEMORY) or ()
         orphans = [file for file in files if file.lockable and not file.held]
-        if not orphans:
-            continue
+        segments = [file for file in orphans if file.is_segment]
+        if not orphans or (len(segments) <= 1 and facts is evidence.robot and lacks_server(evidence)):
+            continue  # that one is of the dead discovery server, which is told already
         total_kib = sum(file.size_bytes for file in orphans) / 1024
         yield Finding(
             id="shared-memory-orphans",
@@ -114,5 +117,5 @@ _MEMORY = (SHARED_MEMORY, ROS_PROCESSES)
 CHECKS = (
     Check("dds.zombies", find_zombies, (ROS_PROCESSES, SOCKETS), (ROS_PROCESSES, SOCKETS)),
     Check("dds.shared-memory", find_unshared_memory, _MEMORY, _MEMORY),
-    Check("dds.orphans", find_orphaned_memory, (SHARED_MEMORY,), (SHARED_MEMORY,)),
+    Check("dds.orphans", find_orphaned_memory, (SHARED_MEMORY,), (SHARED_MEMORY, SOCKETS, DISCOVERY_LOG)),
 )

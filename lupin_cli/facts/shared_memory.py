@@ -45,6 +45,11 @@ class SharedFile:
     held: bool
     holder: int = 0  # the process in /proc/locks, where it is visible
 
+    @property
+    def is_segment(self) -> bool:
+        """Whether it is a participant's own segment: each has one, beside the ports that it opens."""
+        return re.fullmatch(r"fast(rtps|dds)_[0-9a-f]+", self.name) is not None
+
 
 _NAME = re.compile(r"(?:sem\.)?(fast(?:rtps|dds)_(?:port\d+|[0-9a-f]+))(?:_(?:el|sl|mutex))?")
 
