@@ -110,6 +110,7 @@ def find_roam_risk(evidence: Evidence) -> Iterator[Finding]:
                 fix=Fix(
                     f"nmcli connection modify {shlex.quote(profile.name)} connection.autoconnect-priority {PINNED_PRIORITY}",
                     playbook="pin-wifi",
+                    variables={"connection": profile.name, "priority": PINNED_PRIORITY},
                     safe=True,
                 ),
             )
