@@ -1,0 +1,77 @@
+"""A robot computer with Lupin's units, a vendor's stack that is up, and a laptop with an operator's home."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from lupin_cli import units
+from lupin_sim.host.operator import furnish
+
+if TYPE_CHECKING:
+    from lupin_sim.host import Host
+
+SET_UP = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
+RELEASE = "/opt/lupin/current"
+BOUND_S = 150.0
+# What belongs to a graph of this test process means nothing on the laptop's.
+FOREIGN = ("ROS_", "RMW_", "FASTRTPS_", "FASTDDS_")
+
+
+class Operator:
+    """Types commands on the laptop."""
+
+    def __init__(self, host: Host, home: Path) -> None:
+        self.host = host
+        kept = {name: value for name, value in os.environ.items() if not name.startswith(FOREIGN)}
+        self.environment = {**kept, **furnish(host, home, SET_UP)}
+
+    def types(self, *words: str) -> subprocess.CompletedProcess[str]:
+        """`lupin WORDS`."""
+        return self.host.run([sys.executable, "-m", "lupin_cli.app", *words], env=self.environment, timeout_s=BOUND_S)
+
+    def asks(self, *words: str) -> tuple[int, dict[str, Any]]:
+        """`lupin WORDS --json`: its status and what it said."""
+        done = self.types(*words, "--json")
+        assert done.stdout, done.stderr
+        return done.returncode, json.loads(done.stdout)
+
+    def runs_there(self, program: str) -> None:
+        """Run a Python program as mirte, on the robot's own graph."""
+        script = "; ".join(("cd ~", *SET_UP, f"exec {RELEASE}/venv/bin/python3 -"))
+        command = ("runuser", "-u", "mirte", "--", "bash", "-c", script)
+        done = self.host.robot.inside(*command, stdin=program, timeout_s=60.0)
+        assert done.status == 0, done.stderr
+
+    def state(self, unit: str) -> str:
+        return self.host.robot.inside("systemctl", "is-active", unit).stdout.strip()
+
+    @property
+    def steps(self) -> int:
+        """How often a program on the robot has set its clock."""
+        return int(self.host.robot.state["clock_steps"])
+
+
+@pytest.fixture(scope="module")
+def operator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Operator]:
+    """An operator at a laptop, and one robot for a whole file's tests."""
+    from lupin_sim.host import Host
+    from lupin_sim.host.fixtures import require
+
+    require()
+    with Host.start(vendor_robot=True) as host:
+        inside = host.robot.inside
+        made = inside("sh", "-ec", f"mkdir -p {RELEASE}; ln -s {sys.prefix} {RELEASE}/venv")
+        assert made.status == 0, made.stderr
+        for name, text in units.robot_units("mirte", RELEASE, SET_UP).items():
+            assert inside("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
+        done = inside("sh", "-ec", "systemctl daemon-reload; systemctl enable --quiet lupin-onboard lupin-auto-home")
+        assert done.status == 0, done.stderr
+        yield Operator(host, tmp_path_factory.mktemp("home"))
