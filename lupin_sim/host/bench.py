@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +16,7 @@ from lupin_sim.host.wire import Wire
 Settings = Mapping[str, Any]
 Act = Callable[["Bench", NspawnMachine, Settings], None]
 NTP_PORT = 123
+NTP_LIMIT_S = 10.0
 
 
 class FaultError(Exception):
@@ -105,10 +107,14 @@ class Bench:
             self._ntp = None
         if mode == "off":
             return
-        directives = ["local stratum 8", "cmdport 0", "bindcmdaddress /", "pidfile /"]
+        directives = ["local stratum 8", "cmdport 0"]
         if mode == "serving":
             directives += ["allow 10.42.0.0/24", "allow 192.168.42.0/24"]
-        with (self._folder / "ntp.console").open("ab") as log:
+        # It may write into the root's /run as far as the laptop sees it, and nowhere else.
+        self.wire.in_laptop("sh", "-ec", f"mountpoint -q {self._root}/run || mount -t tmpfs tmpfs {self._root}/run")
+        self.wire.in_laptop("rm", "-rf", f"{self._root}/run/chrony")
+        console = self._folder / "ntp.console"
+        with console.open("ab") as log:
             self._ntp = popen_in(
                 self.wire.laptop,
                 ["chroot", str(self._root), "/usr/sbin/chronyd", "-x", "-d", "-u", "root", *directives],
@@ -117,6 +123,13 @@ class Bench:
                 stdout=log,
                 stderr=log,
             )
+        deadline = time.monotonic() + NTP_LIMIT_S
+        while f":{NTP_PORT:04X} " not in Path(f"/proc/{self.wire.laptop_pid}/net/udp").read_text():
+            if mode == "refusing":
+                return  # nobody may ask, so it doesn't even listen
+            if self._ntp.poll() is not None or time.monotonic() > deadline:
+                raise FaultError(f"the laptop's chronyd does not serve: {console.read_text()[-300:]}")
+            time.sleep(0.02)
 
 
 def inside(machine: NspawnMachine, script: str, *arguments: str, timeout_s: float = 30.0) -> str:

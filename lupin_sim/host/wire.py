@@ -121,6 +121,10 @@ class Wire:
         else:
             self._ip(self.laptop_pid, "address", "replace", f"{NETWORKS[link]}.2/24", "dev", end)
 
+    def in_laptop(self, *command: str) -> None:
+        """Run a command where the laptop's mounts and network are. Raises WireError."""
+        self._in(self.laptop_pid, *command)
+
     def _port(self, robot: Identity, link: str) -> str:
         return f"r{robot.index}-{link}"
 
