@@ -64,7 +64,12 @@ class ClockStep:
         read(target, "true", "nothing")
         way_s = (time.monotonic() - sent) / 2
         # The guard again, in the same breath: what was started meanwhile is live too.
-        script = f"{_GUARD}\ndate -s '@{time.time() + way_s:.3f}' >/dev/null"
+        script = f"""
+read -r begun rest </proc/uptime
+{_GUARD}
+read -r now rest </proc/uptime
+date -s "@$(awk -v t={time.time() + way_s:.3f} -v a="$begun" -v b="$now" 'BEGIN {{ printf "%.2f", t + b - a }}')" >/dev/null
+"""
         change(
             target,
             script,

@@ -46,7 +46,8 @@ class File:
         if self.source:
             folder, _, name = self.source.partition("/")
             path = shipped_folder(folder) / name
-            return path.read_bytes() if folder in ("playbooks", "systemd") and path.is_file() else None
+            known = folder in ("playbooks", "systemd") and "/" not in name
+            return path.read_bytes() if known and path.is_file() else None
         return None if self.content is None else self.content.encode()
 
     def differs(self, target: Target) -> Difference | None:

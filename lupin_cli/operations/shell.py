@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 
 from lupin_cli.operations.base import OperationError
-from lupin_cli.target.base import Output, Script, Target
+from lupin_cli.target.base import Output, Script, Target, Unreachable
 
 
 def quote(word: str) -> str:
@@ -23,6 +23,7 @@ def look(target: Target, script: str, *, root: bool = False, bound_s: float = 10
     """Ask something, change nothing. The status is the script's; raises OperationError where it didn't end in time."""
     output = target.batch([Script("look", script, bound_s, root)], bound_s + 5.0)["look"]
     if output.status is None:
+        _still_there(target)
         said = output.stderr.strip().splitlines()
         raise OperationError(f"{target.name} did not answer within {bound_s:g} s{': ' + said[-1] if said else ''}")
     return output
@@ -48,9 +49,18 @@ def change(
 ) -> Output:
     """Change something; raises OperationError with `what` was to be done and what was said."""
     output = target.run(script, root=root, stdin=stdin, bound_s=bound_s)
+    if output.status is None:
+        _still_there(target)
     if not output.ok:
         raise OperationError(f"could not {what} on {target.name}: {_reason(output)}", next_command)
     return output
+
+
+def _still_there(target: Target) -> None:
+    """Raises Unreachable where a script has no end because its machine is gone: a long script and a cut link look the same."""
+    alive = target.batch([Script("alive", "true", 3.0)], 5.0)["alive"]
+    if not alive.ok:
+        raise Unreachable(f"{target.name} no longer answers: {alive.stderr.strip()}", "lost", "lupin doctor")
 
 
 def _reason(output: Output) -> str:

@@ -26,7 +26,7 @@ class WaitFor:
     listener: str = ""  # udp:11811
     unit: str = ""  # is active
     controllers: bool = False  # all five are active
-    reachable: str = ""  # answers a ping from this machine
+    reachable: str = ""  # a host that answers this machine
     path: str = ""  # exists
     machine: str = "robot"
 
@@ -54,7 +54,10 @@ class WaitFor:
             said = look(target, f"ss -H -ln{protocol[0]} 'sport = :{port}'").stdout.strip()
             return "" if said else f"nobody listens on {protocol} {port}"
         if self.reachable:
-            answered = look(target, f"ping -n -c 1 -W 1 -- {quote(self.reachable)} >/dev/null 2>&1").ok
+            host = quote(self.reachable)
+            # A machine without ping asks for SSH, which every robot has.
+            ask = f"ping -n -c 1 -W 1 {host} >/dev/null 2>&1 || timeout 2 bash -c ': <>/dev/tcp/'{host}/22 2>/dev/null"
+            answered = look(target, ask).ok
             return "" if answered else f"{self.reachable} does not answer"
         return "" if look(target, f"[ -e {quote(self.path)} ]").ok else f"there is no {self.path}"
 

@@ -35,9 +35,11 @@ class Binding:
         while root.parent is not None:
             root = root.parent
         self.variables = self._variables(root)
+        if targets is None:
+            return
         self._check_arguments()
         for machine in sorted(self.machines()):
-            if targets is not None and machine not in targets:
+            if machine not in targets:
                 raise PlaybookError(f"{playbook.name!r} works on the {machine}, and none is named: --robot NAME", playbook.file)
 
     @property

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from lupin_cli.runbook import load, shipped
+from lupin_cli.runbook.binding import Binding
 from lupin_cli.shipped import shipped_folder
+from lupin_cli.target.local import LocalTarget
 
 EXPECTED = {
     "deploy-robot", "remove-robot", "deploy-laptop", "remove-laptop", "sync-clock", "install-clock-sync", "recover-discovery",
@@ -26,6 +28,14 @@ def test_a_shipped_playbook_is_sound(path: Path) -> None:
     assert book.description.endswith(".") and len(book.description) < 128
     names = [step.name for step in book.steps]
     assert len(names) == len(set(names))
+
+
+@pytest.mark.parametrize("path", shipped(), ids=lambda path: path.stem)
+def test_its_defaults_make_arguments_that_its_operations_take(path: Path) -> None:
+    book = load(path)
+    samples = {"text": "some", "secret": "long enough", "address": "10.0.0.7", "list": ["source ~/setup.bash"]}
+    given = {variable.name: samples[variable.type] for variable in book.variables if not variable.has_default}
+    Binding(book, given, {"robot": LocalTarget("robot"), "laptop": LocalTarget()})
 
 
 def test_every_playbook_that_a_finding_names_is_shipped() -> None:
