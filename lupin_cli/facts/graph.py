@@ -122,7 +122,8 @@ class Graphs:
     @property
     def alive(self) -> tuple[Graph, ...]:
         """Those that could be visited and have somebody on them."""
-        return tuple(graph for graph in self.graphs if not graph.error and graph.nodes)
+        # Where data reaches nobody, names of topics are there and those of nodes, which are data, are not.
+        return tuple(graph for graph in self.graphs if not graph.error and (graph.nodes or graph.topics))
 
 
 def parse(output: Output) -> Graphs:

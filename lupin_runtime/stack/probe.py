@@ -98,15 +98,19 @@ class Visit:
 
     def join(self) -> float:
         """Wait until the picture of names stands still; seconds that took."""
-        seen: tuple[int, int] = (0, 0)
+        seen: set[str] = set()
         since_s = time.monotonic()
 
         def settled() -> bool:
             nonlocal seen, since_s
-            now = (len(self.node.get_node_names()), sum(len(types) for _, types in self.node.get_topic_names_and_types()))
+            # Names of nodes come over the data's way, those of topics with discovery: either may be all that there is.
+            now = {f"node {name}" for name in self.node.get_node_names()} | {
+                n for n, _ in self.node.get_topic_names_and_types()
+            }
             if now != seen:
                 seen, since_s = now, time.monotonic()
-            return now[0] > 1 and time.monotonic() - since_s > SETTLE_S
+            foreign = seen - {f"node {self.node.get_name()}", "/parameter_events", "/rosout"}
+            return bool(foreign) and time.monotonic() - since_s > SETTLE_S
 
         self.until(settled, JOIN_BOUND_S)
         return round(time.monotonic() - self._started_s, 3)
@@ -148,6 +152,8 @@ class Visit:
             ends = topics.get(row.name, {}).get("publishers", [])
             if not ends or row.name in self.samples:
                 continue
+            if row is graph.CLOCK and not topics[row.name]["subscribers"]:
+                continue  # on a robot that lives by its own clock nobody misses it
             self.samples[row.name] = {"count": 0, "first_s": -1.0}
             self._since_s[row.name] = time.monotonic()
             offered = graph.Qos(all(e["reliable"] for e in ends), all(e["latched"] for e in ends), depth=5)
