@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lupin_sim.host.machine import NspawnMachine
+from lupin_sim.host.machine import Machine
 from lupin_sim.host.namespaces import CLEAN_ENVIRONMENT, popen_in
 from lupin_sim.host.wire import Wire
 
 Settings = Mapping[str, Any]
-Act = Callable[["Bench", NspawnMachine, Settings], None]
+Act = Callable[["Bench", Machine, Settings], None]
 NTP_PORT = 123
 NTP_LIMIT_S = 10.0
 
@@ -42,14 +42,14 @@ class Fault:
 class Bench:
     """Makes the faults of a table, takes them back, and knows which stand."""
 
-    def __init__(self, table: Mapping[str, Fault], wire: Wire, machines: list[NspawnMachine], root: Path, folder: Path) -> None:
+    def __init__(self, table: Mapping[str, Fault], wire: Wire, machines: list[Machine], root: Path, folder: Path) -> None:
         self.table, self.wire, self.machines = table, wire, machines
         self._root, self._folder = root, folder
         self._active: dict[tuple[int, str], Settings] = {}
         self._ntp: subprocess.Popen[bytes] | None = None
         self.ntp_mode = "off"
 
-    def apply(self, machine: NspawnMachine, name: str, settings: Settings, undo: bool) -> None:
+    def apply(self, machine: Machine, name: str, settings: Settings, undo: bool) -> None:
         """Make a fault, or take it back. Raises FaultError."""
         fault = self.table.get(name)
         if fault is None:
@@ -72,11 +72,11 @@ class Bench:
             self._active.pop(where, None)
             raise
 
-    def active(self, machine: NspawnMachine) -> list[str]:
+    def active(self, machine: Machine) -> list[str]:
         """The faults that stand."""
         return [name for index, name in self._active if index == machine.identity.index]
 
-    def forget(self, machine: NspawnMachine) -> None:
+    def forget(self, machine: Machine) -> None:
         """Take back all that would outlive a new disk and a new boot of a robot."""
         for name in self.active(machine):
             settings, fault = self._active.pop((machine.identity.index, name)), self.table[name]
@@ -84,7 +84,7 @@ class Bench:
                 fault.undo(self, machine, settings)
         self.serve_ntp("off")
 
-    def pump(self, machine: NspawnMachine, link: str) -> None:
+    def pump(self, machine: Machine, link: str) -> None:
         """Make a robot's cable do what all faults that stand on it ask for together."""
         together: dict[str, Any] = {}
         for (index, name), settings in self._active.items():
@@ -132,7 +132,7 @@ class Bench:
             time.sleep(0.02)
 
 
-def inside(machine: NspawnMachine, script: str, *arguments: str, timeout_s: float = 30.0) -> str:
+def inside(machine: Machine, script: str, *arguments: str, timeout_s: float = 30.0) -> str:
     """Run a shell script in the robot as root; `$1`... are its arguments. Returns what it printed. Raises FaultError."""
     done = machine.inside(["sh", "-ec", script, "sh", *arguments], timeout_s=timeout_s)
     if done.status:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 
 from lupin_sim.host.bench import Act, Bench, FaultError, Settings, inside
-from lupin_sim.host.machine import NspawnMachine
+from lupin_sim.host.machine import Machine
 
 DROP_IN = "/run/systemd/system/{unit}.service.d/fault.conf"
 READ_ONLY = "/etc /home /opt /srv /usr /var"
@@ -17,7 +17,7 @@ RACE_LIMIT_S = 20
 def script(text: str, *settings: str, timeout_s: float = 30.0) -> Act:
     """An act that is a shell script; the values of these settings are its `$1`..."""
 
-    def act(_: Bench, machine: NspawnMachine, chosen: Settings) -> None:
+    def act(_: Bench, machine: Machine, chosen: Settings) -> None:
         inside(machine, text, *(str(chosen[name]) for name in settings), timeout_s=timeout_s)
 
     return act
@@ -56,7 +56,7 @@ exit 1
 """
 
 
-def lose_race(_: Bench, machine: NspawnMachine, settings: Settings) -> None:
+def lose_race(_: Bench, machine: Machine, settings: Settings) -> None:
     """mirte-ros starts while its server can't: the port is taken for that moment, or PATH isn't complete yet."""
     if settings["cause"] == "path":
         inside(machine, NO_PATH)
@@ -122,7 +122,7 @@ for lock in glob.glob("/dev/shm/fastrtps_*_el"):
 """
 
 
-def orphan(_: Bench, machine: NspawnMachine, settings: Settings) -> None:
+def orphan(_: Bench, machine: Machine, settings: Settings) -> None:
     """Kill real participants over their segments."""
     text = LEAVE_ORPHANS.format(environment=DDS_ENVIRONMENT, python=machine.project_python)
     inside(machine, text, settings["user"], str(settings["count"]), ORPHAN, timeout_s=60.0)
@@ -131,7 +131,7 @@ def orphan(_: Bench, machine: NspawnMachine, settings: Settings) -> None:
 def sweep(before: str = "true", after: str = "true") -> Act:
     """Take back what killed participants left, between two shell scripts."""
 
-    def act(_: Bench, machine: NspawnMachine, __: Settings) -> None:
+    def act(_: Bench, machine: Machine, __: Settings) -> None:
         inside(machine, before)
         inside(machine, 'python3 -c "$1"', SWEEP)
         inside(machine, after)
@@ -139,7 +139,7 @@ def sweep(before: str = "true", after: str = "true") -> Act:
     return act
 
 
-def zombie(_: Bench, machine: NspawnMachine, settings: Settings) -> None:
+def zombie(_: Bench, machine: Machine, settings: Settings) -> None:
     """Start participants that stop themselves."""
     for number in range(int(settings["count"])):
         options = f"--quiet --unit=lupin-fault-zombie-{number} --uid=mirte --setenv=ROS_LOG_DIR=/tmp/lupin-fault-mirte"

@@ -7,7 +7,7 @@ from typing import Any
 from lupin_sim.host import damage
 from lupin_sim.host.bench import Act, Bench, Fault, FaultError, Settings
 from lupin_sim.host.damage import script
-from lupin_sim.host.machine import NspawnMachine
+from lupin_sim.host.machine import Machine
 
 __all__ = ["FAULTS", "FaultError", "listing", "parse"]
 
@@ -28,12 +28,12 @@ def _laptop(away: bool) -> Act:
     return lambda bench, _, settings: bench.wire.laptop_link(settings["link"], away)
 
 
-def _pump(bench: Bench, machine: NspawnMachine, settings: Settings) -> None:
+def _pump(bench: Bench, machine: Machine, settings: Settings) -> None:
     bench.pump(machine, settings["link"])
 
 
 def _dual_home(away: bool) -> Act:
-    def act(bench: Bench, machine: NspawnMachine, settings: Settings) -> None:
+    def act(bench: Bench, machine: Machine, settings: Settings) -> None:
         bench.wire.laptop_link("wlan0", away)
         bench.pump(machine, settings["link"])
 
@@ -41,13 +41,13 @@ def _dual_home(away: bool) -> Act:
 
 
 def _clock(offset_s: bool, crystal: bool) -> Act:
-    def act(_: Bench, machine: NspawnMachine, settings: Settings) -> None:
+    def act(_: Bench, machine: Machine, settings: Settings) -> None:
         machine.clock.make_wrong(settings["offset_s"] if offset_s else None, settings["ppm"] if crystal else None)
 
     return act
 
 
-def _right_clock(_: Bench, machine: NspawnMachine, __: Settings) -> None:
+def _right_clock(_: Bench, machine: Machine, __: Settings) -> None:
     machine.clock.make_wrong(0.0, 0.0)
 
 
@@ -55,7 +55,7 @@ def _ntp(mode: str) -> Act:
     return lambda bench, _, __: bench.serve_ntp(mode)
 
 
-def _reboot(_: Bench, machine: NspawnMachine, __: Settings) -> None:
+def _reboot(_: Bench, machine: Machine, __: Settings) -> None:
     machine.inside(["systemctl", "--no-block", "reboot"])
 
 

@@ -34,8 +34,7 @@ from typing import Any
 
 import pytest
 
-from lupin_sim.host.host import Host
-from lupin_sim.host.missing import what_is_missing
+from lupin_sim.host.host import Host, HostUnavailable
 
 
 class Lent:
@@ -47,9 +46,8 @@ class Lent:
 
     def healthy(self) -> Host:
         """The host, booted at the first use and renewed after a test that spoilt it."""
-        require()
         if self._host is None:
-            self._host = Host.start()
+            self._host = start()
         elif self.spoilt:
             self._host.robot.renew()
         self.spoilt = False
@@ -61,10 +59,12 @@ class Lent:
             self._host.end()
 
 
-def require() -> None:
-    """Skip the test where no robot can be booted, with one line that says why."""
-    if missing := what_is_missing():
-        pytest.skip(missing)
+def start(**options: Any) -> Host:
+    """Boot a host, or skip the test with one line that says what this machine lacks for it."""
+    try:
+        return Host.start(**options)
+    except HostUnavailable as missing:
+        pytest.skip(str(missing))
 
 
 @pytest.fixture(scope="session")
@@ -95,8 +95,7 @@ def boot_host() -> Iterator[Callable[..., Host]]:
     hosts: list[Host] = []
 
     def boot(**options: Any) -> Host:
-        require()
-        hosts.append(Host.start(**options))
+        hosts.append(start(**options))
         return hosts[-1]
 
     yield boot

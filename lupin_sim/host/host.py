@@ -34,6 +34,10 @@ class HostError(Exception):
     """What was expected of a host, what was found, what to type."""
 
 
+class HostUnavailable(HostError):
+    """This machine lacks something that a host needs."""
+
+
 @dataclass(frozen=True)
 class Robot:
     """One robot of a host. `number` counts from 0."""
@@ -139,12 +143,12 @@ class Host:
         machine.Hardware. Raises HostError with what is missing.
         """
         if missing := what_is_missing():
-            raise HostError(missing)
+            raise HostUnavailable(missing)
         state.sweep()
         try:
             root = root_directory(progress)
         except RootError as error:
-            raise HostError(str(error)) from None
+            raise HostUnavailable(str(error)) from None
         chosen = name or f"{os.getpid()}-{time.monotonic_ns() // 1_000_000 % 1_000_000}"
         folder = state.STATE / chosen
         try:
@@ -153,11 +157,10 @@ class Host:
             raise HostError(f"there is a host {chosen!r} already: lupin sim host down --name {chosen}") from None
         # The project is there, read-only, with the Pythons that it runs on, so that anything of it can run on the robot.
         binds = sorted({str(PROJECT), str(Path(sys.prefix).resolve()), str(Path(sys.base_prefix).resolve())} - {"/usr"})
-        robot = {"project": str(PROJECT), "python": sys.executable, "arguments": robot_arguments}
+        robot = f"ROBOT_PROJECT={PROJECT}\nROBOT_PYTHON={sys.executable}\nROBOT_ARGUMENTS={robot_arguments!r}\n"
         settings = {
             "robots": robots,
-            "hardware": {"binds": binds, **hardware},
-            "vendor_robot": robot if vendor_robot else None,
+            "hardware": {"binds": binds, "robot": robot if vendor_robot else None, **hardware},
             "lifeline": lifeline,
         }
         host = None

@@ -20,7 +20,7 @@ from typing import Any
 from lupin_sim.host.bench import Bench, FaultError
 from lupin_sim.host.faults import FAULTS
 from lupin_sim.host.layer import Identity
-from lupin_sim.host.machine import Hardware, MachineError, NspawnMachine, mount
+from lupin_sim.host.machine import Hardware, Machine, MachineError, NspawnMachine, mount
 from lupin_sim.host.state import CGROUP, remove_cgroups
 from lupin_sim.host.wire import Wire, WireError
 
@@ -31,11 +31,11 @@ REQUEST_LIMIT = 1 << 20
 class Keeper:
     """Answers requests, one a connection: {"do": verb, ...} -> {"value": ...} or {"error": "..."}."""
 
-    def __init__(self, folder: Path, root: Path, robots: int, hardware: Hardware, vendor_robot: dict[str, str] | None) -> None:
+    def __init__(self, folder: Path, root: Path, robots: int, hardware: Hardware) -> None:
         self._folder = folder
         inner = private_folder(folder)
         self.wire = Wire()
-        self.machines: list[NspawnMachine] = []
+        self.machines: list[Machine] = []
         for index in range(robots):
             robot = Identity(index)
             machine = NspawnMachine(
@@ -43,17 +43,15 @@ class Keeper:
                 plug=lambda pid, robot=robot: self.wire.plug(robot, pid),  # type: ignore[misc]
                 cgroup=f"{CGROUP}-{folder.name}",
             )
-            if vendor_robot is not None:
-                machine.install_robot(**vendor_robot)
             self.machines.append(machine)
         self.bench = Bench(FAULTS, self.wire, self.machines, root, folder)
         self._lock = threading.Lock()  # one change at a time; looking needs none
         self.ended = threading.Event()
         self._verbs: dict[str, Callable[[Reply], Any]] = {
             "status": self._status,
-            "on": lambda request: self._each(request, NspawnMachine.power_on),
-            "off": lambda request: self._each(request, NspawnMachine.power_off),
-            "cut": lambda request: self._each(request, NspawnMachine.power_cut),
+            "on": lambda request: self._machine(request).power_on(),
+            "off": lambda request: self._machine(request).power_off(),
+            "cut": lambda request: self._machine(request).power_cut(),
             "renew": self._renew,
             "fault": self._fault,
             "ntp": lambda request: self.bench.serve_ntp(request["mode"]),
@@ -98,11 +96,8 @@ class Keeper:
                 print(error, file=sys.stderr)
         remove_cgroups(self._folder.name)
 
-    def _machine(self, request: Reply) -> NspawnMachine:
+    def _machine(self, request: Reply) -> Machine:
         return self.machines[int(request.get("robot", 0))]
-
-    def _each(self, request: Reply, act: Callable[[NspawnMachine], None]) -> None:
-        act(self._machine(request))
 
     def _inside(self, request: Reply) -> list[Any]:
         done = self._machine(request).inside(
@@ -162,7 +157,7 @@ def main() -> int:
     keeper: Keeper | None = None
     server = socket.socket(socket.AF_UNIX)
     try:
-        keeper = Keeper(folder, arguments.root, int(arguments.settings["robots"]), hardware, arguments.settings["vendor_robot"])
+        keeper = Keeper(folder, arguments.root, int(arguments.settings["robots"]), hardware)
         keeper.ended = ended
         for machine in keeper.machines:
             machine.power_on()

@@ -33,7 +33,7 @@ class Done:
 
 
 class Machine(Protocol):
-    """What the keeper and the faults want of a backend."""
+    """What the keeper and the faults want of a backend. Calls raise MachineError."""
 
     identity: Identity
     clock: Clock
@@ -42,6 +42,10 @@ class Machine(Protocol):
     @property
     def running(self) -> bool:
         """Whether it is switched on."""
+
+    @property
+    def project_python(self) -> str:
+        """A Python in there that has the project's packages."""
 
     def power_on(self) -> None:
         """Start it; returns before it is up."""
@@ -58,8 +62,17 @@ class Machine(Protocol):
     def inside(self, command: Sequence[str], stdin: str = "", timeout_s: float = 20.0) -> Done:
         """Run a command in there as root, without a network between."""
 
+    def popen_inside(self, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
+        """Start a command in there as root. Its standard streams are this process's."""
+
+    def freeze(self, frozen: bool) -> None:
+        """Stop every process in there where it stands, or let them all go on."""
+
     def limit_disk(self, size_mb: int | None) -> None:
         """Leave that much room for what it writes in all; None is what it had first."""
+
+    def disk_used_mb(self) -> int:
+        """What it has written, rounded up."""
 
 
 class MachineError(Exception):
@@ -74,6 +87,7 @@ class Hardware:
     memory_shm_mb: int = 256
     own_clock: bool = True
     binds: tuple[str, ...] = ()  # of this machine's folders, read-only, at the same place
+    robot: str | None = None  # what mirte-ros.service is to launch: assignments of ROBOT_PROJECT, _PYTHON and _ARGUMENTS
 
 
 class NspawnMachine:
@@ -99,6 +113,8 @@ class NspawnMachine:
         folder.mkdir()
         self.clock = Clock(folder / "clock")
         lay(self._made("layer"), identity, hardware.own_clock)
+        if hardware.robot is not None:
+            (folder / "layer/etc/mirte/robot").write_text(hardware.robot)
         self._insert_disk()
 
     @property
@@ -154,7 +170,6 @@ class NspawnMachine:
         return Done(process.returncode, stdout, stderr)
 
     def popen_inside(self, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
-        """Start a command in there as root. It is a child of this process."""
         leader = self._leader()
         if leader is None:
             raise MachineError(f"{self.identity.name} is off")
@@ -170,7 +185,6 @@ class NspawnMachine:
                 os.close(fd)
 
     def freeze(self, frozen: bool) -> None:
-        """Stop every process in there where it stands, or let them all go on."""
         for cgroup in self._cgroups:
             control = cgroup / "cgroup.freeze"
             if control.exists():
@@ -180,20 +194,13 @@ class NspawnMachine:
 
     @property
     def project_python(self) -> str:
-        """A Python in there that has the project's packages."""
-        return sys.executable
+        return sys.executable  # bind-mounted at the same place
 
     def limit_disk(self, size_mb: int | None) -> None:
         size = f"{self._hardware.disk_mb if size_mb is None else size_mb}M"
         mount("-o", f"remount,size={size}", str(self._folder / "disk"))
 
-    def install_robot(self, project: str, python: str, arguments: str) -> None:
-        """Let mirte-ros.service launch a simulated robot, of this machine's project and Python."""
-        text = f"ROBOT_PROJECT={project}\nROBOT_PYTHON={python}\nROBOT_ARGUMENTS={arguments!r}\n"
-        (self._folder / "layer/etc/mirte/robot").write_text(text)
-
     def disk_used_mb(self) -> int:
-        """What it has written, rounded up."""
         usage = shutil.disk_usage(self._folder / "disk")
         return (usage.used >> 20) + 1
 

@@ -77,11 +77,7 @@ def root_directory(progress: Progress = lambda _: None) -> Path:
         work.mkdir()
         try:
             packed = cache / f"root-{key()}.tar.zst"
-            if packed.exists():
-                progress(f"unpacking the robot's root ({packed.stat().st_size >> 20} MB)")
-                (work / "root").mkdir()
-                _call([*TAR, "--zstd", "-C", str(work / "root"), "-xf", str(packed)], progress)
-            else:
+            if not (packed.exists() and _unpack(packed, work / "root", progress)):
                 _build(work / "root", progress)
                 progress("packing it for the next time")
                 _call([*TAR, "-I", "zstd -T0 -3", "-C", str(work / "root"), "-cf", str(work / "packed"), "."], progress)
@@ -92,6 +88,20 @@ def root_directory(progress: Progress = lambda _: None) -> Path:
             return root
         finally:
             shutil.rmtree(work, ignore_errors=True)
+
+
+def _unpack(packed: Path, root: Path, progress: Progress) -> bool:
+    """Whether the packed root was whole; what is left of a damaged one is removed."""
+    progress(f"unpacking the robot's root ({packed.stat().st_size >> 20} MB)")
+    root.mkdir()
+    try:
+        _call([*TAR, "--zstd", "-C", str(root), "-xf", str(packed)], progress)
+    except RootError as error:
+        progress(f"the packed root is damaged and will be built anew: {str(error).splitlines()[-1].strip()}")
+        packed.unlink()
+        shutil.rmtree(root)
+        return False
+    return True
 
 
 def _build(root: Path, progress: Progress) -> None:

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import time
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
-from lupin_sim.host import Host, state
-from lupin_sim.host.host import PROJECT
-from lupin_sim.host.missing import cgroup_roots
-from lupin_sim.host.state import Keeping
+from lupin_sim.host import Host
 
 pytestmark = pytest.mark.host
 
@@ -87,37 +80,3 @@ def test_several_robots_stand_on_one_wire_under_their_own_addresses(boot_host: C
     names = [host.run(host.ssh_command("hostname", robot=robot)).stdout.strip() for robot in host.robots]
     assert names == ["mirte", "mirte-2"]
     assert [robot.eth0 for robot in host.robots] == ["10.42.0.1", "10.42.0.11"]
-
-
-KILLED = """
-import os, signal
-from lupin_sim.host import Host
-host = Host.start({name!r})
-assert host.ssh("true").returncode == 0
-host.popen(["sleep", "1000"])
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_nothing_is_left_when_the_process_that_booted_it_is_killed(host: Host, tmp_path: Path) -> None:
-    name = f"killed-{tmp_path.name}"
-    killed = subprocess.run([sys.executable, "-c", KILLED.format(name=name)], cwd=PROJECT, timeout=60, check=False)
-    assert killed.returncode == -9
-    keeping = state.read(state.STATE / name)
-    assert keeping is not None
-    until_gone(keeping)
-    state.sweep()
-    assert not (state.STATE / name).exists()
-    assert not [base for base in cgroup_roots() if list(base.glob(f"*{name}*"))]
-    assert name not in Path("/proc/self/mountinfo").read_text()
-    commands = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if path.exists()]
-    assert not [command for command in commands if name.encode() in command]
-    assert host.ssh("true").returncode == 0  # the neighbour's host was let be
-
-
-def until_gone(keeping: Keeping) -> None:
-    """The kernel takes a moment to end a PID namespace."""
-    deadline = time.monotonic() + 20.0
-    while keeping.alive:
-        assert time.monotonic() < deadline, "the keeper outlived the process that started it"
-        time.sleep(0.01)
