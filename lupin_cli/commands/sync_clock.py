@@ -14,7 +14,7 @@ from lupin_cli.robot_options import ASK_SUDO, CONFIG, ROBOT, ask_sudo_password, 
 if TYPE_CHECKING:
     from lupin_cli.clock import Drift
     from lupin_cli.facts.clock import Offset
-    from lupin_cli.runbook.outcome import Event, Result
+    from lupin_cli.runbook.outcome import Result
     from lupin_cli.target.ssh import SshTarget
 
 PLAYBOOK, INSTALL = "sync-clock", "install-clock-sync"
@@ -84,14 +84,15 @@ def _sync(target: SshTarget, install: bool, dry_run: bool, resume: bool, as_json
         else:
             typer.echo("within 3 s and the stack is up: nothing is touched")
         return 0
+    from lupin_cli.commands.play import tell_result
+
     result = _play(INSTALL if install else PLAYBOOK, target, dry_run, resume, as_json)
     after = None if dry_run else _look_again(target)
     if as_json:
         print(json.dumps(_outcome(target.name, before, result, after)))
     elif result.state == "done" and after is not None:
         _tell_look(target.name, after)
-    if result.state != "done":
-        typer.echo(f"lupin sync-clock: {result.message}", err=True)
+    tell_result(result, as_json)
     if after is not None and after.stack != "active":
         # Whatever else happened: nobody may walk away from a robot that is down without having read so.
         how = f"; go on with: {result.next_command}" if result.next_command else f"; start it with: systemctl start {VENDOR}"
@@ -146,6 +147,7 @@ def _look_again(target: SshTarget) -> Look | None:
 
 
 def _play(name: str, target: SshTarget, dry_run: bool, resume: bool, as_json: bool) -> Result:
+    from lupin_cli.commands.play import Shown
     from lupin_cli.runbook.engine import play
     from lupin_cli.runbook.journal import JournalError
     from lupin_cli.runbook.source import PlaybookError
@@ -155,9 +157,10 @@ def _play(name: str, target: SshTarget, dry_run: bool, resume: bool, as_json: bo
         return play(
             name,
             {"robot": target, "laptop": LocalTarget()},
+            _laptop_as_seen(target) if name == INSTALL and not resume else {},
             dry_run=dry_run,
             resume=resume,
-            on_event=(lambda _: None) if as_json else _tell_event,
+            on_event=Shown(as_json, 1, False),
         )
     except (PlaybookError, FileNotFoundError) as error:
         raise ConfigError(str(error)) from error
@@ -165,17 +168,21 @@ def _play(name: str, target: SshTarget, dry_run: bool, resume: bool, as_json: bo
         raise ConfigError(f"{error}; next: {error.next_command}") from error
 
 
+def _laptop_as_seen(target: SshTarget) -> dict[str, str]:
+    """Where the robot finds this machine: the address that its sshd sees, and the network around it."""
+    from ipaddress import IPv4Address, ip_network
+
+    said = target.run('echo "${SSH_CONNECTION%% *}"', bound_s=10.0).stdout.strip()
+    try:
+        address = str(IPv4Address(said))
+    except ValueError:
+        return {}  # by way of another host, or over IPv6: the playbook's own defaults are the cable's
+    return {"laptop_ip": address, "network": str(ip_network(f"{address}/24", strict=False))}
+
+
 def _tell_look(name: str, seen: Look) -> None:
     ntp = f"; by NTP {seen.ntp}" if seen.ntp is not None else ""
     typer.echo(f"{name}: clock {seen.drift}{ntp}; {VENDOR} is {seen.stack}")
-
-
-def _tell_event(event: Event) -> None:
-    if event.kind == "step-end" and event.state != "skipped":
-        text = f": {event.text}" if event.text else ""
-        typer.echo(f"  {event.index + 1:2d}/{event.total} {event.step} - {event.state}{text} ({event.duration_s:.1f} s)")
-    elif event.kind == "line":
-        typer.echo(f"        {event.text}")
 
 
 def _outcome(name: str, before: Look, result: Result, after: Look | None) -> dict[str, Any]:

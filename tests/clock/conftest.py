@@ -63,9 +63,10 @@ class Operator:
 def operator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Operator]:
     """An operator at a laptop, and one robot for a whole file's tests."""
     from lupin_sim.host import Host
-    from lupin_sim.host.fixtures import require
+    from lupin_sim.host.missing import what_is_missing
 
-    require()
+    if missing := what_is_missing():
+        pytest.skip(missing)
     with Host.start(vendor_robot=True) as host:
         inside = host.robot.inside
         made = inside("sh", "-ec", f"mkdir -p {RELEASE}; ln -s {sys.prefix} {RELEASE}/venv")

@@ -32,9 +32,10 @@ def install_units(host: Host) -> None:
 def lupin_robot() -> Iterator[Host]:
     """Booted, with everything that `lupin deploy robot` makes of a robot. One for a whole file: a boot costs seconds."""
     from lupin_sim.host import Host
-    from lupin_sim.host.fixtures import require
+    from lupin_sim.host.missing import what_is_missing
 
-    require()
+    if missing := what_is_missing():
+        pytest.skip(missing)
     with Host.start(vendor_robot=True) as host:
         install_units(host)
         yield host
