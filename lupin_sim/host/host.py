@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import select
 import shutil
 import socket
 import subprocess
@@ -23,8 +24,10 @@ from lupin_sim.host.namespaces import NEW_FLAGS, popen_in, standing_in
 from lupin_sim.host.rootfs import Progress, RootError, root_directory
 
 PROJECT = Path(__file__).resolve().parents[2]
-START_LIMIT_S = 30.0
+START_LIMIT_S = 60.0
+END_LIMIT_S = 30.0
 READY_LIMIT_S = 60.0
+PER_ROBOT_LIMIT_S = 10.0
 USER = "mirte"
 # Drawing pictures would take a core from everything else, and a robot stamps by its own clock.
 ROBOT_ARGUMENTS = "--wall-clock --no-cameras"
@@ -169,7 +172,7 @@ class Host:
             host = cls(chosen, process)
             host._write_known_hosts()
             for each in host.robots:
-                each.wait_ready()
+                each.wait_ready(READY_LIMIT_S + PER_ROBOT_LIMIT_S * robots)
         except BaseException:
             if host is not None:
                 host.end()
@@ -258,10 +261,10 @@ class Host:
         keeping = state.read(self.folder)
         with suppress(HostError, OSError):  # it is gone already, or will be by force
             self.ask("end")
-        deadline = time.monotonic() + START_LIMIT_S
+        deadline = time.monotonic() + END_LIMIT_S
         if self._process is not None:
             try:
-                self._process.wait(START_LIMIT_S)
+                self._process.wait(END_LIMIT_S)
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
@@ -335,7 +338,9 @@ def _start_keeper(folder: Path, root: Path, settings: dict[str, Any]) -> subproc
         )
     state.write(folder, process.pid)
     assert process.stdout is not None
-    line = process.stdout.readline().strip()
+    patient_s = START_LIMIT_S + PER_ROBOT_LIMIT_S * settings["robots"]
+    said, _, _ = select.select([process.stdout], [], [], patient_s)
+    line = process.stdout.readline().strip() if said else f"the keeper said nothing for {patient_s:g} s"
     if line != "up":
         process.kill()
         process.wait()

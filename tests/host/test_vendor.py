@@ -27,14 +27,17 @@ from geometry_msgs.msg import Twist
 
 rclpy.init()
 node = LupinNode("driver")
-got = {"scans": 0, "x_m": 0.0, "late_s": None}
+got = {"scans": 0, "from_m": None, "drove_m": 0.0, "late_s": None}
 
 def scan(message):
     got["scans"] += 1
     got["late_s"] = time.time() - message.header.stamp.sec - message.header.stamp.nanosec / 1e9
 
 def odom(message):
-    got["x_m"] = message.pose.pose.position.x
+    x_m = message.pose.pose.position.x
+    if got["from_m"] is None:
+        got["from_m"] = x_m
+    got["drove_m"] = x_m - got["from_m"]
 
 node.subscription(graph.SCAN, scan)
 node.subscription(graph.ODOM, odom)
@@ -42,7 +45,7 @@ wheels = node.publisher(graph.CMD_VEL_SINK_ROBOT)
 forward = Twist()
 forward.linear.x = 0.2
 deadline = time.monotonic() + 45.0
-while (got["x_m"] < 0.1 or got["scans"] < 5) and time.monotonic() < deadline:
+while (got["drove_m"] < 0.1 or got["scans"] < 5) and time.monotonic() < deadline:
     rclpy.spin_once(node, timeout_sec=0.05)
     wheels.publish(forward)
 print(json.dumps(got))
@@ -94,11 +97,16 @@ def test_laptop_and_robot_are_two_computers_on_one_graph(boot_host: Callable[...
     env = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path), **CLIENT}
     done = host.run([sys.executable, "-c", DRIVER], env=env, cwd=str(PROJECT), timeout_s=90.0)
     got = json.loads(done.stdout)
-    assert got["x_m"] >= 0.1, (got, host.ssh("journalctl -u mirte-ros -o cat").stdout)
+    assert got["drove_m"] >= 0.1, (got, host.ssh("journalctl -u mirte-ros -o cat").stdout)
     assert got["scans"] >= 5
     assert abs(got["late_s"]) < 5.0  # stamped by the robot's clock, not in simulated time
+    still = DRIVER.replace("45.0", "6.0")
+    # Dual-homed, scans still come, and the robot hears no command: the fingerprint of that fault.
+    with host.robot.broken("dual-homed"):
+        one_way = json.loads(host.run([sys.executable, "-c", still], env=env, cwd=str(PROJECT)).stdout)
+    assert one_way["scans"] > 0
+    assert one_way["drove_m"] < 0.02
     # Pulled, the laptop hears nothing: the cable is the only way between the two.
     host.robot.fault("cable-cut", link="eth0")
     host.robot.fault("cable-cut", link="wlan0")
-    short = DRIVER.replace("45.0", "3.0")
-    assert json.loads(host.run([sys.executable, "-c", short], env=env, cwd=str(PROJECT)).stdout)["scans"] == 0
+    assert json.loads(host.run([sys.executable, "-c", still], env=env, cwd=str(PROJECT)).stdout)["scans"] == 0
