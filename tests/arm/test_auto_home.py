@@ -196,3 +196,23 @@ def test_the_environment_may_say_no(word):
         timeout=30,
     )
     assert run.returncode == 0 and "stays where it is" in run.stdout
+
+
+@pytest.mark.graph
+def test_lupin_home_does_the_same_on_the_graph_of_a_live_run_and_says_so_as_it_goes(graph_host, tmp_path, monkeypatch):
+    from lupin_runtime.stack.dds import GRAPH_VARIABLES
+    from lupin_runtime.stack.runs import create_run
+
+    command = [sys.executable, "-m", "lupin_cli.app", "home"]
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    nothing = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert nothing.returncode == 3 and "no run is up" in nothing.stderr
+    run, lock = create_run()
+    run.write_info({"environment": {name: os.environ[name] for name in GRAPH_VARIABLES if name in os.environ}})
+    manager = Manager(graph_host, {**dict.fromkeys(graph.CONTROLLERS, "active"), "pid_wheels_controller": "inactive"})
+    home = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    os.close(lock)
+    assert home.returncode == 0, home.stderr
+    said = [line.partition(" s  ")[2] for line in home.stdout.splitlines()]
+    assert "found: pid_wheels_controller is inactive" in said and said[-1] == "arm: sent"
+    assert manager.states["pid_wheels_controller"] == "active" and manager.presets == ["home"]
