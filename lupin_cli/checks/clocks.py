@@ -63,7 +63,8 @@ def stock_makestep(evidence: Evidence) -> Iterator[Finding]:
         symptom="controllers die without a cause minutes after boot, as soon as a time source comes into reach",
         cause="chrony may step the clock while the stack runs: its configuration still has a makestep directive",
         evidence=chrony.directives("makestep"),
-        fix=Fix("lupin sync-clock --install", playbook="install-clock-sync", safe=True),
+        # The laptop's half of that is another finding's.
+        fix=Fix("lupin sync-clock --install", playbook="install-clock-sync", variables={"laptop_serves": False}, safe=True),
     )
 
 
@@ -109,7 +110,7 @@ def robots_chrony(evidence: Evidence) -> Iterator[Finding]:
             symptom="the robot's clock follows nobody",
             cause="none of chrony's sources has ever answered" if chrony.sources else "chrony knows no source",
             evidence=tuple(source.raw for source in chrony.sources) or ("chronyc sources: none",),
-            fix=Fix("lupin deploy laptop", playbook="deploy-laptop"),
+            fix=Fix("lupin play serve-clock", playbook="serve-clock"),
         )
 
 
@@ -139,7 +140,7 @@ def laptop_serves(evidence: Evidence) -> Iterator[Finding]:
             *(chrony.directives("allow") or ("no `allow` in chrony's configuration",)),
             *chrony.directives("local"),
         ),
-        fix=Fix("lupin deploy laptop", playbook="deploy-laptop"),
+        fix=Fix("lupin play serve-clock", playbook="serve-clock"),
         explains=frozenset({"chrony-sources-silent"}),
     )
 

@@ -37,7 +37,7 @@ def vendor(evidence: Evidence) -> Iterator[Finding]:
         symptom="nothing of the robot answers: no controllers, no lidar, no battery",
         cause=f"{VENDOR} is {unit.active} ({unit.sub}, {unit.result})",
         evidence=(unit.line(), *_last_words(evidence, VENDOR)),
-        fix=Fix(on_robot(evidence, f"sudo systemctl reset-failed {VENDOR}; sudo systemctl start {VENDOR}")),
+        fix=HEAL,
         explains=frozenset(
             {
                 "unit-not-running", "unit-failed", "oneshot-failed", "unit-restarting", "controller-manager-missing",

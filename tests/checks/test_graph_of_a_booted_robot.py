@@ -16,7 +16,7 @@ from lupin_cli.facts.base import Facts
 from lupin_cli.facts.graph import GRAPH, Graph
 from lupin_cli.target.base import Output
 from lupin_sim.host import Host
-from lupin_sim.host.fixtures import require
+from lupin_sim.host.fixtures import start
 from lupin_sim.host.host import PROJECT
 
 pytestmark = pytest.mark.host
@@ -72,8 +72,7 @@ class Laptop:
 
 @pytest.fixture(scope="module")
 def laptop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Laptop]:
-    require()
-    with Host.start(vendor_robot=True) as host:
+    with start(vendor_robot=True) as host:
         found = Laptop(host, tmp_path_factory.mktemp("graph") / "home")
         found.comes_to()
         yield found

@@ -12,11 +12,11 @@ from lupin_cli.checks import cameras, clocks, resources, services, software
 from lupin_cli.checks.base import Evidence, Finding, Severity
 from lupin_cli.diagnosis import diagnose, facts_of
 from lupin_cli.facts.base import Facts
-from lupin_cli.facts.boot import Boot
 from lupin_cli.facts.chrony import Chrony
 from lupin_cli.facts.clock import Clock
 from lupin_cli.facts.devices import Devices, Holder
 from lupin_cli.facts.link import Link
+from lupin_cli.facts.storage import Storage
 from lupin_cli.facts.units import CAMERAS, CLOCK_SYNC, Unit, Units
 from lupin_cli.target.base import Output
 
@@ -30,7 +30,6 @@ ROBOT = {
     "journal": "healthy",
     "chrony": "chrony-follows-laptop",
     "clock": "bare-robot",
-    "boot": "bare-robot",
     "storage": "bare-robot",
     "memory": "orange-pi",
     "thermal": "orange-pi",
@@ -236,12 +235,6 @@ def test_the_captured_strays_hold_the_camera() -> None:
     assert any("usb_cam_node_exe" in line for line in findings[0].evidence)
 
 
-def test_a_load_that_is_normal_on_this_robot_is_no_finding() -> None:
-    boot: Boot = dataclasses.replace(captured("boot", "bare-robot"), cores=4, load=(13.0, 12.0, 8.0))
-    assert ids(world(boot=boot)) == []
-    assert ids(world(boot=dataclasses.replace(boot, load=(90.0, 70.0, 12.0)))) == ["overloaded"]
-
-
 def test_a_locale_that_is_not_installed_is_no_fault() -> None:
     account = dataclasses.replace(captured("account", "operator"), home_writable=True, groups=("mirte", "input"))
     assert ids(world(account=account)) == []
@@ -259,3 +252,25 @@ def test_values_of_the_captures_are_what_the_checks_believe() -> None:
     assert isinstance(captured("clock", "with-rtc"), Clock) and captured("clock", "with-rtc").rtc_s == 1795271018
     unit = captured("units", "outlived").get("lupin-onboard.service")
     assert isinstance(unit, Unit) and unit.part_of == ()
+
+
+@pytest.mark.parametrize(
+    ("path", "size_kb", "available_kb", "expected"),
+    [
+        ("/", 30_000_000, 10_000_000, []),
+        ("/", 30_000_000, 400_000, ["disk-full"]),
+        ("/", 8_000_000, 600_000, []),
+        ("/", 17_000, 1_000, ["disk-full"]),
+        ("/var/log", 51_000, 20_000, []),  # in memory, to spare the card
+        ("/var/log", 51_000, 1_500, ["disk-full"]),
+        ("/boot", 520_000, 60_000, []),
+        ("/run", 0, 0, []),
+    ],
+)
+def test_a_file_system_is_full_when_nothing_fits_and_not_when_it_is_small(
+    path: str, size_kb: int, available_kb: int, expected: list[str]
+) -> None:
+    mount = dataclasses.replace(
+        captured("storage", "bare-robot").mounts[0], path=path, size_kb=size_kb, available_kb=available_kb
+    )
+    assert ids(world(storage=Storage((mount,)))) == expected

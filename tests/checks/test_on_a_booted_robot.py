@@ -22,7 +22,7 @@ from lupin_cli.target.local import LocalTarget
 from lupin_cli.target.ssh import SshTarget
 from lupin_cli.target.trust import Trust
 from lupin_sim.host import Host
-from lupin_sim.host.fixtures import require
+from lupin_sim.host.fixtures import start
 
 pytestmark = pytest.mark.host
 
@@ -60,6 +60,22 @@ sed -i 's/^makestep/#makestep/' /etc/chrony/chrony.conf
 systemctl daemon-reload
 systemctl restart chrony
 systemctl enable -q --now lupin-onboard lupin-auto-home
+"""
+
+
+SYNCS_ITS_CLOCK = """set -e
+echo 'server 10.42.0.2 iburst' > /etc/chrony/conf.d/laptop.conf
+cat > /etc/systemd/system/lupin-clock-sync.service <<'E'
+[Service]
+Type=oneshot
+RemainAfterExit=yes
+ExecStart=/bin/true
+[Install]
+WantedBy=multi-user.target
+E
+systemctl daemon-reload
+systemctl restart chrony
+systemctl enable -q --now lupin-clock-sync
 """
 
 
@@ -102,8 +118,7 @@ class Looked:
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Looked]:
-    require()
-    with Host.start() as host:
+    with start() as host:
         looked = Looked(host, tmp_path_factory.mktemp("health"))
         looked.root(DEPLOYED)
         yield looked
@@ -191,6 +206,21 @@ def test_a_stopped_chrony_is_named(robot: Looked) -> None:
     robot.root("systemctl stop chrony")
     assert robot.ids() == ["chrony-not-running"]
     robot.root("systemctl start chrony")
+
+
+def test_a_laptop_that_serves_no_time_is_named_once_the_robot_counts_on_it(robot: Looked) -> None:
+    robot.host.serve_ntp()
+    robot.root(SYNCS_ITS_CLOCK)
+    robot.until(lambda: robot.ids() == [], "an answer of the laptop's clock server")
+    with robot.host.robot.broken("chrony-not-serving"):
+        robot.root("systemctl restart chrony")  # a source that answered once counts as one that answers
+        (finding,) = robot.findings()
+    robot.host.serve_ntp("off")
+    assert finding.id == "chrony-not-serving" and finding.where == "laptop"
+    robot.root(
+        "systemctl disable -q --now lupin-clock-sync; rm /etc/systemd/system/lupin-clock-sync.service "
+        "/etc/chrony/conf.d/laptop.conf; systemctl daemon-reload; systemctl restart chrony"
+    )
 
 
 def test_full_shared_memory_is_named(robot: Looked) -> None:
