@@ -19,6 +19,7 @@ START_SERVER = (
     "env -u FASTRTPS_DEFAULT_PROFILES_FILE setsid fast-discovery-server -i 0 -l 0.0.0.0 "
     f"-p {DISCOVERY_PORT} >/tmp/lupin-discovery.log 2>&1 </dev/null &"
 )
+STARTING_S = 5.0  # the script starts the server first of all; a busy robot takes seconds over it
 _SWITCH_ON = "echo export MIRTE_FASTDDS=true >> ~/.mirte_settings.sh; sudo systemctl restart mirte-ros.service"
 _SYMPTOM = "ros2 topic list returns 2; the page loads and every panel is blank, while the unit says it is active"
 
@@ -39,8 +40,16 @@ def find_server(evidence: Evidence) -> Iterator[Finding]:
         yield from _taken(bound, processes)
         yield from _stopped(evidence, bound, processes)
         yield from _pinned(evidence, bound)
-    elif clients or (log.wanted and log.vendor == "active"):
+    elif (clients or (log.wanted and log.vendor == "active")) and not _about_to_start(log, processes):
         yield _missing(evidence, log, clients)
+
+
+def _about_to_start(log: DiscoveryLog, processes: tuple[RosProcess, ...]) -> bool:
+    """Whether the vendor's script is only just under way and has not failed yet: a doctor may come with the boot."""
+    if log.journal:
+        return False
+    young = log.vendor_age_s is not None and log.vendor_age_s < STARTING_S
+    return young or any(process.is_server and process.age_s < STARTING_S for process in processes)
 
 
 def lacks_server(evidence: Evidence) -> bool:

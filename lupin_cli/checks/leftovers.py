@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
 from lupin_cli.checks.discovery import lacks_server
 from lupin_cli.checks.environment import machines
-from lupin_cli.checks.typed import there
 from lupin_cli.facts.base import Facts
 from lupin_cli.facts.discovery_log import DISCOVERY_LOG
 from lupin_cli.facts.link import Link
@@ -20,7 +19,7 @@ FIRST_PORT, LAST_PORT = 7410, 7447
 
 
 def sweep(evidence: Evidence, machine: str) -> Fix:
-    """What removes leftovers of one machine."""
+    """What ends and removes the leftovers of one machine, each after a look at whose it is: nothing that works is stopped."""
     robot = f" --robot {evidence.link.robot}" if machine == "robot" and isinstance(evidence.link, Link) else ""
     return Fix(f"lupin sweep{robot}", playbook="sweep", variables={"machine": machine}, safe=True)
 
@@ -43,7 +42,7 @@ def find_zombies(evidence: Evidence) -> Iterator[Finding]:
                     symptom="a fresh node sees the topics and gets nothing, or two answers",
                     cause=f"{process.name} (process {process.pid}) outlived its launch and still holds UDP {ports}: {why}",
                     evidence=(process.line(), f"parent {process.parent}, group {process.group}", *(s.line() for s in held)),
-                    fix=Fix(there(evidence, facts.machine, f"kill {process.pid}")),
+                    fix=sweep(evidence, facts.machine),
                 )
 
 

@@ -16,6 +16,8 @@ PROBE = (
     + rf"""as=; [ "$(id -u)" = 0 ] || {{ command -v sudo >/dev/null && sudo -n true 2>/dev/null && as='sudo -n'; }}
 echo '@@ settings'; grep -hsE '^[^#]*MIRTE_FASTDDS' "$HOME/.mirte_settings.sh"
 echo '@@ unit'; [ -d /run/systemd/system ] && systemctl is-active mirte-ros.service mirte-ap.service mirte-wifi-watchdog.service
+echo '@@ since'; [ -d /run/systemd/system ] && systemctl show -p ActiveEnterTimestampMonotonic mirte-ros.service | cut -d= -f2
+echo '@@ uptime'; cat /proc/uptime
 echo '@@ journal'
 command -v journalctl >/dev/null && {{ $as journalctl -b -q --no-pager -o short -u mirte-ros.service -n 20000 2>/dev/null |
   grep -E "{_WORDS}" | {{ head -n 10; tail -n 5; }}; }}
@@ -35,6 +37,7 @@ class DiscoveryLog:
     access_point: str = ""
     watchdog: str = ""
     journal: tuple[str, ...] = ()  # of this boot
+    vendor_age_s: float | None = None  # how long ago its unit became active; None where it never did
 
     @property
     def wanted(self) -> bool:
@@ -47,7 +50,16 @@ def parse(output: Output) -> DiscoveryLog:
     said = answers(output)
     switches = [match[1] for line in said.lines("settings") if (match := _SWITCH.match(line))]
     states = [*said.lines("unit"), "", "", ""]
-    return DiscoveryLog(switches[-1] if switches else "", states[0], states[1], states[2], said.lines("journal"))
+    since_us = said.text("since")
+    age_s = said.number("uptime") - int(since_us) / 1e6 if since_us.isdigit() and since_us != "0" else None
+    return DiscoveryLog(
+        switches[-1] if switches else "",
+        vendor=states[0],
+        access_point=states[1],
+        watchdog=states[2],
+        journal=said.lines("journal"),
+        vendor_age_s=None if age_s is None else round(age_s, 1),
+    )
 
 
 DISCOVERY_LOG = Fact("discovery-log", PROBE, parse)

@@ -61,6 +61,16 @@ def test_a_missing_discovery_server_is_told_with_what_the_journal_says_of_it(hea
     assert any("ROS_DISCOVERY_SERVER=127.0.0.1:11811" in line for line in finding.evidence)
 
 
+def test_a_server_that_the_vendors_script_is_about_to_start_is_not_missed_yet(healthy) -> None:
+    sick = healthy.with_("robot", "sockets", without_port(11811))
+    assert sick.with_("robot", "discovery-log", lambda log: replace(log, vendor_age_s=1.2)).named() == []
+    assert sick.with_("robot", "ros-processes", changed(0, age_s=0.4)).named() == []
+    lost = sick.with_("robot", "discovery-log", "lost-the-race")
+    assert lost.with_("robot", "discovery-log", lambda log: replace(log, vendor_age_s=1.2)).named() == [
+        "discovery-server-missing"
+    ]
+
+
 def test_journal_lines_are_the_evidence_of_a_lost_race(healthy) -> None:
     (finding,) = healthy.with_("robot", "sockets", without_port(11811)).with_("robot", "discovery-log", "lost-the-race").roots()
     assert "wasn't able to allocate the specified listening port" in finding.evidence[0]
@@ -423,3 +433,51 @@ def test_a_port_held_by_a_stranger_is_named_and_one_held_by_its_owner_is_not(hea
 def test_an_owner_that_this_user_may_not_see_is_not_accused(healthy) -> None:
     unseen = with_socket(protocol="udp", address="0.0.0.0", port=123)
     assert healthy.with_("laptop", "sockets", unseen).named() == []
+
+
+# -- two at a time --------------------------------------------------------------------------------------------------------
+
+
+def other_middleware(world: Any) -> Any:
+    """A third process on the robot, on another middleware."""
+
+    def more(processes: tuple) -> tuple:
+        libraries = frozenset({"librmw_cyclonedds_cpp.so", "librcl.so"})
+        return (*processes, replace(processes[1], pid=500, libraries=libraries))
+
+    return world.with_("robot", "ros-processes", more)
+
+
+def orphans(world: Any) -> Any:
+    """The memory of two participants that were killed."""
+
+    def more(files: tuple) -> tuple:
+        names = ("fastrtps_00aa", "fastrtps_00aa_el", "fastrtps_00bb", "fastrtps_00bb_el")
+        return (*files, *(replace(files[0], name=name, held=False, holder=0) for name in names))
+
+    return world.with_("robot", "shared-memory", more)
+
+
+FAULTS: dict[str, Callable[[Any], Any]] = {
+    "discovery-server-missing": lambda w: w.with_("robot", "sockets", without_port(11811)),
+    "robot-multi-homed": lambda w: w.with_("laptop", "routes", without_access_point),
+    "zombie-process": lambda w: w.with_("robot", "ros-processes", changed(1, state="T")),
+    "shared-memory-orphans": orphans,
+    "rmw-mismatch": other_middleware,
+    "profile-not-default": lambda w: w.with_("laptop", "dds-profiles", own_profile(default=False)),
+    "source-order": lambda w: w.with_("laptop", "shell", "wiped"),
+    "port-9090-taken": lambda w: w.with_(
+        "laptop", "sockets", with_socket(protocol="tcp", address="0.0.0.0", port=9090, process="node", pid=9, command="node x")
+    ),
+    "process-older-than-interface": lambda w: w.with_(
+        "laptop", "sockets", lambda s: Sockets(tuple(each for each in s.every if each.address != "10.42.0.2"))
+    ),
+}
+
+
+@pytest.mark.parametrize("pair", [(a, b) for a in FAULTS for b in FAULTS if a < b], ids="+".join)
+def test_two_faults_at_once_are_both_named_and_no_third(healthy, pair) -> None:
+    sick = healthy
+    for name in pair:
+        sick = FAULTS[name](sick)
+    assert sorted(sick.named()) == sorted(pair)
