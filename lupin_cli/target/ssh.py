@@ -171,7 +171,11 @@ class SshTarget:
         """See `Target.close`."""
         self._sftp_client = None
         while self._clients:
-            self._clients.pop().close()
+            client = self._clients.pop()
+            transport = client.get_transport()
+            client.close()
+            if transport is not None:
+                transport.join(1.0)  # a thread that still reads must not find its pipe closed
         while self._proxies:
             _end(self._proxies.pop())
 
