@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import sys
 import threading
 import time
@@ -64,7 +65,10 @@ def command(
             )
             from lupin_cli.runbook.fleet import on_all
 
-            results = on_all(robots, lambda each: each.name if each else "", book.name, one)
+            results = on_all(robots, lambda each: each.name if each else "", book.name, one, _stopping)
+        except KeyboardInterrupt:
+            # The second one: nobody waits for what is under way. The journal has everything; threads would be waited for.
+            os._exit(130)
         except (FileNotFoundError, PlaybookError) as error:
             _usage(str(error))
         except JournalError as error:
@@ -75,6 +79,10 @@ def command(
     for result in results:
         tell_result(result, as_json)
     raise typer.Exit(worst([result.exit_code for result in results]))
+
+
+def _stopping() -> None:
+    typer.echo("stopping as soon as what is under way has ended; Ctrl-C again: at once", err=True)
 
 
 def worst(codes: Sequence[int]) -> int:

@@ -51,30 +51,41 @@ class TakingTurns:
 
 
 def on_all(
-    robots: Iterable[Robot], name: Callable[[Robot], str], playbook: str, one: Callable[[Robot, threading.Event], Result]
+    robots: Iterable[Robot],
+    name: Callable[[Robot], str],
+    playbook: str,
+    one: Callable[[Robot, threading.Event], Result],
+    on_interrupt: Callable[[], None] = lambda: None,
 ) -> list[Result]:
-    """Play on every robot at once. An interrupt asks all of them to stop, and waits until what is under way has ended.
+    """Play on every robot at once. An interrupt asks all of them to stop, and waits until what is under way has ended; a
+    second one is raised.
 
     `one(robot, stop)` plays on one robot. Where it can't even begin there, that robot's result says so; the others go on.
     """
     stop = threading.Event()
     found = list(robots)
+    results = [Result(playbook, name(robot), "interrupted", message="interrupted before it began") for robot in found]
 
-    def guarded(robot: Robot) -> Result:
+    def guarded(index: int) -> None:
+        robot = found[index]
         try:
-            return one(robot, stop)
+            results[index] = one(robot, stop)
         except TargetError as error:
-            return Result(playbook, name(robot), "unreachable", message=str(error), next_command=error.next_command)
+            results[index] = Result(playbook, name(robot), "unreachable", message=str(error), next_command=error.next_command)
         except JournalError as error:
-            return Result(playbook, name(robot), "failed", message=str(error), next_command=error.next_command)
+            results[index] = Result(playbook, name(robot), "failed", message=str(error), next_command=error.next_command)
 
     pool = ThreadPoolExecutor(max_workers=min(AT_ONCE, max(1, len(found))), thread_name_prefix="play")
-    futures: list[Future[Result]] = [pool.submit(guarded, robot) for robot in found]
+    futures: list[Future[None]] = []
     try:
-        try:
-            return [future.result() for future in futures]
-        except KeyboardInterrupt:
-            stop.set()
-            return [future.result() for future in futures]
+        for index in range(len(found)):
+            futures.append(pool.submit(guarded, index))
+        for future in futures:
+            future.result()
+    except KeyboardInterrupt:
+        stop.set()
+        on_interrupt()
+        pool.shutdown(wait=True, cancel_futures=True)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+    return results

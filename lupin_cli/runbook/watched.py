@@ -26,6 +26,11 @@ class WatchedTarget:
     def address(self) -> str:
         return str(getattr(self._target, "address", ""))
 
+    @property
+    def beyond_the_step(self) -> Target:
+        """The target without this step's bound, for one short question."""
+        return self._target
+
     def remaining(self, bound_s: float) -> float:
         """What is left of the step's time, at most `bound_s`; raises OperationError where nothing is."""
         left = self.deadline - time.monotonic()
