@@ -22,7 +22,7 @@ class Fact(Generic[Value]):
     name: str
     probe: str
     parse: Callable[[Output], Value]
-    timeout_s: float = 8.0  # a bound: a robot at load 8 to 12, as it is normal for one, answers in seconds
+    timeout_s: float = 12.0  # a bound: a robot at load 8 to 12, as it is normal for one, answers in seconds
     root: bool = False
 
 

@@ -135,7 +135,8 @@ class Laptop:
 
 
 @pytest.fixture
-def laptop(host: Host, tmp_path: Path) -> Laptop:
+def laptop(request: pytest.FixtureRequest, tmp_path: Path) -> Laptop:
+    host: Host = request.getfixturevalue("fresh_host" if "fresh_host" in request.fixturenames else "host")
     until(lambda: vendor_age_s(host) > STARTING_S, "a robot that has been up for a while")
     found = Laptop(host, tmp_path / "home")
     found.set_up()
@@ -200,6 +201,7 @@ def test_one_diagnosis_takes_one_connection(laptop: Laptop) -> None:
 def test_a_missing_discovery_server_is_the_one_cause(fresh_host: Host, laptop: Laptop, fault, settings, words) -> None:
     fresh_host.robot.fault(fault, **settings)
     _, told = laptop.doctor()
+    assert told["unknown"] == []
     assert [finding["id"] for finding in told["findings"]] == ["discovery-server-missing"], told
     (finding,) = told["findings"]
     assert words in finding["cause"]
