@@ -65,7 +65,7 @@ class AutoHome:
         self._configure = node.client(graph.CONFIGURE_CONTROLLER)
         self._switch = node.client(graph.SWITCH_CONTROLLER)
         self._preset = node.client(graph.ARM_PRESET)
-        self._arm_heard = False
+        self._arm_heard = self._listed = False
         node.subscription(graph.JOINT_STATES, self._on_joint_states)
 
     def run(self) -> None:
@@ -87,6 +87,9 @@ class AutoHome:
         while any(name not in states for name in graph.CONTROLLERS) and time.monotonic() < deadline:
             self._spin_for(limits.poll_s)
             states = self._states()
+        if not self._listed:
+            # Nobody knows what is missing: loading on a guess would only make it worse.
+            raise NotHome(f"{graph.LIST_CONTROLLERS.name} is there and never answered; see journalctl -u mirte-ros")
         for _ in range(3):  # load, configure, activate
             step = next_step(states, graph.CONTROLLERS)
             if not step:
@@ -130,6 +133,7 @@ class AutoHome:
 
     def _states(self) -> dict[str, str]:
         answer = self._call(self._list, "")
+        self._listed = self._listed or answer is not None
         return {} if answer is None else {item.name: item.state for item in answer.controller}
 
     def _call(self, client: Client, what: str, limit_s: float | None = None, /, **fields: Any) -> Any:

@@ -171,6 +171,22 @@ def test_a_line_per_step_says_what_was_found_and_what_was_done(graph_host):
 
 
 @pytest.mark.graph
+def test_a_manager_that_is_there_and_never_answers_is_left_alone(graph_host, monkeypatch):
+    from lupin_runtime.arm.auto_home import AutoHome, Limits, NotHome
+    from lupin_runtime.ros import LupinNode
+
+    node = LupinNode("auto_home")
+    said: list[str] = []
+    home = AutoHome(node, Limits(visible_s=0.3, poll_s=0.1, call_s=0.1), said.append)
+    monkeypatch.setattr(home, "_wait", lambda *_: None)  # as if its service had been seen, just before it hung
+    with pytest.raises(NotHome, match="is there and never answered"):
+        home.heal()
+    assert not any(line.startswith(("load", "configure", "activate")) for line in said)
+    home.close()
+    node.destroy_node()
+
+
+@pytest.mark.graph
 def test_all_waits_together_are_bounded_too(graph_host):
     from lupin_runtime.arm.auto_home import AutoHome, Limits, NotHome
     from lupin_runtime.ros import LupinNode
