@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import ast
+import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import lupin_cli.checks
 from lupin_cli.checks import Check
 from lupin_cli.checks.table import UnknownCheck, built_in, plugged_in, select
 from lupin_cli.diagnosis import facts_of
@@ -59,3 +63,17 @@ def test_names_of_the_built_in_checks_are_unique_and_so_are_their_facts() -> Non
     assert len(set(names)) == len(names)
     for machine in ("laptop", "robot"):
         facts_of(checks, machine)
+
+
+def test_the_manual_names_every_check_and_every_finding_of_the_link() -> None:
+    manual = (Path(__file__).parents[2] / "docs" / "doctor.md").read_text()
+    folder = Path(lupin_cli.checks.__file__).parent
+    for module in ("link", "discovery", "homing", "environment", "profiles", "leftovers", "ports"):
+        tree = ast.parse((folder / f"{module}.py").read_text())
+        words = [node.value for node in ast.walk(tree) if isinstance(node, ast.keyword) and node.arg == "id"]
+        for name in [word.value for word in words if isinstance(word, ast.Constant)]:
+            short = re.sub(r"^(profile|discovery-server)", "", name)
+            assert f"`{name}`" in manual or f"`{short}`" in manual, name
+    for check in built_in():
+        if check.name.startswith(("link.", "discovery.", "dds.")) or check.name == "ports":
+            assert f"`{check.name}`" in manual
