@@ -169,6 +169,34 @@ def office(seed: int = 0, size: float = 1.0) -> tuple[World, list[tuple[float, f
     return World(np.concatenate(segments)), tour
 
 
+def corridor(
+    length: float = 40.0, depth: float = 25.0, width: float = 2.2, pitch: float = 5.0
+) -> tuple[World, list[tuple[float, float]]]:
+    """A corridor around a block with a door niche every `pitch` metres, each like the last, and two laps of it."""
+    segments: list[tuple[float, float, float, float]] = []
+
+    def wall(frm: tuple[float, float], to: tuple[float, float], outwards: float) -> None:
+        a, b = np.array(frm), np.array(to)
+        total = float(np.hypot(*(b - a)))
+        along = (b - a) / total
+        niche = np.array([-along[1], along[0]]) * outwards * 0.15
+        at = 0.0
+        for door in np.arange(pitch / 2, total - 1.5, pitch):
+            near, far = a + along * (door - 0.45), a + along * (door + 0.45)
+            corners = [a + along * at, near, near + niche, far + niche, far]
+            segments.extend((*p, *q) for p, q in pairwise(corners))
+            at = door + 0.45
+        segments.append((*(a + along * at), *b))
+
+    for inset, outwards in ((0.0, -1.0), (width, 1.0)):
+        ends = [(inset, inset), (length - inset, inset), (length - inset, depth - inset), (inset, depth - inset)]
+        for frm, to in zip(ends, [*ends[1:], ends[0]]):
+            wall(frm, to, outwards)
+    m = width / 2
+    lap = [(length - m, m), (length - m, depth - m), (m, depth - m), (m, m)]
+    return World(np.array(segments)), [(m, m), *lap, *lap]
+
+
 def follow(points: list[tuple[float, float]], speed: float, turn_rate: float, step_s: float, hold_yaw: bool = False) -> Array:
     """Poses (N, 3) every `step_s` along way-points: turn on the spot, then straight on. `hold_yaw` drives sideways instead."""
     poses = [
@@ -321,6 +349,14 @@ def office_log(
     return record(
         world, truth, 0.1, angles, range_max, worse, seed, 0.01, 0.002, keep_every=round(period_s / 0.1), trouble=trouble
     )
+
+
+def corridor_log(seed: int = 0, drift: Drift | None = None, trouble: Trouble = Trouble(), period_s: float = 3.0) -> Log:
+    """Two laps of `corridor()` with half a turn of laser and a scan every few seconds."""
+    world, tour = corridor()
+    truth = follow(tour, 0.3, 0.5, 0.1)
+    angles = -math.pi / 2 + np.arange(180) * math.pi / 180
+    return record(world, truth, 0.1, angles, 81.0, drift or Drift(), seed, 0.01, 0.002, round(period_s / 0.1), trouble=trouble)
 
 
 def carmen_text(log: Log, start: float = 976052857.337534, no_return: float = 81.83) -> str:

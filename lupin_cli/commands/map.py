@@ -23,7 +23,7 @@ def maps() -> None:
 
 @app.command()
 def build(
-    log: Path = typer.Argument(..., help="A CARMEN log (FLASER or ROBOTLASER1 lines), or an MCAP recording of a run."),
+    log: Path = typer.Argument(..., help="A CARMEN log (FLASER or ROBOTLASER1 lines; .gz too), or an MCAP recording of a run."),
     out: Path = typer.Option(..., "--out", help="Folder for map.yaml, map.pgm, trajectory.tum and graph.g2o."),
     resolution: float = typer.Option(0.05, "--resolution", help="Metres per cell.", min=0.01, max=1.0),
     max_range: float = typer.Option(
@@ -34,7 +34,7 @@ def build(
 ) -> None:
     """Make a map of a log: scans are matched, loops closed, and every scan gets a pose under the log's own stamp.
 
-    Exit status: 0 built, 1 the log cannot be read or mapped, 2 usage.
+    Exit status: 0 built, 1 nothing in the log can be mapped or the folder cannot be written, 2 usage or no such log.
     """
     import time
 
@@ -63,7 +63,7 @@ def build(
         write_g2o(out / "graph.g2o", built.graph)
     except (MalformedFile, NothingToMap) as error:
         typer.echo(str(error), err=True)
-        raise typer.Exit(1) from error
+        raise typer.Exit(2 if isinstance(error, MalformedFile) else 1) from error
     except OSError as error:
         typer.echo(f"{error.filename or out}: {error.strerror or error}", err=True)
         raise typer.Exit(1) from error
@@ -110,7 +110,8 @@ def optimize(
 ) -> None:
     """Find the poses that fit a graph's edges best.
 
-    chi2 is g2o's: the sum over edges of e' Omega e. Exit status: 0 optimised, 1 the file cannot be used, 2 usage.
+    chi2 is g2o's: the sum over edges of e' Omega e. Exit status: 0 optimised, 1 it can't be or can't be
+    written, 2 usage or a file that is no such graph.
     """
     from dataclasses import replace
 
@@ -129,7 +130,7 @@ def optimize(
             write_g2o(out, replace(read, poses=solution.poses))
     except (MalformedFile, GraphError) as error:
         typer.echo(str(error), err=True)
-        raise typer.Exit(1) from error
+        raise typer.Exit(2 if isinstance(error, MalformedFile) else 1) from error
     except OSError as error:
         typer.echo(f"{error.filename or graph}: {error.strerror or error}", err=True)
         raise typer.Exit(1) from error

@@ -182,7 +182,8 @@ typedef struct {
     const int32_t *cells; /* angles x n x 2, cells of the points with the window's centre as offset */
     const double *yaw_penalty;
     double place_penalty; /* per squared cell of distance from the window's centre */
-    int avoid_angle, avoid_col, avoid_row, avoid_angle_reach, avoid_reach;
+    const int32_t *avoid; /* avoided x 5: angle, col, row, and how far around each in angles and cells */
+    int avoided;
     float best;
     Candidate found;
 } Search;
@@ -209,14 +210,21 @@ static int by_bound(const void *a, const void *b)
     return x < y ? 1 : x > y ? -1 : 0;
 }
 
+static int is_avoided(const Search *q, const Candidate *at)
+{
+    for (const int32_t *a = q->avoid; a < q->avoid + 5 * q->avoided; a += 5)
+        if (abs(at->angle - a[0]) <= a[3] && abs(at->col - a[1]) <= a[4] && abs(at->row - a[2]) <= a[4])
+            return 1;
+    return 0;
+}
+
 static void descend(Search *q, Candidate *list, int count, int level)
 {
     qsort(list, count, sizeof(Candidate), by_bound);
     for (int i = 0; i < count && list[i].bound > q->best; i++) {
         Candidate *at = &list[i];
         if (level == 0) {
-            if (abs(at->angle - q->avoid_angle) <= q->avoid_angle_reach && abs(at->col - q->avoid_col) <= q->avoid_reach &&
-                abs(at->row - q->avoid_row) <= q->avoid_reach)
+            if (is_avoided(q, at))
                 continue;
             q->best = at->bound;
             q->found = *at;
@@ -241,7 +249,8 @@ static void descend(Search *q, Candidate *list, int count, int level)
  * -1: out of memory. */
 int search_window(const uint8_t *pyramid, int levels, int width, int height, double x0, double y0, double cell,
                   const double *xy, int n, double cx, double cy, const double *yaws, const double *yaw_penalty, int angles,
-                  int half, double place_penalty, double floor_score, const int32_t *avoid, int32_t *found, double *score)
+                  int half, double place_penalty, double floor_score, const int32_t *avoid, int avoided,
+                  int32_t *found, double *score)
 {
     int top = levels - 1, stride = 1 << top;
     int across = (2 * half) / stride + 1;
@@ -253,7 +262,7 @@ int search_window(const uint8_t *pyramid, int levels, int width, int height, dou
         return -1;
     }
     Search q = {pyramid, width, height, n, half, (int64_t)width * height, cells, yaw_penalty, place_penalty,
-                avoid[0], avoid[1], avoid[2], avoid[3], avoid[4], (float)floor_score, {0, 0, 0, 0}};
+                avoid, avoided, (float)floor_score, {0, 0, 0, 0}};
     int count = 0;
     for (int a = 0; a < angles; a++) {
         double c = cos(yaws[a]), s = sin(yaws[a]);

@@ -7,10 +7,13 @@ See CARMEN's `param` and `readlog` documentation, http://carmen.sourceforge.net/
 
 from __future__ import annotations
 
+import gzip
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+import zlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +28,7 @@ _STEPS_DEG = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
 MAX_BROKEN_SHARE = 0.1
 # A mount is a constant: offsets that wander further than rounding are two estimates of a pose, not a mount.
 _MOUNT_SPREAD_M, _MOUNT_SPREAD_RAD = 0.005, 0.005
+_MOUNT_PARAMETERS = ("robot_frontlaser_offset", "robot_frontlaser_side_offset", "robot_frontlaser_angular_offset")
 _KEPT_PROBLEMS = 20
 
 
@@ -52,19 +56,27 @@ class CarmenLog:
 
 
 def read_carmen(path: Path) -> CarmenLog:
-    """Read a log. Broken lines are named and left out; a file that is mostly broken, or holds no scan, is refused.
+    """Read a log, packed by gzip or not.
+
+    Broken lines are named and left out; a file that is mostly broken, or holds no scan, is refused.
 
     Raises MalformedFile, OSError.
     """
-    with path.open(encoding="utf-8", errors="replace") as lines:
-        return parse_carmen(lines, path)
+    with path.open("rb") as stream:
+        packed = stream.read(2) == b"\x1f\x8b"
+    opener: Callable[..., TextIO] = gzip.open if packed else open  # type: ignore[assignment]
+    try:
+        with opener(path, "rt", encoding="utf-8", errors="replace") as lines:
+            return parse_carmen(lines, path)
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise MalformedFile(path, None, f"the compressed log is torn: {error}") from None
 
 
 def parse_carmen(lines: Iterable[str], name: Path | str = "log") -> CarmenLog:
     """As `read_carmen`, from lines already at hand; `name` is what errors call them."""
     scans: list[LogScan] = []
     problems: list[str] = []
-    broken, mount_parameter, first_broken = 0, None, (0, "")
+    broken, first_broken, mount_parameters = 0, (0, ""), dict[str, float]()
     for number, text in enumerate(lines, start=1):
         fields = text.split()
         if not fields or fields[0].startswith("#"):
@@ -74,8 +86,8 @@ def parse_carmen(lines: Iterable[str], name: Path | str = "log") -> CarmenLog:
                 scans.append(_flaser(fields, number))
             elif fields[0] == "ROBOTLASER1":
                 scans.append(_robotlaser(fields, number))
-            elif fields[0] == "PARAM" and len(fields) > 2 and fields[1] == "robot_frontlaser_offset":
-                mount_parameter = Pose2(float(fields[2]), 0.0, 0.0)
+            elif fields[0] == "PARAM" and len(fields) > 2 and fields[1] in _MOUNT_PARAMETERS:
+                mount_parameters[fields[1]] = float(fields[2])
         except ValueError as error:
             broken += 1
             first_broken = first_broken if broken > 1 else (number, str(error))
@@ -89,7 +101,12 @@ def parse_carmen(lines: Iterable[str], name: Path | str = "log") -> CarmenLog:
         raise MalformedFile(name, None, "no FLASER or ROBOTLASER1 line: expected a CARMEN log with laser scans")
     if len(problems) < broken:
         problems.append(f"and {broken - len(problems)} more")
-    mount, warning = _mount(scans, mount_parameter)
+    if len(scans) > 1 and _stands_still([scan.odom for scan in scans]) and not _stands_still([scan.laser for scan in scans]):
+        # Some writers fill in the first pose alone.
+        scans = [replace(scan, odom=scan.laser) for scan in scans]
+        problems.append("the robot's pose never changes: the laser's is taken for the odometry")
+    stated = Pose2(*(mount_parameters.get(name, 0.0) for name in _MOUNT_PARAMETERS)) if mount_parameters else None
+    mount, warning = _mount(scans, stated)
     return CarmenLog(scans, mount, problems + ([warning] if warning else []), broken)
 
 
@@ -165,6 +182,10 @@ def _robotlaser(fields: list[str], line: int) -> LogScan:
         _pose(poses[:3], "the laser's pose"),
         line,
     )
+
+
+def _stands_still(poses: list[Pose2]) -> bool:
+    return all(pose == poses[0] for pose in poses)
 
 
 def _mount(scans: list[LogScan], parameter: Pose2 | None) -> tuple[Pose2, str]:

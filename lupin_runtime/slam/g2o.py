@@ -14,6 +14,8 @@ from lupin_runtime.slam.pose_graph import Edges
 
 # Where the six numbers of an information matrix stand in its upper triangle: g2o writes rows, TORO diagonals first.
 _ROW_ORDER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+# Beyond these an id does not fit its array, and a square is no number any more.
+_MOST_ID, _MOST = 2**63 - 1, 1e60
 _TORO_ORDER = ((0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2))
 
 
@@ -33,7 +35,7 @@ class _Reader:
     def __init__(self) -> None:
         self.index: dict[int, int] = {}
         self.poses: list[list[float]] = []
-        self.fixed: list[int] = []
+        self.fixed: list[tuple[int, int]] = []  # number, line
         self.joins: list[tuple[int, int]] = []
         self.edge_lines: list[int] = []
         self.motions: list[list[float]] = []
@@ -42,7 +44,7 @@ class _Reader:
 
     def vertex(self, fields: list[str]) -> None:
         _expect(fields, 4, "id x y yaw")
-        number = int(fields[0])
+        number = _number(fields[0])
         if number in self.index:
             raise ValueError(f"vertex {number} was given before")
         self.index[number] = len(self.poses)
@@ -55,13 +57,13 @@ class _Reader:
             matrix[row, column] = matrix[column, row] = value
         if np.linalg.eigvalsh(matrix)[0] <= 0.0:
             raise ValueError("the information matrix is not positive definite")
-        self.joins.append((int(fields[0]), int(fields[1])))
+        self.joins.append((_number(fields[0]), _number(fields[1])))
         self.motions.append(_finite(fields[2:5]))
         self.information.append(matrix.ravel().tolist())
         self.edge_lines.append(self.line)
 
     def fix(self, fields: list[str]) -> None:
-        self.fixed += [int(field) for field in fields]
+        self.fixed += [(_number(field), self.line) for field in fields]
 
 
 _TAGS: dict[str, Callable[[_Reader, list[str]], None]] = {
@@ -70,6 +72,7 @@ _TAGS: dict[str, Callable[[_Reader, list[str]], None]] = {
     "EDGE_SE2": lambda reader, fields: reader.edge(fields, _ROW_ORDER),
     "EDGE2": lambda reader, fields: reader.edge(fields, _TORO_ORDER),
     "FIX": _Reader.fix,
+    "PARAMS_SE2OFFSET": lambda reader, fields: None,  # where a sensor sits: no pose and no edge between poses
 }
 
 
@@ -78,10 +81,17 @@ def _expect(fields: list[str], count: int, meaning: str) -> None:
         raise ValueError(f"expected {count} fields ({meaning}), found {len(fields)}")
 
 
+def _number(field: str) -> int:
+    number = int(field)
+    if not -_MOST_ID <= number <= _MOST_ID:
+        raise ValueError(f"{number} is no vertex id: expected at most {_MOST_ID}")
+    return number
+
+
 def _finite(fields: list[str]) -> list[float]:
     values = [float(field) for field in fields]
-    if not np.isfinite(values).all():
-        raise ValueError(f"expected finite numbers, found {' '.join(fields)}")
+    if not (np.isfinite(values).all() and max(map(abs, values)) <= _MOST):
+        raise ValueError(f"expected finite numbers up to {_MOST:g}, found {' '.join(fields)}")
     return values
 
 
@@ -108,9 +118,9 @@ def read_g2o(path: Path) -> GraphFile:
             raise MalformedFile(path, line, f"the edge names vertex {missing[0]}, which no VERTEX_SE2 line gives")
         if tail == head:
             raise MalformedFile(path, line, f"the edge joins vertex {tail} with itself")
-    unknown = [number for number in reader.fixed if number not in reader.index]
-    if unknown:
-        raise MalformedFile(path, None, f"FIX names vertex {unknown[0]}, which no VERTEX_SE2 line gives")
+    for number, line in reader.fixed:
+        if number not in reader.index:
+            raise MalformedFile(path, line, f"FIX names vertex {number}, which no VERTEX_SE2 line gives")
     ends = np.array([(reader.index[a], reader.index[b]) for a, b in reader.joins], dtype=np.int64).reshape(-1, 2)
     return GraphFile(
         ids=np.array(list(reader.index), dtype=np.int64),
@@ -121,7 +131,7 @@ def read_g2o(path: Path) -> GraphFile:
             np.array(reader.motions, dtype=float).reshape(-1, 3),
             np.array(reader.information, dtype=float).reshape(-1, 3, 3),
         ),
-        fixed=np.array([reader.index[number] for number in reader.fixed], dtype=np.int64),
+        fixed=np.array([reader.index[number] for number, _ in reader.fixed], dtype=np.int64),
     )
 
 

@@ -30,7 +30,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "build_pyramid": (None, [_B, _N, _N, _N]),
     "search_window": (
         c_int,
-        [_B, _N, _N, _N, _D, _D, _D, _F, _N, _D, _D, _F, _F, _N, _N, _D, _D, _I, _I, POINTER(c_double)],
+        [_B, _N, _N, _N, _D, _D, _D, _F, _N, _D, _D, _F, _F, _N, _N, _D, _D, _I, _N, _I, POINTER(c_double)],
     ),
     "field_score": (_D, [_B, _N, _N, _D, _D, _D, _F, _N, _F]),
     "refine_pose": (c_int, [_F, _F, _F, _N, _I, _F, *_GRID, _F, _F, _F, _N, _D, _D, _F, _F]),
@@ -92,13 +92,16 @@ def search_window(
     pyramid: NDArray[np.uint8], corner: tuple[float, float], cell_m: float, xy: Array, centre: tuple[float, float],
     yaws: Array, yaw_penalty: Array, half_cells: int, place_penalty: float, floor: float, avoid: NDArray[np.int32],
 ) -> tuple[float, int, int, int] | None:  # fmt: skip
-    """(score, index of yaw, columns, rows off the centre) of the best pose of a window, or None below `floor`."""
+    """(score, index of yaw, columns, rows off the centre) of the best pose of a window, or None below `floor`.
+
+    `avoid` (k, 5) leaves out boxes: index of yaw, columns, rows of their middle, and their half widths in yaws and in cells.
+    """
     levels, height, width = pyramid.shape
     found = np.empty(3, np.int32)
     score = c_double()
     status = _library.search_window(
         pyramid, levels, width, height, *corner, cell_m, xy, len(xy), *centre, yaws, yaw_penalty, len(yaws), half_cells,
-        place_penalty, floor, avoid, found, byref(score),
+        place_penalty, floor, avoid, len(avoid), found, byref(score),
     )  # fmt: skip
     if status < 0:
         raise MemoryError(f"no memory to search {len(yaws)} angles of {len(xy)} points")

@@ -49,13 +49,17 @@ def turned(information: Array, yaw: float) -> Array:
 
 @dataclass(frozen=True)
 class Edge:
-    """One relative pose, as in `pose_graph.Edges`; a closure may be wrong and is optimised under a robust kernel."""
+    """One relative pose, as in `pose_graph.Edges`; a closure may be wrong and is optimised under a robust kernel.
+
+    `lost_m` lengthens the way along the edge where it was not measured but guessed: so far from each other its ends count.
+    """
 
     tail: int
     head: int
     motion: Array
     information: Array
     closure: bool
+    lost_m: float = 0.0
 
 
 class KeyframeGraph:
@@ -93,9 +97,9 @@ class KeyframeGraph:
         self._distances = None
         return number
 
-    def join(self, tail: int, head: int, motion: Array, information: Array, closure: bool = False) -> None:
+    def join(self, tail: int, head: int, motion: Array, information: Array, closure: bool = False, lost_m: float = 0.0) -> None:
         """A new edge; `information` in the axes of the head."""
-        self.edges.append(Edge(tail, head, motion, information, closure))
+        self.edges.append(Edge(tail, head, motion, information, closure, lost_m))
         self._distances = None
 
     def replace_edges(self, edges: list[Edge]) -> None:
@@ -127,7 +131,7 @@ class KeyframeGraph:
         for at, edge in enumerate(new, start=self._joined):
             x, y, yaw = edge.motion
             self._low[at], self._high[at] = min(edge.tail, edge.head), max(edge.tail, edge.head)
-            self._length[at] = math.hypot(x, y) + TURN_AS_M * abs(yaw) + 1e-3
+            self._length[at] = math.hypot(x, y) + TURN_AS_M * abs(yaw) + edge.lost_m + 1e-3
         self._joined = len(self.edges)
 
     def path_lengths(self, start: int, limit: float = np.inf) -> Array:

@@ -132,6 +132,12 @@ class LocalMap:
         kernels.finish_surfels(self.surfel, self.surfels)
         kernels.draw_field(self._marks, marks, self._stamp, self._pyramid[0])
 
+    def marked_points(self) -> Array:
+        """The middles (n, 2) of the cells that hold points, in the frame of the map."""
+        rows, columns = np.divmod(self._marks[: self._mark_count], self.size[1])
+        middles: Array = np.stack((columns + 0.5, rows + 0.5), axis=1) * self.shape.cell_m + np.array(self.corner)
+        return middles
+
     def _clean(self, area: int) -> None:
         if len(self._marked) < area:
             self._slots = np.full(2 * area, -1, np.int32)

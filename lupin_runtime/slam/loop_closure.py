@@ -24,6 +24,21 @@ Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
+class FarLimits:
+    """What a match must show where the search was so wide (`window_m`) that a corridor's next door may look like this one.
+
+    `conflict` counts walls of either side in what the other saw through; `independent_m` is how far apart along the way two
+    matches must have been made to speak for each other.
+    """
+
+    window_m: float = 1.0
+    fit: float = 0.85
+    overlap: float = 0.15
+    conflict: float = 0.22
+    independent_m: float = 1.5
+
+
+@dataclass(frozen=True)
 class LoopSettings:
     """When a closure is looked for and believed. `drift` grows the search with the way since the place was last seen."""
 
@@ -42,7 +57,9 @@ class LoopSettings:
     fine_score: float = 0.45
     least_fit: float = 0.6
     largest_conflict: float = 0.12
+    far: FarLimits = field(default_factory=lambda: FarLimits())
     rival: float = 0.94
+    rivals: int = 4
     sure_m: float = 0.3
     sure_rad: float = 0.06
     agree_m: float = 0.25
@@ -77,16 +94,12 @@ class LoopCloser:
 
     def look(self, graph: KeyframeGraph, number: int) -> list[Closure]:
         """Closures of keyframe `number` that are to be believed now: none, or several that agree."""
-        accepted: list[Closure] = []
         lengths = graph.path_lengths(number)
         for candidate in self._candidates(graph, number, lengths):
             closure = self.verify(graph, number, candidate, lengths)
-            if closure is None:
-                continue
-            accepted += self._weigh(graph, closure, lengths)
-            if accepted:
-                break
-        return accepted
+            if closure is not None:
+                return self._weigh(graph, closure, lengths)
+        return []
 
     def _window(self, path_m: float) -> Window:
         """Three standard deviations of the drift over a path."""
@@ -118,29 +131,65 @@ class LoopCloser:
         self.looked += 1
         poses = graph.poses
         here = poses[number].copy()
-        group = self._around(graph, candidate, s.group_path_m, s.group, lengths > s.beyond_path_m)
+        window = self._window(float(lengths[candidate]))
+        # What the window reaches must be on the local map, else the true place loses to one that merely is.
+        wider = window.half_m if window.half_m > s.far.window_m else 0.0
+        most = round(s.group * (1.0 + wider / s.group_path_m))
+        group = self._around(graph, candidate, s.group_path_m + wider, most, lengths > s.beyond_path_m)
         if len(group) < s.chain:
             return None
         centre = (float(poses[candidate, 0]), float(poses[candidate, 1]))
         self._local.build(graph.pool, group, poses[group], centre)
         source = self._source(graph, number, lengths)
-        points = source.thinned(0.1)
-        window = self._window(float(lengths[candidate]))
-        spread = np.diag([(window.half_m / 3) ** 2, (window.half_m / 3) ** 2, (window.half_rad / 3) ** 2])
-        found = search(self._local, points, here, spread, window, s.coarse_score, 0.002)
-        if found is None:
+        fit = self._only_match(graph, group, centre, number, lengths, source, here, window)
+        if fit is None:
             return None
-        fit = refine(self._local, source, found[1], found[1], np.eye(3) * 4.0, points)
-        if fit.score < s.fine_score or fit.fit < s.least_fit:
-            return None
-        if self._conflict(graph, group, centre, source, fit.pose) > s.largest_conflict:
-            return None
-        if window.half_m > 1.0:
-            rival = search(self._local, points, here, spread, window, s.rival * found[0], 0.002, (found[1], 0.5, 0.25))
-            if rival is not None:
-                return None
         tail = int(group[np.argmin(np.hypot(*(poses[group, :2] - fit.pose[:2]).T))])
         return Closure(tail, number, fit.pose, here, self._information(fit), fit.score)
+
+    def _only_match(
+        self, graph: KeyframeGraph, group: Index, centre: tuple[float, float], number: int, lengths: Array, source: Scan,
+        here: Array, window: Window,
+    ) -> Match | None:  # fmt: skip
+        """The one pose of the window that passes every test; None where there is none, or another does as well."""
+        s = self.settings
+        far = window.half_m > s.far.window_m
+        points = source.thinned(0.1)
+        spread = np.diag([(window.half_m / 3) ** 2, (window.half_m / 3) ** 2, (window.half_rad / 3) ** 2])
+        tried: list[Array] = []
+        passed: Match | None = None
+        least = s.coarse_score
+        for _ in range(s.rivals if far else 1):
+            found = search(self._local, points, here, spread, window, least, 0.002, tried)
+            if found is None:
+                return passed
+            tried.append(found[1])
+            least = max(least, s.rival * found[0])
+            fit = refine(self._local, source, found[1], found[1], np.eye(3) * 4.0, points)
+            if not self._holds(graph, group, centre, number, lengths, source, fit, far):
+                continue
+            if passed is not None:
+                return None
+            passed = fit
+        return None if far else passed
+
+    def _holds(
+        self, graph: KeyframeGraph, group: Index, centre: tuple[float, float], number: int, lengths: Array, source: Scan,
+        fit: Match, far: bool,
+    ) -> bool:  # fmt: skip
+        s = self.settings
+        if fit.score < s.fine_score or fit.fit < (s.far.fit if far else s.least_fit):
+            return False
+        if far and fit.overlap < s.far.overlap:
+            return False
+        conflict = self._conflict(graph, group, graph.poses[group], centre, source.thinned(0.1), fit.pose)
+        if conflict > s.largest_conflict or not far:
+            return conflict <= s.largest_conflict
+        around = self._source_keyframes(lengths)
+        moved = np.stack([composed(fit.pose, relative(graph.poses[number], graph.poses[other])) for other in around])
+        walls = self._local.marked_points()
+        back = self._conflict(graph, around, moved, (float(fit.pose[0]), float(fit.pose[1])), walls, np.zeros(3))
+        return conflict + back <= s.far.conflict
 
     @staticmethod
     def _information(fit: Match) -> Array:
@@ -152,11 +201,13 @@ class LoopCloser:
         away = np.hypot(*(graph.poses[near, :2] - graph.poses[number, :2]).T)
         return near[np.argsort(away, kind="stable")[:most]]
 
+    def _source_keyframes(self, lengths: Array) -> Index:
+        near = np.flatnonzero(lengths <= self.settings.source_path_m)
+        return near[np.argsort(lengths[near], kind="stable")[: self.settings.source]]
+
     def _source(self, graph: KeyframeGraph, number: int, lengths: Array) -> Scan:
         """The scans around a keyframe as one, in its frame."""
-        s = self.settings
-        near = np.flatnonzero(lengths <= s.source_path_m)
-        near = near[np.argsort(lengths[near], kind="stable")[: s.source]]
+        near = self._source_keyframes(lengths)
         xy, normal, sigma = [], [], []
         for other in near:
             scan = graph.pool.scan(int(other))
@@ -168,17 +219,19 @@ class LoopCloser:
             sigma.append(scan.sigma)
         return Scan(np.concatenate(xy), np.concatenate(normal), np.concatenate(sigma), graph.pool.sensor[number])
 
-    def _conflict(self, graph: KeyframeGraph, group: Index, centre: tuple[float, float], source: Scan, pose: Array) -> float:
-        """Share of the source's points that would stand in what the group saw through."""
+    def _conflict(
+        self, graph: KeyframeGraph, numbers: Index, poses: Array, centre: tuple[float, float], points: Array, pose: Array
+    ) -> float:
+        """Share of `points` at `pose` that would stand in what the keyframes `numbers` at `poses` saw through."""
         cell, reach = 0.1, self._local.shape.reach_m
         size = 2 * math.ceil(reach / cell)
         seen, hit = np.zeros((size, size), np.int32), np.zeros((size, size), np.int32)
         first = (math.floor((centre[0] - reach) / cell), math.floor((centre[1] - reach) / cell))
         corner = (first[0] * cell, first[1] * cell)
-        for number in group:
+        for number, at in zip(numbers, poses):
             scan = graph.pool.scan(int(number))
-            kernels.count_beams(seen, hit, first, cell, scan.xy, graph.poses[number].copy(), scan.sensor, 1)
-        conflicts, known = kernels.count_conflicts(seen, hit, corner, cell, source.thinned(0.1), pose, 2)
+            kernels.count_beams(seen, hit, first, cell, scan.xy, at.copy(), scan.sensor, 1)
+        conflicts, known = kernels.count_conflicts(seen, hit, corner, cell, points, pose, 2)
         return conflicts / known if known >= 30 else 1.0
 
     def _weigh(self, graph: KeyframeGraph, closure: Closure, lengths: Array) -> list[Closure]:
@@ -191,18 +244,17 @@ class LoopCloser:
         if allies:
             self._waiting = [other for other in self._waiting if all(other is not ally for ally in allies)]
             return [*allies, closure]
-        self._waiting = [*self._waiting, closure][-s.remembered :]
+        if all(other.head != closure.head for other in self._waiting):
+            self._waiting = [*self._waiting, closure][-s.remembered :]
         return []
 
     def _agree(self, graph: KeyframeGraph, new: Closure, old: Closure, lengths: Array) -> bool:
         """Whether two closures correct the map alike: the loop through both comes home (Mangelson et al., ICRA 2018)."""
         s = self.settings
-        if old.head == new.head:
+        path = float(lengths[old.head])
+        if old.head == new.head or not s.far.independent_m <= path < 25.0:
             return False
         between = relative(graph.poses[old.head], graph.poses[new.head])
-        path = float(lengths[old.head])
-        if not path < 25.0:
-            return False
         expected = composed(old.measured, between)
         gap = relative(expected, new.measured)
         return bool(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,10 +44,13 @@ def load_map(path: Path) -> GridMap:
     """
     header = _read_header(path)
     image = path.parent / header.image
-    if image.suffix.lower() not in (".pgm", ".pnm"):
-        raise MalformedFile(path, None, f"expected a .pgm image, found {header.image!r}; convert it: magick IN OUT.pgm")
+    read = _READERS.get(image.suffix.lower())
+    if read is None:
+        raise MalformedFile(
+            path, None, f"expected an image of {', '.join(_READERS)}, found {header.image!r}; convert it: magick IN OUT.pgm"
+        )
     try:
-        pixels, maximum = _read_pgm(image)
+        pixels, maximum = read(image)
     except FileNotFoundError:
         raise MalformedFile(path, None, f"its image {image} does not exist") from None
     grid = GridMap(_cells(pixels, maximum, header), header.resolution, header.origin[0], header.origin[1])
@@ -244,3 +248,29 @@ def _read_pgm(path: Path) -> tuple[NDArray[np.uint16], int]:
     if len(values) < width * height:
         raise MalformedFile(path, None, f"expected {width * height} pixels, found {len(values)}: the file is torn")
     return np.minimum(values[: width * height], maximum).astype(np.uint16).reshape(height, width), maximum
+
+
+def _read_picture(path: Path) -> tuple[NDArray[np.uint16], int]:
+    """As `_read_pgm`, of what OpenCV reads: colours become grey, what one can see through lies on the grey of unknown cells."""
+    import cv2
+
+    data = np.frombuffer(path.read_bytes(), np.uint8)
+    try:
+        picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    except cv2.error as error:  # more pixels than OpenCV takes
+        raise MalformedFile(path, None, f"OpenCV refuses the picture: {error}") from None
+    if picture is None or picture.dtype not in (np.uint8, np.uint16) or picture.shape[0] * picture.shape[1] > _MAX_PIXELS:
+        raise MalformedFile(path, None, f"expected a picture, found {len(data)} bytes that OpenCV cannot read")
+    maximum = int(np.iinfo(picture.dtype).max)
+    grey = picture if picture.ndim == 2 else picture[:, :, :3].mean(axis=2)
+    if picture.ndim == 3 and picture.shape[2] == 4:
+        grey = np.where(picture[:, :, 3] < maximum, maximum * _PIXEL_UNKNOWN / 255.0, grey)
+    return np.rint(grey).astype(np.uint16), maximum
+
+
+_READERS: dict[str, Callable[[Path], tuple[NDArray[np.uint16], int]]] = {
+    ".pgm": _read_pgm,
+    ".pnm": _read_pgm,
+    ".png": _read_picture,
+    ".bmp": _read_picture,
+}

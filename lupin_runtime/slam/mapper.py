@@ -62,6 +62,8 @@ class MapperSettings:
 
     `revisit_m` lets the robot stand on a keyframe that is this near instead of adding one; 0 keeps every keyframe. A scan that
     fits nowhere becomes a keyframe only `lost_m` or `lost_rad` from the last one: a crowd around the robot is no new room.
+    Odometry that is faster than `fastest_m_s` or `fastest_rad_s` has leapt; stamps count as at least `least_interval_s` apart.
+    With `lost_is_far` what was not matched parts the map: closures must join it again.
     """
 
     keyframe_m: float = 0.3
@@ -74,12 +76,15 @@ class MapperSettings:
     least_score: float = 0.35
     least_overlap: float = 0.3
     slip_window: Window = field(default_factory=lambda: Window(1.2, 0.8))
+    leap_window: Window = field(default_factory=lambda: Window(1.2, 0.8))
     slip_score: float = 0.4
     slip_fit: float = 0.6
     fastest_m_s: float = 3.0
     fastest_rad_s: float = 4.0
+    least_interval_s: float = 0.0
     lost_m: float = 1.0
     lost_rad: float = 1.0
+    lost_is_far: bool = False
     use_matching: bool = True
     noise: MotionNoise = field(default_factory=MotionNoise)
     field_shape: FieldShape = field(default_factory=FieldShape)
@@ -171,7 +176,8 @@ class Mapper:
         self._since_match = self._since_match + turned(self.settings.noise.covariance(motion), -float(guess[2]))
         if jumped:
             self._since_match = self._since_match + np.diag([0.5**2, 0.5**2, 0.3**2])
-        fit = self._match(scan, guess) if health is Health.GOOD and self.settings.use_matching else None
+        slip = self.settings.leap_window if jumped else self.settings.slip_window
+        fit = self._match(scan, guess, slip) if health is Health.GOOD and self.settings.use_matching else None
         pose = guess if fit is None else fit.pose
         self._place = Place(self._place.keyframe, relative(self.graph.poses[self._place.keyframe], pose))
         keyframe = self._advance(scan, stamp_s, pose, fit, beams) if health is Health.GOOD else None
@@ -192,25 +198,24 @@ class Mapper:
         if before is None:
             return np.zeros(3), False
         step = before.inverse() @ odom
-        s, since = self.settings, max(since, 0.0)
+        s, since = self.settings, max(since, self.settings.least_interval_s)
         if math.hypot(step.x, step.y) > 0.5 + s.fastest_m_s * since or abs(step.yaw) > 0.5 + s.fastest_rad_s * since:
             return np.zeros(3), True
         return np.array([step.x, step.y, step.yaw]), False
 
-    def _match(self, scan: Scan, guess: Array) -> Match | None:
+    def _match(self, scan: Scan, guess: Array, slip: Window) -> Match | None:
         """Fit a scan near `guess`: first as far as the odometry may err, then as far as wheels may have slipped."""
         self._refresh_local(guess)
         s = self.settings
         spread = self._since_match
         window = Window(
-            min(max(3.0 * math.sqrt(max(spread[0, 0], spread[1, 1])), 0.10), s.slip_window.half_m),
-            min(max(3.0 * math.sqrt(spread[2, 2]), 0.03), s.slip_window.half_rad),
+            min(max(3.0 * math.sqrt(max(spread[0, 0], spread[1, 1])), 0.10), slip.half_m),
+            min(max(3.0 * math.sqrt(spread[2, 2]), 0.03), slip.half_rad),
         )
         points = scan.thinned(self._local.shape.cell_m)
         found = match(self._local, scan, guess, spread, window, points=points)
         if found is not None and found.score >= s.least_score and found.overlap >= s.least_overlap:
             return found
-        slip = s.slip_window
         spread = spread + np.diag([(slip.half_m / 3) ** 2, (slip.half_m / 3) ** 2, (slip.half_rad / 3) ** 2])
         found = match(self._local, scan, guess, spread, slip, s.slip_score, points=points)
         if found is not None and found.overlap >= s.least_overlap and found.fit >= s.slip_fit:
@@ -287,7 +292,20 @@ class Mapper:
         if fit is not None:
             information = information + np.linalg.inv(fit.covariance)
         last = self._place.keyframe
-        self.graph.join(last, number, relative(self.graph.poses[last], pose), turned(information, float(pose[2])))
+        motion = relative(self.graph.poses[last], pose)
+        self.graph.join(
+            last, number, motion, turned(information, float(pose[2])), lost_m=self._lost_m() if fit is None else 0.0
+        )
+
+    def _lost_m(self) -> float:
+        """The way after which drift would be as large as what odometry alone may have missed, where that is asked for.
+
+        So a stretch without a match is no neighbourhood, and the closures over it are looked for as widely as it needs.
+        """
+        if not self.settings.lost_is_far or self.settings.loops is None:
+            return 0.0
+        place, turn = math.sqrt(self._since_match[:2, :2].trace() / 2.0), math.sqrt(self._since_match[2, 2])
+        return max(place / self.settings.loops.drift_m[1], turn / self.settings.loops.drift_rad[1])
 
     def _draw(self, keyframe: int, scan: Scan, offset: Array) -> None:
         """Show the newest scan of a keyframe on the map: what has changed since its first shows."""

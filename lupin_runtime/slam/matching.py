@@ -7,6 +7,7 @@ to surfels, with the odometry as prior. The covariance is that of the refinement
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +25,6 @@ BEAMS_THAT_ERR_TOGETHER = 6.0
 FLOOR = np.diag([0.003**2, 0.003**2, 0.0012**2])
 # How much of the mean score one standard deviation of the prior is worth: what decides along a bare corridor.
 PRIOR_WEIGHT = 0.004
-_NOWHERE = np.array([-(1 << 20), 0, 0, 0, 0], np.int32)
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,11 @@ def match(
 
 def search(
     local: LocalMap, points: Array, guess: Array, covariance: Array, window: Window, least: float,
-    prior_weight: float, avoid: tuple[Array, float, float] | None = None,
+    prior_weight: float, avoid: Sequence[Array] = (), avoid_reach: Window = Window(0.5, 0.25),
 ) -> tuple[float, Array] | None:  # fmt: skip
     """(score, pose) of the best pose of the window on the grid of cells.
 
-    `avoid` (pose, m, rad) leaves out the surroundings of a pose: how good is the second best?
+    `avoid` leaves out the surroundings of poses (3,): how good is the second best?
     """
     cell = local.shape.cell_m
     distance = np.hypot(points[:, 0], points[:, 1])
@@ -89,22 +89,22 @@ def search(
     penalty = prior_weight * offsets**2 / max(float(covariance[2, 2]), 1e-8)
     spread = max(0.5 * float(covariance[0, 0] + covariance[1, 1]), 1e-8)
     levels = min(local.shape.levels, max(1, int(math.log2(half)) - 1))
-    mask = _NOWHERE
-    if avoid is not None:
-        pose, metres, radians = avoid
-        mask = np.array(
-            [
+    masks = np.array(
+        [
+            (
                 round(((pose[2] - guess[2] + math.pi) % (2 * math.pi) - math.pi) / step) + turns,
                 round((pose[0] - guess[0]) / cell),
                 round((pose[1] - guess[1]) / cell),
-                math.ceil(radians / step),
-                math.ceil(metres / cell),
-            ],
-            np.int32,
-        )
+                math.ceil(avoid_reach.half_rad / step),
+                math.ceil(avoid_reach.half_m / cell),
+            )
+            for pose in avoid
+        ],
+        np.int32,
+    ).reshape(-1, 5)
     found = kernels.search_window(
         local.pyramid(levels), local.corner, cell, points, (float(guess[0]), float(guess[1])), guess[2] + offsets,
-        penalty, half, prior_weight * cell * cell / spread, least, mask,
+        penalty, half, prior_weight * cell * cell / spread, least, masks,
     )  # fmt: skip
     if found is None:
         return None

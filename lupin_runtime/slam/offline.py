@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,8 @@ def settings_for_logs(range_max_m: float, resolution_m: float = 0.05) -> MapperS
         keyframe_interval_s=0.0,
         revisit_m=0.0,
         lost_m=0.0,
+        lost_is_far=True,
+        leap_window=Window(2.0, math.pi / 2.0),
         local_radius_m=20.0,
         noise=MotionNoise(floor_m=0.01, floor_rad=0.006, travel=0.15, turn=0.12, turn_per_m=0.06),
         field_shape=FieldShape(reach_m=reach),
@@ -87,14 +89,52 @@ def scans_of_carmen(log: CarmenLog, range_max_m: float = USABLE_RANGE_M) -> list
 
 
 def no_return_m(ranges: Sequence[Array]) -> float:
-    """The reading by which a log says "nothing seen": its largest, if it comes again and again; else inf."""
-    total = sum(len(r) for r in ranges)
-    tops = Counter(float(finite.max()) for r in ranges if len(finite := r[np.isfinite(r)]))
-    if not tops:
+    """The least reading by which a log says "nothing seen", or inf.
+
+    Such a reading stands out from its neighbours, and hardly anything lies beyond it. A laser may have several (dazzled, no
+    echo, too far), a few centimetres apart: the least counts.
+    """
+    readings = np.concatenate([np.zeros(0), *ranges])
+    values = np.sort(np.round(readings[np.isfinite(readings)], 3))
+    if not len(values):
         return math.inf
-    top = max(tops)
-    count = sum(int((r == top).sum()) for r in ranges)
-    return top if count >= max(10, 0.0005 * total) else math.inf
+    total = len(values)
+    distinct, first, counts = np.unique(values, return_index=True, return_counts=True)
+    beyond = total - first - counts
+    # What a centimetre of the range just below holds on average.
+    below = np.searchsorted(values, 0.9 * distinct) - np.searchsorted(values, 0.5 * distinct)
+    usual = below / np.maximum(40.0 * distinct, 1.0)
+    stands_out = (counts >= max(10.0, 0.0005 * total)) & (counts >= 20.0 * usual)
+    last = stands_out & (beyond <= 0.005 * total)
+    if not last.any():
+        return math.inf
+    top = distinct[last][-1]
+    return float(distinct[stands_out & (distinct >= 0.95 * top)][0])
+
+
+def in_order(scans: Sequence[OfflineScan]) -> list[int]:
+    """The scans' numbers in the order they were taken: the file's or that of the stamps, whichever way is shorter.
+
+    Loggers write what arrives, and stamps may be rounded, repeated or wrong; a robot does not leap back and forth.
+    """
+    written = list(range(len(scans)))
+    stamped = sorted(written, key=lambda number: scans[number].stamp_s)
+    if stamped == written:
+        return written
+
+    def way(order: list[int]) -> float:
+        steps = (scans[a].odom.inverse() @ scans[b].odom for a, b in pairwise(order))
+        return sum(math.hypot(step.x, step.y) + abs(step.yaw) for step in steps)
+
+    return stamped if way(stamped) < 0.99 * way(written) else written
+
+
+def usual_interval_s(scans: Sequence[OfflineScan]) -> float:
+    """The median time between scans, 0 where there is none: stamps that coincide say nothing of how far a robot came."""
+    stamps = np.sort([scan.stamp_s for scan in scans])
+    between = np.diff(stamps)
+    between = between[between > 0.0]
+    return float(np.median(between)) if len(between) else 1.0
 
 
 def build_map(
@@ -104,13 +144,15 @@ def build_map(
     refine: bool = True,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> BuiltMap:
-    """Map a log. Raises NothingToMap where no scan has enough returns."""
+    """Map a log; poses come in the order of `scans`. Raises NothingToMap where no scan has enough returns."""
     farthest = max((scan.beams.range_max_m for scan in scans), default=0.0)
-    settings = settings or settings_for_logs(farthest, resolution_m)
+    settings = settings or replace(settings_for_logs(farthest, resolution_m), least_interval_s=usual_interval_s(scans))
     mapper = Mapper(replace(settings, occupancy=None))
     places: list[Place | None] = []
     unmatched = unusable = jumps = 0
-    for index, scan in enumerate(scans):
+    order = in_order(scans)
+    for index, number in enumerate(order):
+        scan = scans[number]
         step = mapper.process(scan.stamp_s, scan.odom, scan.ranges, scan.beams, scan.twist, scan.beam_s)
         places.append(mapper.place)
         unusable += step.health not in (Health.GOOD, Health.REPEATED)
@@ -130,15 +172,14 @@ def build_map(
         progress("draw", number / len(mapper.graph))
     grid = occupancy.grid()
     assert grid is not None  # a keyframe has beams
-    first = np.flatnonzero([place is not None for place in places])[0]
-    poses = []
-    for index, place in enumerate(places):
+    # Scans before the first usable one: the odometry, carried back from where the map begins.
+    first = scans[order[next(at for at, place in enumerate(places) if place is not None)]]
+    poses = [Pose2()] * len(scans)
+    for number, place in zip(order, places):
         if place is None:
-            # Scans before the first usable one: the odometry, carried back from where the map begins.
-            back = scans[first].odom.inverse() @ scans[index].odom
-            poses.append(_pose2(mapper.graph.poses[0]) @ back)
+            poses[number] = _pose2(mapper.graph.poses[0]) @ (first.odom.inverse() @ scans[number].odom)
         else:
-            poses.append(_pose2(mapper.pose_of(place)))
+            poses[number] = _pose2(mapper.pose_of(place))
     edges, _ = mapper.graph.as_edges()
     count = len(mapper.graph)
     graph = GraphFile(np.arange(count), mapper.graph.poses.copy(), edges, np.zeros(1, np.int64))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
 import math
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -88,6 +90,20 @@ def test_a_turned_origin_lands_on_the_axes_of_the_frame(tmp_path):
     assert (turned.height, turned.width) == (40, 20)
 
 
+def test_a_map_may_be_a_png_with_transparent_cells_unknown(tmp_path):
+    grey = np.array([[0, 254, 205], [254, 254, 0]], np.uint8)
+    cv2.imwrite(str(tmp_path / "grey.png"), grey)
+    cv2.imwrite(str(tmp_path / "deep.png"), grey.astype(np.uint16) * 257)
+    clear = np.dstack((grey, grey, grey, np.array([[255, 255, 255], [255, 0, 255]], np.uint8)))
+    cv2.imwrite(str(tmp_path / "clear.png"), clear)
+    for name, middle in (("grey", 0), ("deep", 0), ("clear", -1)):
+        (tmp_path / "m.yaml").write_text(GOOD.replace("m.pgm", f"{name}.png"))
+        np.testing.assert_array_equal(load_map(tmp_path / "m.yaml").cells, [[0, middle, 100], [100, 0, -1]])
+    (tmp_path / "clear.png").write_bytes(b"\x89PNG nothing")
+    with pytest.raises(MalformedFile, match=r"clear.png: expected a picture"):
+        load_map(tmp_path / "m.yaml")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
@@ -101,7 +117,7 @@ def test_a_turned_origin_lands_on_the_axes_of_the_frame(tmp_path):
         ("free_thresh: 0.196", "free_thresh: 0.9", r"m.yaml:6: free_thresh 0.9 must be below"),
         ("image: m.pgm", "image: [1]", r"m.yaml:1: image"),
         ("image: m.pgm", "image: other.pgm", r"other.pgm does not exist"),
-        ("image: m.pgm", "image: m.png", r"expected a .pgm"),
+        ("image: m.pgm", "image: m.gif", r"expected an image of .pgm"),
         (GOOD, "- 1\n- 2\n", r"m.yaml:1: expected keys"),
         (GOOD, "a: b: c\n", r"m.yaml:1"),
     ],
@@ -177,7 +193,9 @@ def test_toro_files_are_read_with_their_order_of_the_information_matrix(tmp_path
         ("VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 0 1 0 0 1 0 0 1 0 1\n", r":2: the edge joins vertex 0 with itself"),
         ("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n", r":1: expected one of VERTEX_SE2"),
         ("# nothing\n", r"no VERTEX_SE2 line"),
-        ("VERTEX_SE2 0 0 0 0\nFIX 4\n", r"FIX names vertex 4"),
+        ("VERTEX_SE2 0 0 0 0\nFIX 4\n", r":2: FIX names vertex 4"),
+        ("VERTEX_SE2 9223372036854775808 0 0 0\n", r":1: VERTEX_SE2: 9223372036854775808 is no vertex id"),
+        ("VERTEX_SE2 0 1e300 0 0\n", r":1: VERTEX_SE2: expected finite numbers up to"),
     ],
 )
 def test_a_malformed_graph_is_refused_by_line(tmp_path, text, says):
@@ -221,6 +239,34 @@ def test_poses_that_wander_apart_are_two_estimates_and_no_mount():
     assert log.mount == Pose2()
     assert "no constant offset" in log.problems[0]
     assert parse_carmen(["PARAM robot_frontlaser_offset 0.3 0 h 0", *lines]).mount.x == pytest.approx(0.3)
+
+
+def test_parameters_place_a_laser_sideways_and_turned():
+    lines = [f"FLASER 181 {'1.0 ' * 181}{k * 1.3} {k * 0.4} 0 {k} 0 0 {k}.0 host 0" for k in range(9)]
+    parameters = [
+        "PARAM robot_frontlaser_side_offset -0.1 h 0",
+        "PARAM robot_frontlaser_angular_offset 0.2 h 0",
+        "PARAM robot_frontlaser_offset 0.3 h 0",
+    ]
+    assert parse_carmen([*parameters, *lines]).mount == Pose2(0.3, -0.1, 0.2)
+
+
+def test_where_only_the_lasers_pose_is_filled_in_it_is_the_odometry():
+    log = parse_carmen([f"FLASER 180 {'1.0 ' * 180}{k} 0 0.1 0 0 0 {k}.0 host 0" for k in range(4)])
+    assert [scan.odom.x for scan in log.scans] == [0.0, 1.0, 2.0, 3.0]
+    assert (log.mount.x, log.mount.y, log.mount.yaw) == pytest.approx((0.0, 0.0, 0.0))
+    assert "never changes" in log.problems[0]
+
+
+def test_a_packed_log_is_read_and_a_torn_one_refused(tmp_path):
+    path = tmp_path / "x.log.gz"
+    whole = gzip.compress("\n".join(flaser(180, 0.1 * k, reading=f"{k}.25") for k in range(50)).encode())
+    path.write_bytes(whole)
+    assert len(read_carmen(path).scans) == 50
+    for torn in (whole[:-20], whole[:6], whole[:40] + b"\0" * 60 + whole[100:]):
+        path.write_bytes(torn)
+        with pytest.raises(MalformedFile, match=r"x.log.gz: the compressed log is torn"):
+            read_carmen(path)
 
 
 def test_robotlaser_lines_bring_their_own_field_of_view():

@@ -112,8 +112,23 @@ def test_the_wide_search_finds_what_the_exhaustive_one_would():
     assert math.hypot(gap[0], gap[1]) < 0.06 and abs(gap[2]) < 0.03
     near, _ = search(local, points, truth, wide, Window(0.05, 0.02), 0.2, 0.0)
     assert score >= near - 0.03
-    rival = search(local, points, guess, wide, Window(2.5, 0.6), 0.95 * score, 0.0, (pose, 0.5, 0.25))
+    rival = search(local, points, guess, wide, Window(2.5, 0.6), 0.95 * score, 0.0, [pose])
     assert rival is None  # this corner looks like no other
+
+
+def test_a_search_avoids_every_place_it_is_told_to():
+    rng = np.random.default_rng(2)
+    local = local_of(greenhouse(), AROUND, rng)
+    truth = np.array([3.6, 2.3, 0.3])
+    points = scan_at(greenhouse(), truth, rng).thinned(0.05)
+    found: list[np.ndarray] = []
+    scores = []
+    for _ in range(3):
+        score, pose = search(local, points, truth, np.diag([1.0, 1.0, 0.3]), Window(1.5, 0.4), 0.05, 0.0, found)
+        assert all(np.hypot(*(pose - other)[:2]) > 0.35 or abs(pose[2] - other[2]) > 0.2 for other in found)
+        found.append(pose)
+        scores.append(score)
+    assert scores == sorted(scores, reverse=True) and scores[1] < 0.94 * scores[0]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 0.0, 1e9, -3.0])
