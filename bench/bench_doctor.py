@@ -1,9 +1,9 @@
 """A whole diagnosis over SSH against the slowest of its probes, and against one ssh process for each fact of the robot.
 
 Boots a robot's computer and examines it from the laptop's side of the cable, as `lupin doctor` does: connect, ask both ends at
-the same time, judge. The limit is the slowest probe of either machine in the same run: nothing that asks for it can be
-faster. The robot's own log of logins says how many connections it took. Visits to a graph (seconds of listening, by design) are left out
-unless --graph asks for them.
+the same time, judge. The limit is the slowest probe of either machine in the same run: nothing that asks for it can be faster.
+The robot's own log of logins says how many connections it took. Visits to a graph (seconds of listening, by design) are left
+out unless --graph asks for them.
 
     python -m bench.bench_doctor [--rounds N] [--graph] [--json]      needs root, as the host's tests do
 """
