@@ -209,7 +209,7 @@ systemctl is-failed --quiet $1
 MEND_ONESHOT = "systemctl reset-failed $1 2>/dev/null || true; rm -f /run/systemd/system/$1.service; systemctl daemon-reload"
 SETTINGS_FALSE = "echo 'export MIRTE_FASTDDS=false' > /home/mirte/.mirte_settings.sh; systemctl restart mirte-ros"
 SETTINGS_TRUE = "echo 'export MIRTE_FASTDDS=true' > /home/mirte/.mirte_settings.sh; systemctl restart mirte-ros"
-TAKE_PORT = f"systemd-run --quiet --unit={HELD_PORT}$1 /usr/local/lib/mirte/hold-ports [::]:$1"
+TAKE_PORT = f"systemd-run --quiet --unit={HELD_PORT}$1 /opt/mirte/hold-ports [::]:$1"
 GIVE_PORT = f"systemctl stop {HELD_PORT}$1"
 CONTROLLERS = """
 [ -e /etc/mirte/robot ] || { echo "no robot runs on this host: boot it with --vendor-robot" >&2; exit 1; }

@@ -343,7 +343,8 @@ def _start_keeper(folder: Path, root: Path, settings: dict[str, Any]) -> subproc
     line = process.stdout.readline().strip() if said else f"the keeper said nothing for {patient_s:g} s"
     if line != "up":
         process.kill()
-        process.wait()
+        with process:  # closes its pipes, and waits for its end
+            pass
         log_text = (folder / "keeper.console").read_text()[-800:].strip()
         raise HostError(f"the host did not start: {line or log_text}")
     return process

@@ -87,7 +87,7 @@ def lay(target: Path, robot: Identity, clock: bool) -> None:
     _put(target / "etc/systemd/network/10-eth0.network", eth0.replace("ADDRESS", robot.address("eth0")))
     if clock:
         _put(target / "etc/ld.so.preload", "/usr/lib/lupin-clock.so\n")
-        (target / "usr/lib").mkdir(exist_ok=True)
+        (target / "usr/lib").mkdir(parents=True, exist_ok=True)
         shutil.copy(library(), target / "usr/lib/lupin-clock.so")
     (target / WANTED).mkdir(parents=True, exist_ok=True)
     for unit in ENABLED:
@@ -99,7 +99,7 @@ def lay(target: Path, robot: Identity, clock: bool) -> None:
     # The server of the very Fast DDS that the robot's processes use: another version's segments keep them off shared memory.
     libraries = f"{sys.prefix}/lib:{sysconfig.get_paths()['purelib']}/ros_fastrtps.libs"
     server = f'LD_LIBRARY_PATH={libraries} exec {sys.prefix}/bin/fast-discovery-server "$@"'
-    _put(target / "usr/local/bin/fast-discovery-server", f"#!/bin/sh\n{server}\n", EXECUTABLE)
+    _put(target / "usr/bin/fast-discovery-server", f"#!/bin/sh\n{server}\n", EXECUTABLE)
 
     secrets = keys()
     for kind in HOST_KEYS:

@@ -11,4 +11,4 @@ if [ "$MIRTE_FASTDDS" = "true" ]; then
 fi
 
 source /home/mirte/mirte_ws/install/setup.bash
-exec /usr/local/lib/mirte/launch-robot
+exec /opt/mirte/launch-robot
