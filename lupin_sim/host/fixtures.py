@@ -35,6 +35,7 @@ from typing import Any
 import pytest
 
 from lupin_sim.host.host import Host, HostUnavailable
+from lupin_sim.host.missing import what_is_missing
 
 
 class Lent:
@@ -57,6 +58,12 @@ class Lent:
         """Switch it off for good."""
         if self._host is not None:
             self._host.end()
+
+
+def require() -> None:
+    """Skip the test where no robot can be booted, with one line that says why."""
+    if missing := what_is_missing():
+        pytest.skip(missing)
 
 
 def start(**options: Any) -> Host:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
@@ -120,11 +121,14 @@ def _mirror() -> str:
     """The mirror that this machine itself uses."""
     if mirror := os.environ.get("LUPIN_HOST_MIRROR"):
         return mirror
-    command = ["apt-get", "indextargets", "--format", "$(SITE)", "Created-By: Packages", f"Codename: {suite()}"]
-    sites = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False).stdout.split()
-    if not sites:
-        raise RootError(f"apt-get knows no mirror of {suite()}: run apt-get update, or set LUPIN_HOST_MIRROR")
-    return sites[0]
+    # What an update would fetch: known before the first one, too.
+    uris = subprocess.run(["apt-get", "--print-uris", "update"], capture_output=True, text=True, timeout=60, check=False).stdout
+    found = re.search(rf"'(\S+)/dists/{re.escape(suite())}/", uris)
+    if found is None:
+        raise RootError(
+            f"this machine's apt knows no mirror of {suite()}: set LUPIN_HOST_MIRROR, or look into /etc/apt/sources.list"
+        )
+    return found[1]
 
 
 def _call(command: list[str], progress: Progress) -> None:
