@@ -33,6 +33,7 @@ class Operation(Protocol):
       read_only: ClassVar[bool]    it never differs, only reports: asked also where its step is not reached
       reports: ClassVar[tuple]     the values of `report(target) -> dict`, read only, for later steps' conditions; JSON-able
       begun(before) -> Operation   the same, knowing what it found before it began; verification and resume ask that
+      undo_last: ClassVar[bool]    taken back after all others, since it makes effective what they did
       look_command: property       what a person types to look at it where it would not settle
     """
 

@@ -9,7 +9,7 @@ from lupin_cli.target.base import Target
 from lupin_cli.units import ROBOT_SET_UP
 from lupin_runtime.graph import CONTROLLERS
 
-_ASK_S = 12.0
+_ASK_S = 25.0
 
 # A node for one question. It prints one line of JSON, and nothing where nobody answers in time.
 _ASK = """
@@ -18,9 +18,9 @@ from controller_manager_msgs.srv import ListControllers
 rclpy.init(args=[])
 node = rclpy.create_node("lupin_controllers", start_parameter_services=False, enable_rosout=False)
 client = node.create_client(ListControllers, "/controller_manager/list_controllers")
-if client.wait_for_service(timeout_sec=8.0):
+if client.wait_for_service(timeout_sec=15.0):
     future = client.call_async(ListControllers.Request())
-    rclpy.spin_until_future_complete(node, future, timeout_sec=3.0)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=5.0)
     if future.done():
         print("states " + json.dumps({c.name: c.state for c in future.result().controller}), flush=True)
 os._exit(0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference
-from lupin_cli.operations.paths import Entry, describe, own, read_entry, restore, unified_diff
+from lupin_cli.operations.paths import Entry, describe, own, read_file, restore, unified_diff
 from lupin_cli.operations.shell import change, quote
 from lupin_cli.shipped import shipped_folder
 from lupin_cli.target.base import Target
@@ -51,8 +51,7 @@ class File:
         return None if self.content is None else self.content.encode()
 
     def differs(self, target: Target) -> Difference | None:
-        entry = read_entry(target, self.path, self.root)
-        old = target.get(self.path, root=self.root) if entry.kind == "file" else None
+        entry, old, _ = read_file(target, self.path, self.root)
         if not self.present:
             if entry.kind == "absent":
                 return None

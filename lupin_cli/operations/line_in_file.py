@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.operations.paths import describe, own, read_entry, restore, unified_diff
+from lupin_cli.operations.paths import describe, own, read_file, restore, unified_diff
 from lupin_cli.target.base import Target
 
 
@@ -67,10 +67,11 @@ class LineInFile:
         return ending.join(lines) + (ending if closed and lines else "")
 
     def differs(self, target: Target) -> Difference | None:
-        entry = read_entry(target, self.path, self.root)
+        entry, old, _ = read_file(target, self.path, self.root)
         if entry.kind not in ("file", "absent", "link"):
             raise OperationError(f"{self.path} on {target.name} is a {entry.kind}, not a file")
-        old = target.get(self.path, root=self.root)
+        if entry.kind == "link":
+            old = target.get(self.path, root=self.root)
         if old is None and self.state != "present":
             return None
         try:

@@ -38,11 +38,35 @@ class Entry:
     points_to: str = ""
 
 
+# What a small file holds, in the same answer.
+_CONTENT = """
+if [ -f "$p" ] && [ ! -L "$p" ] && [ "$(stat -c %s -- "$p")" -le {largest} ]; then base64 -w 0 <"$p" && echo ' whole'; fi
+"""
+_SMALL_BYTES = 512 * 1024
+
+
+def read_file(target: Target, path: str, root: bool, also: str = "") -> tuple[Entry, bytes | None, str]:
+    """What stands at a path, the bytes where it is a file, and what `also` (a script) prints: one question, one answer."""
+    script = _STAT.format(path=quote(path)) + _CONTENT.format(largest=_SMALL_BYTES) + f"echo '@ also'\n{also}\nexit 0\n"
+    output = look(target, script, root=root)
+    said, _, extra = output.stdout.partition("@ also\n")
+    first, _, rest = said.partition("\n")
+    entry = _read_stat(target, path, first)
+    if entry.kind != "file":
+        return entry, None, extra
+    if rest.endswith(" whole\n"):
+        return entry, base64.b64decode(rest.removesuffix(" whole\n")), extra
+    return entry, target.get(path, root=root), extra  # a large one, or one that this user may not read: get says which
+
+
 def read_entry(target: Target, path: str, root: bool) -> Entry:
     """Look at a path, without following a link. Raises OperationError where that isn't allowed."""
-    output = look(target, _STAT.format(path=quote(path)), root=root)
-    words = output.stdout.strip("\n").split(" ", 3)
-    if words[0] == "hidden" or not output.ok or words[0] not in ("absent", "file", "directory", "link", "other"):
+    return _read_stat(target, path, look(target, _STAT.format(path=quote(path)), root=root).stdout)
+
+
+def _read_stat(target: Target, path: str, line: str) -> Entry:
+    words = line.strip("\n").split(" ", 3)
+    if words[0] not in ("absent", "file", "directory", "link", "other"):
         raise OperationError(f"{path} on {target.name} can't be looked at by {target.user}; the step needs: root: true")
     if words[0] == "absent":
         return Entry("absent")

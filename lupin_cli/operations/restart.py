@@ -20,6 +20,7 @@ class Restart:
 
     name: ClassVar[str] = "restart"
     settle_s: ClassVar[float] = 20.0
+    undo_last: ClassVar[bool] = True
 
     unit: str
     start: bool = False
@@ -53,5 +54,5 @@ class Restart:
         change(target, script, f"restart {self.unit}", root=True, bound_s=300.0, next_command=self.look_command)
 
     def undo(self, target: Target, before: dict[str, Any]) -> None:
-        """Once more: what it read is being taken back, and it has to read that too."""
+        """Once more: what it read has been taken back, and it has to read that too."""
         change(target, f"systemctl try-restart -- {quote(self.unit)}", f"restart {self.unit}", root=True, bound_s=300.0)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference
-from lupin_cli.operations.paths import describe, read_entry, restore, unified_diff
-from lupin_cli.operations.shell import change, quote, read
+from lupin_cli.operations.paths import describe, read_file, restore, unified_diff
+from lupin_cli.operations.shell import change, quote
 from lupin_cli.operations.unit import check_unit_name
 from lupin_cli.target.base import Target
 
@@ -48,9 +48,8 @@ class UnitFile:
         return render(self.unit, filled)  # raises UnitError, a ValueError
 
     def differs(self, target: Target) -> Difference | None:
-        entry = read_entry(target, self._path, True)
-        old = target.get(self._path, root=True) if entry.kind == "file" else None
         stale = f"systemctl show -p NeedDaemonReload --value -- {quote(self.unit)}"
+        entry, old, answer = read_file(target, self._path, True, stale)
         if not self.present:
             if entry.kind == "absent":
                 return None
@@ -59,7 +58,7 @@ class UnitFile:
         if old != new:
             what = "is installed" if entry.kind == "absent" else "changes"
             return Difference(f"{self.unit} {what}", unified_diff(self._path, old, new), describe(entry, old))
-        if read(target, stale, f"whether {self.unit} was read").strip() == "yes":
+        if answer.strip() == "yes":
             return Difference(f"systemd reads {self.unit} again", "", describe(entry, old))
         return None
 

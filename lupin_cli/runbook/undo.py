@@ -48,6 +48,7 @@ def undo(
     for step in steps:
         if step.operation not in OPERATIONS:
             raise JournalError(f"{run.run} used the operation {step.operation!r}, which this Lupin doesn't know")
+    steps.sort(key=lambda step: bool(getattr(OPERATIONS[step.operation], "undo_last", False)))  # stable: all else as it was
     if confirm is not None and steps and not dry_run and not confirm(f"Take back {len(steps)} changes of {run.run}?"):
         return Result(run.playbook, robot, "declined", message="not confirmed", next_command="--yes")
     log = None

@@ -19,6 +19,7 @@ from lupin_cli.operations.directory import Directory
 from lupin_cli.operations.file import File
 from lupin_cli.operations.line_in_file import LineInFile
 from lupin_cli.operations.network_connection import NetworkConnection
+from lupin_cli.operations.paths import read_file
 from lupin_cli.operations.probe import Probe
 from lupin_cli.operations.process import Process
 from lupin_cli.operations.symlink import Symlink
@@ -250,3 +251,23 @@ def test_paths_that_may_not_be_looked_at_ask_for_root(tmp_path: Path) -> None:
 def test_network_settings_are_compared_as_nmcli_means_them() -> None:
     with pytest.raises(ValueError, match=r"named like ipv4.never-default"):
         NetworkConnection(connection="x", settings={"priority": "1"})
+
+
+def test_contents_come_whole_whatever_they_are(here: LocalTarget, tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    for data in (b"", b"\n", b" whole\n", b"\x00\xff" * 300_000, b"a" * 3_000_000):
+        path.write_bytes(data)
+        entry, read, also = read_file(here, str(path), False, "echo more")
+        assert (entry.kind, read, also) == ("file", data, "more\n")
+    assert read_file(here, str(tmp_path), False)[1:] == (None, "")
+
+
+def test_a_file_that_may_not_be_read_is_an_error_and_not_empty() -> None:
+    if os.getuid() != 0:
+        pytest.skip("needs root to be somebody else")
+    script = (
+        "from lupin_cli.operations.paths import read_file\nfrom lupin_cli.target.local import LocalTarget\n"
+        "import os; os.setuid(65534)\nprint(read_file(LocalTarget('robot'), '/etc/shadow', False))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode != 0 and "Permission denied" in done.stderr, done.stdout

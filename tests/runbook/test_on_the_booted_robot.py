@@ -197,3 +197,39 @@ def test_a_cable_pulled_in_the_middle_is_resumed_when_it_is_back(fresh_host: Hos
     again = play("install-clock-sync", targets, resume=True)
     assert (again.state, again.run) == ("done", result.run), again.message
     assert targets["robot"].run("systemctl is-enabled lupin-clock-sync").stdout.strip() == "enabled"
+
+
+def test_a_computer_becomes_a_robots_laptop_and_is_one_no_more(fresh_host: Host, home: Path, targets: dict[str, Any]) -> None:
+    """The robot's computer stands in for the laptop here: it has a systemd and a chrony that may really be changed."""
+    laptop = {"laptop": targets["robot"]}
+    serving = "ss -H -lnu 'sport = :123' | wc -l; ls /etc/chrony/conf.d"
+    before = targets["robot"].run(serving).stdout
+    dry = play("deploy-laptop", laptop, dry_run=True)
+    assert dry.changed >= 3 and targets["robot"].run(serving).stdout == before
+    first = play("deploy-laptop", laptop)
+    assert {"New terminals join the robot's graph", "serve-clock / Chrony may serve the robot"} <= set(changed(first))
+    assert int(targets["robot"].run(serving).stdout.split()[0]) >= 1
+    script = f". {home}/.config/lupin/ros-env.sh; echo $ROS_DISCOVERY_SERVER; cat {home}/.bashrc"
+    assert targets["robot"].run(script).stdout.startswith("10.42.0.1:11811\n# lupin dds")
+    assert changed(play("deploy-laptop", laptop)) == []
+    removed = play("remove-laptop", laptop)
+    assert "Chrony no longer serves the robot" in changed(removed)
+    assert targets["robot"].run(serving).stdout == before
+    assert changed(play("remove-laptop", laptop)) == []
+    assert undo(find_run(removed.run), laptop).state == "done"
+    assert changed(play("deploy-laptop", laptop)) == []
+    assert undo(find_run(first.run), laptop).state == "done"
+    assert targets["robot"].run(f"ls {home}/.config/lupin").stdout == ""
+
+
+def test_every_playbook_that_needs_no_release_shows_what_it_would_do_and_changes_nothing(
+    fresh_host: Host, home: Path, targets: dict[str, Any]
+) -> None:
+    look = "find /etc /usr/local /opt /home -type f | sort | xargs md5sum; systemctl list-unit-files --no-legend"
+    before = targets["robot"].run(look, root=True).stdout
+    given: dict[str, dict[str, Any]] = {"sweep": {"machine": "robot"}, "install-clock-sync": {"laptop_serves": False}}
+    for name in ("recover-discovery", "single-home", "demo-wired", "demo-access-point", "pin-wifi", "sync-clock", "sweep"):
+        result = play(name, targets, given.get(name), dry_run=True)
+        assert result.state == "done", f"{name}: {result.message}"
+    assert targets["robot"].run(look, root=True).stdout == before
+    assert list(home.iterdir()) == [home / ".bashrc"]
