@@ -74,7 +74,8 @@ def names_only(evidence: Evidence) -> Iterator[Finding]:
             cause=(
                 "shared memory does not hand samples to those that join later; over UDP they arrive"
                 if shared
-                else "no sample of any topic reaches this machine, over UDP neither: data goes another way than names"
+                else "no sample of any topic reaches this machine"
+                + (", over UDP neither: data goes another way than names" if graph.udp_heard == 0 else "")
             ),
             evidence=(
                 f"{graph.name}: {len(graph.topics)} topics, {len(graph.nodes)} nodes, joined after {graph.joined_s:.1f} s",

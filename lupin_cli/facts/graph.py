@@ -170,4 +170,4 @@ def _ends(told: list[dict[str, Any]]) -> tuple[End, ...]:
 
 
 # The visit bounds itself; on two busy cores its processes take seconds to start.
-GRAPH = Fact("graph", PROBE, parse, timeout_s=30.0)
+GRAPH = Fact("graph", PROBE, parse, timeout_s=40.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -131,6 +132,53 @@ def test_every_fault_of_a_graph_of_real_nodes_is_named_and_no_other(graph_host) 
         "estop-engaged",
         "qos-mismatch",
     ]
+
+
+SPEAKER = """
+import rclpy
+from lupin_runtime import graph
+from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.node import interface
+rclpy.init(args=[])
+node = LupinNode("speaker")
+said = [(node.publisher(row), interface(row.type)()) for row in (graph.SCAN, graph.ODOM, graph.BATTERY)]
+node.create_timer(0.1, lambda: [publisher.publish(message) for publisher, message in said])
+print("up", flush=True)
+rclpy.spin(node)
+"""
+
+
+VISITOR = """
+import json, os, subprocess, sys
+from lupin_runtime.stack import probe
+from lupin_runtime.stack.graphs import KnownGraph
+alone = ["unshare", "--mount", "sh", "-c", "mount -t tmpfs tmpfs /dev/shm && exec \\"$@\\"", "sh"]
+speaker = subprocess.Popen([*alone, sys.executable, "-c", sys.argv[1]], stdout=subprocess.PIPE, text=True)
+try:
+    assert speaker.stdout.readline() == "up\\n"
+    print(json.dumps({"graphs": probe.visit_all((KnownGraph("run", "sim", dict(os.environ)),))}))
+finally:
+    speaker.kill()
+    speaker.communicate()
+"""
+
+
+@pytest.mark.graph
+@pytest.mark.host
+@pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("unshare"), reason="needs root and unshare: a /dev/shm of its own")
+def test_two_sides_that_cannot_share_memory_see_names_and_no_samples_and_udp_is_the_cure() -> None:
+    unset = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS")
+    environment = {key: value for key, value in os.environ.items() if key not in unset}
+    # On a network of their own both use the transports that nobody chose, and no packet leaves it.
+    alone = ["unshare", "--net", "sh", "-c", 'ip link set lo up && exec "$@"', "sh"]
+    command = [*alone, sys.executable, "-c", VISITOR, SPEAKER]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=90)
+    assert done.returncode == 0, done.stderr
+    (seen,) = parse(Output(0, done.stdout)).graphs
+    assert [count for _, count in seen.samples] == [0, 0, 0] and seen.udp_heard == 3
+    diagnosis = diagnose(CHECKS, Evidence(Facts("laptop", {"graph": Graphs((seen,))}), None))
+    (root,) = [root for root in diagnosis.roots if root.finding.id == "names-no-samples"]
+    assert root.finding.fix.command == "export FASTDDS_BUILTIN_TRANSPORTS=UDPv4"
 
 
 @pytest.mark.graph
