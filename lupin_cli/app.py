@@ -23,6 +23,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "doctor": ("Robot", "What is wrong with robot, laptop and link, why, and what mends it."),
     "robots": ("Robot", "The robots that Lupin knows, and whether they answer."),
     "dds": ("Robot", "How this machine joins the robot's graph: set up, check, remove."),
+    "transport": ("Robot", "What carries the link, how good it is, which to take."),
     "sim": ("Simulator", "The simulated robot: worlds, pictures, the red button."),
     "home": ("Robot", "Controllers active, arm at rest."),
     "play": ("Robot", "Play a playbook: dry run, diff, resume, undo."),

@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from lupin_cli.target.base import Unreachable
@@ -108,6 +109,22 @@ def best_of(choices: Mapping[str, Destination], timeout_s: float = 3.0) -> tuple
             deadline = min(deadline, time.monotonic() + _HEAD_START_S)
     best = next((name for name in choices if answers.get(name)), next(iter(choices)))
     return best, choices[best]
+
+
+def which_answer(choices: Mapping[str, Destination], timeout_s: float = 3.0) -> dict[str, bool]:
+    """Whether something accepts connections at each destination; one behind a jump counts as answering."""
+
+    def answers(place: Destination) -> bool:
+        if place.jumps or place.proxy_command:
+            return True
+        try:
+            open_socket(place.host, place.port, timeout_s, str(place)).close()
+        except Unreachable:
+            return False
+        return True
+
+    with ThreadPoolExecutor(max_workers=max(1, len(choices)), thread_name_prefix="try") as pool:
+        return dict(zip(choices, pool.map(answers, choices.values())))
 
 
 def _up_to(choices: Mapping[str, Destination], last: str) -> list[str]:

@@ -73,6 +73,16 @@ class SshTarget:
             through = self._open(hop.asked or hop.host, hop, through)
         return self._open(self.name, self.destination, through)
 
+    @property
+    def peer(self) -> tuple[str, str]:
+        """The robot's address and this machine's, as the first connection's ends have them. Raises TargetError without any."""
+        self.connect()
+        transport = self._clients[0].get_transport()
+        sock: Any = None if transport is None else transport.sock
+        if not hasattr(sock, "getsockname"):
+            raise TargetError(f"{self.name} is reached through a command: there is no link of this machine's to look at")
+        return str(sock.getpeername()[0]), str(sock.getsockname()[0])
+
     def _open(self, name: str, destination: Destination, through: paramiko.Transport | None) -> paramiko.Transport:
         """One more client at the end of the chain."""
         sock = self._socket(destination, through)
