@@ -39,7 +39,7 @@ class Timed:
         self.name, self.user = target.name, target.user
 
     def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
-        outputs = self._target.batch(scripts, bound_s)
+        outputs: dict[str, Output] = self._target.batch(scripts, bound_s)
         self.slowest_s = max((output.duration_s for output in outputs.values()), default=0.0)
         return outputs
 
