@@ -51,7 +51,12 @@ class LineInFile:
         closed = lines[-1] == ""
         if closed:
             lines.pop()
-        hits = [i for i, line in enumerate(lines) if line == self.line or (pattern is not None and pattern.search(line))]
+        # Without a `line` nothing is equal to it, an empty line least of all.
+        hits = [
+            i
+            for i, line in enumerate(lines)
+            if (self.line and line == self.line) or (pattern is not None and pattern.search(line))
+        ]
         if self.state == "commented":
             hits = [i for i in hits if not lines[i].lstrip().startswith("#")]
             for i in hits:
@@ -81,7 +86,7 @@ class LineInFile:
         if new == old:
             return None
         what = {"present": f"gets the line {self.line!r}", "absent": "loses", "commented": "has commented out"}[self.state]
-        summary = f"{self.path} {what}" + ("" if self.state == "present" else f" what matches {self.matches or self.line!r}")
+        summary = f"{self.path} {what}" + ("" if self.state == "present" else f" what matches {self.matches or self.line}")
         return Difference(summary, unified_diff(self.path, old, new), describe(entry, old))
 
     def change(self, target: Target, difference: Difference) -> None:
