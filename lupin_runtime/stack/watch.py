@@ -23,6 +23,9 @@ from lupin_runtime.stack.sentinels import Acts, Chain, Heard, Lifecycle, Sentine
 from lupin_runtime.transforms import TransformUnavailable
 
 RATE_WINDOW_S = 5.0
+# A discovery server that starts together with its clients now and then leaves a reader unmatched for good: its topic is listed
+# with a publisher, and nothing arrives (seen on one start in four on a loaded machine). A new reader is matched anew.
+LISTEN_ANEW_S = 5.0
 RATED_TOPICS = (graph.SCAN, graph.MAP, graph.MISSION_STATE, graph.ESTOP_STATE, graph.CMD_VEL_NAV)
 
 
@@ -52,6 +55,7 @@ class GraphWatch:
         self.node = LupinNode("lupin_supervisor", enable_rosout=False)
         self._satisfied: set[Sentinel] = set()
         self._probes: dict[Sentinel, _Probe] = {}
+        self._probed_s: dict[Sentinel, float] = {}
         self._rates = {topic.name: Rate() for topic in (*rated, graph.MISSION_STATE)}
         for topic in rated:
             if topic is not graph.MISSION_STATE:
@@ -97,11 +101,14 @@ class GraphWatch:
         probe = self._probes.get(sentinel)
         if probe is None:
             probe = self._probes[sentinel] = self._make_probe(sentinel)
-        if not probe():
-            return False
-        self._satisfied.add(sentinel)
-        self._probes.pop(sentinel).close()
-        return True
+            self._probed_s[sentinel] = time.monotonic()
+        if probe():
+            self._satisfied.add(sentinel)
+            self._probes.pop(sentinel).close()
+            return True
+        if isinstance(sentinel, Heard) and time.monotonic() - self._probed_s[sentinel] > LISTEN_ANEW_S:
+            self._probes.pop(sentinel).close()
+        return False
 
     def explain(self, sentinel: Sentinel) -> str:
         """What the graph shows of an unsatisfied sentinel."""
