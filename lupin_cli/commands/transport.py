@@ -191,6 +191,10 @@ def _tell(seen: Seen) -> None:
     typer.echo("transports, best first today:")
     for number, choice in enumerate(seen.ranking, 1):
         state = "answers" if choice.answers else "does not answer" if choice.address else "has no address in the inventory"
+        if choice.answers and choice.transport == seen.transport:
+            state = "answers, in use"
+        elif choice.answers:
+            state = "answers, not measured"
         typer.echo(f"{number}. {choice.transport:7} {choice.address or '-':28} {state}")
         typer.echo(f"     {choice.why}")
         for trouble in choice.troubles:

@@ -13,6 +13,7 @@ import pytest
 from lupin_cli.target.base import Script, Target, TargetError
 from lupin_cli.target.framing import STDOUT_CAP_BYTES
 from lupin_cli.target.local import LocalTarget
+from lupin_cli.target.streaming import KEPT_BYTES
 
 
 @pytest.fixture(params=["local", "ssh"], scope="session")
@@ -153,6 +154,11 @@ def test_run_hands_over_lines_before_the_script_ends(target: Target) -> None:
     start = time.monotonic()
     target.run("echo now; sleep 1.5", on_line=lambda _: seen.append(time.monotonic() - start))
     assert time.monotonic() - start - seen[0] > 1.0
+
+
+def test_a_hundred_megabytes_from_a_run_are_cut_and_said_to_be(target: Target) -> None:
+    output = target.run("head -c 100000000 /dev/zero; echo done >&2", bound_s=90)
+    assert output.ok and output.truncated and len(output.stdout) == KEPT_BYTES and output.stderr == "done\n"
 
 
 def test_run_is_cut_at_its_bound(target: Target) -> None:
