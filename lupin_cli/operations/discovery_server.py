@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -33,6 +34,9 @@ while [ "$n" -lt 50 ] && [ -d "/proc/$pid" ]; do sleep 0.1; n=$((n + 1)); done
 """
 
 
+_PAUSE_S = 0.5
+
+
 @dataclass(frozen=True, kw_only=True)
 class DiscoveryServer:
     """Nodes ask 127.0.0.1 for ever: once a server is bound, they attach within seconds; nothing else is restarted.
@@ -46,6 +50,7 @@ class DiscoveryServer:
     reports: ClassVar[tuple[str, ...]] = ("listens",)
 
     port: int = 11811
+    patience_s: float = 0.0  # the vendor's service was only just started: its own server may still come
     log: str = "/tmp/lupin-disc.log"
     machine: str = "robot"
 
@@ -73,6 +78,11 @@ class DiscoveryServer:
         return Difference(f"a discovery server is started on UDP {self.port}: nobody listens there", "", {"listened": False})
 
     def change(self, target: Target, difference: Difference) -> None:
+        deadline = time.monotonic() + self.patience_s
+        while time.monotonic() < deadline:
+            if self._addresses(target):
+                return
+            time.sleep(_PAUSE_S)
         script = _START.replace("PORT", str(self.port)).replace("LOG", self.log)
         change(target, script, "start the discovery server", bound_s=20.0, next_command=self.look_command)
 

@@ -129,7 +129,7 @@ def test_a_link_is_never_missing_while_it_is_turned(here: LocalTarget, tmp_path:
         ({"line": "b"}, "", "b\n"),
         ({"line": "b"}, "a\r\n", "a\r\nb\r\n"),
         ({"line": "export X=2", "matches": r"^\s*export X="}, "export X=1\ny\n  export X=3\n", "y\nexport X=2\n"),
-        ({"matches": r"^\s*makestep\b", "state": "commented"}, "p\n\nmakestep 1\n\n# makestep\n", "p\n\n# makestep 1\n\n# makestep\n"),
+        ({"matches": r"^\s*makestep\b", "state": "commented"}, "\nmakestep\n\n# makestep\n", "\n# makestep\n\n# makestep\n"),
         ({"line": "b", "state": "absent"}, "a\nb\nb\n", "a\n"),
         ({"line": "b", "state": "absent"}, "b\n", ""),
     ],
