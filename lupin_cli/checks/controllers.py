@@ -30,21 +30,30 @@ def stuck(evidence: Evidence) -> Iterator[Finding]:
         if graph.controllers is None:
             continue
         states = {controller.name: controller.state for controller in graph.controllers}
-        lacking = [name for name in CONTROLLERS if name not in states]
-        idle = [name for name in CONTROLLERS if states.get(name, "active") != "active"]
-        if not lacking and not idle:
+        bad: dict[str, list[str]] = {}
+        for name in CONTROLLERS:
+            if (state := states.get(name, "not loaded")) != "active":
+                bad.setdefault(state, []).append(name)
+        if not bad:
             continue
-        said = [f"{name} is not loaded" for name in lacking] + [f"{name} is {states[name]}" for name in idle]
+        count = sum(map(len, bad.values()))
+        said = [f"{_names(names)} {state}" for state, names in bad.items()]
         yield Finding(
             id="controllers-not-active",
             severity=Severity.PROBLEM,
             where=graph.where,
             symptom="the base doesn't drive, or arm and gripper don't move, and nobody says why",
-            cause=f"{len(said)} of {len(CONTROLLERS)} controllers do not work: {', '.join(said)}",
+            cause=f"{count} of {len(CONTROLLERS)} controllers do not work: {'; '.join(said)}",
             evidence=(f"{LIST_CONTROLLERS.name} on {graph.name}:", *(controller.line() for controller in graph.controllers)),
             fix=HEAL,
             explains=frozenset({"drive-sink-unheard", "topic-silent"}),
         )
+
+
+def _names(names: list[str]) -> str:
+    if len(names) == len(CONTROLLERS):
+        return "all are"
+    return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
 
 
 def manager(evidence: Evidence) -> Iterator[Finding]:

@@ -96,6 +96,7 @@ def test_a_robot_that_stops_once_its_names_are_known_gives_names_and_no_samples(
         listen(self, topics)
 
     monkeypatch.setattr(probe.Visit, "listen", stop_and_listen)
+    monkeypatch.setattr(probe, "SILENCE_BOUND_S", 4.0)
     started = time.monotonic()
     seen = read(json.dumps(probe.look()))
     assert time.monotonic() - started < probe.VISIT_BOUND_S
