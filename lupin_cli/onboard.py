@@ -24,7 +24,9 @@ def set_up(robot: Robot) -> tuple[str, ...]:
 def program(robot: Robot, module: str, *arguments: str) -> str:
     """A shell script that runs a module of the release as the robot's units do. Its status is the module's, or NOT_DEPLOYED."""
     python = f"{RELEASE}/venv/bin/python3"
-    lines: Sequence[str] = (*set_up(robot), f"exec {shlex.join([python, '-u', '-m', module, *arguments])}")
+    # UDP as in the units: what joins late over shared memory sees names and gets no samples.
+    udp = "export FASTDDS_BUILTIN_TRANSPORTS=UDPv4"
+    lines: Sequence[str] = (*set_up(robot), udp, f"exec {shlex.join([python, '-u', '-m', module, *arguments])}")
     # bash, since the set-up files are bash's; with a login's environment, as the units have it.
     return f"[ -x {python} ] || exit {NOT_DEPLOYED}\nexec bash -lc {shlex.quote('; '.join(lines))}"
 

@@ -68,8 +68,37 @@ def test_it_says_ready_when_all_is_up_mends_what_dies_and_ends_with_nothing_left
             text, _ = service.communicate(timeout=BOUND_S)
     assert service.returncode == 0, text
     assert "drive ended by SIGKILL: restarted" in text
-    assert "[twist_mux]: locked: shutting down" in text
     assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
+
+
+@pytest.mark.graph
+def test_a_reader_that_hears_nothing_is_made_anew_and_then_hears(graph_host, monkeypatch) -> None:
+    from lupin_runtime import graph
+    from lupin_runtime.ros import LupinNode
+    from lupin_runtime.stack import watch as module
+    from lupin_runtime.stack.sentinels import Heard
+
+    monkeypatch.setattr(module, "LISTEN_ANEW_S", 0.2)
+    monkeypatch.setattr(module.rclpy, "init", lambda **_: None)  # the test's own context serves
+    watch, sentinel, made = module.GraphWatch(rated=()), Heard(graph.ESTOP_STATE), []
+    make = watch._make_probe
+    monkeypatch.setattr(watch, "_make_probe", lambda wanted: made.append(wanted) or make(wanted))
+    deadline = time.monotonic() + BOUND_S
+    while len(made) < 3 and time.monotonic() < deadline:
+        assert not watch.satisfied(sentinel)
+        watch.spin(0.05)
+    assert made == [sentinel] * 3
+    monkeypatch.setattr(module, "LISTEN_ANEW_S", BOUND_S)
+    node = LupinNode("speaker")
+    publisher = node.publisher(graph.ESTOP_STATE)
+    message = publisher.msg_type()
+    node.create_timer(0.1, lambda: publisher.publish(message))
+    graph_host.add(node)
+    while not watch.satisfied(sentinel):
+        assert time.monotonic() < deadline + BOUND_S
+        watch.spin(0.05)
+    watch._executor.shutdown(timeout_sec=1.0)
+    watch.node.destroy_node()
 
 
 def stages(home: Path) -> dict[str, dict]:

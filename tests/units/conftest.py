@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
@@ -49,16 +49,3 @@ systemctl restart mirte-ros && journalctl --rotate --vacuum-size=1"""
     done = lupin_robot.robot.inside("sh", "-c", fresh, timeout_s=60.0)
     assert done.status == 0, done.stderr
     return lupin_robot
-
-
-@pytest.fixture
-def as_mirte(lupin_robot: Host) -> Callable[..., None]:
-    """Runs a Python program with its arguments on the robot's own graph."""
-
-    def run(program: str, *arguments: str) -> None:
-        script = "; ".join(("cd ~", *SET_UP, f"exec {RELEASE}/venv/bin/python3 - {' '.join(arguments)}"))
-        command = ("runuser", "-u", "mirte", "--", "bash", "-c", script)
-        done = lupin_robot.robot.inside(*command, stdin=program, timeout_s=60.0)
-        assert done.status == 0, done.stderr
-
-    return run
