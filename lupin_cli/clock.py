@@ -119,12 +119,12 @@ def measure(conversation: Conversation, samples: int = _SAMPLES, bound_s: float 
     return estimate(taken)
 
 
-def ntp_offset(host: str, timeout_s: float = 1.0) -> Offset | None:
+def ntp_offset(host: str, timeout_s: float = 1.0, port: int = 123) -> Offset | None:
     """The offset of the clock that `host` serves over NTP; None where it serves none that it believes in itself (RFC 5905)."""
     import ntplib
 
     try:
-        answer = ntplib.NTPClient().request(host, version=4, timeout=timeout_s)
+        answer = ntplib.NTPClient().request(host, version=4, port=port, timeout=timeout_s)
     except (ntplib.NTPException, OSError):
         return None
     if answer.leap == 3 or not 0 < answer.stratum < 16:

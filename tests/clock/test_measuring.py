@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import socket
+import struct
 import subprocess
 import threading
 import time
@@ -149,3 +150,51 @@ def test_our_own_clock_being_set_meanwhile_is_noticed(links, monkeypatch: pytest
     monkeypatch.setattr(clock.time, "time_ns", lambda: real() + next(readings, 5 * MS))
     with pytest.raises(ClockError, match="own clock was set"):
         measure(links(ANSWERING).conversation(), samples=3)
+
+
+NTP_EPOCH_S = 2_208_988_800  # from 1900 to 1970, RFC 5905
+
+
+class Server:
+    """Answers one NTP question as a server that is `ahead_s` ahead, with this leap indicator and stratum."""
+
+    def __init__(self, ahead_s: float, leap: int = 0, stratum: int = 10) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.settimeout(5.0)
+        self.port = self._socket.getsockname()[1]
+        self._ahead_s, self._head = ahead_s, bytes([leap << 6 | 4 << 3 | 4, stratum, 6, 0xEC])
+        self._thread = threading.Thread(target=self._answer, daemon=True)
+        self._thread.start()
+
+    def _answer(self) -> None:
+        with self._socket:
+            question, asker = self._socket.recvfrom(512)
+            seconds = time.time() + self._ahead_s + NTP_EPOCH_S
+            now = struct.pack("!II", int(seconds), int(seconds % 1 * 2**32))
+            root = struct.pack("!II", 0, 1 << 10) + b"LOCL"
+            self._socket.sendto(self._head + root + now + question[40:48] + now + now, asker)
+
+    def end(self) -> None:
+        self._thread.join(10)
+
+
+@pytest.mark.parametrize("ahead_s", [0.0, -287.5, 16_440.0])
+def test_a_clock_that_is_served_over_ntp_is_read_that_way_too(ahead_s: float) -> None:
+    server = Server(ahead_s)
+    offset = clock.ntp_offset("127.0.0.1", 5.0, server.port)
+    server.end()
+    assert offset is not None and abs(offset.offset_s - ahead_s) <= offset.bound_s and offset.bound_s >= (1 << 10) / 2**16
+
+
+@pytest.mark.parametrize(("leap", "stratum"), [(3, 10), (0, 0), (0, 16)])
+def test_a_server_that_does_not_believe_in_its_own_clock_is_not_believed(leap: int, stratum: int) -> None:
+    server = Server(0.0, leap, stratum)
+    assert clock.ntp_offset("127.0.0.1", 5.0, server.port) is None
+    server.end()
+
+
+def test_where_nobody_serves_time_the_answer_is_none_within_the_limit() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", 0))
+        assert clock.ntp_offset("127.0.0.1", 0.2, silent.getsockname()[1]) is None
