@@ -14,13 +14,17 @@ setup: $(VENV)/.lupin
 mission: setup
 	$(VENV)/bin/lupin up --mission --headless --world $(WORLD)
 
-# Cores side by side; what talks over DDS or boots a computer one after another, since its peers want the cores themselves. A busy
-# machine may stall a peer past its bound: what failed there runs once more, alone, and what fails twice fails.
-GRAPH := -m "(graph or sim or host) and not mission"
+# Cores side by side; what talks over DDS one after another, since its peers are processes that want the cores themselves. Booted
+# computers mostly wait, and missions keep their own time, so several go side by side. A busy machine may stall a peer past its
+# bound: what failed runs once more, alone, and what fails twice fails.
+ONE_BY_ONE := -m "(graph or sim) and not host and not mission"
+HOSTS := -m "host and not mission"
+MISSIONS := -m mission
 test: setup lint
 	$(PY) -m pytest -q -n 2 -m "not graph and not sim and not host and not mission" tests
-	$(PY) -m pytest -q $(GRAPH) tests || $(PY) -m pytest -q --last-failed $(GRAPH) tests
-	$(PY) -m pytest -q -m mission tests || $(PY) -m pytest -q --last-failed -m mission tests
+	$(PY) -m pytest -q $(ONE_BY_ONE) tests || $(PY) -m pytest -q --last-failed $(ONE_BY_ONE) tests
+	$(PY) -m pytest -q -n 3 --dist loadfile $(HOSTS) tests || $(PY) -m pytest -q --last-failed $(HOSTS) tests
+	$(PY) -m pytest -q -n 2 $(MISSIONS) tests || $(PY) -m pytest -q --last-failed $(MISSIONS) tests
 
 lint: setup
 	$(VENV)/bin/ruff check .
