@@ -14,11 +14,14 @@ from lupin_cli.target.base import Target
 
 if TYPE_CHECKING:
     from lupin_cli.config import Config, Robot
+    from lupin_cli.facts.clock import Offset
     from lupin_cli.runbook import Event
     from lupin_cli.target.ssh import SshTarget
 
 # A mended cause can uncover another; three rounds are more than any pair of known faults needs.
 ROUNDS = 3
+# Enough for a few milliseconds, and short beside any batch of probes.
+CLOCK_SAMPLES, CLOCK_SAMPLING_S, CLOCK_BOUND_S = 8, 0.2, 3.0
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,21 @@ class Examination:
         peer = ""
         with contextlib.suppress(OSError, AttributeError, IndexError, TypeError):  # behind a jump there is no socket of ours
             peer = str(transport.getpeername()[0])
-        return self._target, Link(self.robot.name, peer or self._target.destination.host)
+        return self._target, Link(self.robot.name, peer or self._target.destination.host, clock=self._clock_offset())
+
+    def _clock_offset(self) -> Offset | None:
+        """The robot's clock against this machine's, where a check asks for clocks: a batch of probes alone would bound it no
+        better than by its own duration."""
+        if self._target is None or not any(fact.name == "clock" for check in self.checks for fact in check.robot):
+            return None
+        from lupin_cli.clock import ANSWERING, ChannelConversation, ClockError, measure
+        from lupin_cli.target.base import TargetError
+
+        try:
+            with contextlib.closing(self._target.open_run(ANSWERING, CLOCK_BOUND_S)) as channel:
+                return measure(ChannelConversation(channel.sendall, channel.recv), CLOCK_SAMPLES, CLOCK_SAMPLING_S).offset
+        except (TargetError, ClockError, OSError, EOFError):
+            return None  # the probes' own reading remains
 
     def treatments(
         self, accept: Callable[[Finding], bool], *, dry_run: bool = False, rounds: int = ROUNDS

@@ -19,9 +19,12 @@ DRIFT_LIMIT_S = 3.0  # below this a restart of the stack costs more than it mend
 
 def measured(evidence: Evidence) -> Offset | None:
     """The robot's clock against this machine's, or None where it could not be asked."""
-    clock = evidence.robot.get(CLOCK) if evidence.robot else None
-    if clock is None or evidence.robot is None or evidence.robot.asked_ns is None:
+    if evidence.robot is None:
         return None
+    exchanged: Offset | None = getattr(evidence.link, "clock", None)
+    clock = evidence.robot.get(CLOCK)
+    if exchanged is not None or clock is None or evidence.robot.asked_ns is None:
+        return exchanged
     return offset(clock, evidence.robot.asked_ns)
 
 
@@ -34,7 +37,10 @@ def drift(evidence: Evidence) -> Iterator[Finding]:
     vendor = units.get(VENDOR) if units else None
     live = vendor is not None and vendor.running
     clock, asked_ns = evidence.robot.get(CLOCK), evidence.robot.asked_ns
-    assert clock is not None and asked_ns is not None
+    lines = []
+    if clock is not None and asked_ns is not None:
+        lines.append(f"robot: date +%s%N said {clock.before_ns} .. {clock.after_ns}")
+        lines.append(f"laptop: asked at {asked_ns[0]}, answered by {asked_ns[1]}")
     yield Finding(
         id="clock-drift",
         severity=Severity.PROBLEM,
@@ -43,8 +49,8 @@ def drift(evidence: Evidence) -> Iterator[Finding]:
         cause=f"the robot's clock is {found} against this machine's"
         + ("; its stack is up, so the clock must not be stepped as it is" if live else ""),
         evidence=(
-            f"robot: date +%s%N said {clock.before_ns} .. {clock.after_ns}",
-            f"laptop: asked at {asked_ns[0]}, answered by {asked_ns[1]}",
+            f"robot's clock less this machine's: {found}",
+            *lines,
             *((vendor.line(),) if vendor else ()),
         ),
         fix=Fix("lupin sync-clock", playbook="sync-clock", safe=not live),

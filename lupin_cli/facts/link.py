@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lupin_cli.facts.clock import Offset
+
 
 @dataclass(frozen=True)
 class Link:
@@ -16,6 +18,7 @@ class Link:
     message: str = ""
     next_command: str = ""
     connect_s: float = 0.0
+    clock: Offset | None = None  # the robot's against this machine's, from several exchanges; None where it wasn't measured
 
     @property
     def reachable(self) -> bool:

@@ -13,7 +13,7 @@ from lupin_cli.checks.base import Evidence, Finding, Severity
 from lupin_cli.diagnosis import diagnose, facts_of
 from lupin_cli.facts.base import Facts
 from lupin_cli.facts.chrony import Chrony
-from lupin_cli.facts.clock import Clock
+from lupin_cli.facts.clock import Clock, Offset
 from lupin_cli.facts.devices import Devices, Holder
 from lupin_cli.facts.link import Link
 from lupin_cli.facts.storage import Storage
@@ -169,6 +169,13 @@ def test_a_clock_that_is_off_for_certain_is_a_problem(ahead_s: float) -> None:
 @pytest.mark.parametrize("ahead_s", [0.0, 2.9, -3.2, 3.4])
 def test_a_clock_that_may_be_right_is_left_alone(ahead_s: float) -> None:
     assert ids(world(ahead_s=ahead_s)) == []
+
+
+@pytest.mark.parametrize(("ahead_s", "expected"), [(3.2, ["clock-drift"]), (-3.2, ["clock-drift"]), (2.9, [])])
+def test_several_exchanges_decide_where_one_batch_could_not(ahead_s: float, expected: list[str]) -> None:
+    evidence = world(ahead_s=ahead_s)
+    link = dataclasses.replace(evidence.link, clock=Offset(ahead_s, 0.004))
+    assert ids(dataclasses.replace(evidence, link=link)) == expected
 
 
 def test_a_live_stack_makes_the_cure_of_drift_unsafe() -> None:
