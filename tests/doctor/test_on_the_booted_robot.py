@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -126,8 +128,9 @@ class Laptop:
             [sys.executable, "-c", NODE], env=env, cwd=str(PROJECT), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         )
         try:
-            assert process.stdout is not None
-            assert process.stdout.readline().strip() == b"up"
+            with bounded(process):
+                assert process.stdout is not None
+                assert process.stdout.readline().strip() == b"up"
             yield process.pid
         finally:
             process.terminate()
@@ -155,6 +158,17 @@ def until(condition: Callable[[], bool], what: str, limit_s: float = 30.0) -> No
     while not condition():
         assert time.monotonic() < deadline, f"{what} did not come about within {limit_s:g} s"
         time.sleep(0.1)
+
+
+@contextmanager
+def bounded(process: subprocess.Popen[Any], limit_s: float = 60.0) -> Iterator[None]:
+    """Within the block nobody waits for `process` longer than that: it is killed, and what it says ends."""
+    timer = threading.Timer(limit_s, process.kill)
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 @contextmanager
@@ -235,13 +249,13 @@ def test_memory_of_a_killed_participant_is_the_one_cause_whoever_it_was(fresh_ho
         assert laptop.named() == ["shared-memory-orphans"]
 
 
-@pytest.mark.parametrize("signal", ["server", "STOP", "KILL"])
-def test_fix_heals_what_is_safe_to_heal_and_finds_health_after_it(fresh_host: Host, laptop: Laptop, signal) -> None:
+@pytest.mark.parametrize("blow", ["server", "STOP", "KILL"])
+def test_fix_heals_what_is_safe_to_heal_and_finds_health_after_it(fresh_host: Host, laptop: Laptop, blow) -> None:
     with robot_node(fresh_host):
-        if signal == "server":
+        if blow == "server":
             fresh_host.robot.fault("server-killed")
         else:
-            fresh_host.robot.inside("systemctl", "kill", f"--signal={signal}", NODE_UNIT)
+            fresh_host.robot.inside("systemctl", "kill", f"--signal={blow}", NODE_UNIT)
         status, told = laptop.doctor("--fix")
     assert told["findings"] == []
     assert {treatment["state"] for treatment in told["treatments"]} == {"done"}
@@ -359,3 +373,28 @@ def test_a_stranger_on_the_pages_port_is_the_one_cause(laptop: Laptop) -> None:
     finally:
         server.kill()
         server.wait()
+
+
+def test_watch_tells_what_changes_and_ends_with_how_it_stands(laptop: Laptop) -> None:
+    command = [sys.executable, "-u", "-m", "lupin_cli.app", "doctor", "--only", "ports", "--watch"]
+    watching = laptop.host.popen(
+        command, env=laptop.plain, cwd=str(PROJECT), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert watching.stdout is not None
+    with bounded(watching):
+        assert watching.stdout.readline() == "healthy; 1 check\n"
+    server = laptop.host.popen(
+        [sys.executable, "-m", "http.server", "9090"], env=laptop.plain, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        with bounded(watching):
+            assert watching.stdout.readline().startswith("-- ")
+            assert "[port-9090-taken]" in watching.stdout.readline()
+        watching.send_signal(signal.SIGINT)
+        watching.communicate(timeout=30.0)
+        assert watching.returncode == 1
+    finally:
+        server.kill()
+        server.wait()
+        watching.kill()
+        watching.communicate()

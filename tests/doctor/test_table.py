@@ -12,6 +12,7 @@ import pytest
 
 import lupin_cli.checks
 from lupin_cli.checks import Check
+from lupin_cli.checks.consequences import NOBODY_ANSWERS, SEEN_OVER_THE_GRAPH
 from lupin_cli.checks.table import UnknownCheck, built_in, plugged_in, select
 from lupin_cli.diagnosis import facts_of
 
@@ -77,3 +78,25 @@ def test_the_manual_names_every_check_and_every_finding_of_the_link() -> None:
     for check in built_in():
         if check.name.startswith(("link.", "discovery.", "dds.")) or check.name == "ports":
             assert f"`{check.name}`" in manual
+
+
+def test_an_installed_package_adds_its_checks_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "their_checks.py").write_text(
+        "from lupin_cli.checks import Check\nCHECKS = [Check('theirs', lambda evidence: ())]\n"
+    )
+    info = tmp_path / "theirs-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[lupin.checks]\ngood = their_checks:CHECKS\nbad = their_checks:NOTHING\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    checks, broken = plugged_in()
+    assert "theirs" in [check.name for check in checks]
+    assert any(line.startswith("plug-in bad (their_checks:NOTHING): AttributeError") for line in broken)
+
+
+def test_what_a_broken_graph_explains_is_a_finding_that_exists() -> None:
+    ids = set()
+    for path in Path(lupin_cli.checks.__file__).parent.glob("*.py"):
+        words = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.keyword) and node.arg == "id"]
+        ids |= {word.value.value for word in words if isinstance(word.value, ast.Constant)}
+    assert ids >= SEEN_OVER_THE_GRAPH | NOBODY_ANSWERS
