@@ -85,7 +85,7 @@ class LocalTarget:
 
 @contextlib.contextmanager
 def _shell(command: str, payload: bytes) -> Iterator[subprocess.Popen[bytes]]:
-    """A shell in a session of its own, with its payload at hand; whatever of it is left at the end is ended by its group."""
+    """A shell in a group of its own, with its payload at hand; whatever of it is left at the end is ended by that group."""
     environment = {key: value for key, value in os.environ.items() if key not in _WHEELS}
     # A file rather than a pipe: nobody has to keep writing while others are read.
     with _in_memory(payload) as stdin:
@@ -95,7 +95,7 @@ def _shell(command: str, payload: bytes) -> Iterator[subprocess.Popen[bytes]]:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             env=environment,
-            start_new_session=True,
+            process_group=0,  # but not a session: sudo remembers a password by the terminal that `sudo -v` was typed in
         )
         try:
             yield process

@@ -246,7 +246,8 @@ class SshTarget:
                 lost = lost or "it hung up"
         if root and not streams.marked and status is not None:
             raise RootRefused(
-                f"{self.name}: root is refused to {self.user}: {streams.last_error}", f"ssh -t {self.destination} sudo -v"
+                f"{self.name}: root is refused to {self.user}: {streams.last_error}",
+                f"lupin robots check {self.name} --ask-sudo-password",
             )
         output = streams.output(status, time.monotonic() - start, bound_s)
         if lost:
