@@ -24,6 +24,7 @@ LUPIN_CI_STRICT=1 that is a failure.
     host.robot.fault("cable-cut", link="eth0")     break something, by the names that `lupin sim host fault` lists; .mend()
                                                    takes it back, `with host.robot.broken(...)` does both
     host.robot.power_cut(), power_on(), power_off(), renew(), wait_ready()
+    host.serve_ntp()                       the laptop's clock server; host.serve_ntp("off") ends it
     host.robot.state["clock_offset_s"]     how it stands
 """
 

@@ -41,6 +41,7 @@ class Keeper:
             machine = NspawnMachine(
                 *(inner / f"robot-{index}", root, robot, hardware, folder / f"{robot.name}.console"),
                 plug=lambda pid, robot=robot: self.wire.plug(robot, pid),  # type: ignore[misc]
+                unplug=lambda robot=robot: self.wire.unplug(robot),  # type: ignore[misc]
                 cgroup=f"{CGROUP}-{folder.name}",
             )
             self.machines.append(machine)

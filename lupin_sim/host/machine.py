@@ -101,10 +101,12 @@ class NspawnMachine:
         hardware: Hardware,
         console: Path,
         plug: Callable[[int], None],
+        unplug: Callable[[], None],
         cgroup: str,
     ) -> None:
         self.identity, self.console, self.boots = identity, console, 0
         self._folder, self._root, self._hardware, self._plug = folder, root, hardware, plug
+        self._unplug = unplug
         self._cgroups = [base / cgroup / identity.name for base in cgroup_roots()]
         self._process: subprocess.Popen[bytes] | None = None
         self._watcher: threading.Thread | None = None
@@ -268,6 +270,7 @@ class NspawnMachine:
             process = self._process
             assert process is not None
             status = process.wait()
+            self._unplug()
             with self._lock:
                 if status != REBOOT_STATUS or self._cut:
                     self._process = None

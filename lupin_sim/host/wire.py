@@ -75,6 +75,14 @@ class Wire:
             if port in self._pumps:
                 self.impair(robot, link, self._settings[port])  # the pump's end went with the old port
 
+    def unplug(self, robot: Identity) -> None:
+        """A robot went off: its interfaces are gone at once, while the kernel takes its time over a namespace that ended."""
+        for link in NETWORKS:
+            port = self._port(robot, link)
+            if port in self._robots:
+                self._robots.discard(port)
+                self._ip(self._wire.pid, "link", "delete", port, check=False)
+
     def cut(self, robot: Identity, link: str, is_cut: bool) -> None:
         """Pull a robot's cable, or plug it in again. With one robot on the wire the laptop's end loses its carrier too."""
         port = self._port(robot, link)

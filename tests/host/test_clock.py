@@ -108,6 +108,21 @@ def test_a_laptop_that_runs_chrony_need_not_serve(host: Host) -> None:
     assert "chronyd" not in host.run(PROCESSES).stdout
 
 
+def test_a_crystal_that_runs_fast_is_measured_by_chrony(fresh_host: Host) -> None:
+    fresh_host.serve_ntp()
+    fresh_host.robot.fault("clock-drifts", ppm=120.0)
+    assert fresh_host.ssh(SYNC, timeout_s=90.0).returncode == 0
+    deadline = time.monotonic() + 60.0
+    while True:
+        said = fresh_host.ssh("chronyc -n tracking").stdout
+        frequency = next(line.split() for line in said.splitlines() if line.startswith("Frequency"))
+        measured_ppm = float(frequency[2]) * (1 if "fast" in frequency else -1)
+        if abs(measured_ppm - 120.0) < 5.0:
+            break
+        assert time.monotonic() < deadline, said
+        time.sleep(0.5)
+
+
 def test_the_clock_goes_on_over_a_power_cut_and_is_right_on_a_new_robot(fresh_host: Host) -> None:
     robot = fresh_host.robot
     robot.fault("clock-wrong", offset_s=-900.0)

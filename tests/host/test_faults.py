@@ -238,6 +238,18 @@ def test_faults_at_the_same_link_add_up_and_go_one_by_one(host: Host) -> None:
     assert round_trip_ms(host) < 50.0
 
 
+def test_the_plug_is_a_fault_too_and_a_reboot_an_event(fresh_host: Host) -> None:
+    robot = fresh_host.robot
+    boots = robot.state["boots"]
+    with robot.broken("power-cut"):
+        assert not robot.state["running"]
+        assert connect(fresh_host) in ("timeout", "errno 113")
+    robot.wait_ready()
+    robot.fault("reboot")
+    until(lambda: robot.state["boots"] == boots + 2, "the boot after the reboot")
+    robot.wait_ready()
+
+
 def test_an_unknown_fault_or_setting_is_refused_by_name(host: Host) -> None:
     with pytest.raises(HostError, match="there is no fault 'nosuch'; there are: cable-cut"):
         host.robot.fault("nosuch")

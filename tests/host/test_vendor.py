@@ -106,6 +106,12 @@ def test_laptop_and_robot_are_two_computers_on_one_graph(boot_host: Callable[...
         one_way = json.loads(host.run([sys.executable, "-c", still], env=env, cwd=str(PROJECT)).stdout)
     assert one_way["scans"] > 0
     assert one_way["drove_m"] < 0.02
+    # The controllers boot as a fault wants them, and the robot doesn't move.
+    with host.robot.broken("controllers-stuck"):
+        stuck = json.loads(host.run([sys.executable, "-c", still], env=env, cwd=str(PROJECT)).stdout)
+        assert stuck["drove_m"] == 0.0
+        assert "--controllers unconfigured" in host.ssh("pgrep -af lupin_sim").stdout
+    until(lambda: "--controllers active" in host.ssh("pgrep -af lupin_sim").stdout)
     # Pulled, the laptop hears nothing: the cable is the only way between the two.
     host.robot.fault("cable-cut", link="eth0")
     host.robot.fault("cable-cut", link="wlan0")
