@@ -11,6 +11,7 @@ from lupin_cli.checks.environment import host_of
 from lupin_cli.checks.typed import on_robot
 from lupin_cli.facts.dds_profiles import DISCOVERY_PORT
 from lupin_cli.facts.discovery_log import DISCOVERY_LOG, DiscoveryLog
+from lupin_cli.facts.link import Link
 from lupin_cli.facts.ros_processes import ROS_PROCESSES, RosProcess
 from lupin_cli.facts.sockets import SOCKETS, Socket
 
@@ -37,7 +38,7 @@ def find_server(evidence: Evidence) -> Iterator[Finding]:
     if log.vendor in ("active", "activating") and not log.wanted and not bound:
         yield _switched_off(evidence, log)
     elif bound:
-        yield from _taken(bound, processes)
+        yield from _taken(evidence, bound, processes)
         yield from _stopped(evidence, bound, processes)
         yield from _pinned(evidence, bound)
     elif (clients or (log.wanted and log.vendor == "active")) and not _about_to_start(log, processes):
@@ -100,7 +101,12 @@ def _switched_off(evidence: Evidence, log: DiscoveryLog) -> Finding:
     )
 
 
-def _taken(bound: tuple[Socket, ...], processes: tuple[RosProcess, ...]) -> Iterator[Finding]:
+def _recover(evidence: Evidence) -> str:
+    robot = evidence.link.robot if isinstance(evidence.link, Link) else ""
+    return f"lupin play recover-discovery --robot {robot}".removesuffix(" --robot ")
+
+
+def _taken(evidence: Evidence, bound: tuple[Socket, ...], processes: tuple[RosProcess, ...]) -> Iterator[Finding]:
     ros = {process.pid for process in processes}
     for socket in bound:
         known = socket.pid and socket.process
@@ -112,7 +118,7 @@ def _taken(bound: tuple[Socket, ...], processes: tuple[RosProcess, ...]) -> Iter
                 symptom=_SYMPTOM,
                 cause=f"{socket.process} holds UDP {DISCOVERY_PORT}, and it is no discovery server",
                 evidence=(socket.line(), socket.command),
-                fix=Fix(f"end process {socket.pid} ({socket.command or socket.process}), then: lupin play recover-discovery"),
+                fix=Fix(f"end process {socket.pid} ({socket.command or socket.process}), then: {_recover(evidence)}"),
                 explains=SEEN_OVER_THE_GRAPH | {"discovery-server-pinned"},
             )
 
@@ -146,7 +152,7 @@ def _pinned(evidence: Evidence, bound: tuple[Socket, ...]) -> Iterator[Finding]:
                 symptom="the graph is there on one network and not on the other: ros2 topic list returns 2 over the cable",
                 cause=f"the discovery server is pinned to {address} and answers on no other address",
                 evidence=(socket.line(), socket.command),
-                fix=Fix(on_robot(evidence, f"kill {socket.pid}") + " && lupin play recover-discovery"),
+                fix=Fix(on_robot(evidence, f"kill {socket.pid}") + f" && {_recover(evidence)}"),
                 explains=SEEN_OVER_THE_GRAPH,
             )
 

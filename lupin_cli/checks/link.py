@@ -29,7 +29,7 @@ _MEANINGS: dict[str, tuple[str, str]] = {
     "name": ("the name means no address here", "getent ahosts {address}"),
     "lost": ("the connection broke in the middle", "ping -c 3 {address}"),
     "host-key-changed": ("another host key than the accepted one: a new image, or another machine at this address", ""),
-    "host-key-unknown": ("nobody has accepted this robot's host key yet", "lupin ssh {robot}"),
+    "host-key-unknown": ("nobody has accepted this robot's host key yet", "lupin robots check {robot}"),
     "authentication": ("the robot takes none of this user's keys and passwords", "ssh -v {address}"),
 }
 
