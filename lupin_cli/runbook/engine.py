@@ -351,10 +351,17 @@ class _Run:
             pause_s = min(pause_s * 1.5, _LONGEST_POLL_S)
 
     def _report(self, index: int, step: Step, operation: Any, target: WatchedTarget, changed: bool) -> dict[str, Any]:
-        report = getattr(operation, "report", None)
+        asked = step.result or step.until is not None  # nobody's question is not asked
+        report = getattr(operation, "report", None) if asked else None
         pause_s = _FIRST_POLL_S
+        result: dict[str, Any] = {}
         while True:
-            result = {"changed": changed, "skipped": False, **(report(target) if report is not None else {})}
+            try:
+                result = {"changed": changed, "skipped": False, **(report(target) if report is not None else {})}
+            except OperationError:
+                # The last question of a wait is cut by the step's end: then the wait is what failed.
+                if not result or time.monotonic() < target.deadline - _FIRST_POLL_S:
+                    raise
             if step.until is None or self._dry_run or self._binding.holds(step, result):
                 return result
             if time.monotonic() + pause_s >= target.deadline:

@@ -61,8 +61,10 @@ def die_and_go_on(book: Playbook, folder: Path, at: int, after: bool) -> bool:
 
 def test_killed_at_every_line_of_the_journal_and_resumed(written: Callable[..., Path], tmp_path: Path) -> None:
     book = load(written(BOOK))
-    places = [(at, after) for at in range(1, 16) for after in (False, True)]
+    # Fourteen lines: start; step, change and step-end of four steps; end. Before each of them, and right after an intention is
+    # written, when nothing was done yet; the fifteenth never comes.
+    places = [*((at, False) for at in range(1, 16)), *((at, True) for at in (3, 6, 9, 12))]
     with ThreadPoolExecutor(2) as pool:
         outcomes = list(pool.map(lambda p: die_and_go_on(book, tmp_path / f"{p[0]}-{p[1]}", *p), places))
     killed = sum(outcomes)
-    assert killed == 28  # start, four times step, change and step-end, end: 14 lines, killed before and after each
+    assert killed == 18
