@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -119,3 +120,20 @@ def test_a_proxy_command_carries_the_connection(sshd) -> None:
     target = SshTarget("robot", replace(sshd.destination, host="nowhere.invalid", proxy_command=command), sshd.trust())
     assert target.batch([Script("hello", "echo hello")])["hello"].stdout == "hello\n"
     target.close()
+
+
+def test_a_key_that_only_the_agent_holds_opens_the_door(sshd, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    agent = subprocess.Popen(["ssh-agent", "-D", "-a", str(tmp_path / "agent")], stdout=subprocess.DEVNULL)
+    try:
+        monkeypatch.setenv("SSH_AUTH_SOCK", str(tmp_path / "agent"))
+        deadline = time.monotonic() + 20
+        while not (tmp_path / "agent").exists() and time.monotonic() < deadline:
+            time.sleep(0.02)
+        subprocess.run(["ssh-add", "-q", str(sshd.directory / "id_ed25519")], check=True, timeout=20)
+        place = replace(sshd.destination, identity_files=(), identities_only=False)
+        target = SshTarget("robot", place, sshd.trust())
+        assert target.batch([Script("hello", "echo hello")])["hello"].stdout == "hello\n"
+        target.close()
+    finally:
+        agent.terminate()
+        agent.wait(10)
