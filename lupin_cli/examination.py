@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import threading
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from lupin_cli.checks.base import Check, Finding
 from lupin_cli.diagnosis import Diagnosis, diagnose, gather
 from lupin_cli.facts.link import Link
-from lupin_cli.target.base import Target
+from lupin_cli.target.base import Output, Script, Target
 
 if TYPE_CHECKING:
     from lupin_cli.config import Config, Robot
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 # A mended cause can uncover another; three rounds are more than any pair of known faults needs.
 ROUNDS = 3
+AT_ONCE = 20
 # Enough for a few milliseconds, and short beside any batch of probes.
 CLOCK_SAMPLES, CLOCK_SAMPLING_S, CLOCK_BOUND_S = 8, 0.2, 3.0
 
@@ -35,6 +38,31 @@ class Treatment:
     message: str = ""
     dry_run: bool = False
     lines: tuple[str, ...] = ()
+
+
+class AskedOnce:
+    """This machine for several examinations at the same time: whoever asks first asks for all of them."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+        self._lock = threading.Lock()
+        self._outputs: dict[str, Output] | None = None
+        self.name, self.user = target.name, target.user
+
+    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
+        """See `Target.batch`. Every caller must bring the same scripts."""
+        with self._lock:
+            if self._outputs is None:
+                self._outputs = self._target.batch(scripts, bound_s)
+            return self._outputs
+
+
+def examine_all(examinations: Sequence[Examination]) -> None:
+    """Examine several robots side by side; this machine is asked once for all of them."""
+    addresses = [address for each in examinations for address in each.addresses()]
+    shared = AskedOnce(examinations[0].laptop)
+    with ThreadPoolExecutor(max_workers=AT_ONCE, thread_name_prefix="doctor") as pool:
+        list(pool.map(lambda each: each.examine(shared, addresses), examinations))
 
 
 @dataclass
@@ -53,15 +81,17 @@ class Examination:
     _target: SshTarget | None = field(default=None, repr=False)
     _transport: object = field(default=None, repr=False)
 
-    def examine(self) -> Diagnosis:
-        """Ask both ends and judge what they say."""
-        link = Link(self.robot.name, self._addresses()[0]) if self.robot else None
-        evidence = gather(self.checks, self.laptop, self._reach if self.robot else None, link, self._addresses())
+    def examine(self, laptop: AskedOnce | None = None, addresses: Sequence[str] | None = None) -> Diagnosis:
+        """Ask both ends and judge what they say. `laptop` and `addresses` are those of several examinations together."""
+        own = self.addresses()
+        link = Link(self.robot.name, own[0]) if self.robot else None
+        here: Any = laptop or self.laptop
+        evidence = gather(self.checks, here, self._reach if self.robot else None, link, own if addresses is None else addresses)
         self.link = evidence.link
         self.diagnosis = diagnose(self.checks, evidence, self.broken)
         return self.diagnosis
 
-    def _addresses(self) -> list[str]:
+    def addresses(self) -> list[str]:
         """The hosts under which the inventory knows the robot, best transport first."""
         if self.robot is None:
             return []

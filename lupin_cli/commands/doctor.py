@@ -168,6 +168,8 @@ def _of(examination: Examination) -> Diagnosis:
 
 
 def _examine(examinations: list[Examination], quiet: bool) -> None:
+    from lupin_cli.examination import examine_all
+
     shown = sys.stderr.isatty() and not quiet
     if shown:
         who = ", ".join(each.robot.name for each in examinations if each.robot) or "this machine"
@@ -175,11 +177,8 @@ def _examine(examinations: list[Examination], quiet: bool) -> None:
     try:
         if len(examinations) == 1:
             examinations[0].examine()
-            return
-        from concurrent.futures import ThreadPoolExecutor
-
-        with ThreadPoolExecutor(max_workers=20, thread_name_prefix="doctor") as pool:
-            list(pool.map(lambda each: each.examine(), examinations))
+        else:
+            examine_all(examinations)
     finally:
         if shown:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)

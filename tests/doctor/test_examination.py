@@ -1,0 +1,34 @@
+"""Several robots at once."""
+
+from __future__ import annotations
+
+from lupin_cli.checks import Check
+from lupin_cli.config import Config, Robot
+from lupin_cli.examination import Examination, examine_all
+from lupin_cli.facts import Fact
+from lupin_cli.target import Output
+
+
+def test_this_machine_is_asked_once_however_many_robots_there_are(machine, tmp_path) -> None:
+    fact = Fact("words", "echo words", lambda output: output.stdout)
+    seen: list[str | None] = []
+    check = Check("c", lambda evidence: seen.append(evidence.laptop.get(fact)) or (), laptop=(fact,))
+    laptop = machine({"words": Output(0, "four")})
+    config = Config(tmp_path / "lupin.toml")
+    # Nothing listens on port 1 of loopback: each robot is refused at once.
+    robots = [Robot(f"pot-{n}", {"wired": f"127.0.0.{n}:1"}) for n in range(1, 6)]
+    examinations = [Examination([check], (), laptop, robot, config) for robot in robots]
+    examine_all(examinations)
+    assert laptop.asked == [["words"]]
+    assert seen == ["four"] * 5
+    assert [each.link.kind for each in examinations if each.link] == ["refused"] * 5
+    assert [each.link.robot for each in examinations if each.link] == [robot.name for robot in robots]
+
+
+def test_a_robot_that_is_examined_again_asks_this_machine_again(machine) -> None:
+    fact = Fact("words", "echo words", lambda output: output.stdout)
+    laptop = machine({"words": Output(0, "four")})
+    examination = Examination([Check("c", lambda evidence: (), laptop=(fact,))], (), laptop)
+    examination.examine()
+    examination.examine()
+    assert laptop.asked == [["words"], ["words"]]
