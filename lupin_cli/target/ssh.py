@@ -52,7 +52,7 @@ class SshTarget:
         self.transport_name = ""  # of the inventory: wired, router or ap
         self._trust = trust
         self._ask_password = ask_password
-        self._password: str | None = None
+        self._passwords: dict[str, str] = {}  # by destination: a hop's is not the robot's
         self._sudo_password = sudo_password
         self._connect_timeout_s = connect_timeout_s
         self._clients: list[paramiko.SSHClient] = []  # hops first
@@ -131,7 +131,7 @@ class SshTarget:
             client.connect(
                 name,
                 username=destination.user,
-                password=self._password,
+                password=self._passwords.get(who),
                 key_filename=files or None,
                 timeout=_HANDSHAKE_S,
                 banner_timeout=self._connect_timeout_s,
@@ -145,37 +145,43 @@ class SshTarget:
             self._trust.check(name, destination, error.key)  # says what changed, and where
             raise
         except paramiko.AuthenticationException as error:
-            transport = client.get_transport()
-            if "timeout" in str(error).lower():
-                raise unreachable(who, "silent", "no answer while logging in") from error
-            if transport is None or not transport.is_active():
-                raise unreachable(who, "lost", "it hung up while logging in: going down, or tired of too many keys") from error
-            if self._password is None and self._ask_password is not None:
-                self._password = self._ask_password(f"Password of {who}: ")
-                self._with_password(transport, destination)
-                return
-            port = f"-p {destination.port} " if destination.port != 22 else ""
-            raise AuthenticationFailed(
-                f"{who} takes none of the keys of this user"
-                + ("" if self._password is None else ", nor the password")
-                + (f" ({error})" if "encrypted" in str(error) else ""),
-                f"ssh-copy-id {port}{destination.user}@{destination.host}",
-            ) from error
+            self._not_let_in(client, destination, error)
         except _LOST as error:
+            if "No authentication methods" in str(error):  # paramiko's word for a user without any key
+                self._not_let_in(client, destination, error)
+                return
             raise unreachable(who, "lost", f"{str(error) or type(error).__name__} in the handshake") from error
 
-    def _with_password(self, transport: paramiko.Transport, destination: Destination) -> None:
+    def _not_let_in(self, client: paramiko.SSHClient, destination: Destination, error: Exception) -> None:
+        """Try a password, where somebody can give one; raises what is wrong."""
+        who, transport = str(destination), client.get_transport()
+        if "timeout" in str(error).lower():
+            raise unreachable(who, "silent", "no answer while logging in") from error
+        if transport is None or not transport.is_active():
+            raise unreachable(who, "lost", "it hung up while logging in: going down, or tired of too many keys") from error
+        if who not in self._passwords and self._ask_password is not None:
+            self._with_password(transport, destination, self._ask_password(f"Password of {who}: "))
+            return
+        port = f"-p {destination.port} " if destination.port != 22 else ""
+        raise AuthenticationFailed(
+            f"{who} takes none of the keys of this user"
+            + (", nor the password" if who in self._passwords else "")
+            + (f" ({error})" if "encrypted" in str(error) else ""),
+            f"ssh-copy-id {port}{destination.user}@{destination.host}",
+        ) from error
+
+    def _with_password(self, transport: paramiko.Transport, destination: Destination, password: str) -> None:
         try:
-            transport.auth_password(destination.user, self._password or "")
+            transport.auth_password(destination.user, password)
         except paramiko.AuthenticationException as error:
-            self._password = None
             raise AuthenticationFailed(
                 f"{destination} takes neither the keys of this user nor the password", f"ssh-copy-id {destination}"
             ) from error
         except _LOST as error:
             raise unreachable(str(destination), "lost", f"{error} while logging in") from error
-        if self._sudo_password is None:
-            self._sudo_password = self._password  # on every Debian it is the same one
+        self._passwords[str(destination)] = password
+        if self._sudo_password is None and destination == self.destination:
+            self._sudo_password = password  # on every Debian it is the same one
 
     def close(self) -> None:
         """See `Target.close`."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from lupin_cli.target.base import RootRefused, Script, TargetError, Unreachable
+from lupin_cli.target.base import AuthenticationFailed, RootRefused, Script, TargetError, Unreachable
 from lupin_cli.target.destination import Destination
 from lupin_cli.target.ssh import SshTarget
 from lupin_cli.target.trust import Trust
@@ -167,3 +167,22 @@ def test_a_robot_without_python_and_with_a_chatty_login_shell_answers_all_the_sa
         assert (ran.stdout, ran.stderr) == ("said\n", "complained\n")
         target.put("~/file", b"data")
         assert target.get("~/file") == b"data"
+
+
+def test_without_a_key_a_person_is_asked_for_the_password_and_a_wrong_one_is_refused(host: Host) -> None:
+    place = Destination(host.robot.eth0, 22, "mirte", (), identities_only=True)
+    trust = Trust(Path("/nonexistent"), users=Path(host.known_hosts))
+    asked: list[str] = []
+
+    def answer(password: str) -> Callable[[str], str]:
+        return lambda prompt: asked.append(prompt) or password
+
+    with host.on_laptop():
+        target = SshTarget("robot", place, trust, ask_password=answer("mirte_mirte"))
+        assert target.batch([Script("who", "id -un")])["who"].stdout == "mirte\n"
+        target.close()
+        for ask in (answer("wrong"), None):
+            with pytest.raises(AuthenticationFailed) as caught:
+                SshTarget("robot", place, trust, ask_password=ask).connect()
+            assert caught.value.next_command.startswith("ssh-copy-id ")
+    assert len(asked) == 2 and "mirte@10.42.0.1" in asked[0]
