@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -247,6 +248,10 @@ def _write_junit(examinations: list[Examination], path: Path) -> None:
 def _watch(examination: Examination, as_json: bool, verbose: bool) -> None:
     from lupin_cli.report import print_terminal, to_dict
 
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, stop)  # asked to end, it ends as by Ctrl-C: with the status of how things stand
     told = _state(examination)
     try:
         while True:

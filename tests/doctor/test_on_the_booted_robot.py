@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import signal
 import subprocess
 import sys
 import threading
@@ -141,6 +140,7 @@ class Laptop:
 def laptop(request: pytest.FixtureRequest, tmp_path: Path) -> Laptop:
     host: Host = request.getfixturevalue("fresh_host" if "fresh_host" in request.fixturenames else "host")
     until(lambda: vendor_age_s(host) > STARTING_S, "a robot that has been up for a while")
+    until(lambda: ":11811" in host.ssh("ss -H -lnu").stdout, "a discovery server after the boot")
     found = Laptop(host, tmp_path / "home")
     found.set_up()
     return found
@@ -390,7 +390,7 @@ def test_watch_tells_what_changes_and_ends_with_how_it_stands(laptop: Laptop) ->
         with bounded(watching):
             assert watching.stdout.readline().startswith("-- ")
             assert "[port-9090-taken]" in watching.stdout.readline()
-        watching.send_signal(signal.SIGINT)
+        watching.terminate()
         watching.communicate(timeout=30.0)
         assert watching.returncode == 1
     finally:
