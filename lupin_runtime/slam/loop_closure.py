@@ -28,7 +28,7 @@ class FarLimits:
     """What a match must show where the search was so wide (`window_m`) that a corridor's next door may look like this one.
 
     `conflict` counts walls of either side in what the other saw through; `independent_m` is how far apart along the way two
-    matches must have been made to speak for each other.
+    matches must have been made to speak for each other, `rest_m` how far to go on after a search that found nothing.
     """
 
     window_m: float = 1.0
@@ -36,6 +36,7 @@ class FarLimits:
     overlap: float = 0.15
     conflict: float = 0.22
     independent_m: float = 1.5
+    rest_m: float = 0.8
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,7 @@ class LoopCloser:
         self.settings = settings or LoopSettings()
         self._local = LocalMap(shape)
         self._waiting: list[Closure] = []
+        self._missed: int | None = None  # where a wide search last found nothing
         self.looked = 0
 
     def moved(self) -> None:
@@ -95,10 +97,19 @@ class LoopCloser:
     def look(self, graph: KeyframeGraph, number: int) -> list[Closure]:
         """Closures of keyframe `number` that are to be believed now: none, or several that agree."""
         lengths = graph.path_lengths(number)
+        far = self.settings.far
+        # A wide search is dear, and what it did not find here it will not find a step further on.
+        rests = self._missed is not None and bool(lengths[self._missed] < far.rest_m)
         for candidate in self._candidates(graph, number, lengths):
+            wide = self._window(float(lengths[candidate])).half_m > far.window_m
+            if wide and rests:
+                continue
             closure = self.verify(graph, number, candidate, lengths)
             if closure is not None:
+                self._missed = None
                 return self._weigh(graph, closure, lengths)
+            if wide:
+                self._missed = number
         return []
 
     def _window(self, path_m: float) -> Window:

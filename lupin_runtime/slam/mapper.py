@@ -304,8 +304,7 @@ class Mapper:
         """
         if not self.settings.lost_is_far or self.settings.loops is None:
             return 0.0
-        place, turn = math.sqrt(self._since_match[:2, :2].trace() / 2.0), math.sqrt(self._since_match[2, 2])
-        return max(place / self.settings.loops.drift_m[1], turn / self.settings.loops.drift_rad[1])
+        return math.sqrt(float(self._since_match[:2, :2].trace()) / 2.0) / self.settings.loops.drift_m[1]
 
     def _draw(self, keyframe: int, scan: Scan, offset: Array) -> None:
         """Show the newest scan of a keyframe on the map: what has changed since its first shows."""

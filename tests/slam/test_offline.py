@@ -189,14 +189,6 @@ def test_a_corridor_of_equal_doors_is_not_closed_at_the_next_door(worlds):
     assert place.max() < 1.0
 
 
-def test_a_stretch_that_the_log_lacks_is_found_again(office, worlds):
-    kept = np.array([k for k in range(len(office.stamps)) if not any(a <= k < a + 8 for a in (60, 150, 220))])
-    log = worlds.Log(office.stamps[kept], office.truth[kept], office.odom[kept], office.ranges[kept], office.angles)
-    result, poses = _mapped(log, worlds.carmen_text(log))
-    assert result.unmatched > 0
-    assert np.sqrt((worlds.aligned_errors(poses, log.truth)[0] ** 2).mean()) < 0.6
-
-
 def test_scans_before_the_first_usable_one_get_poses_too(worlds, greenhouse_log):
     beams = Beams(float(greenhouse_log.angles[0]), float(greenhouse_log.angles[1] - greenhouse_log.angles[0]), 360)
     scans = [
