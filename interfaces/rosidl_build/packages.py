@@ -64,7 +64,7 @@ def referenced_packages(package: InterfacePackage) -> set[str]:
 
 
 def installed_definitions(packages: list[InterfacePackage]) -> list[tuple[str, list[str]]]:
-    """``data_files`` of a wheel: definitions, package.xml and CMakeLists.txt under ``share/<package>/``, as ROS packages have them.
+    """A wheel's ``data_files``: definitions, package.xml, CMakeLists.txt under ``share/<package>/``, as ROS packages have them.
 
     Recorders and introspection tools read a type's text from there.
     """
