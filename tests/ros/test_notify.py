@@ -58,7 +58,7 @@ def test_the_watchdog_is_fed_twice_within_its_limit_and_not_at_every_turn(manage
     assert heard(manager) == ["WATCHDOG=1"]
 
 
-@pytest.mark.parametrize("pid", ["1", str(os.getpid() + 1)])
+@pytest.mark.parametrize("pid", ["1", str(os.getpid() + 1)], ids=["first", "next"])
 def test_a_watchdog_meant_for_another_process_is_left_alone(manager, pid: str) -> None:
     notifier = Notifier({"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "30000000", "WATCHDOG_PID": pid})
     notifier.alive()
