@@ -63,7 +63,7 @@ def test_a_folder_with_another_name_than_its_package_is_refused(tmp_path: Path) 
 def test_definitions_are_installed_where_ros_packages_have_them(tmp_path: Path) -> None:
     package: InterfacePackage = read_package(write_package(tmp_path, "a_msgs"))
     assert installed_definitions([package]) == [
-        ("share/a_msgs", ["a_msgs/package.xml"]),
+        ("share/a_msgs", ["a_msgs/package.xml", "a_msgs/CMakeLists.txt"]),
         ("share/a_msgs/msg", ["a_msgs/msg/Thing.msg"]),
     ]
 
