@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -24,6 +25,9 @@ def private_graph(tmp_path_factory: pytest.TempPathFactory):
     before = dict(os.environ)
     os.environ.clear()
     os.environ.update(loopback_environment(claim.domain, directory, before))
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        # As in a shell's background: programs that tests interrupt would inherit it and not hear them.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     yield claim.domain
     os.environ.clear()
     os.environ.update(before)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import time
@@ -76,7 +77,9 @@ class Session:
             environment, self.applied = robot_environment()
         os.environ.clear()
         os.environ.update(environment)
-        self._spared = spare_the_tracer()
+        # Taken back by the last act of this process: the tracer's threads look again for as long as it lives.
+        for path in spare_the_tracer():
+            atexit.register(path.rmdir)
         # rclpy reads the environment when it is first imported and initialised.
         from lupin_runtime.stack.watch import GraphWatch
 
@@ -211,8 +214,6 @@ class Session:
         self.watch.close()
         outcome.memory_mb = round(self.supervisor.memory_peak_mb, 1)
         self.run.write_state({**self.state_after_end(), "outcome": asdict(outcome)})
-        for path in self._spared:
-            path.rmdir()
         if self._domain is not None:
             self._domain.release()
 

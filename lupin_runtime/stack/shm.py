@@ -17,7 +17,7 @@ _NAMES = ("lttng-ust-wait-6", "lttng-ust-wait-6-{uid}")
 def spare_the_tracer(folder: Path = Path("/dev/shm")) -> list[Path]:
     """Where there is no room for the tracer's pages, make it do without: a directory of that name cannot be mapped.
 
-    Returns what was made, to be removed when the run ends. Does nothing where the pages exist or fit.
+    Returns what was made, to be removed when this process ends. Does nothing where the pages exist or fit.
     """
     free = os.statvfs(folder)
     if free.f_bavail * free.f_frsize >= 16 * _PAGE_BYTES:

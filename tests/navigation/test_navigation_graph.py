@@ -320,11 +320,13 @@ def test_both_costmaps_are_published_to_listeners_and_cleared_on_request(pilot):
     seen: dict[str, object] = {}
     for topic in (graph.LOCAL_COSTMAP, graph.GLOBAL_COSTMAP):
         pilot.node.subscription(topic, lambda message, name=topic.name: seen.update({name: message}))
-    both = pilot.host.until(lambda: seen if len(seen) == 2 else None)
+    local_name = graph.LOCAL_COSTMAP.name
+    both = pilot.host.until(
+        lambda: seen if len(seen) == 2 and max(seen[local_name].data) == 100 else None, what="a wall that is seen"
+    )
     local, world = both[graph.LOCAL_COSTMAP.name], both[graph.GLOBAL_COSTMAP.name]
     assert (local.header.frame_id, local.info.width, local.info.height) == (graph.ODOM_FRAME, 60, 60)
     assert world.header.frame_id == graph.MAP_FRAME
-    assert max(local.data) == 100
     for row in (graph.CLEAR_LOCAL_COSTMAP, graph.CLEAR_GLOBAL_COSTMAP):
         client = pilot.node.create_client(ClearEntireCostmap, row.name)
         pilot.host.until(client.service_is_ready)
