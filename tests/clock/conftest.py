@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from lupin_cli import units
+from lupin_sim.host.checkout import RELEASE, lend
 from lupin_sim.host.operator import furnish
 
 if TYPE_CHECKING:
     from lupin_sim.host import Host
 
 SET_UP = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
-RELEASE = "/opt/lupin/current"
+
 BOUND_S = 150.0
 # What belongs to a graph of this test process means nothing on the laptop's.
 FOREIGN = ("ROS_", "RMW_", "FASTRTPS_", "FASTDDS_")
@@ -69,8 +70,7 @@ def operator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Operator]:
         pytest.skip(missing)
     with Host.start(vendor_robot=True) as host:
         inside = host.robot.inside
-        made = inside("sh", "-ec", f"mkdir -p {RELEASE}; ln -s {sys.prefix} {RELEASE}/venv")
-        assert made.status == 0, made.stderr
+        lend(host.robot)
         for name, text in units.robot_units("mirte", RELEASE, SET_UP).items():
             assert inside("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
         done = inside("sh", "-ec", "systemctl daemon-reload; systemctl enable --quiet lupin-onboard lupin-auto-home")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,11 +16,11 @@ from lupin_cli.target.local import LocalTarget
 from lupin_cli.target.ssh import SshTarget
 from lupin_cli.target.trust import Trust
 from lupin_sim.host import Host
+from lupin_sim.host.checkout import RELEASE, lend
 from lupin_sim.host.missing import what_is_missing
 
 pytestmark = pytest.mark.host
 
-RELEASE = "/opt/lupin/current"
 SET_UP = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
 
 
@@ -32,7 +31,7 @@ def deployed() -> Iterator[Host]:
         pytest.skip(missing)
     with Host.start(vendor_robot=True) as host:
         inside = host.robot.inside
-        assert inside("sh", "-ec", f"mkdir -p {RELEASE}; ln -s {sys.prefix} {RELEASE}/venv").status == 0
+        lend(host.robot)
         for name, text in units.robot_units("mirte", RELEASE, SET_UP).items():
             assert inside("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
         assert inside("systemctl", "daemon-reload").status == 0

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
 
 from lupin_cli import units
+from lupin_sim.host.checkout import RELEASE, lend
 
 if TYPE_CHECKING:
     from lupin_sim.host import Host
 
 SET_UP = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
-RELEASE = "/opt/lupin/current"
 
 
 def install_units(host: Host) -> None:
     """Put the rendered units there, with this project in the place of a release."""
     robot = host.robot
-    made = robot.inside("sh", "-ec", f"mkdir -p {RELEASE}; ln -s {sys.prefix} {RELEASE}/venv")
-    assert made.status == 0, made.stderr
+    lend(robot)
     for name, text in units.robot_units("mirte", RELEASE, SET_UP).items():
         assert robot.inside("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
     done = robot.inside("sh", "-ec", "systemctl daemon-reload; systemctl enable --quiet lupin-onboard lupin-auto-home")
