@@ -20,8 +20,9 @@ mission: setup
 ONE_BY_ONE := -m "(graph or sim) and not host and not mission"
 HOSTS := -m "host and not mission"
 MISSIONS := -m mission
+CORES := -m "not graph and not sim and not host and not mission"
 test: setup lint
-	$(PY) -m pytest -q -n 2 -m "not graph and not sim and not host and not mission" tests
+	$(PY) -m pytest -q -n 2 $(CORES) tests || $(PY) -m pytest -q --last-failed $(CORES) tests
 	$(PY) -m pytest -q $(ONE_BY_ONE) tests || $(PY) -m pytest -q --last-failed $(ONE_BY_ONE) tests
 	$(PY) -m pytest -q -n 3 --dist loadfile $(HOSTS) tests || $(PY) -m pytest -q --last-failed $(HOSTS) tests
 	$(PY) -m pytest -q -n 2 $(MISSIONS) tests || $(PY) -m pytest -q --last-failed $(MISSIONS) tests
