@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,8 +58,8 @@ def keys() -> Path:
     """The folder of the fixed keys, made once: the robot's host keys, and the one that mirte lets in."""
     folder = cache_directory() / "keys"
     if not folder.is_dir():
-        draft = folder.with_name(f".keys-{os.getpid()}")
-        draft.mkdir(parents=True, mode=0o700)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix=".keys-", dir=folder.parent))  # by chance: every keeper is process 1 of its own
         for name, kind in (("id_ed25519", "ed25519"), *((f"ssh_host_{kind}_key", kind) for kind in HOST_KEYS)):
             command = ["ssh-keygen", "-q", "-t", kind, "-N", "", "-C", "lupin-host", "-f", str(draft / name)]
             subprocess.run(command, check=True, timeout=60, stdin=subprocess.DEVNULL)
