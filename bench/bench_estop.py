@@ -18,6 +18,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from lupin_runtime import graph
 from lupin_runtime.ros import LupinNode
@@ -121,6 +122,12 @@ def measure(presses: int) -> dict[str, list[float]]:
     return times
 
 
+def everything_up(state: Path) -> bool:
+    """Whether the supervisor says so; it has said nothing in the first second."""
+    stages = json.loads(state.read_text())["stages"] if state.exists() else []
+    return bool(stages) and all(stage["phase"] == "up" for stage in stages)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--presses", type=int, default=30)
@@ -134,9 +141,7 @@ def main() -> int:
     run = find_live_run(None)
     try:
         deadline = time.monotonic() + 60.0
-        while any(
-            s["phase"] != "up" for s in json.loads((run.path / "state.json").read_text() or "{}").get("stages", [{"phase": ""}])
-        ):
+        while not everything_up(run.path / "state.json"):
             if time.monotonic() > deadline:
                 raise SystemExit(f"the stack was not up within 60 s: lupin logs {run.path.name}")
             time.sleep(0.2)
