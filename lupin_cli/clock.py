@@ -7,10 +7,11 @@ assumed of the way: half the round trip is the bound, not an estimate of the del
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from lupin_cli.facts.clock import Offset
 
@@ -41,6 +42,13 @@ class Conversation(Protocol):
 
     def ask(self) -> str:
         """Send an empty line and return the answer without its end. Raises OSError, EOFError."""
+
+
+class OpensChannels(Protocol):
+    """A robot over SSH."""
+
+    def open_run(self, script: str, bound_s: float) -> Any:
+        """A channel to a running script, with `sendall`, `recv` and `close`."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +138,13 @@ def ntp_offset(host: str, timeout_s: float = 1.0, port: int = 123) -> Offset | N
     if answer.leap == 3 or not 0 < answer.stratum < 16:
         return None
     return Offset(answer.offset, answer.delay / 2 + answer.root_dispersion)
+
+
+def measure_over(target: OpensChannels, within_s: float, samples: int = _SAMPLES, bound_s: float = _SAMPLING_S) -> Drift:
+    """The offset of the clock of `target`, over one channel that is open `within_s` at most. Raises as `measure`, and
+    TargetError."""
+    with contextlib.closing(target.open_run(ANSWERING, within_s)) as channel:
+        return measure(ChannelConversation(channel.sendall, channel.recv), samples, bound_s)
 
 
 class ChannelConversation:

@@ -119,12 +119,11 @@ class Examination:
         better than by its own duration."""
         if self._target is None or not any(fact.name == "clock" for check in self.checks for fact in check.robot):
             return None
-        from lupin_cli.clock import ANSWERING, ChannelConversation, ClockError, measure
+        from lupin_cli.clock import ClockError, measure_over
         from lupin_cli.target.base import TargetError
 
         try:
-            with contextlib.closing(self._target.open_run(ANSWERING, CLOCK_BOUND_S)) as channel:
-                return measure(ChannelConversation(channel.sendall, channel.recv), CLOCK_SAMPLES, CLOCK_SAMPLING_S).offset
+            return measure_over(self._target, CLOCK_BOUND_S, CLOCK_SAMPLES, CLOCK_SAMPLING_S).offset
         except (TargetError, ClockError, OSError, EOFError):
             return None  # the probes' own reading remains
 

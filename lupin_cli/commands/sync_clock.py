@@ -122,19 +122,16 @@ def look(target: SshTarget) -> Look:
 
 def measure_drift(target: SshTarget) -> Drift:
     """The offset of the target's clock. Raises TargetError."""
-    from lupin_cli.clock import ANSWERING, ChannelConversation, ClockError, measure
+    from lupin_cli.clock import ClockError, measure_over
     from lupin_cli.target.base import TargetError
 
-    channel = target.open_run(ANSWERING, MEASURE_BOUND_S)
     try:
-        return measure(ChannelConversation(channel.sendall, channel.recv))
+        return measure_over(target, MEASURE_BOUND_S)
     except (ClockError, OSError, EOFError) as error:
         why = str(error) or type(error).__name__
         raise TargetError(
             f"{target.name}: its clock could not be read: {why}", f"lupin doctor --robot {target.name}"
         ) from error
-    finally:
-        channel.close()
 
 
 def _look_again(target: SshTarget) -> Look | None:

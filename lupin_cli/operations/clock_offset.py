@@ -31,6 +31,6 @@ class ClockOffset:
         raise AssertionError("it never differs")
 
     def report(self, target: Target) -> dict[str, Any]:
-        offset_s, bound_s = offset(target)
-        drifted = abs(offset_s) - bound_s > self.tolerance_s
-        return {"offset_s": round(offset_s, 3), "bound_s": round(bound_s, 3), "drifted": drifted}
+        found = offset(target)
+        drifted = found.at_least_s > self.tolerance_s
+        return {"offset_s": round(found.offset_s, 3), "bound_s": round(found.bound_s, 3), "drifted": drifted}

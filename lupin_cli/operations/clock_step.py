@@ -6,6 +6,8 @@ import time
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from lupin_cli.clock import ClockError, Sample, estimate, read_answer
+from lupin_cli.facts.clock import Offset
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.shell import change, look, read
 from lupin_cli.target.base import Script, Target
@@ -46,12 +48,13 @@ class ClockStep:
             )
 
     def differs(self, target: Target) -> Difference | None:
-        offset_s, bound_s = offset(target)
-        if abs(offset_s) - bound_s <= self.tolerance_s:
+        found = offset(target)
+        if found.at_least_s <= self.tolerance_s:
             return None
-        where = "ahead of" if offset_s > 0 else "behind"
-        summary = f"the clock of {target.name}, {abs(offset_s):.1f} s (± {bound_s:.1f} s) {where} this machine's, is set"
-        return Difference(summary, "", {"offset_s": round(offset_s, 3)})
+        where = "ahead of" if found.offset_s > 0 else "behind"
+        amount = f"{abs(found.offset_s):.1f} s (± {found.bound_s:.1f} s)"
+        summary = f"the clock of {target.name}, {amount} {where} this machine's, is set"
+        return Difference(summary, "", {"offset_s": round(found.offset_s, 3)})
 
     def change(self, target: Target, difference: Difference) -> None:
         guard = look(target, _GUARD, root=True)
@@ -80,31 +83,24 @@ date -s "@$(awk -v t={time.time() + way_s:.3f} -v a="$begun" -v b="$now" 'BEGIN 
         )
 
     def report(self, target: Target) -> dict[str, Any]:
-        offset_s, bound_s = offset(target)
-        return {"offset_s": round(offset_s, 3), "bound_s": round(bound_s, 3)}
+        found = offset(target)
+        return {"offset_s": round(found.offset_s, 3), "bound_s": round(found.bound_s, 3)}
 
     def undo(self, target: Target, before: dict[str, Any]) -> None:
         """Nothing: see the class."""
 
 
-def offset(target: Target, tries: int = 3) -> tuple[float, float]:
-    """How far the target's wall clock is ahead of this machine's, and the bound of that, s: the best of a few exchanges.
-
-    The reading happened between sending and receiving, so half the round trip is the bound (Cristian, 1989).
-    """
-    best: tuple[float, float] | None = None
+def offset(target: Target, tries: int = 3) -> Offset:
+    """The target's wall clock against this machine's, from a few batches: every target has those, not every one a channel."""
+    samples = []
     for _ in range(tries):
-        wall, before = time.time(), time.monotonic()
+        sent_ns, before_ns = time.time_ns(), time.monotonic_ns()
         output = target.batch([Script("clock", "date +%s.%N", 5.0)], 8.0)["clock"]
-        round_trip_s = time.monotonic() - before
+        received_ns = sent_ns + time.monotonic_ns() - before_ns
         try:
-            seen = float(output.stdout.strip())
-        except ValueError as error:
+            samples.append(Sample(sent_ns, read_answer(output.stdout), received_ns))
+        except ClockError as error:
             raise OperationError(
                 f"{target.name} did not tell its time: {output.stderr.strip() or output.stdout.strip()}"
             ) from error
-        measured = (seen - (wall + round_trip_s / 2), round_trip_s / 2)
-        if best is None or measured[1] < best[1]:
-            best = measured
-    assert best is not None
-    return best
+    return estimate(samples).offset

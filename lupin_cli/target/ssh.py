@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import secrets
-import selectors
 import subprocess
 import threading
 import time
@@ -16,6 +15,7 @@ from typing import Any
 import paramiko
 
 from lupin_cli.target.base import AuthenticationFailed, Output, RootRefused, Script, TargetError
+from lupin_cli.target.channel import LOST, read, send
 from lupin_cli.target.destination import Destination
 from lupin_cli.target.files import get_program, put_program, read_get, reason_of_failure
 from lupin_cli.target.framing import batch_program
@@ -29,8 +29,6 @@ AskPassword = Callable[[str], str]
 
 _KEEPALIVE_S = 5
 _HANDSHAKE_S = 10.0  # key exchange on a robot that is busy booting
-_QUIET_S = 0.3  # after a script has ended: how long a child that kept its pipe may stay silent before nobody listens
-_LOST = (OSError, EOFError, paramiko.SSHException)
 
 
 class SshTarget:
@@ -111,7 +109,7 @@ class SshTarget:
                 return through.open_channel(
                     "direct-tcpip", (destination.host, destination.port), ("127.0.0.1", 0), timeout=self._connect_timeout_s
                 )
-            except _LOST as error:
+            except LOST as error:
                 raise unreachable(who, "timeout", f"the host on the way says: {error}") from error
         if destination.proxy_command:
             self._proxies.append(paramiko.ProxyCommand(destination.proxy_command))
@@ -146,7 +144,7 @@ class SshTarget:
             raise
         except paramiko.AuthenticationException as error:
             self._not_let_in(client, destination, error)
-        except _LOST as error:
+        except LOST as error:
             if "No authentication methods" in str(error):  # paramiko's word for a user without any key
                 self._not_let_in(client, destination, error)
                 return
@@ -177,7 +175,7 @@ class SshTarget:
             raise AuthenticationFailed(
                 f"{destination} takes neither the keys of this user nor the password", f"ssh-copy-id {destination}"
             ) from error
-        except _LOST as error:
+        except LOST as error:
             raise unreachable(str(destination), "lost", f"{error} while logging in") from error
         self._passwords[str(destination)] = password
         if self._sudo_password is None and destination == self.destination:
@@ -216,7 +214,7 @@ class SshTarget:
                         if not data:
                             break
                         program.reader.feed(data)
-            except _LOST as error:
+            except LOST as error:
                 why = f"the link went: {str(error) or type(error).__name__}"
             if not program.reader.done and not transport.is_active() and time.monotonic() < deadline:
                 why = "the link went"
@@ -241,12 +239,12 @@ class SshTarget:
         with self._bounded(bound_s) as transport:
             try:
                 with self._channel(transport, program.command, bound_s) as channel:
-                    threading.Thread(target=_send, args=(channel, program.payload), name="lupin-stdin", daemon=True).start()
-                    for is_stderr, data in _read(channel, start + bound_s):
+                    threading.Thread(target=send, args=(channel, program.payload), name="lupin-stdin", daemon=True).start()
+                    for is_stderr, data in read(channel, start + bound_s):
                         streams.feed(data, is_stderr)
                     if channel.exit_status_ready() and channel.exit_status >= 0:
                         status = channel.exit_status
-            except _LOST as error:
+            except LOST as error:
                 lost = str(error) or type(error).__name__
             if status is None and not transport.is_active() and time.monotonic() < start + bound_s:
                 lost = lost or "it hung up"
@@ -278,7 +276,7 @@ class SshTarget:
         """A TCP connection that the robot makes to `host`:`port`. Raises Unreachable."""
         try:
             return self.connect().open_channel("direct-tcpip", (host, port), ("127.0.0.1", 0), timeout=timeout_s)
-        except _LOST as error:
+        except LOST as error:
             raise unreachable(str(self.destination), "lost", str(error)) from error
 
     def open_run(self, script: str, bound_s: float) -> paramiko.Channel:
@@ -294,7 +292,7 @@ class SshTarget:
                 if not (byte := channel.recv(1)):
                     raise EOFError("the script did not begin")
                 said += byte
-        except _LOST as error:
+        except LOST as error:
             raise unreachable(str(self.destination), "lost", str(error)) from error
         return channel
 
@@ -343,9 +341,9 @@ class SshTarget:
                     if file.stat().st_size != len(data):
                         raise OSError("short write")
                 sftp.posix_rename(new, name)
-            except (*_LOST, paramiko.SFTPError):  # SFTPError: a login shell that talks spoils the protocol
+            except (*LOST, paramiko.SFTPError):  # SFTPError: a login shell that talks spoils the protocol
                 if transport.is_active() and self._sftp_client is not None:
-                    with contextlib.suppress(*_LOST, paramiko.SFTPError):  # it may never have come into being
+                    with contextlib.suppress(*LOST, paramiko.SFTPError):  # it may never have come into being
                         self._sftp_client.remove(new)
                 return False
         return True
@@ -382,38 +380,3 @@ def _end(proxy: paramiko.ProxyCommand) -> None:
         if pipe is not None:
             with contextlib.suppress(OSError):  # what was not sent yet has nowhere to go
                 pipe.close()
-
-
-def _send(channel: paramiko.Channel, data: bytes) -> None:
-    with contextlib.suppress(*_LOST):  # the reader sees the same end
-        channel.sendall(data)
-        channel.shutdown_write()
-
-
-def _read(channel: paramiko.Channel, deadline: float) -> Iterator[tuple[bool, bytes]]:
-    """What comes on standard output (False) and error (True) until both end, or the script does and its heirs are silent."""
-    heard = time.monotonic()
-    with selectors.DefaultSelector() as selector:
-        selector.register(channel.fileno(), selectors.EVENT_READ)
-        while time.monotonic() < deadline:
-            ready = False
-            if channel.recv_ready():
-                yield False, channel.recv(1 << 16)
-                ready = True
-            if channel.recv_stderr_ready():
-                yield True, channel.recv_stderr(1 << 16)
-                ready = True
-            if ready:
-                heard = time.monotonic()
-                continue
-            if channel.exit_status_ready() and (channel.closed or channel.eof_received or time.monotonic() > heard + _QUIET_S):
-                # What arrived between the look and the end is still to be had.
-                while channel.recv_ready():
-                    yield False, channel.recv(1 << 16)
-                while channel.recv_stderr_ready():
-                    yield True, channel.recv_stderr(1 << 16)
-                return
-            if channel.eof_received and not channel.exit_status_ready():
-                time.sleep(0.002)  # the descriptor stays readable after the end: the status follows
-            else:
-                selector.select(min(0.1, max(0.0, deadline - time.monotonic())))
