@@ -9,7 +9,6 @@ from __future__ import annotations
 import struct
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
 from rclpy.serialization import deserialize_message
 from tf2_msgs.msg import TFMessage
 
@@ -18,22 +17,10 @@ from lupin_runtime.mission.freshness import Freshness
 from lupin_runtime.ros import LupinNode, stamp_ns
 from lupin_runtime.ros.node import qos_profile
 from lupin_runtime.ros.tf import from_message
+from lupin_runtime.ros.unspun import Unspun
 from lupin_runtime.transforms import Transform
 
 _MOST_AT_ONCE = 500  # a look ends, whatever comes in meanwhile
-
-
-class _Unspun(CallbackGroup):
-    """A group that no executor waits for."""
-
-    def can_execute(self, entity: Any) -> bool:
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Nothing was begun."""
 
 
 def kind_of(data: bytes) -> bytes:
@@ -68,7 +55,7 @@ class Place:
             graph.TF.name,
             lambda _: None,
             qos_profile(graph.TF.qos),
-            callback_group=_Unspun(),
+            callback_group=Unspun(),
             raw=True,
         )
         node.subscription(graph.TF_STATIC, lambda message: self._take(message, static=True))

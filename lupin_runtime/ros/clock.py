@@ -15,7 +15,6 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
-from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -26,24 +25,12 @@ from rosgraph_msgs.msg import Clock
 
 from lupin_runtime import graph
 from lupin_runtime.ros.node import qos_profile
+from lupin_runtime.ros.unspun import Unspun
 
 _STOP_LOOK_NS = 200_000_000
 # CDR: four bytes of encapsulation, the second of which says the byte order; then int32 seconds, uint32 nanoseconds.
 _LITTLE, _BIG = struct.Struct("<iI"), struct.Struct(">iI")
 _HEADER_BYTES = 4
-
-
-class _Unspun(CallbackGroup):
-    """A group that no executor waits for, should one ever get this node."""
-
-    def can_execute(self, entity: Any) -> bool:
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Nothing was begun."""
 
 
 def clock_ns(data: bytes) -> int:
@@ -69,7 +56,7 @@ class ClockFollower:
             graph.CLOCK.name,
             lambda _: None,
             qos_profile(graph.CLOCK.qos),
-            callback_group=_Unspun(),
+            callback_group=Unspun(),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
         )
