@@ -148,6 +148,9 @@ class Drive:
         self.snapshot = None
         self.blind: str | None = None
         self.halted = False
+        # A local update every so many cycles; more is a machine that can't keep up.
+        self.scan_every = 4
+        self.seen_s = 0.0
         self.collisions = 0
         self.track: list[Pose2] = [start]
         self.commands: list[tuple[float, float, float]] = []
@@ -156,7 +159,8 @@ class Drive:
         """One control cycle of 50 ms."""
         base = self.base
         map_from_odom = base.truth @ base.odometry.inverse()
-        if self.tick % 4 == 0:
+        if self.tick % self.scan_every == 0:
+            self.seen_s = self.now_s
             ranges = self.arena.ranges(base.truth, self.random)
             scan = Scan(ranges, 0.0, 2 * math.pi / BEAMS)
             self.local.roll_to(base.odometry.x, base.odometry.y)
@@ -165,7 +169,16 @@ class Drive:
             if self.tick % 20 == 0:
                 self.world.observe(scan, BeamPoses(base.truth, base.truth))
         step = self.executive.tick(
-            View(self.now_s, base.odometry, map_from_odom, base.velocity, self.snapshot, self.blind, self.halted)
+            View(
+                self.now_s,
+                base.odometry,
+                map_from_odom,
+                base.velocity,
+                self.snapshot,
+                self.blind,
+                self.halted,
+                self.now_s - self.seen_s,
+            )
         )
         self.commands.append(step.velocity)
         for _ in range(5):

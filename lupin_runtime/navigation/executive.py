@@ -22,6 +22,8 @@ from lupin_runtime.navigation.mppi import MppiController, NoValidControl
 from lupin_runtime.navigation.planning import NoPath, Plan
 from lupin_runtime.navigation.recoveries import STANDSTILL, BackUp, Behaviour, BehaviourLimits, Spin, Velocity, Wait
 
+_SAY_SLOW_EVERY_S = 30.0
+
 
 class Failure(Enum):
     """Why a navigation ended without success. Values are names of error constants of nav2_msgs, whose numbers differ between
@@ -53,6 +55,8 @@ class View:
     # Why the lidar can't be trusted, or None.
     blind: str | None = None
     halted: bool = False
+    # How old the local costmap's picture is.
+    scan_age_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -113,6 +117,10 @@ class ExecutiveParameters:
     off_path_m: float = 0.6
     passed_radius_m: float = 0.7
     beside_m: float = 0.1
+    # A picture no older than this is driven by at full speed; by an older one the robot drives no further than that.
+    fresh_s: float = 0.45
+    # How fast an old picture is forgiven, in seconds of age per second: machines stall in bouts.
+    forgiveness: float = 0.2
     tolerance: GoalTolerance = field(default_factory=GoalTolerance)
     behaviours: BehaviourLimits = field(default_factory=BehaviourLimits)
 
@@ -146,6 +154,7 @@ class Executive:
         )
         self._phase = _Phase.IDLE
         self._goals: list[Pose2] = []
+        self._said_slow_s = -math.inf
 
     @property
     def active(self) -> bool:
@@ -162,6 +171,8 @@ class Executive:
         self._target = self._goals[-1]
         self._path: TrackedPath | None = None
         self._started_s = now_s
+        self._age_s = 0.0
+        self._ticked_s = now_s
         self._driven_m = 0.0
         self._last_pose: Pose2 | None = None
         self._recoveries = 0
@@ -197,6 +208,7 @@ class Executive:
         """One cycle."""
         if not self.active:
             return Step(STANDSTILL, finished=True)
+        self._note_age(view)
         robot, base, map_from_odom = self._robot(view), view.odom_from_base, view.map_from_odom
         if view.halted:
             # Whoever pressed the button decides how long; only what waits for the robot itself stands still with it.
@@ -281,6 +293,22 @@ class Executive:
             del self._goals[0]
             self._goal_checker.reset()
 
+    def _note_age(self, view: View) -> None:
+        """Age of the picture plus the wait for this tick, in which the last command went on; the worst of late."""
+        gap_s = max(view.now_s - self._ticked_s, 0.0)
+        self._ticked_s = view.now_s
+        self._age_s = max(view.scan_age_s + gap_s, self._age_s - self._p.forgiveness * gap_s)
+
+    def _slowed(self, velocity: Velocity, now_s: float) -> Velocity:
+        """The velocity at which no more way is made by an old picture than at full speed by a fresh one."""
+        if self._age_s <= self._p.fresh_s:
+            return velocity
+        share = self._p.fresh_s / self._age_s
+        if share < 0.75 and now_s - self._said_slow_s > _SAY_SLOW_EVERY_S:
+            self._said_slow_s = now_s
+            self._log(f"driving at {share:.0%}: what the lidar shows is up to {self._age_s:.1f} s old")
+        return velocity[0] * share, velocity[1] * share, velocity[2] * share
+
     # -- plans ---------------------------------------------------------------------------------------------------------
     def _consider_plans(self, view: View, robot: Pose2) -> Step | None:
         now_s = view.now_s
@@ -352,7 +380,7 @@ class Executive:
                 return STANDSTILL
             return self._fail(Failure.NO_VALID_CONTROL, str(error))
         self._invalid_since_s = None
-        return command.vx, command.vy, command.wz
+        return self._slowed((command.vx, command.vy, command.wz), view.now_s)
 
     def _fail(self, failure: Failure, reason: str) -> Velocity | Step:
         if self._goal_checker.within:

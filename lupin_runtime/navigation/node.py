@@ -157,6 +157,7 @@ class Navigator(LupinNode):
             local=around.local,
             blind=around.blind(),
             halted=self._halted,
+            scan_age_s=around.scan_age_s(),
         )
 
     def _drive(self, velocity: tuple[float, float, float]) -> None:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.geometry import Pose2, wrap_angle
 from lupin_runtime.navigation.costmap import Scan
+
+# A delay is judged by the promptest scan of so many seconds: a clock's rate differs by far less in that time.
+_MEMORY_S = 10.0
+# No scan is that late: a clock has jumped.
+_JUMP_S = 2.0
 
 
 class ScanHealth:
@@ -34,6 +41,8 @@ class ScanHealth:
         self._good_s: float | None = None
         self._complaint = "no scan has come yet"
         self._frozen = False
+        self._delays_s: deque[tuple[float, float]] = deque()
+        self._late_s = 0.0
 
     def take(self, scan: Scan, odom_from_base: Pose2, now_s: float) -> bool:
         """Judge a scan; returns whether the costmaps may have it."""
@@ -41,6 +50,7 @@ class ScanHealth:
             self._complaint = "the scan's stamp stands still"
             return False
         self._last_stamp_ns = scan.stamp_ns
+        self._compare(now_s - scan.stamp_ns * 1e-9, now_s)
         ranges = scan.ranges_m
         low = max(self._nearest_m, scan.range_min_m)
         usable = int(np.count_nonzero((ranges >= low) & (ranges <= min(scan.range_max_m, 1e6))))
@@ -59,6 +69,20 @@ class ScanHealth:
             self._frozen = False
         self._good_s = now_s
         return True
+
+    def _compare(self, delay_s: float, now_s: float) -> None:
+        """Note how late a scan came: later than the promptest, since the two clocks need not agree."""
+        delays = self._delays_s
+        if delays and abs(delay_s - delays[-1][1]) > _JUMP_S:
+            delays.clear()
+        delays.append((now_s, delay_s))
+        while now_s - delays[0][0] > _MEMORY_S:
+            delays.popleft()
+        self._late_s = delay_s - min(delay for _, delay in delays)
+
+    def age_s(self, now_s: float) -> float:
+        """How old the picture is that the last good scan left: the time since it was taken in, and how late it came."""
+        return 0.0 if self._good_s is None else now_s - self._good_s + self._late_s
 
     def reason(self, now_s: float) -> str | None:
         """Why the robot is blind, or None while it is not."""

@@ -126,6 +126,10 @@ class Surroundings:
         """Why the lidar can't be trusted, or None."""
         return self._health.reason(self._now_s())
 
+    def scan_age_s(self) -> float:
+        """How old the local costmap's picture is."""
+        return self._health.age_s(self._now_s())
+
     def _forget_a_past(self, pose: Pose2 | None) -> None:
         """After a jump of the clock backwards the tree's newest transforms are from a future that never comes."""
         now_s = self._now_s()

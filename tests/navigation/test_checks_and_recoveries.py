@@ -166,6 +166,17 @@ def test_equal_scans_are_frozen_once_the_robot_moves_and_not_before():
     assert health.reason(3.2) is None
 
 
+def test_a_picture_is_as_old_as_its_scan_came_late_whatever_the_clocks_say():
+    health, robots_ns = ScanHealth(), 5_000_000_000_000
+    for i in range(40):
+        late_s = 0.3 if i == 39 else 0.02
+        assert health.take(_scan(1.0 + 0.1 * i, robots_ns + i * 100_000_000), Pose2(), i * 0.1 + late_s)
+    assert health.age_s(4.3) == pytest.approx(0.1 + 0.28, abs=1e-6)
+    # A step of the robot's clock is no delay.
+    assert health.take(_scan(7.0, 1_000_000_000), Pose2(), 4.4)
+    assert health.age_s(4.4) == 0.0
+
+
 def test_the_place_on_a_path_moves_only_forward_and_not_across_a_bend():
     leg = np.arange(0.0, 2.0, 0.05)
     out, back = np.column_stack((leg, 0 * leg)), np.column_stack((leg[::-1], 0 * leg + 0.3))

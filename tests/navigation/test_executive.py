@@ -64,6 +64,19 @@ def test_no_box_is_touched_in_a_random_room(seed):
         assert_arrived(drive, goal)
 
 
+def test_by_an_old_picture_the_robot_drives_slower_and_touches_nothing():
+    fastest = {}
+    for every in (4, 18):
+        drive = Drive(Arena(6.0, 3.0, [(2.7, 0.9, 3.2, 2.1)]), Pose2(0.6, 1.5, 0.0), grid=Arena(6.0, 3.0).grid())
+        drive.scan_every = every
+        goal = Pose2(5.3, 1.5, 0.0)
+        assert drive.go(goal).failure is None
+        assert_arrived(drive, goal)
+        fastest[every] = max(math.hypot(vx, vy) for vx, vy, _ in drive.commands[60:])
+        assert any("what the lidar shows is" in line for line in drive.logs) == (every == 18)
+    assert fastest[18] < 0.65 * fastest[4]
+
+
 def test_a_turn_on_the_spot_is_a_navigation_too():
     drive = Drive(Arena(3.0, 3.0), Pose2(1.5, 1.5, 0.0))
     assert drive.go(Pose2(1.5, 1.5, math.pi)).failure is None
