@@ -8,11 +8,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from lupin_runtime.stack.dds import claim_domain, loopback_environment
+
+if TYPE_CHECKING:
+    from lupin_sim.host import Host
 
 pytest_plugins = ["lupin_sim.host.fixtures"]  # a robot's computer that boots: host, fresh_host, boot_host
 
@@ -131,3 +134,26 @@ def graph_host() -> Iterator[GraphHost]:
     host = GraphHost()
     yield host
     host.close()
+
+
+@pytest.fixture(scope="module")
+def lupin_robot() -> Iterator[Host]:
+    """A booted robot with the vendor's stack and Lupin's units, this project standing in for a release.
+
+    One for a whole file, since a boot costs seconds.
+    """
+    from lupin_cli import units
+    from lupin_sim.host import Host
+    from lupin_sim.host.checkout import RELEASE, SET_UP, lend
+    from lupin_sim.host.missing import what_is_missing
+
+    if missing := what_is_missing():
+        pytest.skip(missing)
+    with Host.start(vendor_robot=True) as host:
+        inside = host.robot.inside
+        lend(host.robot)
+        for name, text in units.robot_units("mirte", RELEASE, SET_UP).items():
+            assert inside("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
+        done = inside("sh", "-ec", "systemctl daemon-reload; systemctl enable --quiet lupin-onboard lupin-auto-home")
+        assert done.status == 0, done.stderr
+        yield host

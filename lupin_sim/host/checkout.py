@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 
 RELEASE = "/opt/lupin/current"
 UNITS = ("lupin-onboard.service", "lupin-auto-home.service")
+# What is sourced there before anything of Lupin's; it has no ROS beside the vendor's.
+SET_UP = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
 
 
 def lend(robot: Robot) -> None:

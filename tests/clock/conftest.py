@@ -6,20 +6,16 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from lupin_cli import units
-from lupin_sim.host.checkout import RELEASE, lend
+from lupin_sim.host.checkout import RELEASE, SET_UP
 from lupin_sim.host.operator import furnish
 
 if TYPE_CHECKING:
     from lupin_sim.host import Host
-
-SET_UP = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
 
 BOUND_S = 150.0
 # What belongs to a graph of this test process means nothing on the laptop's.
@@ -61,18 +57,6 @@ class Operator:
 
 
 @pytest.fixture(scope="module")
-def operator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Operator]:
+def operator(lupin_robot: Host, tmp_path_factory: pytest.TempPathFactory) -> Operator:
     """An operator at a laptop, and one robot for a whole file's tests."""
-    from lupin_sim.host import Host
-    from lupin_sim.host.missing import what_is_missing
-
-    if missing := what_is_missing():
-        pytest.skip(missing)
-    with Host.start(vendor_robot=True) as host:
-        inside = host.robot.inside
-        lend(host.robot)
-        for name, text in units.robot_units("mirte", RELEASE, SET_UP).items():
-            assert inside("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
-        done = inside("sh", "-ec", "systemctl daemon-reload; systemctl enable --quiet lupin-onboard lupin-auto-home")
-        assert done.status == 0, done.stderr
-        yield Operator(host, tmp_path_factory.mktemp("home"))
+    return Operator(lupin_robot, tmp_path_factory.mktemp("home"))

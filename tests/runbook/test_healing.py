@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from lupin_cli import units
 from lupin_cli.operations.controller_list import complaints, controller_states
 from lupin_cli.runbook import play
 from lupin_cli.target.destination import Destination
@@ -16,43 +15,25 @@ from lupin_cli.target.local import LocalTarget
 from lupin_cli.target.ssh import SshTarget
 from lupin_cli.target.trust import Trust
 from lupin_sim.host import Host
-from lupin_sim.host.checkout import RELEASE, lend
-from lupin_sim.host.missing import what_is_missing
 
 pytestmark = pytest.mark.host
 
-SET_UP = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
-
-
-@pytest.fixture(scope="module")
-def deployed() -> Iterator[Host]:
-    """A robot with the vendor's stack and Lupin's units on it."""
-    if missing := what_is_missing():
-        pytest.skip(missing)
-    with Host.start(vendor_robot=True) as host:
-        inside = host.robot.inside
-        lend(host.robot)
-        for name, text in units.robot_units("mirte", RELEASE, SET_UP).items():
-            assert inside("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
-        assert inside("systemctl", "daemon-reload").status == 0
-        yield host
-
 
 @pytest.fixture
-def targets(deployed: Host) -> Iterator[dict[str, Any]]:
-    place = Destination(deployed.robot.eth0, 22, "mirte", (str(deployed.key),), identities_only=True)
-    robot = SshTarget("mirte", place, Trust(Path("/nonexistent"), users=Path(deployed.known_hosts)))
-    with deployed.on_laptop():
+def targets(lupin_robot: Host) -> Iterator[dict[str, Any]]:
+    place = Destination(lupin_robot.robot.eth0, 22, "mirte", (str(lupin_robot.key),), identities_only=True)
+    robot = SshTarget("mirte", place, Trust(Path("/nonexistent"), users=Path(lupin_robot.known_hosts)))
+    with lupin_robot.on_laptop():
         yield {"robot": robot, "laptop": LocalTarget()}
         robot.close()
 
 
-def test_a_robot_is_healed_once(deployed: Host, targets: dict[str, Any], tmp_path: Path) -> None:
+def test_a_robot_is_healed_once(lupin_robot: Host, targets: dict[str, Any], tmp_path: Path) -> None:
     options: dict[str, Any] = {"journal": tmp_path, "confirm": lambda question: "arm moves" in question}
     first = play("heal", targets, **options)
     assert first.state == "done", (first.message, first.next_command)
     assert play("heal", targets, **options).changed == 0
-    deployed.robot.fault("controllers-stuck")
+    lupin_robot.robot.fault("controllers-stuck")
     assert "pid_wheels_controller" in " ".join(complaints(controller_states(targets["robot"])))
     dry = play("heal", targets, dry_run=True, **options)
     assert (dry.state, dry.steps[-1].state) == ("done", "would-change")
