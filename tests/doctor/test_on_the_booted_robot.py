@@ -140,7 +140,11 @@ class Laptop:
 def laptop(request: pytest.FixtureRequest, tmp_path: Path) -> Laptop:
     host: Host = request.getfixturevalue("fresh_host" if "fresh_host" in request.fixturenames else "host")
     until(lambda: vendor_age_s(host) > STARTING_S, "a robot that has been up for a while")
-    until(lambda: ":11811" in host.ssh("ss -H -lnu").stdout, "a discovery server after the boot")
+    try:
+        until(lambda: ":11811" in host.ssh("ss -H -lnu").stdout, "a discovery server after the boot")
+    except AssertionError as error:
+        tree = host.robot.inside("sh", "-c", "systemctl status --lines=20 --no-pager mirte-ros; ss -lnup").stdout
+        raise AssertionError(f"{error}\n{tree}") from None
     found = Laptop(host, tmp_path / "home")
     found.set_up()
     return found
