@@ -1,24 +1,25 @@
-"""Running a program of the release on a robot: on its own graph, with its set-up, and its words as they come."""
+"""Where a release lies on a robot, what is sourced before anything of it, and running a program of it there."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Sequence
 
-from lupin_cli.config import Robot
+from lupin_cli.config import ROS_SETUP, Robot
 from lupin_cli.target.base import Output, Target
 
-RELEASE = "/opt/lupin/current"
+ROOT = "/opt/lupin"
+RELEASE = f"{ROOT}/current"
 NOT_DEPLOYED = 127
 
 
-def set_up(robot: Robot) -> tuple[str, ...]:
+def set_up(ros_setup: Sequence[str] = ROS_SETUP) -> tuple[str, ...]:
     """Lines of bash that come before anything of the release: the vendor's choice of discovery, its ROS, our messages.
 
     Messages are built on the robot only where it has a ROS of its own.
     """
     ours = f"{RELEASE}/ws/install/setup.bash"
-    return ("source ~/.mirte_settings.sh", *robot.ros_setup, f"if [ -r {ours} ]; then source {ours}; fi")
+    return ("source ~/.mirte_settings.sh", *ros_setup, f"if [ -r {ours} ]; then source {ours}; fi")
 
 
 def program(robot: Robot, module: str, *arguments: str) -> str:
@@ -26,7 +27,7 @@ def program(robot: Robot, module: str, *arguments: str) -> str:
     python = f"{RELEASE}/venv/bin/python3"
     # UDP as in the units: what joins late over shared memory sees names and gets no samples.
     udp = "export FASTDDS_BUILTIN_TRANSPORTS=UDPv4"
-    lines: Sequence[str] = (*set_up(robot), udp, f"exec {shlex.join([python, '-u', '-m', module, *arguments])}")
+    lines: Sequence[str] = (*set_up(robot.ros_setup), udp, f"exec {shlex.join([python, '-u', '-m', module, *arguments])}")
     # bash, since the set-up files are bash's; with a login's environment, as the units have it.
     return f"[ -x {python} ] || exit {NOT_DEPLOYED}\nexec bash -lc {shlex.quote('; '.join(lines))}"
 

@@ -15,15 +15,6 @@ TEMPLATES = shipped_folder("systemd")
 SUFFIX = ".service.in"
 CLOCK_SYNC_SCRIPT = "/usr/local/lib/lupin/clock-sync"  # where the script of lupin-clock-sync.service lies on a robot
 
-# Sourced in this order before anything of ours starts: the vendor's choice of discovery, its ROS, its workspaces, our messages.
-ROBOT_SET_UP = (
-    "source ~/.mirte_settings.sh",
-    "source /opt/ros/humble/setup.bash",
-    "source ~/mirte_ws/install/setup.bash",
-    "source ~/ros2_ws/install/setup.bash",
-    "source /opt/lupin/current/ws/install/setup.bash",
-)
-
 _HOLE = re.compile(r"@([a-z_]+)@")
 
 
@@ -92,7 +83,7 @@ def render(unit: str, variables: Mapping[str, object]) -> str:
     return _HOLE.sub(lambda hole: values[hole[1]], template)
 
 
-def robot_units(user: str, release: str, set_up: Sequence[str] = ROBOT_SET_UP) -> dict[str, str]:
+def robot_units(user: str, release: str, set_up: Sequence[str]) -> dict[str, str]:
     """The units that a release consists of, by file name. Raises UnitError."""
     variables = {"user": user, "release": release, "set_up": set_up}
     return {unit: render(unit, variables) for unit in ("lupin-onboard.service", "lupin-auto-home.service")}

@@ -9,7 +9,8 @@ from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
 from lupin_cli.checks.typed import on_robot
 from lupin_cli.facts.account import ACCOUNT
 from lupin_cli.facts.devices import DEVICES
-from lupin_cli.facts.versions import RELEASE_ROOT, VERSIONS
+from lupin_cli.facts.versions import VERSIONS
+from lupin_cli.onboard import ROOT
 
 DEPLOY = Fix("lupin deploy robot", playbook="deploy-robot")
 # What each group opens; the pad's group is only asked for once Lupin is there.
@@ -41,7 +42,7 @@ def release(evidence: Evidence) -> Iterator[Finding]:
             where="robot",
             symptom="without the laptop there is no drive bus, no e-stop and no home pose",
             cause="Lupin was never deployed to this robot",
-            evidence=(f"{RELEASE_ROOT}: no release",),
+            evidence=(f"{ROOT}: no release",),
             fix=DEPLOY,
         )
     elif not found.current or not found.complete:
@@ -51,8 +52,8 @@ def release(evidence: Evidence) -> Iterator[Finding]:
             severity=Severity.PROBLEM,
             where="robot",
             symptom="Lupin's units fail at start",
-            cause=f"{RELEASE_ROOT}/current leads nowhere",
-            evidence=(f"{RELEASE_ROOT}/current: {target}", f"releases: {' '.join(found.releases) or 'none'}"),
+            cause=f"{ROOT}/current leads nowhere",
+            evidence=(f"{ROOT}/current: {target}", f"releases: {' '.join(found.releases) or 'none'}"),
             fix=DEPLOY,
             explains=frozenset({"unit-failed", "oneshot-failed", "unit-restarting", "unit-start-limit"}),
         )

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import json
-import sys
 import threading
 from typing import TYPE_CHECKING, Any
 
@@ -55,7 +53,7 @@ def deploy_robot(
     if rollback and remove:
         typer.echo("lupin deploy robot: --rollback and --remove exclude each other", err=True)
         raise typer.Exit(USAGE_ERROR)
-    from lupin_cli.commands.play import Shown, tell_result, worst
+    from lupin_cli.commands.play import Shown, asking, tell_result, worst
     from lupin_cli.config import load as load_config
     from lupin_cli.operations.base import OperationError
     from lupin_cli.release.lease import Lease
@@ -68,7 +66,7 @@ def deploy_robot(
         inventory = load_config(config)
         robots = select(inventory, robot, every=every, limit=limit)
         passwords = {one.name: ask_sudo_password(one.name) for one in robots} if ask_sudo else {}
-        shown = Shown(as_json, len(robots), diff)
+        shown, confirm = Shown(as_json, len(robots), diff), asking(yes)
 
         def one(each: Robot, stop: threading.Event) -> Result:
             with contextlib.closing(open_target(each, inventory, sudo_password=passwords.get(each.name))) as target:
@@ -77,7 +75,7 @@ def deploy_robot(
                     with contextlib.nullcontext() if dry_run else Lease(target, break_it=break_lease):
                         return play(
                             playbook, {"robot": target}, variables, dry_run=dry_run, diff=diff,
-                            confirm=lambda question: _confirmed(question, yes), on_event=shown, stop=stop,
+                            confirm=confirm, on_event=shown, stop=stop,
                         )  # fmt: skip
                 except OperationError as error:
                     return Result(playbook, each.name, "failed", message=str(error), next_command=error.next_command)
@@ -89,10 +87,7 @@ def deploy_robot(
     wanted = [each for each, result in zip(robots, results) if result.state == "done" and result.changed]
     found = {each.name: _doctor(each, inventory, as_json) for each in wanted} if check and not (dry_run or remove) else {}
     if as_json:
-        plain = [
-            {**dataclasses.asdict(r), "exit_code": r.exit_code, "changed": r.changed, "doctor": found.get(r.robot)}
-            for r in results
-        ]
+        plain = [{**result.plain(), "doctor": found.get(result.robot)} for result in results]
         print(json.dumps(plain if len(plain) != 1 else plain[0]))
     if any(found.values()):
         codes.append(1)
@@ -106,7 +101,7 @@ def _variables(robot: Robot, target: Target, rollback: bool) -> dict[str, Any]:
     from lupin_cli.operations.base import OperationError
     from lupin_cli.release.transfer import installed
 
-    variables: dict[str, Any] = {"set_up": list(set_up(robot))}
+    variables: dict[str, Any] = {"set_up": list(set_up(robot.ros_setup))}
     if rollback:
         state = installed(target)
         if not state.previous:
@@ -115,10 +110,6 @@ def _variables(robot: Robot, target: Target, rollback: bool) -> dict[str, Any]:
             )
         variables["release"] = state.previous
     return variables
-
-
-def _confirmed(question: str, yes: bool) -> bool:
-    return yes or (sys.stdin.isatty() and typer.confirm(question, err=True))
 
 
 def _doctor(robot: Robot, inventory: Config, quiet: bool) -> list[str]:
@@ -151,7 +142,7 @@ def deploy_laptop(
 
     Exit status: 0 done or nothing to do, 1 a step failed, 2 usage, 130 interrupted.
     """
-    from lupin_cli.commands.play import Shown, tell_result
+    from lupin_cli.commands.play import Shown, asking, tell_result
     from lupin_cli.runbook import play
     from lupin_cli.target.local import LocalTarget
 
@@ -159,9 +150,9 @@ def deploy_laptop(
     with reporting("deploy laptop"):
         result = play(
             playbook, {"laptop": LocalTarget()}, {}, dry_run=dry_run, diff=diff,
-            confirm=lambda question: _confirmed(question, yes), on_event=Shown(as_json, 1, diff),
+            confirm=asking(yes), on_event=Shown(as_json, 1, diff),
         )  # fmt: skip
     if as_json:
-        print(json.dumps({**dataclasses.asdict(result), "exit_code": result.exit_code, "changed": result.changed}))
+        print(json.dumps(result.plain()))
     tell_result(result, as_json)
     raise typer.Exit(result.exit_code)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import sys
@@ -74,7 +73,7 @@ def command(
         except JournalError as error:
             _usage(str(error), error.next_command)
     if as_json:
-        plain = [{**dataclasses.asdict(result), "exit_code": result.exit_code, "changed": result.changed} for result in results]
+        plain = [result.plain() for result in results]
         print(json.dumps(plain if len(plain) != 1 else plain[0]))
     for result in results:
         tell_result(result, as_json)
@@ -135,14 +134,13 @@ def _robots(
     """The robots to play on; [None] where the playbook needs none."""
     from lupin_cli.config import load as load_config
     from lupin_cli.robot_options import select
+    from lupin_cli.runbook import PlaybookError
     from lupin_cli.runbook.binding import Binding
 
     try:
         machines = Binding(book, given, None).machines()
-    except ValueError:
-        machines = set(book.machines)
-    except Exception:
-        if not lenient:  # an unfinished run knows the variables that aren't given again
+    except (ValueError, PlaybookError) as error:
+        if isinstance(error, PlaybookError) and not lenient:  # an unfinished run knows the variables that aren't given again
             raise
         machines = set(book.machines)
     if "robot" not in machines and not names and not every:
@@ -178,15 +176,7 @@ def _player(
     from lupin_cli.target.local import LocalTarget
 
     laptop = TakingTurns(LocalTarget())
-    asking = threading.Lock()
-
-    def confirm(question: str) -> bool:
-        if yes:
-            return True
-        if not sys.stdin.isatty():
-            return False
-        with asking:
-            return typer.confirm(question, err=True)
+    confirm = asking(yes)
 
     def one(robot: Robot | None, stop: threading.Event) -> Result:
         targets: dict[str, Any] = {"laptop": laptop}
@@ -206,6 +196,19 @@ def _player(
                 targets["robot"].close()
 
     return one
+
+
+def asking(yes: bool) -> Callable[[str], bool]:
+    """Who answers a step's question: `yes`, else the person at the terminal, one question at a time; nobody says no."""
+    turn = threading.Lock()
+
+    def confirm(question: str) -> bool:
+        if yes or not sys.stdin.isatty():
+            return yes
+        with turn:
+            return typer.confirm(question, err=True)
+
+    return confirm
 
 
 _MARKS = {

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, Answers, answers
+from lupin_cli.onboard import ROOT
 from lupin_cli.target.base import Output
-
-RELEASE_ROOT = "/opt/lupin"
 
 PROBE = (
     PRELUDE
@@ -19,17 +18,17 @@ echo '@@ machine'; uname -m
 echo '@@ python3'; command -v python3 >/dev/null 2>&1 && python3 --version 2>&1
 echo '@@ ros'; ls /opt/ros 2>/dev/null
 echo '@@ fast-dds'
-for d in /opt/ros/*/lib /opt/ros/*/lib/*-linux-gnu {RELEASE_ROOT}/current/venv/lib/python3*/site-packages/ros_fastrtps.libs \\
+for d in /opt/ros/*/lib /opt/ros/*/lib/*-linux-gnu {ROOT}/current/venv/lib/python3*/site-packages/ros_fastrtps.libs \\
   /usr/lib/*-linux-gnu /usr/local/lib; do
   for l in "$d"/libfastrtps*.so.*.*.* "$d"/libfastdds*.so.*.*.*; do [ -e "$l" ] && [ ! -L "$l" ] && echo "$l"; done
 done
-echo '@@ root'; [ -d {RELEASE_ROOT} ] && stat -c '%U:%G %a %n' {RELEASE_ROOT}
-echo '@@ current'; readlink {RELEASE_ROOT}/current
-echo '@@ previous'; readlink {RELEASE_ROOT}/previous
-echo '@@ releases'; ls {RELEASE_ROOT}/releases 2>/dev/null
-echo '@@ incoming'; ls -A {RELEASE_ROOT}/incoming 2>/dev/null
-echo '@@ reachable'; [ -e {RELEASE_ROOT}/current/ ] && echo yes
-echo '@@ release.json'; cat {RELEASE_ROOT}/current/release.json 2>/dev/null
+echo '@@ root'; [ -d {ROOT} ] && stat -c '%U:%G %a %n' {ROOT}
+echo '@@ current'; readlink {ROOT}/current
+echo '@@ previous'; readlink {ROOT}/previous
+echo '@@ releases'; ls {ROOT}/releases 2>/dev/null
+echo '@@ incoming'; ls -A {ROOT}/incoming 2>/dev/null
+echo '@@ reachable'; [ -e {ROOT}/current/ ] && echo yes
+echo '@@ release.json'; cat {ROOT}/current/release.json 2>/dev/null
 echo '@@ end'
 """
 )

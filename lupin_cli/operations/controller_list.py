@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 
+from lupin_cli.onboard import RELEASE, set_up
 from lupin_cli.operations.shell import look, quote
 from lupin_cli.target.base import Target
-from lupin_cli.units import ROBOT_SET_UP
 from lupin_runtime.graph import CONTROLLERS
 
 _ASK_S = 25.0
@@ -29,10 +29,9 @@ os._exit(0)
 
 def controller_states(target: Target) -> dict[str, str] | None:
     """State by name; None where the controller manager does not answer."""
-    # What isn't there on this robot isn't sourced; the vendor's hooks count on a bash, and fail under `set -u`.
-    lines = [f"f={line.removeprefix('source ')}; [ -r $f ] && . $f" for line in ROBOT_SET_UP]
-    python = "/opt/lupin/current/venv/bin/python3"
-    script = "\n".join([*lines, f"python={python}; [ -x $python ] || python=python3", f"exec $python -c {quote(_ASK)}"])
+    # The vendor's hooks count on a bash, which goes on where a file isn't there on this robot.
+    python = f"python={RELEASE}/venv/bin/python3; [ -x $python ] || python=python3"
+    script = "\n".join([*set_up(), python, f"exec $python -c {quote(_ASK)}"])
     output = look(target, f"exec bash -c {quote(script)}", bound_s=_ASK_S)
     for line in output.stdout.splitlines():
         if line.startswith("states "):

@@ -8,10 +8,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
+from lupin_cli.onboard import ROOT
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.release.contents import CannotBuild, Robot, files
 from lupin_cli.release.manifest import Hashes, Manifest, manifest_of
-from lupin_cli.release.transfer import ROOT, Installed, activate, changes, installed, upload
+from lupin_cli.release.transfer import Installed, activate, changes, installed, upload
 from lupin_cli.target.base import Target
 
 

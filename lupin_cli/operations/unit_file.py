@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference
+from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.paths import describe, read_file, restore, unified_diff
 from lupin_cli.operations.shell import change, quote
 from lupin_cli.operations.unit import check_unit_name
-from lupin_cli.target.base import Target
+from lupin_cli.target.base import Target, TargetError
 
 FOLDER = "/etc/systemd/system"
 
@@ -68,7 +68,7 @@ class UnitFile:
             # A unit that systemd can't read is taken out again before anything loads it.
             try:
                 change(target, f"systemd-analyze verify --man=no -- {quote(self._path)}", f"verify {self.unit}", root=True)
-            except Exception:
+            except (OperationError, TargetError):
                 restore(target, self._path, difference.before, True)
                 raise
         else:

@@ -10,8 +10,8 @@ import socket
 from contextlib import AbstractContextManager
 from types import TracebackType
 
+from lupin_cli.onboard import ROOT
 from lupin_cli.operations.base import OperationError
-from lupin_cli.release.transfer import ROOT
 from lupin_cli.target.base import Target, TargetError
 
 # One `mkdir` decides. Uptime and boot id tell the age, since the robot's wall clock may say anything.

@@ -14,12 +14,12 @@ import tarfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from lupin_cli.onboard import ROOT
 from lupin_cli.operations.base import OperationError
 from lupin_cli.release.contents import Robot
 from lupin_cli.release.manifest import Entry, Manifest
 from lupin_cli.target.base import Output, Script, Target
 
-ROOT = "/opt/lupin"
 CHUNK_BYTES = 8_000_000
 KEPT_RELEASES = 3
 HEADROOM_BYTES = 50_000_000

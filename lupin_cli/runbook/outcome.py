@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 # A run ends in one of these; the exit status of `lupin play` follows from it.
@@ -61,3 +61,7 @@ class Result:
     @property
     def exit_code(self) -> int:
         return EXIT_CODES[self.state]
+
+    def plain(self) -> dict[str, Any]:
+        """For scripts, JSON-able."""
+        return {**asdict(self), "exit_code": self.exit_code, "changed": self.changed}

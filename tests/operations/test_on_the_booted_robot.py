@@ -146,8 +146,8 @@ def test_the_clock_is_stepped_only_while_nothing_of_the_stack_runs(fresh_host: H
     fresh_robot.run("systemctl stop mirte-ros", root=True)
     operation.change(fresh_robot, difference)
     assert operation.differs(fresh_robot) is None
-    offset_s, bound_s = offset(fresh_robot)
-    assert abs(offset_s) < 1.0 + bound_s
+    found = offset(fresh_robot)
+    assert abs(found.offset_s) < 1.0 + found.bound_s
     with pytest.raises(ValueError, match="never the laptop's"):
         ClockStep(machine="laptop")
 

@@ -21,8 +21,14 @@ def command_of(text: str) -> str:
     return command.replace("%%", "%").replace("$$", "$")
 
 
+SET_UP = ("source ~/.mirte_settings.sh", "source /opt/ros/humble/setup.bash", "source ~/mirte_ws/install/setup.bash")
+
+
 def test_every_hole_of_every_unit_is_filled() -> None:
-    made = {**units.robot_units("mirte", "/opt/lupin/current"), "lupin-clock-sync.service": units.clock_sync_unit("10.42.0.2")}
+    made = {
+        **units.robot_units("mirte", "/opt/lupin/current", SET_UP),
+        "lupin-clock-sync.service": units.clock_sync_unit("10.42.0.2"),
+    }
     assert set(made) == set(units.unit_names())
     for unit, text in made.items():
         assert units.variables_of(unit) <= set(units.VARIABLES)
@@ -34,8 +40,8 @@ def test_every_hole_of_every_unit_is_filled() -> None:
 
 
 def test_the_set_up_lines_come_in_their_order_before_what_is_started() -> None:
-    command = command_of(units.robot_units("mirte", "/opt/lupin/current")["lupin-onboard.service"])
-    assert command.split("; ")[:-1] == list(units.ROBOT_SET_UP)
+    command = command_of(units.robot_units("mirte", "/opt/lupin/current", SET_UP)["lupin-onboard.service"])
+    assert command.split("; ")[:-1] == list(SET_UP)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lupin_cli import units
+from lupin_cli import onboard, units
 
 # systemd-analyze security, 0 safe to 10: what each may stay at, and no more. The reasons for the rest are in the templates.
 EXPOSURE_LIMIT = {"lupin-onboard.service": 2.0, "lupin-auto-home.service": 2.0, "lupin-clock-sync.service": 2.7}
@@ -34,7 +34,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     script.chmod(0o755)
     (folder / "mirte-ros.service").write_text("[Service]\nExecStart=/bin/sleep infinity\n")
     made = {
-        **units.robot_units("mirte", "/opt/lupin/current"),
+        **units.robot_units("mirte", "/opt/lupin/current", onboard.set_up()),
         "lupin-clock-sync.service": units.clock_sync_unit("10.42.0.2", str(script)),
     }
     for name, text in made.items():
