@@ -296,26 +296,27 @@ class _Run:
     def _attempt(
         self, index: int, step: Step, operation: Any, target: WatchedTarget, blank: StepResult, touched: bool
     ) -> StepResult:
-        try:
-            difference = operation.differs(target)
-        except OperationError as error:
-            if self._dry_run and any(result.state == "would-change" for result in self._results):
-                summary = f"can't be told before the steps above are done: {error}"
-                return dataclasses.replace(
-                    blank, state="would-change", summary=summary, result={"changed": True, "skipped": False}
-                )
-            raise
-        state = "changed" if touched else "same"
-        summary = text = ""
-        if difference is not None:
-            summary, text = self._mask(difference.summary), self._mask(difference.diff)
-            self._tell("difference", index, step, text=summary, diff=text if self._diff else "")
-            state = "would-change"
-            if not self._dry_run:
-                self._ask(step)
-                self._change(index, step, operation, target, difference)
-                operation = _begun(operation, difference.before)
-                state = "changed"
+        with target.alone():
+            try:
+                difference = operation.differs(target)
+            except OperationError as error:
+                if self._dry_run and any(result.state == "would-change" for result in self._results):
+                    summary = f"can't be told before the steps above are done: {error}"
+                    return dataclasses.replace(
+                        blank, state="would-change", summary=summary, result={"changed": True, "skipped": False}
+                    )
+                raise
+            state = "changed" if touched else "same"
+            summary = text = ""
+            if difference is not None:
+                summary, text = self._mask(difference.summary), self._mask(difference.diff)
+                self._tell("difference", index, step, text=summary, diff=text if self._diff else "")
+                state = "would-change"
+                if not self._dry_run:
+                    self._ask(step)
+                    self._change(index, step, operation, target, difference)
+                    operation = _begun(operation, difference.before)
+                    state = "changed"
         result = self._report(index, step, operation, target, state != "same")
         return dataclasses.replace(blank, state=state, summary=summary, diff=text, result=result)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -18,33 +18,34 @@ Robot = TypeVar("Robot")
 
 
 class TakingTurns:
-    """The laptop for several runs: one call at a time."""
+    """The laptop for several runs: one call at a time, and one step at a time, since two that edit a file lose each other's."""
 
-    def __init__(self, target: Target, turn: threading.Lock | None = None) -> None:
+    def __init__(self, target: Target) -> None:
         self._target = target
-        self._turn = turn or threading.Lock()
+        self._turn = threading.RLock()
         self.name, self.user = target.name, target.user
 
     @contextmanager
-    def _mine(self) -> Any:
+    def alone(self) -> Iterator[Target]:
+        """Nobody else's calls until it ends."""
         with self._turn:
             yield self._target
 
     def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
-        with self._mine() as target:
-            return target.batch(scripts, bound_s)  # type: ignore[no-any-return]
+        with self.alone() as target:
+            return target.batch(scripts, bound_s)
 
     def run(self, script: str, **options: Any) -> Output:
-        with self._mine() as target:
-            return target.run(script, **options)  # type: ignore[no-any-return]
+        with self.alone() as target:
+            return target.run(script, **options)
 
     def put(self, path: str, data: bytes, **options: Any) -> None:
-        with self._mine() as target:
+        with self.alone() as target:
             target.put(path, data, **options)
 
     def get(self, path: str, **options: Any) -> bytes | None:
-        with self._mine() as target:
-            return target.get(path, **options)  # type: ignore[no-any-return]
+        with self.alone() as target:
+            return target.get(path, **options)
 
     def close(self) -> None:
         """The laptop is always there."""

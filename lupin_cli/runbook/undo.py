@@ -121,7 +121,8 @@ class _Way:
         )
         target.record = lambda text: self._write("output", sync=False, index=index, text=text)
         try:
-            operation(**values, machine=step.machine).undo(target, before)
+            with target.alone():
+                operation(**values, machine=step.machine).undo(target, before)
         except BaseException as error:
             self._write("step-end", index=index, state="failed", error=str(error) or type(error).__name__)
             self._tell("step-end", index, total, step=step.name, state="failed", text=str(error))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 
 from lupin_cli.operations.base import OperationError
 from lupin_cli.target.base import Output, Script, Target
@@ -30,6 +31,14 @@ class WatchedTarget:
     def beyond_the_step(self) -> Target:
         """The target without this step's bound, for one short question."""
         return self._target
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Where several runs share the target, none of the others' steps until it ends; the step's time stands still before."""
+        asked = time.monotonic()
+        with getattr(self._target, "alone", nullcontext)():
+            self.deadline += time.monotonic() - asked
+            yield
 
     def remaining(self, bound_s: float) -> float:
         """What is left of the step's time, at most `bound_s`; raises OperationError where nothing is."""
