@@ -15,6 +15,7 @@ class Command:
     """`run` is done unless `unless` succeeds or `creates` exists, and then one of them must hold. `reverse` takes it back."""
 
     name: ClassVar[str] = "command"
+    stands: ClassVar[bool] = True
 
     run: str
     unless: str = ""  # a script that succeeds where nothing is to do; it changes nothing

@@ -17,6 +17,7 @@ class Directory:
     """Parents are made as they are needed. What holds something is never removed, neither here nor by undo."""
 
     name: ClassVar[str] = "directory"
+    stands: ClassVar[bool] = True
 
     path: str
     mode: str | None = None

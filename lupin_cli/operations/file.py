@@ -20,6 +20,7 @@ class File:
     """Written whole or not at all; what stood there is kept for undo. `mode` and `owner` count only where they are given."""
 
     name: ClassVar[str] = "file"
+    stands: ClassVar[bool] = True
 
     path: str
     content: str | None = None  # without it and `source`: only its rights and owner, or its absence, are asked for

@@ -15,6 +15,7 @@ class GroupMembership:
     """The group must be there; it is the distribution's to make."""
 
     name: ClassVar[str] = "group-membership"
+    stands: ClassVar[bool] = True
 
     user: str
     group: str

@@ -21,6 +21,7 @@ class LineInFile:
     """
 
     name: ClassVar[str] = "line-in-file"
+    stands: ClassVar[bool] = True
 
     path: str
     line: str = ""

@@ -24,6 +24,7 @@ class NetworkConnection:
     """
 
     name: ClassVar[str] = "network-connection"
+    stands: ClassVar[bool] = True
     settle_s: ClassVar[float] = 15.0
     reports: ClassVar[tuple[str, ...]] = ("present",)
 

@@ -31,6 +31,7 @@ class Release:
     """`release` is the id of one that the robot has kept; empty: what this machine has."""
 
     name: ClassVar[str] = "release"
+    stands: ClassVar[bool] = True
 
     machine: str = "robot"
     release: str = ""

@@ -16,6 +16,7 @@ class Symlink:
     """`path` is a link to `to`, or there is no link. A file or directory in its place is never removed."""
 
     name: ClassVar[str] = "symlink"
+    stands: ClassVar[bool] = True
 
     path: str
     to: str = ""

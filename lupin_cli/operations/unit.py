@@ -29,6 +29,7 @@ class Unit:
     """
 
     name: ClassVar[str] = "unit"
+    stands: ClassVar[bool] = True
     settle_s: ClassVar[float] = 20.0
     reports: ClassVar[tuple[str, ...]] = ("active", "enabled", "loaded")
 

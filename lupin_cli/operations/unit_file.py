@@ -23,6 +23,7 @@ class UnitFile:
     """
 
     name: ClassVar[str] = "unit-file"
+    stands: ClassVar[bool] = True
 
     unit: str
     fill: dict[str, Any] = field(default_factory=dict)
