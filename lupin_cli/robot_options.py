@@ -41,6 +41,7 @@ CONFIG = Annotated[
     Path | None, typer.Option("--config", help="The inventory; else $LUPIN_CONFIG or lupin/lupin.toml in ~/.config.")
 ]
 ASK_SUDO = Annotated[bool, typer.Option("--ask-sudo-password", "-K", help="Ask for the password of sudo on the robot.")]
+BREAK_LEASE = Annotated[bool, typer.Option("--break-lease", help="Change the robot though another run holds its lease.")]
 
 # Where there is no inventory: a MIRTE as it comes, on a cable or at its own access point.
 STOCK = Robot("mirte", {"wired": "10.42.0.1", "ap": "192.168.42.1"})

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lupin_cli.robot_options import ALL, ASK_SUDO, CONFIG, LIMIT, ROBOT, USAGE_ERROR, reporting
+from lupin_cli.robot_options import ALL, ASK_SUDO, BREAK_LEASE, CONFIG, LIMIT, ROBOT, USAGE_ERROR, reporting
 
 if TYPE_CHECKING:
     from lupin_cli.config import Config, Robot
@@ -38,7 +38,7 @@ def deploy_robot(
     diff: bool = DIFF,
     rollback: bool = typer.Option(False, "--rollback", help="Go back to the release before."),
     remove: bool = REMOVE,
-    break_lease: bool = typer.Option(False, "--break-lease", help="Deploy though another operator's deploy is noted."),
+    break_lease: BREAK_LEASE = False,
     check: bool = typer.Option(True, "--check/--no-check", help="Let the doctor look at the robot afterwards."),
     yes: bool = YES,
     config: CONFIG = None,
@@ -56,7 +56,6 @@ def deploy_robot(
     from lupin_cli.commands.play import Shown, asking, tell_result, worst
     from lupin_cli.config import load as load_config
     from lupin_cli.operations.base import OperationError
-    from lupin_cli.release.lease import Lease
     from lupin_cli.robot_options import ask_sudo_password, open_target, select
     from lupin_cli.runbook import Result, play
     from lupin_cli.runbook.fleet import on_all
@@ -72,11 +71,10 @@ def deploy_robot(
             with contextlib.closing(open_target(each, inventory, sudo_password=passwords.get(each.name))) as target:
                 try:
                     variables = {} if remove else _variables(each, target, rollback)
-                    with contextlib.nullcontext() if dry_run else Lease(target, break_it=break_lease):
-                        return play(
-                            playbook, {"robot": target}, variables, dry_run=dry_run, diff=diff,
-                            confirm=confirm, on_event=shown, stop=stop,
-                        )  # fmt: skip
+                    return play(
+                        playbook, {"robot": target}, variables, dry_run=dry_run, diff=diff,
+                        confirm=confirm, on_event=shown, stop=stop, break_lease=break_lease,
+                    )  # fmt: skip
                 except OperationError as error:
                     return Result(playbook, each.name, "failed", message=str(error), next_command=error.next_command)
 

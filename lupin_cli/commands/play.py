@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lupin_cli.robot_options import ALL, ASK_SUDO, CONFIG, LIMIT, ROBOT, USAGE_ERROR, reporting
+from lupin_cli.robot_options import ALL, ASK_SUDO, BREAK_LEASE, CONFIG, LIMIT, ROBOT, USAGE_ERROR, reporting
 
 if TYPE_CHECKING:
     from lupin_cli.config import Robot
@@ -29,6 +29,7 @@ def command(
     resume: bool = typer.Option(False, "--resume", help="Go on with the newest run that was cut off or failed."),
     undo: str = typer.Option("", "--undo", help="Take a run back: its id of `lupin journal`, or: latest."),
     yes: bool = typer.Option(False, "--yes", "-y", help="Answer every question with yes."),
+    break_lease: BREAK_LEASE = False,
     variables: list[str] = typer.Option(None, "-v", "--var", help="A variable: name=value; may be given again."),
     robot: ROBOT = None,
     every: ALL = False,
@@ -60,8 +61,9 @@ def command(
             else:
                 robots = _robots(book, given, robot, every, limit, config, resume)
             one = _player(
-                book, given, dry_run, diff, from_step, resume, undo, yes, config, ask_sudo, Shown(as_json, len(robots), diff)
-            )
+                book, given, dry_run, diff, from_step, resume, undo, yes, break_lease, config, ask_sudo,
+                Shown(as_json, len(robots), diff),
+            )  # fmt: skip
             from lupin_cli.runbook.fleet import on_all
 
             results = on_all(robots, lambda each: each.name if each else "", book.name, one, _stopping)
@@ -164,6 +166,7 @@ def _player(
     resume: bool,
     undo_run: str,
     yes: bool,
+    break_lease: bool,
     config: Any,
     ask_sudo: bool,
     shown: Shown,
@@ -186,10 +189,10 @@ def _player(
         try:
             if undo_run:
                 run = find_run(undo_run)
-                return undo(run, targets, dry_run=dry_run, confirm=confirm, on_event=shown, stop=stop)
+                return undo(run, targets, dry_run=dry_run, confirm=confirm, on_event=shown, stop=stop, break_lease=break_lease)
             return play(
                 book, targets, given, dry_run=dry_run, diff=diff, from_step=from_step, resume=resume,
-                confirm=confirm, on_event=shown, stop=stop,
+                confirm=confirm, on_event=shown, stop=stop, break_lease=break_lease,
             )  # fmt: skip
         finally:
             if robot is not None:

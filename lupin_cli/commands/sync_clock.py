@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lupin_cli.config import ConfigError, load
-from lupin_cli.robot_options import ASK_SUDO, CONFIG, ROBOT, ask_sudo_password, connect, reporting, select
+from lupin_cli.robot_options import ASK_SUDO, BREAK_LEASE, CONFIG, ROBOT, ask_sudo_password, connect, reporting, select
 
 if TYPE_CHECKING:
     from lupin_cli.clock import Drift
@@ -55,6 +55,7 @@ def command(
     install: bool = typer.Option(False, "--install", help="Let the robot take this machine's time at every boot (chrony)."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Measure, and say what would be done."),
     resume: bool = typer.Option(False, "--resume", help="Go on where the last one was cut off."),
+    break_lease: BREAK_LEASE = False,
     as_json: bool = typer.Option(False, "--json", help="Print JSON, alone on standard output."),
     config: CONFIG = None,
     ask_sudo: ASK_SUDO = False,
@@ -70,11 +71,11 @@ def command(
         inventory = load(config)
         for one in select(inventory, robot):
             with connect(one, inventory, sudo_password=ask_sudo_password(one.name) if ask_sudo else None) as target:
-                status = max(status, _sync(target, install, dry_run, resume, as_json))
+                status = max(status, _sync(target, install, dry_run, resume, break_lease, as_json))
     raise typer.Exit(status)
 
 
-def _sync(target: SshTarget, install: bool, dry_run: bool, resume: bool, as_json: bool) -> int:
+def _sync(target: SshTarget, install: bool, dry_run: bool, resume: bool, break_lease: bool, as_json: bool) -> int:
     before = look(target)
     if not as_json:
         _tell_look(target.name, before)
@@ -86,7 +87,7 @@ def _sync(target: SshTarget, install: bool, dry_run: bool, resume: bool, as_json
         return 0
     from lupin_cli.commands.play import tell_result
 
-    result = _play(INSTALL if install else PLAYBOOK, target, dry_run, resume, as_json)
+    result = _play(INSTALL if install else PLAYBOOK, target, dry_run, resume, break_lease, as_json)
     after = None if dry_run else _look_again(target)
     if as_json:
         print(json.dumps(_outcome(target.name, before, result, after)))
@@ -143,7 +144,7 @@ def _look_again(target: SshTarget) -> Look | None:
         return None
 
 
-def _play(name: str, target: SshTarget, dry_run: bool, resume: bool, as_json: bool) -> Result:
+def _play(name: str, target: SshTarget, dry_run: bool, resume: bool, break_lease: bool, as_json: bool) -> Result:
     from lupin_cli.commands.play import Shown
     from lupin_cli.runbook.engine import play
     from lupin_cli.runbook.journal import JournalError
@@ -157,6 +158,7 @@ def _play(name: str, target: SshTarget, dry_run: bool, resume: bool, as_json: bo
             _laptop_as_seen(target) if name == INSTALL and not resume else {},
             dry_run=dry_run,
             resume=resume,
+            break_lease=break_lease,
             on_event=Shown(as_json, 1, False),
         )
     except (PlaybookError, FileNotFoundError) as error:

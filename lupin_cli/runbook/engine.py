@@ -6,15 +6,17 @@ import dataclasses
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from lupin_cli.operations.base import Difference, OperationError
+from lupin_cli.runbook.ahead import AskedAhead
 from lupin_cli.runbook.binding import Binding
 from lupin_cli.runbook.expressions import ExpressionError
 from lupin_cli.runbook.journal import Journal, JournalError, Mask, RunRecord, StepRecord, journal_folder, list_runs
 from lupin_cli.runbook.language import Playbook, Step
+from lupin_cli.runbook.lease import Lease, LeaseTaken
 from lupin_cli.runbook.library import load
 from lupin_cli.runbook.outcome import Event, Result, StepResult
 from lupin_cli.runbook.source import PlaybookError, nearest
@@ -42,6 +44,7 @@ def play(
     journal: Path | None = None,
     on_event: OnEvent | None = None,
     stop: threading.Event | None = None,
+    break_lease: bool = False,
 ) -> Result:
     """Play a playbook, or show what it would change.
 
@@ -49,7 +52,8 @@ def play(
     `on`. `variables` are values of the playbook's `vars`. `from_step` is a step's name or number (from 1): what changes before
     it is skipped, what only reads is read. `resume` goes on with the newest unfinished run of this playbook on this robot, with
     that run's variables and results; `confirm` answers a step's question (None: no). `journal` is another folder than
-    `journal_folder()`. `on_event` gets progress, in this thread. `stop` ends the run after what is under way.
+    `journal_folder()`. `on_event` gets progress, in this thread. `stop` ends the run after what is under way. An exclusive
+    playbook takes the robot's lease before its first change there; `break_lease` takes it from whoever holds it.
 
     Raises FileNotFoundError, PlaybookError or JournalError before anything is changed. Everything after that is in the result:
     a step that failed, a link that went, an interrupt.
@@ -71,10 +75,18 @@ def play(
     elif not dry_run:
         start = _start(book, robot, binding, from_step)
         log = Journal.begin(journal or journal_folder(), book.name, robot, mask, start)
-    run = _Run(book, targets, binding, log, dry_run, diff, confirm, mask, on_event, stop or threading.Event(), robot)
+    lease = None
+    if book.exclusive and not dry_run and "robot" in targets:
+        lease = Lease(targets["robot"], f"lupin play {book.name}", break_it=break_lease)
+    run = _Run(book, targets, binding, log, dry_run, diff, confirm, mask, on_event, stop or threading.Event(), robot, lease)
+    reachable = True
     try:
-        return run.all(first, {step.index: step for step in prior.steps} if prior else {})
+        result = run.all(first, {step.index: step for step in prior.steps} if prior else {})
+        reachable = result.state != "unreachable"
+        return result
     finally:
+        if lease is not None:
+            lease.end(reachable=reachable)
         if log is not None:
             log.close()
 
@@ -90,6 +102,7 @@ def _start(book: Playbook, robot: str, binding: Binding, from_step: str) -> dict
         "variables": given,
         "secrets": secrets,
         "from_step": from_step,
+        "exclusive": book.exclusive,
         "pid": os.getpid(),
     }
 
@@ -160,9 +173,13 @@ class _Run:
         on_event: OnEvent | None,
         stop: threading.Event,
         robot: str,
+        lease: Lease | None,
     ) -> None:
         self._book = book
-        self._targets = {machine: WatchedTarget(target) for machine, target in targets.items()}
+        # The laptop is near, and several runs may share it: it is asked when it is a step's turn.
+        self._ahead = AskedAhead(targets["robot"]) if "robot" in targets else None
+        watched = targets if self._ahead is None else {**targets, "robot": self._ahead}
+        self._targets = {machine: WatchedTarget(target) for machine, target in watched.items()}
         self._binding = binding
         self._journal = journal
         self._dry_run = dry_run
@@ -172,11 +189,14 @@ class _Run:
         self._on_event = on_event
         self._stop = stop
         self._robot = robot
+        self._lease = lease
+        self._kept_out = False  # by another run's lease
         self._results: list[StepResult] = []
 
     def all(self, first: int, prior: Mapping[int, StepRecord]) -> Result:
         self._tell("run", text=self._journal.run if self._journal else "")
         state, message, next_command, closed = "done", "", "", False
+        self._ask_ahead(step for index, step in enumerate(self._book.steps) if index >= first and index not in prior)
         try:
             for index, step in enumerate(self._book.steps):
                 if self._stop.is_set():
@@ -188,6 +208,8 @@ class _Run:
             next_command = stopped.next_command or self._resume_command()
             if state != "unreachable" and self._put_in_order(index, first):
                 closed, next_command = True, stopped.next_command or self._command()
+            if self._kept_out:
+                next_command = f"{self._command() if closed else self._resume_command()} --break-lease"
         except JournalError as error:
             # What can't be written down isn't done: the run could be neither resumed nor taken back.
             state, message, next_command = "failed", str(error), error.next_command
@@ -200,6 +222,21 @@ class _Run:
         run = self._journal.run if self._journal else ""
         steps = tuple(self._results)
         return Result(self._book.name, self._robot, state, steps, run, self._dry_run, self._mask(message), next_command)
+
+    def _ask_ahead(self, steps: Iterable[Step]) -> None:
+        """Ask the robot, in one batch, what those steps will look at first that are sure to be reached as things stand."""
+        if self._ahead is None:
+            return
+        looks = []
+        for step in steps:
+            if step.machine != "robot" or not getattr(step.operation, "stands", False):
+                continue
+            try:
+                if self._binding.wanted(step):
+                    looks.append(self._binding.operation(step).differs)
+            except (ExpressionError, PlaybookError):
+                continue  # waits for the result of an earlier step, or is told when it is its turn
+        self._ahead.ask(looks)
 
     def _command(self) -> str:
         return f"lupin play {self._book.name}" + (f" --robot {self._robot}" if self._robot else "")
@@ -314,11 +351,27 @@ class _Run:
                 state = "would-change"
                 if not self._dry_run:
                     self._ask(step)
+                    if self._take_lease(step):
+                        # Whoever had it until now may have been at work here.
+                        if self._ahead is not None:
+                            self._ahead.forget()
+                        difference = operation.differs(target)
+                    state = "same" if difference is None else "changed"
+                if difference is not None and not self._dry_run:
                     self._change(index, step, operation, target, difference)
                     operation = _begun(operation, difference.before)
-                    state = "changed"
         result = self._report(index, step, operation, target, state != "same")
         return dataclasses.replace(blank, state=state, summary=summary, diff=text, result=result)
+
+    def _take_lease(self, step: Step) -> bool:
+        """Whether the robot's lease was taken only now. Raises LeaseTaken."""
+        if self._lease is None or step.machine != "robot":
+            return False
+        try:
+            return self._lease.take()
+        except LeaseTaken:
+            self._kept_out = True
+            raise
 
     def _ask(self, step: Step) -> None:
         if step.confirm is None:
@@ -338,6 +391,8 @@ class _Run:
             operation.change(target, difference)
         finally:
             target.record = target.on_line = None
+        if self._lease is not None and operation.name == "reboot":
+            self._lease.forget()
         operation = _begun(operation, difference.before)
         settle_s = float(getattr(operation, "settle_s", 0.0))
         limit = min(target.deadline, time.monotonic() + settle_s)

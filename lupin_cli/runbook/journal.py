@@ -174,6 +174,7 @@ class RunRecord:
     state: str  # done | failed | unreachable | declined | interrupted | running | cut off
     steps: tuple[StepRecord, ...]
     torn_lines: int = 0
+    exclusive: bool = False  # it takes the robot's lease
     closed: bool = False  # it failed, and then did what is to be done always: it isn't resumed but played anew
 
     @property
@@ -216,6 +217,7 @@ def read_run(path: Path) -> RunRecord:
         secrets=tuple(start.get("secrets", ())),
         from_step=start.get("from_step") or "",
         undo_of=start.get("undo_of", ""),
+        exclusive=start.get("exclusive") is True,
         state=state or ("running" if _is_locked(path) else "cut off"),
         steps=_steps(lines),
         torn_lines=torn,

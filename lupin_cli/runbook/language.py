@@ -2,6 +2,7 @@
 
 name: recover-discovery            # the file's name
 description: One sentence.
+exclusive: true                    # takes the robot's lease before it changes the robot; so does whatever includes it
 vars:
   port: 11811                      # the type is the default's, or:
   laptop: {type: address, default: 10.42.0.2, help: The laptop's address.}
@@ -98,6 +99,7 @@ class Playbook:
     variables: tuple[Variable, ...]
     steps: tuple[Step, ...]
     digest: str  # of every file it was read from: a run is resumed with the same text only
+    exclusive: bool = False  # no other exclusive run changes the robot at the same time
 
     @property
     def machines(self) -> frozenset[str]:

@@ -36,7 +36,7 @@ from lupin_cli.runbook.templates import (
     required_of,
 )
 
-_TOP = ("name", "description", "vars", "steps")
+_TOP = ("name", "description", "exclusive", "vars", "steps")
 _STEP = ("name", "on", "as", "when", "until", "retry", "timeout", "confirm", "undo", "always")
 _INCLUDE = ("include", "name", "vars", "when")
 _VARIABLE = ("type", "default", "choices", "help")
@@ -56,7 +56,7 @@ def read_playbook(path: Path, operations: Mapping[str, type], find: Finder) -> P
     reader = _Reader(operations, find)
     name, description, frame, steps = reader.file(path, (), None, {}, None, None)
     digest = hashlib.sha256("\0".join(reader.texts).encode()).hexdigest()[:16]
-    return Playbook(name, description, str(path), frame.variables, tuple(steps), digest)
+    return Playbook(name, description, str(path), frame.variables, tuple(steps), digest, reader.exclusive)
 
 
 class _Names:
@@ -86,6 +86,7 @@ class _Reader:
         self._operations = operations
         self._find = find
         self.texts: list[str] = []
+        self.exclusive = False  # one of the files says so
 
     def file(
         self,
@@ -106,6 +107,7 @@ class _Reader:
         name = source.text_of(top["name"][1], "the name")
         if name != path.stem:
             raise source.error(top["name"][1], f"the name is {name!r}, but the file is {path.name!r}: they are the same")
+        self.exclusive |= "exclusive" in top and self._truth(source, top["exclusive"][1])
         names = _Names()
         variables = self._variables(source, top["vars"][1], names) if "vars" in top else ()
         for word, (_, place) in given.items():

@@ -14,6 +14,7 @@ from lupin_cli.operations.base import OperationError
 from lupin_cli.runbook.engine import Confirm, OnEvent
 from lupin_cli.runbook.journal import Journal, JournalError, Mask, RunRecord, StepRecord, journal_folder
 from lupin_cli.runbook.language import DEFAULT_TIMEOUT_S
+from lupin_cli.runbook.lease import Lease, LeaseTaken
 from lupin_cli.runbook.outcome import Event, Result, StepResult
 from lupin_cli.runbook.templates import arguments_of, coerce
 from lupin_cli.runbook.watched import WatchedTarget
@@ -29,6 +30,7 @@ def undo(
     journal: Path | None = None,
     on_event: OnEvent | None = None,
     stop: threading.Event | None = None,
+    break_lease: bool = False,
 ) -> Result:
     """Take back what a run changed, also one that was cut off. Steps with `undo: false` stay as they are.
 
@@ -55,9 +57,17 @@ def undo(
     if not dry_run:
         start = {"playbook": run.playbook, "file": run.file, "digest": run.digest, "robot": robot, "undo_of": run.run}
         log = Journal.begin(journal or journal_folder(), f"undo-{run.playbook}", robot, Mask(), {**start, "pid": os.getpid()})
+    lease = None
+    if run.exclusive and not dry_run and "robot" in targets:
+        lease = Lease(targets["robot"], f"lupin play {run.playbook} --undo", break_it=break_lease)
+    reachable = True
     try:
-        return _Way(run, robot, targets, log, on_event, stop or threading.Event()).back(steps)
+        result = _Way(run, robot, targets, log, on_event, stop or threading.Event(), lease).back(steps)
+        reachable = result.state != "unreachable"
+        return result
     finally:
+        if lease is not None:
+            lease.end(reachable=reachable)
         if log is not None:
             log.close()
 
@@ -71,8 +81,10 @@ class _Way:
         journal: Journal | None,
         on_event: OnEvent | None,
         stop: threading.Event,
+        lease: Lease | None,
     ) -> None:
         self._run = run
+        self._lease = lease
         self._robot = robot
         self._targets = {machine: WatchedTarget(target) for machine, target in targets.items()}
         self._journal = journal
@@ -90,6 +102,8 @@ class _Way:
         except (OperationError, TargetError) as error:
             state = "unreachable" if isinstance(error, Unreachable) else "failed"
             message, next_command = f"{step.name}: {error}", error.next_command or self._again()
+            if isinstance(error, LeaseTaken):
+                next_command = f"{self._again()} --break-lease"
             results.append(StepResult(index, step.name, step.operation, step.machine, "failed", error=str(error)))
         except JournalError as error:
             state, message, next_command = "failed", str(error), error.next_command
@@ -121,6 +135,8 @@ class _Way:
         )
         target.record = lambda text: self._write("output", sync=False, index=index, text=text)
         try:
+            if self._lease is not None and step.machine == "robot":
+                self._lease.take()
             with target.alone():
                 operation(**values, machine=step.machine).undo(target, before)
         except BaseException as error:
@@ -129,6 +145,8 @@ class _Way:
             raise
         finally:
             target.record = None
+        if self._lease is not None and step.operation == "reboot":
+            self._lease.forget()
         duration_s = round(time.monotonic() - started, 3)
         self._write("step-end", index=index, state="changed", duration_s=duration_s)
         self._tell("step-end", index, total, step=step.name, state="changed", text=blank.summary, duration_s=duration_s)

@@ -15,7 +15,6 @@ import pytest
 from lupin_cli.operations.base import OperationError
 from lupin_cli.operations.release import Release, built
 from lupin_cli.release.contents import CannotBuild, Robot, files
-from lupin_cli.release.lease import Lease
 from lupin_cli.release.manifest import Hashes, manifest_of
 from lupin_cli.release.transfer import activate, changes, installed, upload
 from lupin_cli.target.base import Output
@@ -241,32 +240,6 @@ def test_a_robot_that_can_get_no_release_is_told_why():
         list(files(Robot("x86_64", (3, 8), "")))
     with pytest.raises(OperationError, match="no release can be made"):
         built(Robot("riscv64", (3, 11), ""))
-
-
-def test_a_lease_keeps_the_second_operator_out_and_names_the_first(target, tmp_path):
-    root = str(tmp_path)
-    with Lease(target, root=root):
-        (tmp_path / "lease/owner").write_text(json.dumps({"who": "ada@desk", "pid": 1, "nonce": "other"}))
-        with pytest.raises(OperationError, match="deployed to by ada@desk") as error:
-            Lease(target, root=root)
-        assert "--break-lease" in error.value.next_command
-    assert (tmp_path / "lease").exists(), "somebody else's lease is not given back"
-    with Lease(target, root=root, break_it=True):
-        pass
-    assert not (tmp_path / "lease").exists()
-
-
-def test_a_lease_of_another_boot_or_of_a_dead_run_of_ours_counts_for_nothing(target, tmp_path):
-    root = str(tmp_path)
-    Lease(target, root=root)
-    (tmp_path / "lease/boot").write_text("another\n")
-    Lease(target, root=root)
-    owner = json.loads((tmp_path / "lease/owner").read_text())
-    dead = subprocess.Popen(["true"])
-    dead.wait()
-    (tmp_path / "lease/owner").write_text(json.dumps({**owner, "pid": dead.pid}))
-    with Lease(target, root=root):
-        assert json.loads((tmp_path / "lease/owner").read_text())["pid"] == os.getpid()
 
 
 def test_a_file_that_changes_while_the_release_is_made_is_named(target, make, tmp_path):
