@@ -6,6 +6,7 @@ import shlex
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -124,6 +125,37 @@ def gather(
                     link or Link("robot", ""), kind=failure_kind(error), message=str(error), next_command=error.next_command
                 )
         return Evidence(here.result(), there, link)
+
+
+def look_closer(
+    checks: Sequence[Check],
+    found: Diagnosis,
+    evidence: Evidence,
+    laptop: Target,
+    robot: Target | None,
+    addresses: Sequence[str] = (),
+) -> Evidence | None:
+    """The evidence with what checks ask for where they found something, from both ends at the same time; None where none asks.
+
+    A robot that can't be asked any more keeps the facts that it gave.
+    """
+    due = [check for check in checks if found.by_check.get(check.name) and (check.closer_laptop or check.closer_robot)]
+    if not due:
+        return None
+    of_laptop = facts_of([replace(check, laptop=check.closer_laptop) for check in due], "laptop")
+    of_robot = facts_of([replace(check, robot=check.closer_robot) for check in due], "robot")
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="laptop") as pool:
+        here = pool.submit(ask, laptop, "laptop", of_laptop, addresses)
+        there = None
+        if robot is not None and evidence.robot is not None:
+            with suppress(TargetError):
+                there = ask(robot, "robot", of_robot, addresses)
+        robots = None if evidence.robot is None else _with(evidence.robot, there)
+        return replace(evidence, laptop=_with(evidence.laptop, here.result()), robot=robots)
+
+
+def _with(facts: Facts, more: Facts | None) -> Facts:
+    return facts if more is None else replace(facts, values={**facts.values, **more.values})
 
 
 _KINDS = {

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from lupin_cli.checks.base import Check, Finding
-from lupin_cli.diagnosis import Diagnosis, diagnose, gather
+from lupin_cli.diagnosis import Diagnosis, diagnose, gather, look_closer
 from lupin_cli.facts.link import Link
 from lupin_cli.target.base import Output, Script, Target
 
@@ -89,6 +89,9 @@ class Examination:
         evidence = gather(self.checks, here, self._reach if self.robot else None, link, own if addresses is None else addresses)
         self.link = evidence.link
         self.diagnosis = diagnose(self.checks, evidence, self.broken)
+        closer = look_closer(self.checks, self.diagnosis, evidence, self.laptop, self._target, own)
+        if closer is not None:
+            self.diagnosis = diagnose(self.checks, closer, self.broken)
         return self.diagnosis
 
     def addresses(self) -> list[str]:

@@ -52,9 +52,15 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Check:
-    """A pure function from evidence to findings, with the facts it needs."""
+    """A pure function from evidence to findings, with the facts it needs.
+
+    `closer_*` are facts that cost too much to be asked for every time: they are asked for where the check found something, and
+    then all checks judge anew.
+    """
 
     name: str
     find: Callable[[Evidence], Iterable[Finding]]
     laptop: tuple[Fact[Any], ...] = ()
     robot: tuple[Fact[Any], ...] = ()
+    closer_laptop: tuple[Fact[Any], ...] = ()
+    closer_robot: tuple[Fact[Any], ...] = ()

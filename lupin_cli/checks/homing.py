@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
+from lupin_cli.checks.capture import packet_lines
 from lupin_cli.checks.consequences import SEEN_OVER_THE_GRAPH
 from lupin_cli.checks.typed import on_robot
 from lupin_cli.checks.way import robot_address
@@ -53,6 +54,7 @@ def find_unroutable(evidence: Evidence) -> Iterator[Finding]:
             *(f"robot: {each.line()}" for each in announced),
             *(f"laptop: {route.line()}" for route in routes.main),
             *up,
+            *packet_lines(evidence),
         ),
         fix=Fix(on_robot(evidence, fix), playbook="single-home"),
         explains=SEEN_OVER_THE_GRAPH,

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
+from lupin_cli.checks.capture import packet_lines
 from lupin_cli.checks.controllers import graphs
 from lupin_cli.facts.graph import GRAPH, End, Graph
+from lupin_cli.facts.packets import PACKETS
 from lupin_runtime.graph import BATTERY, CLOCK, ESTOP_BUTTON, ESTOP_STATE, IMU, JOINT_STATES, ODOM, SCAN, TF, topics
 
 KNOWN = frozenset(topic.name for topic in topics())
@@ -86,6 +88,7 @@ def names_only(evidence: Evidence) -> Iterator[Finding]:
                     else ()
                 ),
                 *(call.line() for call in answered),
+                *(packet_lines(evidence) if graph.kind == "robot" else ()),
             ),
             fix=Fix("export FASTDDS_BUILTIN_TRANSPORTS=UDPv4" if shared else "lupin transport"),
             explains=frozenset({"topic-silent", "one-way-data", "board-wedged"}),
@@ -106,7 +109,11 @@ def one_way(evidence: Evidence) -> Iterator[Finding]:
             symptom="telemetry is live, and no drive command, arm service or controller call gets through",
             cause="data flows from the robot and not back: what is sent to the robot goes to an address that it announces and "
             "that this machine has no way to",
-            evidence=(*_counts(graph), *(call.line() for call in graph.calls)),
+            evidence=(
+                *(call.line() for call in graph.calls),
+                *(packet_lines(evidence) if graph.kind == "robot" else ()),
+                *_counts(graph),
+            ),
             fix=Fix("lupin play single-home", playbook="single-home"),
             explains=frozenset({"controller-manager-silent", "drive-sink-unheard"}),
         )
@@ -160,8 +167,9 @@ def unvisited(evidence: Evidence) -> Iterator[Finding]:
 
 CHECKS = (
     Check("graph.qos", unfitting, laptop=(GRAPH,)),
-    Check("graph.samples", names_only, laptop=(GRAPH,)),
-    Check("graph.asymmetry", one_way, laptop=(GRAPH,)),
+    # A closer look visits the graph again, which makes the packets that are counted, and may find it well by then.
+    Check("graph.samples", names_only, (GRAPH,), closer_laptop=(GRAPH, PACKETS), closer_robot=(PACKETS,)),
+    Check("graph.asymmetry", one_way, (GRAPH,), closer_laptop=(GRAPH, PACKETS), closer_robot=(PACKETS,)),
     Check("graph.silent", silent, laptop=(GRAPH,)),
     Check("graph.visit", unvisited, laptop=(GRAPH,)),
 )

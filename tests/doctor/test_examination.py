@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lupin_cli.checks import Check
+from lupin_cli.checks import Check, Finding, Fix, Severity
 from lupin_cli.config import Config, Robot
 from lupin_cli.examination import Examination, examine_all
 from lupin_cli.facts import Fact
@@ -32,3 +32,35 @@ def test_a_robot_that_is_examined_again_asks_this_machine_again(machine) -> None
     examination.examine()
     examination.examine()
     assert laptop.asked == [["words"], ["words"]]
+
+
+def test_a_closer_look_is_taken_only_where_something_was_found_and_all_checks_judge_anew(machine) -> None:
+    symptom = Fact("symptom", "echo", lambda output: output.stdout)
+    dear = Fact("dear", "sleep 5", lambda output: output.stdout)
+
+    def find(evidence):
+        if evidence.laptop.get(symptom) == "sick":
+            yield Finding(
+                "ache", Severity.PROBLEM, "laptop", "s", "c", (evidence.laptop.get(dear) or "not asked",), Fix("rest")
+            )
+
+    check = Check("ache", find, laptop=(symptom,), closer_laptop=(dear,))
+    well = machine({"symptom": Output(0, "well"), "dear": Output(0, "seen")})
+    assert Examination([check], (), well).examine().roots == ()
+    assert well.asked == [["symptom"]]
+    sick = machine({"symptom": Output(0, "sick"), "dear": Output(0, "seen")})
+    (root,) = Examination([check], (), sick).examine().roots
+    assert root.finding.evidence == ("seen",)
+    assert sick.asked == [["symptom"], ["dear"]]
+
+
+def test_what_a_closer_look_finds_well_is_well(machine) -> None:
+    answers = iter(("sick", "well"))
+    fact = Fact("symptom", "echo", lambda output: next(answers))
+
+    def find(evidence):
+        if evidence.laptop.get(fact) == "sick":
+            yield Finding("ache", Severity.PROBLEM, "laptop", "s", "c", ("line",), Fix("rest"))
+
+    check = Check("ache", find, laptop=(fact,), closer_laptop=(fact,))
+    assert Examination([check], (), machine({"symptom": Output(0, "")})).examine().roots == ()
