@@ -134,7 +134,7 @@ def robot_environment(base: Mapping[str, str] | None = None) -> tuple[dict[str, 
                 applied.append(found[1])
     if not environment.get("ROS_DISCOVERY_SERVER"):
         raise NoRobotEnvironment(
-            f"no robot is known here: {path} names no ROS_DISCOVERY_SERVER; write it with its three exports "
-            "(ROS_DISCOVERY_SERVER=<robot>:11811, FASTRTPS_DEFAULT_PROFILES_FILE, RMW_IMPLEMENTATION) or use --target sim"
+            f"no robot is known here: {path} names no ROS_DISCOVERY_SERVER; "
+            "type: lupin dds setup 10.42.0.1 (the robot's address), or use --target sim"
         )
     return environment, applied

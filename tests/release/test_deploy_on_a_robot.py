@@ -81,6 +81,9 @@ def test_a_deploy_is_whole_or_not_at_all_and_goes_back_and_off_again(robot_host,
     assert new != old
     assert runs_from(host) == new
 
+    # What waits for a laptop that is gone can't fill the buffers of the robot's own processes.
+    assert said(host, "cat /proc/sys/net/ipv4/neigh/eth0/unres_qlen_bytes") == "65536"
+
     back = lupin("deploy", "robot", "--rollback", "--no-check")
     assert back.exit_code == 0, back.output
     assert said(host, ID) == old
@@ -88,7 +91,7 @@ def test_a_deploy_is_whole_or_not_at_all_and_goes_back_and_off_again(robot_host,
 
     removed = lupin("deploy", "robot", "--remove")
     assert removed.exit_code == 0, removed.output
-    assert said(host, "ls /etc/systemd/system/lupin-* /etc/udev/rules.d/70-lupin* /opt/lupin/*") == ""
+    assert said(host, "ls /etc/systemd/system/lupin-* /etc/udev/rules.d/70-lupin* /etc/sysctl.d/60-lupin* /opt/lupin/*") == ""
     assert said(host, "systemctl is-active mirte-ros") == "active"
     nothing = lupin("deploy", "robot", "--remove")
     assert "nothing to do" in nothing.output, nothing.output
