@@ -30,7 +30,9 @@ class Command:
             raise ValueError("it needs a guard, or a second run would do it again: unless: SCRIPT or creates: PATH")
 
     def _guard(self) -> str:
-        parts = ([f"( {self.unless}\n)"] if self.unless else []) + ([f"[ -e {quote(self.creates)} ]"] if self.creates else [])
+        parts = ([f"( {self.unless}\n) >/dev/null"] if self.unless else []) + (
+            [f"[ -e {quote(self.creates)} ]"] if self.creates else []
+        )
         return " || ".join(parts)
 
     def differs(self, target: Target) -> Difference | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference
+from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.shell import look
 from lupin_cli.target.base import Target
 
@@ -34,6 +34,9 @@ class Probe:
 
     def report(self, target: Target) -> dict[str, Any]:
         output = look(target, self.run, root=self.root, bound_s=self.timeout_s)
+        if output.truncated:
+            first = self.run.strip().splitlines()[0]
+            raise OperationError(f"{first!r} on {target.name} printed more than {len(output.stdout)} characters: ask for less")
         text = output.stdout.rstrip("\n")
         try:
             number: float | None = float(text)

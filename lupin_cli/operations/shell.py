@@ -34,6 +34,8 @@ def read(target: Target, script: str, what: str, *, root: bool = False, bound_s:
     output = look(target, script, root=root, bound_s=bound_s)
     if not output.ok:
         raise OperationError(f"could not read {what} on {target.name}: {_reason(output)}")
+    if output.truncated:
+        raise OperationError(f"could not read {what} on {target.name}: it is longer than {len(output.stdout)} characters")
     return output.stdout
 
 

@@ -44,7 +44,9 @@ def read_get(name: str, path: str, output: Output) -> bytes | None:
     """The bytes that `get_program` printed. Raises TargetError."""
     if output.status == _ABSENT:
         return None
-    if not output.ok or output.truncated:
+    if output.ok and output.truncated:
+        raise TargetError(f"{name}: {path} is too large to be fetched whole")
+    if not output.ok:
         raise TargetError(f"{name}: could not read {path}: {reason_of_failure(output)}")
     return base64.b64decode(output.stdout)
 

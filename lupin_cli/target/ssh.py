@@ -19,6 +19,7 @@ from lupin_cli.target.channel import LOST, read, send
 from lupin_cli.target.destination import Destination
 from lupin_cli.target.files import get_program, put_program, read_get, reason_of_failure
 from lupin_cli.target.framing import batch_program
+from lupin_cli.target.keepalive import Watch
 from lupin_cli.target.reach import await_banner, open_socket, unreachable
 from lupin_cli.target.streaming import Streams, run_program
 from lupin_cli.target.trust import Trust
@@ -27,7 +28,7 @@ logging.getLogger("paramiko").setLevel(logging.CRITICAL)  # its threads print st
 
 AskPassword = Callable[[str], str]
 
-_KEEPALIVE_S = 5
+_KEEPALIVE_S = 5  # between calls too: a way that died is then known before the next one
 _HANDSHAKE_S = 10.0  # key exchange on a robot that is busy booting
 
 
@@ -200,9 +201,10 @@ class SshTarget:
         program = batch_program(scripts, bound_s, self._sudo_password)
         deadline = time.monotonic() + bound_s
         why = f"no end within {bound_s:g} s"
-        with self._bounded(bound_s) as transport:
+        ended = False  # the login shell
+        with Watch(self.connect(), bound_s + 1.0) as watch:
             try:
-                with self._channel(transport, program.command, bound_s) as channel:
+                with self._channel(watch.transport, program.command, bound_s) as channel:
                     channel.sendall(program.payload)
                     channel.shutdown_write()
                     while not program.reader.done and (left := deadline - time.monotonic()) > 0:
@@ -212,14 +214,18 @@ class SshTarget:
                         except TimeoutError:
                             continue
                         if not data:
+                            ended = True
                             break
                         program.reader.feed(data)
+                    said = _last_line(channel)
             except LOST as error:
                 why = f"the link went: {str(error) or type(error).__name__}"
-            if not program.reader.done and not transport.is_active() and time.monotonic() < deadline:
-                why = "the link went"
+            if not program.reader.done and not watch.transport.is_active() and time.monotonic() < deadline:
+                why = f"the link went: {watch.why}"
                 if not program.reader.started:
-                    raise unreachable(str(self.destination), "lost")
+                    raise unreachable(str(self.destination), "lost", watch.why)
+            elif ended and not program.reader.started:
+                raise self._shell_refused(said)
         return program.reader.outputs(why)
 
     def run(
@@ -236,9 +242,9 @@ class SshTarget:
         streams = Streams(program.mark, on_line)
         status, lost = None, ""
         start = time.monotonic()
-        with self._bounded(bound_s) as transport:
+        with Watch(self.connect(), bound_s + 1.0) as watch:
             try:
-                with self._channel(transport, program.command, bound_s) as channel:
+                with self._channel(watch.transport, program.command, bound_s) as channel:
                     threading.Thread(target=send, args=(channel, program.payload), name="lupin-stdin", daemon=True).start()
                     for is_stderr, data in read(channel, start + bound_s):
                         streams.feed(data, is_stderr)
@@ -246,8 +252,10 @@ class SshTarget:
                         status = channel.exit_status
             except LOST as error:
                 lost = str(error) or type(error).__name__
-            if status is None and not transport.is_active() and time.monotonic() < start + bound_s:
-                lost = lost or "it hung up"
+            if status is None and not watch.transport.is_active() and time.monotonic() < start + bound_s:
+                lost = watch.why if watch.silent else lost or watch.why
+        if status is not None and not streams.entered:
+            raise self._shell_refused(streams.last_error)
         if root and not streams.marked and status is not None:
             raise RootRefused(
                 f"{self.name}: root is refused to {self.user}: {streams.last_error}",
@@ -296,19 +304,15 @@ class SshTarget:
             raise unreachable(str(self.destination), "lost", str(error)) from error
         return channel
 
-    # -- bounds
+    def _shell_refused(self, said: str) -> TargetError:
+        """The login shell ended without having run what it was asked to: a start file that replaces it, or no shell at all."""
+        return TargetError(
+            f"{self.name}: the login shell of {self.user} does not run what it is asked to; it said: {said}. "
+            "A start file that ends with 'exec ...' must do so for terminals only: [ -t 0 ] && exec ...",
+            f"ssh {self.destination.user}@{self.destination.host} echo fine",
+        )
 
-    @contextlib.contextmanager
-    def _bounded(self, bound_s: float) -> Iterator[paramiko.Transport]:
-        """A connection that is given up a little after the bound: paramiko waits for some answers without one of its own."""
-        transport = self.connect()
-        watchdog = threading.Timer(bound_s + 1.0, transport.close)
-        watchdog.daemon = True
-        watchdog.start()
-        try:
-            yield transport
-        finally:
-            watchdog.cancel()
+    # -- bounds
 
     @contextlib.contextmanager
     def _channel(self, transport: paramiko.Transport, command: str, bound_s: float) -> Iterator[paramiko.Channel]:
@@ -326,9 +330,9 @@ class SshTarget:
         """Write `path` over SFTP; False where that did not work and nothing has changed."""
         name = path.removeprefix("~/")  # SFTP starts at home
         new = f"{name}.lupin-{secrets.token_hex(4)}"
-        with self._bounded(bound_s) as transport:
+        with Watch(self.connect(), bound_s + 1.0) as watch:
             try:
-                sftp = self._sftp(transport)
+                sftp = self._sftp(watch.transport)
                 with sftp.open(new, "wbx") as file:
                     file.chmod(0o600)
                     file.set_pipelined(True)
@@ -342,7 +346,7 @@ class SshTarget:
                         raise OSError("short write")
                 sftp.posix_rename(new, name)
             except (*LOST, paramiko.SFTPError):  # SFTPError: a login shell that talks spoils the protocol
-                if transport.is_active() and self._sftp_client is not None:
+                if watch.transport.is_active() and self._sftp_client is not None:
                     with contextlib.suppress(*LOST, paramiko.SFTPError):  # it may never have come into being
                         self._sftp_client.remove(new)
                 return False
@@ -354,6 +358,12 @@ class SshTarget:
             assert client is not None
             self._sftp_client = client
         return self._sftp_client
+
+
+def _last_line(channel: paramiko.Channel) -> str:
+    """What was said last on standard error, as far as it is there."""
+    lines = channel.recv_stderr(1 << 16).decode("utf-8", "replace").strip().splitlines() if channel.recv_stderr_ready() else []
+    return lines[-1] if lines else "nothing"
 
 
 class _Policy(paramiko.MissingHostKeyPolicy):

@@ -12,7 +12,10 @@ from dataclasses import dataclass
 from lupin_cli.target.base import Output
 from lupin_cli.target.framing import ENVIRONMENT, READ_PROGRAM, SKIP_PASSWORD, sudo_check, sudo_command
 
-KEPT_BYTES = 32 * 1024 * 1024  # of each stream; `on_line` gets all of it
+# Of each stream: its beginning and its end; `on_line` gets all of it.
+HEAD_BYTES, TAIL_BYTES = 24 * 1024 * 1024, 8 * 1024 * 1024
+LINE_CHARACTERS = 64 * 1024  # what never breaks its line is handed out in pieces
+_PREAMBLE_BYTES = 64 * 1024  # what a login shell says before the script; of more only the end is looked at
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,37 @@ def run_program(script: str, *, root: bool, stdin: bytes, bound_s: float, sudo_p
         lead = (b"" if sudo_password is None else sudo_password.encode() + b"\n") + b"lupin-begins\n"
     else:
         start = f"{ENVIRONMENT}exec {bounded}\n".encode()
+    start = f"printf '{_ENTERED}{mark}\\n' >&2\n".encode() + start
     return RunProgram(READ_PROGRAM.format(size=len(start)), start + lead + text + stdin, mark.encode())
+
+
+_ENTERED = "shell-"
+
+
+class _Kept:
+    """The first and the last bytes of a stream of any length."""
+
+    def __init__(self) -> None:
+        self._head, self._tail = bytearray(), bytearray()
+        self.left_out = 0
+
+    def add(self, data: bytes) -> None:
+        room = HEAD_BYTES - len(self._head)
+        self._head += data[:room]
+        self._tail += data[max(0, room) :]
+        if len(self._tail) > 2 * TAIL_BYTES:  # not at every piece: it is a copy
+            self._trim()
+
+    def _trim(self) -> None:
+        excess = len(self._tail) - TAIL_BYTES
+        if excess > 0:
+            del self._tail[:excess]
+            self.left_out += excess
+
+    def text(self) -> str:
+        self._trim()
+        head, tail = (bytes(part).decode("utf-8", "backslashreplace") for part in (self._head, self._tail))
+        return f"{head}\n[{self.left_out} bytes left out]\n{tail}" if self.left_out else head + tail
 
 
 class Streams:
@@ -56,12 +89,18 @@ class Streams:
 
     def __init__(self, mark: bytes, on_line: Callable[[str], None] | None) -> None:
         self._mark = mark + b"\n"
-        self._kept = (bytearray(), bytearray())
-        self._dropped = False
+        self._entered = False
+        self._before = [b"", b""]  # of the mark
+        self._kept = (_Kept(), _Kept())
         self._on_line = on_line
         self._decoders = tuple(codecs.getincrementaldecoder("utf-8")("backslashreplace") for _ in range(2))
         self._lines = ["", ""]
         self._marked = [False, False]
+
+    @property
+    def entered(self) -> bool:
+        """Whether the login shell did what it was asked to."""
+        return self._entered or self.marked
 
     @property
     def marked(self) -> bool:
@@ -70,28 +109,34 @@ class Streams:
 
     def feed(self, data: bytes, is_stderr: bool) -> None:
         """Take the next bytes of one stream."""
-        kept = self._kept[is_stderr]
         if not self._marked[is_stderr]:
-            kept += data
-            place = kept.find(self._mark)
+            data = self._before[is_stderr] + data
+            place = data.find(self._mark)
+            while place > 0 and data[:place].endswith(_ENTERED.encode()):
+                self._entered = True
+                data = data[:place].removesuffix(_ENTERED.encode()) + data[place + len(self._mark) :]
+                place = data.find(self._mark)
             if place < 0:
+                self._before[is_stderr] = data[-_PREAMBLE_BYTES:]
                 return
             self._marked[is_stderr] = True
-            data = bytes(kept[place + len(self._mark) :])
-            kept.clear()
-        room = KEPT_BYTES - len(kept)
-        kept += data[:room]
-        self._dropped |= len(data) > room
-        if self._on_line is not None:
-            *lines, rest = (self._lines[is_stderr] + self._decoders[is_stderr].decode(data)).split("\n")
-            self._lines[is_stderr] = rest[-KEPT_BYTES:]
-            for line in lines:
-                self._on_line(line)
+            data = data[place + len(self._mark) :]
+        self._kept[is_stderr].add(data)
+        if self._on_line is None:
+            return
+        *lines, rest = (self._lines[is_stderr] + self._decoders[is_stderr].decode(data)).split("\n")
+        while len(rest) > LINE_CHARACTERS:
+            lines.append(rest[:LINE_CHARACTERS])
+            rest = rest[LINE_CHARACTERS:]
+        self._lines[is_stderr] = rest
+        for line in lines:
+            self._on_line(line)
 
     @property
     def last_error(self) -> str:
         """The last thing that was said on standard error."""
-        lines = self._kept[1].decode("utf-8", "backslashreplace").strip().splitlines()
+        said = (self._before[1] or self._before[0]).decode("utf-8", "backslashreplace")
+        lines = (self._kept[1].text() if self._marked[1] else said).strip().splitlines()
         return lines[-1] if lines else "nothing was said"
 
     def output(self, status: int | None, duration_s: float, bound_s: float) -> Output:
@@ -102,7 +147,7 @@ class Streams:
                     self._on_line(rest)
         if status in (124, 137, 143) and duration_s >= bound_s - 0.05:
             status = None
-        stdout, stderr = (bytes(kept).decode("utf-8", "backslashreplace") for kept in self._kept)
+        stdout, stderr = (kept.text() for kept in self._kept)
         if status is None and not stderr:
             stderr = f"no end within {bound_s:g} s"
-        return Output(status, stdout, stderr, duration_s, self._dropped or status is None)
+        return Output(status, stdout, stderr, duration_s, any(kept.left_out for kept in self._kept) or status is None)

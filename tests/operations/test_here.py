@@ -177,6 +177,15 @@ def test_a_probe_reports_and_changes_nothing(here: LocalTarget) -> None:
     assert Probe(run="true").differs(here) is None
 
 
+def test_a_probe_or_a_guard_that_prints_a_hundred_megabytes_is_cut_and_only_what_is_read_is_refused(
+    here: LocalTarget, tmp_path: Path
+) -> None:
+    much = "head -c 100000000 /dev/zero | tr '\\0' x"
+    with pytest.raises(OperationError, match=r"printed more than \d+ characters"):
+        Probe(run=much, timeout_s=30.0).report(here)
+    assert Command(run="false", unless=much).differs(here) is None
+
+
 def test_a_process_is_ended_by_its_exact_name_and_its_command_line(here: LocalTarget, tmp_path: Path) -> None:
     program = tmp_path / "fast-discovery-server"
     program.write_bytes(Path("/bin/sleep").read_bytes())

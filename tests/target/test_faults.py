@@ -259,6 +259,36 @@ def test_a_half_open_connection_is_given_up_at_the_bound(sshd) -> None:
         cable.heal()
 
 
+@pytest.mark.parametrize("what", ["run", "batch"])
+def test_a_connection_that_answers_nothing_is_given_up_long_before_a_long_steps_bound(
+    sshd, what: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lupin_cli.target.keepalive.ASK_AFTER_S", 0.3)
+    monkeypatch.setattr("lupin_cli.target.keepalive.ANSWER_S", 1.5)
+    cable = Cable(sshd.port)
+    with server(cable.carry) as port:
+        target = SshTarget("robot", replace(sshd.destination, port=port), sshd.trust(), connect_timeout_s=1.0)
+        target.connect()
+        threading.Timer(1.0, cable.cut).start()
+        start = time.monotonic()
+        if what == "run":
+            output = target.run("echo heard; sleep 300", bound_s=300)
+        else:
+            output = target.batch([Script("quick", "echo heard"), Script("slow", "sleep 300", 300.0)], bound_s=300)["slow"]
+        assert time.monotonic() - start < 60
+        assert output.status is None and "has answered nothing for 1.5 s" in output.stderr
+        cable.heal()
+        target.close()
+
+
+def test_a_silent_script_on_a_connection_that_answers_is_waited_for(sshd, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lupin_cli.target.keepalive.ASK_AFTER_S", 0.1)
+    monkeypatch.setattr("lupin_cli.target.keepalive.ANSWER_S", 1.5)
+    target = SshTarget("robot", sshd.destination, sshd.trust())
+    assert target.run("sleep 2.5; echo there", bound_s=60).stdout == "there\n"
+    target.close()
+
+
 @pytest.mark.parametrize("after_s", [0.0, 0.05, 0.3])
 def test_a_link_that_is_cut_while_a_file_is_written_leaves_the_old_one_whole(sshd, tmp_path: Path, after_s: float) -> None:
     path = tmp_path / "file"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import time
+import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 from lupin_cli.target.base import Script, Target, TargetError
 from lupin_cli.target.framing import STDOUT_CAP_BYTES
 from lupin_cli.target.local import LocalTarget
-from lupin_cli.target.streaming import KEPT_BYTES
+from lupin_cli.target.streaming import HEAD_BYTES, LINE_CHARACTERS, TAIL_BYTES
 
 
 @pytest.fixture(params=["local", "ssh"], scope="session")
@@ -156,9 +157,20 @@ def test_run_hands_over_lines_before_the_script_ends(target: Target) -> None:
     assert time.monotonic() - start - seen[0] > 1.0
 
 
-def test_a_hundred_megabytes_from_a_run_are_cut_and_said_to_be(target: Target) -> None:
-    output = target.run("head -c 100000000 /dev/zero; echo done >&2", bound_s=90)
-    assert output.ok and output.truncated and len(output.stdout) == KEPT_BYTES and output.stderr == "done\n"
+def test_of_a_hundred_megabytes_from_a_run_both_ends_are_kept_and_said_so(target: Target) -> None:
+    lines: list[int] = []
+    script = "echo begun; head -c 100000000 /dev/zero | tr '\\0' x; echo; echo ended; echo done >&2"
+    tracemalloc.start()
+    output = target.run(script, bound_s=90, on_line=lambda line: lines.append(len(line)))
+    peak_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert output.ok and output.truncated and output.stderr == "done\n"
+    assert output.stdout.startswith("begun\nxxx") and output.stdout.endswith("xxx\nended\n")
+    head, said, tail = output.stdout.partition(f"\n[{100_000_013 - HEAD_BYTES - TAIL_BYTES} bytes left out]\n")
+    assert (len(head), bool(said), len(tail)) == (HEAD_BYTES, True, TAIL_BYTES)
+    # A listener gets all of it, a line without an end in pieces; nothing holds more than what is kept, a few times over.
+    assert sum(lines) == 100_000_000 + len("begunendeddone") and max(lines) <= LINE_CHARACTERS
+    assert peak_bytes < 6 * (HEAD_BYTES + TAIL_BYTES)
 
 
 def test_run_is_cut_at_its_bound(target: Target) -> None:
