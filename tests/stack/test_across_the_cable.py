@@ -125,7 +125,7 @@ def test_the_robot_is_driven_across_the_cable_and_a_pulled_cable_stops_its_wheel
             return json.loads(texts[0])["stages"] if texts else []
 
         until(lambda: stages() and all(stage["phase"] == "up" for stage in stages()), "a laptop's half that is up", 90.0)
-        client = laptop.starts("-c", CLIENT, "1.5", **laptop.exports())
+        client = laptop.starts("-c", CLIENT, "2.2", **laptop.exports())
         try:
             assert client.stdout is not None
             assert client.stdout.readline() == "accepted\n"
@@ -140,8 +140,8 @@ def test_the_robot_is_driven_across_the_cable_and_a_pulled_cable_stops_its_wheel
             until(lambda: len(truth(host)) > len(at_rest) + 20, "two seconds more")
             track = truth(host)
             assert moved_m(track[len(at_rest) :]) < 0.005
-            assert moved_m(track[cut:]) < 0.35
-            assert math.dist(track[0][1:], track[-1][1:]) < 1.2  # it was still on its way
+            assert moved_m(track[cut:]) < 0.6  # what the record lags included
+            assert math.dist(track[0][1:], track[-1][1:]) < 1.8  # it was still on its way
         finally:
             client.kill()
             client.communicate()
