@@ -274,3 +274,5 @@ def tell_result(result: Result, as_json: bool) -> None:
         typer.echo(f"{where}{result.playbook}: {result.state}: {result.message}", err=True)
         if result.next_command:
             typer.echo(f"  next: {result.next_command}", err=True)
+        if result.resume and not result.next_command.startswith(result.resume):
+            typer.echo(f"  then: {result.resume}", err=True)

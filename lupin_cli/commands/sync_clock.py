@@ -96,11 +96,12 @@ def _sync(target: SshTarget, install: bool, dry_run: bool, resume: bool, break_l
     tell_result(result, as_json)
     if after is not None and after.stack != "active":
         # Whatever else happened: nobody may walk away from a robot that is down without having read so.
-        how = f"; go on with: {result.next_command}" if result.next_command else f"; start it with: systemctl start {VENDOR}"
+        onward = result.resume or result.next_command
+        how = f"; go on with: {onward}" if onward else f"; start it with: systemctl start {VENDOR}"
         typer.echo(f"{target.name}: THE STACK IS DOWN ({VENDOR} is {after.stack}){how}", err=True)
         return result.exit_code or 1
     if result.state != "done" and after is None and not dry_run:
-        typer.echo(f"{target.name} can't be asked whether its stack is up; go on with: {result.next_command}", err=True)
+        typer.echo(f"{target.name} can't be asked whether its stack is up; go on with: {result.resume}", err=True)
     return result.exit_code
 
 

@@ -221,7 +221,8 @@ class _Run:
         self._tell("end", state=state, text=message)
         run = self._journal.run if self._journal else ""
         steps = tuple(self._results)
-        return Result(self._book.name, self._robot, state, steps, run, self._dry_run, self._mask(message), next_command)
+        resume = "" if closed or state == "done" else self._resume_command()
+        return Result(self._book.name, self._robot, state, steps, run, self._dry_run, self._mask(message), next_command, resume)
 
     def _ask_ahead(self, steps: Iterable[Step]) -> None:
         """Ask the robot, in one batch, what those steps will look at first that are sure to be reached as things stand."""

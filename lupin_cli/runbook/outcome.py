@@ -42,7 +42,8 @@ class StepResult:
 
 @dataclass(frozen=True)
 class Result:
-    """How a run ended. `message` and `next_command` say what to do where it isn't done."""
+    """How a run ended. Where it isn't done, `message` says why, `next_command` what to do now, and `resume` how the run goes on
+    after that."""
 
     playbook: str
     robot: str
@@ -52,6 +53,7 @@ class Result:
     dry_run: bool = False
     message: str = ""
     next_command: str = ""
+    resume: str = ""
 
     @property
     def changed(self) -> int:
