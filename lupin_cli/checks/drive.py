@@ -15,6 +15,11 @@ SINKS = (CMD_VEL_SINK_ROBOT.name, CMD_VEL_SINK_SIM.name, "/mirte_base_controller
 ONLOOKERS = ("light_strip_bridge", "lupin_recorder", "lupin_supervisor", "rosbridge_websocket", "rosapi", "rosbag2_recorder")
 # A page that holds its stop sends zeros at 20 Hz, and the visitor listens for 1.2 s; fewer may be a hand leaving the stick.
 MANY_ZEROS = 12
+# How each is released, by the words of its reason. A page that went away while it held the stop can't let go any more.
+RELEASES = {
+    "button is pressed": "release the red button on the robot",
+    "was lost": "press stop on a page, and release it there",
+}
 INPUTS = {
     CMD_VEL_MANUAL.name: ("page-holds-bus", "an open page", "release the e-stop on the page, or close it"),
     CMD_VEL_JOY.name: ("pad-holds-bus", "the gamepad's node", "stop the gamepad's node: a released dead-man must be silent"),
@@ -56,7 +61,8 @@ def stopped(evidence: Evidence) -> Iterator[Finding]:
     """An engaged e-stop, or a bus that is locked for another reason."""
     for graph in graphs(evidence):
         if graph.estop:
-            button = any("button is pressed" in reason for reason in graph.estop_reasons)
+            said = " ".join(graph.estop_reasons)
+            release = next((what for word, what in RELEASES.items() if word in said), "release the e-stop on the page")
             yield Finding(
                 id="estop-engaged",
                 severity=Severity.PROBLEM,
@@ -68,7 +74,7 @@ def stopped(evidence: Evidence) -> Iterator[Finding]:
                     *graph.estop_reasons,
                     *(f"drive bus: {lock}" for lock in graph.bus_locks),
                 ),
-                fix=Fix("release the red button on the robot" if button else "release the e-stop on the page"),
+                fix=Fix(release),
                 explains=frozenset({"page-holds-bus", "bus-locked"}),
             )
         elif graph.bus_locks:

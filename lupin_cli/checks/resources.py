@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
+from lupin_cli.checks.leftovers import sweep
 from lupin_cli.checks.typed import on_robot, there
 from lupin_cli.facts.base import Facts
 from lupin_cli.facts.journal import JOURNAL
@@ -57,7 +59,8 @@ def storage(evidence: Evidence) -> Iterator[Finding]:
                     symptom="new nodes see names and no samples, or die at start",
                     cause=f"{mount.path} is full: {mount.available_kb} KB left",
                     evidence=(mount.raw,),
-                    fix=Fix("lupin sweep", playbook="sweep"),
+                    # It helps where the dead hold it, which the size alone does not tell.
+                    fix=replace(sweep(evidence, facts.machine), safe=False),
                     explains=frozenset({"names-no-samples"}),
                 )
             elif mount.path != SHARED_MEMORY and mount.size_kb and _short(mount):

@@ -19,6 +19,7 @@ from lupin_cli.facts.journal import JOURNAL
 from lupin_cli.facts.link import Link
 from lupin_cli.facts.units import UNIT_STATES
 from lupin_cli.target.base import Output
+from lupin_runtime.safety.consoles import LOST_HOLDING
 
 CHECKS = (*controllers.CHECKS, *drive.CHECKS, *samples.CHECKS, *board.CHECKS)
 CAPTURED = Path(__file__).parents[1] / "facts" / "captured"
@@ -160,7 +161,9 @@ def test_the_stop_says_who_holds_it_and_explains_the_bus() -> None:
     (finding,) = found(button)
     assert finding.id == "estop-engaged" and "red button" in finding.fix.command
     (finding,) = found(graph(estop=True, estop_reasons=("a console holds the stop",)))
-    assert "page" in finding.fix.command
+    assert finding.fix.command == "release the e-stop on the page"
+    (finding,) = found(graph(estop=True, estop_reasons=(LOST_HOLDING,)))
+    assert finding.fix.command.startswith("press stop on a page")
     assert ids(graph(bus_locks=("no e-stop state for 1.0 s",))) == ["bus-locked"]
 
 

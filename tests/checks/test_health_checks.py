@@ -147,6 +147,12 @@ def test_a_stopped_vendor_service_explains_what_hangs_on_it() -> None:
     assert [finding.id for finding in diagnosis.roots[0].consequences] == ["unit-not-running"]
 
 
+def test_full_shared_memory_is_swept_on_the_machine_that_it_is_on() -> None:
+    (finding,) = found(world(storage="shm-full"))
+    assert (finding.fix.playbook, finding.fix.variables, finding.fix.safe) == ("sweep", {"machine": "robot"}, False)
+    assert finding.fix.command == "lupin sweep --robot lupin"
+
+
 def test_a_changed_unit_file_and_a_masked_unit_are_named() -> None:
     seen = ids(world(units="stopped-and-stale"))
     assert seen == ["vendor-service-down", "unit-not-enabled", "unit-not-enabled", "units-need-reload"]
