@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -101,10 +102,11 @@ def to_markdown(diagnosis: Diagnosis, title: str) -> str:
         lines += [f"## {finding.cause}", "", f"`{finding.id}` · {finding.severity.value} · {finding.where}", ""]
         lines += [f"- Symptom: {finding.symptom}", f"- Fix: `{finding.fix.command}`{_done_unasked(finding)}"]
         lines += [f"- Explains: {other.cause} (`{other.id}`, {other.where})" for other in root.consequences]
-        lines += ["", "```", *(printable(line) for line in finding.evidence), "```", ""]
+        fence = "`" * max(3, 1 + max((len(run) for line in finding.evidence for run in re.findall("`+", line)), default=0))
+        lines += ["", fence, *finding.evidence, fence, ""]
     if gaps := (*diagnosis.unknown, *diagnosis.broken):
-        lines += ["## Not looked at", "", *(f"- {printable(line)}" for line in gaps), ""]
-    return "\n".join(lines)
+        lines += ["## Not looked at", "", *(f"- {line}" for line in gaps), ""]
+    return printable("\n".join(lines))
 
 
 def summary(diagnosis: Diagnosis) -> str:
@@ -158,8 +160,9 @@ def print_terminal(diagnosis: Diagnosis, *, verbose: bool = False) -> None:
 
 
 def _lines(diagnosis: Diagnosis, verbose: bool) -> Iterable[str]:
+    """Every line as it is shown. What a robot said, a process's name in a cause too, is made printable here once."""
     for root in diagnosis.roots:
-        yield from _root_lines(root, verbose)
+        yield from (printable(line) for line in _root_lines(root, verbose))
         yield ""
     for line in diagnosis.unknown:
         yield f"? {printable(line)}"
@@ -175,7 +178,7 @@ def _root_lines(root: Root, verbose: bool) -> Iterable[str]:
     yield f"  seen as   {finding.symptom}"
     shown = finding.evidence if verbose else finding.evidence[:6]
     for line in shown:
-        yield f"  │ {printable(line)}"
+        yield f"  │ {line}"
     if len(shown) < len(finding.evidence):
         yield f"  │ … {len(finding.evidence) - len(shown)} more lines (--verbose)"
     for other in root.consequences:

@@ -243,3 +243,34 @@ def test_the_doctor_starts_without_what_only_a_robot_needs() -> None:
 def test_statuses_of_the_command_are_those_of_the_report() -> None:
     names = ("HEALTHY", "ATTENTION", "USAGE", "UNREACHABLE", "FAILED")
     assert [getattr(report, name) for name in names] == [getattr(doctor, name) for name in names] == [0, 1, 2, 3, 4]
+
+
+def test_a_third_partys_check_is_asked_judged_listed_and_reported_like_any_other(tmp_path: Path) -> None:
+    (tmp_path / "their_checks.py").write_text(
+        "from lupin_cli.checks import Check, Finding, Fix, Severity\n"
+        "from lupin_cli.facts import Fact\n"
+        "WATER = Fact('theirs-water', 'echo 0.2', lambda output: float(output.stdout))\n"
+        "def find(evidence):\n"
+        "    'A tank that runs dry.'\n"
+        "    if evidence.laptop.get(WATER) < 0.5:\n"
+        "        yield Finding('tank-low', Severity.WARNING, 'laptop', 'dry', 'the tank is low', ('0.2',), Fix('fill it'))\n"
+        "CHECKS = [Check('theirs.water', find, laptop=(WATER,))]\n"
+    )
+    info = tmp_path / "theirs-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[lupin.checks]\nwater = their_checks:CHECKS\nbad = their_checks:NOTHING\n")
+    environment = {**os.environ, "HOME": str(tmp_path), "PYTHONPATH": str(tmp_path)}
+
+    def lupin(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "lupin_cli.app", "doctor", *words]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+
+    assert any(
+        line.split() == ["theirs.water", "A", "tank", "that", "runs", "dry."] for line in lupin("--list").stdout.splitlines()
+    )
+    done = lupin("--only", "theirs.*", "--json", "--junit", str(tmp_path / "report.xml"))
+    told = json.loads(done.stdout)
+    assert ([finding["id"] for finding in told["findings"]], done.returncode) == (["tank-low"], 1)
+    assert any("plug-in bad" in line for line in told["broken"])
+    assert "tank-low" in (tmp_path / "report.xml").read_text()

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from lupin_cli.checks import Check, Evidence, Severity
+from lupin_cli.checks import Check, Evidence, Fix, Severity
 from lupin_cli.diagnosis import Diagnosis, diagnose
 from lupin_cli.facts import Facts, Unknown
 from lupin_cli.facts.link import Link
@@ -83,13 +83,23 @@ def test_the_terminal_shows_cause_evidence_consequence_and_fix(sick, capsys) -> 
 def test_escape_sequences_of_evidence_never_reach_a_terminal_or_a_report(finding, capsys) -> None:
     from dataclasses import replace
 
-    nasty = replace(finding("x"), evidence=("\x1b]0;title\x07\x1b[2J",))
-    diagnosis = diagnose([Check("x", lambda e: [nasty])], HEALTHY)
+    words = "\x1b]0;title\x07\x1b[2J"
+    other = replace(finding("y"), cause=words)  # a process may be called anything
+    nasty = replace(finding("x", "y"), cause=words, symptom=words, evidence=(words,), fix=Fix(f"kill {words}"))
+    diagnosis = diagnose([Check("x", lambda e: [nasty, other])], HEALTHY)
     print_terminal(diagnosis)
     for text in (capsys.readouterr().out, to_markdown(diagnosis, "t"), to_junit(diagnosis)):
         assert "\x1b" not in text
         assert "\x07" not in text
     ElementTree.fromstring(to_junit(diagnosis))
+
+
+def test_evidence_never_ends_its_own_block_of_markdown(finding) -> None:
+    from dataclasses import replace
+
+    quoting = replace(finding("x"), evidence=("```", "# not a heading", "````"))
+    text = to_markdown(diagnose([Check("x", lambda e: [quoting])], HEALTHY), "t")
+    assert text.count("\n`````\n") == 2
 
 
 def test_summaries_count(sick) -> None:
