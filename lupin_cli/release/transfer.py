@@ -16,9 +16,10 @@ from dataclasses import dataclass
 
 from lupin_cli.onboard import ROOT
 from lupin_cli.operations.base import OperationError
+from lupin_cli.operations.shell import change, look
 from lupin_cli.release.contents import Robot
 from lupin_cli.release.manifest import Entry, Manifest
-from lupin_cli.target.base import Output, Script, Target
+from lupin_cli.target.base import Output, Target
 
 CHUNK_BYTES = 8_000_000
 KEPT_RELEASES = 3
@@ -35,6 +36,7 @@ class Installed:
     releases: tuple[str, ...]
     free_bytes: int
     writable: bool  # by this user, without root
+    read_only: bool = False  # the file system itself
 
 
 _ASK = """
@@ -46,14 +48,15 @@ basename "$(readlink {root}/previous || echo -)"
 (ls {root}/releases 2>/dev/null || true) | tr '\\n' ' '; echo
 df -Pk "$(test -d {root} && echo {root} || echo /opt)" | awk 'NR == 2 {{print $4}}'
 test -w {root}/releases && test -w {root}/incoming && echo yes || echo no
+findmnt -nro OPTIONS -T "$(test -d {root} && echo {root} || echo /opt)" 2>/dev/null || echo unknown
 """
 
 
 def installed(target: Target, root: str = ROOT) -> Installed:
     """One question; raises OperationError where the answer can't be read."""
-    output = target.batch([Script("releases", _ASK.format(root=root), timeout_s=10.0)], bound_s=15.0)["releases"]
+    output = look(target, _ASK.format(root=root))
     lines = output.stdout.splitlines()
-    if not output.ok or len(lines) != 8:
+    if not output.ok or len(lines) != 9:
         raise OperationError(f"{target.name} does not say what releases it has: {_last_words(output)}", "lupin doctor")
     major, minor = map(int, lines[1].split())
     if not major:
@@ -66,6 +69,7 @@ def installed(target: Target, root: str = ROOT) -> Installed:
         releases=tuple(lines[5].split()),
         free_bytes=int(lines[6]) * 1024,
         writable=lines[7] == "yes",
+        read_only="ro" in lines[8].split(","),
     )
 
 
@@ -87,6 +91,12 @@ def upload(target: Target, state: Installed, manifest: Manifest, root: str = ROO
     """
     if manifest.id in state.releases:
         return
+    if state.read_only:
+        raise OperationError(
+            f"{target.name} has a read-only file system below {root}; nothing was copied, what it runs is as it was",
+            f"ssh {target.name} 'sudo dmesg | grep -i -e remount -e error | tail'",
+        )
+    _require_room(target, state, 0, root)  # a full disk has no room for the comparison either
     if not state.writable:
         script = f"install -d -o {shlex.quote(target.user)} {root} {root}/releases {root}/incoming"
         _run(target, script, "make the folder of releases", root=True)
@@ -94,17 +104,23 @@ def upload(target: Target, state: Installed, manifest: Manifest, root: str = ROO
     missing = set((target.get(f"{root}/incoming/{manifest.id}/.missing") or b"").decode().splitlines())
     wanted = [entry for entry in manifest.entries if entry.path in missing]
     total, sent = sum({entry.sha256: entry.size for entry in wanted}.values()), 0
-    if total + HEADROOM_BYTES > state.free_bytes:
-        raise OperationError(
-            f"{target.name} has {state.free_bytes / 1e6:.0f} MB free below {root}, the release needs {total / 1e6:.0f} MB more",
-            f"ssh {target.name} du -xh --max-depth=2 / | sort -h | tail",
-        )
+    _require_room(target, state, total, root)
     for size, archive in _archives(wanted):
         sent += size
         script = f"tar -xzf - -C {root}/incoming/{manifest.id} && echo '{sent / 1e6:.0f} of {total / 1e6:.0f} MB'"
         _run(target, script, "write the files", stdin=archive)
     python = f"python{state.robot.python[0]}.{state.robot.python[1]}"
     _run(target, _FINISH.format(root=root, id=manifest.id, python=python), "verify the release")
+
+
+def _require_room(target: Target, state: Installed, needed_bytes: int, root: str) -> None:
+    """Raises OperationError where a release of so many bytes would fill the robot's disk."""
+    if needed_bytes + HEADROOM_BYTES > state.free_bytes:
+        raise OperationError(
+            f"{target.name} has {state.free_bytes / 1e6:.0f} MB free below {root}; "
+            f"the release needs {needed_bytes / 1e6:.0f} MB more, and {HEADROOM_BYTES / 1e6:.0f} MB must stay free",
+            f"ssh {target.name} 'sudo du -xh --max-depth=2 / | sort -h | tail'",
+        )
 
 
 def activate(target: Target, release: str, root: str = ROOT) -> None:
@@ -201,10 +217,7 @@ def _archives(entries: Sequence[Entry]) -> Iterator[tuple[int, bytes]]:
 
 
 def _run(target: Target, script: str, what: str, *, root: bool = False, stdin: bytes = b"") -> Output:
-    output = target.run(script, root=root, stdin=stdin, bound_s=300.0)
-    if not output.ok:
-        raise OperationError(f"{target.name} could not {what}: {_last_words(output)}", "lupin deploy robot")
-    return output
+    return change(target, script, what, root=root, stdin=stdin, bound_s=300.0, next_command="lupin deploy robot")
 
 
 def _last_words(output: Output) -> str:
