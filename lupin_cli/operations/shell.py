@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 
 from lupin_cli.operations.base import OperationError
-from lupin_cli.target.base import Output, Script, Target, Unreachable
+from lupin_cli.target.base import ROOT_REFUSED, Output, RootRefused, Script, Target, Unreachable
 
 
 def quote(word: str) -> str:
@@ -23,6 +23,8 @@ def look(target: Target, script: str, *, root: bool = False, bound_s: float = 10
     """Ask something, change nothing. The status is the script's; raises OperationError where it didn't end in time."""
     output = target.batch([Script("look", script, bound_s, root)], bound_s + 5.0)["look"]
     if output.status is None:
+        if root and output.stderr.startswith(ROOT_REFUSED):
+            raise RootRefused(f"{target.name}: {output.stderr.strip()}", "--ask-sudo-password")
         _still_there(target)
         said = output.stderr.strip().splitlines()
         raise OperationError(f"{target.name} did not answer within {bound_s:g} s{': ' + said[-1] if said else ''}")

@@ -21,10 +21,19 @@ from lupin_cli.runbook.library import load
 from lupin_cli.runbook.outcome import Event, Result, StepResult
 from lupin_cli.runbook.source import PlaybookError, nearest
 from lupin_cli.runbook.watched import WatchedTarget
-from lupin_cli.target.base import AuthenticationFailed, HostKeyChanged, HostKeyUnknown, Target, TargetError, Unreachable
+from lupin_cli.target.base import (
+    AuthenticationFailed,
+    HostKeyChanged,
+    HostKeyUnknown,
+    RootRefused,
+    Target,
+    TargetError,
+    Unreachable,
+)
 
 _FIRST_POLL_S, _LONGEST_POLL_S = 0.1, 1.0
 _NO_WAY_IN = (Unreachable, AuthenticationFailed, HostKeyChanged, HostKeyUnknown)
+_IN_VAIN = (HostKeyChanged, AuthenticationFailed, RootRefused)  # however often it is tried
 _SETTLED = ("same", "changed", "skipped")
 
 Confirm = Callable[[str], bool]
@@ -318,7 +327,7 @@ class _Run:
                 return ended
             except (OperationError, TargetError) as error:
                 out_of_time = time.monotonic() + step.retry.pause_s >= target.deadline
-                if attempt == step.retry.times or out_of_time or isinstance(error, (HostKeyChanged, AuthenticationFailed)):
+                if attempt == step.retry.times or out_of_time or isinstance(error, _IN_VAIN):
                     raise self._ended(step, error) from error
                 touched = True
                 self._tell("line", index, step, text=f"{error}; trying again in {step.retry.pause_s:g} s")
@@ -327,8 +336,11 @@ class _Run:
 
     def _ended(self, step: Step, error: OperationError | TargetError) -> _Stopped:
         lost = isinstance(error, _NO_WAY_IN)
+        next_command = error.next_command
+        if isinstance(error, RootRefused):
+            next_command = f"{self._resume_command() or self._command()} --ask-sudo-password"
         return _Stopped(
-            "lost" if lost else "failed", "unreachable" if lost else "failed", f"{step.name}: {error}", error.next_command
+            "lost" if lost else "failed", "unreachable" if lost else "failed", f"{step.name}: {error}", next_command
         )
 
     def _attempt(

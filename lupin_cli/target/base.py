@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+ROOT_REFUSED = "root refused: "  # begins the standard error of a batch's root scripts where sudo refused; its reason follows
+
 
 @dataclass(frozen=True)
 class Script:

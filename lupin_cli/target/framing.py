@@ -16,7 +16,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from lupin_cli.target.base import Output, Script
+from lupin_cli.target.base import ROOT_REFUSED, Output, Script
 
 STDOUT_CAP_BYTES = 1024 * 1024  # of each script; what is cut says so
 STDERR_LINES, STDERR_COLUMNS = 100, 3000  # a line is one write: writes up to PIPE_BUF (4096) never mix
@@ -223,7 +223,7 @@ class FrameReader:
             stderr = (stderr + "\na process that it left behind holds its output").lstrip()
         elif not part.done:
             refused = script.root and self.refusal is not None
-            status, stderr = None, f"root refused: {self.refusal}" if refused else (stderr or why_cut)
+            status, stderr = None, f"{ROOT_REFUSED}{self.refusal}" if refused else (stderr or why_cut)
         elif status in (124, 137, 143) and part.duration_s >= end_s - 0.05:
             status, stderr = None, stderr or f"no end within {end_s} s"
         return Output(

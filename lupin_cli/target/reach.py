@@ -27,6 +27,7 @@ _KINDS = {
 _WORTH = ("refused", "no-route", "timeout")  # of several addresses, the answer that says most
 
 _HEAD_START_S = 0.3
+UNACKNOWLEDGED_MS = 10_000  # as long as a laptop may take to roam and come back
 
 MEANING = {
     "no-route": "there is no way there from here: this machine has lost the robot's network",
@@ -69,7 +70,7 @@ def open_socket(host: str, port: int, timeout_s: float, who: str) -> socket.sock
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux: what isn't acknowledged for so long ends the connection
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 10_000)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, UNACKNOWLEDGED_MS)
         return connection
     kind = next(kind for kind in _WORTH if kind in failures)
     raise unreachable(who, kind, failures[kind])
