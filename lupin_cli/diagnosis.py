@@ -203,7 +203,7 @@ def fold(findings: Iterable[Finding]) -> tuple[Root, ...]:
         seen, edge = {id(cause)}, [cause]
         while edge:
             step = edge.pop()
-            fresh = [f for f in found if f.id in step.explains and f.id != step.id and id(f) not in seen]
+            fresh = [f for f in found if step.accounts_for(f) and id(f) not in seen]
             seen |= {id(f) for f in fresh}
             edge += fresh
         return [f for f in found if id(f) in seen and f is not cause]

@@ -38,7 +38,13 @@ class Finding:
     cause: str
     evidence: tuple[str, ...]  # the lines that show it, as the machine printed them
     fix: Fix
-    explains: frozenset[str] = frozenset()  # ids of findings that go away with this one
+    # What goes away with this one: ids of findings, or `id:about` where only that one does.
+    explains: frozenset[str] = frozenset()
+    about: str = ""  # what it is about, where there may be several of one id: a topic
+
+    def accounts_for(self, other: Finding) -> bool:
+        """Whether `other` goes away with this one."""
+        return bool(self.explains & {other.id, f"{other.id}:{other.about}"}) and other.id != self.id
 
 
 @dataclass(frozen=True)

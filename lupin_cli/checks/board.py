@@ -72,7 +72,7 @@ def wedged(evidence: Evidence) -> Iterator[Finding]:
         fix=Fix(
             f"unplug the board's USB cable and plug it in again, then: {on_robot(evidence, f'sudo systemctl restart {VENDOR}')}"
         ),
-        explains=frozenset({"topic-silent", "battery-unreadable"}),
+        explains=frozenset({"battery-unreadable", *(f"topic-silent:{name}" for name in BOARD)}),
     )
 
 

@@ -6,10 +6,26 @@ from collections.abc import Iterator
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
 from lupin_cli.facts.graph import GRAPH, Graph
-from lupin_runtime.graph import CONTROLLERS, LIST_CONTROLLERS, ODOM, SCAN, TF
+from lupin_runtime.graph import (
+    CMD_VEL_SINK_ROBOT,
+    CMD_VEL_SINK_SIM,
+    CONTROLLERS,
+    JOINT_STATES,
+    LIST_CONTROLLERS,
+    ODOM,
+    SCAN,
+    TF,
+)
 
 # A graph on which none of these is published has no robot on it: that is another fault.
 OF_A_ROBOT = (SCAN.name, ODOM.name, TF.name)
+# What controllers say and hear; a lidar that is silent beside them has a cause of its own.
+THEIRS = frozenset(
+    {
+        *(f"topic-silent:{row.name}" for row in (ODOM, JOINT_STATES, TF)),
+        *(f"drive-sink-unheard:{row.name}" for row in (CMD_VEL_SINK_ROBOT, CMD_VEL_SINK_SIM)),
+    }
+)
 HEAL = Fix("lupin play heal", playbook="heal")  # moves the arm home: a person says so
 
 
@@ -46,7 +62,7 @@ def stuck(evidence: Evidence) -> Iterator[Finding]:
             cause=f"{count} of {len(CONTROLLERS)} controllers do not work: {'; '.join(said)}",
             evidence=(f"{LIST_CONTROLLERS.name} on {graph.name}:", *(controller.line() for controller in graph.controllers)),
             fix=HEAL,
-            explains=frozenset({"drive-sink-unheard", "topic-silent"}),
+            explains=THEIRS,
         )
 
 
@@ -70,7 +86,7 @@ def manager(evidence: Evidence) -> Iterator[Finding]:
                 cause="nobody serves the controllers: controller_manager died or never came up",
                 evidence=(f"{LIST_CONTROLLERS.name}: no server on {graph.name}", *published),
                 fix=Fix("lupin sync-clock", playbook="sync-clock"),
-                explains=frozenset({"drive-sink-unheard", "topic-silent", "controllers-not-active", "oneshot-failed"}),
+                explains=THEIRS | {"controllers-not-active", "oneshot-failed"},
             )
         elif call is not None and call.round_trip_s is None and any(other.round_trip_s is not None for other in graph.calls):
             yield Finding(
@@ -81,7 +97,7 @@ def manager(evidence: Evidence) -> Iterator[Finding]:
                 cause="controller_manager is there and does not answer, while others do: it hangs, as after a clock step",
                 evidence=tuple(each.line() for each in graph.calls),
                 fix=Fix("lupin sync-clock", playbook="sync-clock"),
-                explains=frozenset({"drive-sink-unheard", "topic-silent", "oneshot-failed"}),
+                explains=THEIRS | {"oneshot-failed"},
             )
 
 

@@ -49,6 +49,7 @@ def unheard(evidence: Evidence) -> Iterator[Finding]:
                     *(f"{other}: subscribers: {_subscribers(graph, other)}" for other in elsewhere),
                 ),
                 fix=Fix("lupin home" if graph.kind == "robot" and not elsewhere else f"lupin up --target {graph.kind}"),
+                about=name,
             )
 
 

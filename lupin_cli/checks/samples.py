@@ -139,6 +139,7 @@ def silent(evidence: Evidence) -> Iterator[Finding]:
                     *(line for line in _counts(graph) if not line.endswith(" 0 samples")),
                 ),
                 fix=Fix("lupin logs" if graph.kind == "sim" else "lupin play heal"),
+                about=row.name,
             )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -89,6 +91,13 @@ def test_consequences_of_consequences_stand_under_the_root(finding) -> None:
     root, middle, leaf, other = finding("root", "middle"), finding("middle", "leaf"), finding("leaf"), finding("other")
     folded = fold([leaf, middle, other, root])
     assert [(r.finding.id, [c.id for c in r.consequences]) for r in folded] == [("other", []), ("root", ["leaf", "middle"])]
+
+
+def test_a_cause_of_one_topics_silence_leaves_anothers_alone(finding) -> None:
+    lost = finding("controllers-not-active", "topic-silent:/odom")
+    odom, scan = (replace(finding("topic-silent"), about=name) for name in ("/odom", "/scan"))
+    roots = fold([odom, scan, lost])
+    assert [(root.finding, root.consequences) for root in roots] == [(scan, ()), (lost, (odom,))]
 
 
 def test_findings_that_explain_each_other_keep_the_first_as_root(finding) -> None:
