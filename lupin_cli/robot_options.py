@@ -76,6 +76,8 @@ def named(config: Config, name: str) -> Robot:
     """The robot of the inventory, or one that an address describes. Raises ConfigError."""
     if name in config.robots:
         return config.robots[name]
+    if not config.robots and name == STOCK.name:
+        return STOCK
     from lupin_cli.target.destination import parse_destination
 
     with contextlib.suppress(ValueError):
@@ -192,7 +194,8 @@ def _terminal() -> bool:
 
 
 def _confirm(question: str) -> bool:
-    typer.echo(question, err=True)
+    # Where a line of progress stands, the question takes its place.
+    typer.echo(f"\r\x1b[K{question}", err=True)
     return typer.confirm("Accept it", default=False, err=True)
 
 

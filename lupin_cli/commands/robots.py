@@ -110,7 +110,7 @@ def forget(
     """Forget the accepted host key of a robot, as after it was installed anew."""
     with reporting("robots"):
         found = load(config)
-        robot = _known(found, name)
+        robot = named(found, name)
         dropped = trust_of(found).forget(name, list(destinations(robot).values()))
         if from_inventory and name in found.robots:
             from lupin_cli.config import without_robot
@@ -212,10 +212,6 @@ def _answer(name: str, answer: Answer | TargetError) -> Answer:
     if isinstance(answer, Answer):
         return answer
     return Answer(name, False, error=str(answer), next_command=answer.next_command)
-
-
-def _known(config: Config, name: str) -> Robot:
-    return STOCK if name == STOCK.name and not config.robots else named(config, name)
 
 
 def _inventory_text(config: Path | None) -> tuple[Path, str]:

@@ -62,7 +62,8 @@ class Trust:
                     f"lupin robots forget {name}",
                 )
             accepted_before = bool(self._accept) and self._accept == fingerprint(key)
-            question = f"{name} at {destination.known_as} is new here and shows the key\n  {shown}\nIs that its key?"
+            who = name if destination.known_as in name else f"{name} at {destination.known_as}"
+            question = f"{who} is new here and shows the key\n  {shown}\nIs that its key?"
             if accepted_before or (self._ask is not None and not self._accept and self._ask(question)):
                 self._remember(name, key)
                 return

@@ -107,6 +107,7 @@ def test_the_robots_that_were_meant_are_chosen() -> None:
     assert [robot.name for robot in select(config, None, every=True)] == ["greenhouse", "spare"]
     assert [robot.name for robot in select(config, None, every=True, limit="s*")] == ["spare"]
     assert select(Config(PATH), None) == [STOCK]
+    assert select(Config(PATH), [STOCK.name]) == [STOCK]
     adhoc = select(config, ["pi@10.0.0.9:2222"])[0]
     assert (adhoc.user, dict(adhoc.addresses)) == ("pi", {"": "10.0.0.9:2222"})
 
