@@ -94,7 +94,7 @@ def ask(target: Target, machine: str, facts: Sequence[Fact[Any]], robot_addresse
     before_ns = time.time_ns()
     outputs = target.batch(scripts, bound_s=max(fact.timeout_s for fact in facts) + BATCH_SLACK_S)
     asked_ns = before_ns, time.time_ns()
-    return Facts(machine, {fact.name: read(fact, outputs.get(fact.name)) for fact in facts}, asked_ns)
+    return Facts(machine, {fact.name: read(fact, outputs.get(fact.name)) for fact in facts}, asked_ns, outputs)
 
 
 def gather(
@@ -155,7 +155,9 @@ def look_closer(
 
 
 def _with(facts: Facts, more: Facts | None) -> Facts:
-    return facts if more is None else replace(facts, values={**facts.values, **more.values})
+    if more is None:
+        return facts
+    return replace(facts, values={**facts.values, **more.values}, outputs={**facts.outputs, **more.outputs})
 
 
 _KINDS = {

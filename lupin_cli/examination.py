@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from lupin_cli.checks.base import Check, Finding
+from lupin_cli.checks.base import Check, Evidence, Finding
 from lupin_cli.diagnosis import Diagnosis, diagnose, gather, look_closer
 from lupin_cli.facts.link import Link
 from lupin_cli.target.base import Output, Script, Target
@@ -77,6 +77,7 @@ class Examination:
     sudo_password: str | None = None
     link: Link | None = None
     diagnosis: Diagnosis | None = None
+    evidence: Evidence | None = None
     connections: int = 0
     _target: SshTarget | None = field(default=None, repr=False)
     _transport: object = field(default=None, repr=False)
@@ -87,12 +88,18 @@ class Examination:
         link = Link(self.robot.name, own[0]) if self.robot else None
         here: Any = laptop or self.laptop
         evidence = gather(self.checks, here, self._reach if self.robot else None, link, own if addresses is None else addresses)
-        self.link = evidence.link
+        self.evidence, self.link = evidence, evidence.link
         self.diagnosis = diagnose(self.checks, evidence, self.broken)
         closer = look_closer(self.checks, self.diagnosis, evidence, self.laptop, self._target, own)
         if closer is not None:
+            self.evidence = closer
             self.diagnosis = diagnose(self.checks, closer, self.broken)
         return self.diagnosis
+
+    @property
+    def reached(self) -> Target | None:
+        """The robot, over the connection of the last examination; None where it did not answer or none was asked for."""
+        return self._target if self.link is not None and self.link.reachable else None
 
     def addresses(self) -> list[str]:
         """The hosts under which the inventory knows the robot, best transport first."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from lupin_cli.target.base import Output
@@ -40,6 +40,7 @@ class Facts:
     machine: str  # "robot" or "laptop"
     values: Mapping[str, Any]
     asked_ns: tuple[int, int] | None = None  # this machine's wall clock before the question left and after the answer came
+    outputs: Mapping[str, Output] = field(default_factory=dict, repr=False)  # what the probes printed, by the fact's name
 
     def get(self, fact: Fact[Value]) -> Value | None:
         """The value, or None where it is unknown."""
