@@ -108,6 +108,6 @@ def battery(evidence: Evidence) -> Iterator[Finding]:
 
 
 CHECKS = (
-    Check("board.motor", wedged, laptop=(GRAPH,), robot=(DEVICES, JOURNAL, UNIT_STATES)),
+    Check("board.motor", wedged, (GRAPH,), (DEVICES, JOURNAL, UNIT_STATES), closer_laptop=(GRAPH,)),
     Check("board.battery", battery, laptop=(GRAPH,)),
 )

@@ -168,9 +168,9 @@ def unvisited(evidence: Evidence) -> Iterator[Finding]:
 
 CHECKS = (
     Check("graph.qos", unfitting, laptop=(GRAPH,)),
-    # A closer look visits the graph again, which makes the packets that are counted, and may find it well by then.
+    # A closer look visits the graph again: that makes the packets that are counted, and a machine that was only busy is well.
     Check("graph.samples", names_only, (GRAPH,), closer_laptop=(GRAPH, PACKETS), closer_robot=(PACKETS,)),
     Check("graph.asymmetry", one_way, (GRAPH,), closer_laptop=(GRAPH, PACKETS), closer_robot=(PACKETS,)),
-    Check("graph.silent", silent, laptop=(GRAPH,)),
-    Check("graph.visit", unvisited, laptop=(GRAPH,)),
+    Check("graph.silent", silent, (GRAPH,), closer_laptop=(GRAPH,)),
+    Check("graph.visit", unvisited, (GRAPH,), closer_laptop=(GRAPH,)),
 )
