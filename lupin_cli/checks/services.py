@@ -14,6 +14,8 @@ JOURNAL_LINES = 4
 # A service that came back so often in one boot comes back again.
 MANY_RESTARTS = 3
 HEAL = Fix("lupin play heal", playbook="heal")  # moves the arm: a person says so
+# Drive bus and e-stop without the arm: nothing moves that was not asked to.
+START_ONBOARD = Fix("lupin play start-onboard", playbook="start-onboard", safe=True)
 DEPLOYED = (ONBOARD, AUTO_HOME)  # what a deployed robot has; cameras and clock sync are installed by choice
 
 
@@ -165,6 +167,7 @@ def _finding(
     id: str, unit: Unit, cause: str, words: tuple[str, ...], command: str, evidence: Evidence, symptom: str = ""
 ) -> Finding:
     later = id == "unit-not-enabled"
+    down = id in ("unit-not-running", "unit-failed", "unit-start-limit")
     return Finding(
         id=id,
         severity=Severity.WARNING if later or unit.name == CLOCK_SYNC else Severity.PROBLEM,
@@ -172,7 +175,7 @@ def _finding(
         symptom=symptom or SYMPTOMS[unit.name] + (", after the next boot" if later else ""),
         cause=cause,
         evidence=words,
-        fix=Fix(on_robot(evidence, command)),
+        fix=START_ONBOARD if down and unit.name == ONBOARD else Fix(on_robot(evidence, command)),
         # Without the bus nobody publishes, and nobody says that the stop is released.
         explains=frozenset({"bus-locked"}) if unit.name == ONBOARD and not later else frozenset(),
     )
