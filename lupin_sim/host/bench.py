@@ -45,24 +45,27 @@ class Bench:
     def __init__(self, table: Mapping[str, Fault], wire: Wire, machines: list[Machine], root: Path, folder: Path) -> None:
         self.table, self.wire, self.machines = table, wire, machines
         self._root, self._folder = root, folder
-        self._active: dict[tuple[int, str], Settings] = {}
+        # By robot, fault and cable: the same fault may stand on both of a robot's cables.
+        self._active: dict[tuple[int, str, str], Settings] = {}
         self._ntp: subprocess.Popen[bytes] | None = None
         self.ntp_mode = "off"
 
     def apply(self, machine: Machine, name: str, settings: Settings, undo: bool) -> None:
-        """Make a fault, or take it back. Raises FaultError."""
+        """Make a fault, or take it back, on both cables unless one is named. Raises FaultError."""
         fault = self.table.get(name)
         if fault is None:
             raise FaultError(f"there is no fault {name!r}; there are: {', '.join(sorted(self.table))}")
         if unknown := sorted(set(settings) - set(fault.settings)):
             raise FaultError(f"{name} knows no {', '.join(unknown)}; it takes {', '.join(fault.settings) or 'no settings'}")
         chosen = {**fault.settings, **settings}
-        where = (machine.identity.index, name)
+        where = (machine.identity.index, name, chosen.get("link", ""))
         if undo and fault.undo is None:
             raise FaultError(f"{name} is over once it happened: there is nothing to undo")
         if undo:
             assert fault.undo is not None
-            fault.undo(self, machine, self._active.pop(where, chosen))
+            standing = [where] if "link" in settings else [each for each in self._active if each[:2] == where[:2]]
+            for each in standing or [where]:
+                fault.undo(self, machine, self._active.pop(each, chosen))
             return
         if fault.undo is not None:
             self._active[where] = chosen
@@ -74,12 +77,12 @@ class Bench:
 
     def active(self, machine: Machine) -> list[str]:
         """The faults that stand."""
-        return [name for index, name in self._active if index == machine.identity.index]
+        return [name for index, name, _ in self._active if index == machine.identity.index]
 
     def forget(self, machine: Machine) -> None:
         """Take back all that would outlive a new disk and a new boot of a robot."""
-        for name in self.active(machine):
-            settings, fault = self._active.pop((machine.identity.index, name)), self.table[name]
+        for each in [each for each in self._active if each[0] == machine.identity.index]:
+            settings, fault = self._active.pop(each), self.table[each[1]]
             if fault.outside and fault.undo is not None:
                 fault.undo(self, machine, settings)
         self.serve_ntp("off")
@@ -87,7 +90,7 @@ class Bench:
     def pump(self, machine: Machine, link: str) -> None:
         """Make a robot's cable do what all faults that stand on it ask for together."""
         together: dict[str, Any] = {}
-        for (index, name), settings in self._active.items():
+        for (index, name, _), settings in self._active.items():
             asked = self.table[name].link_settings
             if asked is not None and index == machine.identity.index and settings["link"] == link:
                 together |= asked(settings)

@@ -87,6 +87,28 @@ ON_ROBOT = (
     Seen("server-not-started", f"{BOUND}; systemctl is-active mirte-ros", "0 active", "1 active"),
     Seen("server-not-started", f"{BOUND}; systemctl is-active mirte-ros", "0 active", "1 active", {"cause": "path"}),
     Seen("server-killed", f"{BOUND}; systemctl is-active mirte-ros", "0 active", "1 active"),
+    Seen(
+        "server-pinned",
+        "ss -lnup | grep -c '192.168.42.1:.*fast-discovery'; ss -lnup | grep -c '127.0.0.1:.*fast-discovery'; true",
+        "1 0",
+        "1 1",
+    ),
+    Seen("server-stopped", "ps -o stat= -C fast-discovery- | cut -c1", "T", "S"),
+    Seen("server-port-taken", "ss -lnup | grep ':11811 ' | grep -c python3; true", "1", "0"),
+    Seen("stock-makestep", "grep -c '^makestep' /etc/chrony/chrony.conf; true", "1", "0"),
+    Seen("camera-held", "find /proc/[0-9]*/fd -lname /dev/video0 2>/dev/null | wc -l", "1", "0"),
+    Seen("home-locked", "runuser -u mirte -- sh -c 'test -w /home/mirte && echo may; true'", "", "may"),
+    Seen("not-in-group", "id -nG mirte | grep -cw sudo; true", "0", "1", {"group": "sudo"}),
+    Seen("unit", "systemctl is-active mirte-jupyter; true", "inactive", "active", {"unit": "mirte-jupyter"}),
+    Seen(
+        "unit",
+        "systemctl is-enabled mirte-jupyter; true",
+        "disabled",
+        "enabled",
+        {"unit": "mirte-jupyter", "state": "disabled"},
+    ),
+    Seen("unit", "systemctl is-enabled mirte-jupyter; true", "masked", "enabled", {"unit": "mirte-jupyter", "state": "masked"}),
+    Seen("unit", "systemctl is-active mirte-jupyter; true", "failed", "active", {"unit": "mirte-jupyter", "state": "failing"}),
     Seen("dds-off", f"{BOUND}; systemctl is-active mirte-ros", "0 active", "1 active"),
     Seen("zombies", "ps -eo stat=,args= | grep -c '^T.*zombi[e]'; true", "2", "0"),
     Seen("shm-orphans", SHM, "3", "1"),
@@ -111,6 +133,20 @@ def test_a_fault_is_seen_on_the_robot_and_can_be_taken_back(host: Host, seen: Se
         host.robot.mend(seen.fault, **seen.settings)
     until(lambda: shown() == seen.healthy, f"{seen.healthy!r} after {seen.fault}, not {shown()!r}")
     assert host.robot.state["faults"] == []
+
+
+def test_both_cables_are_cut_and_each_is_mended_by_itself(host: Host) -> None:
+    def carriers() -> list[str]:
+        return host.robot.inside("cat", "/sys/class/net/eth0/carrier", "/sys/class/net/wlan0/carrier").stdout.split()
+
+    for link in ("eth0", "wlan0"):
+        host.robot.fault("cable-cut", link=link)
+    assert carriers() == ["0", "0"]
+    host.robot.mend("cable-cut", link="eth0")
+    assert carriers() == ["1", "0"]
+    host.robot.fault("cable-cut", link="eth0")
+    host.robot.mend("cable-cut")
+    assert carriers() == ["1", "1"]
 
 
 def test_a_cut_cable_takes_the_laptops_carrier_and_leaves_its_route(host: Host) -> None:
