@@ -30,6 +30,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "journal": ("Robot", "What playbooks did: runs, steps, outputs."),
     "sync-clock": ("Robot", "Measure the robot's clock; set it while its stack is stopped."),
     "sweep": ("Robot", "End zombie ROS processes, remove shared memory that nobody holds."),
+    "bundle": ("Robot", "A redacted support archive: facts, findings, logs, for somebody else to look at."),
     "replay": ("Results", "Look at a recorded run again."),
     "report": ("Results", "Build the report of a recorded run."),
     "map": ("Tools", "Build, plan on and optimise maps, without a robot."),

@@ -18,10 +18,9 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-MASK = "***"
+from lupin_cli.masking import MASK, mask_secrets
+
 _SHORTEST_SECRET = 3
-# `psk=...` in somebody's output. What follows the word up to the next blank is not repeated.
-_TELLTALE = re.compile(r"(?i)\b((?:[\w.-]*(?:password|passwd|secret|token|psk|api[_-]?key))\s*[=:]\s*)([^\s,;\"']+)")
 
 
 class JournalError(Exception):
@@ -40,7 +39,7 @@ def journal_folder() -> Path:
 
 @dataclass(frozen=True)
 class Mask:
-    """Takes secrets out of whatever is written down."""
+    """Takes secrets out of whatever is written down: those that were given, and `psk=...` in somebody's output."""
 
     secrets: tuple[str, ...] = ()
 
@@ -49,7 +48,7 @@ class Mask:
             for secret in self.secrets:
                 if len(secret) >= _SHORTEST_SECRET:
                     value = value.replace(secret, MASK)
-            return _TELLTALE.sub(rf"\1{MASK}", value)
+            return mask_secrets(value)
         if isinstance(value, Mapping):
             return {key: self(item) for key, item in value.items()}
         if isinstance(value, (list, tuple)):

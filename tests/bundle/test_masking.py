@@ -1,0 +1,97 @@
+"""What a text tells of secrets, and the same text without them."""
+
+from __future__ import annotations
+
+import pytest
+from carriers import BARE, QUOTED, anything, nasty, phrases, private_key, words
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lupin_cli.masking import MASK, mask_secrets
+
+few = settings(max_examples=15, deadline=None)
+many = settings(max_examples=150, deadline=None)
+
+
+@pytest.mark.parametrize("name", BARE)
+@few
+@given(secret=words, before=st.sampled_from(["", "10:00 robot x[1]: "]))
+def test_a_word_is_masked_wherever_one_may_stand(name: str, secret: str, before: str) -> None:
+    masked = mask_secrets(before + BARE[name](secret))
+    assert secret not in masked
+    assert MASK in masked
+
+
+@pytest.mark.parametrize("name", QUOTED)
+@few
+@given(secret=phrases)
+def test_a_phrase_is_masked_as_far_as_its_quotes_or_its_line_go(name: str, secret: str) -> None:
+    masked = mask_secrets(QUOTED[name](secret))
+    for part in secret.split():
+        assert len(part) < 6 or part not in masked, masked
+
+
+@pytest.mark.parametrize(
+    "label", ["RSA PRIVATE KEY", "OPENSSH PRIVATE KEY", "PRIVATE KEY", "EC PRIVATE KEY", "ENCRYPTED PRIVATE KEY"]
+)
+@pytest.mark.parametrize("prefix", ["", "2026-11-21T10:00:00+0000 robot cat[7]: "])
+@pytest.mark.parametrize("part", ["whole", "without its end", "without its begin", "its middle"])
+def test_of_a_private_key_nothing_stays_whatever_is_left_of_it(label: str, prefix: str, part: str) -> None:
+    lines = private_key("x" * 200, label, prefix).splitlines(keepends=True)
+    kept = {"whole": lines, "without its end": lines[:-1], "without its begin": lines[1:], "its middle": lines[1:-1]}[part]
+    masked = mask_secrets("before\n" + "".join(kept) + "after\n")
+    for line in lines[1:-1]:
+        assert line.removeprefix(prefix).strip()[:24] not in masked
+    if part == "whole":
+        assert masked.startswith("before\n") and masked.endswith("after\n")
+
+
+@many
+@given(st.one_of(anything, nasty))
+def test_masking_twice_is_masking_once(text: str) -> None:
+    once = mask_secrets(text)
+    assert mask_secrets(once) == once
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Failed password for mirte from 10.42.0.2 port 50124 ssh2",
+        "mirte : a password is required ; PWD=/home/mirte ; COMMAND=/usr/bin/true",
+        "key-mgmt=wpa-psk\npsk-flags=1\n",
+        "psk: <hidden>\ntoken: none\npassword: no\nsecret=0",
+        "[tokenizer] 12 tokens: 512 keys: 3",
+        "gpio_pin: 23\npass: 17 tests passed",
+        "http://10.42.0.1:8090/page ssh://mirte@10.42.0.1 mirte@10.42.0.1:/opt",
+        "basic authentication and authorization are off",
+        f"{'0123456789abcdef' * 4}\n{'fedcba9876543210' * 4}\n",
+    ],
+)
+def test_what_is_no_secret_stays_as_it_is(text: str) -> None:
+    assert mask_secrets(text) == text
+
+
+@few
+@given(st.text("abcdefgijlmnoqrtuvxyz 0123456789.,-_/()[]\n\t", max_size=300))
+def test_text_without_any_of_the_words_stays_as_it_is(text: str) -> None:
+    assert mask_secrets(text) == text
+
+
+@pytest.mark.parametrize(
+    "piece",
+    ["a", "a:",
+     '"', "\\", "psk", "password ", 'psk="', "psk='", 'psk=\\"', "://", "://a:", "-token", "AAAA", " ", "\n", "curl ",
+     "nmcli ", "echo ", "$6$", "eyJ",
+     "-----BEGIN PRIVATE KEY-----", "-----END PRIVATE KEY-----", "A" * 64 + "\n", "\0", "pass_"],
+)  # fmt: skip
+def test_one_line_of_many_pages_is_masked_whatever_it_is_made_of(piece: str) -> None:
+    # A rule that took the square of the length would take minutes here.
+    long = piece * (60_000 // len(piece))
+    assert "hunter2x" not in mask_secrets(f"{long}\npsk=hunter2x\n{long}")
+
+
+def test_the_words_of_a_line_around_a_secret_stay() -> None:
+    line = "COMMAND=/usr/bin/nmcli dev wifi connect Green password hunter22 ifname wlan0"
+    assert mask_secrets(line) == line.replace("hunter22", MASK)
+    line = '{"user": "mirte", "password": "hun\\"ter", "on": true}'
+    assert mask_secrets(line) == line.replace('hun\\"ter', MASK)
