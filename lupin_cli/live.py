@@ -71,6 +71,15 @@ def mission_lines(mission: dict[str, Any]) -> list[RenderableType]:
     return lines
 
 
+def silence(state: dict[str, Any]) -> str:
+    """What used to come and does not, and what to type; empty where all comes."""
+    silent: dict[str, float] = state.get("silent_s", {})
+    if not silent:
+        return ""
+    said = ", ".join(f"{name} for {age:.0f} s" for name, age in silent.items())
+    return f"silent: {said}; what is wrong says: lupin doctor"
+
+
 def run_view(state: dict[str, Any]) -> Group:
     """The whole view of a run."""
     memory = sum(stage["memory_mb"] for stage in state.get("stages", []))
@@ -80,7 +89,8 @@ def run_view(state: dict[str, Any]) -> Group:
         ("Lupin ", "bold"), (state.get("id", ""), "cyan"), f"  {state.get('age_s', 0.0):.0f} s", style="default"
     )
     foot = Text(f"{cpu:.0f} % of a core · {memory:.0f} MB   {rates}", style="dim")
-    return Group(head, stage_table(state), foot, *mission_lines(state.get("mission", {})))
+    alarm = [Text(f"▲ {silence(state)}", style="bold red")] if silence(state) else []
+    return Group(head, stage_table(state), foot, *alarm, *mission_lines(state.get("mission", {})))
 
 
 class LiveView:
@@ -91,6 +101,7 @@ class LiveView:
         self._live = Live(console=console, auto_refresh=False, transient=False) if console.is_terminal else None
         self._seen: dict[str, str] = {}
         self._last_mission = ""
+        self._silent: list[str] = []
         self._calls = 0
 
     def __enter__(self) -> LiveView:
@@ -114,6 +125,10 @@ class LiveView:
             if self._seen.get(stage["name"]) != word:
                 self._seen[stage["name"]] = word
                 self._line(state, f"{stage['name']}: {word} {stage['why']}")
+        silent = list(state.get("silent_s", {}))
+        if silent != self._silent:
+            self._line(state, silence(state) or f"heard again: {', '.join(self._silent)}")
+            self._silent = silent
         mission = state["mission"]
         if mission:
             word = " ".join(

@@ -189,6 +189,7 @@ class Session:
             **self.supervisor.snapshot(),
             "id": self.run.id,
             "rates_hz": self.watch.rates_hz(),
+            "silent_s": self.watch.silent_s(),
             "mission": mission_facts(self.watch.mission),
             "drivable_s": self.outcome.drivable_s,
             "ready_s": self.outcome.ready_s,

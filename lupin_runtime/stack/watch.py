@@ -26,6 +26,9 @@ RATE_WINDOW_S = 5.0
 # A discovery server that starts together with its clients now and then leaves a reader unmatched for good: its topic is listed
 # with a publisher, and nothing arrives (seen on one start in four on a loaded machine). A new reader is matched anew.
 LISTEN_ANEW_S = 5.0
+# What comes several times a second as long as the robot and the link to it are well.
+STEADY_TOPICS = (graph.SCAN, graph.ESTOP_STATE)
+SILENT_AFTER_S = 3.0
 RATED_TOPICS = (graph.SCAN, graph.MAP, graph.MISSION_STATE, graph.ESTOP_STATE, graph.CMD_VEL_NAV)
 
 
@@ -44,6 +47,10 @@ class Rate:
         since = time.monotonic() - RATE_WINDOW_S
         recent = [arrival for arrival in list(self._arrivals) if arrival > since]
         return len(recent) / RATE_WINDOW_S
+
+    def silent_s(self) -> float | None:
+        """How long ago the last message came; None where none ever did."""
+        return time.monotonic() - self._arrivals[-1] if self._arrivals else None
 
 
 class GraphWatch:
@@ -89,6 +96,11 @@ class GraphWatch:
     def rates_hz(self) -> dict[str, float]:
         """Rate of each watched topic."""
         return {name: rate.hz() for name, rate in self._rates.items()}
+
+    def silent_s(self) -> dict[str, float]:
+        """Steady topics that were heard and no longer are, with their silence in seconds."""
+        ages = {topic.name: self._rates[topic.name].silent_s() for topic in STEADY_TOPICS if topic.name in self._rates}
+        return {name: round(age, 1) for name, age in ages.items() if age is not None and age > SILENT_AFTER_S}
 
     def forget(self, sentinel: Sentinel) -> None:
         """Ask again: the process that satisfied it has ended."""

@@ -119,12 +119,12 @@ def test_the_robot_is_driven_across_the_cable_and_a_pulled_cable_stops_its_wheel
     try:
         state = laptop.home / "state" / "lupin" / "runs"
 
-        def stages() -> list[dict[str, Any]]:
+        def told(key: str) -> Any:
             assert up.poll() is None, up.communicate()
             texts = [path.read_text() for path in state.glob("*/state.json")]
-            return json.loads(texts[0])["stages"] if texts else []
+            return json.loads(texts[0])[key] if texts else []
 
-        until(lambda: stages() and all(stage["phase"] == "up" for stage in stages()), "a laptop's half that is up", 90.0)
+        until(lambda: all(stage["phase"] == "up" for stage in told("stages") or [{"phase": ""}]), "a half that is up", 90.0)
         client = laptop.starts("-c", CLIENT, "2.2", **laptop.exports())
         try:
             assert client.stdout is not None
@@ -142,6 +142,10 @@ def test_the_robot_is_driven_across_the_cable_and_a_pulled_cable_stops_its_wheel
             assert moved_m(track[len(at_rest) :]) < 0.005
             assert moved_m(track[cut:]) < 0.6  # what the record lags included
             assert math.dist(track[0][1:], track[-1][1:]) < 1.8  # it was still on its way
+            until(lambda: sorted(told("silent_s")) == ["/e_stop_state", "/scan"], "word of the silence")
+            for link in ("eth0", "wlan0"):
+                host.robot.mend("cable-cut", link=link)
+            until(lambda: told("silent_s") == {}, "the two on one graph again", 90.0)
         finally:
             client.kill()
             client.communicate()
