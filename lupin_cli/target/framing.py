@@ -26,9 +26,13 @@ ARGUMENT_LIMIT_BYTES = 100_000  # Linux allows 131 072 for one argument
 # What the login shell is asked to run. It may be any shell: this is one plain command with no quote inside.
 READ_PROGRAM = "exec /bin/sh -c 'eval \"$(head -c {size})\"'"
 
-# Debian gives SSH commands no sbin; messages must be in one language to be read.
+# Debian gives SSH commands no sbin; messages must be in one language to be read. What start files may have set to bend programs
+# for a person's own hands is taken back. A bash that finds itself on a socket takes it for a login, unless another shell is
+# around it, and reads the start file once more.
+BENDING = "LANGUAGE POSIXLY_CORRECT CDPATH BASH_ENV ENV GREP_OPTIONS TAR_OPTIONS GZIP COLUMNS BLOCKSIZE BLOCK_SIZE TIME_STYLE"
 ENVIRONMENT = (
-    "LC_ALL=C PATH=${PATH:-/usr/local/bin:/usr/bin:/bin}:/usr/local/sbin:/usr/sbin:/sbin; export LC_ALL PATH; unset LANGUAGE\n"
+    "LC_ALL=C SHLVL=2 PATH=${PATH:-/usr/local/bin:/usr/bin:/bin}:/usr/local/sbin:/usr/sbin:/sbin; "
+    f"export LC_ALL SHLVL PATH; unset {BENDING}\n"
 )
 
 # one INDEX BOUND_S TEXT: run one script. Four processes a script, since forty of them run at once on a small board.

@@ -59,7 +59,9 @@ class LocalTarget:
                 streams.feed(data, is_stderr)
             status = process.poll()
         if root and not streams.marked and status is not None:
-            raise RootRefused(f"{self.name}: root is refused to {self.user}: {streams.last_error}", "sudo -v")
+            raise RootRefused(
+                f"{self.name}: root is refused to {self.user}: {streams.last_error or 'nothing was said'}", "sudo -v"
+            )
         return streams.output(status, time.monotonic() - start, bound_s)
 
     def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, bound_s: float = 60.0) -> None:

@@ -254,13 +254,13 @@ class SshTarget:
                 lost = str(error) or type(error).__name__
             if status is None and not watch.transport.is_active() and time.monotonic() < start + bound_s:
                 lost = watch.why if watch.silent else lost or watch.why
-        if status is not None and not streams.entered:
+        if status is not None and not streams.marked:
+            if root and streams.entered and streams.last_error:
+                raise RootRefused(
+                    f"{self.name}: root is refused to {self.user}: {streams.last_error}",
+                    f"lupin robots check {self.name} --ask-sudo-password",
+                )
             raise self._shell_refused(streams.last_error)
-        if root and not streams.marked and status is not None:
-            raise RootRefused(
-                f"{self.name}: root is refused to {self.user}: {streams.last_error}",
-                f"lupin robots check {self.name} --ask-sudo-password",
-            )
         output = streams.output(status, time.monotonic() - start, bound_s)
         if lost:
             said = f"{output.stderr}\n" if streams.marked and output.stderr else ""
@@ -307,7 +307,7 @@ class SshTarget:
     def _shell_refused(self, said: str) -> TargetError:
         """The login shell ended without having run what it was asked to: a start file that replaces it, or no shell at all."""
         return TargetError(
-            f"{self.name}: the login shell of {self.user} does not run what it is asked to; it said: {said}. "
+            f"{self.name}: the login shell of {self.user} does not run what it is asked to; it said: {said or 'nothing'}. "
             "A start file that ends with 'exec ...' must do so for terminals only: [ -t 0 ] && exec ...",
             f"ssh {self.destination.user}@{self.destination.host} echo fine",
         )
@@ -363,7 +363,7 @@ class SshTarget:
 def _last_line(channel: paramiko.Channel) -> str:
     """What was said last on standard error, as far as it is there."""
     lines = channel.recv_stderr(1 << 16).decode("utf-8", "replace").strip().splitlines() if channel.recv_stderr_ready() else []
-    return lines[-1] if lines else "nothing"
+    return lines[-1] if lines else ""
 
 
 class _Policy(paramiko.MissingHostKeyPolicy):

@@ -134,10 +134,10 @@ class Streams:
 
     @property
     def last_error(self) -> str:
-        """The last thing that was said on standard error."""
+        """The last thing that was said on standard error; empty: nothing."""
         said = (self._before[1] or self._before[0]).decode("utf-8", "backslashreplace")
         lines = (self._kept[1].text() if self._marked[1] else said).strip().splitlines()
-        return lines[-1] if lines else "nothing was said"
+        return lines[-1] if lines else ""
 
     def output(self, status: int | None, duration_s: float, bound_s: float) -> Output:
         """The run as an Output. A status that `timeout` gives at the bound counts as cut."""
