@@ -40,6 +40,8 @@ class Offset:
     bound_s: float
 
     def __str__(self) -> str:
+        if abs(self.offset_s) < 1.0:
+            return f"{self.offset_s * 1e3:+.2f} ms ± {self.bound_s * 1e3:.2f} ms"
         return f"{self.offset_s:+.3f} s ± {self.bound_s:.3f} s"
 
     @property
