@@ -1,163 +1,181 @@
-"""A whole diagnosis over SSH against the slowest of its probes, and against one ssh process for each fact of the robot.
+"""A whole diagnosis over SSH against the slowest of its probes, and against pyinfra and Ansible asking for the same facts.
 
-Boots a robot's computer and examines it from the laptop's side of the cable, as `lupin doctor` does: connect, ask both ends at
-the same time, judge. The limit is the slowest probe of either machine in the same run: nothing that asks for it can be faster.
-The robot's own log of logins says how many connections it took. Visits to a graph (seconds of listening, by design) are left
-out unless --graph asks for them.
+Boots a robot's computer and types `lupin doctor --robot mirte` at the laptop: wall times of whole commands, interpreter and
+imports included, in turns with the peers; medians. Whoever asks the slowest question waits for its answer: that is the limit.
+The robot's own log of logins says how many connections it took.
 
-    python -m bench.bench_doctor [--rounds N] [--graph] [--json]      needs root, as the host's tests do
+What is fair: the peers ask the same by tasks of their own, as these tools are used: pyinfra by `server.Command` facts, Ansible
+by `shell` tasks; once a task for each of our scripts, once for each question in them (see peers/facts.py). They are at their
+best: pipelining, no facts of Ansible's own, its connection open already, while ours and pyinfra connect anew. And they are
+spared: they ask the robot only and judge nothing; ours asks this machine too, measures one clock against the other and runs all
+checks. What is not: neither is made for questions that don't depend on each other. Whoever wrote all scripts into one task with
+`&` and `wait` would have written our batch.
+
+The visit to the graph, which listens for a second or two by design, is left out where the peers are compared: they have none;
+and the robot's stack doesn't run there, which would take the laptop's share of this machine's cores. `--graph` measures the
+whole doctor on a healthy robot: the stack runs, our half of it too, and the graph is visited.
+
+    python -m bench.bench_doctor [--rounds N] [--no-peers] [--graph] [--json]      needs root, as the host's tests do
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
-import shutil
-import statistics
-import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
-from lupin_cli.checks.base import Check
-from lupin_cli.target.base import Output, Script
+from bench.booted import PROJECT_BENCH, Operator, Ran, load, median, operator, tools_of
+from bench.peers import facts as peers
 
-ADDRESS = "10.42.0.1"
-SSH_LOG = ("journalctl", "-q", "-o", "cat", "-u", "ssh")
+if TYPE_CHECKING:
+    from bench.peers.tools import Tools
 
-
-class Timed:
-    """A target that remembers how long its probes took."""
-
-    def __init__(self, target: Any) -> None:
-        self._target = target
-        self.slowest_s = 0.0
-        self.name, self.user = target.name, target.user
-
-    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
-        outputs: dict[str, Output] = self._target.batch(scripts, bound_s)
-        self.slowest_s = max((output.duration_s for output in outputs.values()), default=0.0)
-        return outputs
+LIMIT_BEYOND_S, PYINFRA_LIMIT, ANSIBLE_LIMIT = 0.5, 10.0, 30.0
+READY_BOUND_S = 90.0
 
 
-def chosen(graph: bool) -> tuple[Check, ...]:
-    """The built-in checks, without those that listen to a graph unless asked for."""
+def visiting() -> list[str]:
+    """The checks that visit a graph."""
     from lupin_cli.checks.table import built_in
 
-    return tuple(
-        check for check in built_in() if graph or not any(fact.name == "graph" for fact in (*check.laptop, *check.robot))
-    )
+    return [c.name for c in built_in() if any(fact.name == "graph" for fact in (*c.laptop, *c.robot))]
 
 
-def examine_once(checks: Sequence[Check]) -> dict[str, Any]:
-    """One diagnosis from nothing, as a command makes it."""
-    from lupin_cli.config import load
-    from lupin_cli.diagnosis import diagnose, gather
-    from lupin_cli.facts.link import Link
-    from lupin_cli.robot_options import connect, named
-    from lupin_cli.target.local import LocalTarget
-
-    start = time.perf_counter()
-    laptop: Any = Timed(LocalTarget())
-    config = load()
-    with connect(named(config, "mirte"), config) as target:
-        robot: Any = Timed(target)
-        evidence = gather(checks, laptop, lambda: (robot, Link("mirte", ADDRESS)), Link("mirte", ADDRESS), [ADDRESS])
-        diagnosis = diagnose(checks, evidence)
-        wall_s = time.perf_counter() - start
-    return {
-        "wall_s": wall_s,
-        "slowest_probe_s": max(laptop.slowest_s, robot.slowest_s),
-        "findings": [root.finding.id for root in diagnosis.roots],
-        "unknown": list(diagnosis.unknown),
-    }
+def set_up(someone: Operator) -> dict[str, str]:
+    """Join the robot's graph as an operator does; the environment of a terminal opened after that."""
+    someone.must(someone.lupin("dds", "setup", someone.host.robot.eth0, "--shell", "bash"))
+    shell = someone.run(["bash", "-c", ". ~/.config/lupin/ros-env.sh && env -0"])
+    told = dict(line.split("=", 1) for line in shell.stdout.split("\0") if "=" in line)
+    return {**someone.environment, **{name: told[name] for name in told if name.startswith(("ROS_", "RMW_", "FASTRTPS_"))}}
 
 
-def one_ssh_each(checks: Sequence[Check], key: str, known_hosts: str) -> float:
-    """The peer: the same probes of the robot, one ssh process and connection each; seconds for all."""
-    from lupin_cli.diagnosis import facts_of
-
-    start = time.perf_counter()
-    for fact in facts_of(checks, "robot"):
-        options = ["-F", "none", "-o", "BatchMode=yes", "-o", f"UserKnownHostsFile={known_hosts}", "-i", key]
-        subprocess.run(["ssh", *options, f"mirte@{ADDRESS}", fact.probe], capture_output=True, timeout=60, check=False)
-    return time.perf_counter() - start
+def logins(someone: Operator) -> int:
+    """How many connections have been let in."""
+    return int(someone.host.robot.inside("journalctl", "-q", "-o", "cat", "-u", "ssh").stdout.count("Accepted publickey"))
 
 
-def on_the_laptop(rounds: int, graph: bool) -> None:
-    """What runs on the laptop's side: prints one line of JSON."""
-    checks = chosen(graph)
-    home = Path(os.environ["HOME"])
-    examine_once(checks)  # imports are paid once by a command, not by every diagnosis
-    runs = [examine_once(checks) for _ in range(rounds)]
-    peer_s = one_ssh_each(checks, str(home / ".ssh" / "id_ed25519"), str(home / ".ssh" / "known_hosts"))
-    print(json.dumps({"runs": runs, "peer_s": peer_s, "checks": len(checks)}))
+class Doctor:
+    """`lupin doctor`, typed again and again."""
+
+    def __init__(self, someone: Operator, environment: Mapping[str, str], *words: str) -> None:
+        self._someone, self._environment = someone, environment
+        self._note = someone.home / "slowest"
+        self._command = [sys.executable, str(PROJECT_BENCH / "noting_probes.py"), str(self._note), "doctor"]
+        self._command += ["--robot", "mirte", "--json", *words]
+        self.walls: list[float] = []
+        self.slowest: list[float] = []
+        self.findings: set[str] = set()
+        self.unknown: set[str] = set()
+
+    def once(self) -> Ran:
+        """One diagnosis."""
+        ran = self._someone.must(self._someone.run(self._command, self._environment), 0, 1)
+        told = json.loads(ran.stdout)
+        self.walls.append(ran.wall_s)
+        self.slowest.append(float(self._note.read_text()))
+        self.findings |= {finding["id"] for finding in told["findings"]}
+        self.unknown |= set(told["unknown"])
+        return ran
+
+    def until_healthy(self) -> None:
+        """Ask until nothing is found: a robot that has just booted is not settled."""
+        deadline = time.monotonic() + READY_BOUND_S
+        while self.once().status != 0 and time.monotonic() < deadline:
+            self.findings.clear()
+            self.unknown.clear()
+        self.walls.clear()
+        self.slowest.clear()
+
+    def told(self) -> dict[str, Any]:
+        """What came of it."""
+        beyond = [wall - slowest for wall, slowest in zip(self.walls, self.slowest)]
+        return {
+            "wall_s": median(self.walls),
+            "slowest_probe_s": median(self.slowest),
+            "beyond_slowest_s": median(beyond),
+            "limit_beyond_s": LIMIT_BEYOND_S,
+            "findings": sorted(self.findings),
+            "unknown": sorted(self.unknown),
+            "load": load(),
+        }
 
 
-def main() -> None:
+def compared(rounds: int, with_peers: bool, note: Callable[[str], None]) -> dict[str, Any]:
+    """Everything but the visit to the graph, in turns with the peers."""
+    with operator() as someone:
+        doctor = Doctor(someone, set_up(someone), *(word for name in visiting() for word in ("--skip", name)))
+        doctor.once()
+        doctor.walls.clear()
+        doctor.slowest.clear()
+        before = logins(someone)
+        for _ in range(rounds):
+            doctor.once()
+        time.sleep(1.0)  # for the journal's last line
+        result: dict[str, Any] = {"connections": round((logins(someone) - before) / rounds, 2)}
+        result = {**doctor.told(), **result}
+        if with_peers:
+            with tools_of(someone) as tools:
+                result["peers"] = {way: _in_turns(someone, doctor, tools, way, rounds, note) for way in peers.WAYS}
+    return result
+
+
+def _in_turns(
+    someone: Operator, doctor: Doctor, tools: Tools, way: str, rounds: int, note: Callable[[str], None]
+) -> dict[str, Any]:
+    questions = peers.asked(someone.host.robot.eth0, way)
+    commands = {"pyinfra": peers.pyinfra(tools, questions), "ansible": peers.ansible(tools, questions)}
+    walls: dict[str, list[float]] = {"lupin": [], "pyinfra": [], "ansible": []}
+    for round_ in range(rounds + 1):  # the first one warms caches
+        walls["lupin"].append(doctor.once().wall_s)
+        for name, command in commands.items():
+            ran = someone.must(someone.run(command, tools.environment))
+            peers.must_have_answered(name, ran.stdout + ran.stderr, questions, tools)
+            walls[name].append(ran.wall_s)
+        note(f"{len(questions)} {way}, round {round_}: " + ", ".join(f"{n} {w[-1]:.2f} s" for n, w in walls.items()))
+    found: dict[str, Any] = {"tasks": len(questions), **{f"{name}_s": median(w[1:]) for name, w in walls.items()}}
+    for name, limit in (("pyinfra", PYINFRA_LIMIT), ("ansible", ANSIBLE_LIMIT)):
+        pairs = zip(walls[name][1:], walls["lupin"][1:])
+        found |= {f"{name}_times": round(median([theirs / ours for theirs, ours in pairs]), 1), f"{name}_wanted": limit}
+    return {**found, "load": load()}
+
+
+def whole(rounds: int, note: Callable[[str], None]) -> dict[str, Any]:
+    """The whole doctor with its visit, on a robot whose stack and whose half of Lupin run."""
+    with operator(vendor_robot=True) as someone:
+        someone.must(someone.lupin("deploy", "robot", "--no-check"))
+        doctor = Doctor(someone, set_up(someone))
+        doctor.until_healthy()
+        for round_ in range(rounds):
+            doctor.once()
+            note(f"with the graph, round {round_}: {doctor.walls[-1]:.2f} s, slowest probe {doctor.slowest[-1]:.2f} s")
+    return doctor.told()
+
+
+def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--graph", action="store_true")
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--on-the-laptop", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--no-peers", action="store_true", help="Ours alone; nothing is installed.")
+    parser.add_argument("--graph", action="store_true", help="The whole doctor too, with its visit to the graph.")
+    parser.add_argument("--json", action="store_true", help="Print one line of JSON, alone on standard output.")
     options = parser.parse_args()
-    if options.on_the_laptop:
-        on_the_laptop(options.rounds, options.graph)
-        return
-    from lupin_sim.host import Host
-    from lupin_sim.host.host import PROJECT
 
-    with Host.start() as host, tempfile.TemporaryDirectory() as name:
-        home = Path(name)
-        (home / ".ssh").mkdir(mode=0o700)
-        shutil.copy(host.key, home / ".ssh" / "id_ed25519")
-        (home / ".ssh" / "id_ed25519").chmod(0o600)
-        shutil.copy(host.known_hosts, home / ".ssh" / "known_hosts")
-        (home / ".config" / "lupin").mkdir(parents=True)
-        (home / ".config" / "lupin" / "lupin.toml").write_text(f'[robots.mirte.addresses]\nwired = "{ADDRESS}"\n')
-        command = [sys.executable, "-m", "bench.bench_doctor", "--on-the-laptop", "--rounds", str(options.rounds)]
-        environment = {"PATH": "/usr/bin:/bin:/usr/sbin:/sbin", "HOME": str(home)}
-        before = _logins(host.robot.inside(*SSH_LOG).stdout)
-        done = host.run([*command, *(["--graph"] if options.graph else [])], env=environment, cwd=str(PROJECT), timeout_s=600.0)
-        if done.returncode != 0:
-            raise SystemExit(done.stderr)
-        told = json.loads(done.stdout)
-        host_log = host.robot.inside(*SSH_LOG).stdout
-    runs, probes = told["runs"], _probes(options.graph)
-    beyond = [run["wall_s"] - run["slowest_probe_s"] for run in runs]
-    result = {
-        "checks": told["checks"],
-        "rounds": options.rounds,
-        "wall_s": round(statistics.median(run["wall_s"] for run in runs), 3),
-        "slowest_probe_s": round(statistics.median(run["slowest_probe_s"] for run in runs), 3),
-        "beyond_slowest_s": round(statistics.median(beyond), 3),
-        # The first diagnosis, which paid the imports, connected too; so did the peer, once a probe.
-        "connections_per_diagnosis": round((_logins(host_log) - before - probes) / (options.rounds + 1), 2),
-        "one_ssh_each_s": round(told["peer_s"], 3),
-        "faster_by": round(told["peer_s"] / statistics.median(run["wall_s"] for run in runs), 1),
-        "findings": sorted({finding for run in runs for finding in run["findings"]}),
-        "unknown": sorted({line for run in runs for line in run["unknown"]}),
-    }
+    def note(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    result = compared(options.rounds, not options.no_peers, note)
+    if options.graph:
+        result["with_the_graph"] = whole(options.rounds, note)
     if options.json:
         print(json.dumps(result))
-        return
-    for key, value in result.items():
-        print(f"{key:26} {value}")
-
-
-def _logins(log: str) -> int:
-    return log.count("Accepted publickey")
-
-
-def _probes(graph: bool) -> int:
-    from lupin_cli.diagnosis import facts_of
-
-    return len(facts_of(chosen(graph), "robot"))
+    else:
+        for key, value in result.items():
+            for name, row in value.items() if key == "peers" else [("", value)]:
+                print(f"{key} {name}".ljust(22), json.dumps(row))
+    return 0 if result["beyond_slowest_s"] <= LIMIT_BEYOND_S and result["connections"] <= 1.0 else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,0 +1,128 @@
+"""pyinfra and Ansible, installed once beside the project and set up for one robot as well as they can be."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+REQUIREMENTS = Path(__file__).with_name("requirements.txt")
+INSTALL_BOUND_S = 900.0
+
+
+def programs() -> Path:
+    """The folder of their programs; made at the first use, under the hash of what is pinned."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lupin-bench"
+    cache.mkdir(parents=True, exist_ok=True)
+    pins = hashlib.sha256(REQUIREMENTS.read_bytes() + sys.version.encode()).hexdigest()[:12]
+    place = cache / f"peers-{pins}"
+    with (cache / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (place / "complete").exists():
+            print(f"installing pyinfra and Ansible into {place}: a minute, once", file=sys.stderr, flush=True)
+            pip = [str(place / "bin" / "python"), "-m", "pip", "install", "-q", "--disable-pip-version-check"]
+            for command in ([sys.executable, "-m", "venv", "--clear", str(place)], [*pip, "-r", str(REQUIREMENTS)]):
+                done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_BOUND_S, check=False)
+                if done.returncode != 0:
+                    raise SystemExit(
+                        f"not measured: the peers can't be installed; without them: --no-peers\n{done.stderr[-800:]}"
+                    )
+            (place / "complete").touch()
+    return place / "bin"
+
+
+@dataclass(frozen=True)
+class Tools:
+    """Both tools for one robot. `folder` holds what they read; everything of theirs lies below it."""
+
+    folder: Path
+    address: str
+    user: str
+    key: Path
+    known_hosts: Path
+
+    def __post_init__(self) -> None:
+        for name, text in (
+            ("ansible.cfg", self._ansible_cfg()),
+            ("hosts.ini", self._hosts()),
+            ("inventory.py", self._inventory()),
+        ):
+            (self.folder / name).write_text(text)
+
+    @property
+    def ssh_options(self) -> str:
+        """Of OpenSSH: one connection, which is open before a tool runs and still there after it."""
+        shared = f"-o ControlMaster=auto -o ControlPersist=600s -o ControlPath={self.folder}/m"
+        return f"-F none -i {self.key} -o IdentitiesOnly=yes -o UserKnownHostsFile={self.known_hosts} {shared}"
+
+    def _ansible_cfg(self) -> str:
+        # No facts of its own, no temporary files over there, no search for a Python, one connection for all runs.
+        return f"""[defaults]
+inventory = {self.folder}/hosts.ini
+gathering = explicit
+interpreter_python = /usr/bin/python3
+local_tmp = {self.folder}/ansible-tmp
+home = {self.folder}/ansible-home
+retry_files_enabled = False
+nocows = True
+[connection]
+pipelining = True
+[ssh_connection]
+pipelining = True
+ssh_args = {self.ssh_options}
+"""
+
+    def _hosts(self) -> str:
+        return f"robot ansible_host={self.address} ansible_user={self.user}\n"
+
+    def _inventory(self) -> str:
+        data: dict[str, Any] = {"ssh_user": self.user, "ssh_key": str(self.key), "ssh_known_hosts_file": str(self.known_hosts)}
+        data |= {"ssh_allow_agent": False, "ssh_look_for_keys": False}
+        return f"hosts = [({self.address!r}, {data!r})]\n"
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Of both: nothing of this project's."""
+        return {
+            "PATH": f"{programs()}:/usr/bin:/bin:/usr/sbin:/sbin",
+            "HOME": str(self.folder),
+            "LC_ALL": "C.UTF-8",
+            "ANSIBLE_CONFIG": str(self.folder / "ansible.cfg"),
+        }
+
+    def pyinfra(self, name: str, text: str, data: Mapping[str, Any]) -> list[str]:
+        """The command that runs the deploy `text`; it finds `data` as DATA."""
+        path = self.folder / f"{name}.py"
+        path.write_text(f"import json\nDATA = json.loads({json.dumps(data)!r})\n{text}")
+        return [str(programs() / "pyinfra"), "-y", str(self.folder / "inventory.py"), str(path)]
+
+    def ansible(self, name: str, tasks: Sequence[Mapping[str, Any]]) -> list[str]:
+        """The command that plays these tasks."""
+        path = self.folder / f"{name}.yml"
+        path.write_text(yaml.dump([{"hosts": "robot", "gather_facts": False, "tasks": list(tasks)}], Dumper=_Dumper))
+        return [str(programs() / "ansible-playbook"), str(path)]
+
+    def shared_connection(self, verb: str) -> list[str]:
+        """The command that opens the shared connection ("open"; it stays behind, and holds its outputs) or ends it ("exit")."""
+        what = ["-fN"] if verb == "open" else ["-O", verb]
+        return ["ssh", *self.ssh_options.split(), *what, f"{self.user}@{self.address}"]
+
+
+class Unsafe(str):
+    """Text that Ansible must not take for a template."""
+
+
+class _Dumper(yaml.SafeDumper):
+    pass
+
+
+_Dumper.add_representer(Unsafe, lambda dumper, text: dumper.represent_scalar("!unsafe", str(text), style="|"))
