@@ -49,9 +49,13 @@ class Gathering:
         found = list(self._diagnoses())
         tell(f"reading journals and settings of {who} ...")
         with ThreadPoolExecutor(max_workers=AT_ONCE, thread_name_prefix="bundle") as pool:
-            here = pool.submit(self._of_laptop)
-            there = list(pool.map(self._of_robot, self.examinations))
-            return [*found, *here.result(), *(each for of_robot in there for each in of_robot)]
+            try:
+                here = pool.submit(self._of_laptop)
+                there = list(pool.map(self._of_robot, self.examinations))
+                return [*found, *here.result(), *(each for of_robot in there for each in of_robot)]
+            except BaseException:  # an interrupt, say: nobody waits for robots then
+                self.close()
+                raise
 
     @property
     def links(self) -> list[Link]:

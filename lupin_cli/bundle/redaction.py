@@ -11,8 +11,9 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from html import unescape
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 from lupin_cli.bundle.pseudonyms import Pseudonyms
 from lupin_cli.masking import MASK, mask_secrets
@@ -57,26 +58,17 @@ class Redactor:
             for item in value:
                 self.learn(item)
 
-    def _learn_secret(self, kind: str, secret: str, firm: bool) -> None:
-        if kind in ("authorization", "private-key"):
-            # `Bearer abc`: the last word is what is secret. Of a key its lines are, wherever they were quoted.
-            words = secret.split()[-1:] if kind == "authorization" else [line for line in secret.split() if len(line) >= 32]
-            for word in words:
-                self._learn_secret("token", word, False)
-            return
-        telling = re.search(r"[0-9]", secret) and re.search(r"\D", secret)
-        enough = _SHORTEST_LEARNT if telling else 8
-        # Of `token: expected` nobody can say that it is a secret; of `psk=expected` in a settings file, everybody.
-        if (
-            not enough <= len(secret) <= _LONGEST_LEARNT
-            or not (telling or firm)
-            or _PLACEHOLDER.match(secret)
-            or MASK in secret
-        ):
-            return
-        if secret not in self._secrets:
-            self._secrets.add(secret)
-            self._pattern = None
+    def _learn_secret(self, kind: str, found: str, firm: bool) -> None:
+        for secret in _spellings(kind, found):
+            telling = re.search(r"[0-9]", secret) and re.search(r"\D", secret)
+            enough = _SHORTEST_LEARNT if telling else 8
+            # Of `it met token: expected` nobody can say that it is a secret; of `psk=expected` in a settings file, everybody.
+            doubtful = not telling and not (firm and secret == found)
+            if doubtful or not enough <= len(secret) <= _LONGEST_LEARNT or _PLACEHOLDER.match(secret) or MASK in secret:
+                continue
+            if secret not in self._secrets:
+                self._secrets.add(secret)
+                self._pattern = None
 
     # -- second pass
 
@@ -155,6 +147,17 @@ def _parsed(text: str) -> Any:
         return json.loads(text) if text.strip() else None
     except (ValueError, RecursionError):
         return None
+
+
+def _spellings(kind: str, found: str) -> list[str]:
+    """What of a masked place is to be known again elsewhere."""
+    if kind == "private-key":  # its lines, wherever one was quoted
+        return [word for word in found.split() if len(word) >= 32]
+    if kind == "authorization":  # `Bearer abc`, `session=abc; Path=/`, and what stands behind the header in a command
+        words = re.split(r"[\s;,]+", re.split(r"[\"']", found)[0])
+        return [part for word in words for part in (word, word.partition("=")[2]) if len(part) >= 8]
+    # A URL's and an element's are escaped. A setting may go on to the line's end, or something else may follow it.
+    return list(dict.fromkeys((found, unquote(found), unescape(found), *found.split()[:1])))
 
 
 @functools.cache

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -57,17 +59,17 @@ def command(
     path = (out or Path(f"lupin-bundle-{stamp}.tar.gz")).expanduser()
     if not dry_run:
         _check(path, force)
-    signal.signal(signal.SIGTERM, _interrupted)  # asked to end, it leaves as little behind as by Ctrl-C
     gathering = _gathering(robot, host, every, limit, config, ask_sudo, since_s)
     options = {"robots": [each.name for each in gathering.robots], "since": since, "mask_users": mask_users}
-    try:
-        contents = _contents(gathering, options, made, mask_users)
-    finally:
-        gathering.close()
-    status = _status(gathering, contents)
     size = 0
-    if not dry_run:
-        size = _write(path, contents, stamp, made, force)
+    with _terminable():
+        try:
+            contents = _contents(gathering, options, made, mask_users)
+        finally:
+            gathering.close()
+        if not dry_run:
+            size = _write(path, contents, stamp, made, force)
+    status = _status(gathering, contents)
     told = _told(gathering, contents, status, None if dry_run else path, size)
     if as_json:
         print(json.dumps(told, indent=2))
@@ -81,8 +83,18 @@ def _usage(message: str) -> None:
     raise typer.Exit(USAGE)
 
 
-def _interrupted(*_: object) -> None:
-    raise KeyboardInterrupt
+@contextlib.contextmanager
+def _terminable() -> Iterator[None]:
+    """Within the block SIGTERM is as Ctrl-C: both leave nothing behind."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _since(text: str) -> float | None:

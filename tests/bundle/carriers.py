@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Callable
+from html import escape
 from urllib.parse import quote
 
 from hypothesis import strategies as st
@@ -51,7 +52,7 @@ BARE: dict[str, Callable[[str], str]] = {
     "chpasswd": lambda s: f"echo mirte:{s} | sudo chpasswd",
     "curl": lambda s: f"curl -s -u mirte:{s} http://10.42.0.1/",
     "wpa_passphrase": lambda s: f'wpa_passphrase "Our garden" {s}',
-    "xml": lambda s: f"<wifi><password>{s.replace('&', '+').replace('<', '+')}</password></wifi>",
+    "xml": lambda s: f"<wifi><password>{escape(s)}</password></wifi>",
     "yaml block": lambda s: f"password: |\n  {s}\n",
     "wireguard": lambda s: f"[Interface]\nPrivateKey = {s}\n",
 }
