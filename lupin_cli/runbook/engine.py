@@ -95,7 +95,7 @@ def play(
         return result
     finally:
         if lease is not None:
-            lease.end(reachable=reachable)
+            lease.end(reachable=reachable, resumed=prior is not None)
         if log is not None:
             log.close()
 

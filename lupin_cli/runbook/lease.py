@@ -83,13 +83,20 @@ class Lease:
             "once you know that this is dead, break their lease"
         )
 
-    def end(self, *, reachable: bool = True) -> None:
-        """Give it back. Behind a link that is gone it stays: its operator's next run takes it over."""
+    def end(self, *, reachable: bool = True, resumed: bool = False) -> None:
+        """Give it back. Behind a link that is gone it stays: its operator's next run takes it over.
+
+        A resumed run that had nothing left to change clears away what the run before it could not give back.
+        """
         _of_live_runs.discard(self._nonce)
-        if self.held and reachable:
-            self.held = False
-            with contextlib.suppress(TargetError, OperationError):  # the run's own end is what is to be told
+        with contextlib.suppress(TargetError, OperationError):  # the run's own end is what is to be told
+            if self.held and reachable:
                 self._run(_GIVE_BACK.format(place=self._place, nonce=self._nonce))
+            elif resumed and reachable:
+                holder = _holder(self._run(f"cat {self._place}/owner 2>/dev/null || true")[1])
+                if _is_left_over(holder):
+                    self._run(_GIVE_BACK.format(place=self._place, nonce=holder["nonce"]))
+        self.held = False
 
     def forget(self) -> None:
         """The robot was rebooted, and knows of none."""
@@ -104,10 +111,12 @@ class Lease:
 
 def _this_process() -> dict[str, Any]:
     """Who this is: a name for people; machine, boot and process for telling what is left over from what lives."""
+    # Containers of one machine may share its id, and number their processes each from 1.
+    apart = [_read("/etc/machine-id").decode().strip(), socket.gethostname(), str(Path("/proc/self/ns/pid").readlink())]
     return {
         "who": f"{_user()}@{socket.gethostname()}",
         "uid": os.getuid(),
-        "machine": hashlib.sha256(_read("/etc/machine-id") + socket.gethostname().encode()).hexdigest()[:16],
+        "machine": hashlib.sha256("\0".join(apart).encode("utf-8", "surrogateescape")).hexdigest()[:16],
         "boot": _read("/proc/sys/kernel/random/boot_id").decode().strip(),
         "pid": os.getpid(),
         "started": _started(os.getpid()),

@@ -123,6 +123,21 @@ def test_an_exclusive_run_is_kept_out_with_the_command_that_breaks_in_and_goes_o
     assert not (tmp_path / "file").exists() and not place.exists()
 
 
+def test_a_resumed_run_with_nothing_left_to_change_gives_back_what_its_cut_run_could_not(
+    loaded: Callable[..., Playbook], targets: Targets, place: Path, tmp_path: Path
+) -> None:
+    needs = "- name: goes no further\n  require: {holds: '{{ false }}', otherwise: not here}\n"
+    book, journal = loaded(f"exclusive: true\n{WRITES}{needs}"), tmp_path / "journal"
+    failed = play(book, targets, {"file": str(tmp_path / "file")}, journal=journal)
+    assert failed.state == "failed" and not place.exists()
+    cut = Lease(targets["robot"], "test")
+    assert cut.take()
+    cut.end(reachable=False)
+    assert place.exists()
+    assert play(book, targets, resume=True, journal=journal).state == "failed"
+    assert not place.exists()
+
+
 def test_what_others_did_until_the_lease_was_had_is_seen(
     loaded: Callable[..., Playbook], targets: Targets, place: Path, tmp_path: Path
 ) -> None:
