@@ -1,0 +1,219 @@
+"""`lupin bundle` as it is typed, about the machine that the test runs on."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tarfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from lupin_cli.app import app
+from lupin_cli.bundle import gathering
+from lupin_cli.checks import Check, Evidence, Finding, Fix, Severity
+from lupin_cli.checks import table as checks_table
+from lupin_cli.facts import Fact
+
+Run = Callable[..., Result]
+FACT = Fact("words", "echo 'WIFI_PSK=planted7probe'; echo heard", lambda output: output.stdout.splitlines()[1])
+
+
+def _find(evidence: Evidence) -> Iterator[Finding]:
+    said = ("the line psk=planted7finding shows it", f"it was {evidence.laptop.get(FACT)}")
+    yield Finding("always-there", Severity.WARNING, "laptop", "it aches", "because", said, Fix("lupin mend"))
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Type `lupin bundle ...` in an empty folder, as a user with a home of his own; the doctor has one check."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
+    monkeypatch.delenv("LUPIN_CONFIG", raising=False)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setattr(checks_table, "built_in", lambda: (Check("always", _find, laptop=(FACT,)),))
+    monkeypatch.setattr(checks_table, "plugged_in", lambda: ((), ()))
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    return lambda *words: CliRunner().invoke(app, ["bundle", *words])
+
+
+@pytest.fixture
+def planted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Secrets in everything of Lupin's that an archive takes from this machine; each has `planted7` in it."""
+    config = tmp_path / ".config" / "lupin"
+    config.mkdir(parents=True)
+    (config / "lupin.toml").write_text('# password: planted7toml\n[robots.pot.addresses]\nwired = "127.0.0.1:1"\n')
+    (config / "ros-env.sh").write_text("export ROS_DISCOVERY_SERVER=10.42.0.1:11811\nexport API_TOKEN=planted7exports\n")
+    logs = tmp_path / "state" / "lupin" / "runs" / "20261121-100000-abcd" / "logs"
+    logs.mkdir(parents=True)
+    (logs.parent / "run.json").write_text(json.dumps({"environment": {"GITHUB_TOKEN": "planted7run", "ROS_DOMAIN_ID": "7"}}))
+    (logs / "nav.log").write_bytes(b"\0\xff Authorization: Bearer planted7log\nplanted7toml is what I was given\nplan found\n")
+    (logs / "pipe.log").symlink_to("/dev/zero")
+    journal = tmp_path / "state" / "lupin" / "journal"
+    journal.mkdir(parents=True)
+    events = [
+        {"event": "start", "playbook": "pin-wifi", "variables": {"psk": "planted7variable"}},
+        {
+            "event": "change",
+            "index": 0,
+            "before": {"content": "a file of planted7before"},
+            "diff": "+psk=planted7diff and more\n",
+        },
+        {"event": "output", "index": 0, "text": "nmcli c add wifi-sec.psk 'planted7 output'"},
+    ]
+    torn = '{"event": "change", "before": {"content": "planted7torn'
+    (journal / "20261121-100000-pin-wifi.jsonl").write_text("".join(json.dumps(each) + "\n" for each in events) + torn)
+    monkeypatch.setenv("LUPIN_PASSWORD", "planted7environment")
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    """The files of an archive, by their names below its folder."""
+    with tarfile.open(path) as tar:
+        return {entry.name.split("/", 1)[1]: tar.extractfile(entry).read() for entry in tar}  # type: ignore[union-attr]
+
+
+def test_it_packs_what_there_is_of_this_machine_without_any_secret(run: Run, planted: None, tmp_path: Path) -> None:
+    result = run("--json")
+    told = json.loads(result.stdout)
+    path = tmp_path / "work" / told["path"]
+    assert list((tmp_path / "work").iterdir()) == [path]
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert path.stat().st_size == told["bytes"]
+    found = contents(path)
+    assert [name for name, data in found.items() if b"planted7" in data or "planted7" in name] == []
+    assert [each["path"] for each in told["files"]] == list(found)
+
+    assert b"always-there" in found["findings/laptop.md"]
+    assert json.loads(found["findings/laptop.json"])["findings"][0]["evidence"][1] == "it was heard"
+    assert json.loads(found["laptop/facts.json"])["facts"] == {"words": "heard"}
+    assert found["laptop/probes/words.out"] == b"WIFI_PSK=***\nheard\n"
+    run_folder = "laptop/run/20261121-100000-abcd"
+    assert found[f"{run_folder}/logs/nav.log"].endswith(b"\n*** is what I was given\nplan found\n")
+    assert json.loads(found[f"{run_folder}/run.json"])["environment"] == {"GITHUB_TOKEN": "***", "ROS_DOMAIN_ID": "7"}
+    journal = found["laptop/playbooks/20261121-100000-pin-wifi.jsonl"].decode().splitlines()
+    assert [json.loads(line)["event"] for line in journal] == ["start", "change", "output"]
+    assert json.loads(journal[1])["before"] == "left out"
+    assert b"127.0.0.1:1" in found["laptop/lupin/lupin.toml"]
+    assert b"ROS_DISCOVERY_SERVER=10.42.0.1:11811" in found["laptop/dds/files.txt"]
+
+    manifest = json.loads(found["manifest.json"])
+    left_out = {each["path"]: each for each in manifest["left_out"]}
+    assert left_out[f"{run_folder}/logs/pipe.log"]["kind"] == "unreadable"
+    assert result.exit_code == told["status"] == 1  # that log could not be read, and nothing else was kept out by it
+    assert manifest["masked"] == told["masked"]
+    assert told["masked"]["authorization"] == 1
+
+
+def test_a_person_is_told_where_it_is_what_was_masked_and_to_look(run: Run, planted: None) -> None:
+    result = run("--out", "b.tar.gz")
+    assert "b.tar.gz: " in result.stdout
+    assert "masked: 1 authorization, " in result.stdout
+    assert "look through it before you send it" in result.stdout
+    assert "masking ..." in result.stderr
+
+
+def test_a_dry_run_lists_everything_and_writes_nothing(run: Run, planted: None, tmp_path: Path) -> None:
+    result = run("--dry-run")
+    assert "laptop/run/20261121-100000-abcd/logs/nav.log" in result.stdout
+    assert "pipe.log: unreadable: " in result.stdout
+    assert "nothing was written" in result.stdout
+    assert "planted7" not in result.stdout
+    assert list((tmp_path / "work").iterdir()) == []
+
+
+def test_an_archive_that_is_there_is_not_written_over_unasked(run: Run, tmp_path: Path) -> None:
+    there = tmp_path / "work" / "b.tar.gz"
+    there.write_bytes(b"mine")
+    result = run("--out", "b.tar.gz")
+    assert (result.exit_code, there.read_bytes()) == (2, b"mine")
+    assert "--force" in result.stderr
+    assert run("--out", "b.tar.gz", "--force").exit_code == 0
+    assert "findings/laptop.json" in contents(there)
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (["--robot", "a", "--host", "b"], "exclude each other"),
+        (["--all", "--robot", "a"], "--all takes every robot"),
+        (["--since", "yesterday"], "90s, 30m, 1h or 2d"),
+        (["--since", "0h"], "90s, 30m, 1h or 2d"),
+        (["--out", "no/such/folder/b.tar.gz"], "there is no folder"),
+        (["--all"], "has no robots"),
+        (["--robot", "pto", "--config", "/no/lupin.toml"], "no such file"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_before_anything_is_asked(
+    run: Run, words: list[str], hint: str, tmp_path: Path
+) -> None:
+    result = run(*words)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert hint in result.stderr
+    assert list((tmp_path / "work").iterdir()) == []
+
+
+def test_a_robot_that_cannot_be_reached_leaves_the_rest_and_says_why(run: Run) -> None:
+    with socket.socket() as holder:  # bound and not listening: refused, and nobody else gets the port
+        holder.bind(("127.0.0.1", 0))
+        result = run("--host", f"127.0.0.1:{holder.getsockname()[1]}", "--out", "b.tar.gz", "--json")
+    told = json.loads(result.stdout)
+    assert result.exit_code == told["status"] == 3
+    (robot,) = told["robots"]
+    assert robot["unreachable"] == "refused"
+    found = contents(Path("b.tar.gz"))
+    assert "laptop/facts.json" in found
+    folder = f"robots/{robot['name']}"
+    assert json.loads(found[f"{folder}/link.json"])["kind"] == "refused"
+    assert {"path": folder, "kind": "unreachable", "reason": robot["message"]} in json.loads(found["manifest.json"])["left_out"]
+
+
+def test_two_robots_of_the_inventory_go_into_one_archive(run: Run, tmp_path: Path) -> None:
+    inventory = tmp_path / "lupin.toml"
+    names = ("pot-1", "pot-2", "tray")
+    inventory.write_text("".join(f'[robots.{name}.addresses]\nwired = "127.0.0.1:1"\n' for name in names))
+    result = run("--all", "--limit", "pot-*", "--config", str(inventory), "--out", "b.tar.gz", "--json")
+    assert result.exit_code == 3
+    found = contents(Path("b.tar.gz"))
+    assert {name.split("/")[1] for name in found if name.startswith("robots/")} == {"pot-1", "pot-2"}
+    assert {"findings/pot-1.md", "findings/pot-2.md"} <= set(found)
+
+
+def test_a_doctor_that_fails_keeps_nobody_from_the_logs(run: Run, planted: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise RuntimeError("no doctor today")
+
+    monkeypatch.setattr(gathering.Examination, "examine", broken)
+    result = run("--out", "b.tar.gz")
+    assert result.exit_code == 1
+    assert "findings: failed: the doctor failed: RuntimeError: no doctor today" in result.stdout
+    assert "laptop/run/20261121-100000-abcd/logs/nav.log" in contents(Path("b.tar.gz"))
+
+
+@pytest.mark.parametrize("blow", [signal.SIGINT, signal.SIGTERM])
+def test_one_that_is_interrupted_leaves_nothing(blow: signal.Signals, tmp_path: Path) -> None:
+    environment = {**os.environ, "HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path / "state")}
+    (tmp_path / "work").mkdir()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "lupin_cli.app", "bundle"],
+        cwd=tmp_path / "work",
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stderr is not None
+        assert "asking this machine" in process.stderr.readline()
+        process.send_signal(blow)
+        assert process.wait(60) == 130
+    finally:
+        process.kill()
+        process.communicate()
+    assert list((tmp_path / "work").iterdir()) == []
