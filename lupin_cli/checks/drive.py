@@ -31,7 +31,7 @@ def unheard(evidence: Evidence) -> Iterator[Finding]:
     for graph in graphs(evidence):
         for name in SINKS:
             topic = graph.topic(name)
-            if topic is None or not topic.publishers:
+            if topic is None or all(end.is_ghost for end in topic.publishers):
                 continue
             if any(end.node.rpartition("/")[2] not in ONLOOKERS for end in topic.subscribers):
                 continue

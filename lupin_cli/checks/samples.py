@@ -37,7 +37,7 @@ def unfitting(evidence: Evidence) -> Iterator[Finding]:
         for topic in graph.topics:
             if topic.name not in KNOWN or not topic.publishers:
                 continue
-            for subscriber in topic.subscribers:
+            for subscriber in (end for end in topic.subscribers if not end.is_ghost):
                 reasons = [mismatch(publisher, subscriber) for publisher in topic.publishers]
                 if not all(reasons):
                     continue
@@ -127,6 +127,8 @@ def silent(evidence: Evidence) -> Iterator[Finding]:
         for row in REPEATED:
             topic = graph.topic(row.name)
             if graph.heard(row.name) != 0 or topic is None or (row.name in BOARD and board_silent(graph)):
+                continue
+            if all(end.is_ghost for end in topic.publishers):
                 continue
             yield Finding(
                 id="topic-silent",

@@ -16,6 +16,7 @@ from typing import Any
 from lupin_cli.facts.base import Fact
 from lupin_cli.target.base import Output
 
+GHOST = "_NODE_NAME_UNKNOWN_"  # as rmw has it
 PROBE = f"exec {shlex.quote(sys.executable)} -m lupin_runtime.stack.probe"
 
 
@@ -27,6 +28,11 @@ class End:
     type: str
     reliable: bool
     latched: bool
+
+    @property
+    def is_ghost(self) -> bool:
+        """Whether its node is not, or no longer, there: what is left of a process that ended stays on the server's list."""
+        return self.node.endswith(GHOST)
 
     @property
     def qos(self) -> str:

@@ -139,6 +139,15 @@ def test_one_silent_sensor_is_named_alone() -> None:
     assert finding.id == "topic-silent" and "/scan" in finding.cause
 
 
+def test_what_a_process_that_ended_left_on_the_servers_list_is_nobodys_silence_and_nobodys_misfit() -> None:
+    ghost = End("_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_", "sensor_msgs/msg/LaserScan", False, False)
+    silent = graph(samples=silenced("/scan"))
+    assert ids(ends("/scan", silent, publishers=(ghost,))) == []
+    assert ids(ends("/scan", silent, publishers=(ghost, dataclasses.replace(ghost, node="/lidar")))) == ["topic-silent"]
+    assert ids(ends("/scan", subscribers=(dataclasses.replace(ghost, reliable=True),))) == []
+    assert ids(ends("/cmd_vel", publishers=(ghost,), subscribers=())) == []
+
+
 def test_a_topic_that_speaks_on_change_may_be_silent() -> None:
     assert ids(graph(samples=silenced("/lupin/drive/status", "/twin/state"))) == []
 
