@@ -32,6 +32,7 @@ class Operation(Protocol):
       settle_s: ClassVar[float]    how long after `change` a difference may remain; the step's time-out ends it too (default 0)
       read_only: ClassVar[bool]    it never differs, only reports: asked also where its step is not reached
       stands: ClassVar[bool]       what it looks at stays as it is until somebody changes it: it may be asked before its turn
+      prepare() -> None            work of this machine that the look will need, done while the robot answers; may do nothing
       reports: ClassVar[tuple]     the values of `report(target) -> dict`, read only, for later steps' conditions; JSON-able
       begun(before) -> Operation   the same, knowing what it found before it began; verification and resume ask that
       undo_last: ClassVar[bool]    taken back after all others, since it makes effective what they did

@@ -15,6 +15,7 @@ class Probe:
     """`status` and `stdout` (without the last line break) of a script; `number` where it printed one."""
 
     name: ClassVar[str] = "probe"
+    stands: ClassVar[bool] = True
     read_only: ClassVar[bool] = True
     reports: ClassVar[tuple[str, ...]] = ("status", "stdout", "number")
 

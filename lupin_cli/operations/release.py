@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import platform
+import sys
+import threading
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,6 +18,8 @@ from lupin_cli.release.manifest import Hashes, Manifest, manifest_of
 from lupin_cli.release.transfer import Installed, activate, changes, installed, upload
 from lupin_cli.target.base import Target
 
+_turn = threading.Lock()
+
 
 @cache
 def built(robot: Robot) -> Manifest:
@@ -24,6 +29,12 @@ def built(robot: Robot) -> Manifest:
         return manifest_of(files(robot), Hashes(Path(folder) / "lupin" / "release-hashes.json"))
     except CannotBuild as error:
         raise OperationError(f"no release can be made for the robot: {error}", "make setup") from error
+
+
+def _built_once(robot: Robot) -> Manifest:
+    """Several robots want it at the same time: the first one's is everybody's."""
+    with _turn:
+        return built(robot)
 
 
 @dataclass(frozen=True)
@@ -37,9 +48,14 @@ class Release:
     release: str = ""
     root: str = ROOT
 
+    def prepare(self) -> None:
+        """Make the release that takes longest to make: for a robot like this machine, which has no ROS of its own."""
+        if not self.release:
+            _built_once(Robot(platform.machine(), (sys.version_info.major, sys.version_info.minor), ""))
+
     def differs(self, target: Target) -> Difference | None:
         state = installed(target, self.root)
-        if (self.release or built(state.robot).id) == state.current:
+        if (self.release or _built_once(state.robot).id) == state.current:
             return None
         before = {"current": state.current}
         there = f"replaces {state.current}" if state.current else "is the first"

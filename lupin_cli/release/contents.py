@@ -6,7 +6,6 @@ gets the wheels that this machine runs on, file by file as they are installed he
 
 from __future__ import annotations
 
-import importlib.metadata
 import importlib.util
 import json
 import os
@@ -95,9 +94,11 @@ def _wheels(robot: Robot) -> Iterator[tuple[str, str | bytes]]:
         raise CannotBuild(
             f"without ROS the robot runs the packages of this machine, which has {Robot(*here, ros='')}; the robot has {robot}"
         )
+    from importlib.metadata import distribution as installed
+
     prefix = sys.prefix + "/"
     for name in sorted(_closure(ROOTS)):
-        distribution = importlib.metadata.distribution(name)
+        distribution = installed(name)
         site = str(distribution.locate_file(""))
         # RECORD's first column, without the objects that `files` makes of ten thousand lines at every deploy.
         for line in (distribution.read_text("RECORD") or "").splitlines():
@@ -118,6 +119,8 @@ def _is_script(path: str) -> bool:
 
 def _closure(roots: tuple[str, ...]) -> set[str]:
     """The distributions that `roots` need, themselves included, by normalised name."""
+    from importlib.metadata import PackageNotFoundError, distribution
+
     from packaging.requirements import Requirement
     from packaging.utils import canonicalize_name
 
@@ -127,8 +130,8 @@ def _closure(roots: tuple[str, ...]) -> set[str]:
     while waiting:
         name, extras = waiting.pop()
         try:
-            requires = importlib.metadata.distribution(name).requires or []
-        except importlib.metadata.PackageNotFoundError as error:
+            requires = distribution(name).requires or []
+        except PackageNotFoundError as error:
             raise CannotBuild(f"the package {name} is not installed here: make setup") from error
         found.add(name)
         for text in requires:

@@ -7,10 +7,13 @@ as it was noted, and to nobody once something may have changed or time has passe
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NoReturn
 
+from lupin_cli.operations.base import OperationError
 from lupin_cli.target.base import Output, Script, Target, TargetError
 
 FRESH_S = 3.0  # an answer that waited longer for its step is not believed
@@ -48,6 +51,13 @@ class _Listener:
         """There is nothing to close."""
 
 
+def _all_of(work: Iterable[Callable[[], None]]) -> None:
+    """What fails here is told by the step that needs it."""
+    for each in work:
+        with contextlib.suppress(OperationError):
+            each()
+
+
 class AskedAhead:
     """Passes everything on to a target, but for questions whose answer is there already."""
 
@@ -62,19 +72,23 @@ class AskedAhead:
     def address(self) -> str:
         return str(getattr(self._target, "address", ""))
 
-    def ask(self, looks: Iterable[Look]) -> None:
-        """Note the first question of each look, and ask all of them at once where there are several."""
+    def ask(self, looks: Iterable[Look], meanwhile: Iterable[Callable[[], None]] = ()) -> None:
+        """Note the first question of each look, and ask all of them at once where there are several; do `meanwhile` while the
+        robot answers."""
         noted = [script for look in looks for script in self._question(look)]
         if len(noted) < 2:
             return
         # Two steps that look at the same thing are told the same.
         unlike = {(script.text, script.root): script for script in noted}
         scripts = [Script(str(n), s.text, s.timeout_s, s.root) for n, s in enumerate(unlike.values())]
-        try:
-            outputs = self._target.batch(scripts, max(script.timeout_s for script in scripts) + BATCH_SLACK_S)
-        except TargetError as error:
-            self._error = error  # the next step's, as it would have been: nobody is asked for a key or a password twice
-            return
+        bound_s = max(script.timeout_s for script in scripts) + BATCH_SLACK_S
+        with ThreadPoolExecutor(max_workers=1, thread_name_prefix="meanwhile") as pool:
+            pool.submit(_all_of, meanwhile)
+            try:
+                outputs = self._target.batch(scripts, bound_s)
+            except TargetError as error:
+                self._error = error  # the next step's, as it would have been: nobody is asked for a key or a password twice
+                return
         self._asked_s = time.monotonic()
         answered = {(s.text, s.root): outputs[s.name] for s in scripts if outputs[s.name].status is not None}
         for script in noted:

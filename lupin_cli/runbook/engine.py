@@ -237,16 +237,20 @@ class _Run:
         """Ask the robot, in one batch, what those steps will look at first that are sure to be reached as things stand."""
         if self._ahead is None:
             return
-        looks = []
+        looks, meanwhile = [], []
         for step in steps:
-            if step.machine != "robot" or not getattr(step.operation, "stands", False):
+            if step.machine != "robot" or not getattr(step.operation, "stands", False) or step.until is not None:
                 continue
             try:
-                if self._binding.wanted(step):
-                    looks.append(self._binding.operation(step).differs)
+                if not self._binding.wanted(step):
+                    continue
+                operation = self._binding.operation(step)
             except (ExpressionError, PlaybookError):
                 continue  # waits for the result of an earlier step, or is told when it is its turn
-        self._ahead.ask(looks)
+            looks.append(operation.report if getattr(operation, "read_only", False) else operation.differs)
+            if hasattr(operation, "prepare"):
+                meanwhile.append(operation.prepare)
+        self._ahead.ask(looks, meanwhile)
 
     def _command(self) -> str:
         return f"lupin play {self._book.name}" + (f" --robot {self._robot}" if self._robot else "")

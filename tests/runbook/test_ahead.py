@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from lupin_cli.operations.base import OperationError
 from lupin_cli.runbook import Playbook, ahead, play
 from lupin_cli.runbook.ahead import AskedAhead
 from lupin_cli.target.base import HostKeyUnknown, Output, Script
@@ -137,3 +138,33 @@ def test_whoever_is_kept_out_is_told_once_by_the_first_step(loaded: Loaded, tmp_
 
     result = play(loaded(TWO_FILES), {"robot": Strange("robot")}, {"root": str(tmp_path)}, journal=tmp_path / "journal")
     assert (result.state, result.next_command, Strange.asked) == ("unreachable", "lupin robots check", 1)
+
+
+def test_a_probe_is_asked_ahead_too_and_what_is_waited_for_is_not(loaded: Loaded, tmp_path: Path) -> None:
+    body = """
+steps:
+- name: look
+  as: one
+  probe: {run: echo 1}
+- name: look there
+  as: two
+  probe: {run: echo 2}
+- name: wait
+  as: three
+  until: three.number == 3
+  probe: {run: echo 3}
+"""
+    robot = Counted()
+    result = play(loaded(body), {"robot": robot}, journal=tmp_path / "journal")
+    assert [step.result.get("stdout") for step in result.steps] == ["1", "2", "3"], result.message
+    assert robot.batches == [2, 1]
+
+
+def test_this_machines_work_is_done_while_the_robot_answers() -> None:
+    done: list[str] = []
+
+    def fails() -> None:
+        raise OperationError("told by its step")
+
+    AskedAhead(LocalTarget("robot")).ask([asks(ONE), asks(TWO)], [fails, lambda: done.append("work")])
+    assert done == ["work"]
