@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 MASK = "***"
@@ -20,7 +20,7 @@ Note = Callable[[str, str, bool], None]  # kind, secret, whether the place leave
 _KEY = (
     r"(?:pass(?:word|wd|phrase|code)|secret|token|psk|credential|"
     r"(?:api|access|private|secret|pre-?shared|pre_shared|encryption|signing|auth|master|account|wep)[_.-]?key)"
-    r"(?:s|[_-]?\d{1,2})?(?:[_-](?:hash|value|base64|b64|text))?"
+    r"(?:s|[_-]?\d{1,2})?(?:[_-](?:hash|value|base64|b64|text|raw))?"
 )
 _SHORT_KEY = r"(?:(?<![a-z0-9])pass|(?<=[a-z0-9][_-])(?:pass|pwd|pin)(?<!gpio[_-]pin))"
 _COLOUR = r"(?:\x1b\[[0-9;]{0,20}m)?"
@@ -71,7 +71,7 @@ def rules() -> tuple[Rule, ...]:
         rule("url-credentials", "://", r"://[^\s/:@]{0,256}:(?P<b>[^\s/\0]{1,512})@", firm=True),
         rule("url-credentials", "://", r"(?:https?|git|ftps?)://(?P<b>[^\s/:@\0]{1,512})@", firm=True),
         # -- arguments of commands, as sudo writes them into the journal
-        rule("secret", _KEY_HINTS, rf"(?<![\w-])--?[\w-]{{0,40}}?{_KEY}[ \t]+(?!-){_VALUE}", firm=True),
+        rule("secret", _KEY_HINTS, rf"(?<![\w-])(?!--?ask)--?[\w-]{{0,40}}?{_KEY}[ \t]+(?!-){_VALUE}", firm=True),
         rule("secret", ("psk", "pass", "wep-key", "pin"),
              rf"[.](?:psk|password|pin|wep-key\d|leap-password|private-key-password)[ \t]+{_VALUE}", firm=True),
         rule("secret", "nmcli", rf"\bnmcli\b[^\r\n]{{0,300}}?[ \t]password[ \t]+{_VALUE}", firm=True),
@@ -92,6 +92,8 @@ def rules() -> tuple[Rule, ...]:
         rule("secret", _KEY_HINTS, rf"{_LINE}[\w.-]{{0,60}}?{_KEY}[ \t]{{0,8}}:[ \t]{{0,8}}{_REST}"),
         rule("secret", _KEY_HINTS, rf"{_KEY}{_IS}{_VALUE}"),
         rule("secret", ("pass", "pwd", "pin"), rf"{_SHORT_KEY}[\"']?[ \t]{{0,8}}[=:][ \t]{{0,8}}(?!/){_VALUE}"),
+        rule("secret", "pin", r"(?<![\w-])pin[\"']?[ \t]{0,8}[=:][ \t]{0,8}(?P<b>\d{4,8})\b", firm=True),
+        rule("secret", "login", rf"\blogin[ \t]+[^\s\"']{{1,64}}[ \t]+password[ \t]+{_VALUE}", firm=True),
         rule("secret", _KEY_HINTS, rf"<[\w:.-]{{0,40}}?{_KEY}>(?P<b>[^<\r\n]+)", firm=True),
         # -- shapes that tell by themselves
         rule("authorization", "bearer", r"\bbearer[ \t]+(?P<b>(?=[^\s\"']{0,64}\d)[\w.~+/=-]{8,})"),
@@ -111,12 +113,35 @@ def mask_secrets(text: str, note: Note = ignore) -> str:
     """`text` with MASK for every secret that a rule tells; `note` hears of each. Doing it twice changes nothing more."""
     if len(text) < 4:
         return text
-    text = mask_private_keys(text, note)
+    return "".join(_mask_lines(lines, note) for lines in _chunks(mask_private_keys(text, note)))
+
+
+def _mask_lines(text: str, note: Note) -> str:
     lowered = text.lower()
     for rule in rules():
         if any(hint in lowered for hint in rule.hints):
             text = rule.pattern.sub(functools.partial(_replace, rule, note), text)
     return text
+
+
+_CHUNK = 4000
+
+
+def _chunks(text: str) -> Iterator[str]:
+    """The text in pieces of whole lines: most of a log has none of the words, and looking for them is what takes no time.
+
+    A rule looks at one line; only a block of YAML begins on the one before, which is therefore kept with it.
+    """
+    place = 0
+    while len(text) - place > _CHUNK:
+        upto = text.find("\n", place + _CHUNK) + 1
+        while upto and text[max(place, upto - 8) : upto].rstrip().endswith(("|", ">", "|-", ">-", "|+", ">+")):
+            upto = text.find("\n", upto) + 1
+        if not upto:
+            break
+        yield text[place:upto]
+        place = upto
+    yield text[place:]
 
 
 def _replace(rule: Rule, note: Note, match: re.Match[str]) -> str:

@@ -174,10 +174,12 @@ def _robots(gathering: Gathering) -> list[dict[str, Any]]:
 
 def _status(gathering: Gathering, contents: Contents) -> int:
     from lupin_cli.bundle.pieces import GAPS as KINDS
+    from lupin_cli.bundle.pieces import UNREACHABLE as LOST
 
-    if any(not link.reachable for link in gathering.links):
+    kinds = {each.kind for each in contents.left_out}
+    if LOST in kinds or any(not link.reachable for link in gathering.links):
         return UNREACHABLE
-    return GAPS if any(each.kind in KINDS for each in contents.left_out) else WHOLE
+    return GAPS if kinds & KINDS else WHOLE
 
 
 def _write(path: Path, contents: Contents, stamp: str, made: float, force: bool) -> int:

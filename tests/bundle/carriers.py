@@ -52,6 +52,7 @@ BARE: dict[str, Callable[[str], str]] = {
     "chpasswd": lambda s: f"echo mirte:{s} | sudo chpasswd",
     "curl": lambda s: f"curl -s -u mirte:{s} http://10.42.0.1/",
     "wpa_passphrase": lambda s: f'wpa_passphrase "Our garden" {s}',
+    "netrc": lambda s: f"machine 10.42.0.1 login mirte password {s}",
     "xml": lambda s: f"<wifi><password>{escape(s)}</password></wifi>",
     "yaml block": lambda s: f"password: |\n  {s}\n",
     "wireguard": lambda s: f"[Interface]\nPrivateKey = {s}\n",

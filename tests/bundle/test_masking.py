@@ -61,7 +61,8 @@ def test_masking_twice_is_masking_once(text: str) -> None:
         "key-mgmt=wpa-psk\npsk-flags=1\n",
         "psk: <hidden>\ntoken: none\npassword: no\nsecret=0",
         "[tokenizer] 12 tokens: 512 keys: 3",
-        "gpio_pin: 23\npass: 17 tests passed",
+        "lupin robots check pot --ask-sudo-password and type it",
+        "pin: 23\npin=17 gpio_pin: 23\npass: 17 tests passed",
         "http://10.42.0.1:8090/page ssh://mirte@10.42.0.1 mirte@10.42.0.1:/opt",
         "basic authentication and authorization are off",
         f"{'0123456789abcdef' * 4}\n{'fedcba9876543210' * 4}\n",
@@ -95,3 +96,12 @@ def test_the_words_of_a_line_around_a_secret_stay() -> None:
     assert mask_secrets(line) == line.replace("hunter22", MASK)
     line = '{"user": "mirte", "password": "hun\\"ter", "on": true}'
     assert mask_secrets(line) == line.replace('hun\\"ter', MASK)
+
+
+@settings(max_examples=30, deadline=None)
+@given(secret=words, before=st.integers(0, 9000), name=st.sampled_from(sorted({**BARE, **QUOTED})))
+def test_where_in_a_long_log_a_secret_stands_makes_no_difference(secret: str, before: int, name: str) -> None:
+    planted = {**BARE, **QUOTED}[name](secret)
+    noise = "".join(f"[{number}] all is well here\n" for number in range(700))
+    noise = noise[: noise.find("\n", before) + 1]
+    assert mask_secrets(noise + planted + "\n" + noise) == noise + mask_secrets(planted + "\n") + noise
