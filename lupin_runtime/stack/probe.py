@@ -54,6 +54,16 @@ WATCHED: tuple[graph.Topic, ...] = (
     graph.MISSION_STATE,
     graph.TWIN_STATE,
 )
+# A working robot always says these. Where one is missing, nobody knows whether it is late or gone.
+ROBOTS: tuple[graph.Topic, ...] = (
+    graph.SCAN,
+    graph.ODOM,
+    graph.IMU,
+    graph.BATTERY,
+    graph.JOINT_STATES,
+    graph.ESTOP_BUTTON,
+    graph.TF,
+)
 INPUTS: tuple[graph.Topic, ...] = (graph.CMD_VEL_JOY, graph.CMD_VEL_MANUAL, graph.CMD_VEL_AUTO)
 # Each is answered by another process of the robot: the controllers', the motor board's, the onboard stack's.
 CALLED: tuple[graph.Service, ...] = (graph.LIST_CONTROLLERS, graph.servo_range(graph.SERVOS[-1]), graph.ARM_LIBRARY_LIST)
@@ -210,20 +220,28 @@ class Visit:
                 del self._pending[name]
 
     def wait(self) -> None:
-        """Until everything has been heard and answered, or its own bound; what came too late for its bound is left out."""
+        """Until everything has been heard and answered, or its own bound; what came too late for its bound is left out.
+
+        Where a whole robot has been heard, nothing is told to the drive bus, and the picture of who is there still stands,
+        nothing more is waited for.
+        """
         started_s = looked_s = time.monotonic()
+        picture, stands = self.names(), False
 
         def done() -> bool:
-            nonlocal looked_s
+            nonlocal looked_s, picture, stands
             now_s = time.monotonic()
             if now_s - looked_s > LOOK_AGAIN_S:
                 # Under load the names of services trail those of topics by seconds.
-                looked_s = now_s
-                self.listen({topic["name"]: topic for topic in self.names()["topics"]})
+                looked_s, before, picture = now_s, picture, self.names()
+                stands = picture == before
+                self.listen({topic["name"]: topic for topic in picture["topics"]})
                 self.call()
             self._advance_calls()
             asked = len(self.calls) == len(CALLED) or now_s - started_s > CALL_BOUND_S
             waiting = [*self._unheard(), *self._unanswered()]
+            if stands and not waiting and not self.inputs and self._whole():
+                return True
             return asked and now_s - started_s > LISTEN_S and all(now_s - since_s > bound_s for since_s, bound_s in waiting)
 
         self.until(done, WAIT_BOUND_S)
@@ -233,6 +251,10 @@ class Visit:
             answered = self.calls[name]["answered"] if name in self.calls else self.samples[name]["count"]
             if not answered and end_s - since_s < bound_s:
                 (self.calls if name in self.calls else self.samples).pop(name)
+
+    def _whole(self) -> bool:
+        """Whether all that a working robot has is there: then what is not there isn't late."""
+        return all(row.name in self.samples for row in ROBOTS) and len(self.calls) == len(CALLED)
 
     def _unheard(self) -> list[tuple[float, float]]:
         """Since when, and how long at most, each topic is waited for that said nothing yet."""
