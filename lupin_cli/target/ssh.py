@@ -73,6 +73,11 @@ class SshTarget:
         return self._open(self.name, self.destination, through)
 
     @property
+    def secrets(self) -> tuple[str, ...]:
+        """The passwords that were given for it: they are masked in whatever is written down of it."""
+        return tuple({*self._passwords.values(), *filter(None, [self._sudo_password])})
+
+    @property
     def peer(self) -> tuple[str, str]:
         """The robot's address and this machine's, as the first connection's ends have them. Raises TargetError without any."""
         self.connect()
