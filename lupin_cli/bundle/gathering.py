@@ -66,6 +66,12 @@ class Gathering:
             if each.robot is not None
         ]
 
+    @property
+    def secrets(self) -> list[str]:
+        """The passwords that were typed for robots."""
+        typed = list((self.sudo_passwords or {}).values())
+        return typed + [secret for each in self.examinations for secret in getattr(each.reached, "secrets", ())]
+
     def close(self) -> None:
         """Let the connections go."""
         for examination in self.examinations:

@@ -160,7 +160,7 @@ def _contents(gathering: Gathering, options: dict[str, Any], made: float, mask_u
         "options": options,
         "robots": _robots(gathering),
     }
-    redactor = Redactor((gathering.sudo_passwords or {}).values(), users=mask_users)
+    redactor = Redactor(gathering.secrets, users=mask_users)
     pieces = [each for each in found if isinstance(each, Piece)]
     return assemble(pieces, [each for each in found if isinstance(each, LeftOut)], redactor, about)
 
@@ -211,14 +211,15 @@ def _tell(told: dict[str, Any], dry_run: bool) -> None:
     from lupin_cli.bundle.pieces import ABSENT
     from lupin_cli.report import printable
 
+    lost = {f"robots/{link['name']}" for link in told["robots"] if link["unreachable"]}
     for link in told["robots"]:
         if link["unreachable"]:
-            typer.echo(f"lupin bundle: {link['name']} can't be reached: {printable(str(link['message']))}", err=True)
+            typer.echo(f"lupin bundle: {printable(str(link['message']))}; the rest goes in without it", err=True)
     if dry_run:
         for row in told["files"]:
             typer.echo(f"{_size(row['bytes']):>9}  {printable(row['path']):<52} {row['what']}")
     for row in told["left_out"]:
-        if dry_run or row["kind"] != ABSENT:
+        if dry_run or (row["kind"] != ABSENT and row["path"] not in lost):
             typer.echo(f"{'-':>9}  {printable(row['path'])}: {row['kind']}: {printable(row['reason'])}")
     masked = ", ".join(f"{count} {kind}" for kind, count in told["masked"].items()) or "nothing"
     if dry_run:

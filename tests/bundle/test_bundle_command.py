@@ -17,9 +17,14 @@ from typer.testing import CliRunner, Result
 
 from lupin_cli.app import app
 from lupin_cli.bundle import gathering
+from lupin_cli.bundle.redaction import Redactor
 from lupin_cli.checks import Check, Evidence, Finding, Fix, Severity
 from lupin_cli.checks import table as checks_table
+from lupin_cli.config import Config, Robot
 from lupin_cli.facts import Fact
+from lupin_cli.facts.link import Link
+from lupin_cli.robot_options import open_target
+from lupin_cli.target.local import LocalTarget
 
 Run = Callable[..., Result]
 FACT = Fact("words", "echo 'WIFI_PSK=planted7probe'; echo heard", lambda output: output.stdout.splitlines()[1])
@@ -217,3 +222,13 @@ def test_one_that_is_interrupted_leaves_nothing(blow: signal.Signals, tmp_path: 
         process.kill()
         process.communicate()
     assert list((tmp_path / "work").iterdir()) == []
+
+
+def test_passwords_that_were_typed_for_robots_are_masked_wherever_they_stand(tmp_path: Path) -> None:
+    robot = Robot("pot", {"wired": "127.0.0.1:1"})
+    gathered = gathering.Gathering((), (), LocalTarget(), [robot], Config(tmp_path / "lupin.toml"), {"pot": "typed for sudo"})
+    (examination,) = gathered.examinations
+    examination.link = Link("pot", "127.0.0.1")
+    examination._target = open_target(robot, Config(tmp_path / "lupin.toml"), sudo_password="typed at the log-in")
+    assert set(gathered.secrets) == {"typed for sudo", "typed at the log-in"}
+    assert Redactor(gathered.secrets).text("(typed at the log-in) typed for sudo") == "(***) ***"
