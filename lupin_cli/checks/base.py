@@ -40,7 +40,7 @@ class Finding:
     fix: Fix
     # What goes away with this one: ids of findings, or `id:about` where only that one does.
     explains: frozenset[str] = frozenset()
-    about: str = ""  # what it is about, where there may be several of one id: a topic
+    about: str = ""  # what it is about, where there may be several of one id: a topic, a machine
 
     def accounts_for(self, other: Finding) -> bool:
         """Whether `other` goes away with this one."""

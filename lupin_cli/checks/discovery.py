@@ -66,7 +66,9 @@ def _looks_here(process: RosProcess) -> bool:
 
 def _missing(evidence: Evidence, log: DiscoveryLog, clients: list[RosProcess]) -> Finding:
     said = " ".join(log.journal).lower()
+    explains = SEEN_OVER_THE_GRAPH
     if "not found" in said:
+        explains |= {"profile-unreadable:robot"}  # the script that writes it found its tools as little
         why = "the vendor's script did not find fast-discovery-server: PATH was not filled yet when it started it"
     elif "allocate" in said:
         why = "the vendor's script started it before its address was there (wlan0 came late), and never again"
@@ -84,7 +86,7 @@ def _missing(evidence: Evidence, log: DiscoveryLog, clients: list[RosProcess]) -
             *(each.line("ROS_DISCOVERY_SERVER") for each in clients[:3]),
         ),
         fix=Fix(on_robot(evidence, START_SERVER), playbook="recover-discovery", safe=True),
-        explains=SEEN_OVER_THE_GRAPH,
+        explains=explains,
     )
 
 

@@ -75,6 +75,7 @@ def _finding(evidence: Evidence, machine: str, profile: Profile, id: str, cause:
         cause=f"{profile.path}: {cause}",
         evidence=(profile.line(), *(f"{who}: ROS_DISCOVERY_SERVER={server}" for who, server in users.items())),
         fix=Fix(on_robot(evidence, "sudo systemctl restart mirte-ros.service") if vendors else setup),
+        about=machine,
     )
 
 

@@ -76,6 +76,16 @@ def test_journal_lines_are_the_evidence_of_a_lost_race(healthy) -> None:
     assert "wasn't able to allocate the specified listening port" in finding.evidence[0]
 
 
+def test_an_incomplete_path_explains_the_robots_profile_too_and_not_the_laptops(healthy) -> None:
+    lost = healthy.with_("robot", "sockets", without_port(11811)).with_("robot", "discovery-log", "tool-not-found")
+    error = "there is no readable file"
+    unread = lost.with_("robot", "dds-profiles", lambda profiles: tuple(replace(each, error=error) for each in profiles))
+    assert unread.named() == ["discovery-server-missing"]
+    assert unread.with_("robot", "discovery-log", "lost-the-race").named() == ["discovery-server-missing", "profile-unreadable"]
+    both = unread.with_("laptop", "dds-profiles", own_profile(error=error))
+    assert both.named() == ["discovery-server-missing", "profile-unreadable"]
+
+
 def test_journal_lines_of_a_race_that_was_mended_since_are_no_fault(healthy) -> None:
     assert healthy.with_("robot", "discovery-log", "lost-the-race").named() == []
 
