@@ -2,12 +2,15 @@
  *
  * All programs map one page. It says what the wall clock showed at some instant of the machine's own clock, how wrong the
  * crystal is, and what a clock discipline made of it since: a time is read from it, and set in it, without a system call that
- * could touch the machine's clock. What it covers is what goes through libc: static programs, file times and timers on the
- * real-time clock keep the machine's. A page that cannot be opened for writing is a clock that this user may not set.
+ * could touch the machine's clock. What it covers is what goes through libc: static programs, file times and the kernel's timers
+ * on the real-time clock keep the machine's. A page that cannot be opened for writing is a clock that this user may not set.
  */
 #define _GNU_SOURCE
+#include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <pthread.h>
+#include <semaphore.h>
 #include <stdint.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -193,6 +196,56 @@ int ntp_adjtime(struct timex *x) { return adjtimex(x); }
 
 int clock_adjtime(clockid_t id, struct timex *x) {
   return page && id == CLOCK_REALTIME ? adjtimex(x) : (int)syscall(SYS_clock_adjtime, id, x);
+}
+
+/* A wait until a time of this clock is one until another time of the machine's, as things stand when it begins. Unchanged, it
+ * would end at once under a clock that is behind, and its caller would spin. */
+static struct timespec on_machine(const struct timespec *wall) {
+  int64_t at = nanoseconds(*wall) - wall_now() + machine_now();
+  if (at < 0) at = 0;
+  return (struct timespec){at / NS, at % NS};
+}
+
+/* By its version, since the plain name leads to the one of the oldest programs; on other machines there is only one. */
+#define REAL(name, version) \
+  static __typeof__(name) *real; \
+  if (!real && !(real = (__typeof__(name) *)dlvsym(RTLD_NEXT, #name, version))) real = (__typeof__(name) *)dlsym(RTLD_NEXT, #name)
+#define ON_MONOTONIC_CLOCK 2u /* in a condition variable's __wrefs, of glibc 2.25 and later */
+
+int pthread_cond_timedwait(pthread_cond_t *restrict cond, pthread_mutex_t *restrict mutex, const struct timespec *restrict until) {
+  REAL(pthread_cond_timedwait, "GLIBC_2.3.2");
+  if (!page || cond->__data.__wrefs & ON_MONOTONIC_CLOCK) return real(cond, mutex, until);
+  struct timespec at = on_machine(until);
+  return real(cond, mutex, &at);
+}
+
+int pthread_cond_clockwait(pthread_cond_t *restrict cond, pthread_mutex_t *restrict mutex, clockid_t id,
+                           const struct timespec *restrict until) {
+  REAL(pthread_cond_clockwait, "GLIBC_2.34");
+  if (!page || id != CLOCK_REALTIME) return real(cond, mutex, id, until);
+  struct timespec at = on_machine(until);
+  return real(cond, mutex, id, &at);
+}
+
+int pthread_mutex_timedlock(pthread_mutex_t *restrict mutex, const struct timespec *restrict until) {
+  REAL(pthread_mutex_timedlock, "GLIBC_2.34");
+  if (!page) return real(mutex, until);
+  struct timespec at = on_machine(until);
+  return real(mutex, &at);
+}
+
+int sem_timedwait(sem_t *restrict sem, const struct timespec *restrict until) {
+  REAL(sem_timedwait, "GLIBC_2.34");
+  if (!page) return real(sem, until);
+  struct timespec at = on_machine(until);
+  return real(sem, &at);
+}
+
+int sem_clockwait(sem_t *restrict sem, clockid_t id, const struct timespec *restrict until) {
+  REAL(sem_clockwait, "GLIBC_2.34");
+  if (!page || id != CLOCK_REALTIME) return real(sem, id, until);
+  struct timespec at = on_machine(until);
+  return real(sem, id, &at);
 }
 
 /* The kernel stamps packets by the machine's clock. Programs that get no stamps take the time themselves. */

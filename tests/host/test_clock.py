@@ -65,6 +65,27 @@ def test_a_wrong_clock_is_what_every_program_there_shows(host: Host) -> None:
     assert abs(said_offset_s(host)) < 5.0
 
 
+# Waits 0.4 s by the wall clock, and prints how long that was by the other one.
+WAIT = """
+import ctypes, time
+libc = ctypes.CDLL(None)
+cond, mutex = ctypes.create_string_buffer(48), ctypes.create_string_buffer(40)
+until, began = time.time() + 0.4, time.monotonic()
+at = (ctypes.c_long * 2)(int(until), int(until % 1 * 1e9))
+libc.pthread_mutex_lock(mutex)
+assert libc.pthread_cond_timedwait(cond, mutex, at) == 110
+print(time.monotonic() - began)
+"""
+
+
+@pytest.mark.parametrize("offset_s", [-7200.0, 7200.0])
+def test_a_wait_until_a_time_of_the_wall_clock_ends_then(host: Host, offset_s: float) -> None:
+    with host.robot.broken("clock-wrong", offset_s=offset_s):
+        waited_s = float(host.robot.inside("python3", "-c", WAIT).stdout)
+    # Else it is over at once, and its caller spins; or it lasts for two hours.
+    assert 0.3 < waited_s < 10.0
+
+
 def test_root_may_set_it_and_nobody_else(host: Host) -> None:
     try:
         assert host.ssh("date -s 2001-01-01").returncode == 1

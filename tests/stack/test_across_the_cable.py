@@ -42,8 +42,11 @@ if not client.wait_for_server(timeout_sec=30.0):
 goal = NavigateToPose.Goal()
 goal.pose.header.frame_id = graph.MAP_FRAME
 goal.pose.pose.position.x, goal.pose.pose.orientation.w = float(sys.argv[1]), 1.0
-sent = client.send_goal_async(goal)
-rclpy.spin_until_future_complete(node, sent, timeout_sec=20.0)
+for _ in range(4):  # a server that has not met this client's ears yet can't answer
+    sent = client.send_goal_async(goal)
+    rclpy.spin_until_future_complete(node, sent, timeout_sec=5.0)
+    if sent.done():
+        break
 print("accepted" if sent.done() and sent.result().accepted else "refused", flush=True)
 ended = sent.result().get_result_async()
 rclpy.spin_until_future_complete(node, ended, timeout_sec=90.0)
