@@ -45,7 +45,8 @@ _SSIDS = tuple(
         r"(?m)^id=(?P<l>[^\r\n]{1,64})$(?=[^\[]{0,400}^type=(?:wifi|802-11-wireless)$)",  # the profile, in its own file
     )
 )
-_NO_SSID = re.compile(r"(?i)(?:ssid-\d+|[\W_]*|off|any|off/any|none|null|true|false|yes|no|hidden|auto|\d{1,3})\Z")
+# Nothing, everything, a variable's or a template's place.
+_NO_SSID = re.compile(r"(?i)(?:ssid-\d+|[{$%<\[].*|[\W_]*|off|any|off/any|none|null|true|false|yes|no|hidden|auto|\d{1,3})\Z")
 # A plain small word may be anything elsewhere: `greenhouse`. One of these shapes is a name.
 _DISTINCT = re.compile(r"[^a-z]")
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import random
+import resource
 import signal
 import socket
 import subprocess
@@ -200,6 +202,20 @@ def test_a_doctor_that_fails_keeps_nobody_from_the_logs(run: Run, planted: None,
     assert result.exit_code == 1
     assert "findings: failed: the doctor failed: RuntimeError: no doctor today" in result.stdout
     assert "laptop/run/20261121-100000-abcd/logs/nav.log" in contents(Path("b.tar.gz"))
+
+
+def test_a_full_disk_is_status_4_and_leaves_nothing(run: Run, planted: None, tmp_path: Path) -> None:
+    log = tmp_path / "state" / "lupin" / "runs" / "20261121-100000-abcd" / "logs" / "noise.log"
+    log.write_bytes(random.Random(7).randbytes(600_000))  # nothing that could be packed into less
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, hard))  # stands in for the disk's end
+    try:
+        result = run("--out", "b.tar.gz", "--json")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert (result.exit_code, result.stdout) == (4, "")
+    assert "b.tar.gz can't be written: File too large" in result.stderr
+    assert list((tmp_path / "work").iterdir()) == []
 
 
 @pytest.mark.parametrize("blow", [signal.SIGINT, signal.SIGTERM])

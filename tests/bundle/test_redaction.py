@@ -101,6 +101,7 @@ def test_the_same_address_has_the_same_other_name_in_every_spelling() -> None:
         "00:00:00:00:00:00 ff:ff:ff:ff:ff:ff 01:00:5e:00:00:fb 33:33:00:00:00:01",
         "44.53.00.5f.45.50.52.4f.53.49.4d.41 std::foo::bar ad::be 12:34:56 2026-11-21T10:00:00 opencv==4.13.0.92",
         "libfastrtps.so.2.6.4 1.2.3 1.2.3.4.5 scan_ssid=1 ssid= SSID: --",
+        "  ssid: {type: text}\n  robot: {type: text}\n connection '{{ ssid }}' ssid=$SSID ssid=%s",
     ],
 )
 def test_what_tells_of_nobody_stays(text: str) -> None:
