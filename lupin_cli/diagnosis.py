@@ -12,6 +12,7 @@ from typing import Any
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Severity
 from lupin_cli.facts.base import Fact, Facts, Unknown
+from lupin_cli.facts.clock import Offset
 from lupin_cli.facts.link import Link
 from lupin_cli.facts.routes import ROBOT_ADDRESSES
 from lupin_cli.target.base import (
@@ -103,15 +104,16 @@ def gather(
     reach: Callable[[], tuple[Target, Link]] | None = None,
     link: Link | None = None,
     addresses: Sequence[str] = (),
+    clock: Callable[[], Offset | None] = lambda: None,
 ) -> Evidence:
     """Ask this machine while the robot is reached and asked.
 
     `reach` gives the robot and the link that it was reached by; `link` is what is said of the link where `reach` fails, and
-    `addresses` are those that the robot may have. A robot that can't be reached costs none of this machine's facts: they are
-    what tells why.
+    `addresses` are those that the robot may have. `clock` measures the clock of a robot that was reached, while it answers. One
+    that can't be reached costs none of this machine's facts: they are what tells why.
     """
     of_laptop, of_robot = facts_of(checks, "laptop"), facts_of(checks, "robot")
-    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="laptop") as pool:
+    with ThreadPoolExecutor(max_workers=2, thread_name_prefix="laptop") as pool:
         here = pool.submit(ask, laptop, "laptop", of_laptop, addresses)
         there = None
         if reach is not None:
@@ -119,7 +121,9 @@ def gather(
             try:
                 robot, link = reach()
                 link = replace(link, connect_s=time.monotonic() - started)
+                offset = pool.submit(clock)
                 there = ask(robot, "robot", of_robot, addresses)
+                link = replace(link, clock=offset.result())
             except TargetError as error:
                 link = replace(
                     link or Link("robot", ""), kind=failure_kind(error), message=str(error), next_command=error.next_command

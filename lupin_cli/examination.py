@@ -80,14 +80,15 @@ class Examination:
     evidence: Evidence | None = None
     connections: int = 0
     _target: SshTarget | None = field(default=None, repr=False)
-    _transport: object = field(default=None, repr=False)
+    _transport: Any = field(default=None, repr=False)
 
     def examine(self, laptop: AskedOnce | None = None, addresses: Sequence[str] | None = None) -> Diagnosis:
         """Ask both ends and judge what they say. `laptop` and `addresses` are those of several examinations together."""
         own = self.addresses()
         link = Link(self.robot.name, own[0]) if self.robot else None
         here: Any = laptop or self.laptop
-        evidence = gather(self.checks, here, self._reach if self.robot else None, link, own if addresses is None else addresses)
+        known = own if addresses is None else addresses
+        evidence = gather(self.checks, here, self._reach if self.robot else None, link, known, self._clock_offset)
         self.evidence, self.link = evidence, evidence.link
         self.diagnosis = diagnose(self.checks, evidence, self.broken)
         closer = look_closer(self.checks, self.diagnosis, evidence, self.laptop, self._target, own)
@@ -122,12 +123,13 @@ class Examination:
         peer = ""
         with contextlib.suppress(OSError, AttributeError, IndexError, TypeError):  # behind a jump there is no socket of ours
             peer = str(transport.getpeername()[0])
-        return self._target, Link(self.robot.name, peer or self._target.destination.host, clock=self._clock_offset())
+        return self._target, Link(self.robot.name, peer or self._target.destination.host)
 
     def _clock_offset(self) -> Offset | None:
         """The robot's clock against this machine's, where a check asks for clocks: a batch of probes alone would bound it no
-        better than by its own duration."""
-        if self._target is None or not any(fact.name == "clock" for check in self.checks for fact in check.robot):
+        better than by its own duration. Beside that batch, on its connection."""
+        wanted = any(fact.name == "clock" for check in self.checks for fact in check.robot)
+        if self._target is None or not self._transport.is_active() or not wanted:
             return None
         from lupin_cli.clock import ClockError, measure_over
         from lupin_cli.target.base import TargetError

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from lupin_cli.checks import Check, Evidence, Finding, Fix, Severity
 from lupin_cli.diagnosis import ConflictingFacts, ask, diagnose, facts_of, fold, gather
 from lupin_cli.facts import Fact, Facts, Unknown
+from lupin_cli.facts.clock import Offset
 from lupin_cli.facts.link import Link
 from lupin_cli.target import HostKeyChanged, Output, Unreachable
 
@@ -125,3 +127,23 @@ def test_folding_loses_no_finding_and_tells_none_twice(edges) -> None:
     ]
     told = [f for root in fold(found) for f in (root.finding, *root.consequences)]
     assert sorted(f.cause for f in told) == sorted(f.cause for f in found)
+
+
+def test_the_robots_clock_is_measured_while_it_is_asked(machine) -> None:
+    asked = threading.Event()
+
+    class Robot(machine):  # type: ignore[misc]
+        def batch(self, scripts, bound_s=10.0):
+            asked.set()
+            return super().batch(scripts, bound_s)
+
+    def measure() -> Offset:
+        assert asked.wait(20.0)
+        return Offset(0.25, 0.001)
+
+    fact = Fact("length", "echo four", lambda output: len(output.stdout))
+    check = Check("c", lambda evidence: (), robot=(fact,))
+    robot = Robot({"length": Output(0, "four")})
+    evidence = gather([check], machine({}), lambda: (robot, Link("r", "10.42.0.1")), clock=measure)
+    assert evidence.link is not None
+    assert evidence.link.clock == Offset(0.25, 0.001)
