@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import secrets
+import socket
 import subprocess
 import threading
 import time
@@ -193,6 +194,10 @@ class SshTarget:
         while self._clients:
             client = self._clients.pop()
             transport = client.get_transport()
+            if transport is not None:
+                # Its thread looks only ten times a second whether it is to end, unless the other side hangs up.
+                with contextlib.suppress(OSError, EOFError, AttributeError):  # gone already; a proxy's process has no such thing
+                    transport.sock.shutdown(socket.SHUT_RDWR)
             client.close()
             if transport is not None:
                 transport.join(1.0)  # a thread that still reads must not find its pipe closed
@@ -279,11 +284,14 @@ class SshTarget:
         # As root, or where SFTP isn't served or says no more than "Failure": a shell does it, or tells why not.
         output = self.run(put_program(path, len(data), mode), root=root, stdin=data, bound_s=bound_s)
         if not output.ok:
+            self._require_link(output, f"{path} is as it was, or whole")
             raise TargetError(f"{self.name}: could not write {path}: {reason_of_failure(output)}; it is as it was")
 
     def get(self, path: str, *, root: bool = False, bound_s: float = 60.0) -> bytes | None:
         """See `Target.get`."""
-        return read_get(self.name, path, self.run(get_program(path), root=root, bound_s=bound_s))
+        output = self.run(get_program(path), root=root, bound_s=bound_s)
+        self._require_link(output, f"while {path} was read")
+        return read_get(self.name, path, output)
 
     def forward(self, host: str, port: int, timeout_s: float = 5.0) -> paramiko.Channel:
         """A TCP connection that the robot makes to `host`:`port`. Raises Unreachable."""
@@ -308,6 +316,12 @@ class SshTarget:
         except LOST as error:
             raise unreachable(str(self.destination), "lost", str(error)) from error
         return channel
+
+    def _require_link(self, output: Output, detail: str) -> None:
+        """Raises Unreachable where a script has no end because the link went."""
+        transport = self._clients[-1].get_transport() if self._clients else None
+        if output.status is None and (transport is None or not transport.is_active()):
+            raise unreachable(str(self.destination), "lost", detail)
 
     def _shell_refused(self, said: str) -> TargetError:
         """The login shell ended without having run what it was asked to: a start file that replaces it, or no shell at all."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +13,8 @@ from typer.testing import CliRunner, Result
 
 if TYPE_CHECKING:
     from lupin_sim.host import Host
+
+sys.path.insert(0, str(Path(__file__).parent))  # for what these tests share, under importlib's import mode
 
 
 @pytest.fixture(scope="module")

@@ -184,7 +184,11 @@ def test_a_robot_without_networkmanager_cannot_join_a_router_and_nothing_was_cha
     assert result.changed == 0
 
 
-def test_a_cable_pulled_in_the_middle_is_resumed_when_it_is_back(fresh_host: Host, targets: dict[str, Any]) -> None:
+def test_a_cable_pulled_in_the_middle_is_resumed_when_it_is_back(
+    fresh_host: Host, targets: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lupin_cli.target.reach.UNACKNOWLEDGED_MS", 500)
+
     def pull(event: Any) -> None:
         if event.kind == "step" and event.step == "The boot-time unit is there":
             fresh_host.robot.fault("cable-cut", link="eth0")
