@@ -17,7 +17,7 @@ ONLOOKERS = ("light_strip_bridge", "lupin_recorder", "lupin_supervisor", "rosbri
 MANY_ZEROS = 12
 # How each is released, by the words of its reason. A page that went away while it held the stop can't let go any more.
 RELEASES = {
-    "button is pressed": "release the red button on the robot",
+    "button is pressed": "release the red button on the robot (the simulated one: lupin sim press estop --release)",
     "was lost": "press stop on a page, and release it there",
 }
 INPUTS = {
