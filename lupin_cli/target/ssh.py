@@ -196,7 +196,7 @@ class SshTarget:
             transport = client.get_transport()
             if transport is not None:
                 # Its thread looks only ten times a second whether it is to end, unless the other side hangs up.
-                with contextlib.suppress(OSError, EOFError, AttributeError):  # gone already; a proxy's process has no such thing
+                with contextlib.suppress(OSError, EOFError, AttributeError):  # gone already; a proxy's has no such thing
                     transport.sock.shutdown(socket.SHUT_RDWR)
             client.close()
             if transport is not None:
