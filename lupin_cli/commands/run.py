@@ -25,9 +25,9 @@ def command(
     from lupin_runtime.stack.runs import RunError, find_live_run
     from lupin_runtime.stack.table import TABLE, Options, launch
 
-    rows = {row.name: row for row in TABLE}
+    rows = {row.name: row for row in TABLE if not row.elsewhere}
     if process is None:
-        for row in TABLE:
+        for row in rows.values():
             typer.echo(f"{row.name:13s} {', '.join(node.path.split(':')[1] for node in row.nodes) or _program(row)}")
         return
     if process not in rows:

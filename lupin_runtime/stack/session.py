@@ -20,7 +20,7 @@ from lupin_runtime.stack.table import Options
 STEP_S = 0.1
 STATE_PERIOD_S = 1.0
 MISSION_SILENCE_S = 15.0
-DRIVABLE = ("sim", "estop", "drive")
+DRIVABLE = ("robot", "sim", "estop", "drive")
 
 EXIT_DONE, EXIT_ENDED_OTHERWISE, EXIT_USAGE, EXIT_NEVER_UP, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -155,7 +155,8 @@ class Session:
             outcome.exit_status, outcome.state = EXIT_NEVER_UP, "NEVER_UP"
             stage = self.supervisor.stalled()[0]
             waits = "; ".join(self.supervisor.waiting_for(stage)) or stage.why
-            outcome.sentence = f"{stage.row.name} never came up: {waits}"
+            onward = f"; what is wrong says: {stage.row.next_command}" if stage.row.next_command else ""
+            outcome.sentence = f"{stage.row.name} never came up: {waits}{onward}"
             return True
         if self._mission_refused:
             outcome.exit_status, outcome.state = EXIT_ENDED_OTHERWISE, "REFUSED"

@@ -110,8 +110,8 @@ class Supervisor:
             if stage.phase is Phase.WAITING:
                 if all(self._watch.satisfied(sentinel) for sentinel in stage.row.needs):
                     self._start(stage, now)
-            elif stage.phase in (Phase.STARTING, Phase.UP) and stage.process is not None:
-                if stage.process.poll() is not None:
+            elif stage.phase in (Phase.STARTING, Phase.UP):
+                if stage.process is not None and stage.process.poll() is not None:
                     self._bury(stage, now)
                 elif stage.phase is Phase.STARTING and all(self._watch.satisfied(s) for s in stage.row.ready):
                     stage.phase, stage.why = Phase.UP, ""
@@ -121,6 +121,9 @@ class Supervisor:
             self._measure()
 
     def _start(self, stage: Stage, now: float) -> None:
+        stage.phase, stage.since_s, stage.cpu_seen = Phase.STARTING, now, None
+        if stage.row.elsewhere:
+            return
         directory = self.run.path / "processes"
         directory.mkdir(exist_ok=True)
         if stage.launch.config is not None:
@@ -134,7 +137,6 @@ class Supervisor:
                 env=dict(self._environment),
                 start_new_session=True,
             )
-        stage.phase, stage.since_s, stage.cpu_seen = Phase.STARTING, now, None
 
     def _log(self, name: str) -> AbstractContextManager[BinaryIO | None]:
         """Where a process's words go: its file of the run, or with None where ours go."""

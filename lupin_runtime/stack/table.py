@@ -68,7 +68,7 @@ class NodeRow:
 
 @dataclass(frozen=True)
 class ProcessRow:
-    """A process of the stack.
+    """A process of the stack; without nodes and a command one that somebody else runs, which is only waited for.
 
     `needs` gates its start and `ready` shows that it is up; `up_within_s` bounds the second. `on_death` is what its
     unplanned end means: "restart" it, or end the "mission" or the "run" with it, since what it knew is gone.
@@ -85,6 +85,12 @@ class ProcessRow:
     stop_rank: int = 0
     command: Callable[[Options], list[str]] | None = None
     memory_max_mb: int = 384
+    next_command: str = ""  # what to type where it never comes up
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether it is somebody else's to start."""
+        return self.command is None and not self.nodes
 
 
 def _simulated(options: Options) -> bool:
@@ -171,6 +177,15 @@ def _mission(options: Options) -> Parameters:
 
 
 TABLE: tuple[ProcessRow, ...] = (
+    ProcessRow(
+        "robot",
+        (),
+        when=lambda o: o.target == "robot",
+        # The vendor's half and ours; one that still boots is waited for.
+        ready=(Heard(graph.SCAN), Heard(graph.ODOM), Heard(graph.ESTOP_STATE), Heard(graph.DRIVE_STATUS)),
+        up_within_s=120.0,
+        next_command="lupin doctor",
+    ),
     ProcessRow(
         "sim",
         (),
