@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import io
+import os
 import sys
 from typing import Any
 
@@ -101,8 +103,20 @@ def root(
     """Options that every command shares."""
 
 
+def _speak_utf8() -> None:
+    """Playbooks, journals and the names of files are UTF-8, whatever the terminal's language: where Python would read and write
+    something else, it is started again in its UTF-8 mode (PEP 540). What no encoding can show is shown by its number."""
+    if sys.getfilesystemencoding() != "utf-8" and "PYTHONUTF8" not in os.environ:
+        os.environ["PYTHONUTF8"] = "1"
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
 def main() -> None:
     """The `lupin` command: an expected error ends in one line and a status, a defect keeps its stack with --debug."""
+    _speak_utf8()
     try:
         app()
     except KeyboardInterrupt:
