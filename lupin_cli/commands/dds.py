@@ -6,6 +6,7 @@ import contextlib
 import difflib
 import json
 import os
+import shlex
 import shutil
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -124,7 +125,7 @@ def _check(places: Places, shell: str) -> list[Item]:
         else:
             look = f"look in {start} and what it sources for what comes after the hook"
             items.append(dds_setup.check_variables("new terminal", seen, wanted, f"{shell} -i", items[2].fix or look))
-    here = f". {places.exports}    (lupin up does so by itself)"
+    here = f". {shlex.quote(str(places.exports))}    (lupin up does so by itself)"
     items.append(dds_setup.check_variables("this terminal", os.environ, wanted, "environment", here))
     return items
 

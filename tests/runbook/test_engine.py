@@ -346,6 +346,21 @@ def test_secrets_and_telltale_output_are_not_written_down(loaded: Loaded, target
         play(book, targets, resume=True, journal=journal)
 
 
+def test_of_a_step_that_prints_a_hundred_megabytes_the_journal_keeps_both_ends(
+    loaded: Loaded, targets: Targets, root: Path, tmp_path: Path
+) -> None:
+    much = f"echo begun; head -c 100000000 /dev/zero | tr '\\\\0' x; echo; echo ended; touch {root}/done"
+    book = loaded(f'steps:\n- name: much\n  command: {{run: "{much}", creates: {root}/done}}\n')
+    heard: list[int] = []
+    result = play(book, targets, journal=tmp_path / "j", on_event=lambda e: heard.append(len(e.text)))
+    assert result.state == "done", result.message
+    run = find_run(result.run, tmp_path / "j")
+    assert run.path.stat().st_size < 200_000
+    (output,) = run.steps[0].outputs
+    assert output.startswith("begun\nxxx") and output.endswith("xxx\nended\n") and "characters left out" in output
+    assert 100_000_000 < sum(heard) < 100_010_000, "whoever watches sees all of it"
+
+
 def test_a_torn_last_line_is_tolerated(loaded: Loaded, targets: Targets, root: Path, tmp_path: Path) -> None:
     journal = tmp_path / "journal"
     run = play(loaded(THREE), targets, {"root": str(root)}, journal=journal).run
