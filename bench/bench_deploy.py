@@ -12,7 +12,7 @@ file, so `modules` is cut at a bound, and the ratio is then at least the one tol
 with a program that the booted robot has not: it is lent this machine's. `link` compares a name only, as ours does, but is told
 the name: the least that these tools can cost, not a way to sync a folder.
 
-    python -m bench.bench_deploy [--rounds N] [--no-peers] [--json]      needs root, as the host's tests do
+    python -m bench.bench_deploy [--rounds N] [--no-peers] [--busy] [--json]      needs root, as the host's tests do
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import subprocess
 import sys
 from typing import Any
 
-from bench.booted import SET_UP, Operator, load, median, operator, tools_of
+from bench.booted import SET_UP, Operator, load, median, operator, take_the_cores, tools_of
 from bench.peers import deploying
 
 LIMIT_S, PYINFRA_LIMIT, ANSIBLE_LIMIT = 1.5, 5.0, 20.0
@@ -128,6 +128,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--no-peers", action="store_true", help="Ours alone; nothing is installed.")
+    parser.add_argument("--busy", action="store_true", help="Others use this machine: run what is measured before their work.")
     parser.add_argument("--json", action="store_true", help="Print one line of JSON, alone on standard output.")
     options = parser.parse_args()
 
@@ -137,6 +138,8 @@ def main() -> int:
     with operator(vendor_robot=True) as someone:
         first = someone.must(someone.lupin("deploy", "robot", "--no-check", "--json"))
         note(f"first deploy: {first.wall_s:.1f} s")
+        if options.busy:
+            take_the_cores(someone.host)
         once(someone)
         walls = [once(someone) for _ in range(max(options.rounds, 3))]
         result: dict[str, Any] = {

@@ -15,7 +15,7 @@ The visit to the graph, which listens for a second or two by design, is left out
 and the robot's stack doesn't run there, which would take the laptop's share of this machine's cores. `--graph` measures the
 whole doctor on a healthy robot: the stack runs, our half of it too, and the graph is visited.
 
-    python -m bench.bench_doctor [--rounds N] [--no-peers] [--graph] [--json]      needs root, as the host's tests do
+    python -m bench.bench_doctor [--rounds N] [--no-peers] [--graph] [--busy] [--json]      needs root, as the host's tests do
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from bench.booted import PROJECT_BENCH, Operator, Ran, load, median, operator, tools_of
+from bench.booted import PROJECT_BENCH, Operator, Ran, load, median, operator, take_the_cores, tools_of
 from bench.peers import facts as peers
 
 if TYPE_CHECKING:
@@ -103,10 +103,12 @@ class Doctor:
         }
 
 
-def compared(rounds: int, with_peers: bool, note: Callable[[str], None]) -> dict[str, Any]:
+def compared(rounds: int, with_peers: bool, busy: bool, note: Callable[[str], None]) -> dict[str, Any]:
     """Everything but the visit to the graph, in turns with the peers."""
     with operator() as someone:
         doctor = Doctor(someone, set_up(someone), *(word for name in visiting() for word in ("--skip", name)))
+        if busy:
+            take_the_cores(someone.host)
         doctor.once()
         doctor.walls.clear()
         doctor.slowest.clear()
@@ -142,11 +144,13 @@ def _in_turns(
     return {**found, "load": load()}
 
 
-def whole(rounds: int, note: Callable[[str], None]) -> dict[str, Any]:
+def whole(rounds: int, busy: bool, note: Callable[[str], None]) -> dict[str, Any]:
     """The whole doctor with its visit, on a robot whose stack and whose half of Lupin run."""
     with operator(vendor_robot=True) as someone:
         someone.must(someone.lupin("deploy", "robot", "--no-check"))
         doctor = Doctor(someone, set_up(someone))
+        if busy:
+            take_the_cores(someone.host)
         doctor.until_healthy()
         for round_ in range(rounds):
             doctor.once()
@@ -159,15 +163,16 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--no-peers", action="store_true", help="Ours alone; nothing is installed.")
     parser.add_argument("--graph", action="store_true", help="The whole doctor too, with its visit to the graph.")
+    parser.add_argument("--busy", action="store_true", help="Others use this machine: run what is measured before their work.")
     parser.add_argument("--json", action="store_true", help="Print one line of JSON, alone on standard output.")
     options = parser.parse_args()
 
     def note(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
-    result = compared(options.rounds, not options.no_peers, note)
+    result = compared(options.rounds, not options.no_peers, options.busy, note)
     if options.graph:
-        result["with_the_graph"] = whole(options.rounds, note)
+        result["with_the_graph"] = whole(options.rounds, options.busy, note)
     if options.json:
         print(json.dumps(result))
     else:

@@ -12,7 +12,7 @@ So the figures hold what the command itself costs for twenty robots (one Python 
 diagnoses, journals), and the log-ins of all of them on one machine, which in a fleet are twenty machines' work. They hold no
 word about a robot that is slow: one that takes longer than the others makes everybody wait, with twenty as with two.
 
-    python -m bench.bench_fleet [--robots N] [--rounds N] [--json]      needs root, as the host's tests do
+    python -m bench.bench_fleet [--robots N] [--rounds N] [--busy] [--json]      needs root, as the host's tests do
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from collections.abc import Callable
 from typing import Any
 
 from bench.bench_doctor import visiting
-from bench.booted import Operator, load, median, operator
+from bench.booted import Operator, load, median, operator, take_the_cores
 
 LIMIT = 2.0
 FIRST_BYTE = 101  # of the addresses: 10.42.0.101 and those behind it
@@ -147,6 +147,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--robots", type=int, default=20)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--busy", action="store_true", help="Others use this machine: run what is measured before their work.")
     parser.add_argument("--json", action="store_true", help="Print one line of JSON, alone on standard output.")
     options = parser.parse_args()
 
@@ -155,6 +156,8 @@ def main() -> int:
 
     with operator() as someone:
         furnish(someone, options.robots)
+        if options.busy:
+            take_the_cores(someone.host)
         fleet = Fleet(someone, options.robots)
         fleet.doctor(False)  # asked for real, and kept
         seconds = float(someone.host.robot.inside("cat", "/var/tmp/seconds").stdout)
