@@ -101,7 +101,7 @@ def rules() -> tuple[Rule, ...]:
              r"(?<![\w-])(?P<b>gh[opsur]_\w{20,}|github_pat_\w{20,}|glpat-[\w-]{16,}|xox[abprs]-[\w-]{10,}|AKIA[0-9A-Z]{16}"
              r"|eyJ[\w-]{8,}\.[\w-]{8,}\.[\w-]{0,2000}|sk-[\w-]{20,}|hf_\w{20,}|AIza[\w-]{30,}"
              r"|AGE-SECRET-KEY-1\w{20,})", firm=True),
-        rule("password-hash", "$", r"(?P<b>\$(?:1|2[aby]|5|6|7|y|gy|apr1)\$[./\w$=,+-]{8,})", firm=True),
+        rule("password-hash", "$", r"(?P<b>\$(?:1|2[aby]|5|6|7|y|gy|apr1)\$[./\w$=,+]{8,})", firm=True),
     )  # fmt: skip
 
 
@@ -158,6 +158,7 @@ def _replace(rule: Rule, note: Note, match: re.Match[str]) -> str:
 
 
 _MARKER = re.compile(r"-----(BEGIN|END) ((?:[A-Z0-9]{1,12} ){0,4}PRIVATE KEY(?: BLOCK)?)-----")
+_A_KEY = f"{MASK} (a private key)"
 _REACH = 16_000  # characters: an RSA key of 8192 bits has 6400, and the journal puts its prefix before each line
 # Lines of nothing but base64, of the lengths that keys are wrapped at; a hash is one of hex digits.
 _BLOCK = re.compile(
@@ -180,17 +181,14 @@ def _between_markers(text: str, note: Note) -> str:
         if marker.start() < place:
             continue  # the end of a key that is dealt with
         following = markers[index + 1] if index + 1 < len(markers) else None
-        label = marker[2]
         if marker[1] == "END":  # alone: what stands before it is the rest of a key
-            start, stop, upto = max(place, marker.start() - _REACH), marker.start(), marker.end()
+            start, upto = max(place, marker.start() - _REACH), marker.end()
         else:
-            start, stop = marker.end(), min(marker.end() + _REACH, following.start() if following else len(text))
-            whole = following is not None and following[1] == "END" and stop == following.start()
-            upto = following.end() if whole and following is not None else stop
-        if text[start:stop] != MASK:
-            note("private-key", text[start:stop].strip(), False)
-        begin = text[place:start] if marker[1] == "BEGIN" else f"{text[place:start]}-----BEGIN {label}-----"
-        done += [begin, MASK, f"-----END {label}-----"]
+            start, upto = marker.start(), min(marker.end() + _REACH, following.start() if following else len(text))
+            if following is not None and following[1] == "END" and upto == following.start():
+                upto = following.end()
+        note("private-key", text[start:upto], False)
+        done += [text[place:start], _A_KEY]
         place = upto
     return "".join([*done, text[place:]])
 

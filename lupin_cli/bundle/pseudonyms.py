@@ -46,7 +46,9 @@ _SSIDS = tuple(
     )
 )
 # Nothing, everything, a variable's or a template's place.
-_NO_SSID = re.compile(r"(?i)(?:ssid-\d+|[{$%<\[].*|[\W_]*|off|any|off/any|none|null|true|false|yes|no|hidden|auto|\d{1,3})\Z")
+_NO_SSID = re.compile(
+    r"(?i)(?:ssid-\d+|[{$%<\[].*|.*\*\*\*.*|[\W_]*|off|any|off/any|none|null|true|false|yes|no|hidden|auto|\d{1,3})\Z"
+)
 # A plain small word may be anything elsewhere: `greenhouse`. One of these shapes is a name.
 _DISTINCT = re.compile(r"[^a-z]")
 

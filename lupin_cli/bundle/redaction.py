@@ -44,8 +44,7 @@ class Redactor:
     def learn(self, value: Any) -> None:
         """Take note of the secrets and the networks that a text, or JSON-able data, tells."""
         if isinstance(value, str):
-            mask_secrets(value, self._learn_secret)
-            self._names.learn(value)
+            self._names.learn(mask_secrets(value, self._learn_secret))
         elif isinstance(value, Mapping):
             for key, item in value.items():
                 if isinstance(item, str):

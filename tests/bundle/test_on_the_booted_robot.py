@@ -54,18 +54,13 @@ def planted(host: Host) -> Iterator[Host]:
     inside("rm", "-r", "/etc/NetworkManager")
 
 
-@pytest.fixture
-def home(host: Host, tmp_path: Path) -> Path:
-    ssh = tmp_path / "home" / ".ssh"
-    ssh.mkdir(mode=0o700, parents=True)
+def bundle(host: Host, home: Path, *words: str) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """What `lupin bundle --json` of the robot says, and the files of the archive; `home` is its user's."""
+    ssh = home / ".ssh"
+    ssh.mkdir(mode=0o700)
     shutil.copy(host.key, ssh / "id_ed25519")
     (ssh / "id_ed25519").chmod(0o600)
     shutil.copy(host.known_hosts, ssh / "known_hosts")
-    return ssh.parent
-
-
-def bundle(host: Host, home: Path, *words: str) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """What `lupin bundle --json` of the robot says, and the files of the archive."""
     command = [sys.executable, "-m", "lupin_cli.app", "bundle", "--host", "mirte@10.42.0.1", "--out", str(home / "b.tar.gz")]
     environment = {"PATH": "/usr/bin:/bin:/usr/sbin:/sbin", "HOME": str(home)}
     done = host.run([*command, "--json", *words], env=environment, cwd=str(PROJECT), timeout_s=120.0)
@@ -80,12 +75,12 @@ def logins(host: Host) -> int:
     return host.robot.inside("journalctl", "-q", "-o", "cat", "-u", "ssh").stdout.count("Accepted publickey")
 
 
-def test_what_is_secret_on_a_robot_is_in_no_file_and_what_is_wrong_with_it_is(planted: Host, home: Path) -> None:
+def test_what_is_secret_on_a_robot_is_in_no_file_and_what_is_wrong_with_it_is(planted: Host, tmp_path: Path) -> None:
     host = planted
     host.ssh("sudo -n true")  # the first one of a user leaves ~/.sudo_as_admin_successful, whoever types it
-    before, state = logins(host), host.robot.inside("sh", "-c", STATE).stdout
+    state, before = host.robot.inside("sh", "-c", STATE).stdout, logins(host)
     assert CONNECTION in state
-    told, found = bundle(host, home)
+    told, found = bundle(host, tmp_path)
     after = host.robot.inside("sh", "-c", STATE).stdout
     assert set(after.splitlines()) ^ set(state.splitlines()) == set()  # it only looked
     assert logins(host) == before + 1
@@ -115,8 +110,8 @@ def test_what_is_secret_on_a_robot_is_in_no_file_and_what_is_wrong_with_it_is(pl
     assert told["status"] == 1
 
 
-def test_a_robots_probes_are_read_from_the_archive_as_they_were_on_the_spot(host: Host, home: Path) -> None:
-    _, found = bundle(host, home)
+def test_a_robots_probes_are_read_from_the_archive_as_they_were_on_the_spot(host: Host, tmp_path: Path) -> None:
+    _, found = bundle(host, tmp_path)
     for machine, folder in (("robot", "robots/mirte@10.42.0.1"), ("laptop", "laptop")):
         values = json.loads(found[f"{folder}/facts.json"])["facts"]
         index = json.loads(found[f"{folder}/probes/index.json"])
@@ -130,10 +125,10 @@ def test_a_robots_probes_are_read_from_the_archive_as_they_were_on_the_spot(host
         assert read >= 8
 
 
-def test_where_sudo_is_refused_the_user_s_own_view_is_in_and_the_rest_is_named(fresh_host: Host, home: Path) -> None:
+def test_where_sudo_is_refused_the_user_s_own_view_is_in_and_the_rest_is_named(fresh_host: Host, tmp_path: Path) -> None:
     inside = fresh_host.robot.inside
     assert inside("sh", "-ec", "gpasswd --delete mirte sudo; rm -f /etc/sudoers.d/*mirte*").status == 0
-    told, found = bundle(fresh_host, home)
+    told, found = bundle(fresh_host, tmp_path)
     left_out = {each["path"].removeprefix("robots/mirte@10.42.0.1/"): each for each in told["left_out"]}
     assert left_out["journal/ssh.log"]["kind"] == "unreadable"
     assert "mirte may read nothing of it; root refused: " in left_out["journal/ssh.log"]["reason"]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from carriers import anything, nasty, words
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import lupin_cli.facts
@@ -55,6 +55,8 @@ def test_a_secret_that_was_typed_is_masked_however_short_and_in_json_and_urls_to
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.one_of(anything, nasty), max_size=3))
+@example(["$1$-----BEGIN PRIVATE KEY-----"])
+@example(["x psk=-----BEGIN PRIVATE KEY-----"])
 def test_redaction_twice_is_redaction_once_by_whomever(texts: list[str]) -> None:
     once = redacted(*texts)
     assert redacted(*once) == once
