@@ -80,7 +80,7 @@ class Lease:
             self._run(_GIVE_BACK.format(place=self._place, nonce=holder["nonce"]))
         raise LeaseTaken(
             f"{self._target.name} is being changed by {holder['who']} ({holder['what']}) since {age_text} s; "
-            "once you know that this is dead, break their lease"
+            "once you know that this is dead: --break-lease of lupin play"
         )
 
     def end(self, *, reachable: bool = True, resumed: bool = False) -> None:
