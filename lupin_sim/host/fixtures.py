@@ -92,9 +92,8 @@ def host(lent_host: Lent) -> Host:
 @pytest.fixture
 def fresh_host(lent_host: Lent) -> Iterator[Host]:
     """A healthy robot to do anything to."""
-    healthy = lent_host.healthy()
-    lent_host.spoilt = True
-    yield healthy
+    yield lent_host.healthy()
+    lent_host.spoilt = True  # also where the test asked for `host` as well, which is this one
 
 
 @pytest.fixture
