@@ -37,7 +37,7 @@ def read(target: Target, script: str, what: str, *, root: bool = False, bound_s:
     if not output.ok:
         raise OperationError(f"could not read {what} on {target.name}: {_reason(output)}")
     if output.truncated:
-        raise OperationError(f"could not read {what} on {target.name}: it is longer than {len(output.stdout)} characters")
+        raise OperationError(f"could not read {what} on {target.name}: only {len(output.stdout)} characters of it came")
     return output.stdout
 
 

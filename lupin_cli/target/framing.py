@@ -223,10 +223,11 @@ class FrameReader:
             raw = base64.b64decode(encoded[: len(encoded) // 4 * 4])
         stderr = b"\n".join(part.stderr).decode("utf-8", "backslashreplace")
         status = part.status
-        if not part.done and part.status is not None:
+        if not part.done and time.monotonic() > part.ended_s + STRAY_GRACE_S:
             stderr = (stderr + "\na process that it left behind holds its output").lstrip()
         elif not part.done:
             refused = script.root and self.refusal is not None
+            # Also where its status was heard already: what it printed comes after that.
             status, stderr = None, f"{ROOT_REFUSED}{self.refusal}" if refused else (stderr or why_cut)
         elif status in (124, 137, 143) and part.duration_s >= end_s - 0.05:
             status, stderr = None, stderr or f"no end within {end_s} s"

@@ -262,7 +262,7 @@ class SshTarget:
                         status = channel.exit_status
             except LOST as error:
                 lost = str(error) or type(error).__name__
-            if status is None and not watch.transport.is_active() and time.monotonic() < start + bound_s:
+            if status is None and time.monotonic() < start + bound_s and _is_gone(watch.transport):
                 lost = watch.why if watch.silent else lost or watch.why
         if status is not None and not streams.marked:
             if root and streams.entered and streams.last_error:
@@ -377,6 +377,12 @@ class SshTarget:
             assert client is not None
             self._sftp_client = client
         return self._sftp_client
+
+
+def _is_gone(transport: paramiko.Transport, grace_s: float = 0.2) -> bool:
+    """Whether a connection whose channel ended has ended too: its thread closes the one a moment before the other."""
+    transport.join(grace_s)
+    return not transport.is_active()
 
 
 def _last_line(channel: paramiko.Channel) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from lupin_cli.target.base import Script, Target, TargetError
-from lupin_cli.target.framing import STDOUT_CAP_BYTES
+from lupin_cli.target.framing import STDOUT_CAP_BYTES, FrameReader, batch_program
 from lupin_cli.target.local import LocalTarget
 from lupin_cli.target.streaming import HEAD_BYTES, LINE_CHARACTERS, TAIL_BYTES
 
@@ -59,6 +59,21 @@ def test_scripts_of_a_batch_run_side_by_side(target: Target) -> None:
     for name in ("a", "b"):
         Path(f"{place}.{name}").unlink()
     assert outputs["a"].stdout == outputs["b"].stdout == "got here\n"
+
+
+def test_an_answer_that_is_cut_at_any_byte_is_whole_or_none() -> None:
+    scripts = [Script("first", "echo one; echo oops >&2; exit 3"), Script("second", "seq 200")]
+    program = batch_program(scripts, 10.0)
+    whole = subprocess.run(["/bin/sh", "-c", program.command], input=program.payload, capture_output=True, timeout=30).stdout
+    expected = {"first": (3, "one\n"), "second": (0, "".join(f"{n}\n" for n in range(1, 201)))}
+    seen = set()
+    for length in range(len(whole) + 1):
+        reader = FrameReader(program.reader._prefix.strip().decode(), scripts, [10, 10])
+        reader.feed(whole[:length])
+        for name, output in reader.outputs("cut").items():
+            assert output.status is None or (output.status, output.stdout) == expected[name], (length, name, output)
+            seen.add((name, output.status is None))
+    assert len(seen) == 4
 
 
 def test_no_output_passes_for_another_scripts(target: Target) -> None:
