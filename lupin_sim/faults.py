@@ -14,6 +14,8 @@ FAULTS = {
     "scan": (NONE, "nan", "zero", "frozen", "silent"),
     "camera": (NONE, "silent"),
     "odometry": (NONE, "silent"),
+    "board": (NONE, "silent"),  # the motor board: IMU, battery and red button
+    "battery": (NONE, "nan"),  # a power watcher that can't read its chip
 }
 CLOCK = "clock"
 LARGEST_JUMP_S = 3600.0

@@ -179,7 +179,7 @@ class StatePublishers:
 
     def _publish_imu(self, stamp: Time) -> None:
         sample = self._simulation.imu()
-        if not self._imu.get_subscription_count():
+        if not self._imu.get_subscription_count() or self._faults.silent("board"):
             return
         message = self._imu_message
         message.header.stamp = stamp
@@ -197,6 +197,8 @@ class StatePublishers:
         self._scan.publish(self._scan_message)
 
     def _publish_button(self, stamp: Time) -> None:
+        if self._faults.silent("board"):
+            return
         self._button_message.header.stamp = stamp
         self._button_message.value = self._simulation.estop_pressed
         self._button.publish(self._button_message)
@@ -211,9 +213,11 @@ class StatePublishers:
                 publisher.publish(message)
 
     def _publish_battery(self, stamp: Time) -> None:
+        if self._faults.silent("board"):
+            return
         message = self._battery_message
         message.header.stamp = stamp
-        message.percentage = self._simulation.battery
+        message.percentage = math.nan if self._faults.broken["battery"] == "nan" else self._simulation.battery
         message.voltage = mirte.battery_volts(self._simulation.battery)
         self._battery.publish(message)
 

@@ -81,6 +81,31 @@ sleep 1
 systemctl start mirte-ap mirte-wifi-watchdog
 """
 
+PINNED = "lupin-fault-server"
+# As a profile left in its environment does it: the server answers on one of the robot's addresses only.
+END_SERVER = """
+pkill -x fast-discovery- || true
+for _ in $(seq 100); do pgrep -x fast-discovery- >/dev/null || break; sleep 0.1; done
+"""
+PIN_SERVER = f"""
+{END_SERVER}
+systemd-run --quiet --collect --unit={PINNED} --uid=mirte fast-discovery-server -i 0 -l "$1" -p 11811
+for _ in $(seq 100); do ss -lnu | grep -q ':11811 ' && exit; sleep 0.1; done
+exit 1
+"""
+UNPIN_SERVER = f"systemctl stop {PINNED}; {RESTART_ROS}"
+SERVER_SIGNAL = "pkill -{signal} -x fast-discovery-"
+TAKE_SERVER_PORT = f"""
+{END_SERVER}
+systemd-run --quiet --collect --unit={PINNED} python3 -c '
+import signal, socket
+held = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+held.bind(("0.0.0.0", 11811))
+signal.pause()'
+for _ in $(seq 100); do ss -lnu | grep -q ':11811 ' && exit; sleep 0.1; done
+exit 1
+"""
+
 # -- shared memory
 
 # A participant that a signal ends or stops as soon as it has its segment.
@@ -201,14 +226,71 @@ unit={DROP_IN.format(unit="$1")}
 mkdir -p "$(dirname $unit)"
 printf '[Service]\\nExecStart=\\nExecStart=/bin/false\\nRestart=no\\n' > $unit
 systemctl daemon-reload
-systemctl start $1 2>/dev/null || true
+# One that has ended well counts as active, and a start of it does nothing.
+systemctl restart $1 2>/dev/null || true
 rm $unit
 systemctl daemon-reload
 systemctl is-failed --quiet $1
 """
-MEND_ONESHOT = "systemctl reset-failed $1 2>/dev/null || true; rm -f /run/systemd/system/$1.service; systemctl daemon-reload"
+MEND_ONESHOT = """
+systemctl reset-failed $1 2>/dev/null || true
+rm -f /run/systemd/system/$1.service
+systemctl daemon-reload
+[ ! -e /etc/systemd/system/$1.service ] || systemctl restart --no-block $1
+"""
 SETTINGS_FALSE = "echo 'export MIRTE_FASTDDS=false' > /home/mirte/.mirte_settings.sh; systemctl restart mirte-ros"
 SETTINGS_TRUE = "echo 'export MIRTE_FASTDDS=true' > /home/mirte/.mirte_settings.sh; systemctl restart mirte-ros"
+# What Debian and Ubuntu ship: it steps a live stack as soon as a source that is far off answers for the first time.
+STEPPING = "sed -i '/makestep/d' /etc/chrony/chrony.conf; echo 'makestep 1 3' >> /etc/chrony/chrony.conf"
+SLEWING = "sed -i 's/^ *makestep/#makestep/' /etc/chrony/chrony.conf"
+UNIT_STATE = """
+case $1 in
+  stopped) systemctl stop "$2" ;;
+  disabled) systemctl disable --quiet "$2" ;;
+  masked) systemctl stop "$2"; mv "/etc/systemd/system/$2.service" /run/lupin-fault-$2; systemctl mask --quiet "$2" ;;
+  failing)
+    mkdir -p "/run/systemd/system/$2.service.d"
+    cat > "/run/systemd/system/$2.service.d/fault.conf" <<UNIT
+[Unit]
+StartLimitIntervalSec=60
+StartLimitBurst=2
+[Service]
+Type=simple
+ExecStart=
+ExecStart=/bin/false
+Restart=on-failure
+RestartSec=100ms
+UNIT
+    systemctl daemon-reload
+    systemctl restart "$2" || true
+    for _ in $(seq 100); do systemctl is-failed --quiet "$2" && exit; sleep 0.1; done
+    exit 1 ;;
+  *) echo "a unit is stopped, disabled, masked or failing, not $1" >&2; exit 1 ;;
+esac
+"""
+MEND_UNIT = """
+case $1 in
+  disabled) systemctl enable --quiet "$2" ;;
+  masked)
+    systemctl unmask --quiet "$2"
+    mv /run/lupin-fault-$2 "/etc/systemd/system/$2.service"
+    systemctl enable --quiet "$2" ;;
+  failing) rm -rf "/run/systemd/system/$2.service.d" ;;
+esac
+systemctl daemon-reload
+systemctl reset-failed "$2" 2>/dev/null || true
+systemctl start --no-block "$2"
+"""
+STRAY = "lupin-fault-camera"
+HOLD_CAMERA = f"""
+touch /dev/video0
+systemd-run --quiet --collect --unit={STRAY} --uid=mirte sh -c 'exec sleep infinity < /dev/video0'
+for _ in $(seq 100); do find /proc/[0-9]*/fd -lname /dev/video0 2>/dev/null | grep -q . && exit; sleep 0.1; done
+exit 1
+"""
+FREE_CAMERA = f"systemctl stop {STRAY} 2>/dev/null || true; rm -f /dev/video0"
+LOCK_HOME = "chown root: /home/mirte"
+UNLOCK_HOME = "chown mirte: /home/mirte"
 TAKE_PORT = f"systemd-run --quiet --unit={HELD_PORT}$1 /opt/mirte/hold-ports [::]:$1"
 GIVE_PORT = f"systemctl stop {HELD_PORT}$1"
 CONTROLLERS = """

@@ -134,6 +134,11 @@ FAULTS: dict[str, Fault] = {
         "the laptop's chronyd runs and answers nobody; undone, it serves", _ntp("refusing"), _ntp("serving"), outside=True
     ),
     "chrony-stopped": Fault("the robot's chronyd is off", script("systemctl stop chrony"), script("systemctl start chrony")),
+    "stock-makestep": Fault(
+        "chrony may step the clock under a live stack, as the distribution has it",
+        script(damage.STEPPING),
+        script(damage.SLEWING),
+    ),
     # -- DDS
     "server-not-started": Fault(
         "the cold-boot race is lost: mirte-ros is active, nothing is bound to 11811; cause is port or path",
@@ -143,6 +148,20 @@ FAULTS: dict[str, Fault] = {
     ),
     "server-killed": Fault(
         "the discovery server is killed", script("pkill -KILL -x fast-discovery-"), damage.sweep(damage.RESTART_ROS)
+    ),
+    "server-pinned": Fault(
+        "the discovery server answers on one address only",
+        *(script(damage.PIN_SERVER, "address"), damage.sweep(damage.UNPIN_SERVER), {"address": "192.168.42.1"}),
+    ),
+    "server-stopped": Fault(
+        "the discovery server hangs: it holds its port and answers nobody",
+        script(damage.SERVER_SIGNAL.format(signal="STOP")),
+        script(damage.SERVER_SIGNAL.format(signal="CONT")),
+    ),
+    "server-port-taken": Fault(
+        "another program holds the discovery server's port",
+        script(damage.TAKE_SERVER_PORT),
+        damage.sweep(damage.UNPIN_SERVER),
     ),
     "dds-off": Fault(
         "mirte's settings say multicast: MIRTE_FASTDDS=false", script(damage.SETTINGS_FALSE), script(damage.SETTINGS_TRUE)
@@ -168,6 +187,19 @@ FAULTS: dict[str, Fault] = {
         script(damage.FAIL_ONESHOT, "unit"),
         script(damage.MEND_ONESHOT, "unit"),
         {"unit": "lupin-auto-home"},
+    ),
+    "unit": Fault(
+        "a unit is stopped, disabled, masked, or failing until systemd gives up",
+        script(damage.UNIT_STATE, "state", "unit"),
+        script(damage.MEND_UNIT, "state", "unit"),
+        {"state": "stopped", "unit": "lupin-onboard"},
+    ),
+    "camera-held": Fault("a stray process holds a camera", script(damage.HOLD_CAMERA), script(damage.FREE_CAMERA)),
+    "home-locked": Fault("mirte may not write to his home", script(damage.LOCK_HOME), script(damage.UNLOCK_HOME)),
+    "not-in-group": Fault(
+        "mirte lost a group",
+        *(script('gpasswd --delete mirte "$1" >/dev/null', "group"), script('usermod --append --groups "$1" mirte', "group")),
+        {"group": "input"},
     ),
     "controllers-stuck": Fault(
         "the vendor's controllers boot into another state: unloaded, unconfigured or inactive",

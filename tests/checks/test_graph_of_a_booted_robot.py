@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from bench.triage import ACTOR
 from lupin_cli.checks import board, controllers, drive, samples
 from lupin_cli.checks.base import Evidence
 from lupin_cli.diagnosis import Diagnosis, diagnose
@@ -59,13 +66,54 @@ class Laptop:
         assert diagnosis.broken == ()
         return seen, diagnosis
 
+    @contextmanager
+    def part(self, *words: str) -> Iterator[None]:
+        """A participant of the graph on the laptop, or an order given through one, as `bench.triage` has them."""
+        process: subprocess.Popen[str] = self.host.popen(
+            [sys.executable, "-c", ACTOR, *words], self.sourced, cwd=str(PROJECT), stdout=subprocess.PIPE, text=True
+        )
+        bound = threading.Timer(60.0, process.kill)
+        bound.start()
+        try:
+            assert process.stdout is not None and process.stdout.readline() == "up\n", words
+            yield
+        finally:
+            bound.cancel()
+            process.terminate()
+            process.communicate(timeout=20.0)
+
+    def order(self, *words: str) -> None:
+        """Give an order to the simulated robot."""
+        with self.part(*words):
+            pass
+
+    @property
+    def sourced(self) -> dict[str, str]:
+        """The environment of a shell that sourced ros-env.sh."""
+        lines = (self.home / ".config" / "lupin" / "ros-env.sh").read_text().splitlines()
+        exports = dict(line.removeprefix("export ").split("=", 1) for line in lines)
+        return {"PATH": "/usr/bin:/bin:/usr/sbin:/sbin", "HOME": str(self.home), **exports}
+
+    def doctor(self, *checks: str) -> Any:
+        """What `lupin doctor --json` says of the robot, asked for these checks only."""
+        ssh = self.home / ".ssh"
+        if not ssh.exists():
+            ssh.mkdir(mode=0o700)
+            shutil.copy(self.host.key, ssh / "id_ed25519")
+            shutil.copy(self.host.known_hosts, ssh / "known_hosts")
+        only = [word for check in checks for word in ("--only", check)]
+        command = [sys.executable, "-m", "lupin_cli.app", "doctor", "--host", "mirte@10.42.0.1", "--json", *only]
+        done = self.host.run(command, env=self.sourced, cwd=str(PROJECT), timeout_s=120.0)
+        assert done.stdout, done.stderr
+        return json.loads(done.stdout)
+
     def comes_to(self, *expected: str, limit_s: float = 90.0) -> Graph:
         """Look until these are the causes that are named; a robot whose stack starts needs its time."""
         deadline = time.monotonic() + limit_s
         while True:
             seen, diagnosis = self.look()
-            ids = [root.finding.id for root in diagnosis.roots]
-            if ids == list(expected) and seen.calls:
+            ids = sorted(root.finding.id for root in diagnosis.roots)
+            if ids == sorted(expected) and seen.calls:
                 return seen
             assert time.monotonic() < deadline, f"named {ids}, expected {list(expected)}; {seen.samples} {seen.calls}"
 
@@ -90,6 +138,38 @@ def test_a_dual_homed_robot_shows_itself_by_its_asymmetry(laptop: Laptop) -> Non
         seen = laptop.comes_to("one-way-data")
         assert any(count for _, count in seen.samples)
         assert [call.round_trip_s for call in seen.calls] == [None, None]
+        # The whole doctor looks closer: its own requests left, and none of them arrived.
+        told = laptop.doctor("dds.multi-homed", "graph.*")
+        (root,) = told["findings"]
+        assert root["id"] == "robot-multi-homed"
+        assert "one-way-data" in [each["id"] for each in root["consequences"]]
+        sent, arrived = (
+            next(line for line in root["evidence"] if line.startswith(start))
+            for start in (
+                "captured here for 6 s: data sent to the robot: ",
+                "captured on the robot: data that arrived from here: ",
+            )
+        )
+        assert " to 10.42.0.1:74" in sent
+        assert arrived.endswith(": none")
+    laptop.comes_to()
+
+
+def test_faults_of_the_graph_that_stand_together_are_each_named(laptop: Laptop) -> None:
+    laptop.order("battery", "0.1")
+    with laptop.part("reader"), laptop.part("sink"), laptop.part("page"):
+        laptop.comes_to("battery-low", "drive-sink-unheard", "page-holds-bus", "qos-mismatch")
+    laptop.order("battery", "0.85")
+    laptop.comes_to()
+
+
+def test_a_silent_sensor_and_a_silent_board_are_told_apart(laptop: Laptop) -> None:
+    laptop.order("sim", "scan", "silent")
+    laptop.comes_to("topic-silent")
+    laptop.order("sim", "board", "silent")
+    laptop.comes_to("board-wedged", "topic-silent")
+    laptop.order("sim", "scan", "none")
+    laptop.order("sim", "board", "none")
     laptop.comes_to()
 
 

@@ -253,6 +253,23 @@ def test_a_release_that_leads_nowhere_or_is_older_is_named(robot: Looked) -> Non
     robot.root(f"sed -i 's/0.0.1/{__version__}/' {file}")
 
 
+@pytest.mark.parametrize(
+    ("fault", "settings", "cause"),
+    [
+        ("home-locked", {}, "home-not-writable"),
+        ("not-in-group", {}, "groups-missing"),
+        ("program-missing", {"program": "python3"}, "python-missing"),
+        ("stock-makestep", {}, "chrony-stock-makestep"),
+        ("unit", {"state": "masked"}, "unit-not-enabled"),
+    ],
+)
+def test_what_keeps_lupin_from_running_is_named(robot: Looked, fault, settings, cause) -> None:
+    robot.target.close()  # groups are those of the login
+    with robot.host.robot.broken(fault, **settings):
+        assert robot.ids() == [cause]
+    robot.target.close()
+
+
 def test_faults_in_pairs_are_both_named(robot: Looked) -> None:
     robot.root("systemctl stop chrony; touch /tmp/stuck; systemctl restart --no-block lupin-auto-home")
     robot.until(lambda: robot.state("lupin-auto-home") == "failed", "the oneshot's failure")

@@ -237,6 +237,20 @@ def test_a_vendor_stack_on_multicast_is_the_one_cause(fresh_host: Host, laptop: 
         assert laptop.named() == ["discovery-server-switched-off"]
 
 
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ("server-pinned", "discovery-server-pinned"),
+        ("server-stopped", "discovery-server-stopped"),
+        ("server-port-taken", "discovery-port-taken"),
+    ],
+)
+def test_a_server_that_is_there_and_serves_nobody_is_the_one_cause(fresh_host: Host, laptop: Laptop, fault, cause) -> None:
+    with robot_node(fresh_host):
+        fresh_host.robot.fault(fault)
+        assert set(laptop.named()) - {"shared-memory-orphans"} == {cause}  # the server that ended left its memory
+
+
 def test_a_process_that_hangs_on_the_graphs_ports_is_the_one_cause(fresh_host: Host, laptop: Laptop) -> None:
     with robot_node(fresh_host):
         fresh_host.robot.inside("systemctl", "kill", "--signal=STOP", NODE_UNIT)

@@ -63,6 +63,7 @@ class Seen:
 
 SHM = "find /dev/shm -name 'fastrtps_????????????????_el' | wc -l"
 REACHES = "ping -c1 -W1 {} >/dev/null && echo passes; true"
+SERVER_AT = "ps -eo args= | grep -o '[f]ast-discovery-server -i 0 -l [0-9.]*' | cut -d' ' -f5"
 BOUND = "ss -lnu | grep -c ':11811 '; true"
 ON_ROBOT = (
     Seen("cable-cut", "cat /sys/class/net/eth0/carrier", "0", "1"),
@@ -87,12 +88,7 @@ ON_ROBOT = (
     Seen("server-not-started", f"{BOUND}; systemctl is-active mirte-ros", "0 active", "1 active"),
     Seen("server-not-started", f"{BOUND}; systemctl is-active mirte-ros", "0 active", "1 active", {"cause": "path"}),
     Seen("server-killed", f"{BOUND}; systemctl is-active mirte-ros", "0 active", "1 active"),
-    Seen(
-        "server-pinned",
-        "ss -lnup | grep -c '192.168.42.1:.*fast-discovery'; ss -lnup | grep -c '127.0.0.1:.*fast-discovery'; true",
-        "1 0",
-        "1 1",
-    ),
+    Seen("server-pinned", SERVER_AT, "192.168.42.1", "0.0.0.0"),
     Seen("server-stopped", "ps -o stat= -C fast-discovery- | cut -c1", "T", "S"),
     Seen("server-port-taken", "ss -lnup | grep ':11811 ' | grep -c python3; true", "1", "0"),
     Seen("stock-makestep", "grep -c '^makestep' /etc/chrony/chrony.conf; true", "1", "0"),

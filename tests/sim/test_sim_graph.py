@@ -273,6 +273,14 @@ def test_the_battery_can_be_emptied_by_hand(stranger):
     stranger.node.destroy_publisher(publisher)
 
 
+def said_nothing_for(stranger, row: graph.Topic, scans: int) -> bool:
+    """Whether as many scans came without a message of that topic between them."""
+    last = stranger.newest.get(row.name)
+    for _ in range(scans):
+        stranger.fresh(graph.SCAN)
+    return stranger.newest.get(row.name) is last
+
+
 # -- faults -----------------------------------------------------------------------------------------------------------
 def test_a_broken_lidar_and_a_jumping_clock_show_on_the_graph(stranger):
     publisher = stranger.node.publisher(graph.SIM_FAULT)
@@ -285,6 +293,15 @@ def test_a_broken_lidar_and_a_jumping_clock_show_on_the_graph(stranger):
     stranger.until(lambda: np.isnan(stranger.fresh(graph.SCAN).ranges).all(), "a scan of NaN")
     order("scan none")
     stranger.until(lambda: np.isfinite(stranger.fresh(graph.SCAN).ranges).any(), "a sound scan")
+    order("battery nan")
+    stranger.until(lambda: math.isnan(stranger.fresh(graph.BATTERY).percentage), "a charge that is no number")
+    order("battery none")
+    stranger.until(lambda: math.isfinite(stranger.fresh(graph.BATTERY).percentage), "a charge")
+    stranger.fresh(graph.ESTOP_BUTTON)
+    order("board silent")
+    stranger.until(lambda: said_nothing_for(stranger, graph.ESTOP_BUTTON, scans=5), "a silent button")
+    order("board none")
+    stranger.fresh(graph.ESTOP_BUTTON)
     before = stranger.fresh(graph.CLOCK).clock.sec
     order("clock 100")
     stranger.until(lambda: stranger.fresh(graph.CLOCK).clock.sec > before + 50, "a jump ahead")
