@@ -35,7 +35,7 @@ SAMPLE_BOUND_S = 4.0
 SILENCE_BOUND_S = 8.0
 CALL_BOUND_S = 3.0
 WAIT_BOUND_S = 10.0
-LOOK_AGAIN_S = 0.4
+LOOK_S, LOOK_AGAIN_S = 0.1, 0.4
 # Two visits, one after the other, on a busy machine.
 VISIT_BOUND_S = 35.0
 
@@ -90,6 +90,7 @@ class Visit:
         self.calls: dict[str, dict[str, Any]] = {}
         self.controllers: list[dict[str, str]] | None = None
         self._pending: dict[str, Any] = {}
+        self._picture: dict[str, Any] = {}
         self._since_s: dict[str, float] = {}  # when each topic was subscribed to and each service looked for
 
     def close(self) -> None:
@@ -108,23 +109,29 @@ class Visit:
         return True
 
     def join(self) -> float:
-        """Wait until the picture of names stands still; seconds that took."""
-        seen: set[str] = set()
-        since_s = time.monotonic()
+        """Wait until the picture of who is there stands still, and begin to listen and to ask meanwhile; seconds that took."""
+        since_s, looked_s = time.monotonic(), 0.0
 
         def settled() -> bool:
-            nonlocal seen, since_s
+            nonlocal since_s, looked_s
+            self._advance_calls()
+            now_s = time.monotonic()
+            if now_s - looked_s < LOOK_S:
+                return False
+            looked_s, seen = now_s, self.names()
+            if seen != self._picture:
+                self._picture, since_s = seen, now_s
+                self._approach()
             # Names of nodes come over the data's way, those of topics with discovery: either may be all that there is.
-            now = {f"node {name}" for name in self.node.get_node_names()} | {
-                n for n, _ in self.node.get_topic_names_and_types()
-            }
-            if now != seen:
-                seen, since_s = now, time.monotonic()
-            foreign = seen - {f"node {self.node.get_name()}", "/parameter_events", "/rosout"}
-            return bool(foreign) and time.monotonic() - since_s > SETTLE_S
+            return bool(seen["nodes"] or seen["topics"]) and now_s - since_s > SETTLE_S
 
         self.until(settled, JOIN_BOUND_S)
         return round(time.monotonic() - self._started_s, 3)
+
+    def _approach(self) -> None:
+        """Listen to and ask what the picture shows and hasn't been listened to or asked yet."""
+        self.listen({topic["name"]: topic for topic in self._picture["topics"]})
+        self.call()
 
     def names(self) -> dict[str, Any]:
         """Nodes, and topics with their ends; this visitor itself is left out."""
@@ -226,17 +233,18 @@ class Visit:
         nothing more is waited for.
         """
         started_s = looked_s = time.monotonic()
-        picture, stands = self.names(), False
+        before, self._picture = self._picture, self.names()
+        stands = self._picture == before
+        self._approach()
 
         def done() -> bool:
-            nonlocal looked_s, picture, stands
+            nonlocal looked_s, stands
             now_s = time.monotonic()
             if now_s - looked_s > LOOK_AGAIN_S:
                 # Under load the names of services trail those of topics by seconds.
-                looked_s, before, picture = now_s, picture, self.names()
-                stands = picture == before
-                self.listen({topic["name"]: topic for topic in picture["topics"]})
-                self.call()
+                looked_s, before, self._picture = now_s, self._picture, self.names()
+                stands = self._picture == before
+                self._approach()
             self._advance_calls()
             asked = len(self.calls) == len(CALLED) or now_s - started_s > CALL_BOUND_S
             waiting = [*self._unheard(), *self._unanswered()]
@@ -291,9 +299,6 @@ def look() -> dict[str, Any]:
     visit = Visit()
     try:
         joined_s = visit.join()
-        names = visit.names()
-        visit.listen({topic["name"]: topic for topic in names["topics"]})
-        visit.call()
         visit.wait()
         # Ends that came up meanwhile count: a healthy stack that has just started is not to be seen half.
         names = visit.names()
