@@ -20,8 +20,8 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from itertools import combinations
 from pathlib import Path
@@ -157,11 +157,15 @@ def groups_of(cases: Sequence[Case], size: int, seed: int) -> tuple[list[tuple[C
     return sorted(groups, key=len, reverse=True), possible
 
 
-def healthy_runs(rig: Rig, count: int, beside: int) -> list[dict[str, Any]]:
-    """As many diagnoses of a robot that is well, some of them at the same time."""
+def healthy_runs(rig: Rig, count: int, beside: int, note: Callable[[dict[str, Any]], object]) -> list[dict[str, Any]]:
+    """As many diagnoses of a robot that is well, some of them at the same time; `note` hears of each as it ends."""
     rig.until_healthy()
+    told = []
     with ThreadPoolExecutor(max_workers=beside) as pool:
-        return list(pool.map(lambda _: rig.doctor(), range(count)))
+        for run in as_completed([pool.submit(rig.doctor) for _ in range(count)]):
+            told.append(run.result())
+            note(told[-1])
+    return told
 
 
 def line(outcome: Outcome) -> str:
@@ -230,16 +234,14 @@ def main() -> int:
             if outcome.right:
                 seen |= set(combinations(sorted(outcome.faults), 2))
             print(line(outcome), file=told, flush=True)
-            if options.log:
-                with options.log.open("a") as log:
-                    log.write(json.dumps(asdict(outcome) | {"broken": broken}) + "\n")
+            note(options.log, asdict(outcome) | {"broken": broken})
             if broken:
                 print(f"  booted anew: {broken}", file=told, flush=True)
                 reboots += 1
                 rig.end()
                 rig = ready()
         if options.healthy:
-            well = healthy_runs(rig, options.healthy, options.beside)
+            well = healthy_runs(rig, options.healthy, options.beside, lambda run: note(options.log, run))
     finally:
         rig.end()
     sick = [run for run in well if run["status"] != 0]
@@ -259,6 +261,13 @@ def main() -> int:
     }
     print(json.dumps(result) if options.json else json.dumps(result, indent=2))
     return 0 if not sick and all(outcome.right and outcome.healed is not False for outcome in (*singles, *doubles)) else 1
+
+
+def note(log: Path | None, what: dict[str, Any]) -> None:
+    """Write a line of JSON, so that a run that is cut off has told what it saw."""
+    if log is not None:
+        with log.open("a") as file:
+            file.write(json.dumps(what) + "\n")
 
 
 def ready() -> Rig:
