@@ -15,6 +15,8 @@ The visit to the graph, which listens for a second or two by design, is left out
 and the robot's stack doesn't run there, which would take the laptop's share of this machine's cores. `--graph` measures the
 whole doctor on a healthy robot: the stack runs, our half of it too, and the graph is visited.
 
+Whole commands on a shared machine take as long as others let them; `--busy` runs both ends before everybody else's work.
+
     python -m bench.bench_doctor [--rounds N] [--no-peers] [--graph] [--busy] [--json]      needs root, as the host's tests do
 """
 
@@ -149,9 +151,9 @@ def whole(rounds: int, busy: bool, note: Callable[[str], None]) -> dict[str, Any
     with operator(vendor_robot=True) as someone:
         someone.must(someone.lupin("deploy", "robot", "--no-check"))
         doctor = Doctor(someone, set_up(someone))
-        if busy:
-            take_the_cores(someone.host)
         doctor.until_healthy()
+        if busy:
+            take_the_cores(someone.host, stack=True)
         for round_ in range(rounds):
             doctor.once()
             note(f"with the graph, round {round_}: {doctor.walls[-1]:.2f} s, slowest probe {doctor.slowest[-1]:.2f} s")

@@ -110,10 +110,11 @@ def tools_of(someone: Operator) -> Iterator[Tools]:
 DAEMONS = ("systemd", "systemd-logind", "systemd-journal", "dbus-daemon", "sshd")
 
 
-def take_the_cores(host: Host) -> None:
+def take_the_cores(host: Host, stack: bool = False) -> None:
     """On a machine that others use: what is measured, on both ends of the cable, is run before everybody else's work.
 
-    Nice values don't do that where the kernel groups processes by session. The simulated robot and the units keep their place.
+    Nice values don't do that where the kernel groups processes by session. The simulated robot and our units over there keep
+    their place, unless they are part of what is measured (`stack`).
     """
     from lupin_sim.host.missing import cgroup_roots
 
@@ -122,8 +123,9 @@ def take_the_cores(host: Host) -> None:
         for path in (root / f"lupin-host-{host.name}").rglob("cgroup.procs"):
             for pid in path.read_text().split():
                 with contextlib.suppress(OSError):  # it ended meanwhile
-                    if Path(f"/proc/{pid}/comm").read_text().strip() in DAEMONS:
-                        os.sched_setscheduler(int(pid), os.SCHED_RR, os.sched_param(1))
+                    if stack or Path(f"/proc/{pid}/comm").read_text().strip() in DAEMONS:
+                        for task in Path(f"/proc/{pid}/task").iterdir():
+                            os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(1))
 
 
 def median(runs: Sequence[float]) -> float:
