@@ -49,8 +49,11 @@ def test_a_closer_look_is_taken_only_where_something_was_found_and_all_checks_ju
     assert Examination([check], (), well).examine().roots == ()
     assert well.asked == [["symptom"]]
     sick = machine({"symptom": Output(0, "sick"), "dear": Output(0, "seen")})
-    (root,) = Examination([check], (), sick).examine().roots
+    examination = Examination([check], (), sick)
+    (root,) = examination.examine().roots
     assert root.finding.evidence == ("seen",)
+    assert examination.evidence is not None
+    assert set(examination.evidence.laptop.outputs) == {"symptom", "dear"}
     assert sick.asked == [["symptom"], ["dear"]]
 
 
