@@ -6,7 +6,7 @@ import threading
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lupin_cli.checks import Check, Evidence, Finding, Fix, Severity
@@ -119,6 +119,7 @@ def test_the_same_finding_of_two_checks_is_told_once(finding) -> None:
 IDS = st.sampled_from("abcdef")
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(IDS, st.frozensets(IDS)), max_size=8))
 def test_folding_loses_no_finding_and_tells_none_twice(edges) -> None:
     found = [
