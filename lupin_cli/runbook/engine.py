@@ -402,6 +402,7 @@ class _Run:
 
     def _change(self, index: int, step: Step, operation: Any, target: WatchedTarget, difference: Difference) -> None:
         self._write("change", index=index, summary=difference.summary, diff=difference.diff, before=difference.before)
+        self._tell("change", index, step)
         target.record = lambda text: self._write("output", sync=False, index=index, text=text)
         target.on_line = lambda line: self._tell("line", index, step, text=self._mask(line))
         try:

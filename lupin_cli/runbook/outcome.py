@@ -13,7 +13,7 @@ EXIT_CODES = {"done": 0, "failed": 1, "declined": 1, "unreachable": 3, "interrup
 class Event:
     """One thing that happened, for whoever shows progress."""
 
-    kind: str  # run | step | difference | line | step-end | end
+    kind: str  # run | step | difference | change (it begins) | line | step-end | end
     robot: str = ""
     index: int = 0  # of the step, from 0
     total: int = 0

@@ -271,11 +271,7 @@ class SshTarget:
                     f"lupin robots check {self.name} --ask-sudo-password",
                 )
             raise self._shell_refused(streams.last_error)
-        output = streams.output(status, time.monotonic() - start, bound_s)
-        if lost:
-            said = f"{output.stderr}\n" if streams.marked and output.stderr else ""
-            return Output(None, output.stdout, f"{said}the link went: {lost}", output.duration_s, True)
-        return output
+        return streams.output(status, time.monotonic() - start, bound_s, lost)
 
     def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, bound_s: float = 60.0) -> None:
         """See `Target.put`."""

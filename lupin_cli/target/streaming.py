@@ -139,8 +139,8 @@ class Streams:
         lines = (self._kept[1].text() if self._marked[1] else said).strip().splitlines()
         return lines[-1] if lines else ""
 
-    def output(self, status: int | None, duration_s: float, bound_s: float) -> Output:
-        """The run as an Output. A status that `timeout` gives at the bound counts as cut."""
+    def output(self, status: int | None, duration_s: float, bound_s: float, lost: str = "") -> Output:
+        """The run as an Output. A status that `timeout` gives at the bound counts as cut; `lost` is why the link went."""
         if self._on_line is not None:
             for rest in self._lines:
                 if rest:
@@ -148,6 +148,8 @@ class Streams:
         if status in (124, 137, 143) and duration_s >= bound_s - 0.05:
             status = None
         stdout, stderr = (kept.text() for kept in self._kept)
-        if status is None and not stderr:
+        if lost:
+            status, stderr = None, f"{stderr}\nthe link went: {lost}".lstrip()
+        elif status is None and not stderr:
             stderr = f"no end within {bound_s:g} s"
         return Output(status, stdout, stderr, duration_s, any(kept.left_out for kept in self._kept) or status is None)

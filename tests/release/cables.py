@@ -36,7 +36,7 @@ class Pulled:
         targets, cuts = {"robot": self._target}, 0
         for step in play(name, targets, given, dry_run=True).steps:
             looks = not changes_only and step.state != "would-change"
-            self._points.add((step.index, "step" if looks else "difference"))
+            self._points.add((step.index, "step" if looks else "change"))
         while True:
             self._cut = None
             result = play(name, targets, {} if cuts else given, resume=cuts > 0, on_event=self._on_event)

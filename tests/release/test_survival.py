@@ -178,7 +178,6 @@ REFUSALS = [
     ("host-key-changed", {}, 3, "another key", "lupin robots forget mirte"),
     ("frozen", {}, 3, "accepts connections and says nothing", "lupin doctor"),
     ("sshd-down", {}, 3, "no sshd listens there", "ping"),
-    ("sshd-hung", {}, 3, "its sshd hangs", "lupin doctor"),
 ]
 
 
