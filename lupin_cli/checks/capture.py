@@ -31,6 +31,15 @@ def packet_lines(evidence: Evidence) -> tuple[str, ...]:
     return tuple(lines)
 
 
+def reaches_robot(evidence: Evidence) -> bool:
+    """Whether the robot was seen to get data from this machine. False also where nobody looked."""
+    here = evidence.laptop.get(PACKETS)
+    there = evidence.robot.get(PACKETS) if evidence.robot is not None else None
+    if here is None or there is None:
+        return False
+    return any(flow.is_data and flow.source in here.own for flow in there.arrived())
+
+
 def _ends(here: Packets | None, there: Packets | None) -> Iterable[tuple[str, Packets]]:
     return [(who, seen) for who, seen in (("laptop", here), ("robot", there)) if seen is not None]
 

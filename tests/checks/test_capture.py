@@ -66,6 +66,10 @@ def test_packets_are_evidence_of_one_way_data() -> None:
     (root,) = diagnose(CHECKS, told).roots
     assert root.finding.id == "one-way-data"
     assert set(packet_lines(told)) <= set(root.finding.evidence)
+    # Where data does arrive the way is open, and whoever doesn't answer is busy.
+    hears = Packets(DEAF.own, (*DEAF.flows, Flow(HERE, THERE, 7413, 20)))
+    busy = evidence(LOST, hears)
+    assert diagnose(CHECKS, Evidence(Facts("laptop", {**busy.laptop.values, "graph": seen}), busy.robot)).roots == ()
 
 
 def test_lines_of_tcpdump_are_counted_by_place() -> None:
