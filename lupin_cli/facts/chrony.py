@@ -122,4 +122,4 @@ def _text(line: str) -> str:
     return line.split(":", 2)[-1].strip()
 
 
-CHRONY = Fact("chrony", PROBE, parse, timeout_s=6.0)
+CHRONY = Fact("chrony", PROBE, parse)

@@ -111,4 +111,4 @@ def parse(output: Output) -> Devices:
     )
 
 
-DEVICES = Fact("devices", PROBE, parse, timeout_s=5.0)
+DEVICES = Fact("devices", PROBE, parse)

@@ -85,4 +85,4 @@ def _lines(raw_lines: tuple[str, ...]) -> tuple[JournalLine, ...]:
     return tuple(found)
 
 
-JOURNAL = Fact("journal", PROBE, parse, timeout_s=6.0)
+JOURNAL = Fact("journal", PROBE, parse)

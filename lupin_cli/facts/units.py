@@ -127,4 +127,4 @@ def _unit(block: dict[str, str]) -> Unit:
     )
 
 
-UNIT_STATES = Fact("units", PROBE, parse, timeout_s=5.0)
+UNIT_STATES = Fact("units", PROBE, parse)
