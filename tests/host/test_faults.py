@@ -120,6 +120,8 @@ def test_a_fault_is_seen_on_the_robot_and_can_be_taken_back(host: Host, seen: Se
         return " ".join(host.robot.inside("sh", "-c", seen.command).stdout.split())
 
     host.robot.inside("sh", "-c", "test -e /etc/keys-before || cat /etc/ssh/ssh_host_*.pub > /etc/keys-before")
+    if seen.fault == "stock-makestep":
+        host.robot.mend(seen.fault)  # a new robot has it, as the distribution does
     until(lambda: shown() == seen.healthy, f"{seen.healthy!r} before {seen.fault}, not {shown()!r}")
     host.robot.fault(seen.fault, **seen.settings)
     try:
