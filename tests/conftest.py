@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -134,6 +135,18 @@ def graph_host() -> Iterator[GraphHost]:
     host = GraphHost()
     yield host
     host.close()
+
+
+@pytest.fixture(scope="session")
+def own_mounts() -> None:
+    """A program can be given mounts of its own here: that takes root, and a root directory that is a mount."""
+    try:
+        done = subprocess.run(["unshare", "--mount", "true"], capture_output=True, text=True, check=False, timeout=20)
+        missing = done.stderr.strip() if done.returncode else ""
+    except OSError as error:
+        missing = str(error)
+    if missing:
+        pytest.skip(f"needs mounts of its own: {missing}")
 
 
 @pytest.fixture(scope="module")

@@ -47,10 +47,11 @@ def namespace() -> Iterator[list[str]]:
     if os.geteuid() != 0:
         pytest.skip("needs root: it makes a network namespace")
     name = f"lupin-dds-{os.getpid()}"
-    made = subprocess.run(["ip", "netns", "add", name], capture_output=True, text=True, check=False)
-    if made.returncode != 0:
-        pytest.skip(f"no network namespaces here: {made.stderr.strip()}")
-    subprocess.run(["ip", "netns", "exec", name, "ip", "link", "set", "lo", "up"], check=True)
+    for command in (["add", name], ["exec", name, "ip", "link", "set", "lo", "up"]):
+        done = subprocess.run(["ip", "netns", *command], capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            subprocess.run(["ip", "netns", "delete", name], capture_output=True, check=False)
+            pytest.skip(f"no network namespaces here: {done.stderr.strip()}")  # a chroot has no mount to start from
     yield ["ip", "netns", "exec", name]
     subprocess.run(["ip", "netns", "delete", name], check=True)
 

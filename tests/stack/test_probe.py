@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -168,7 +167,7 @@ finally:
 
 @pytest.mark.graph
 @pytest.mark.host
-@pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("unshare"), reason="needs root and unshare: a /dev/shm of its own")
+@pytest.mark.usefixtures("own_mounts")  # a /dev/shm of its own
 def test_two_sides_that_cannot_share_memory_see_names_and_no_samples_and_udp_is_the_cure() -> None:
     unset = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS")
     environment = {key: value for key, value in os.environ.items() if key not in unset}

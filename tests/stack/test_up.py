@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import time
 from collections.abc import Callable
@@ -64,7 +63,7 @@ def test_two_runs_at_once_have_graphs_of_their_own(up) -> None:
     assert first.process.wait(10) == second.process.wait(10) == 130
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="needs root: mounts a small /dev/shm of its own")
+@pytest.mark.usefixtures("own_mounts")  # a small /dev/shm of its own
 def test_a_full_dev_shm_does_not_matter(up) -> None:
     fill = 'mount -t tmpfs -o size=64k tmpfs /dev/shm; dd if=/dev/zero of=/dev/shm/full bs=1k 2>/dev/null; exec "$@"'
     run = up(prefix=("unshare", "--mount", "sh", "-c", fill, "sh"))
