@@ -40,7 +40,8 @@ class Sandbox:
         )
         assert self._holder.stdout is not None and self._holder.stderr is not None
         if self._holder.stdout.readline() != "ready\n":
-            pytest.skip(f"no namespaces here: {self._holder.stderr.read().strip()}")
+            self._holder.kill()
+            pytest.skip(f"no namespaces here: {self._holder.communicate(timeout=10)[1].strip()}")
         inner = subprocess.run(["pgrep", "-P", str(self._holder.pid)], capture_output=True, text=True, timeout=5).stdout.strip()
         self._enter = ["nsenter", "-t", inner, "-m", "-p", *(["-U", "--preserve-credentials"] if kind else []), "--"]
         self.environment = {key: value for key, value in os.environ.items() if key != "FASTRTPS_DEFAULT_PROFILES_FILE"}
