@@ -367,28 +367,29 @@ class _Run:
                 self._tell("difference", index, step, text=summary, diff=text if self._diff else "")
                 state = "would-change"
                 if not self._dry_run:
-                    self._ask(step)
-                    if self._take_lease(step):
-                        # Whoever had it until now may have been at work here.
-                        if self._ahead is not None:
-                            self._ahead.forget()
-                        difference = operation.differs(target)
-                    state = "same" if difference is None else "changed"
+                    difference = self._agreed(step, operation, target, difference)
+                    state = "changed" if touched or difference is not None else "same"
                 if difference is not None and not self._dry_run:
                     self._change(index, step, operation, target, difference)
                     operation = _begun(operation, difference.before)
         result = self._report(index, step, operation, target, state != "same")
         return dataclasses.replace(blank, state=state, summary=summary, diff=text, result=result)
 
-    def _take_lease(self, step: Step) -> bool:
-        """Whether the robot's lease was taken only now. Raises LeaseTaken."""
-        if self._lease is None or step.machine != "robot":
-            return False
+    def _agreed(self, step: Step, operation: Any, target: WatchedTarget, difference: Difference) -> Difference | None:
+        """What is left to change once a person and the robot's lease allow it. Raises _Stopped or LeaseTaken."""
+        self._ask(step)
+        if self._lease is None or self._ahead is None or step.machine != "robot":
+            return difference
         try:
-            return self._lease.take()
+            taken = self._lease.take()
         except LeaseTaken:
             self._kept_out = True
             raise
+        if not taken:
+            return difference
+        self._ahead.forget()  # whoever had it until now may have been at work here
+        found: Difference | None = operation.differs(target)
+        return found
 
     def _ask(self, step: Step) -> None:
         if step.confirm is None:
