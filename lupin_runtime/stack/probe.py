@@ -39,21 +39,6 @@ LOOK_S, LOOK_AGAIN_S = 0.1, 0.4
 # Two visits, one after the other, on a busy machine.
 VISIT_BOUND_S = 35.0
 
-WATCHED: tuple[graph.Topic, ...] = (
-    graph.CLOCK,
-    graph.SCAN,
-    graph.ODOM,
-    graph.IMU,
-    graph.BATTERY,
-    graph.JOINT_STATES,
-    graph.ESTOP_BUTTON,
-    graph.TF,
-    graph.ESTOP_STATE,
-    graph.ESTOP_STATUS,
-    graph.DRIVE_STATUS,
-    graph.MISSION_STATE,
-    graph.TWIN_STATE,
-)
 # A working robot always says these. Where one is missing, nobody knows whether it is late or gone.
 ROBOTS: tuple[graph.Topic, ...] = (
     graph.SCAN,
@@ -63,6 +48,15 @@ ROBOTS: tuple[graph.Topic, ...] = (
     graph.JOINT_STATES,
     graph.ESTOP_BUTTON,
     graph.TF,
+)
+WATCHED: tuple[graph.Topic, ...] = (
+    graph.CLOCK,
+    *ROBOTS,
+    graph.ESTOP_STATE,
+    graph.ESTOP_STATUS,
+    graph.DRIVE_STATUS,
+    graph.MISSION_STATE,
+    graph.TWIN_STATE,
 )
 INPUTS: tuple[graph.Topic, ...] = (graph.CMD_VEL_JOY, graph.CMD_VEL_MANUAL, graph.CMD_VEL_AUTO)
 # Each is answered by another process of the robot: the controllers', the motor board's, the onboard stack's.
