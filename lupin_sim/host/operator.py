@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from lupin_sim.host.host import Host
+
+
+def off_graph() -> dict[str, str]:
+    """This process's environment without what would put a program of the laptop on this process's own graph."""
+    prefixes = ("ROS_", "RMW_", "FASTRTPS_", "FASTDDS_")
+    return {name: value for name, value in os.environ.items() if not name.startswith(prefixes)}
 
 
 def furnish(host: Host, home: Path, set_up: tuple[str, ...] = ()) -> dict[str, str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,14 +11,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from lupin_sim.host.checkout import RELEASE, SET_UP
-from lupin_sim.host.operator import furnish
+from lupin_sim.host.operator import furnish, off_graph
 
 if TYPE_CHECKING:
     from lupin_sim.host import Host
 
 BOUND_S = 150.0
-# What belongs to a graph of this test process means nothing on the laptop's.
-FOREIGN = ("ROS_", "RMW_", "FASTRTPS_", "FASTDDS_")
 
 
 class Operator:
@@ -27,8 +24,7 @@ class Operator:
 
     def __init__(self, host: Host, home: Path) -> None:
         self.host = host
-        kept = {name: value for name, value in os.environ.items() if not name.startswith(FOREIGN)}
-        self.environment = {**kept, **furnish(host, home, SET_UP)}
+        self.environment = {**off_graph(), **furnish(host, home, SET_UP)}
 
     def types(self, *words: str) -> subprocess.CompletedProcess[str]:
         """`lupin WORDS`."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import os
 import subprocess
 import sys
 import time
@@ -15,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from lupin_sim.host.operator import off_graph
+
 if TYPE_CHECKING:
     from lupin_sim.host import Host
 
 pytestmark = [pytest.mark.host, pytest.mark.mission]
 
-FOREIGN = ("ROS_", "RMW_", "FASTRTPS_", "FASTDDS_")
 TRUTH = "/home/mirte/truth"
 # As a deploy sets it: else the robot's own publishers, the simulator's among them, stall for an absent laptop's address.
 WAITING_BYTES = 65536
@@ -58,10 +58,9 @@ class Laptop:
     """An operator's laptop on a host's cables."""
 
     def __init__(self, host: Host, home: Path) -> None:
-        kept = {name: value for name, value in os.environ.items() if not name.startswith(FOREIGN)}
         self.host = host
         self.home = home
-        self.environment = {**kept, "HOME": str(home), "SHELL": "/bin/bash", "XDG_STATE_HOME": str(home / "state")}
+        self.environment = {**off_graph(), "HOME": str(home), "SHELL": "/bin/bash", "XDG_STATE_HOME": str(home / "state")}
         self.environment.pop("XDG_CONFIG_HOME", None)
 
     def lupin(self, *words: str) -> subprocess.CompletedProcess[str]:
@@ -78,7 +77,7 @@ class Laptop:
             env=self.environment, capture_output=True, text=True, check=True,
         ).stdout  # fmt: skip
         pairs = (line.split("=", 1) for line in said.splitlines() if "=" in line)
-        return {name: value for name, value in pairs if name.startswith(FOREIGN)}
+        return {name: value for name, value in pairs if name not in self.environment}
 
 
 def until(condition: Callable[[], Any], what: str, limit_s: float = 60.0) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,13 +10,13 @@ from typing import Any
 import pytest
 
 from lupin_sim.host import Host
-from lupin_sim.host.operator import furnish
+from lupin_sim.host.operator import furnish, off_graph
 
 pytestmark = pytest.mark.host
 
 
 def transport(host: Host, home: Path, *words: str, both: bool = True) -> tuple[int, Any]:
-    kept = {name: value for name, value in os.environ.items() if not name.startswith(("ROS_", "RMW_", "FASTRTPS_", "FASTDDS_"))}
+    kept = off_graph()
     command = [sys.executable, "-m", "lupin_cli.app", "transport", *words, "--json"]
     environment = furnish(host, home)
     if both:
