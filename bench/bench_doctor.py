@@ -56,7 +56,8 @@ def set_up(someone: Operator) -> dict[str, str]:
 
 def logins(someone: Operator) -> int:
     """How many connections have been let in."""
-    return int(someone.host.robot.inside("journalctl", "-q", "-o", "cat", "-u", "ssh").stdout.count("Accepted publickey"))
+    read = "journalctl --sync; journalctl -q -o cat -u ssh"
+    return int(someone.host.robot.inside("sh", "-c", read).stdout.count("Accepted publickey"))
 
 
 class Doctor:
@@ -117,7 +118,6 @@ def compared(rounds: int, with_peers: bool, busy: bool, note: Callable[[str], No
         before = logins(someone)
         for _ in range(rounds):
             doctor.once()
-        time.sleep(1.0)  # for the journal's last line
         result: dict[str, Any] = {"connections": round((logins(someone) - before) / rounds, 2)}
         result = {**doctor.told(), **result}
         if with_peers:

@@ -89,7 +89,7 @@ elif part != "talker":
     sys.exit(f"no part {part}")
 print("up", flush=True)
 if part in ("sim", "battery", "press", "switch"):
-    time.sleep(0.5)
+    time.sleep(0.5)  # what was said has to leave before its writer does
 else:
     ended = threading.Event()
     def wait():
