@@ -47,8 +47,16 @@ class Drive(Protocol):
         """Advance by `dt_s` towards the target speeds, both of shape (4,); returns the new speeds."""
 
 
+def _braked(speeds: Array, lag_s: float, dt_s: float) -> Array:
+    """What dry friction leaves of the speeds of wheels that are told to stand. A lag alone never arrives; a geared motor
+    does. Friction is what the dead zone says of it: as much as a tenth of full drive overcomes."""
+    loss = mirte.WHEEL_DEAD_ZONE * mirte.WHEEL_MAX_RADPS * -math.expm1(-dt_s / lag_s)
+    return np.copysign(np.maximum(np.abs(speeds) - loss, 0.0), speeds)
+
+
 class IdealDrive:
-    """Wheels that reach their set-point after a short first-order lag, within a limit on their acceleration."""
+    """Wheels that reach their set-point after a short first-order lag, within a limit on their acceleration; dry friction
+    helps them stop."""
 
     LAG_S = 0.05
     MAX_RADPS2 = 80.0  # 4 m/s^2 at the rim
@@ -58,11 +66,10 @@ class IdealDrive:
 
     def step(self, target: Array, dt_s: float) -> Array:
         """See Drive."""
-        change = (clamp_wheels(target) - self.speeds) * (1.0 - math.exp(-dt_s / self.LAG_S))
+        wanted = self.speeds + (clamp_wheels(target) - self.speeds) * -math.expm1(-dt_s / self.LAG_S)
+        wanted = np.where(target == 0.0, _braked(wanted, self.LAG_S, dt_s), wanted)
         limit = self.MAX_RADPS2 * dt_s
-        self.speeds = self.speeds + np.clip(change, -limit, limit)
-        # A lag never quite arrives; a wheel that barely turns has stopped.
-        self.speeds[(np.abs(self.speeds) < 0.02) & (target == 0.0)] = 0.0
+        self.speeds = self.speeds + np.clip(wanted - self.speeds, -limit, limit)
         return self.speeds
 
 
@@ -88,9 +95,9 @@ class VendorDrive:
         if self._until_tick_s <= 1e-9:
             self._until_tick_s += self.PERIOD_S
             self._tick(clamp_wheels(target))
-        reached = 1.0 - math.exp(-dt_s / self.LAG_S)
-        self.speeds = self.speeds + (self._percent / 100.0 * mirte.WHEEL_MAX_RADPS - self.speeds) * reached
-        self.speeds[(np.abs(self.speeds) < 0.02) & (self._percent == 0.0)] = 0.0
+        driven = self._percent / 100.0 * mirte.WHEEL_MAX_RADPS
+        self.speeds = self.speeds + (driven - self.speeds) * -math.expm1(-dt_s / self.LAG_S)
+        self.speeds = np.where(target == 0.0, _braked(self.speeds, self.LAG_S, dt_s), self.speeds)
         return self.speeds
 
     def _tick(self, target: Array) -> None:
