@@ -103,7 +103,6 @@ rclpy.shutdown()
 """
 HOOK = "unset ROS_DISCOVERY_SERVER FASTRTPS_DEFAULT_PROFILES_FILE\n"
 RELEASE = "0a1b2c3d4e5f"
-END_SERVERS = "pkill -x fast-discovery- || true"  # a cure's server outlives the vendor's restart, as it should
 START_DOWN = """
 for unit in lupin-onboard lupin-auto-home; do
   systemctl is-failed --quiet $unit && systemctl reset-failed $unit

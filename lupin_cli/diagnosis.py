@@ -117,10 +117,8 @@ def gather(
         here = pool.submit(ask, laptop, "laptop", of_laptop, addresses)
         there = None
         if reach is not None:
-            started = time.monotonic()
             try:
                 robot, link = reach()
-                link = replace(link, connect_s=time.monotonic() - started)
                 offset = pool.submit(clock)
                 there = ask(robot, "robot", of_robot, addresses)
                 link = replace(link, clock=offset.result())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -81,6 +81,21 @@ class Examination:
     connections: int = 0
     _target: SshTarget | None = field(default=None, repr=False)
     _transport: Any = field(default=None, repr=False)
+    _under_way: Future[tuple[Target, Link]] | None = field(default=None, repr=False)
+
+    def set_out(self) -> None:
+        """Begin to reach the robot; the first `examine` waits for what comes of it."""
+        if self.robot is None:
+            return
+        way = self._under_way = Future()
+
+        def go() -> None:
+            try:
+                way.set_result(self._connect())
+            except BaseException as error:  # raised where it is waited for
+                way.set_exception(error)
+
+        threading.Thread(target=go, name="reach", daemon=True).start()
 
     def examine(self, laptop: AskedOnce | None = None, addresses: Sequence[str] | None = None) -> Diagnosis:
         """Ask both ends and judge what they say. `laptop` and `addresses` are those of several examinations together."""
@@ -112,6 +127,10 @@ class Examination:
         return [parse_destination(self.robot.addresses[transport])[1] for transport in wanted]
 
     def _reach(self) -> tuple[Target, Link]:
+        way, self._under_way = self._under_way, None
+        return way.result() if way is not None else self._connect()
+
+    def _connect(self) -> tuple[Target, Link]:
         from lupin_cli.robot_options import open_target
 
         assert self.robot is not None

@@ -59,13 +59,14 @@ def command(
         _usage("--json and --markdown both want standard output; write one of them at a time")
     if (yes or dry_run) and not fix:
         _usage("--yes and --dry-run go with --fix")
-    checks, broken = _checks(only or (), skip or ())
+    patterns = only or (), skip or ()
     if list_checks:
-        for check in checks:
+        for check in _checks(*patterns)[0]:
             typer.echo(f"{check.name:28}{(check.find.__doc__ or '').strip().splitlines()[0] if check.find.__doc__ else ''}")
         raise typer.Exit(HEALTHY)
-    examinations = _examinations(checks, broken, robot, host, every, limit, config, ask_sudo)
+    examinations = _examinations(robot, host, every, limit, config, ask_sudo)
     try:
+        _examine(examinations, *patterns, quiet=as_json or markdown)
         status = _run(examinations, fix, yes, dry_run, watch, as_json, junit, markdown, verbose)
     except (typer.Exit, KeyboardInterrupt):
         raise
@@ -98,14 +99,7 @@ def _checks(only: Sequence[str], skip: Sequence[str]) -> tuple[tuple[Check, ...]
 
 
 def _examinations(
-    checks: Sequence[Check],
-    broken: Sequence[str],
-    robot: str,
-    host: str,
-    every: bool,
-    limit: str | None,
-    config_path: Path | None,
-    ask_sudo: bool,
+    robot: str, host: str, every: bool, limit: str | None, config_path: Path | None, ask_sudo: bool
 ) -> list[Examination]:
     from lupin_cli.config import Config, load
     from lupin_cli.examination import Examination
@@ -113,21 +107,14 @@ def _examinations(
     from lupin_cli.target.local import LocalTarget
 
     if not (robot or host or every or limit):
-        return [Examination(checks, broken, LocalTarget())]
+        return [Examination((), (), LocalTarget())]
     with reporting("doctor"):
         inventory = load(config_path)
         if host:
             inventory = Config(inventory.path)  # an address means itself, also where a robot is called the same
         chosen = select(inventory, None, every=True, limit=limit) if every or limit else [named(inventory, host or robot)]
         return [
-            Examination(
-                checks,
-                broken,
-                LocalTarget(),
-                each,
-                inventory,
-                ask_sudo_password(each.name) if ask_sudo else None,
-            )
+            Examination((), (), LocalTarget(), each, inventory, ask_sudo_password(each.name) if ask_sudo else None)
             for each in chosen
         ]
 
@@ -145,7 +132,6 @@ def _run(
 ) -> int:
     from lupin_cli.report import exit_status
 
-    _examine(examinations, quiet=as_json or markdown)
     treatments: dict[int, list[Treatment]] = {}
     if fix:
         for examination in examinations:
@@ -168,17 +154,23 @@ def _of(examination: Examination) -> Diagnosis:
     return examination.diagnosis
 
 
-def _examine(examinations: list[Examination], quiet: bool) -> None:
-    from lupin_cli.examination import examine_all
-
+def _examine(examinations: list[Examination], only: Sequence[str], skip: Sequence[str], quiet: bool) -> None:
     shown = sys.stderr.isatty() and not quiet
     if shown:
         who = ", ".join(each.robot.name for each in examinations if each.robot) or "this machine"
         print(f"asking {who} ...", end="", file=sys.stderr, flush=True)
     try:
+        for each in examinations:
+            each.set_out()
+        # While a robot lets us in there is time to read what to ask it.
+        checks, broken = _checks(only, skip)
+        for each in examinations:
+            each.checks, each.broken = checks, broken
         if len(examinations) == 1:
             examinations[0].examine()
         else:
+            from lupin_cli.examination import examine_all
+
             examine_all(examinations)
     finally:
         if shown:

@@ -17,7 +17,6 @@ class Link:
     kind: str = ""
     message: str = ""
     next_command: str = ""
-    connect_s: float = 0.0
     clock: Offset | None = None  # the robot's against this machine's, from several exchanges; None where it wasn't measured
 
     @property

@@ -32,19 +32,26 @@ held.bind(("0.0.0.0", 11811))
 print("held", flush=True)
 sys.stdin.read()
 """
+END_SERVER = """
+pkill -x fast-discovery- || true
+for _ in $(seq 100); do pgrep -x fast-discovery- >/dev/null || break; sleep 0.1; done
+"""
+# As at a boot: a server that a cure started outlives a restart of the vendor's stack.
+STOP_ROS = f"""
+systemctl stop mirte-ros
+{END_SERVER}"""
 NO_PATH = f"""
-unit={DROP_IN.format(unit="mirte-ros")}
+{STOP_ROS}unit={DROP_IN.format(unit="mirte-ros")}
 mkdir -p "$(dirname $unit)"
 printf '[Service]\\nEnvironment=PATH=/usr/sbin\\n' > $unit
 systemctl daemon-reload
-systemctl restart mirte-ros
+systemctl start mirte-ros
 """
 RESTART_ROS = f"""
-systemctl stop mirte-ros
-rm -f {DROP_IN.format(unit="mirte-ros")}
+{STOP_ROS}rm -f {DROP_IN.format(unit="mirte-ros")}
 systemctl daemon-reload
 systemctl reset-failed mirte-ros 2>/dev/null || true
-systemctl restart mirte-ros
+systemctl start mirte-ros
 """
 AWAIT_LOST_RACE = f"""
 for _ in $(seq {RACE_LIMIT_S * 10}); do
@@ -63,7 +70,7 @@ def lose_race(_: Bench, machine: Machine, settings: Settings) -> None:
         return
     if settings["cause"] != "port":
         raise FaultError(f"the race is lost by port or by path, not by {settings['cause']!r}")
-    inside(machine, "systemctl stop mirte-ros")
+    inside(machine, STOP_ROS)
     since = inside(machine, "date '+%Y-%m-%d %H:%M:%S'").strip()
     with machine.popen_inside(["python3", "-c", HOLD_PORT], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
         assert holder.stdout is not None
@@ -83,10 +90,6 @@ systemctl start mirte-ap mirte-wifi-watchdog
 
 PINNED = "lupin-fault-server"
 # As a profile left in its environment does it: the server answers on one of the robot's addresses only.
-END_SERVER = """
-pkill -x fast-discovery- || true
-for _ in $(seq 100); do pgrep -x fast-discovery- >/dev/null || break; sleep 0.1; done
-"""
 PIN_SERVER = f"""
 {END_SERVER}
 systemd-run --quiet --collect --unit={PINNED} --uid=mirte fast-discovery-server -i 0 -l "$1" -p 11811
