@@ -55,7 +55,7 @@ def repeat(row, message, period_s=0.05):
 def once(row, message):
     publisher = node.publisher(row)
     until(lambda: publisher.get_subscription_count() > 0)
-    for _ in range(5):  # the reader may be matched a moment later than it is counted
+    for _ in range(20):  # the reader may be matched a moment later than it is counted: seconds later, on a busy machine
         publisher.publish(message)
         time.sleep(0.1)
 
@@ -138,7 +138,7 @@ class Rig:
 
     def _set_up(self) -> None:
         from lupin_cli import __version__, units
-        from lupin_sim.host.checkout import SET_UP
+        from lupin_sim.host.checkout import SET_UP, keep_memory
 
         ssh = self.home / ".ssh"
         ssh.mkdir(mode=0o700)
@@ -161,6 +161,7 @@ class Rig:
         for name, text in units.robot_units("mirte", "/opt/lupin/current", SET_UP).items():
             if name in ("lupin-onboard.service", "lupin-auto-home.service"):
                 self.root(f"cat > /etc/systemd/system/{name} <<'UNIT'\n{text}\nUNIT")
+        keep_memory(self.host.robot)
         self.host.serve_ntp()
         self._lupin("play", "install-clock-sync", "--robot", NAME, "-v", "laptop_serves=false", "--yes", env=self.sourced)
         self.root("systemctl daemon-reload; systemctl enable -q lupin-onboard lupin-auto-home")
@@ -434,7 +435,7 @@ def stranger(name: str, code: str, expected: str, port: int) -> Case:
 def _lost_controllers(state: str) -> Act:
     # Auto-home belongs to the stack and would heal them: it has given up here.
     def make(rig: Rig) -> None:
-        rig.root("systemctl stop lupin-auto-home; systemctl disable -q lupin-auto-home; true")
+        rig.root("systemctl stop lupin-auto-home; systemctl disable -q lupin-auto-home; systemctl reset-failed; true")
         rig.host.robot.fault("controllers-stuck", state=state)
         rig.root("systemctl enable -q lupin-auto-home")
 
@@ -453,6 +454,36 @@ def _not_serving(rig: Rig) -> None:
 def _serving(rig: Rig) -> None:
     rig.host.robot.mend("chrony-not-serving")
     rig.root("systemctl restart chrony")
+
+
+def _give_up(rig: Rig) -> None:
+    # Why it failed is over; that systemd has given it up is not.
+    rig.host.robot.fault("unit", state="failing")
+    rig.root("rm -rf /run/systemd/system/lupin-onboard.service.d; systemctl daemon-reload")
+
+
+def _start_again(rig: Rig) -> None:
+    rig.host.robot.mend("unit", state="failing")
+
+
+def _lose_memory(rig: Rig) -> None:
+    from lupin_sim.host.checkout import LOSE_MEMORY
+
+    rig.root(LOSE_MEMORY)
+
+
+def _take_memory(rig: Rig) -> None:
+    # By the real thing: somebody logs in, and out.
+    _lose_memory(rig)
+    rig.doctor("--only", "link.*")
+    rig.root("for _ in $(seq 300); do ls /dev/shm/fastrtps_* >/dev/null 2>&1 || exit 0; sleep 0.1; done; exit 1")
+
+
+def _memory_again(rig: Rig) -> None:
+    from lupin_sim.host.checkout import keep_memory
+
+    keep_memory(rig.host.robot)
+    rig.root("systemctl restart mirte-ros", 90.0)
 
 
 def _page_gone(rig: Rig) -> None:
@@ -525,6 +556,8 @@ CASES: tuple[Case, ...] = (
     of_host("zombies", "zombies", "zombie-process", "leftovers"),
     of_host("shm-orphans", "shm-orphans", "shared-memory-orphans", "leftovers"),
     of_host("shm-full", "shm-full", "shared-memory-full", "leftovers"),
+    Case("login-may-take-memory", frozenset({"shared-memory-at-risk"}), _lose_memory, _memory_again, "leftovers"),
+    Case("login-took-memory", frozenset({"shared-memory-removed"}), _take_memory, _memory_again, "leftovers"),
     Case(
         *("node-of-root", frozenset({"shared-memory-not-shared"}), _node_of_root),
         *(lambda rig: rig.root(f"systemctl stop {ROOTS_NODE}"), "leftovers"),
@@ -532,7 +565,7 @@ CASES: tuple[Case, ...] = (
     # -- units
     of_host("auto-home-failed", "oneshot-failed", "oneshot-failed", "auto-home"),
     of_host("onboard-stopped", "unit", "unit-not-running", "onboard", {"state": "stopped"}),
-    of_host("onboard-failing", "unit", "unit-start-limit", "onboard", {"state": "failing"}),
+    Case("onboard-given-up", frozenset({"unit-start-limit"}), _give_up, _start_again, "onboard"),
     of_host("onboard-disabled", "unit", "unit-not-enabled", "onboard", {"state": "disabled"}),
     of_host("onboard-masked", "unit", "unit-not-enabled", "onboard", {"state": "masked"}),
     on_robot(

@@ -157,7 +157,7 @@ def lupin_robot() -> Iterator[Host]:
     """
     from lupin_cli import units
     from lupin_sim.host import Host
-    from lupin_sim.host.checkout import RELEASE, SET_UP, lend
+    from lupin_sim.host.checkout import RELEASE, SET_UP, keep_memory, lend
     from lupin_sim.host.missing import what_is_missing
 
     if missing := what_is_missing():
@@ -165,6 +165,7 @@ def lupin_robot() -> Iterator[Host]:
     with Host.start(vendor_robot=True) as host:
         inside = host.robot.inside
         lend(host.robot)
+        keep_memory(host.robot)
         for name, text in units.robot_units("mirte", RELEASE, SET_UP).items():
             assert inside("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
         done = inside("sh", "-ec", "systemctl daemon-reload; systemctl enable --quiet lupin-onboard lupin-auto-home")

@@ -35,6 +35,8 @@ def unheard(evidence: Evidence) -> Iterator[Finding]:
                 continue
             if any(end.node.rpartition("/")[2] not in ONLOOKERS for end in topic.subscribers):
                 continue
+            if dict(graph.bus_listeners).get(name, 0) > len(topic.subscribers):
+                continue  # under load a visitor's picture may lack an end that the bus itself is matched with
             elsewhere = [other for other in SINKS if other != name and (seen := graph.topic(other)) and seen.subscribers]
             yield Finding(
                 id="drive-sink-unheard",
@@ -118,7 +120,7 @@ def outvoted(evidence: Evidence) -> Iterator[Finding]:
 
 
 CHECKS = (
-    Check("drive.sink", unheard, (GRAPH,), closer_laptop=(GRAPH,)),  # under load a picture of names may lack some of them
+    Check("drive.sink", unheard, (GRAPH,), closer_laptop=(GRAPH,)),  # a bus that is only coming up says nothing of its own yet
     Check("drive.estop", stopped, laptop=(GRAPH,)),
     Check("drive.inputs", outvoted, laptop=(GRAPH,)),
 )

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
 from lupin_cli.checks.discovery import lacks_server
 from lupin_cli.checks.environment import machines
+from lupin_cli.facts.account import ACCOUNT, Account
 from lupin_cli.facts.base import Facts
 from lupin_cli.facts.discovery_log import DISCOVERY_LOG
 from lupin_cli.facts.link import Link
@@ -81,7 +84,73 @@ def find_unshared_memory(evidence: Evidence) -> Iterator[Finding]:
         for members in graphs.values():
             other = next((each for each in members if _apart(each, members[0])), None)
             if other is not None:
-                yield _unshared(facts, members[0], other, files)
+                yield _unshared(facts, members[0], _side(other), files)
+        # Of another user's process neither environment nor graph can be read; that it holds ports of the same domain can.
+        seen = {process.pid for process in processes}
+        for stranger in sorted(holders - seen):
+            of_it = [file for file in files if file.holder == stranger]
+            user = next((file.user_id for file in of_it if file.is_segment), None)
+            domains = {port // 250 for file in of_it if (port := _port(file)) >= 0}
+            for members in graphs.values():
+                if user is not None and members[0].user_id != user and members[0].domain in domains:
+                    yield _unshared(facts, members[0], _Side(stranger, user, f"process {stranger}"), files)
+                    break
+
+
+def find_lost_memory(evidence: Evidence) -> Iterator[Finding]:
+    """Shared memory that was removed under the processes that use it, or will be when the next login on the robot ends."""
+    for facts in machines(evidence):
+        processes, files, account = facts.get(ROS_PROCESSES) or (), facts.get(SHARED_MEMORY) or (), facts.get(ACCOUNT)
+        lost = {file.holder for file in files if file.removed}
+        using = [process for process in processes if process.pid in lost]
+        if using:
+            yield _lost(evidence, facts, using, account)
+        elif account is not None and account.loses_memory and facts.machine == "robot":
+            at_risk = [file for file in files if file.held and file.is_segment and file.user_id == account.uid]
+            if at_risk:
+                yield _at_risk(evidence, account, at_risk)
+
+
+def _lost(evidence: Evidence, facts: Facts, using: list[RosProcess], account: Account | None) -> Finding:
+    logind = account is not None and account.loses_memory
+    return Finding(
+        id="shared-memory-removed",
+        severity=Severity.PROBLEM,
+        where=facts.machine,
+        symptom="whoever joins there now sees every name and gets no sample; nodes that were there first hear each other",
+        cause="the shared memory of running processes was removed"
+        + (f" by logind, when the last login of {account.user} ended" if logind and account is not None else ""),
+        evidence=(
+            *(f"{p.name} (process {p.pid}) holds locks on files that are gone from /dev/shm" for p in using[:4]),
+            *(("logind: RemoveIPC true; user is no system user and does not linger",) if logind else ()),
+        ),
+        fix=_keep(evidence, restart=True)
+        if facts.machine == "robot"
+        else Fix("start them again: " + ", ".join(p.name for p in using)),
+        explains=frozenset({"names-no-samples", "shared-memory-not-shared"}),
+    )
+
+
+def _at_risk(evidence: Evidence, account: Account, files: list[SharedFile]) -> Finding:
+    return Finding(
+        id="shared-memory-at-risk",
+        severity=Severity.WARNING,
+        where="robot",
+        symptom="the robot works until somebody has logged in and out; then late joiners there see names and get no samples",
+        cause=f"logind removes what {account.user} has in /dev/shm ten seconds after their last login, while the stack runs",
+        evidence=(
+            f"logind: RemoveIPC true; {account.user} (user id {account.uid}) does not linger",
+            *(f"/dev/shm/{file.name}: held by process {file.holder}" for file in files[:3]),
+        ),
+        fix=_keep(evidence, restart=False),
+    )
+
+
+def _keep(evidence: Evidence, restart: bool) -> Fix:
+    robot = f" --robot {evidence.link.robot}" if isinstance(evidence.link, Link) else ""
+    asked = " -v restart=true" if restart else ""
+    playbook = "keep-shared-memory"
+    return Fix(f"lupin play {playbook}{robot}{asked}", playbook=playbook, variables={"restart": restart}, safe=not restart)
 
 
 def _uses_shared_memory(process: RosProcess, holders: set[int]) -> bool:
@@ -90,13 +159,37 @@ def _uses_shared_memory(process: RosProcess, holders: set[int]) -> bool:
     return process.pid in holders
 
 
+def _port(file: SharedFile) -> int:
+    """The number of a port of DDS, counted from domain 0's first; negative for what is none."""
+    found = re.fullmatch(r"fast(?:rtps|dds)_port(\d+)", file.name)
+    return int(found[1]) - 7400 if found else -1
+
+
+@dataclass(frozen=True)
+class _Side:
+    """A process that others can't share memory with."""
+
+    pid: int
+    user_id: int
+    name: str
+    lines: tuple[str, ...] = ()
+
+
+def _side(process: RosProcess) -> _Side:
+    return _Side(process.pid, process.user_id, process.name, (process.line("FASTDDS_BUILTIN_TRANSPORTS"),))
+
+
 def _apart(one: RosProcess, other: RosProcess) -> bool:
     different_memory = bool(one.shared_memory and other.shared_memory) and one.shared_memory != other.shared_memory
     return different_memory or one.user_id != other.user_id  # segments are writable for their owner only
 
 
-def _unshared(facts: Facts, one: RosProcess, other: RosProcess, files: tuple[SharedFile, ...]) -> Finding:
-    of_both = [file for file in files if file.holder in (one.pid, other.pid)]
+def _unshared(facts: Facts, one: RosProcess, other: _Side, files: tuple[SharedFile, ...]) -> Finding:
+    of_both = [
+        file
+        for side in (one.pid, other.pid)
+        for file in [each for each in files if each.holder == side and not each.removed][:2]
+    ]
     return Finding(
         id="shared-memory-not-shared",
         severity=Severity.PROBLEM,
@@ -105,8 +198,8 @@ def _unshared(facts: Facts, one: RosProcess, other: RosProcess, files: tuple[Sha
         cause=f"{one.name} (user {one.user_id}) and {other.name} (user {other.user_id}) can't share memory, and think they do",
         evidence=(
             one.line("FASTDDS_BUILTIN_TRANSPORTS"),
-            other.line("FASTDDS_BUILTIN_TRANSPORTS"),
-            *(f"/dev/shm/{file.name}: user {file.user_id}, held by {file.holder}" for file in of_both[:4]),
+            *other.lines,
+            *(f"/dev/shm/{file.name}: user {file.user_id}, held by {file.holder}" for file in of_both),
         ),
         fix=Fix(f"start {other.name} again with: export FASTDDS_BUILTIN_TRANSPORTS=UDPv4"),
     )
@@ -116,6 +209,7 @@ _MEMORY = (SHARED_MEMORY, ROS_PROCESSES)
 CHECKS = (
     Check("dds.zombies", find_zombies, (ROS_PROCESSES, SOCKETS), (ROS_PROCESSES, SOCKETS)),
     Check("dds.shared-memory", find_unshared_memory, _MEMORY, _MEMORY),
+    Check("dds.removed-memory", find_lost_memory, _MEMORY, (*_MEMORY, ACCOUNT)),
     # A process that starts or ends right now holds no lock for a moment: what is an orphan still is one at the second look.
     Check(
         "dds.orphans",

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import answers
+from lupin_cli.facts.sections import Answers, answers
 from lupin_cli.target.base import Output
+
+FIRST_PERSON = 1000  # of Debian's and Ubuntu's user ids
 
 # The prelude would hide the locale that is asked for here.
 PROBE = """echo '@@ locale'; echo "${LC_ALL:-${LC_NUMERIC:-${LANG:-}}}"
@@ -21,6 +23,10 @@ echo '@@ home-writable'; [ -w "$HOME" ] && echo yes || echo no
 echo '@@ sudo'
 if [ "$(id -u)" = 0 ]; then echo root; elif ! command -v sudo >/dev/null 2>&1; then echo none
 elif sudo -n true 2>/dev/null; then echo nopasswd; else echo password; fi
+# busctl's word is what logind does, whatever its files say by now.
+echo '@@ memory'
+busctl get-property org.freedesktop.login1 /org/freedesktop/login1 org.freedesktop.login1.Manager RemoveIPC 2>/dev/null
+echo '@@ lingers'; [ -e "/var/lib/systemd/linger/$(id -un)" ] && echo yes || echo no
 echo '@@ zone'; readlink /etc/localtime; echo "$(date +%z)"
 echo '@@ end'
 """
@@ -40,6 +46,7 @@ class Account:
     locale: str
     locale_broken: tuple[str, ...]  # what `locale` complains of
     utc_offset: str  # +0100
+    loses_memory: bool = False  # logind removes the user's shared memory when the last login ends, whatever still runs
 
 
 def parse(output: Output) -> Account:
@@ -60,7 +67,15 @@ def parse(output: Output) -> Account:
         locale=said.text("locale"),
         locale_broken=said.lines("locale-works"),
         utc_offset=said.lines("zone")[-1].strip() if said.lines("zone") else "",
+        loses_memory=_loses_memory(said, int(uid)),
     )
+
+
+def _loses_memory(said: Answers, uid: int) -> bool:
+    """Users of the system, and those that linger, are spared (logind.conf(5))."""
+    memory, lingers = said.maybe("memory"), said.maybe("lingers")
+    told = memory is not None and memory.text == "b true"
+    return told and uid >= FIRST_PERSON and lingers is not None and lingers.text == "no"
 
 
 ACCOUNT = Fact("account", PROBE, parse)

@@ -103,6 +103,7 @@ class Graph:
     estop_reasons: tuple[str, ...] = ()
     bus_winner: str = ""  # input that holds the drive bus; empty where our bus isn't there
     bus_locks: tuple[str, ...] = ()
+    bus_listeners: tuple[tuple[str, int], ...] = ()  # the topic of the bus's sink, and how many it knows to listen there
     udp_heard: int | None = None  # topics with samples for a second visitor without shared memory, where the first heard none
 
     def topic(self, name: str) -> SeenTopic | None:
@@ -150,6 +151,7 @@ def _graph(told: Mapping[str, Any]) -> Graph:
     battery = said.get("/io/power/power_watcher")
     estop_status = said.get("/lupin/estop/status") or {}
     drive = said.get("/lupin/drive/status") or {}
+    sink = drive.get("sink")
     controllers = told.get("controllers")
     return Graph(
         name=str(told["name"]),
@@ -167,6 +169,7 @@ def _graph(told: Mapping[str, Any]) -> Graph:
         estop_reasons=tuple(estop_status.get("reasons", ())),
         bus_winner=str(drive.get("winner") or ""),
         bus_locks=tuple(drive.get("locks", ())),
+        bus_listeners=((str(sink["topic"]), int(sink["listeners"])),) if sink else (),
         udp_heard=told.get("udp_heard"),
     )
 

@@ -6,6 +6,7 @@ Fast DDS locks `<segment>_el` and `<port>_el` with flock(2) for as long as their
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
 
@@ -21,6 +22,7 @@ PROBE = (
 echo '@@ files'
 for file in fastrtps_* fastdds_* sem.fastrtps_* sem.fastdds_*; do [ -e "$file" ] && printf '%s\n' "$file"; done |
   xargs -r stat -c '%i %u %s %Z %n' 2>/dev/null
+echo '@@ device'; stat -c %D . 2>/dev/null
 echo '@@ locks'; cat /proc/locks 2>/dev/null
 echo '@@ tried'
 for file in fastrtps_*_el fastrtps_*_sl fastdds_*_el fastdds_*_sl; do
@@ -44,6 +46,7 @@ class SharedFile:
     lockable: bool  # whether its lock file is there; without one nobody can tell whose it is
     held: bool
     holder: int = 0  # the process in /proc/locks, where it is visible
+    removed: bool = False  # its holder holds it still, but nobody else can open it any more; it has no name, size nor owner
 
     @property
     def is_segment(self) -> bool:
@@ -66,7 +69,10 @@ def parse(output: Output) -> tuple[SharedFile, ...]:
             raise ValueError(f"expected inode, user, size, time and name, found {line[:80]!r}")
         inode, user, size, changed = (integer(word, "a field of stat(1)") for word in words[:4])
         rows.append((inode, user, size, changed, words[4]))
-    locks = dict(_locks(said.lines("locks"))) if said.maybe("locks") else {}
+    device = said.maybe("device")
+    place = _device(device.text) if device is not None and device.text else None
+    taken = _locks(said.lines("locks")) if said.maybe("locks") else []
+    locks = {inode: holder for inode, holder, _ in taken}
     held: dict[str, int] = {}
     for inode, *_, name in rows:
         if name.endswith(("_el", "_sl")) and inode in locks:
@@ -76,9 +82,17 @@ def parse(output: Output) -> tuple[SharedFile, ...]:
         if state == "held":
             held.setdefault(_owner(name), 0)
     lockable = {_owner(name) for *_, name in rows if name.endswith(("_el", "_sl"))}
-    return tuple(
-        SharedFile(name, user, size, changed, _owner(name) in lockable, _owner(name) in held, held.get(_owner(name), 0))
-        for _, user, size, changed, name in rows
+    named = {inode for inode, *_ in rows}
+    return (
+        *(
+            SharedFile(name, user, size, changed, _owner(name) in lockable, _owner(name) in held, held.get(_owner(name), 0))
+            for _, user, size, changed, name in rows
+        ),
+        *(
+            SharedFile("", -1, 0, 0, lockable=True, held=True, holder=holder, removed=True)
+            for inode, holder, where in taken
+            if where == place and inode not in named
+        ),
     )
 
 
@@ -87,15 +101,22 @@ def _owner(name: str) -> str:
     return found[1] if found else name
 
 
-def _locks(lines: tuple[str, ...]) -> list[tuple[int, int]]:
-    """Inode and process of every flock in /proc/locks (proc(5)): `1: FLOCK ADVISORY WRITE 4242 00:1b:1679 0 EOF`."""
+def _device(text: str) -> tuple[int, int]:
+    """Major and minor of what stat(1) prints as one hexadecimal number. Raises ValueError."""
+    number = int(text, 16)
+    return os.major(number), os.minor(number)
+
+
+def _locks(lines: tuple[str, ...]) -> list[tuple[int, int, tuple[int, int]]]:
+    """Inode, process and device of every flock in /proc/locks (proc(5)):
+    `1: FLOCK ADVISORY WRITE 4242 00:1b:1679 0 EOF`."""
     found = []
     for line in lines:
         words = line.split()
-        if len(words) >= 6 and words[1] == "FLOCK" and words[4].lstrip("-").isdigit():
-            inode = words[5].rpartition(":")[2]
+        if len(words) >= 6 and words[1] == "FLOCK" and words[4].lstrip("-").isdigit() and words[5].count(":") == 2:
+            major, minor, inode = words[5].split(":")
             if inode.isdigit():
-                found.append((int(inode), int(words[4])))
+                found.append((int(inode), int(words[4]), (int(major, 16), int(minor, 16))))
     return found
 
 

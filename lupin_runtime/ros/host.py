@@ -17,6 +17,8 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
+from lupin_runtime.ros.node import LupinNode
+
 if TYPE_CHECKING:
     from lupin_runtime.ros.clock import ClockFollower
 
@@ -80,6 +82,7 @@ def run(
             # Only here: the robot's older rclpy lacks what it needs, and a robot has no simulated time.
             from lupin_runtime.ros.clock import ClockFollower
 
+            LupinNode.simulated_time = True
             follower = ClockFollower(fail)
             follower.start()
         nodes = []

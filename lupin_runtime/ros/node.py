@@ -5,20 +5,23 @@ from __future__ import annotations
 import importlib
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 from rclpy.action import ActionClient
 from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
-from rclpy.clock import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.service import Service as RosService
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 
 from lupin_runtime.graph import Action, Qos, Service, Topic
+
+_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 def interface(type_name: str) -> Any:
@@ -40,8 +43,10 @@ def qos_profile(qos: Qos) -> QoSProfile:
 class LupinNode(Node):
     """A node of ours. It offers no parameter services: they cost a start-up's worth of discovery on every node.
 
-    `parameters` overrides the declared defaults; `simulated_time` says that the process follows `/clock`.
+    `parameters` overrides the declared defaults.
     """
+
+    simulated_time: ClassVar[bool] = False  # whether this process follows `/clock`; said before its nodes are built
 
     def __init__(self, name: str, parameters: dict[str, Any] | None = None, **options: Any) -> None:
         overrides = [Parameter(key, value=value) for key, value in (parameters or {}).items()]
@@ -74,6 +79,13 @@ class LupinNode(Node):
     def action_client(self, row: Action) -> ActionClient:
         """A client of the row's action."""
         return ActionClient(self, interface(row.type), row.name)
+
+    def create_timer(self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **options: Any) -> Timer:
+        """As rclpy's, with a better clock: simulated under `/clock`, else monotonic. By rclpy's default a wall clock that is
+        stepped back by five minutes stops every timer for five minutes, those of drive bus and e-stop too."""
+        if options.get("clock") is None and not self.simulated_time:
+            options["clock"] = _STEADY
+        return super().create_timer(timer_period_sec, callback, *args, **options)
 
     def now_ns(self) -> int:
         """ROS time: the simulator's under `/clock`, the system's otherwise. For stamps."""

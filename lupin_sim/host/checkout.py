@@ -12,6 +12,17 @@ RELEASE = "/opt/lupin/current"
 UNITS = ("lupin-onboard.service", "lupin-auto-home.service")
 # What is sourced there before anything of Lupin's; it has no ROS beside the vendor's.
 SET_UP = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
+LOGIND = "/etc/systemd/logind.conf.d/60-lupin.conf"
+READ_AGAIN = "systemctl kill -s HUP systemd-logind"
+KEEP_MEMORY = f"mkdir -p {LOGIND.rpartition('/')[0]}; printf '[Login]\\nRemoveIPC=no\\n' > {LOGIND}; {READ_AGAIN}"
+LOSE_MEMORY = f"rm -f {LOGIND}; {READ_AGAIN}"
+
+
+def keep_memory(robot: Robot) -> None:
+    """Let shared memory outlive the operator's logins, as a deploy does. Raises RuntimeError where that fails."""
+    done = robot.inside("sh", "-ec", KEEP_MEMORY)
+    if done.status != 0:
+        raise RuntimeError(f"logind of {robot.name} was not told to keep shared memory: {done.stderr}")
 
 
 def lend(robot: Robot) -> None:

@@ -39,7 +39,9 @@ def ends(name: str, seen: Graph | None = None, **sides: tuple[End, ...]) -> Grap
     """The graph with another set of publishers or subscribers on one topic."""
     seen = seen or graph()
     topics = tuple(dataclasses.replace(topic, **sides) if topic.name == name else topic for topic in seen.topics)
-    return dataclasses.replace(seen, topics=topics)
+    # The bus knows who listens at its own sink.
+    known = tuple((sink, len(sides.get("subscribers", ())) if sink == name else count) for sink, count in seen.bus_listeners)
+    return dataclasses.replace(seen, topics=topics, bus_listeners=known)
 
 
 def evidence(*graphs: Graph, **robot: Any) -> Evidence:
@@ -157,6 +159,10 @@ def test_a_sink_whose_only_listener_turns_no_wheel_is_deaf() -> None:
     (finding,) = found(ends("/cmd_vel", subscribers=(strip,)))
     assert finding.id == "drive-sink-unheard"
     assert "the base listens on /mirte_base_controller/cmd_vel" in finding.cause
+
+
+def test_a_picture_that_lacks_an_end_which_the_bus_is_matched_with_names_nothing() -> None:
+    assert ids(dataclasses.replace(ends("/cmd_vel", subscribers=()), bus_listeners=(("/cmd_vel", 1),))) == []
 
 
 def test_commands_to_the_name_that_exists_nowhere_are_named() -> None:

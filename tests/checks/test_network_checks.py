@@ -11,6 +11,7 @@ import pytest
 from lupin_cli.checks import Severity
 from lupin_cli.facts.addresses import Address, Addresses
 from lupin_cli.facts.dds_profiles import Server
+from lupin_cli.facts.shared_memory import SHARED_MEMORY, SharedFile
 from lupin_cli.facts.sockets import Socket, Sockets
 
 WRONG_PREFIX = "44.53.01.5f.45.50.52.4f.53.49.4d.41"
@@ -417,6 +418,30 @@ def test_udp_on_either_side_cures_it(healthy) -> None:
         return changed(1, user_id=1001, environment=environment)(processes)
 
     assert healthy.with_("robot", "ros-processes", tuned).named() == []
+
+
+def strangers(user_id: int, port: int) -> Callable[[tuple], tuple]:
+    """With the memory of a process that isn't seen otherwise: another user's."""
+    names = ("fastrtps_00000000deadbeef", f"fastrtps_port{port}")
+    return lambda files: (*files, *(SharedFile(name, user_id, 1, 0, lockable=True, held=True, holder=4242) for name in names))
+
+
+def test_a_process_whose_environment_cannot_be_read_is_told_by_the_memory_and_the_ports_that_it_holds(healthy) -> None:
+    (finding,) = healthy.with_("robot", "shared-memory", strangers(1001, 7421)).roots()
+    assert finding.id == "shared-memory-not-shared" and "process 4242 (user 1001)" in finding.cause
+    assert healthy.with_("robot", "shared-memory", strangers(1001, 7671)).named() == []  # domain 1
+    assert healthy.with_("robot", "shared-memory", strangers(0, 7421)).named() == []  # the same user, in what was captured
+
+
+def test_memory_that_the_end_of_a_login_takes_is_named_before_and_after(healthy) -> None:
+    at_risk = healthy.with_("robot", "account", "loses-memory").with_("robot", "account", lambda who: replace(who, uid=0))
+    (finding,) = at_risk.roots()
+    assert (finding.id, finding.fix.playbook, finding.fix.safe) == ("shared-memory-at-risk", "keep-shared-memory", True)
+    holder = next(file.holder for file in at_risk.evidence.robot.get(SHARED_MEMORY) if file.held)
+    gone = SharedFile("", -1, 0, 0, lockable=True, held=True, holder=holder, removed=True)
+    (finding,) = at_risk.with_("robot", "shared-memory", lambda files: (gone,)).roots()
+    assert finding.id == "shared-memory-removed" and "when the last login of mirte ended" in finding.cause
+    assert (finding.fix.variables, finding.fix.safe) == ({"restart": True}, False)
 
 
 # -- ports ----------------------------------------------------------------------------------------------------------------

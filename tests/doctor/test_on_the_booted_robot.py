@@ -22,6 +22,7 @@ import pytest
 from lupin_cli.checks.discovery import STARTING_S
 from lupin_cli.facts.dds_profiles import SERVER_PREFIX
 from lupin_sim.host import Host
+from lupin_sim.host.checkout import LOSE_MEMORY, keep_memory
 from lupin_sim.host.host import PROJECT
 
 pytestmark = pytest.mark.host
@@ -145,6 +146,7 @@ def laptop(request: pytest.FixtureRequest, tmp_path: Path) -> Laptop:
     except AssertionError as error:
         tree = host.robot.inside("sh", "-c", "systemctl status --lines=20 --no-pager mirte-ros; ss -lnup").stdout
         raise AssertionError(f"{error}\n{tree}") from None
+    keep_memory(host.robot)
     found = Laptop(host, tmp_path / "home")
     found.set_up()
     return found
@@ -265,6 +267,26 @@ def test_memory_of_a_killed_participant_is_the_one_cause_whoever_it_was(fresh_ho
         fresh_host.robot.inside("systemctl", "kill", "--signal=KILL", NODE_UNIT)
         until(lambda: fresh_host.robot.inside("systemctl", "is-active", NODE_UNIT).stdout != "active\n", "its end")
         assert laptop.named() == ["shared-memory-orphans"]
+
+
+def test_the_end_of_a_login_takes_shared_memory_along_until_logind_is_told_to_leave_it(
+    fresh_host: Host, laptop: Laptop
+) -> None:
+    def segments() -> str:
+        return str(fresh_host.robot.inside("sh", "-c", "ls /dev/shm/fastrtps_* 2>/dev/null || true").stdout)
+
+    def logged_out() -> bool:
+        return "mirte" not in fresh_host.robot.inside("loginctl", "list-users").stdout
+
+    until(segments, "the server's shared memory")
+    assert fresh_host.robot.inside("sh", "-ec", LOSE_MEMORY).status == 0
+    assert laptop.named() == ["shared-memory-at-risk"]
+    until(lambda: not segments(), "what the end of that very login does")
+    assert laptop.named() == ["shared-memory-removed"]
+    status, told = laptop.doctor("--fix", "--yes")
+    assert (status, told["findings"]) == (0, [])
+    until(logged_out, "the end of that login")
+    assert segments() and laptop.named() == []
 
 
 @pytest.mark.parametrize("blow", ["server", "STOP", "KILL"])
