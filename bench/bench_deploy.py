@@ -30,7 +30,7 @@ from bench.booted import SET_UP, Operator, load, median, operator, take_the_core
 from bench.peers import deploying
 
 LIMIT_S, PYINFRA_LIMIT, ANSIBLE_LIMIT = 1.5, 5.0, 20.0
-FILES = ("/etc/udev/rules.d/70-lupin-pad.rules", "/etc/sysctl.d/60-lupin.conf")
+FILES = ("/etc/udev/rules.d/70-lupin-pad.rules", "/etc/sysctl.d/60-lupin.conf", "/etc/systemd/logind.conf.d/60-lupin.conf")
 # For the ways that ask once a file: long enough to see any ratio that is asked for.
 CUT_S = 40.0
 

@@ -9,6 +9,11 @@ from lupin_cli.release import contents
 
 pytestmark = pytest.mark.host
 ID = "basename $(readlink /opt/lupin/current)"
+REMOVES_IPC = "busctl get-property org.freedesktop.login1 /org/freedesktop/login1 org.freedesktop.login1.Manager RemoveIPC"
+OURS = (
+    "/etc/systemd/system/lupin-* /etc/udev/rules.d/70-lupin* /etc/sysctl.d/60-lupin* /etc/systemd/logind.conf.d/60-lupin* "
+    "/opt/lupin/*"
+)
 
 
 def said(host, *command: str) -> str:
@@ -48,6 +53,7 @@ def test_a_release_is_deployed_once_replaced_taken_back_and_removed(robot_host, 
         "enabled",
     ]
     assert said(host, "systemctl is-active lupin-auto-home") == "inactive", "it moves the arm: at the next boot, not now"
+    assert said(host, REMOVES_IPC) == "b false"
     old = said(host, ID)
     assert runs_from(host) == old
     again = lupin("deploy", "robot")
@@ -70,7 +76,7 @@ def test_a_release_is_deployed_once_replaced_taken_back_and_removed(robot_host, 
 
     removed = lupin("deploy", "robot", "--remove")
     assert removed.exit_code == 0, removed.output
-    assert said(host, "ls /etc/systemd/system/lupin-* /etc/udev/rules.d/70-lupin* /etc/sysctl.d/60-lupin* /opt/lupin/*") == ""
+    assert said(host, f"ls {OURS}") == ""
     assert said(host, "systemctl is-active mirte-ros") == "active"
     nothing = lupin("deploy", "robot", "--remove")
     assert "nothing to do" in nothing.output, nothing.output

@@ -4,15 +4,36 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
+import sys
 import time
 from collections.abc import Callable
 
 import pytest
 
 from lupin_sim.host import Host
+from lupin_sim.host.host import PROJECT
 
 pytestmark = pytest.mark.host
 BOUND_S = 60.0
+# Says for each topic how often it was heard in five seconds after it was first heard at all.
+LISTENER = """
+import time
+import rclpy
+from lupin_runtime import graph
+from lupin_runtime.ros import LupinNode
+rclpy.init(args=[])
+node, heard = LupinNode("listener"), {}
+for row in (graph.ESTOP_STATE, graph.DRIVE_STATUS):
+    node.subscription(row, lambda _, name=row.name: heard.setdefault(name, []).append(time.monotonic()))
+def until(condition, bound_s):
+    end = time.monotonic() + bound_s
+    while not condition() and time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.1)
+until(lambda: len(heard) == 2, 20.0)
+until(lambda: False, 5.0)
+print(*(len(heard.get(row.name, [])) for row in (graph.ESTOP_STATE, graph.DRIVE_STATUS)))
+"""
 
 
 def show(host: Host, unit: str, name: str) -> str:
@@ -70,6 +91,20 @@ def test_a_killed_process_comes_back_alone_and_a_killed_supervisor_brings_all_ba
         lambda: show(robot_host, "lupin-onboard", "NRestarts") == "1" and state(robot_host, "lupin-onboard") == "active",
         lambda: journal(robot_host, "lupin-onboard"),
     )
+
+
+def test_a_clock_that_is_stepped_back_by_five_minutes_silences_neither_stop_nor_bus(robot_host: Host) -> None:
+    robot = robot_host.robot
+    robot.fault("clock-wrong", offset_s=300.0)
+    try:
+        assert robot.inside("systemctl", "start", "lupin-onboard", timeout_s=BOUND_S).status == 0
+    finally:
+        robot.mend("clock-wrong")
+    profile = "/home/mirte/mirte_ws/install/super_client.xml"
+    where = f"ROS_DISCOVERY_SERVER=127.0.0.1 FASTRTPS_DEFAULT_PROFILES_FILE={profile} PYTHONPATH={PROJECT}"
+    done = robot.inside("sh", "-c", f"{where} {sys.executable} -c {shlex.quote(LISTENER)}", timeout_s=BOUND_S)
+    stops, words = map(int, done.stdout.split())
+    assert stops >= 10 and words >= 3, done.stderr  # 5 Hz and 1 Hz, on a busy machine
 
 
 def test_it_stops_with_the_vendors_service_in_good_order(robot_host: Host) -> None:
