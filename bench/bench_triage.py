@@ -94,7 +94,8 @@ def heal(rig: Rig, cases: Sequence[Case], outcome: Outcome, told: dict[str, Any]
     shell = next((case.shell for case in cases if case.shell != "sourced"), "sourced")
     words = ["--fix", *(["--yes"] if yes else [])]
     after = rig.doctor(*words, env=rig.shells[shell], robot=cases[0].robot)
-    unasked = {finding["id"] for finding in told["findings"]} - {finding["id"] for finding in due}
+    seen = {finding["id"] for root in told["findings"] for finding in (root, *root["consequences"])}
+    unasked = seen - {finding["id"] for finding in due}
     outcome.played = tuple(f"{t['playbook']}: {t['state']}" for t in after["treatments"])
     outcome.left = tuple(sorted({finding["id"] for finding in after["findings"]} - unasked))
     outcome.healed = not outcome.left and not after["unknown"] and not after["broken"]
