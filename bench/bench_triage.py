@@ -27,7 +27,8 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from bench.triage import CASES, Case, Rig, RigError
+from bench.rig import Rig, RigError
+from bench.triage import CASES, Case
 from lupin_sim.host import HostError
 
 # A restart of the stack, which some faults need, cleans up what others leave behind; a full disk is in everybody's way.

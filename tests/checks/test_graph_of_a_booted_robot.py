@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from bench.triage import ACTOR
+from bench.rig import ACTOR
 from lupin_cli.checks import board, controllers, drive, samples
 from lupin_cli.checks.base import Evidence
 from lupin_cli.diagnosis import Diagnosis, diagnose
@@ -68,7 +68,7 @@ class Laptop:
 
     @contextmanager
     def part(self, *words: str) -> Iterator[None]:
-        """A participant of the graph on the laptop, or an order given through one, as `bench.triage` has them."""
+        """A participant of the graph on the laptop, or an order given through one, as `bench.rig` has them."""
         process: subprocess.Popen[str] = self.host.popen(
             [sys.executable, "-c", ACTOR, *words], self.sourced, cwd=str(PROJECT), stdout=subprocess.PIPE, text=True
         )
