@@ -17,7 +17,7 @@ from typing import Any
 import rclpy
 from controller_manager_msgs.srv import SwitchController
 from rclpy.client import Client
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from lupin_runtime import graph
 from lupin_runtime.arm.controllers import complaints, next_step
@@ -203,6 +203,9 @@ def main(arguments: list[str]) -> int:
         home.run()
     except NotHome as reason:
         print(reason, file=sys.stderr)
+        return 1
+    except ExternalShutdownException:
+        print("told to end before the arm was home", file=sys.stderr)
         return 1
     finally:
         home.close()
