@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from lupin_sim import pacing
 from lupin_sim.faults import FAULTS, Faults, UnknownFault
-from lupin_sim.pacing import CATCH_UP_S, Pacer
+from lupin_sim.pacing import CATCH_UP_S, HURRY, Pacer
 
 RANGES = np.linspace(1, 2, 360, dtype=np.float32)
 
@@ -41,7 +41,19 @@ def test_a_little_lost_time_is_caught_up(clock):
     assert pacer.wait_s(CATCH_UP_S) == pytest.approx(CATCH_UP_S * 0.1)
 
 
-def test_much_lost_time_is_given_up_and_shows_in_the_factor(clock):
+def test_much_lost_time_is_made_up_slowly(clock):
+    pacer, sim_s = Pacer(1.0), 0.0
+    pacer.start(0.0)
+    clock.now += 2.0
+    for _ in range(6000):
+        began_s, wait_s = clock.now, pacer.wait_s(sim_s)
+        clock.now += max(wait_s, 0.001)
+        sim_s += 0.01
+        assert clock.now - began_s >= 0.01 / (1.0 + 2 * HURRY) or sim_s <= 0.02
+    assert pacer.real_time_factor(sim_s) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_much_lost_time_shows_in_the_factor_and_is_not_hurried_after(clock):
     pacer = Pacer(1.0)
     pacer.start(0.0)
     clock.now += 10.0
