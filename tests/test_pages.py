@@ -19,8 +19,7 @@ FAULT = re.compile(r"^\| (?P<number>\d+) \| (?P<fault>[^|]+) \| (?P<file>[^|]+) 
 SURVIVED = (
     "The link is cut", "The robot reboots", "accepts and never answers", "half open", "wrong key", "changed key", "wrong user",
     "sudo", "full disk", "read-only file system", "no python3", "clock stepped back", "last login", "no chrony", "100 MB",
-    "languages, time zones", "login shell",
-    "Two operators", "SIGKILL",
+    "languages, time zones", "login shell", "Two operators", "SIGKILL",
 )  # fmt: skip
 
 
