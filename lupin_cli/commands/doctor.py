@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from lupin_cli.examination import Examination, Treatment
 
 HEALTHY, ATTENTION, USAGE, UNREACHABLE, FAILED = 0, 1, 2, 3, 4
+INTERRUPTED = 130  # at a question
 WATCH_PERIOD_S = 2.0
 
 
@@ -70,6 +71,8 @@ def command(
         status = _run(examinations, fix, yes, dry_run, watch, as_json, junit, markdown, verbose)
     except (typer.Exit, KeyboardInterrupt):
         raise
+    except typer.Abort:
+        status = INTERRUPTED
     except Exception as error:
         # Scripts tell by the status whether robot or doctor is ill, so no defect may leave with another one.
         if "--debug" in sys.argv:

@@ -176,6 +176,14 @@ def test_fix_leaves_what_is_not_safe_to_a_person_and_yes_speaks_for_one(run: Run
     assert cure.exists()
 
 
+def test_a_question_that_is_not_answered_plays_nothing_and_ends_like_an_interrupt(run: Run, sick, monkeypatch) -> None:
+    cure, consent = sick(safe=False), doctor._Consent
+    monkeypatch.setattr(doctor, "_Consent", lambda yes, interactive: consent(yes, interactive=True))
+    result = run("--only", "cure", "--fix")  # its input ends at once, as Ctrl-C would end it
+    assert result.exit_code == doctor.INTERRUPTED == 130
+    assert "Play" in result.output and "debug" not in result.output and not cure.exists()
+
+
 def test_a_dry_run_shows_what_fix_would_do_and_does_nothing(run: Run, sick) -> None:
     cure = sick()
     result = run("--only", "cure", "--fix", "--dry-run")
