@@ -141,8 +141,12 @@ class Laptop:
 def laptop(request: pytest.FixtureRequest, tmp_path: Path) -> Laptop:
     host: Host = request.getfixturevalue("fresh_host" if "fresh_host" in request.fixturenames else "host")
     until(lambda: vendor_age_s(host) > STARTING_S, "a robot that has been up for a while")
+    if not serves(host):
+        # On a busy machine a boot loses the race for real, and the vendor's script doesn't look again.
+        assert host.robot.inside("systemctl", "restart", "mirte-ros").status == 0
+        until(lambda: vendor_age_s(host) > STARTING_S, "a stack that has been up for a while")
     try:
-        until(lambda: ":11811" in host.ssh("ss -H -lnu").stdout, "a discovery server after the boot")
+        until(lambda: serves(host), "a discovery server after the boot")
     except AssertionError as error:
         tree = host.robot.inside("sh", "-c", "systemctl status --lines=20 --no-pager mirte-ros; ss -lnup").stdout
         raise AssertionError(f"{error}\n{tree}") from None
@@ -150,6 +154,10 @@ def laptop(request: pytest.FixtureRequest, tmp_path: Path) -> Laptop:
     found = Laptop(host, tmp_path / "home")
     found.set_up()
     return found
+
+
+def serves(host: Host) -> bool:
+    return ":11811" in host.ssh("ss -H -lnu").stdout
 
 
 def vendor_age_s(host: Host) -> float:
