@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -135,10 +136,12 @@ def main() -> int:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     lupin = [sys.executable, "-m", "lupin_cli.app"]
-    up = subprocess.run([*lupin, "up", "--detach", "--headless", "--world", options.world], check=False, timeout=60)
-    if up.returncode != 0:
-        return up.returncode
-    run = find_live_run(None)
+    command = [*lupin, "up", "--detach", "--headless", "--world", options.world]
+    up = subprocess.run(command, check=False, timeout=60, stdout=subprocess.PIPE, text=True)
+    begun = re.match(r"run (\S+) has begun", up.stdout)
+    if begun is None:
+        return up.returncode or 1
+    run = find_live_run(begun[1])  # others may be up
     try:
         deadline = time.monotonic() + 60.0
         while not everything_up(run.path / "state.json"):
@@ -148,7 +151,7 @@ def main() -> int:
         os.environ.update(run.info()["environment"])
         times = measure(options.presses)
     finally:
-        subprocess.run([*lupin, "down"], check=False, timeout=60)
+        subprocess.run([*lupin, "down", "--run", run.id], check=False, timeout=60)
     result: dict[str, float] = {}
     for name, values in times.items():
         ordered = sorted(values)
