@@ -19,6 +19,8 @@ from lupin_cli.facts.sockets import SOCKETS
 
 # Unicast ports of domain 0: 7410 + 2 * participant, and one more each for data.
 FIRST_PORT, LAST_PORT = 7410, 7447
+DOMAIN_0, DOMAIN_GAIN = 7400, 250  # RTPS 9.6.2.3: where the ports of each domain begin
+_PORT = re.compile(r"fast(?:rtps|dds)_port(\d+)")
 
 
 def sweep(evidence: Evidence, machine: str) -> Fix:
@@ -85,16 +87,12 @@ def find_unshared_memory(evidence: Evidence) -> Iterator[Finding]:
             other = next((each for each in members if _apart(each, members[0])), None)
             if other is not None:
                 yield _unshared(facts, members[0], _side(other), files)
-        # Of another user's process neither environment nor graph can be read; that it holds ports of the same domain can.
         seen = {process.pid for process in processes}
-        for stranger in sorted(holders - seen):
-            of_it = [file for file in files if file.holder == stranger]
-            user = next((file.user_id for file in of_it if file.is_segment), None)
-            domains = {port // 250 for file in of_it if (port := _port(file)) >= 0}
-            for members in graphs.values():
-                if user is not None and members[0].user_id != user and members[0].domain in domains:
-                    yield _unshared(facts, members[0], _Side(stranger, user, f"process {stranger}"), files)
-                    break
+        for stranger in filter(None, (_stranger(pid, files) for pid in sorted(holders - seen))):
+            near = (each[0] for each in graphs.values() if each[0].domain in stranger.domains)
+            one = next((process for process in near if process.user_id != stranger.user_id), None)
+            if one is not None:
+                yield _unshared(facts, one, stranger, files)
 
 
 def find_lost_memory(evidence: Evidence) -> Iterator[Finding]:
@@ -112,17 +110,17 @@ def find_lost_memory(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _lost(evidence: Evidence, facts: Facts, using: list[RosProcess], account: Account | None) -> Finding:
-    logind = account is not None and account.loses_memory
+    user = account.user if account is not None and account.loses_memory else ""
     return Finding(
         id="shared-memory-removed",
         severity=Severity.PROBLEM,
         where=facts.machine,
         symptom="whoever joins there now sees every name and gets no sample; nodes that were there first hear each other",
         cause="the shared memory of running processes was removed"
-        + (f" by logind, when the last login of {account.user} ended" if logind and account is not None else ""),
+        + (f" by logind, when the last login of {user} ended" if user else ""),
         evidence=(
             *(f"{p.name} (process {p.pid}) holds locks on files that are gone from /dev/shm" for p in using[:4]),
-            *(("logind: RemoveIPC true; user is no system user and does not linger",) if logind else ()),
+            *((f"logind: RemoveIPC true; {user} does not linger",) if user else ()),
         ),
         fix=_keep(evidence, restart=True)
         if facts.machine == "robot"
@@ -159,12 +157,6 @@ def _uses_shared_memory(process: RosProcess, holders: set[int]) -> bool:
     return process.pid in holders
 
 
-def _port(file: SharedFile) -> int:
-    """The number of a port of DDS, counted from domain 0's first; negative for what is none."""
-    found = re.fullmatch(r"fast(?:rtps|dds)_port(\d+)", file.name)
-    return int(found[1]) - 7400 if found else -1
-
-
 @dataclass(frozen=True)
 class _Side:
     """A process that others can't share memory with."""
@@ -173,10 +165,23 @@ class _Side:
     user_id: int
     name: str
     lines: tuple[str, ...] = ()
+    domains: frozenset[int] = frozenset()
 
 
 def _side(process: RosProcess) -> _Side:
     return _Side(process.pid, process.user_id, process.name, (process.line("FASTDDS_BUILTIN_TRANSPORTS"),))
+
+
+def _stranger(pid: int, files: tuple[SharedFile, ...]) -> _Side | None:
+    """A process that holds a segment and can't be read, as another user's can't: its ports tell its domains."""
+    user = next((file.user_id for file in files if file.holder == pid and file.is_segment), None)
+    ports = (int(found[1]) for file in files if file.holder == pid and (found := _PORT.fullmatch(file.name)))
+    domains = frozenset((port - DOMAIN_0) // DOMAIN_GAIN for port in ports if port >= DOMAIN_0)
+    return None if user is None else _Side(pid, user, f"process {pid}", domains=domains)
+
+
+def _shown(files: tuple[SharedFile, ...], pid: int) -> list[SharedFile]:
+    return [file for file in files if file.holder == pid and not file.removed][:2]
 
 
 def _apart(one: RosProcess, other: RosProcess) -> bool:
@@ -185,11 +190,6 @@ def _apart(one: RosProcess, other: RosProcess) -> bool:
 
 
 def _unshared(facts: Facts, one: RosProcess, other: _Side, files: tuple[SharedFile, ...]) -> Finding:
-    of_both = [
-        file
-        for side in (one.pid, other.pid)
-        for file in [each for each in files if each.holder == side and not each.removed][:2]
-    ]
     return Finding(
         id="shared-memory-not-shared",
         severity=Severity.PROBLEM,
@@ -199,7 +199,11 @@ def _unshared(facts: Facts, one: RosProcess, other: _Side, files: tuple[SharedFi
         evidence=(
             one.line("FASTDDS_BUILTIN_TRANSPORTS"),
             *other.lines,
-            *(f"/dev/shm/{file.name}: user {file.user_id}, held by {file.holder}" for file in of_both),
+            *(
+                f"/dev/shm/{file.name}: user {file.user_id}, held by {file.holder}"
+                for side in (one, other)
+                for file in _shown(files, side.pid)
+            ),
         ),
         fix=Fix(f"start {other.name} again with: export FASTDDS_BUILTIN_TRANSPORTS=UDPv4"),
     )
