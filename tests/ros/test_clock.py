@@ -129,4 +129,5 @@ def test_timers_of_a_node_run_in_the_time_that_is_followed(context, monkeypatch)
         node.destroy_node()
         source.destroy_node()
     gaps = [b - a for a, b in pairwise(fired)]
-    assert min(gaps) >= 900_000_000
+    # On a busy machine one may come late; by another clock than the followed one none would come after one second of it.
+    assert min(gaps) >= 900_000_000 and sorted(gaps)[len(gaps) // 2] <= 1_200_000_000
