@@ -21,10 +21,10 @@ _KINDS = {
     errno.ENETDOWN: "no-route",
     errno.EADDRNOTAVAIL: "no-route",
     errno.ECONNREFUSED: "refused",
-    errno.ECONNRESET: "refused",
+    errno.ECONNRESET: "lost",  # accepted, and reset before connect() had looked
     errno.ETIMEDOUT: "timeout",
 }
-_WORTH = ("refused", "no-route", "timeout")  # of several addresses, the answer that says most
+_WORTH = ("lost", "refused", "no-route", "timeout")  # of several addresses, the answer that says most
 
 _HEAD_START_S = 0.3
 UNACKNOWLEDGED_MS = 10_000  # as long as a laptop may take to roam and come back
