@@ -87,6 +87,9 @@ def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
     return x / norm, y / norm, z / norm, w / norm
 
 
+_LATE_IN_A_ROW = 3  # so many samples older than the whole history are no stragglers: the clock has gone back
+
+
 class _Edge:
     """The history of one child frame under its parent, oldest first."""
 
@@ -94,10 +97,16 @@ class _Edge:
         self.parent = parent
         self.static = static
         self.samples: deque[tuple[int, Transform]] = deque()
+        self._late = 0
 
     def insert(self, stamp_ns: int, transform: Transform, keep_ns: int) -> None:
-        if self.static:
+        late = bool(self.samples) and self.samples[-1][0] - stamp_ns > keep_ns
+        self._late = self._late + 1 if late else 0
+        if self.static or self._late == _LATE_IN_A_ROW:
             self.samples.clear()
+            self._late = 0
+        elif late:
+            return
         if not self.samples or stamp_ns > self.samples[-1][0]:
             self.samples.append((stamp_ns, transform))
         else:
@@ -126,7 +135,7 @@ class _Edge:
 
 
 class TransformTree:
-    """Thread-safe history of all frames, `keep_s` seconds deep."""
+    """Thread-safe history of all frames, `keep_s` seconds deep; a clock that goes back by more than that begins it anew."""
 
     def __init__(self, keep_s: float = 10.0) -> None:
         self._keep_ns = int(keep_s * 1e9)

@@ -96,3 +96,16 @@ def test_history_is_bounded_by_its_depth_in_time() -> None:
     with pytest.raises(TransformUnavailable):
         tree.lookup("odom", "base_link", 8_000_000_000)
     assert tree.lookup("odom", "base_link", 9_000_000_000).translation[0] == pytest.approx(90.0)
+
+
+def test_a_clock_that_goes_back_begins_the_history_anew_and_a_straggler_does_not() -> None:
+    tree = TransformTree(keep_s=1.0)
+    second = 1_000_000_000
+    tree.insert("odom", "base_link", 500 * second, Transform((1.0, 0.0, 0.0)))
+    tree.insert("odom", "base_link", 10 * second, Transform((2.0, 0.0, 0.0)))
+    tree.insert("odom", "base_link", 501 * second, Transform((3.0, 0.0, 0.0)))
+    assert tree.lookup("odom", "base_link").translation[0] == 3.0
+    for i in range(5):
+        tree.insert("odom", "base_link", (20 + i) * second // 2, Transform((10.0 + i, 0.0, 0.0)))
+    assert tree.newest_ns("odom", "base_link") == 12 * second
+    assert tree.lookup("odom", "base_link", 12 * second).translation[0] == 14.0
