@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import time
 
 import rclpy
 from rclpy.action import ActionServer
@@ -57,6 +58,7 @@ def act(node: Node) -> None:
         for distance in (2.0, 1.0):
             feedback = NavigateToPose.Feedback(distance_remaining=distance, current_pose=goal_handle.request.pose)
             goal_handle.publish_feedback(feedback)
+            time.sleep(0.3)  # rclpy's client drops feedback that it takes after the goal's last status
         goal_handle.succeed()
         return NavigateToPose.Result(error_code=NavigateToPose.Result.NONE, error_msg=goal_handle.request.behavior_tree)
 
