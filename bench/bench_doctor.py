@@ -5,11 +5,11 @@ imports included, in turns with the peers; medians. Whoever asks the slowest que
 The robot's own log of logins says how many connections it took.
 
 What is fair: the peers ask the same by tasks of their own, as these tools are used: pyinfra by `server.Command` facts, Ansible
-by `shell` tasks; once a task for each of our scripts, once for each question in them (see peers/facts.py). They are at their
-best: pipelining, no facts of Ansible's own, its connection open already, while ours and pyinfra connect anew. And they are
-spared: they ask the robot only and judge nothing; ours asks this machine too, measures one clock against the other and runs all
-checks. What is not: neither is made for questions that don't depend on each other. Whoever wrote all scripts into one task with
-`&` and `wait` would have written our batch.
+by `shell` tasks; once a task for each of our scripts, once for each question in them; once of the robot alone, and once of both
+machines, as the doctor does (see peers/facts.py). They are at their best: pipelining, no facts of Ansible's own, its connection
+open already, while ours and pyinfra connect anew. And they are spared: they judge nothing; ours measures one clock against the
+other and runs all checks. What is not: neither is made for questions that don't depend on each other. Whoever wrote all scripts
+into one task with `&` and `wait` would have written our batch.
 
 `floor` is what no program of ours gets below: an interpreter, paramiko, one log-in, and `true` over there. A peer that takes
 less than ten (thirty) times as long can't be beaten by that ratio, whatever is asked.
@@ -49,13 +49,6 @@ client.close()
 """
 LIMIT_BEYOND_S, PYINFRA_LIMIT, ANSIBLE_LIMIT = 0.5, 10.0, 30.0
 READY_BOUND_S = 90.0
-
-
-def visiting() -> list[str]:
-    """The checks that visit a graph."""
-    from lupin_cli.checks.table import built_in
-
-    return [c.name for c in built_in() if any(fact.name == "graph" for fact in (*c.laptop, *c.robot))]
 
 
 def set_up(someone: Operator) -> dict[str, str]:
@@ -121,7 +114,7 @@ class Doctor:
 def compared(rounds: int, with_peers: bool, busy: bool, note: Callable[[str], None]) -> dict[str, Any]:
     """Everything but the visit to the graph, in turns with the peers."""
     with operator() as someone:
-        doctor = Doctor(someone, set_up(someone), *(word for name in visiting() for word in ("--skip", name)))
+        doctor = Doctor(someone, set_up(someone), *(word for name in peers.visiting() for word in ("--skip", name)))
         if busy:
             take_the_cores(someone.host)
         doctor.once()
@@ -134,14 +127,18 @@ def compared(rounds: int, with_peers: bool, busy: bool, note: Callable[[str], No
         result = {**doctor.told(), **result}
         if with_peers:
             with tools_of(someone) as tools:
-                result["peers"] = {way: _in_turns(someone, doctor, tools, way, rounds, note) for way in peers.WAYS}
+                result["peers"] = {
+                    f"{way} of {ends}": _in_turns(someone, doctor, tools, peers.asked(tools.address, way, ends), rounds, note)
+                    for way in peers.WAYS
+                    for ends in peers.ENDS
+                }
     return result
 
 
 def _in_turns(
-    someone: Operator, doctor: Doctor, tools: Tools, way: str, rounds: int, note: Callable[[str], None]
+    someone: Operator, doctor: Doctor, tools: Tools, questions: peers.Questions, rounds: int, note: Callable[[str], None]
 ) -> dict[str, Any]:
-    questions = peers.asked(someone.host.robot.eth0, way)
+    tasks = sum(map(len, questions.values()))
     commands = {"pyinfra": peers.pyinfra(tools, questions), "ansible": peers.ansible(tools, questions)}
     walls: dict[str, list[float]] = {"lupin": [], "pyinfra": [], "ansible": [], "floor": []}
     floor = [sys.executable, "-c", FLOOR, tools.address, str(tools.key), str(tools.known_hosts)]
@@ -152,8 +149,8 @@ def _in_turns(
             ran = someone.must(someone.run(command, tools.environment))
             peers.must_have_answered(name, ran.stdout + ran.stderr, questions, tools)
             walls[name].append(ran.wall_s)
-        note(f"{len(questions)} {way}, round {round_}: " + ", ".join(f"{n} {w[-1]:.2f} s" for n, w in walls.items()))
-    found: dict[str, Any] = {"tasks": len(questions), **{f"{name}_s": median(w[1:]) for name, w in walls.items()}}
+        note(f"{tasks} tasks, round {round_}: " + ", ".join(f"{n} {w[-1]:.2f} s" for n, w in walls.items()))
+    found: dict[str, Any] = {"tasks": tasks, **{f"{name}_s": median(w[1:]) for name, w in walls.items()}}
     for name, limit in (("pyinfra", PYINFRA_LIMIT), ("ansible", ANSIBLE_LIMIT)):
         times = {
             ours: round(median([theirs / own for theirs, own in zip(walls[name][1:], walls[ours][1:])]), 1)

@@ -19,6 +19,11 @@ HOOK = "unset ROS_DISCOVERY_SERVER FASTRTPS_DEFAULT_PROFILES_FILE\n"
 Act = Callable[[Rig], object]
 
 
+# What Lupin's own half of the stack says of the drive bus: nobody says it while that half is down.
+OF_ONBOARD = ("page-zeros", "pad-zeros", "page-stop", "red-button", "wrong-sink")
+OF_PROFILE = ("profile-not-default", "profile-client", "profile-prefix", "profile-address")
+
+
 def nothing(_: Rig) -> None:
     """Taken back by `restore`, or by what takes the other faults back."""
 
@@ -38,10 +43,11 @@ class Case:
     on_robot: bool = True  # it is seen by asking the robot
     shell: str = "sourced"  # the environment in which the doctor is asked
     robot: str = NAME  # by which name of the inventory
+    hides: tuple[str, ...] = ()  # cases whose evidence is gone while this one stands
 
     def fits(self, other: Case) -> bool:
         """Whether both can stand, and be seen, at the same time."""
-        if self.area and self.area == other.area:
+        if (self.area and self.area == other.area) or self.name in other.hides or other.name in self.hides:
             return False
         if (self.ends_graph and other.needs_graph) or (other.ends_graph and self.needs_graph):
             return False
@@ -251,12 +257,14 @@ CASES: tuple[Case, ...] = (
     of_host("sshd-down", "sshd-down", "robot-unreachable", "way", unreachable=True),
     of_host("host-key-changed", "host-key-changed", "robot-unreachable", "way", unreachable=True),
     of_host("wifi-roam", "wifi-roam", "robot-unreachable", "way", unreachable=True, robot=f"{NAME}-ap"),
-    of_host("dual-homed", "dual-homed", "robot-multi-homed", "way", ends_graph=True),
+    of_host("dual-homed", "dual-homed", "robot-multi-homed", "way", ends_graph=True, hides=("vendor-stopped",)),
     # -- the phone book
     of_stack("race-port", "server-not-started", "discovery-server-missing", {"cause": "port"}),
     of_stack("race-path", "server-not-started", "discovery-server-missing", {"cause": "path"}),
     of_stack("server-killed", "server-killed", "discovery-server-missing"),
-    of_host("server-pinned", "server-pinned", "discovery-server-pinned", "server", ends_graph=True),
+    of_host(
+        *("server-pinned", "server-pinned", "discovery-server-pinned", "server"), ends_graph=True, hides=("profile-address",)
+    ),
     of_host("server-stopped", "server-stopped", "discovery-server-stopped", "server", ends_graph=True),
     of_host("server-port-taken", "server-port-taken", "discovery-port-taken", "server", ends_graph=True),
     of_stack("dds-off", "dds-off", "discovery-server-switched-off"),
@@ -276,6 +284,7 @@ CASES: tuple[Case, ...] = (
         on_robot=False,
         shell="plain",
         ends_graph=True,
+        hides=OF_PROFILE,
     ),
     stranger("page-port-taken", TCP.format(port=8090), "port-8090-taken", 8090),
     stranger("bridge-port-taken", TCP.format(port=9090), "port-9090-taken", 9090),
@@ -292,10 +301,10 @@ CASES: tuple[Case, ...] = (
     ),
     # -- units
     of_host("auto-home-failed", "oneshot-failed", "oneshot-failed", "auto-home"),
-    of_host("onboard-stopped", "unit", "unit-not-running", "onboard", {"state": "stopped"}),
-    Case("onboard-given-up", frozenset({"unit-start-limit"}), _give_up, _start_again, "onboard"),
+    of_host("onboard-stopped", "unit", "unit-not-running", "onboard", {"state": "stopped"}, hides=OF_ONBOARD),
+    Case("onboard-given-up", frozenset({"unit-start-limit"}), _give_up, _start_again, "onboard", hides=OF_ONBOARD),
     of_host("onboard-disabled", "unit", "unit-not-enabled", "onboard", {"state": "disabled"}),
-    of_host("onboard-masked", "unit", "unit-not-enabled", "onboard", {"state": "masked"}),
+    of_host("onboard-masked", "unit", "unit-not-enabled", "onboard", {"state": "masked"}, hides=OF_ONBOARD),
     on_robot(
         *("unit-unread", "sleep 1; touch /etc/systemd/system/lupin-onboard.service", "systemctl daemon-reload"),
         *("units-need-reload", "onboard"),
@@ -318,11 +327,13 @@ CASES: tuple[Case, ...] = (
         *("controllers-unconfigured", frozenset({"controllers-not-active"}), _lost_controllers("unconfigured")),
         *(_mend_controllers, "server"),
         needs_graph=True,
+        hides=("controller-inactive",),
     ),
     Case(
         *("controllers-unloaded", frozenset({"controllers-not-active"}), _lost_controllers("unloaded")),
         *(_mend_controllers, "server"),
         needs_graph=True,
+        hides=("controller-inactive",),
     ),
     order(
         "controller-inactive",

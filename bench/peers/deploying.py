@@ -101,7 +101,7 @@ def ansible(tools: Tools, wanted: Wanted, way: str) -> list[str]:
         {"ansible.builtin.systemd_service": {"name": "lupin-auto-home.service", "enabled": True}},
         {"ansible.builtin.systemd_service": {"name": "lupin-onboard.service", "enabled": True, "state": "started"}},
     ]
-    return tools.ansible(f"deploy-{way}", [{"become": True, **task} for task in tasks])
+    return tools.ansible(f"deploy-{way}", {"robot": [{"become": True, **task} for task in tasks]})
 
 
 def ansible_changed(stdout: str) -> int:

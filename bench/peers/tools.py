@@ -54,7 +54,7 @@ class Tools:
         for name, text in (
             ("ansible.cfg", self._ansible_cfg()),
             ("hosts.ini", self._hosts()),
-            ("inventory.py", self._inventory()),
+            *((f"inventory-{'-'.join(ends)}.py", self._inventory(ends)) for ends in (("robot",), ("robot", "laptop"))),
         ):
             (self.folder / name).write_text(text)
 
@@ -82,12 +82,13 @@ ssh_args = {self.ssh_options}
 """
 
     def _hosts(self) -> str:
-        return f"robot ansible_host={self.address} ansible_user={self.user}\n"
+        return f"robot ansible_host={self.address} ansible_user={self.user}\nlaptop ansible_connection=local\n"
 
-    def _inventory(self) -> str:
+    def _inventory(self, ends: Sequence[str]) -> str:
         data: dict[str, Any] = {"ssh_user": self.user, "ssh_key": str(self.key), "ssh_known_hosts_file": str(self.known_hosts)}
         data |= {"ssh_allow_agent": False, "ssh_look_for_keys": False}
-        return f"hosts = [({self.address!r}, {data!r})]\n"
+        hosts = {"robot": f"({self.address!r}, {data!r})", "laptop": "'@local'"}
+        return f"hosts = [{', '.join(hosts[end] for end in ends)}]\n"
 
     @property
     def environment(self) -> dict[str, str]:
@@ -99,16 +100,18 @@ ssh_args = {self.ssh_options}
             "ANSIBLE_CONFIG": str(self.folder / "ansible.cfg"),
         }
 
-    def pyinfra(self, name: str, text: str, data: Mapping[str, Any]) -> list[str]:
-        """The command that runs the deploy `text`; it finds `data` as DATA."""
+    def pyinfra(self, name: str, text: str, data: Mapping[str, Any], ends: Sequence[str] = ("robot",)) -> list[str]:
+        """The command that runs the deploy `text` for these machines; it finds `data` as DATA."""
         path = self.folder / f"{name}.py"
         path.write_text(f"import json\nDATA = json.loads({json.dumps(data)!r})\n{text}")
-        return [str(programs() / "pyinfra"), "-y", str(self.folder / "inventory.py"), str(path)]
+        return [str(programs() / "pyinfra"), "-y", str(self.folder / f"inventory-{'-'.join(ends)}.py"), str(path)]
 
-    def ansible(self, name: str, tasks: Sequence[Mapping[str, Any]]) -> list[str]:
-        """The command that plays these tasks."""
+    def ansible(self, name: str, plays: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
+        """The command that plays these tasks, by the machines that they are for."""
         path = self.folder / f"{name}.yml"
-        path.write_text(yaml.dump([{"hosts": "robot", "gather_facts": False, "tasks": list(tasks)}], Dumper=_Dumper))
+        path.write_text(
+            yaml.dump([{"hosts": h, "gather_facts": False, "tasks": list(t)} for h, t in plays.items()], Dumper=_Dumper)
+        )
         return [str(programs() / "ansible-playbook"), str(path)]
 
     def shared_connection(self, verb: str) -> list[str]:

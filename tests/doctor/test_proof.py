@@ -98,6 +98,7 @@ def test_every_fault_of_the_bench_stands_where_its_name_stands() -> None:
     assert set(told) == {case.name for case in CASES}
     for case in CASES:
         assert case.name in several or case.expected <= told[case.name], case.name
+        assert set(case.hides) <= set(told), case.name
 
 
 def _module_fixes(tree: ast.Module) -> dict[str, ast.Call]:
