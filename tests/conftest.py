@@ -120,11 +120,12 @@ class GraphHost:
 
     def close(self) -> None:
         """Stop all nodes; a callback's exception that no wait has shown yet fails the test here."""
-        try:
-            while self._running:
+        while self._running:
+            try:
                 self._stop(*self._running.pop())
-        finally:
-            self.context.try_shutdown()
+            except Exception as error:  # the others are stopped all the same: what is left lives on into the next tests
+                self._errors.append(error)
+        self.context.try_shutdown()
         if self._errors:
             raise self._errors[0]
 

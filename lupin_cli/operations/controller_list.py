@@ -23,6 +23,7 @@ if client.wait_for_service(timeout_sec=15.0):
     rclpy.spin_until_future_complete(node, future, timeout_sec=5.0)
     if future.done():
         print("states " + json.dumps({c.name: c.state for c in future.result().controller}), flush=True)
+node.destroy_node()  # or it is on the graph for 20 s more
 os._exit(0)
 """
 

@@ -198,7 +198,8 @@ def main(arguments: list[str]) -> int:
         print(f"{time.monotonic() - began_s:6.1f} s  {line}", flush=True)
 
     rclpy.init(args=[])
-    home = AutoHome(LupinNode("auto_home"), replace(Limits(), visible_s=patience_s), say)
+    node = LupinNode("auto_home")
+    home = AutoHome(node, replace(Limits(), visible_s=patience_s), say)
     try:
         home.run()
     except NotHome as reason:
@@ -209,6 +210,7 @@ def main(arguments: list[str]) -> int:
         return 1
     finally:
         home.close()
+        node.destroy_node()
         rclpy.try_shutdown()
     return 0
 

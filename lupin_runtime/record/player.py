@@ -208,8 +208,9 @@ def _play(
     from lupin_runtime.ros import LupinNode
 
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    node = LupinNode("lupin_replay", enable_rosout=False)
     try:
-        player = Player(LupinNode("lupin_replay", enable_rosout=False), _print_line, stop)
+        player = Player(node, _print_line, stop)
         for problem in player.advertise(channels, wanted):
             print(problem, file=sys.stderr)
         player.wait_for_subscribers(arguments.wait_s)
@@ -222,6 +223,7 @@ def _play(
         player.settle(SETTLE_S)
         return 0 if whole and not stop.is_set() else 130
     finally:
+        node.destroy_node()
         rclpy.try_shutdown()
 
 

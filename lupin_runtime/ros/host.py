@@ -53,6 +53,8 @@ class _Spinner:
             # The shutdown of an executor does not wait for the thread inside it, and the interpreter aborts (134) if it
             # ends while that thread is still in a wait set.
             self.thread.join(STOP_GRACE_S)
+        if not self.thread.is_alive():
+            self.node.destroy_node()  # it says goodbye: a node that only ends is seen by others for its lease of 20 s
 
 
 def run(

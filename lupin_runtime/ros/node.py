@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-from rclpy.action import ActionClient
+from rclpy.action import ActionClient, ActionServer
 from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
@@ -86,6 +86,13 @@ class LupinNode(Node):
         if options.get("clock") is None and not self.simulated_time:
             options["clock"] = _STEADY
         return super().create_timer(timer_period_sec, callback, *args, **options)
+
+    def destroy_node(self) -> None:
+        """As rclpy's, with action servers and clients too: each holds on to the node, and others would see it for its lease."""
+        for waitable in list(self.waitables):
+            if isinstance(waitable, ActionServer | ActionClient):
+                waitable.destroy()
+        super().destroy_node()
 
     def now_ns(self) -> int:
         """ROS time: the simulator's under `/clock`, the system's otherwise. For stamps."""

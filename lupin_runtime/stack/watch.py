@@ -83,6 +83,7 @@ class GraphWatch:
     def close(self) -> None:
         """Leave the graph."""
         self._executor.shutdown(timeout_sec=1.0)
+        self.node.destroy_node()
         rclpy.try_shutdown()
 
     def _tick(self, name: str, _: bytes) -> None:

@@ -81,5 +81,34 @@ def test_a_callback_that_raises_ends_the_process_with_its_stack() -> None:
     assert "RuntimeError: a defect" in err
 
 
+LEAVER = """
+import os
+from lupin_runtime import graph
+from lupin_runtime.ros import LupinNode, run
+
+class Leaver(LupinNode):
+    def __init__(self):
+        super().__init__('leaver')
+        self.create_timer(0.1, self.tick)
+        self.navigation = self.action_client(graph.NAVIGATE_TO_POSE)
+    def tick(self):
+        pass
+
+os._exit(run([Leaver]))
+"""
+
+
+def test_a_process_that_ends_is_gone_from_the_graph_at_once(graph_host) -> None:
+    from lupin_runtime.ros import LupinNode
+
+    looker = graph_host.add(LupinNode("looker"))
+    process = subprocess.Popen([sys.executable, "-c", LEAVER])
+    graph_host.until(lambda: "leaver" in looker.get_node_names(), what="the node")
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(10) == 0
+    # The lease of a process that only vanishes lasts 20 s.
+    graph_host.until(lambda: "leaver" not in looker.get_node_names(), 10.0, "the node's goodbye")
+
+
 def test_environment_of_tests_is_private() -> None:
     assert int(os.environ["ROS_DOMAIN_ID"]) > 0
