@@ -159,6 +159,14 @@ def groups_of(cases: Sequence[Case], size: int, seed: int) -> tuple[list[tuple[C
     return sorted(groups, key=len, reverse=True), possible
 
 
+def proven(outcome: Outcome, cases: Sequence[Case]) -> set[tuple[str, ...]]:
+    """The pairs for which an outcome speaks: both were told, and nothing that is not there."""
+    if outcome.false or outcome.error:
+        return set()
+    told = {*outcome.named, *outcome.folded}
+    return set(combinations(sorted(case.name for case in cases if case.expected <= told), 2))
+
+
 def healthy_runs(rig: Rig, count: int, beside: int, note: Callable[[dict[str, Any]], object]) -> list[dict[str, Any]]:
     """As many diagnoses of a robot that is well, some of them at the same time; `note` hears of each as it ends."""
     rig.until_healthy()
@@ -233,8 +241,7 @@ def main() -> int:
                 break
             outcome, broken = attempt(rig, cases, options.yes)
             (singles if len(cases) == 1 else doubles).append(outcome)
-            if outcome.right:
-                seen |= set(combinations(sorted(outcome.faults), 2))
+            seen |= proven(outcome, cases)
             print(line(outcome), file=told, flush=True)
             note(options.log, asdict(outcome) | {"broken": broken})
             if broken:

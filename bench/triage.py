@@ -53,7 +53,7 @@ class Case:
             return False
         if (self.unreachable and other.on_robot) or (other.unreachable and self.on_robot):
             return False
-        return {self.shell, other.shell} <= {"sourced", self.shell} and self.robot == other.robot
+        return len({self.shell, other.shell} - {"sourced"}) <= 1 and self.robot == other.robot
 
 
 def of_host(
