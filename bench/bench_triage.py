@@ -20,9 +20,9 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -129,20 +129,24 @@ def attempt(rig: Rig, cases: Sequence[Case], yes: bool) -> tuple[Outcome, str]:
     return outcome, broken
 
 
-def pairs_of(cases: Sequence[Case], count: int, seed: int) -> tuple[list[tuple[Case, Case]], int]:
-    """So many pairs that can stand together, drawn at random (all, where there are no more), and how many there are."""
+def pairs_of(cases: Sequence[Case], count: int, seed: int) -> list[tuple[Case, Case]]:
+    """So many pairs that can stand together, drawn at random; all, where there are no more."""
     possible = [pair for pair in combinations(cases, 2) if pair[0].fits(pair[1])]
     random.Random(seed).shuffle(possible)
-    return possible[:count], len(possible)
+    return possible[:count]
 
 
-def groups_of(cases: Sequence[Case], size: int, seed: int) -> tuple[list[tuple[Case, ...]], int]:
-    """Sets of up to `size` faults that can all stand together, until every pair that can is in one; and how many pairs can.
+def groups_of(
+    cases: Sequence[Case], size: int, seed: int, known: Collection[tuple[str, ...]] = ()
+) -> tuple[list[tuple[Case, ...]], int]:
+    """Sets of up to `size` faults that can all stand together, until every pair that can, and isn't `known`, is in one; and how
+    many pairs can.
 
     A fault that hides another in a pair hides it among more, so that a set in which all are named speaks for each of its pairs.
     """
     left = {pair for pair in combinations(range(len(cases)), 2) if cases[pair[0]].fits(cases[pair[1]])}
     possible, chance = len(left), random.Random(seed)
+    left = {pair for pair in left if tuple(sorted(cases[index].name for index in pair)) not in known}
     groups = []
     while left:
         first = chance.choice(sorted(left))
@@ -157,6 +161,17 @@ def groups_of(cases: Sequence[Case], size: int, seed: int) -> tuple[list[tuple[C
         left -= set(combinations(sorted(group), 2))
         groups.append(tuple(cases[index] for index in sorted(group)))
     return sorted(groups, key=len, reverse=True), possible
+
+
+def known_from(log: Path | None, cases: Sequence[Case]) -> set[tuple[str, ...]]:
+    """The pairs that an earlier run's log speaks for."""
+    pairs: set[tuple[str, ...]] = set()
+    for text in log.read_text().splitlines() if log is not None and log.exists() else ():
+        told = json.loads(text)
+        if "faults" in told:
+            outcome = Outcome(**{each.name: told[each.name] for each in fields(Outcome) if each.name in told})
+            pairs |= proven(outcome, [case for case in cases if case.name in outcome.faults])
+    return pairs
 
 
 def proven(outcome: Outcome, cases: Sequence[Case]) -> set[tuple[str, ...]]:
@@ -220,18 +235,22 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--yes", action="store_true", help="play what asks a person, too")
     parser.add_argument("--limit-s", type=float, default=3300.0, help="nothing new is begun after this")
-    parser.add_argument("--log", type=Path, help="every outcome as a line of JSON")
+    parser.add_argument("--log", type=Path, help="every outcome as a line of JSON; pairs that it proves already are in no set")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     began = time.monotonic()
     chosen = [case for case in CASES if not options.only or any(fnmatch.fnmatch(case.name, only) for only in options.only)]
-    pairs, possible = pairs_of(chosen, options.pairs, options.seed)
-    groups, _ = groups_of(chosen, options.together, options.seed) if options.together else ([], 0)
-    plan: list[tuple[Case, ...]] = [*([] if options.no_singles else [(case,) for case in chosen]), *pairs, *groups]
+    pairs = pairs_of(chosen, options.pairs, options.seed)
+    seen = known_from(options.log, chosen)
+    groups, possible = groups_of(chosen, options.together, options.seed, seen)
+    plan: list[tuple[Case, ...]] = [
+        *([] if options.no_singles else [(case,) for case in chosen]),
+        *pairs,
+        *(groups if options.together else []),
+    ]
     singles: list[Outcome] = []
     doubles: list[Outcome] = []
     well: list[dict[str, Any]] = []
-    seen: set[tuple[str, ...]] = set()
     told, reboots = sys.stderr if options.json else sys.stdout, 0
     rig = ready()
     try:
