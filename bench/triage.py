@@ -169,7 +169,7 @@ def stranger(name: str, code: str, expected: str, port: int) -> Case:
 def _lost_controllers(state: str) -> Act:
     # Auto-home belongs to the stack and would heal them: it has given up here.
     def make(rig: Rig) -> None:
-        rig.root("systemctl stop lupin-auto-home; systemctl disable -q lupin-auto-home; systemctl reset-failed; true")
+        rig.root("u=lupin-auto-home; systemctl stop $u; systemctl disable -q $u; systemctl reset-failed $u; true")
         rig.host.robot.fault("controllers-stuck", state=state)
         rig.root("systemctl enable -q lupin-auto-home")
 

@@ -16,19 +16,27 @@ from lupin_cli.facts.shell import SHELL
 def find_profiles(evidence: Evidence) -> Iterator[Finding]:
     """Profiles in use that don't do what they are there for. One that nobody names is nobody's concern."""
     for facts in machines(evidence):
-        servers = _users(facts)
+        of_shell, of_processes = _shells(facts), _processes(facts)
         for profile in facts.get(DDS_PROFILES) or ():
-            if profile.path in servers:
-                for id, cause in _faults(profile, servers[profile.path]):
-                    yield _finding(evidence, facts.machine, profile, id, cause, servers[profile.path])
+            shells, processes = of_shell.get(profile.path, {}), of_processes.get(profile.path, {})
+            if users := {**shells, **processes}:
+                # What the operator's own shell says is the set-up; a process that asks another server is told by itself.
+                for id, cause in _faults(profile, shells or processes):
+                    yield _finding(evidence, facts.machine, profile, id, cause, users)
 
 
-def _users(facts: Facts) -> dict[str, dict[str, str]]:
-    """Path of a profile → who names it beside a discovery server → that server's address."""
+def _processes(facts: Facts) -> dict[str, dict[str, str]]:
+    """Path of a profile → which process names it beside a discovery server → that server's address."""
     found: dict[str, dict[str, str]] = {}
     for process in facts.get(ROS_PROCESSES) or ():
         if process.profile and process.server and not process.is_server:
             found.setdefault(process.profile, {})[f"{process.name} (process {process.pid})"] = process.server
+    return found
+
+
+def _shells(facts: Facts) -> dict[str, dict[str, str]]:
+    """The same of the laptop's shell and of the exports that a new one gets."""
+    found: dict[str, dict[str, str]] = {}
     shell = facts.get(SHELL) if facts.machine == "laptop" else None
     if shell is not None:
         for variables, who in ((shell.environment, "this shell"), (shell.exports, shell.exports_path)):

@@ -253,6 +253,20 @@ def test_each_fault_of_the_profile_is_named(healthy, fault, name) -> None:
     assert finding.fix.command == "lupin dds setup 10.42.0.1"
 
 
+def test_a_profile_is_judged_by_the_shell_and_not_by_a_process_that_asks_elsewhere(healthy) -> None:
+    def stale(processes: tuple) -> tuple:
+        home = "/home/operator/.config/lupin/fastdds_super_client.xml"
+        environment = {"ROS_DISCOVERY_SERVER": "192.168.42.1:11811", "FASTRTPS_DEFAULT_PROFILES_FILE": home}
+        return (*processes, replace(processes[0], pid=99, environment=environment))
+
+    sick = healthy.with_("laptop", "ros-processes", stale)
+    assert "profile-wrong-address" not in sick.named()
+    elsewhere = own_profile(servers=(Server("44.53.00.5f.45.50.52.4f.53.49.4d.41", "192.168.42.1", 11811),))
+    found = sick.with_("laptop", "dds-profiles", elsewhere).roots()
+    (finding,) = (finding for finding in found if finding.id == "profile-wrong-address")
+    assert finding.fix.command == "lupin dds setup 10.42.0.1"
+
+
 def test_a_faulty_profile_that_nobody_names_is_nobodys_concern(healthy) -> None:
     stray = healthy.with_("laptop", "dds-profiles", lambda ps: (*ps, replace(ps[0], path="/old.xml", default=False)))
     assert stray.named() == []
