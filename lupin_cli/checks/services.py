@@ -111,8 +111,6 @@ def _of_unit(evidence: Evidence, unit: Unit) -> Iterator[Finding]:
                 yield _finding(
                     "oneshot-failed", unit, cause, words, command, evidence, "the clock was not set before the stack started"
                 )
-        elif unit.enabled == "disabled":
-            yield _disabled(unit, words, evidence)
     elif unit.active == "failed" and _gave_up(evidence, unit):
         command = f"sudo systemctl reset-failed {name}; sudo systemctl start {name}"
         yield _finding(
@@ -135,8 +133,9 @@ def _of_unit(evidence: Evidence, unit: Unit) -> Iterator[Finding]:
         cause = f"{name} is installed and not running"
         command = f"sudo systemctl start {name}"
         yield _finding("unit-not-running", unit, cause, words, command, evidence)
-    elif unit.enabled == "disabled":
-        yield _disabled(unit, words, evidence)
+    if unit.enabled == "disabled" and unit.active != "failed" and not _looping(unit):
+        command = f"sudo systemctl enable {name}"
+        yield _finding("unit-not-enabled", unit, f"{name} will not start at the next boot", words, command, evidence)
 
 
 def _gave_up(evidence: Evidence, unit: Unit) -> bool:
@@ -148,11 +147,6 @@ def _gave_up(evidence: Evidence, unit: Unit) -> bool:
 
 def _looping(unit: Unit) -> bool:
     return unit.sub == "auto-restart" or (unit.active == "activating" and unit.restarts >= MANY_RESTARTS)
-
-
-def _disabled(unit: Unit, words: tuple[str, ...], evidence: Evidence) -> Finding:
-    command = f"sudo systemctl enable {unit.name}"
-    return _finding("unit-not-enabled", unit, f"{unit.name} will not start at the next boot", words, command, evidence)
 
 
 SYMPTOMS = {

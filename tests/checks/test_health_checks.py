@@ -155,7 +155,7 @@ def test_full_shared_memory_is_swept_on_the_machine_that_it_is_on() -> None:
 
 def test_a_changed_unit_file_and_a_masked_unit_are_named() -> None:
     seen = ids(world(units="stopped-and-stale"))
-    assert seen == ["vendor-service-down", "unit-not-enabled", "unit-not-enabled", "units-need-reload"]
+    assert seen == ["vendor-service-down", *3 * ["unit-not-enabled"], "units-need-reload"]
 
 
 def test_the_failed_oneshot_shows_its_last_words_and_is_healed_by_a_person() -> None:
