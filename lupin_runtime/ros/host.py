@@ -53,8 +53,11 @@ class _Spinner:
             # The shutdown of an executor does not wait for the thread inside it, and the interpreter aborts (134) if it
             # ends while that thread is still in a wait set.
             self.thread.join(STOP_GRACE_S)
+
+    def leave(self) -> None:
+        """Say goodbye: a node that only ends is seen by others for its lease of 20 s. After `stop` of all, which may share."""
         if not self.thread.is_alive():
-            self.node.destroy_node()  # it says goodbye: a node that only ends is seen by others for its lease of 20 s
+            self.node.destroy_node()
 
 
 def run(
@@ -112,6 +115,8 @@ def run(
         threading.Thread(target=_exit_after, args=(2 * STOP_GRACE_S,), daemon=True).start()
         for spinner in spinners:
             spinner.stop()
+        for spinner in spinners:
+            spinner.leave()
         if follower is not None:
             follower.stop()
         rclpy.try_shutdown()
