@@ -12,6 +12,7 @@ Two ways to cut the doctor's scripts, which hold several questions each:
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from collections.abc import Mapping
 from typing import Any
@@ -23,8 +24,11 @@ ENDS: Mapping[str, tuple[str, ...]] = {"robot": ("robot",), "both": ("robot", "l
 Questions = Mapping[str, Mapping[str, str]]
 """By machine, then by names that tell the fact."""
 SECTION = "echo '@@ "
-# Before its questions a script may set the language, and look for sudo: that is said again with each of them.
+# Before its questions a script may set the language, and a variable: that is said again with each of them that needs it.
 TOGETHER = ("pids=", "found=", "j()", "cd /dev/shm", "names=")
+
+
+VARIABLE = re.compile(r"([a-z]+)=")
 
 
 def visiting() -> list[str]:
@@ -52,8 +56,7 @@ def _cut(script: str) -> list[str]:
     if len(starts) < 2 or any(word in line for line in before for word in TOGETHER):
         return [script]
     parts = ["".join(lines[start:end]) for start, end in zip(starts, [*starts[1:], len(lines)])]
-    # Nobody looks for sudo who doesn't need it.
-    leads = ["".join(line for line in before if not line.startswith("as=") or "$as" in part) for part in parts]
+    leads = ["".join(line for line in before if not (set_ := VARIABLE.match(line)) or f"${set_[1]}" in part) for part in parts]
     return [lead + part for lead, part in zip(leads, parts) if "'@@ end'" not in part]
 
 

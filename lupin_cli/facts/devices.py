@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers
+from lupin_cli.facts.sections import PRELUDE, answers, as_root_if_allowed
 from lupin_cli.target.base import Output
 
-# Only root sees what other users' processes hold open, so sudo is tried where it needs no password.
+# Only root sees what other users' processes hold open.
+_HELD = """find /proc/[0-9]*/fd -maxdepth 1 \\( -lname '/dev/video*' -o -lname '/dev/ttyACM*' -o -lname '/dev/ttyUSB*' \\
+  -o -lname '/dev/bus/usb/*' -o -lname '/dev/media*' \\) -printf '%p %l\\n'"""
 PROBE = (
     PRELUDE
-    + """as=; [ "$(id -u)" = 0 ] || { sudo -n true 2>/dev/null && as='sudo -n'; }
-echo '@@ usb'
+    + """echo '@@ usb'
 for d in /sys/bus/usb/devices/*; do
   [ -r "$d/idVendor" ] || continue
   echo "${d##*/} $(cat "$d/idVendor"):$(cat "$d/idProduct") $(cat "$d/product" 2>/dev/null)"
@@ -21,8 +22,11 @@ echo '@@ video'; for v in /sys/class/video4linux/*; do [ -e "$v" ] && echo "/dev
 echo '@@ serial'; for s in /dev/ttyACM* /dev/ttyUSB*; do [ -e "$s" ] && echo "$s $(stat -c '%U:%G %a' "$s")"; done
 echo '@@ by-id'; for s in /dev/serial/by-id/*; do [ -e "$s" ] && echo "$(readlink -f "$s") ${s##*/}"; done
 echo '@@ holders'
-$as find /proc/[0-9]*/fd -maxdepth 1 \\( -lname '/dev/video*' -o -lname '/dev/ttyACM*' -o -lname '/dev/ttyUSB*' \
-  -o -lname '/dev/bus/usb/*' -o -lname '/dev/media*' \\) -printf '%p %l\\n' 2>/dev/null | while read -r f dev; do
+held() {
+"""
+    + as_root_if_allowed(_HELD)
+    + """}
+held | while read -r f dev; do
   p=${f#/proc/}; p=${p%%/*}
   u=$(sed -n 's,.*/\\([^/]*\\.service\\).*,\\1,p' "/proc/$p/cgroup" 2>/dev/null | head -n 1)
   echo "$p $dev ${u:--} $(cat "/proc/$p/comm" 2>/dev/null) $(tr '\\0' ' ' <"/proc/$p/cmdline" 2>/dev/null | cut -c1-200)"

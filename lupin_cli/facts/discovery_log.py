@@ -6,23 +6,26 @@ import re
 from dataclasses import dataclass
 
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers
+from lupin_cli.facts.sections import PRELUDE, answers, as_root_if_allowed
 from lupin_cli.target.base import Output
 
 # The words of Fast DDS and of its tool.
 _WORDS = "allocate the specified listening port|fast-discovery-server.*not found|couldn.t allocate port|Discovery Server"
+_READ = f"""journalctl -b -q --no-pager -o short -u mirte-ros.service -n 20000 |
+  grep -E "{_WORDS}" | {{ head -n 10; tail -n 5; }}"""
 PROBE = (
     PRELUDE
-    + rf"""as=; [ "$(id -u)" = 0 ] || {{ command -v sudo >/dev/null && sudo -n true 2>/dev/null && as='sudo -n'; }}
+    + """units=$([ ! -d /run/systemd/system ] || systemctl show -p ActiveState,ActiveEnterTimestampMonotonic \
+  mirte-ros.service mirte-ap.service mirte-wifi-watchdog.service)
 echo '@@ settings'; grep -hsE '^[^#]*MIRTE_FASTDDS' "$HOME/.mirte_settings.sh"
-echo '@@ unit'; [ -d /run/systemd/system ] && systemctl is-active mirte-ros.service mirte-ap.service mirte-wifi-watchdog.service
-echo '@@ since'; [ -d /run/systemd/system ] && systemctl show -p ActiveEnterTimestampMonotonic mirte-ros.service | cut -d= -f2
+echo '@@ unit'; printf '%s\\n' "$units" | sed -n 's/^ActiveState=//p'
+echo '@@ since'; printf '%s\\n' "$units" | sed -n 's/^ActiveEnterTimestampMonotonic=//p'
 echo '@@ uptime'; cat /proc/uptime
 echo '@@ journal'
-command -v journalctl >/dev/null && {{ $as journalctl -b -q --no-pager -o short -u mirte-ros.service -n 20000 2>/dev/null |
-  grep -E "{_WORDS}" | {{ head -n 10; tail -n 5; }}; }}
-exit 0
+command -v journalctl >/dev/null || exit 0
 """
+    + as_root_if_allowed(_READ)
+    + "exit 0\n"
 )
 
 _SWITCH = re.compile(r"^\s*(?:export\s+)?MIRTE_FASTDDS=[\"']?([^\"'\s]*)")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers
+from lupin_cli.facts.sections import PRELUDE, answers, as_root_if_allowed
 from lupin_cli.facts.units import OURS, VENDOR
 from lupin_cli.target.base import Output
 
@@ -23,19 +23,16 @@ KERNEL_WORDS = (
 )
 _UNITS = " ".join(f"-u {unit}" for unit in (VENDOR, *OURS))
 
-# Without membership of adm or systemd-journal a user sees only his own lines; sudo is tried where it needs no password.
-PROBE = (
-    PRELUDE
-    + f"""if ! command -v journalctl >/dev/null 2>&1; then echo '@@ no-journal'; exit 0; fi
-as=; [ "$(id -u)" = 0 ] || {{ sudo -n true 2>/dev/null && as='sudo -n'; }}
-echo "@@ reader $(id -un) ${{as:-itself}}"
-j() {{ $as journalctl -b --no-pager -q -o short-unix -n {LOOKED_AT_LINES} "$@" 2>/dev/null; }}
+# Without membership of adm or systemd-journal a user sees only his own lines.
+_READ = f"""j() {{ journalctl -b --no-pager -q -o short-unix -n {LOOKED_AT_LINES} "$@"; }}
+echo "@@ reader $(id -un)"
 echo '@@ units'
 j {_UNITS} | grep -iE "{WORDS}" | tail -n {KEPT_LINES}
 echo '@@ kernel'
 j -k | grep -iE "{KERNEL_WORDS}" | tail -n {KEPT_LINES}
-echo '@@ end'
-"""
+echo '@@ end'"""
+PROBE = (
+    PRELUDE + "if ! command -v journalctl >/dev/null 2>&1; then echo '@@ no-journal'; exit 0; fi\n" + as_root_if_allowed(_READ)
 )
 
 
