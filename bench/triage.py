@@ -328,13 +328,13 @@ CASES: tuple[Case, ...] = (
         *("controllers-unconfigured", frozenset({"controllers-not-active"}), _lost_controllers("unconfigured")),
         *(_mend_controllers, "server"),
         needs_graph=True,
-        hides=("controller-inactive",),
+        hides=("controller-inactive", "auto-home-failed"),  # auto-home is stopped for it, and its failure forgotten
     ),
     Case(
         *("controllers-unloaded", frozenset({"controllers-not-active"}), _lost_controllers("unloaded")),
         *(_mend_controllers, "server"),
         needs_graph=True,
-        hides=("controller-inactive",),
+        hides=("controller-inactive", "auto-home-failed"),  # auto-home is stopped for it, and its failure forgotten
     ),
     order(
         "controller-inactive",
