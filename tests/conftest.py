@@ -157,13 +157,10 @@ def lupin_robot() -> Iterator[Host]:
     One for a whole file, since a boot costs seconds.
     """
     from lupin_cli import units
-    from lupin_sim.host import Host
     from lupin_sim.host.checkout import RELEASE, SET_UP, keep_memory, lend
-    from lupin_sim.host.missing import what_is_missing
+    from lupin_sim.host.fixtures import start
 
-    if missing := what_is_missing():
-        pytest.skip(missing)
-    with Host.start(vendor_robot=True) as host:
+    with start(vendor_robot=True) as host:
         inside = host.robot.inside
         lend(host.robot)
         keep_memory(host.robot)

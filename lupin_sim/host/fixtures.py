@@ -30,13 +30,15 @@ LUPIN_CI_STRICT=1 that is a failure.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
-from lupin_sim.host.host import Host, HostUnavailable
-from lupin_sim.host.missing import what_is_missing
+from lupin_sim.host.host import Host, HostError, HostUnavailable, Robot
+
+SERVER_BOUND_S = 20.0  # a stack that starts on a busy machine
 
 
 class Lent:
@@ -61,18 +63,45 @@ class Lent:
             self._host.end()
 
 
-def require() -> None:
-    """Skip the test where no robot can be booted, with one line that says why."""
-    if missing := what_is_missing():
-        pytest.skip(missing)
+def until(condition: Callable[[], object], what: str, limit_s: float = 20.0) -> None:
+    """Wait until it holds. Fails the test after `limit_s`, with what it waited for."""
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {limit_s:g} s: {what}"
+        time.sleep(0.05)
 
 
 def start(**options: Any) -> Host:
-    """Boot a host, or skip the test with one line that says what this machine lacks for it."""
+    """Boot a host, or skip the test with one line that says what this machine lacks for it.
+
+    With `vendor_robot` its discovery serves: on a busy machine a boot loses the vendor's race for real, and his script never
+    looks again.
+    """
     try:
-        return Host.start(**options)
+        host = Host.start(**options)
     except HostUnavailable as missing:
         pytest.skip(str(missing))
+    if options.get("vendor_robot"):
+        try:
+            for robot in host.robots:
+                until_it_serves(robot)
+        except BaseException:
+            host.end()
+            raise
+    return host
+
+
+def until_it_serves(robot: Robot) -> None:
+    """Wait for the discovery server of a stack that starts, and start a stack anew that came up without one."""
+    for _ in range(3):
+        deadline = time.monotonic() + SERVER_BOUND_S
+        while time.monotonic() < deadline:
+            # Seen without a login, whose end would be one more event on the robot.
+            if robot.inside("grep", "-q", f":{11811:04X} ", "/proc/1/net/udp").status == 0:
+                return
+            time.sleep(0.2)
+        robot.inside("systemctl", "restart", "mirte-ros", timeout_s=60.0)
+    raise HostError(f"no discovery server on robot {robot.number} after three starts of its stack")
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,7 @@ import shutil
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +22,7 @@ from lupin_cli.checks.discovery import STARTING_S
 from lupin_cli.facts.dds_profiles import SERVER_PREFIX
 from lupin_sim.host import Host
 from lupin_sim.host.checkout import LOSE_MEMORY, keep_memory
+from lupin_sim.host.fixtures import until, until_it_serves
 from lupin_sim.host.host import PROJECT
 
 pytestmark = pytest.mark.host
@@ -140,24 +140,13 @@ class Laptop:
 @pytest.fixture
 def laptop(request: pytest.FixtureRequest, tmp_path: Path) -> Laptop:
     host: Host = request.getfixturevalue("fresh_host" if "fresh_host" in request.fixturenames else "host")
-    until(lambda: vendor_age_s(host) > STARTING_S, "a robot that has been up for a while")
-    if not serves(host):
-        # On a busy machine a boot loses the race for real, and the vendor's script doesn't look again.
-        assert host.robot.inside("systemctl", "restart", "mirte-ros").status == 0
-        until(lambda: vendor_age_s(host) > STARTING_S, "a stack that has been up for a while")
-    try:
-        until(lambda: serves(host), "a discovery server after the boot")
-    except AssertionError as error:
-        tree = host.robot.inside("sh", "-c", "systemctl status --lines=20 --no-pager mirte-ros; ss -lnup").stdout
-        raise AssertionError(f"{error}\n{tree}") from None
+    until(lambda: vendor_age_s(host) > STARTING_S, "a robot that has been up for a while", 30.0)
+    until_it_serves(host.robot)
+    until(lambda: vendor_age_s(host) > STARTING_S, "a stack that has been up for a while", 30.0)
     keep_memory(host.robot)
     found = Laptop(host, tmp_path / "home")
     found.set_up()
     return found
-
-
-def serves(host: Host) -> bool:
-    return ":11811" in host.ssh("ss -H -lnu").stdout
 
 
 def vendor_age_s(host: Host) -> float:
@@ -165,13 +154,6 @@ def vendor_age_s(host: Host) -> float:
     show = "systemctl show -p ActiveEnterTimestampMonotonic --value mirte-ros; cat /proc/uptime"
     words = host.ssh(show).stdout.split()  # logged in: the time that the robot has been up is told to its own sessions only
     return float(words[1]) - int(words[0]) / 1e6 if len(words) == 3 and words[0] != "0" else 0.0
-
-
-def until(condition: Callable[[], bool], what: str, limit_s: float = 30.0) -> None:
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline, f"{what} did not come about within {limit_s:g} s"
-        time.sleep(0.1)
 
 
 @contextmanager
@@ -195,7 +177,11 @@ def robot_node(host: Host, user: str = "mirte") -> Iterator[None]:
     )
     assert started.status == 0, started.stderr
     try:
-        until(lambda: "up" in host.robot.inside("journalctl", "-q", "-o", "cat", "-u", unit).stdout.split(), "the robot's node")
+        until(
+            lambda: "up" in host.robot.inside("journalctl", "-q", "-o", "cat", "-u", unit).stdout.split(),
+            "the robot's node",
+            30.0,
+        )
         yield
     finally:
         host.robot.inside("systemctl", "stop", unit)
@@ -239,7 +225,7 @@ def test_a_missing_discovery_server_is_the_one_cause(fresh_host: Host, laptop: L
     done = laptop.host.ssh(finding["fix"]["command"].split(" ", 2)[2].strip("'").replace("'\"'\"'", "'"))
     assert done.returncode == 0, done.stderr
     # The dead server's memory is what remains, and is named now that it is nobody's consequence.
-    until(lambda: set(laptop.named()) <= {"shared-memory-orphans"}, "health after the cure")
+    until(lambda: set(laptop.named()) <= {"shared-memory-orphans"}, "health after the cure", 30.0)
 
 
 def test_a_vendor_stack_on_multicast_is_the_one_cause(fresh_host: Host, laptop: Laptop) -> None:
@@ -266,7 +252,7 @@ def test_a_process_that_hangs_on_the_graphs_ports_is_the_one_cause(fresh_host: H
         fresh_host.robot.inside("systemctl", "kill", "--signal=STOP", NODE_UNIT)
         assert laptop.named() == ["zombie-process"]
         fresh_host.robot.inside("systemctl", "kill", "--signal=CONT", NODE_UNIT)
-        until(lambda: laptop.named() == [], "health")
+        until(lambda: laptop.named() == [], "health", 30.0)
 
 
 @pytest.mark.parametrize("user", ["mirte", "root"])
@@ -286,14 +272,14 @@ def test_the_end_of_a_login_takes_shared_memory_along_until_logind_is_told_to_le
     def logged_out() -> bool:
         return "mirte" not in fresh_host.robot.inside("loginctl", "list-users").stdout
 
-    until(segments, "the server's shared memory")
+    until(segments, "the server's shared memory", 30.0)
     assert fresh_host.robot.inside("sh", "-ec", LOSE_MEMORY).status == 0
     assert laptop.named() == ["shared-memory-at-risk"]
-    until(lambda: not segments(), "what the end of that very login does")
+    until(lambda: not segments(), "what the end of that very login does", 30.0)
     assert laptop.named() == ["shared-memory-removed"]
     status, told = laptop.doctor("--fix", "--yes")
     assert (status, told["findings"]) == (0, [])
-    until(logged_out, "the end of that login")
+    until(logged_out, "the end of that login", 30.0)
     assert segments() and laptop.named() == []
 
 

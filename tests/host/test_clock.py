@@ -10,6 +10,7 @@ import pytest
 
 from lupin_sim.host import Host
 from lupin_sim.host.clock import Clock
+from lupin_sim.host.fixtures import until
 
 pytestmark = pytest.mark.host
 
@@ -123,7 +124,7 @@ def test_a_laptop_that_runs_chrony_need_not_serve(host: Host) -> None:
     host.serve_ntp()
     assert host.robot.inside("python3", "-c", query).stdout == "48\n"
     with host.robot.broken("chrony-not-serving"):
-        assert "chronyd" in host.run(PROCESSES).stdout
+        until(lambda: "chronyd" in host.run(PROCESSES).stdout, "a chronyd on the laptop")
         assert host.robot.inside("python3", "-c", query).stdout == ""
     host.serve_ntp("off")
     assert "chronyd" not in host.run(PROCESSES).stdout

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,15 +11,9 @@ import pytest
 
 from lupin_sim.host import Host, HostError
 from lupin_sim.host.faults import FAULTS
+from lupin_sim.host.fixtures import until
 
 pytestmark = pytest.mark.host
-
-
-def until(condition: Callable[[], bool], what: str, limit_s: float = 20.0) -> None:
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline, f"not within {limit_s:g} s: {what}"
-        time.sleep(0.05)
 
 
 def connect(host: Host, port: int = 22, timeout_s: float = 1.0, address: str = "10.42.0.1") -> str:

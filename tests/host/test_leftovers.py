@@ -6,13 +6,13 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from lupin_sim.host import Host, HostUnavailable, missing, rootfs, state
+from lupin_sim.host.fixtures import until
 from lupin_sim.host.host import PROJECT
 from lupin_sim.host.missing import cgroup_roots
 
@@ -31,13 +31,6 @@ def traces(name: str) -> list[str]:
         if f"/{name}/" in command or f"/{name}\0" in command:
             found.append(command)
     return found + [str(path) for path in (state.STATE / name,) if path.exists()]
-
-
-def until(condition: Callable[[], bool], what: str, limit_s: float = 20.0) -> None:
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline, f"not within {limit_s:g} s: {what}"
-        time.sleep(0.02)
 
 
 KILLED = """

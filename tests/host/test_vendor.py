@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from urllib.request import urlopen
@@ -12,6 +11,7 @@ from urllib.request import urlopen
 import pytest
 
 from lupin_sim.host import Host
+from lupin_sim.host.fixtures import until
 from lupin_sim.host.host import PROJECT
 
 pytestmark = pytest.mark.host
@@ -52,17 +52,10 @@ print(json.dumps(got))
 """
 
 
-def until(condition: Callable[[], bool], limit_s: float = 20.0) -> None:
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline, "it did not come about"
-        time.sleep(0.1)
-
-
 def test_the_units_are_active_and_hold_the_ports_of_the_real_ones(host: Host) -> None:
     units = "mirte-ros mirte-ap mirte-wifi-watchdog mirte-web-interface mirte-jupyter ssh chrony"
-    until(lambda: host.ssh(f"systemctl is-active {units}").stdout.split() == ["active"] * 7)
-    until(lambda: ":11811" in host.ssh("sudo ss -lnu").stdout)
+    until(lambda: host.ssh(f"systemctl is-active {units}").stdout.split() == ["active"] * 7, "the units")
+    until(lambda: ":11811" in host.ssh("sudo ss -lnu").stdout, "the discovery server")
     listening = host.ssh("sudo ss -lntu").stdout
     for place in ("%wlan0:67", "*:80", "[::1]:8181", "0.0.0.0:9090", "0.0.0.0:8888"):
         assert place in listening
@@ -78,7 +71,7 @@ def test_the_server_is_started_once_and_the_service_goes_on_without_it(fresh_hos
 
 def test_the_access_point_comes_back_unless_its_watchdog_is_stopped_too(fresh_host: Host) -> None:
     fresh_host.ssh("sudo systemctl stop mirte-ap")
-    until(lambda: "192.168.42.1" in fresh_host.ssh("ip -4 -br address show wlan0").stdout)
+    until(lambda: "192.168.42.1" in fresh_host.ssh("ip -4 -br address show wlan0").stdout, "the access point")
     fresh_host.ssh("sudo systemctl disable --now mirte-ap mirte-wifi-watchdog")
     assert "192.168.42.1" not in fresh_host.ssh("ip -4 -br address").stdout
 
@@ -111,7 +104,7 @@ def test_laptop_and_robot_are_two_computers_on_one_graph(boot_host: Callable[...
         stuck = json.loads(host.run([sys.executable, "-c", still], env=env, cwd=str(PROJECT)).stdout)
         assert stuck["drove_m"] == 0.0
         assert "--controllers unconfigured" in host.ssh("pgrep -af lupin_sim").stdout
-    until(lambda: "--controllers active" in host.ssh("pgrep -af lupin_sim").stdout)
+    until(lambda: "--controllers active" in host.ssh("pgrep -af lupin_sim").stdout, "the simulated robot")
     # Pulled, the laptop hears nothing: the cable is the only way between the two.
     host.robot.fault("cable-cut", link="eth0")
     host.robot.fault("cable-cut", link="wlan0")

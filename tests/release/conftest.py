@@ -19,11 +19,9 @@ sys.path.insert(0, str(Path(__file__).parent))  # for what these tests share, un
 
 @pytest.fixture(scope="module")
 def robot_host() -> Iterator[Host]:
-    from lupin_sim.host import Host
-    from lupin_sim.host.fixtures import require
+    from lupin_sim.host.fixtures import start
 
-    require()
-    with Host.start(vendor_robot=True) as host:
+    with start(vendor_robot=True) as host:
         yield host
 
 
