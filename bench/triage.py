@@ -21,6 +21,8 @@ Act = Callable[[Rig], object]
 
 # What Lupin's own half of the stack says of the drive bus: nobody says it while that half is down.
 OF_ONBOARD = ("page-zeros", "pad-zeros", "page-stop", "red-button", "wrong-sink")
+# Auto-home is stopped and disabled while controllers are lost: systemd forgets that it failed, and reads all units anew.
+OF_AUTO_HOME = ("controller-inactive", "auto-home-failed", "unit-unread")
 OF_PROFILE = ("profile-not-default", "profile-client", "profile-prefix", "profile-address")
 
 
@@ -169,7 +171,7 @@ def stranger(name: str, code: str, expected: str, port: int) -> Case:
 def _lost_controllers(state: str) -> Act:
     # Auto-home belongs to the stack and would heal them: it has given up here.
     def make(rig: Rig) -> None:
-        rig.root("u=lupin-auto-home; systemctl stop $u; systemctl disable -q $u; systemctl reset-failed $u; true")
+        rig.root("u=lupin-auto-home; systemctl stop $u; systemctl disable -q $u; systemctl reset-failed $u || true")
         rig.host.robot.fault("controllers-stuck", state=state)
         rig.root("systemctl enable -q lupin-auto-home")
 
@@ -328,13 +330,13 @@ CASES: tuple[Case, ...] = (
         *("controllers-unconfigured", frozenset({"controllers-not-active"}), _lost_controllers("unconfigured")),
         *(_mend_controllers, "server"),
         needs_graph=True,
-        hides=("controller-inactive", "auto-home-failed"),  # auto-home is stopped for it, and its failure forgotten
+        hides=OF_AUTO_HOME,
     ),
     Case(
         *("controllers-unloaded", frozenset({"controllers-not-active"}), _lost_controllers("unloaded")),
         *(_mend_controllers, "server"),
         needs_graph=True,
-        hides=("controller-inactive", "auto-home-failed"),  # auto-home is stopped for it, and its failure forgotten
+        hides=OF_AUTO_HOME,
     ),
     order(
         "controller-inactive",
