@@ -100,7 +100,8 @@ def find_lost_memory(evidence: Evidence) -> Iterator[Finding]:
     for facts in machines(evidence):
         processes, files, account = facts.get(ROS_PROCESSES) or (), facts.get(SHARED_MEMORY) or (), facts.get(ACCOUNT)
         lost = {file.holder for file in files if file.removed}
-        using = [process for process in processes if process.pid in lost]
+        # One that ends takes its files away before its locks, and visitors end all the time.
+        using = [process for process in processes if process.pid in lost and not process.is_visitor]
         if using:
             yield _lost(evidence, facts, using, account)
         elif account is not None and account.loses_memory and facts.machine == "robot":

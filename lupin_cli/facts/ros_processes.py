@@ -106,6 +106,11 @@ class RosProcess:
         return any("ros2cli.daemon" in argument or "_ros2_daemon" in argument for argument in self.arguments)
 
     @property
+    def is_visitor(self) -> bool:
+        """Whether it is some doctor's visit to a graph: it comes and goes while others look."""
+        return "lupin_runtime.stack.probe" in self.arguments
+
+    @property
     def is_server(self) -> bool:
         """Whether it is a discovery server."""
         return any("fast-discovery-server" in argument for argument in self.arguments[:2]) or (

@@ -458,6 +458,17 @@ def test_memory_that_the_end_of_a_login_takes_is_named_before_and_after(healthy)
     assert (finding.fix.variables, finding.fix.safe) == ({"restart": True}, False)
 
 
+def test_memory_of_a_doctors_visit_that_ends_is_nobodys_loss(healthy) -> None:
+    gone = SharedFile("", -1, 0, 0, lockable=True, held=True, holder=99, removed=True)
+
+    def beside(*arguments: str) -> list[str]:
+        own = healthy.with_("laptop", "ros-processes", lambda ps: (*ps, replace(ps[0], pid=99, arguments=arguments)))
+        return own.with_("laptop", "shared-memory", lambda files: (*files, gone)).named()
+
+    assert beside("/usr/bin/python", "-m", "lupin_runtime.stack.probe") == []
+    assert beside("/usr/bin/python", "talker.py") == ["shared-memory-removed"]
+
+
 # -- ports ----------------------------------------------------------------------------------------------------------------
 
 
