@@ -129,24 +129,24 @@ def attempt(rig: Rig, cases: Sequence[Case], yes: bool) -> tuple[Outcome, str]:
     return outcome, broken
 
 
-def pairs_of(cases: Sequence[Case], count: int, seed: int) -> list[tuple[Case, Case]]:
-    """So many pairs that can stand together, drawn at random; all, where there are no more."""
-    possible = [pair for pair in combinations(cases, 2) if pair[0].fits(pair[1])]
-    random.Random(seed).shuffle(possible)
-    return possible[:count]
+def fitting(cases: Sequence[Case]) -> list[tuple[Case, Case]]:
+    """The pairs that can stand together."""
+    return [pair for pair in combinations(cases, 2) if pair[0].fits(pair[1])]
 
 
-def groups_of(
-    cases: Sequence[Case], size: int, seed: int, known: Collection[tuple[str, ...]] = ()
-) -> tuple[list[tuple[Case, ...]], int]:
-    """Sets of up to `size` faults that can all stand together, until every pair that can, and isn't `known`, is in one; and how
-    many pairs can.
+def names(pair: tuple[Case, Case]) -> tuple[str, ...]:
+    """A pair by its names, in one order whoever comes first."""
+    return tuple(sorted(case.name for case in pair))
+
+
+def groups_of(cases: Sequence[Case], size: int, seed: int, known: Collection[tuple[str, ...]] = ()) -> list[tuple[Case, ...]]:
+    """Sets of up to `size` faults that can all stand together, until every pair that can, and isn't `known`, is in one.
 
     A fault that hides another in a pair hides it among more, so that a set in which all are named speaks for each of its pairs.
     """
-    left = {pair for pair in combinations(range(len(cases)), 2) if cases[pair[0]].fits(cases[pair[1]])}
-    possible, chance = len(left), random.Random(seed)
-    left = {pair for pair in left if tuple(sorted(cases[index].name for index in pair)) not in known}
+    place = {case.name: index for index, case in enumerate(cases)}
+    left = {(place[one.name], place[other.name]) for one, other in fitting(cases) if names((one, other)) not in known}
+    chance = random.Random(seed)
     groups = []
     while left:
         first = chance.choice(sorted(left))
@@ -154,13 +154,13 @@ def groups_of(
         others = [index for index in range(len(cases)) if index not in group]
         chance.shuffle(others)
         while len(group) < size:
-            fitting = [index for index in others if index not in group and all(cases[index].fits(cases[g]) for g in group)]
-            if not fitting:
+            more = [index for index in others if index not in group and all(cases[index].fits(cases[g]) for g in group)]
+            if not more:
                 break
-            group.append(max(fitting, key=lambda index: sum(tuple(sorted((index, g))) in left for g in group)))
+            group.append(max(more, key=lambda index: sum(tuple(sorted((index, g))) in left for g in group)))
         left -= set(combinations(sorted(group), 2))
         groups.append(tuple(cases[index] for index in sorted(group)))
-    return sorted(groups, key=len, reverse=True), possible
+    return sorted(groups, key=len, reverse=True)
 
 
 def known_from(log: Path | None, cases: Sequence[Case]) -> set[tuple[str, ...]]:
@@ -179,7 +179,7 @@ def proven(outcome: Outcome, cases: Sequence[Case]) -> set[tuple[str, ...]]:
     if outcome.false or outcome.error:
         return set()
     told = {*outcome.named, *outcome.folded}
-    return set(combinations(sorted(case.name for case in cases if case.expected <= told), 2))
+    return set(map(names, fitting([case for case in cases if case.expected <= told])))
 
 
 def healthy_runs(rig: Rig, count: int, beside: int, note: Callable[[dict[str, Any]], object]) -> list[dict[str, Any]]:
@@ -240,14 +240,11 @@ def main() -> int:
     options = parser.parse_args()
     began = time.monotonic()
     chosen = [case for case in CASES if not options.only or any(fnmatch.fnmatch(case.name, only) for only in options.only)]
-    pairs = pairs_of(chosen, options.pairs, options.seed)
+    possible = fitting(chosen)
+    pairs = random.Random(options.seed).sample(possible, min(options.pairs, len(possible)))
     seen = known_from(options.log, chosen)
-    groups, possible = groups_of(chosen, options.together, options.seed, seen)
-    plan: list[tuple[Case, ...]] = [
-        *([] if options.no_singles else [(case,) for case in chosen]),
-        *pairs,
-        *(groups if options.together else []),
-    ]
+    groups = groups_of(chosen, options.together, options.seed, seen) if options.together else []
+    plan: list[tuple[Case, ...]] = [*([] if options.no_singles else [(case,) for case in chosen]), *pairs, *groups]
     singles: list[Outcome] = []
     doubles: list[Outcome] = []
     well: list[dict[str, Any]] = []
@@ -278,7 +275,7 @@ def main() -> int:
     result = {
         "faults": len(chosen),
         "alone": score(singles),
-        "pairs_possible": possible,
+        "pairs_possible": len(possible),
         "pairs_right": len(seen),
         "together": score(doubles),
         "healthy_runs": len(well),
