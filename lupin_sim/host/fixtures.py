@@ -38,7 +38,9 @@ import pytest
 
 from lupin_sim.host.host import Host, HostError, HostUnavailable, Robot
 
-SERVER_BOUND_S = 20.0  # a stack that starts on a busy machine
+STARTS = 3  # of a stack, until its discovery server must have come up
+# 20 s, which a start on a busy machine takes. Seen without a login, whose end would be one more event on the robot.
+UNTIL_IT_LISTENS = f"for _ in $(seq 100); do grep -q ':{11811:04X} ' /proc/1/net/udp && exit; sleep 0.2; done; exit 1"
 
 
 class Lent:
@@ -92,16 +94,14 @@ def start(**options: Any) -> Host:
 
 
 def until_it_serves(robot: Robot) -> None:
-    """Wait for the discovery server of a stack that starts, and start a stack anew that came up without one."""
-    for _ in range(3):
-        deadline = time.monotonic() + SERVER_BOUND_S
-        while time.monotonic() < deadline:
-            # Seen without a login, whose end would be one more event on the robot.
-            if robot.inside("grep", "-q", f":{11811:04X} ", "/proc/1/net/udp").status == 0:
-                return
-            time.sleep(0.2)
-        robot.inside("systemctl", "restart", "mirte-ros", timeout_s=60.0)
-    raise HostError(f"no discovery server on robot {robot.number} after three starts of its stack")
+    """Wait for the discovery server of a stack that starts; one that came up without is started anew. Raises HostError."""
+    for attempt in range(STARTS):
+        if attempt:
+            robot.inside("systemctl", "restart", "mirte-ros", timeout_s=60.0)
+        if robot.inside("sh", "-c", UNTIL_IT_LISTENS, timeout_s=60.0).status == 0:
+            return
+    seen = robot.inside("systemctl", "status", "--lines=20", "--no-pager", "mirte-ros").stdout
+    raise HostError(f"no discovery server on robot {robot.number} after {STARTS} starts of its stack\n{seen}")
 
 
 @pytest.fixture(scope="session")

@@ -140,7 +140,6 @@ class Laptop:
 @pytest.fixture
 def laptop(request: pytest.FixtureRequest, tmp_path: Path) -> Laptop:
     host: Host = request.getfixturevalue("fresh_host" if "fresh_host" in request.fixturenames else "host")
-    until(lambda: vendor_age_s(host) > STARTING_S, "a robot that has been up for a while", 30.0)
     until_it_serves(host.robot)
     until(lambda: vendor_age_s(host) > STARTING_S, "a stack that has been up for a while", 30.0)
     keep_memory(host.robot)
