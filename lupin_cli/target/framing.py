@@ -91,15 +91,11 @@ def batch_program(scripts: Sequence[Script], bound_s: float, sudo_password: str 
     Root scripts run in one sudo, or directly where the user is root. Raises ValueError for two scripts of one name or a
     script that no argument can hold.
     """
-    names = [script.name for script in scripts]
-    if len(set(names)) != len(names):
-        raise ValueError(f"two scripts of one name: {sorted(name for name in set(names) if names.count(name) > 1)}")
+    require_fit(scripts)
     nonce = secrets.token_hex(8)
     bounds_s = [_whole_seconds(script, bound_s) for script in scripts]
     calls: dict[bool, list[str]] = {False: [], True: []}
     for index, script in enumerate(scripts):
-        if "\0" in script.text or len(script.text.encode()) > ARGUMENT_LIMIT_BYTES:
-            raise ValueError(f"script {script.name!r} has a NUL in it or more than {ARGUMENT_LIMIT_BYTES} bytes")
         calls[script.root].append(f"one {index} {bounds_s[index]} {shlex.quote(script.text)}")
     user_calls = calls[False]
     if calls[True]:
@@ -108,6 +104,16 @@ def batch_program(scripts: Sequence[Script], bound_s: float, sudo_password: str 
     # What hangs on to a stray's pipe is ended as well, when nobody waits for it any more.
     command = READ_PROGRAM.format(size=len(payload)).replace("exec ", f"exec timeout -k 1 {max(bounds_s, default=1) + 3} ", 1)
     return BatchProgram(command, payload, FrameReader(nonce, list(scripts), bounds_s))
+
+
+def require_fit(scripts: Sequence[Script]) -> None:
+    """Raises ValueError for two scripts of one name or a script that no argument can hold."""
+    names = [script.name for script in scripts]
+    if len(set(names)) != len(names):
+        raise ValueError(f"two scripts of one name: {sorted(name for name in set(names) if names.count(name) > 1)}")
+    for script in scripts:
+        if "\0" in script.text or len(script.text.encode()) > ARGUMENT_LIMIT_BYTES:
+            raise ValueError(f"script {script.name!r} has a NUL in it or more than {ARGUMENT_LIMIT_BYTES} bytes")
 
 
 def _whole_seconds(script: Script, bound_s: float) -> int:

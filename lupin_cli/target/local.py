@@ -15,6 +15,7 @@ from pathlib import Path
 from lupin_cli.target.base import Output, RootRefused, Script, TargetError
 from lupin_cli.target.files import get_program, put_program, read_get, reason_of_failure
 from lupin_cli.target.framing import batch_program
+from lupin_cli.target.side_by_side import side_by_side
 from lupin_cli.target.streaming import Streams, run_program
 
 # Set by the ROS wheels for their own processes; a foreign program that inherits them loads our libraries.
@@ -31,7 +32,9 @@ class LocalTarget:
         self._sudo_password = sudo_password
 
     def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
-        """See `Target.batch`."""
+        """See `Target.batch`. Where sudo is needed it is asked once for all, by the program that a robot gets."""
+        if os.geteuid() == 0 or not any(script.root for script in scripts):
+            return side_by_side(scripts, bound_s, _environment())
         program = batch_program(scripts, bound_s, self._sudo_password)
         with _shell(program.command, program.payload) as process:
             for is_stderr, data in _read(process, time.monotonic() + bound_s):
@@ -85,10 +88,13 @@ class LocalTarget:
         """Nothing is held open."""
 
 
+def _environment() -> dict[str, str]:
+    return {key: value for key, value in os.environ.items() if key not in _WHEELS}
+
+
 @contextlib.contextmanager
 def _shell(command: str, payload: bytes) -> Iterator[subprocess.Popen[bytes]]:
     """A shell in a group of its own, with its payload at hand; whatever of it is left at the end is ended by that group."""
-    environment = {key: value for key, value in os.environ.items() if key not in _WHEELS}
     # A file rather than a pipe: nobody has to keep writing while others are read.
     with _in_memory(payload) as stdin:
         process = subprocess.Popen(
@@ -96,7 +102,7 @@ def _shell(command: str, payload: bytes) -> Iterator[subprocess.Popen[bytes]]:
             stdin=stdin,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            env=environment,
+            env=_environment(),
             process_group=0,  # but not a session: sudo remembers a password by the terminal that `sudo -v` was typed in
         )
         try:
