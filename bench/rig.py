@@ -235,8 +235,8 @@ class Rig:
         timer.start()
         try:
             assert process.stdout is not None
-            said = process.stdout.readline().strip()
-            if said != "up":
+            # Fast DDS says there what it can't read of a profile, before it goes on without one.
+            if all(line.strip() != "up" for line in process.stdout):
                 raise RigError(f"{part} {' '.join(words)}: {process.communicate()[1][-300:]}")
             if words:
                 process.communicate()

@@ -299,7 +299,7 @@ CASES: tuple[Case, ...] = (
     Case("login-took-memory", frozenset({"shared-memory-removed"}), _take_memory, _memory_again, "leftovers"),
     Case(
         *("node-of-root", frozenset({"shared-memory-not-shared"}), _node_of_root),
-        *(lambda rig: rig.root(f"systemctl stop {ROOTS_NODE}"), "leftovers"),
+        *(lambda rig: rig.root(f"! systemctl -q is-active {ROOTS_NODE} || systemctl stop {ROOTS_NODE}"), "leftovers"),
     ),
     # -- units
     of_host("auto-home-failed", "oneshot-failed", "oneshot-failed", "auto-home"),
@@ -314,7 +314,8 @@ CASES: tuple[Case, ...] = (
     on_robot(
         "vendor-stopped",
         "systemctl stop mirte-ros",
-        "systemctl start mirte-ros lupin-onboard; systemctl start --no-block lupin-auto-home",
+        # Lupin's half may be masked still: who takes that back starts it.
+        "systemctl start mirte-ros || exit; systemctl start lupin-onboard; systemctl start --no-block lupin-auto-home; true",
         "vendor-service-down",
         "server",
         ends_graph=True,
