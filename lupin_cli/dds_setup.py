@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from lupin_cli.facts.dds_profiles import DISCOVERY_PORT, SERVER_PREFIX, Profile, parse
+from lupin_cli.facts.dds_profiles import DISCOVERY_PORT, OWN_PROFILE, SERVER_PREFIX, Profile, parse
 from lupin_cli.target.base import Output
 
 DEFAULT_IP = "192.168.42.1"  # the robot's own access point
@@ -42,7 +42,7 @@ class Places:
     @property
     def profile(self) -> Path:
         """The XML profile."""
-        return self.directory / "fastdds_super_client.xml"
+        return self.directory / OWN_PROFILE
 
     @property
     def exports(self) -> Path:

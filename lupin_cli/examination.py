@@ -135,7 +135,7 @@ class Examination:
 
         assert self.robot is not None
         if self._target is None:
-            self._target = open_target(self.robot, self.config, sudo_password=self.sudo_password)
+            self._target = open_target(self.robot, self.config, sudo_password=self.sudo_password, at_once=True)
         transport = self._target.connect()
         self.connections += transport is not self._transport
         self._transport = transport

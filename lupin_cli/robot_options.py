@@ -116,7 +116,7 @@ def connect(
     robot: Robot, config: Config | None = None, *, sudo_password: str | None = None, accept: str = ""
 ) -> Iterator[SshTarget]:
     """An open connection to `robot`, over the best of its transports that answers; closed at the end. Raises TargetError."""
-    target = open_target(robot, config, sudo_password=sudo_password, accept=accept)
+    target = open_target(robot, config, sudo_password=sudo_password, accept=accept, at_once=True)
     try:
         target.connect()
         yield target
@@ -124,18 +124,24 @@ def connect(
         target.close()
 
 
-def open_target(robot: Robot, config: Config | None = None, *, sudo_password: str | None = None, accept: str = "") -> SshTarget:
-    """The target of `robot`; it connects when it is first used."""
-    from lupin_cli.target.reach import best_of
-    from lupin_cli.target.ssh import SshTarget
+def open_target(
+    robot: Robot, config: Config | None = None, *, sudo_password: str | None = None, accept: str = "", at_once: bool = False
+) -> SshTarget:
+    """The target of `robot`; it connects when it is first used, which begins here where that is to be `at_once`."""
+    from lupin_cli.target.reach import Knock, best_of
 
     transport, destination = best_of(destinations(robot))
+    direct = not (destination.jumps or destination.proxy_command)
+    knock = Knock(destination) if at_once and direct else None
+    from lupin_cli.target.ssh import SshTarget  # takes its time: paramiko
+
     target = SshTarget(
         robot.name,
         destination,
         trust_of(config or load(), accept),
         ask_password=_ask_password if _terminal() else None,
         sudo_password=sudo_password,
+        knock=knock,
     )
     target.transport_name = transport
     return target

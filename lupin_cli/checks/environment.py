@@ -166,7 +166,8 @@ def _not_set_up(evidence: Evidence, shell: Shell) -> Finding:
         cause="this machine has never been told of the robot's discovery server",
         evidence=(f"{shell.exports_path}: no such file, or no exports in it", "ROS_DISCOVERY_SERVER="),
         fix=Fix(f"lupin dds setup {_address_of(evidence)}"),
-        explains=frozenset({"shell-multicast-only"}),
+        # A process that was started before the set-up was taken back names the profile that went with it.
+        explains=frozenset({"shell-multicast-only", "profile-unreadable:own"}),
     )
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from posixpath import dirname
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
 from lupin_cli.checks.environment import host_of, machines
 from lupin_cli.checks.typed import on_robot
 from lupin_cli.facts.base import Facts
-from lupin_cli.facts.dds_profiles import DDS_PROFILES, SERVER_PREFIX, Profile
+from lupin_cli.facts.dds_profiles import DDS_PROFILES, OWN_PROFILE, SERVER_PREFIX, Profile
 from lupin_cli.facts.ros_processes import ROS_PROCESSES
 from lupin_cli.facts.shell import SHELL
 
@@ -83,8 +84,14 @@ def _finding(evidence: Evidence, machine: str, profile: Profile, id: str, cause:
         cause=f"{profile.path}: {cause}",
         evidence=(profile.line(), *(f"{who}: ROS_DISCOVERY_SERVER={server}" for who, server in users.items())),
         fix=Fix(on_robot(evidence, "sudo systemctl restart mirte-ros.service") if vendors else setup),
-        about=machine,
+        about="own" if _is_own(evidence, machine, profile) else machine,
     )
+
+
+def _is_own(evidence: Evidence, machine: str, profile: Profile) -> bool:
+    """Whether it is the one that `lupin dds setup` writes."""
+    shell = evidence.laptop.get(SHELL)
+    return machine == "laptop" and shell is not None and profile.path == f"{dirname(shell.exports_path)}/{OWN_PROFILE}"
 
 
 CHECKS = (

@@ -14,6 +14,7 @@ from lupin_cli.target.base import Output
 # The prefix of discovery server 0, which the vendor's super clients and ours name: its bytes spell DS_PROSIMA.
 SERVER_PREFIX = "44.53.00.5f.45.50.52.4f.53.49.4d.41"
 DISCOVERY_PORT = 11811
+OWN_PROFILE = "fastdds_super_client.xml"  # of `lupin dds setup`, beside ros-env.sh
 
 PROBE = (
     PRELUDE
@@ -23,7 +24,7 @@ pids=$(grep -zlasE "^($names)=" /proc/[0-9]*/environ | cut -d/ -f3)
 {{ for pid in $pids; do echo "/proc/$pid/environ"; done | xargs -r grep -zHasE "^($names)=" | tr '\n\0' ' \n' |
     sed -E 's#^(/proc/[0-9]+)/environ:[^=]*=#\1/root #'
   env | grep -E "^($names)=" | sed 's#^[^=]*=#/ #'
-  echo "/ ${{XDG_CONFIG_HOME:-$HOME/.config}}/lupin/fastdds_super_client.xml"
+  echo "/ ${{XDG_CONFIG_HOME:-$HOME/.config}}/lupin/{OWN_PROFILE}"
 }} | sort -u | sort -s -k2 | {{
   last= found=
   missing() {{ [ -z "$last" ] || [ -n "$found" ] || {{ echo "@@ file $last"; echo missing; }}; }}

@@ -60,8 +60,15 @@ def resolve(
 
     Raises TargetError where the file can't be read.
     """
-    config = _ssh_config(Path("~/.ssh/config").expanduser() if config_path is None else config_path)
-    found = _resolve(config, host, user, port, ())
+    path = Path("~/.ssh/config").expanduser() if config_path is None else config_path
+    try:
+        lines = _lines(path, 0)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    if lines:
+        found = _resolve(_ssh_config(path, lines), host, user, port, ())
+    else:  # nothing to look up, for which paramiko would be imported
+        found = Destination(host, port or 22, user, asked=host)
     return found if found.user else replace(found, user=default_user or getpass.getuser())
 
 
@@ -98,13 +105,17 @@ def _resolve(config: paramiko.SSHConfig, host: str, user: str, port: int, passed
     )
 
 
-def _ssh_config(path: Path) -> paramiko.SSHConfig:
+def _ssh_config(path: Path, lines: list[str]) -> paramiko.SSHConfig:
     import paramiko
 
     try:
-        return paramiko.SSHConfig.from_text("\n".join(_lines(path, 0)))
-    except (paramiko.SSHException, OSError) as error:
-        raise TargetError(f"{path} can't be read: {error}", f"ssh -F {path} -G localhost") from error
+        return paramiko.SSHConfig.from_text("\n".join(lines))
+    except paramiko.SSHException as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: Exception) -> TargetError:
+    return TargetError(f"{path} can't be read: {error}", f"ssh -F {path} -G localhost")
 
 
 def _lines(path: Path, depth: int) -> list[str]:

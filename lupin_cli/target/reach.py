@@ -8,7 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from lupin_cli.target.base import Unreachable
@@ -27,6 +27,7 @@ _KINDS = {
 _WORTH = ("lost", "refused", "no-route", "timeout")  # of several addresses, the answer that says most
 
 _HEAD_START_S = 0.3
+CONNECT_TIMEOUT_S = 5.0
 UNACKNOWLEDGED_MS = 10_000  # as long as a laptop may take to roam and come back
 
 MEANING = {
@@ -133,8 +134,41 @@ def _up_to(choices: Mapping[str, Destination], last: str) -> list[str]:
     return names[: names.index(last) + 1]
 
 
-def await_banner(connection: socket.socket, timeout_s: float, who: str) -> None:
-    """Wait until the other side has said something, and leave it unread. Raises Unreachable."""
+def open_greeted(place: Destination, timeout_s: float) -> socket.socket:
+    """A connected socket on which the other side has said something, which is left unread. Raises Unreachable."""
+    connection = open_socket(place.host, place.port, timeout_s, str(place))
+    try:
+        _await_banner(connection, timeout_s, str(place))
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+class Knock:
+    """A greeted socket that is opened beside other work: an sshd takes a tenth of a second to come to the door, and so does
+    paramiko to be imported."""
+
+    def __init__(self, place: Destination, timeout_s: float = CONNECT_TIMEOUT_S) -> None:
+        self._answer: Future[socket.socket] = Future()
+        threading.Thread(target=self._open, args=(place, timeout_s), name="knock", daemon=True).start()
+
+    def _open(self, place: Destination, timeout_s: float) -> None:
+        try:
+            self._answer.set_result(open_greeted(place, timeout_s))
+        except BaseException as error:  # raised where it is waited for
+            self._answer.set_exception(error)
+
+    def take(self) -> socket.socket:
+        """The socket, which is the caller's from now on; it comes, or not, within twice the time-out. Raises Unreachable."""
+        return self._answer.result()
+
+    def forget(self) -> None:
+        """Whenever it is opened, it is closed."""
+        self._answer.add_done_callback(lambda answer: None if answer.exception() else answer.result().close())
+
+
+def _await_banner(connection: socket.socket, timeout_s: float, who: str) -> None:
     connection.settimeout(timeout_s)
     try:
         first = connection.recv(1, socket.MSG_PEEK)

@@ -21,7 +21,7 @@ from lupin_cli.target.destination import Destination
 from lupin_cli.target.files import get_program, put_program, read_get, reason_of_failure
 from lupin_cli.target.framing import batch_program
 from lupin_cli.target.keepalive import Watch
-from lupin_cli.target.reach import await_banner, open_socket, unreachable
+from lupin_cli.target.reach import CONNECT_TIMEOUT_S, Knock, open_greeted, unreachable
 from lupin_cli.target.streaming import Streams, run_program
 from lupin_cli.target.trust import Trust
 
@@ -34,7 +34,8 @@ _HANDSHAKE_S = 10.0  # key exchange on a robot that is busy booting
 
 
 class SshTarget:
-    """See `Target`. `ask_password` is None where nobody can be asked; `sudo_password` is for a user whose sudo wants one."""
+    """See `Target`. `ask_password` is None where nobody can be asked; `sudo_password` is for a user whose sudo wants one;
+    `knock` is for the first connection, where somebody has knocked already."""
 
     def __init__(
         self,
@@ -44,7 +45,8 @@ class SshTarget:
         *,
         ask_password: AskPassword | None = None,
         sudo_password: str | None = None,
-        connect_timeout_s: float = 5.0,
+        connect_timeout_s: float = CONNECT_TIMEOUT_S,
+        knock: Knock | None = None,
     ) -> None:
         self.name = name
         self.user = destination.user
@@ -55,6 +57,7 @@ class SshTarget:
         self._passwords: dict[str, str] = {}  # by destination: a hop's is not the robot's
         self._sudo_password = sudo_password
         self._connect_timeout_s = connect_timeout_s
+        self._knock = knock
         self._clients: list[paramiko.SSHClient] = []  # hops first
         self._proxies: list[paramiko.ProxyCommand] = []
         self._sftp_client: paramiko.SFTPClient | None = None
@@ -66,7 +69,7 @@ class SshTarget:
         transport = self._clients[-1].get_transport() if self._clients else None
         if transport is not None and transport.is_active():
             return transport
-        self.close()
+        self._let_go()
         through: Any = None
         for hop in self.destination.jumps:
             # A hop is a machine of its own, known by its own name.
@@ -121,13 +124,8 @@ class SshTarget:
         if destination.proxy_command:
             self._proxies.append(paramiko.ProxyCommand(destination.proxy_command))
             return self._proxies[-1]
-        connection = open_socket(destination.host, destination.port, self._connect_timeout_s, who)
-        try:
-            await_banner(connection, self._connect_timeout_s, who)
-        except BaseException:
-            connection.close()
-            raise
-        return connection
+        knock, self._knock = self._knock, None
+        return open_greeted(destination, self._connect_timeout_s) if knock is None else knock.take()
 
     def _log_in(self, client: paramiko.SSHClient, name: str, destination: Destination, sock: Any) -> None:
         who = str(destination)
@@ -190,6 +188,13 @@ class SshTarget:
 
     def close(self) -> None:
         """See `Target.close`."""
+        if self._knock is not None:
+            self._knock.forget()
+            self._knock = None
+        self._let_go()
+
+    def _let_go(self) -> None:
+        """Of a connection, also of one that was lost."""
         self._sftp_client = None
         while self._clients:
             client = self._clients.pop()

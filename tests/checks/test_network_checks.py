@@ -201,6 +201,21 @@ def test_a_machine_that_was_never_set_up_is_named_only_where_a_robot_was_asked_f
     assert replace(sick, robot=None, link=None).named() == []
 
 
+def test_a_set_up_that_was_taken_back_explains_the_profile_that_went_with_it_and_no_other(healthy) -> None:
+    gone = own_profile(error="there is no readable file")
+    sick = healthy.with_("laptop", "shell", lambda s: replace(s, environment={}, exports={}, start_files=()))
+    assert sick.with_("laptop", "dds-profiles", gone).named() == ["dds-not-set-up"]
+
+    def naming(path: str) -> Any:
+        environment = {"ROS_DISCOVERY_SERVER": "10.42.0.1:11811", "FASTRTPS_DEFAULT_PROFILES_FILE": path}
+        return sick.with_("laptop", "ros-processes", lambda ps: (*ps, replace(ps[0], pid=99, environment=environment)))
+
+    own = "/home/operator/.config/lupin/fastdds_super_client.xml"
+    assert naming(own).with_("laptop", "dds-profiles", gone).named() == ["dds-not-set-up"]
+    lost = naming("/old.xml").with_("laptop", "dds-profiles", lambda ps: (replace(ps[0], path="/old.xml", error="no file"),))
+    assert sorted(lost.named()) == ["dds-not-set-up", "profile-unreadable"]
+
+
 def test_the_wrong_source_order_is_named_with_both_lines_and_explains_the_empty_shell(healthy) -> None:
     (finding,) = healthy.with_("laptop", "shell", "wiped").roots()
     assert finding.id == "source-order"
