@@ -154,7 +154,10 @@ def _node_of_root(rig: Rig) -> None:
     done = rig.host.robot.inside("systemd-run", "--quiet", "--collect", *where, sys.executable, "-c", ACTOR, "talker")
     if done.status != 0:
         raise RigError(f"root's node: {done.stderr[-300:]}")
-    rig.root(f"for _ in $(seq 300); do journalctl -q -o cat -u {ROOTS_NODE} | grep -qx up && exit; sleep 0.1; done; exit 1")
+    rig.root(
+        f"id=$(systemctl show -p InvocationID --value {ROOTS_NODE})\n"  # an earlier one's word doesn't count
+        'for _ in $(seq 300); do journalctl -q -o cat "_SYSTEMD_INVOCATION_ID=$id" | grep -qx up && exit; sleep 0.1; done; exit 1'
+    )
 
 
 def stranger(name: str, code: str, expected: str, port: int) -> Case:
