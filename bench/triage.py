@@ -156,7 +156,8 @@ def _node_of_root(rig: Rig) -> None:
         raise RigError(f"root's node: {done.stderr[-300:]}")
     rig.root(
         f"id=$(systemctl show -p InvocationID --value {ROOTS_NODE})\n"  # an earlier one's word doesn't count
-        'for _ in $(seq 300); do journalctl -q -o cat "_SYSTEMD_INVOCATION_ID=$id" | grep -qx up && exit; sleep 0.1; done; exit 1'
+        'said() { journalctl -q -o cat "_SYSTEMD_INVOCATION_ID=$id"; }\n'
+        "for _ in $(seq 300); do said | grep -qx up && exit; sleep 0.1; done; exit 1"
     )
 
 
@@ -318,7 +319,7 @@ CASES: tuple[Case, ...] = (
         "vendor-stopped",
         "systemctl stop mirte-ros",
         # Lupin's half may be masked still: who takes that back starts it.
-        "systemctl start mirte-ros || exit; systemctl start lupin-onboard; systemctl start --no-block lupin-auto-home; true",
+        "systemctl start mirte-ros; systemctl start lupin-onboard || true; systemctl start --no-block lupin-auto-home",
         "vendor-service-down",
         "server",
         ends_graph=True,
