@@ -139,6 +139,7 @@ class Examination:
         transport = self._target.connect()
         self.connections += transport is not self._transport
         self._transport = transport
+        self._target.get_ready()
         peer = ""
         with contextlib.suppress(OSError, AttributeError, IndexError, TypeError):  # behind a jump there is no socket of ours
             peer = str(transport.getpeername()[0])

@@ -165,6 +165,9 @@ def _examine(examinations: list[Examination], only: Sequence[str], skip: Sequenc
     try:
         for each in examinations:
             each.set_out()
+        if any(each.robot for each in examinations):
+            # The way there takes longest, so what opens it is loaded first, and alone: two imports side by side take turns.
+            from lupin_cli.target import ssh  # noqa: F401
         # While a robot lets us in there is time to read what to ask it.
         checks, broken = _checks(only, skip)
         for each in examinations:

@@ -17,14 +17,15 @@ DIRECTIVES = "makestep|allow|deny|local|server|pool|peer|confdir|sourcedir|inclu
 # chronyc waits for a daemon that isn't there up to seven seconds, so its own words are asked for only where one runs.
 PROBE = (
     PRELUDE
-    + f"""echo '@@ chronyd'; command -v chronyd
-echo '@@ running'; pidof -s chronyd
+    + f"""running=$(pidof -s chronyd)
+echo '@@ chronyd'; command -v chronyd
+echo '@@ running'; echo "$running"
 echo '@@ files'
 for f in /etc/chrony/chrony.conf /etc/chrony.conf /etc/chrony/conf.d/*.conf /etc/chrony/sources.d/*.sources; do
   [ -r "$f" ] && grep -HnE '^[[:space:]]*({DIRECTIVES})' "$f"
 done
 echo '@@ listeners'; ss -H -lnu 'sport = :{NTP_PORT}' 2>/dev/null
-if pidof -s chronyd >/dev/null 2>&1; then
+if [ -n "$running" ]; then
   echo '@@ tracking'; timeout 2 chronyc -c -n tracking 2>&1
   echo '@@ sources'; timeout 2 chronyc -c -n sources 2>&1
 fi

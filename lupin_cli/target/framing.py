@@ -23,8 +23,11 @@ STDERR_LINES, STDERR_COLUMNS = 100, 3000  # a line is one write: writes up to PI
 STRAY_GRACE_S = 2.0  # after a script's end, for its output: a child in a session of its own may hold the pipe for ever
 ARGUMENT_LIMIT_BYTES = 100_000  # Linux allows 131 072 for one argument
 
-# What the login shell is asked to run. It may be any shell: this is one plain command with no quote inside.
+# What the login shell is asked to run. It may be any shell: this is one plain command with no single quote inside.
 READ_PROGRAM = "exec /bin/sh -c 'eval \"$(head -c {size})\"'"
+# The same for a batch, always in the same words: a shell can be made ready before it is known what to ask. Its first line tells
+# the bound and the size. What hangs on to a stray's pipe is ended at that bound as well, when nobody waits for it any more.
+READ_BATCH = 'exec /bin/sh -c \'read -r bound size && exec timeout -k 1 $bound /bin/sh -c "eval \\"\\$(head -c $size)\\""\''
 
 # Debian gives SSH commands no sbin; messages must be in one language to be read. What start files may have set to bend programs
 # for a person's own hands is taken back. A bash that finds itself on a socket takes it for a login, unless another shell is
@@ -78,9 +81,8 @@ def _program(nonce: str, calls: Sequence[str]) -> str:
 
 @dataclass
 class BatchProgram:
-    """A batch as it goes over the wire: `command` for the login shell, `payload` for its standard input."""
+    """A batch as it goes over the wire: `payload` is for the standard input of what runs READ_BATCH."""
 
-    command: str
     payload: bytes
     reader: FrameReader
 
@@ -100,10 +102,9 @@ def batch_program(scripts: Sequence[Script], bound_s: float, sudo_password: str 
     user_calls = calls[False]
     if calls[True]:
         user_calls.append(_as_root(_program(nonce, calls[True]), max(bounds_s) + 3, sudo_password))
-    payload = _program(nonce, user_calls).encode("utf-8", "surrogateescape")
-    # What hangs on to a stray's pipe is ended as well, when nobody waits for it any more.
-    command = READ_PROGRAM.format(size=len(payload)).replace("exec ", f"exec timeout -k 1 {max(bounds_s, default=1) + 3} ", 1)
-    return BatchProgram(command, payload, FrameReader(nonce, list(scripts), bounds_s))
+    program = _program(nonce, user_calls).encode("utf-8", "surrogateescape")
+    lead = f"{max(bounds_s, default=1) + 3} {len(program)}\n".encode()
+    return BatchProgram(lead + program, FrameReader(nonce, list(scripts), bounds_s))
 
 
 def require_fit(scripts: Sequence[Script]) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from lupin_cli.target.base import Output, RootRefused, Script, TargetError
 from lupin_cli.target.files import get_program, put_program, read_get, reason_of_failure
-from lupin_cli.target.framing import batch_program
+from lupin_cli.target.framing import READ_BATCH, batch_program
 from lupin_cli.target.side_by_side import side_by_side
 from lupin_cli.target.streaming import Streams, run_program
 
@@ -36,7 +36,7 @@ class LocalTarget:
         if os.geteuid() == 0 or not any(script.root for script in scripts):
             return side_by_side(scripts, bound_s, _environment())
         program = batch_program(scripts, bound_s, self._sudo_password)
-        with _shell(program.command, program.payload) as process:
+        with _shell(READ_BATCH, program.payload) as process:
             for is_stderr, data in _read(process, time.monotonic() + bound_s):
                 if not is_stderr:
                     program.reader.feed(data)

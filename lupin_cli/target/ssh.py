@@ -19,7 +19,7 @@ from lupin_cli.target.base import AuthenticationFailed, Output, RootRefused, Scr
 from lupin_cli.target.channel import LOST, read, send
 from lupin_cli.target.destination import Destination
 from lupin_cli.target.files import get_program, put_program, read_get, reason_of_failure
-from lupin_cli.target.framing import batch_program
+from lupin_cli.target.framing import READ_BATCH, batch_program
 from lupin_cli.target.keepalive import Watch
 from lupin_cli.target.reach import CONNECT_TIMEOUT_S, Knock, open_greeted, unreachable
 from lupin_cli.target.streaming import Streams, run_program
@@ -61,6 +61,7 @@ class SshTarget:
         self._clients: list[paramiko.SSHClient] = []  # hops first
         self._proxies: list[paramiko.ProxyCommand] = []
         self._sftp_client: paramiko.SFTPClient | None = None
+        self._ready: paramiko.Channel | None = None  # whose shell waits for the next batch
 
     # -- the connection
 
@@ -195,7 +196,7 @@ class SshTarget:
 
     def _let_go(self) -> None:
         """Of a connection, also of one that was lost."""
-        self._sftp_client = None
+        self._sftp_client = self._ready = None
         while self._clients:
             client = self._clients.pop()
             transport = client.get_transport()
@@ -211,6 +212,17 @@ class SshTarget:
 
     # -- what it can do
 
+    def get_ready(self) -> None:
+        """Let the login shell come up for a batch that is about to be asked: it takes as long as many a question does."""
+        with (
+            contextlib.suppress(*LOST),
+            Watch(self.connect(), _HANDSHAKE_S) as watch,
+        ):  # the batch meets a lost link too, and tells
+            channel = watch.transport.open_session(timeout=_HANDSHAKE_S)
+            channel.settimeout(_HANDSHAKE_S)
+            channel.exec_command(READ_BATCH)
+            self._ready = channel
+
     def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
         """See `Target.batch`. Where the link goes before anything was heard, raises Unreachable."""
         program = batch_program(scripts, bound_s, self._sudo_password)
@@ -219,7 +231,7 @@ class SshTarget:
         ended = False  # the login shell
         with Watch(self.connect(), bound_s + 1.0) as watch:
             try:
-                with self._channel(watch.transport, program.command, bound_s) as channel:
+                with self._channel(watch.transport, READ_BATCH, bound_s, self._take_ready(watch.transport)) as channel:
                     channel.sendall(program.payload)
                     channel.shutdown_write()
                     while not program.reader.done and (left := deadline - time.monotonic()) > 0:
@@ -335,14 +347,26 @@ class SshTarget:
     # -- bounds
 
     @contextlib.contextmanager
-    def _channel(self, transport: paramiko.Transport, command: str, bound_s: float) -> Iterator[paramiko.Channel]:
-        channel = transport.open_session(timeout=min(bound_s, _HANDSHAKE_S))
+    def _channel(
+        self, transport: paramiko.Transport, command: str, bound_s: float, ready: paramiko.Channel | None = None
+    ) -> Iterator[paramiko.Channel]:
+        """A channel on which `command` runs: `ready`, where it does so already, or a new one."""
+        channel = ready or transport.open_session(timeout=min(bound_s, _HANDSHAKE_S))
         try:
             channel.settimeout(bound_s)
-            channel.exec_command(command)
+            if ready is None:
+                channel.exec_command(command)
             yield channel
         finally:
             channel.close()
+
+    def _take_ready(self, transport: paramiko.Transport) -> paramiko.Channel | None:
+        """The channel of `get_ready`, once, where it is of this connection and its shell still waits."""
+        channel, self._ready = self._ready, None
+        if channel is not None and (channel.get_transport() is not transport or channel.closed or channel.eof_received):
+            channel.close()
+            return None
+        return channel
 
     # -- SFTP
 

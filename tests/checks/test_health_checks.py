@@ -248,11 +248,6 @@ def test_the_captured_strays_hold_the_camera() -> None:
     assert any("usb_cam_node_exe" in line for line in findings[0].evidence)
 
 
-def test_a_locale_that_is_not_installed_is_no_fault() -> None:
-    account = dataclasses.replace(captured("account", "operator"), home_writable=True, groups=("mirte", "input"))
-    assert ids(world(account=account)) == []
-
-
 def test_serial_ports_and_cameras_ask_for_their_groups() -> None:
     account = dataclasses.replace(captured("account", "operator"), home_writable=True, groups=("mirte", "input"))
     devices = dataclasses.replace(captured("devices", "held"), holders=())

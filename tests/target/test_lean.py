@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -37,3 +38,16 @@ def test_whoever_imports_it_gets_the_real_one() -> None:
 def test_those_who_look_at_every_module_do_not_load_it() -> None:
     with pytest.raises(AttributeError):
         _ = PutOff("invoke").__file__
+
+
+def test_paramiko_knows_its_version_without_what_reads_every_packages_metadata() -> None:
+    program = "import sys, lupin_cli.target.ssh, paramiko; print(paramiko.__version__, 'email.message' in sys.modules)"
+    assert said(program) == f"{version('paramiko')} False"
+
+
+def test_whoever_wants_more_of_the_metadata_gets_the_real_one() -> None:
+    want = "importlib.metadata.version('paramiko'), importlib.metadata.version('typer')"
+    program = f"import lupin_cli.target, importlib.metadata; print({want}, len([*importlib.metadata.distributions()]) > 5)"
+    assert said(program) == f"{version('paramiko')} {version('typer')} True"
+    program = "import lupin_cli.target; from importlib.metadata import PackageNotFoundError, version\ntry: version('no-such')"
+    assert said(f"{program}\nexcept PackageNotFoundError as error: print(error.name)") == "no-such"

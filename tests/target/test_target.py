@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import time
@@ -9,12 +10,18 @@ import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 
+import paramiko
+import psutil
 import pytest
 
-from lupin_cli.target.base import Script, Target, TargetError
-from lupin_cli.target.framing import STDOUT_CAP_BYTES, FrameReader, batch_program
+from lupin_cli.target.base import Script, Target, TargetError, Unreachable
+from lupin_cli.target.destination import Destination
+from lupin_cli.target.framing import READ_BATCH, STDOUT_CAP_BYTES, FrameReader, batch_program
 from lupin_cli.target.local import LocalTarget
+from lupin_cli.target.reach import Knock
+from lupin_cli.target.ssh import SshTarget
 from lupin_cli.target.streaming import HEAD_BYTES, LINE_CHARACTERS, TAIL_BYTES
+from lupin_cli.target.trust import Trust
 
 
 @pytest.fixture(params=["local", "ssh"], scope="session")
@@ -23,8 +30,6 @@ def target(request: pytest.FixtureRequest) -> Iterator[Target]:
     if request.param == "local":
         made = LocalTarget()
     else:
-        from lupin_cli.target.ssh import SshTarget
-
         server = request.getfixturevalue("sshd")
         made = SshTarget("robot", server.destination, server.trust())
     yield made
@@ -64,7 +69,7 @@ def test_scripts_of_a_batch_run_side_by_side(target: Target) -> None:
 def test_an_answer_that_is_cut_at_any_byte_is_whole_or_none() -> None:
     scripts = [Script("first", "echo one; echo oops >&2; exit 3"), Script("second", "seq 200")]
     program = batch_program(scripts, 10.0)
-    whole = subprocess.run(["/bin/sh", "-c", program.command], input=program.payload, capture_output=True, timeout=30).stdout
+    whole = subprocess.run(["/bin/sh", "-c", READ_BATCH], input=program.payload, capture_output=True, timeout=30).stdout
     expected = {"first": (3, "one\n"), "second": (0, "".join(f"{n}\n" for n in range(1, 201)))}
     seen = set()
     for length in range(len(whole) + 1):
@@ -264,3 +269,50 @@ def test_an_open_channel_carries_an_exchange_and_nothing_before_it(sshd) -> None
         assert said == b"got " + word + b"\n"
     channel.close()
     target.close()
+
+
+def test_a_shell_that_was_made_ready_runs_the_next_batch_and_no_other_one(sshd, monkeypatch: pytest.MonkeyPatch) -> None:
+    commands: list[str] = []
+    run = paramiko.Channel.exec_command
+    monkeypatch.setattr(paramiko.Channel, "exec_command", lambda self, command: commands.append(command) or run(self, command))
+    with contextlib.closing(SshTarget("robot", sshd.destination, sshd.trust())) as target:
+        target.get_ready()
+        assert target.batch([Script("one", "echo one")])["one"].stdout == "one\n"
+        assert len(commands) == 1
+        assert target.batch([Script("two", "echo two")])["two"].stdout == "two\n"
+        assert len(commands) == 2
+        target.get_ready()
+        target.connect().close()  # the link went, and the shell with it
+        assert target.batch([Script("three", "echo three")])["three"].stdout == "three\n"
+        target.get_ready()  # for nothing: it goes with the connection
+
+
+def test_who_has_knocked_is_let_in_once_and_knocks_anew_after_that(sshd) -> None:
+    with contextlib.closing(SshTarget("robot", sshd.destination, sshd.trust(), knock=Knock(sshd.destination))) as target:
+        first = target.connect()
+        assert target.batch([Script("one", "echo one")])["one"].stdout == "one\n"
+        first.close()
+        assert target.connect() is not first
+
+
+def test_a_knock_that_nobody_waits_for_leaves_no_connection(sshd) -> None:
+    knock = Knock(sshd.destination)
+    SshTarget("robot", sshd.destination, sshd.trust(), knock=knock).close()
+    assert knock.take().fileno() == -1
+
+
+def test_a_knock_at_a_closed_port_is_told_as_any_connection_is() -> None:
+    nowhere = Destination("127.0.0.1", 1, "mirte")
+    with pytest.raises(Unreachable) as told:
+        SshTarget("robot", nowhere, Trust(Path("/none"), Path("/none")), knock=Knock(nowhere)).connect()
+    assert told.value.kind == "refused"
+
+
+def test_a_batch_leaves_no_process_and_no_descriptor_open() -> None:
+    target = LocalTarget()
+    scripts = [Script("fine", "echo fine"), Script("cut", "sleep 50", 0.2), Script("stray", "setsid sleep 4 & echo left")]
+    before, children = os.listdir("/proc/self/fd"), psutil.Process().children()  # noqa: PTH208
+    outputs = target.batch(scripts)
+    assert outputs["cut"].status is None and outputs["cut"].stderr == "no end within 0.2 s"
+    assert os.listdir("/proc/self/fd") == before  # noqa: PTH208
+    assert psutil.Process().children() == children
