@@ -323,8 +323,8 @@ CASES: tuple[Case, ...] = (
         "vendor-service-down",
         "server",
         ends_graph=True,
-        # Nobody's camera is taken, nobody's memory, and root shares his with nobody.
-        hides=("camera-held", "login-may-take-memory", "node-of-root"),
+        # Nobody's camera is taken, nobody's memory is or was, and root shares his with nobody.
+        hides=("camera-held", "login-may-take-memory", "login-took-memory", "node-of-root"),
     ),
     # -- clocks
     of_host("clock-wrong", "clock-wrong", "clock-drift", "clock", {"offset_s": CLOCK_STEP_S}),
