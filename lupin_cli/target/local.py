@@ -1,4 +1,4 @@
-"""This machine as a target: the same programs as over SSH, run by a shell of our own."""
+"""This machine as a target: its own shells, and where sudo is needed the program that a robot gets."""
 
 from __future__ import annotations
 
