@@ -95,19 +95,28 @@ def find_unshared_memory(evidence: Evidence) -> Iterator[Finding]:
                 yield _unshared(facts, one, stranger, files)
 
 
-def find_lost_memory(evidence: Evidence) -> Iterator[Finding]:
-    """Shared memory that was removed under the processes that use it, or will be when the next login on the robot ends."""
+def find_removed_memory(evidence: Evidence) -> Iterator[Finding]:
+    """Shared memory that was removed under the processes that use it."""
     for facts in machines(evidence):
-        processes, files, account = facts.get(ROS_PROCESSES) or (), facts.get(SHARED_MEMORY) or (), facts.get(ACCOUNT)
-        lost = {file.holder for file in files if file.removed}
-        # One that ends takes its files away before its locks, and visitors end all the time.
-        using = [process for process in processes if process.pid in lost and not process.is_visitor]
-        if using:
-            yield _lost(evidence, facts, using, account)
-        elif account is not None and account.loses_memory and facts.machine == "robot":
-            at_risk = [file for file in files if file.held and file.is_segment and file.user_id == account.uid]
-            if at_risk:
-                yield _at_risk(evidence, account, at_risk)
+        if losers := _losers(facts):
+            yield _lost(evidence, facts, losers, facts.get(ACCOUNT))
+
+
+def find_memory_at_risk(evidence: Evidence) -> Iterator[Finding]:
+    """Shared memory on the robot that will be removed when the next login there ends."""
+    account = evidence.robot.get(ACCOUNT) if evidence.robot else None
+    if evidence.robot is None or account is None or not account.loses_memory or _losers(evidence.robot):
+        return
+    files = evidence.robot.get(SHARED_MEMORY) or ()
+    at_risk = [file for file in files if file.held and file.is_segment and file.user_id == account.uid]
+    if at_risk:
+        yield _at_risk(evidence, account, at_risk)
+
+
+def _losers(facts: Facts) -> list[RosProcess]:
+    """The processes that hold memory which nobody else can open any more. Visitors end all the time."""
+    lost = {file.holder for file in facts.get(SHARED_MEMORY) or () if file.removed}
+    return [each for each in facts.get(ROS_PROCESSES) or () if each.pid in lost and not each.is_visitor]
 
 
 def _lost(evidence: Evidence, facts: Facts, using: list[RosProcess], account: Account | None) -> Finding:
@@ -211,11 +220,20 @@ def _unshared(facts: Facts, one: RosProcess, other: _Side, files: tuple[SharedFi
 
 
 _MEMORY = (SHARED_MEMORY, ROS_PROCESSES)
+# A process that starts or ends right now holds no lock for a moment, or locks on files that it has taken away already: what is
+# an orphan, or robbed, still is at the second look.
 CHECKS = (
     Check("dds.zombies", find_zombies, (ROS_PROCESSES, SOCKETS), (ROS_PROCESSES, SOCKETS)),
     Check("dds.shared-memory", find_unshared_memory, _MEMORY, _MEMORY),
-    Check("dds.removed-memory", find_lost_memory, _MEMORY, (*_MEMORY, ACCOUNT)),
-    # A process that starts or ends right now holds no lock for a moment: what is an orphan still is one at the second look.
+    Check("dds.memory-at-risk", find_memory_at_risk, (), (*_MEMORY, ACCOUNT)),
+    Check(
+        "dds.removed-memory",
+        find_removed_memory,
+        _MEMORY,
+        (*_MEMORY, ACCOUNT),
+        closer_laptop=(SHARED_MEMORY,),
+        closer_robot=(SHARED_MEMORY,),
+    ),
     Check(
         "dds.orphans",
         find_orphaned_memory,
