@@ -135,7 +135,7 @@ def _of_unit(evidence: Evidence, unit: Unit) -> Iterator[Finding]:
         yield _finding("unit-not-running", unit, cause, words, command, evidence)
     if unit.enabled == "disabled" and unit.active != "failed" and not _looping(unit):
         command = f"sudo systemctl enable {name}"
-        yield _finding("unit-not-enabled", unit, f"{name} will not start at the next boot", words, command, evidence)
+        yield _finding("unit-not-enabled", unit, f"{name} will not start at the next boot", (unit.line(),), command, evidence)
 
 
 def _gave_up(evidence: Evidence, unit: Unit) -> bool:
