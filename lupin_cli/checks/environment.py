@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
 from lupin_cli.checks.way import robot_address
-from lupin_cli.facts.addresses import ADDRESSES, Addresses
+from lupin_cli.facts.addresses import ADDRESSES
 from lupin_cli.facts.base import Facts
 from lupin_cli.facts.link import Link
 from lupin_cli.facts.ros_processes import ROS_PROCESSES, RosProcess
-from lupin_cli.facts.routes import ROUTES
+from lupin_cli.facts.routes import ROUTES, Routes
 from lupin_cli.facts.shell import SHELL, Shell, StartFile
 from lupin_cli.facts.sockets import SOCKETS, Socket, Sockets
 
@@ -71,14 +71,26 @@ def find_dead_processes(evidence: Evidence) -> Iterator[Finding]:
 
 
 def find_wrong_server(evidence: Evidence) -> Iterator[Finding]:
-    """Processes whose server is at an address that the robot doesn't have, or that this machine can't reach."""
+    """Processes whose server is at an address that the robot doesn't have, or that this machine can't reach.
+
+    A robot that can't be asked for its addresses has those by which it is known here; what is the matter with the way there is
+    told by itself.
+    """
+    addresses, routes = evidence.robot.get(ADDRESSES) if evidence.robot else None, evidence.laptop.get(ROUTES)
+    if addresses is not None:
+        known = {each.address: each.line() for each in addresses.every}
+        stray = "the robot has no such address"
+    elif evidence.robot is None and routes is not None and routes.to_robot:
+        known = {address: f"ip route get {address}: {' '.join(lines)}" for address, lines in routes.to_robot.items()}
+        routes = None
+        stray = f"the robot is known here by {' and '.join(known)}"
+    else:
+        return
     for facts in machines(evidence):
-        processes = facts.get(ROS_PROCESSES)
-        addresses = evidence.robot.get(ADDRESSES) if evidence.robot else None
-        if processes is None or addresses is None:
-            continue
-        for process in processes:
-            why = "" if process.is_daemon or not process.server else _why_wrong(host_of(process.server), facts, addresses)
+        for process in facts.get(ROS_PROCESSES) or ():
+            if process.is_daemon or not process.server:
+                continue
+            why = _why_wrong(host_of(process.server), facts.machine == "laptop", known, stray, routes)
             if why:
                 yield Finding(
                     id="process-wrong-server",
@@ -86,20 +98,20 @@ def find_wrong_server(evidence: Evidence) -> Iterator[Finding]:
                     where=facts.machine,
                     symptom=f"{process.name} lives, and nothing of the robot reaches it",
                     cause=f"{process.name} (process {process.pid}) asks the server at {process.server}: {why}",
-                    evidence=(process.line("ROS_DISCOVERY_SERVER"), *(each.line() for each in addresses.every)),
+                    evidence=(process.line("ROS_DISCOVERY_SERVER"), *known.values()),
                     fix=Fix(f"lupin dds setup {_address_of(evidence)}; then start {process.name} again"),
                 )
 
 
-def _why_wrong(host: str, facts: Facts, robot: Addresses) -> str:
+def _why_wrong(host: str, on_laptop: bool, known: Container[str], stray: str, routes: Routes | None) -> str:
     if not host.replace(".", "").isdigit():
         return ""  # a name: whoever resolves it may know better
     if host in _LOCAL:
-        return "that is this laptop, not the robot" if facts.machine == "laptop" else ""
-    if not robot.has(host):
-        return "the robot has no such address"
-    routes = facts.get(ROUTES) if facts.machine == "laptop" else None
-    return "no route of this machine leads there" if routes is not None and not routes.leads_to(host) else ""
+        return "that is this laptop, not the robot" if on_laptop else ""
+    if host not in known:
+        return stray
+    lost = on_laptop and routes is not None and not routes.leads_to(host)
+    return "no route of this machine leads there" if lost else ""
 
 
 def _address_of(evidence: Evidence) -> str:

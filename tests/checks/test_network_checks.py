@@ -181,6 +181,18 @@ def test_a_process_that_asks_the_wrong_server_is_named(healthy, server, why) -> 
     assert why in finding.cause
 
 
+def test_a_process_that_asks_a_server_where_no_robot_is_known_is_named_while_the_robot_is_away(healthy) -> None:
+    def asking(server: str) -> Any:
+        return healthy.unreachable("timeout").with_(
+            "laptop", "ros-processes", changed(0, environment={"ROS_DISCOVERY_SERVER": server})
+        )
+
+    assert asking("10.42.0.1:11811").named() == ["robot-unreachable"]
+    found = {finding.id: finding for finding in asking("10.42.0.9:11811").roots()}
+    assert sorted(found) == ["process-wrong-server", "robot-unreachable"]
+    assert "the robot is known here by 10.42.0.1" in found["process-wrong-server"].cause
+
+
 def test_a_process_on_another_middleware_is_named(healthy) -> None:
     libraries = frozenset({"librmw_cyclonedds_cpp.so", "libddsc.so", "librcl.so"})
     (finding,) = healthy.with_("laptop", "ros-processes", changed(0, libraries=libraries)).roots()
