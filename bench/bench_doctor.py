@@ -20,16 +20,21 @@ whole doctor on a healthy robot: the stack runs, our half of it too, and the gra
 
 Whole commands on a shared machine take as long as others let them; `--busy` runs both ends before everybody else's work.
 
-    python -m bench.bench_doctor [--rounds N] [--no-peers] [--graph] [--busy] [--json]      needs root, as the host's tests do
+The cable between the two hosts takes no time; `--delay-ms` makes it the radio that most robots are reached over.
+
+    python -m bench.bench_doctor [--rounds N] [--no-peers] [--way scripts|questions] [--delay-ms MS] [--graph] [--busy] [--json]
+
+Needs root, as the host's tests do.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import random
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from bench.booted import PROJECT_BENCH, Operator, Ran, load, median, operator, take_the_cores, tools_of
@@ -111,12 +116,16 @@ class Doctor:
         }
 
 
-def compared(rounds: int, with_peers: bool, busy: bool, note: Callable[[str], None]) -> dict[str, Any]:
+def compared(
+    rounds: int, with_peers: bool, busy: bool, delay_ms: float, ways: Sequence[str], note: Callable[[str], None]
+) -> dict[str, Any]:
     """Everything but the visit to the graph, in turns with the peers."""
     with operator() as someone:
         doctor = Doctor(someone, set_up(someone), *(word for name in peers.visiting() for word in ("--skip", name)))
         if busy:
             take_the_cores(someone.host)
+        if delay_ms:
+            someone.host.robot.fault("slow-link", delay_ms=delay_ms, jitter_ms=delay_ms / 4.0)
         doctor.once()
         doctor.walls.clear()
         doctor.slowest.clear()
@@ -129,7 +138,7 @@ def compared(rounds: int, with_peers: bool, busy: bool, note: Callable[[str], No
             with tools_of(someone) as tools:
                 result["peers"] = {
                     f"{way} of {ends}": _in_turns(someone, doctor, tools, peers.asked(tools.address, way, ends), rounds, note)
-                    for way in peers.WAYS
+                    for way in ways
                     for ends in peers.ENDS
                 }
     return result
@@ -142,12 +151,16 @@ def _in_turns(
     commands = {"pyinfra": peers.pyinfra(tools, questions), "ansible": peers.ansible(tools, questions)}
     walls: dict[str, list[float]] = {"lupin": [], "pyinfra": [], "ansible": [], "floor": []}
     floor = [sys.executable, "-c", FLOOR, tools.address, str(tools.key), str(tools.known_hosts)]
+    dice = random.Random(tasks)
     for round_ in range(rounds + 1):  # the first one warms caches
-        walls["lupin"].append(doctor.once().wall_s)
-        walls["floor"].append(someone.must(someone.run(floor)).wall_s)
-        for name, command in commands.items():
-            ran = someone.must(someone.run(command, tools.environment))
-            peers.must_have_answered(name, ran.stdout + ran.stderr, questions, tools)
+        for name in dice.sample(sorted(walls), len(walls)):  # nobody always comes after the one that leaves most behind
+            if name == "lupin":
+                ran = doctor.once()
+            elif name == "floor":
+                ran = someone.must(someone.run(floor))
+            else:
+                ran = someone.must(someone.run(commands[name], tools.environment))
+                peers.must_have_answered(name, ran.stdout + ran.stderr, questions, tools)
             walls[name].append(ran.wall_s)
         note(f"{tasks} tasks, round {round_}: " + ", ".join(f"{n} {w[-1]:.2f} s" for n, w in walls.items()))
     found: dict[str, Any] = {"tasks": tasks, **{f"{name}_s": median(w[1:]) for name, w in walls.items()}}
@@ -178,6 +191,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--no-peers", action="store_true", help="Ours alone; nothing is installed.")
+    parser.add_argument("--way", action="append", choices=peers.WAYS, help="How the peers ask; else one after the other.")
+    parser.add_argument("--delay-ms", type=float, default=0.0, help="Of the link, each way, as a radio has it.")
     parser.add_argument("--graph", action="store_true", help="The whole doctor too, with its visit to the graph.")
     parser.add_argument("--busy", action="store_true", help="Others use this machine: run what is measured before their work.")
     parser.add_argument("--json", action="store_true", help="Print one line of JSON, alone on standard output.")
@@ -186,7 +201,7 @@ def main() -> int:
     def note(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
-    result = compared(options.rounds, not options.no_peers, options.busy, note)
+    result = compared(options.rounds, not options.no_peers, options.busy, options.delay_ms, options.way or peers.WAYS, note)
     if options.graph:
         result["with_the_graph"] = whole(options.rounds, options.busy, note)
     if options.json:
