@@ -21,9 +21,8 @@ PROBE = (
 echo '@@ chronyd'; command -v chronyd
 echo '@@ running'; echo "$running"
 echo '@@ files'
-for f in /etc/chrony/chrony.conf /etc/chrony.conf /etc/chrony/conf.d/*.conf /etc/chrony/sources.d/*.sources; do
-  [ -r "$f" ] && grep -HnE '^[[:space:]]*({DIRECTIVES})' "$f"
-done
+grep -HnsE '^[[:space:]]*({DIRECTIVES})' \
+  /etc/chrony/chrony.conf /etc/chrony.conf /etc/chrony/conf.d/*.conf /etc/chrony/sources.d/*.sources
 echo '@@ listeners'; ss -H -lnu 'sport = :{NTP_PORT}' 2>/dev/null
 if [ -n "$running" ]; then
   echo '@@ tracking'; timeout 2 chronyc -c -n tracking 2>&1

@@ -21,11 +21,11 @@ PROBE = (
     + rf"""names='FASTRTPS_DEFAULT_PROFILES_FILE|FASTDDS_DEFAULT_PROFILES_FILE'
 pids=$(grep -zlasE "^($names)=" /proc/[0-9]*/environ | cut -d/ -f3)
 {SAME_NETWORK}
-{{ for pid in $pids; do echo "/proc/$pid/environ"; done | xargs -r grep -zHasE "^($names)=" | tr '\n\0' ' \n' |
-    sed -E 's#^(/proc/[0-9]+)/environ:[^=]*=#\1/root #'
-  env | grep -E "^($names)=" | sed 's#^[^=]*=#/ #'
+{{ [ -z "$pids" ] || grep -zHasE "^($names)=" $(for pid in $pids; do echo "/proc/$pid/environ"; done) /dev/null |
+    tr '\n\0' ' \n' | sed -E 's#^(/proc/[0-9]+)/environ:[^=]*=#\1/root #'
+  env | sed -nE "s#^($names)=#/ #p"
   echo "/ ${{XDG_CONFIG_HOME:-$HOME/.config}}/lupin/{OWN_PROFILE}"
-}} | sort -u | sort -s -k2 | {{
+}} | sort -u -k2 -k1,1 | {{
   last= found=
   missing() {{ [ -z "$last" ] || [ -n "$found" ] || {{ echo "@@ file $last"; echo missing; }}; }}
   while read -r root path; do

@@ -16,11 +16,9 @@ from lupin_cli.target.base import Output
 
 _LIBRARIES = r"lib(rcl|fastrtps|fastdds|ddsc|rmw_[a-z_]+_cpp)\.so"
 # Containers with a network of their own are other machines, though their processes show in /proc here.
-SAME_NETWORK = (
-    """own=$(stat -L -c %i /proc/self/ns/net)
-pids=$(for pid in $pids; do echo "/proc/$pid/ns/net"; done | xargs -r stat -L -c '%i %n' 2>/dev/null |"""
-    """ awk -v own="$own" '$1 == own { split($2, part, "/"); print part[3] }')"""
-)
+SAME_NETWORK = """near=
+for pid in $pids; do [ "/proc/$pid/ns/net" -ef /proc/self/ns/net ] && near="$near $pid"; done
+pids=$near"""
 _VARIABLES = "(ROS_|RMW_|FASTRTPS_|FASTDDS_|CYCLONEDDS_|MIRTE_|LUPIN_|VIRTUAL_ENV=)"
 PROBE = (
     PRELUDE
@@ -29,13 +27,14 @@ PROBE = (
 files() {{ for pid in $pids; do echo "/proc/$pid/$1"; done; }}
 echo '@@ uptime'; cat /proc/uptime
 echo '@@ ticks'; getconf CLK_TCK
+[ -n "$pids" ] || {{ printf '@@ %s\n' stat user group libraries command environment memory; exit 0; }}
 echo '@@ stat'; grep -Hs '' $(files stat) /dev/null
 echo '@@ user'; grep -Hs '^Uid:' $(files status) /dev/null
 echo '@@ group'; grep -Hs '' $(files cgroup) /dev/null
 echo '@@ libraries'; grep -HosE '{_LIBRARIES}' $(files maps) /dev/null | sort -u
 echo '@@ command'; grep -zHas '' $(files cmdline) /dev/null | tr '\n\0' ' \n'
 echo '@@ environment'; grep -zHasE '^{_VARIABLES}' $(files environ) /dev/null | tr '\n\0' ' \n'
-echo '@@ memory'; [ -z "$pids" ] || stat -L -c '%n:%d' $(files root/dev/shm) 2>/dev/null
+echo '@@ memory'; stat -L -c '%n:%d' $(files root/dev/shm) 2>/dev/null
 exit 0
 """
 )
