@@ -223,7 +223,8 @@ def _memory_again(rig: Rig) -> None:
     from lupin_sim.host.checkout import keep_memory
 
     keep_memory(rig.host.robot)
-    rig.root("systemctl restart mirte-ros", 90.0)
+    # Fault after fault, the stack is restarted more often than its units' limits of starts allow for.
+    rig.root("systemctl reset-failed 'lupin-*'; systemctl restart mirte-ros", 90.0)
 
 
 def _page_gone(rig: Rig) -> None:
