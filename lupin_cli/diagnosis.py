@@ -187,12 +187,21 @@ def diagnose(checks: Sequence[Check], evidence: Evidence, broken: Iterable[str] 
             failed.append(f"check {check.name}: {type(error).__name__}: {error}")
     return Diagnosis(
         checks=tuple(check.name for check in checks),
-        roots=fold(finding for findings in by_check.values() for finding in findings),
+        roots=fold(hindered(finding for findings in by_check.values() for finding in findings)),
         unknown=tuple(unanswered(evidence)),
         broken=tuple(failed),
         by_check=by_check,
         duration_s=time.monotonic() - started,
     )
+
+
+def hindered(findings: Iterable[Finding]) -> Iterable[Finding]:
+    """The findings; a cure that another finding of the same machine lets fail isn't safe to try unasked."""
+    found = tuple(findings)
+    hopeless = {(finding.where, playbook) for finding in found for playbook in finding.hinders}
+    for finding in found:
+        hopes = (finding.where, finding.fix.playbook) not in hopeless
+        yield finding if hopes else replace(finding, fix=replace(finding.fix, safe=False))
 
 
 def fold(findings: Iterable[Finding]) -> tuple[Root, ...]:

@@ -41,6 +41,7 @@ class Finding:
     # What goes away with this one: ids of findings, or `id:about` where only that one does.
     explains: frozenset[str] = frozenset()
     about: str = ""  # what it is about, where there may be several of one id: a topic, a machine
+    hinders: frozenset[str] = frozenset()  # playbooks that can't succeed on its machine while it stands: none is safe then
 
     def accounts_for(self, other: Finding) -> bool:
         """Whether `other` goes away with this one."""

@@ -21,6 +21,10 @@ FEW_INODES = 0.02
 SHARED_MEMORY = "/dev/shm"
 SHARED_MEMORY_KB = 4_000  # a participant of Fast DDS takes 550 KB, a few of them take this
 WRITTEN = ("/", "/home", "/tmp", "/var", "/var/log", SHARED_MEMORY)
+# What they change has to be kept, or what they start writes.
+WRITING = frozenset(
+    {"install-clock-sync", "keep-shared-memory", "pin-wifi", "recover-discovery", "serve-clock", "start-onboard", "sync-clock"}
+)
 LITTLE_MEMORY, STALLED = 0.05, 0.30
 HOT_C, TOO_HOT_C = 80.0, 90.0  # where the board's vendor begins to throttle, and where it gives up
 
@@ -46,6 +50,7 @@ def storage(evidence: Evidence) -> Iterator[Finding]:
                 evidence=tuple(f"{mount.raw} (ro)" for mount in locked),
                 fix=Fix(there(evidence, facts.machine, "sudo dmesg | grep -iE 'error|remount'")),
                 explains=frozenset({"home-not-writable"}),
+                hinders=WRITING,
             )
         for mount in mounts:
             if mount in locked:

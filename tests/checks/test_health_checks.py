@@ -248,6 +248,16 @@ def test_the_captured_strays_hold_the_camera() -> None:
     assert any("usb_cam_node_exe" in line for line in findings[0].evidence)
 
 
+def test_no_cure_that_writes_is_safe_on_a_robot_whose_disk_takes_nothing() -> None:
+    def safe(evidence: Evidence) -> dict[str, bool]:
+        return {finding.id: finding.fix.safe for finding in found(evidence) if finding.fix.playbook}
+
+    full = "read-only-and-full"
+    assert safe(world(chrony="bare-robot"))["chrony-stock-makestep"]
+    assert not safe(world(chrony="bare-robot", storage=full))["chrony-stock-makestep"]
+    assert safe(world(chrony="bare-robot", laptop={"storage": full}))["chrony-stock-makestep"]
+
+
 def test_serial_ports_and_cameras_ask_for_their_groups() -> None:
     account = dataclasses.replace(captured("account", "operator"), home_writable=True, groups=("mirte", "input"))
     devices = dataclasses.replace(captured("devices", "held"), holders=())
