@@ -213,7 +213,8 @@ class Visit:
         for name, (client, request, future, sent_s) in list(self._pending.items()):
             if future is None:
                 if client.service_is_ready():
-                    self._pending[name] = (client, request, client.call_async(request), time.monotonic())
+                    self._since_s[name] = sent_s = time.monotonic()
+                    self._pending[name] = (client, request, client.call_async(request), sent_s)
             elif future.done():
                 self.calls[name] = {"answered": True, "round_trip_s": round(time.monotonic() - sent_s, 4)}
                 if name == graph.LIST_CONTROLLERS.name:
@@ -251,7 +252,9 @@ class Visit:
         for name, since_s in self._since_s.items():
             bound_s = CALL_BOUND_S if name in self.calls else SAMPLE_BOUND_S
             answered = self.calls[name]["answered"] if name in self.calls else self.samples[name]["count"]
-            if not answered and end_s - since_s < bound_s:
+            # A server that was listed and never found was not asked: that it is silent nobody knows.
+            asked_in_vain = name not in self._pending or self._pending[name][2] is not None
+            if not answered and (end_s - since_s < bound_s or not asked_in_vain):
                 (self.calls if name in self.calls else self.samples).pop(name)
 
     def _whole(self) -> bool:

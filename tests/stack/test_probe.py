@@ -106,6 +106,24 @@ def test_a_robot_that_stops_once_its_names_are_known_gives_names_and_no_samples(
 
 
 @pytest.mark.graph
+def test_a_server_that_is_listed_and_never_found_is_not_called_silent(graph_host) -> None:
+    from std_srvs.srv import Trigger
+
+    from lupin_runtime.ros import LupinNode
+    from lupin_runtime.ros.node import interface
+
+    talker = graph_host.add(LupinNode("talker"))
+    scan, laser = talker.publisher(graph.SCAN), interface(graph.SCAN.type)
+    talker.create_timer(0.05, lambda: scan.publish(laser()))
+    # Of another type, so that no client of the right one ever meets them; on a busy machine that may take as long as a visit.
+    for row in (graph.LIST_CONTROLLERS, graph.ARM_LIBRARY_LIST):
+        talker.create_service(Trigger, row.name, lambda _, answer: answer)
+    seen = visit()
+    assert dict(seen.samples)[graph.SCAN.name] and not seen.calls
+    assert "one-way-data" not in ids(seen) and "controller-manager-silent" not in ids(seen)
+
+
+@pytest.mark.graph
 def test_every_fault_of_a_graph_of_real_nodes_is_named_and_no_other(graph_host) -> None:
     from lupin_runtime.drive.twist import ZERO, encode
     from lupin_runtime.ros import LupinNode
