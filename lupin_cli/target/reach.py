@@ -160,7 +160,10 @@ class Knock:
             self._answer.set_exception(error)
 
     def take(self) -> socket.socket:
-        """The socket, which is the caller's from now on; it comes, or not, within twice the time-out. Raises Unreachable."""
+        """The socket, which is the caller's from now on: a name, a connection and a greeting each take a time-out at most.
+
+        Raises Unreachable.
+        """
         return self._answer.result()
 
     def forget(self) -> None:

@@ -5,6 +5,7 @@ What `framing` does where another machine's shell has to: without its helpers a 
 
 from __future__ import annotations
 
+import contextlib
 import os
 import selectors
 import signal
@@ -84,7 +85,8 @@ class _Run:
         self._began_s = time.monotonic()
         self.due_s = self._began_s + self._bound_s  # when something is to be done about it, unless its end comes before
         self._duration_s: float | None = None  # once its shell has ended
-        self._cut = self._stray = False
+        self._signals = [signal.SIGTERM, signal.SIGKILL]  # that it has not had yet
+        self._stray = False
         self._stdout, self._stderr = _Kept(STDOUT_CAP_BYTES, cut=True), _Kept(_STDERR_CAP_BYTES, cut=False)
         self._open = {self._process.stdout.fileno(): self._stdout, self._process.stderr.fileno(): self._stderr}
         self._end = os.pidfd_open(self._process.pid)
@@ -95,7 +97,7 @@ class _Run:
     @property
     def done(self) -> bool:
         """Whether nothing more is waited for."""
-        return self._duration_s is not None and (not self._open or self._stray)
+        return self._stray or (self._duration_s is not None and not self._open)
 
     def _hear(self, pipe: int) -> None:
         if not self._open[pipe].take(os.read(pipe, 1 << 16)):
@@ -107,20 +109,21 @@ class _Run:
 
     def _ended(self, _: int) -> None:
         self._selector.unregister(self._end)
+        self._signal(signal.SIGTERM)  # as long as nobody else can have its number
         self._process.wait()
         now_s = time.monotonic()
         self._duration_s, self.due_s = now_s - self._began_s, now_s + STRAY_GRACE_S
-        self._signal(signal.SIGTERM)
 
     def attend(self) -> None:
-        """At its bound ask it to end, and a moment later don't ask; after its end don't listen to strays for ever."""
+        """At its bound ask it to end, and a moment later don't ask. Neither a stray that holds its pipes nor a kernel that does
+        not let it end is waited for much longer."""
         if time.monotonic() < self.due_s or self.done:
             return
-        if self._duration_s is not None:
+        if self._duration_s is None and self._signals:
+            self._signal(self._signals.pop(0))
+            self.due_s = time.monotonic() + KILL_AFTER_S
+        else:
             self._stray = True
-            return
-        self._signal(signal.SIGKILL if self._cut else signal.SIGTERM)
-        self._cut, self.due_s = True, time.monotonic() + KILL_AFTER_S
 
     def _signal(self, number: signal.Signals) -> None:
         try:
@@ -132,7 +135,8 @@ class _Run:
         """Nothing of it runs on, and nothing is open; a stray in a session of its own keeps what it holds."""
         if self._process.poll() is None:
             self._signal(signal.SIGKILL)
-            self._process.wait(KILL_AFTER_S)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(KILL_AFTER_S)
         os.close(self._end)
         for pipe in (self._process.stdout, self._process.stderr):
             if pipe is not None:
@@ -142,8 +146,8 @@ class _Run:
         """What came of it."""
         lines = self._stderr.data.decode("utf-8", "backslashreplace").splitlines()[:STDERR_LINES]
         stderr = "\n".join(line[:STDERR_COLUMNS] for line in lines)
-        status: int | None = self._process.returncode
-        if self._cut:
+        status, cut = self._process.returncode, len(self._signals) < 2
+        if cut:
             status, stderr = None, stderr or f"no end within {self._bound_s:g} s"
         elif self._stray:
             stderr = (stderr + "\na process that it left behind holds its output").lstrip()
@@ -152,5 +156,5 @@ class _Run:
             self._stdout.data[:STDOUT_CAP_BYTES].decode("utf-8", "backslashreplace"),
             stderr,
             self._duration_s or 0.0,
-            truncated=len(self._stdout.data) > STDOUT_CAP_BYTES or self._stray or self._cut,
+            truncated=len(self._stdout.data) > STDOUT_CAP_BYTES or self._stray or cut,
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import subprocess
 import time
 import tracemalloc
@@ -316,3 +317,18 @@ def test_a_batch_leaves_no_process_and_no_descriptor_open() -> None:
     assert outputs["cut"].status is None and outputs["cut"].stderr == "no end within 0.2 s"
     assert os.listdir("/proc/self/fd") == before  # noqa: PTH208
     assert psutil.Process().children() == children
+
+
+@pytest.mark.filterwarnings("ignore:subprocess .* is still running:ResourceWarning")
+def test_a_script_that_nothing_can_end_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    killed = os.killpg
+    monkeypatch.setattr("lupin_cli.target.side_by_side.KILL_AFTER_S", 0.2)
+    monkeypatch.setattr(os, "killpg", lambda *_: None)  # as one that waits for a disk in the kernel
+    before = psutil.Process().children()
+    start = time.monotonic()
+    outputs = LocalTarget().batch([Script("dead", "echo begun; exec sleep 60", 0.2), Script("fine", "echo fine")])
+    assert time.monotonic() - start < 20
+    assert outputs["dead"].status is None and outputs["dead"].stdout == "begun\n" and outputs["fine"].stdout == "fine\n"
+    (left,) = set(psutil.Process().children()) - set(before)
+    killed(left.pid, signal.SIGKILL)
+    left.wait(10)
