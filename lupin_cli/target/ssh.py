@@ -247,7 +247,7 @@ class SshTarget:
                     said = _last_line(channel)
             except LOST as error:
                 why = f"the link went: {str(error) or type(error).__name__}"
-            if not program.reader.done and not watch.transport.is_active() and time.monotonic() < deadline:
+            if not program.reader.done and time.monotonic() < deadline and _is_gone(watch.transport):
                 why = f"the link went: {watch.why}"
                 if not program.reader.started:
                     raise unreachable(str(self.destination), "lost", watch.why)
