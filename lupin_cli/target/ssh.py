@@ -232,8 +232,9 @@ class SshTarget:
         with Watch(self.connect(), bound_s + 1.0) as watch:
             try:
                 with self._channel(watch.transport, READ_BATCH, bound_s, self._take_ready(watch.transport)) as channel:
-                    channel.sendall(program.payload)
-                    channel.shutdown_write()
+                    with contextlib.suppress(OSError):  # a shell that has ended already takes nothing; what it said is read
+                        channel.sendall(program.payload)
+                        channel.shutdown_write()
                     while not program.reader.done and (left := deadline - time.monotonic()) > 0:
                         channel.settimeout(min(left, 0.5))
                         try:
