@@ -51,10 +51,10 @@ def test_a_link_without_multicast_is_told_from_one_with(fresh_host: Host, tmp_pa
 def test_a_lossy_link_is_said_to_be_one(fresh_host: Host, tmp_path: Path) -> None:
     fresh_host.robot.fault("lossy-link", loss=0.12)
     # Alone: with another way open, a link that loses the first packet of a connection isn't even taken.
-    # One in many such connections comes about only when it is tried again.
+    # One in many such connections comes about only when it is tried again, and one in many rows of packets loses none.
     for attempt in range(5):
         _, seen = transport(fresh_host, tmp_path / str(attempt), "show", both=False)
-        if seen["quality"]:
+        if seen["quality"] and seen["quality"]["loss"]:
             break
     assert 0.02 < seen["quality"]["loss"] < 0.9
     wired = next(choice for choice in seen["ranking"] if choice["transport"] == "wired")
