@@ -116,7 +116,9 @@ def test_what_a_killed_process_left_is_swept_and_a_live_ones_stays(sandbox: Sand
     assert dying.stdin is not None
     dying.stdin.write("\n")
     dying.stdin.flush()
-    while not files_of(plan, "orphans"):
+    deadline = time.monotonic() + BOUND_S
+    # One that is killed lets go of its files one after the other.
+    while files_of(plan, "orphans") != left - alive and time.monotonic() < deadline:
         status, plan = sandbox.sweep("--dry-run")
     assert status == 1 and files_of(plan, "orphans") == left - alive and sandbox.files() == left | alive
     status, result = sandbox.sweep()
