@@ -213,15 +213,16 @@ class SshTarget:
     # -- what it can do
 
     def get_ready(self) -> None:
-        """Let the login shell come up for a batch that is about to be asked: it takes as long as many a question does."""
-        with (
-            contextlib.suppress(*LOST),
-            Watch(self.connect(), _HANDSHAKE_S) as watch,
-        ):  # the batch meets a lost link too, and tells
-            channel = watch.transport.open_session(timeout=_HANDSHAKE_S)
-            channel.settimeout(_HANDSHAKE_S)
-            channel.exec_command(READ_BATCH)
-            self._ready = channel
+        """Let the login shell come up for a batch that is about to be asked: it takes as long as many a question does.
+
+        A link that goes meanwhile is met by the batch as well, which tells. One shell at a time waits.
+        """
+        with contextlib.suppress(*LOST), Watch(self.connect(), _HANDSHAKE_S) as watch:
+            if self._ready is None:
+                channel = watch.transport.open_session(timeout=_HANDSHAKE_S)
+                channel.settimeout(_HANDSHAKE_S)
+                channel.exec_command(READ_BATCH)
+                self._ready = channel
 
     def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
         """See `Target.batch`. Where the link goes before anything was heard, raises Unreachable."""

@@ -278,6 +278,7 @@ def test_a_shell_that_was_made_ready_runs_the_next_batch_and_no_other_one(sshd, 
     monkeypatch.setattr(paramiko.Channel, "exec_command", lambda self, command: commands.append(command) or run(self, command))
     with contextlib.closing(SshTarget("robot", sshd.destination, sshd.trust())) as target:
         target.get_ready()
+        target.get_ready()  # as a watch does that asks nothing: one shell waits, not one a look
         assert target.batch([Script("one", "echo one")])["one"].stdout == "one\n"
         assert len(commands) == 1
         assert target.batch([Script("two", "echo two")])["two"].stdout == "two\n"
