@@ -24,7 +24,8 @@ from lupin_cli.target.framing import (
     require_fit,
 )
 
-KILL_AFTER_S = 1.0  # from SIGTERM to SIGKILL
+KILL_AFTER_S = 1.0  # from SIGTERM to SIGKILL, and from that to giving up
+_WAYS_TO_END = (signal.SIGTERM, signal.SIGKILL)
 _STDERR_CAP_BYTES = STDERR_LINES * STDERR_COLUMNS
 
 
@@ -85,13 +86,14 @@ class _Run:
         self._began_s = time.monotonic()
         self.due_s = self._began_s + self._bound_s  # when something is to be done about it, unless its end comes before
         self._duration_s: float | None = None  # once its shell has ended
-        self._signals = [signal.SIGTERM, signal.SIGKILL]  # that it has not had yet
+        self._asked_to_end = 0  # times, at its bound and after it
         self._stray = False
         self._stdout, self._stderr = _Kept(STDOUT_CAP_BYTES, cut=True), _Kept(_STDERR_CAP_BYTES, cut=False)
-        self._open = {self._process.stdout.fileno(): self._stdout, self._process.stderr.fileno(): self._stderr}
+        streams = ((self._process.stdout, self._stdout), (self._process.stderr, self._stderr))
+        self._open = {pipe.fileno(): (pipe, kept) for pipe, kept in streams}
         self._end = os.pidfd_open(self._process.pid)
-        for pipe in self._open:
-            selector.register(pipe, selectors.EVENT_READ, self._hear)
+        for number in self._open:
+            selector.register(number, selectors.EVENT_READ, self._hear)
         selector.register(self._end, selectors.EVENT_READ, self._ended)
 
     @property
@@ -99,13 +101,12 @@ class _Run:
         """Whether nothing more is waited for."""
         return self._stray or (self._duration_s is not None and not self._open)
 
-    def _hear(self, pipe: int) -> None:
-        if not self._open[pipe].take(os.read(pipe, 1 << 16)):
-            self._selector.unregister(pipe)
-            del self._open[pipe]
-            for mine in (self._process.stdout, self._process.stderr):
-                if mine is not None and not mine.closed and mine.fileno() == pipe:
-                    mine.close()
+    def _hear(self, number: int) -> None:
+        pipe, kept = self._open[number]
+        if not kept.take(os.read(number, 1 << 16)):
+            self._selector.unregister(number)
+            del self._open[number]
+            pipe.close()
 
     def _ended(self, _: int) -> None:
         self._selector.unregister(self._end)
@@ -119,8 +120,9 @@ class _Run:
         not let it end is waited for much longer."""
         if time.monotonic() < self.due_s or self.done:
             return
-        if self._duration_s is None and self._signals:
-            self._signal(self._signals.pop(0))
+        if self._duration_s is None and self._asked_to_end < len(_WAYS_TO_END):
+            self._signal(_WAYS_TO_END[self._asked_to_end])
+            self._asked_to_end += 1
             self.due_s = time.monotonic() + KILL_AFTER_S
         else:
             self._stray = True
@@ -138,15 +140,14 @@ class _Run:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(KILL_AFTER_S)
         os.close(self._end)
-        for pipe in (self._process.stdout, self._process.stderr):
-            if pipe is not None:
-                pipe.close()
+        for pipe, _ in self._open.values():
+            pipe.close()
 
     def output(self) -> Output:
         """What came of it."""
         lines = self._stderr.data.decode("utf-8", "backslashreplace").splitlines()[:STDERR_LINES]
         stderr = "\n".join(line[:STDERR_COLUMNS] for line in lines)
-        status, cut = self._process.returncode, len(self._signals) < 2
+        status, cut = self._process.returncode, self._asked_to_end > 0
         if cut:
             status, stderr = None, stderr or f"no end within {self._bound_s:g} s"
         elif self._stray:
