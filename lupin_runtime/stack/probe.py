@@ -253,8 +253,8 @@ class Visit:
             bound_s = CALL_BOUND_S if name in self.calls else SAMPLE_BOUND_S
             answered = self.calls[name]["answered"] if name in self.calls else self.samples[name]["count"]
             # A server that was listed and never found was not asked: that it is silent nobody knows.
-            asked_in_vain = name not in self._pending or self._pending[name][2] is not None
-            if not answered and (end_s - since_s < bound_s or not asked_in_vain):
+            unasked = name in self._pending and self._pending[name][2] is None
+            if not answered and (end_s - since_s < bound_s or unasked):
                 (self.calls if name in self.calls else self.samples).pop(name)
 
     def _whole(self) -> bool:
