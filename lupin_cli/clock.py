@@ -10,10 +10,10 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 from lupin_cli.facts.clock import Offset
+from lupin_cli.quick_dataclass import dataclass
 
 # What may be left alone while the stack runs: the contract's, and far below what the message filters of mapping forgive.
 TOLERATED_S = 3.0

@@ -17,9 +17,11 @@ import difflib
 import os
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
+
+from lupin_cli.quick_dataclass import dataclass
 
 TRANSPORTS = ("wired", "router", "ap")  # best first
 DEFAULT_USER = "mirte"

@@ -12,10 +12,10 @@ import re
 import shlex
 import subprocess
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from lupin_cli.facts.dds_profiles import DISCOVERY_PORT, OWN_PROFILE, SERVER_PREFIX, Profile, parse
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 DEFAULT_IP = "192.168.42.1"  # the robot's own access point

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Severity
@@ -15,6 +15,7 @@ from lupin_cli.facts.base import Fact, Facts, Unknown
 from lupin_cli.facts.clock import Offset
 from lupin_cli.facts.link import Link
 from lupin_cli.facts.routes import ROBOT_ADDRESSES
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import (
     AuthenticationFailed,
     HostKeyChanged,

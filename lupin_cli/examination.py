@@ -6,12 +6,13 @@ import contextlib
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 from lupin_cli.checks.base import Check, Evidence, Finding
 from lupin_cli.diagnosis import Diagnosis, diagnose, gather, look_closer
 from lupin_cli.facts.link import Link
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output, Script, Target
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+
+from lupin_cli.quick_dataclass import dataclass
 
 MASK = "***"
 

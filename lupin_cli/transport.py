@@ -11,13 +11,14 @@ import json
 import re
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from ipaddress import ip_address, ip_network
 from typing import Any
 
 from lupin_cli.config import TRANSPORTS
 from lupin_cli.facts.networkmanager import NetworkManager
 from lupin_cli.facts.sections import PRELUDE, answers
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 WHY = {

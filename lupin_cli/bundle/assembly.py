@@ -5,12 +5,12 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from lupin_cli.bundle import ends
 from lupin_cli.bundle.pieces import FAILED, TOO_BIG, LeftOut, Piece
 from lupin_cli.bundle.redaction import Redactor, dumped
+from lupin_cli.quick_dataclass import dataclass
 
 FILE_LIMIT = 2_000_000
 JSON_LIMIT = 8_000_000  # can't be cut and stay JSON

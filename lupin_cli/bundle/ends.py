@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import os
 import stat
-from dataclasses import dataclass
 from pathlib import Path
+
+from lupin_cli.quick_dataclass import dataclass
 
 HEAD_SHARE = 4  # a quarter of what is kept is head
 

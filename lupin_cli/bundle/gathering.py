@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 from lupin_cli.bundle import asking, plain, sources
@@ -16,6 +15,7 @@ from lupin_cli.diagnosis import Diagnosis
 from lupin_cli.examination import AT_ONCE, Examination, examine_all
 from lupin_cli.facts.base import Facts, Unknown
 from lupin_cli.facts.link import Link
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.report import to_dict, to_markdown
 from lupin_cli.target.base import Target
 

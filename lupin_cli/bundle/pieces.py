@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
+
+from lupin_cli.quick_dataclass import dataclass
 
 # Why something is not there. Only the last three mean that the archive has less than it could have.
 ABSENT, TOO_BIG, UNREADABLE, UNREACHABLE, FAILED = "absent", "too big", "unreadable", "unreachable", "failed"

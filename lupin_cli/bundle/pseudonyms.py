@@ -9,7 +9,9 @@ from __future__ import annotations
 import ipaddress
 import re
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import field
+
+from lupin_cli.quick_dataclass import dataclass
 
 MAC_PREFIX = "02:6d:61:63"  # locally administered, so nobody's card
 PUBLIC_IPV4 = ipaddress.IPv4Network("198.18.0.0/15")  # for benchmarks, RFC 2544: never routed

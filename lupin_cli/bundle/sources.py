@@ -7,11 +7,11 @@ the cold boot is told by the first.
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
 
 from lupin_cli.facts.sections import PRELUDE
 from lupin_cli.facts.units import VENDOR
 from lupin_cli.onboard import ROOT
+from lupin_cli.quick_dataclass import dataclass
 
 ABSENT = 44
 LAST_LINES, FIRST_LINES = 4000, 400

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 from typing import Any
 
 from lupin_cli.facts.base import Fact, Facts
+from lupin_cli.quick_dataclass import dataclass
 
 
 class Severity(str, Enum):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
 from lupin_cli.checks.discovery import lacks_server
@@ -16,6 +15,7 @@ from lupin_cli.facts.link import Link
 from lupin_cli.facts.ros_processes import ROS_PROCESSES, RosProcess
 from lupin_cli.facts.shared_memory import SHARED_MEMORY, SharedFile
 from lupin_cli.facts.sockets import SOCKETS
+from lupin_cli.quick_dataclass import dataclass
 
 # Unicast ports of domain 0: 7410 + 2 * participant, and one more each for data.
 FIRST_PORT, LAST_PORT = 7410, 7447

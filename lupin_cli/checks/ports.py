@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
 from lupin_cli.facts.sockets import SOCKETS, Socket
+from lupin_cli.quick_dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from lupin_cli.config import TRANSPORTS, Config, ConfigError, Robot, load
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.robot_options import (
     ALL,
     ASK_SUDO,

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from lupin_cli.config import ConfigError, load
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.robot_options import ASK_SUDO, BREAK_LEASE, CONFIG, ROBOT, ask_sudo_password, connect, reporting, select
 
 if TYPE_CHECKING:

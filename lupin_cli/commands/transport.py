@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from lupin_cli.config import TRANSPORTS, Config, ConfigError, Robot, load
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.robot_options import ASK_SUDO, CONFIG, ROBOT, connect, destinations, reporting, select
 from lupin_cli.target.base import Script, Unreachable
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, Answers, answers
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 FIRST_PERSON = 1000  # of Debian's and Ubuntu's user ids

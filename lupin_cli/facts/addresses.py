@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from ipaddress import ip_address, ip_interface
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 PROBE = PRELUDE + "ip -j -4 address show\n"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Generic, TypeVar
 
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 Value = TypeVar("Value")

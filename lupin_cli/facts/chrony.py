@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, Answers, answers
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 NTP_PORT = 123

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, answers, integer
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 # The monotonic clock before and after a reading bounds it even while the wall clock is being slewed or stepped.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.ros_processes import SAME_NETWORK
 from lupin_cli.facts.sections import PRELUDE, answers
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 # The prefix of discovery server 0, which the vendor's super clients and ours name: its bytes spell DS_PROSIMA.

@@ -10,10 +10,10 @@ import json
 import shlex
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from lupin_cli.facts.base import Fact
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 GHOST = "_NODE_NAME_UNKNOWN_"  # as rmw has it

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, answers, as_root_if_allowed
 from lupin_cli.facts.units import OURS, VENDOR
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 KEPT_LINES = 60

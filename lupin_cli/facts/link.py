@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from lupin_cli.facts.clock import Offset
+from lupin_cli.quick_dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import re
 import shlex
-from dataclasses import dataclass
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.dds_profiles import DISCOVERY_PORT
 from lupin_cli.facts.sections import PRELUDE, answers, integer
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 CAPTURE_S = 6.0  # a visit to the graph, which makes the packets, takes a second or two to join, and calls for three

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import PurePosixPath
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, answers, integer, number
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 _LIBRARIES = r"lib(rcl|fastrtps|fastdds|ddsc|rmw_[a-z_]+_cpp)\.so"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
 
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 MARK = "@@ "

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, answers, integer
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 # Locks of processes in other PID namespaces (containers) are not in /proc/locks, but flock(1) runs into them. It opens without

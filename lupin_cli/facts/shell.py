@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, answers
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 # A vendor's hook that unsets the server lies in a package's folder of the workspace whose setup file is sourced.

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, answers, integer
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 # ss may leave out the owner of a socket that was only just opened, so owners that are missing are asked for again. Who holds

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, answers
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 VENDOR = "mirte-ros.service"

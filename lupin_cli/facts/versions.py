@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, Answers, answers
 from lupin_cli.onboard import ROOT
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 PROBE = (

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, ClassVar, Protocol
 
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference
 from lupin_cli.operations.clock_step import offset
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 

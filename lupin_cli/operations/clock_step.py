@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.clock import ClockError, Sample, estimate, read_answer
 from lupin_cli.facts.clock import Offset
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.shell import change, look, read
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Script, Target
 
 LIVE_STACK = 43

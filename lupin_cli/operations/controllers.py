@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference
 from lupin_cli.operations.controller_list import complaints, controller_states
 from lupin_cli.operations.shell import change
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 AUTO_HOME = "lupin-auto-home.service"

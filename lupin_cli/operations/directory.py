@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.file import MODE
 from lupin_cli.operations.paths import own, read_entry
 from lupin_cli.operations.shell import change, quote, read
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.shell import change, look, read
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 # The profile must not be in its environment: it would make a server of the vendor's client profile, whose port it can't take.

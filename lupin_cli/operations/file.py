@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference
 from lupin_cli.operations.paths import Entry, describe, own, read_file, restore, unified_diff
 from lupin_cli.operations.shell import change, quote
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.shipped import shipped_folder
 from lupin_cli.target.base import Target
 

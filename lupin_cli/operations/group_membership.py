@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.shell import change, look, quote
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 

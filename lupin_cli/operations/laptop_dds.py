@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,6 +12,7 @@ from lupin_cli.config import config_directory
 from lupin_cli.operations.base import Difference
 from lupin_cli.operations.paths import read_entry, unified_diff
 from lupin_cli.operations.shell import change, quote
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.paths import describe, own, read_file, restore, unified_diff
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.shell import change, look, quote
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 _PROPERTY = re.compile(r"[a-z0-9-]+\.[a-z0-9-]+\Z")

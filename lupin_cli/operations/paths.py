@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import base64
 import difflib
-from dataclasses import dataclass
 from typing import Any
 
 from lupin_cli.operations.base import OperationError
 from lupin_cli.operations.shell import change, look, quote
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 LARGEST_KEPT_BYTES = 1024 * 1024  # an old content larger than this isn't kept for undo, so it isn't replaced either

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.shell import change, quote, read
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 # The kernel's name of a process is cut to 15 characters; its command line tells the rest.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.shell import look
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target, TargetError
 
 _PAUSE_S = 0.5

@@ -6,13 +6,13 @@ import os
 import platform
 import sys
 import threading
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
 from lupin_cli.onboard import ROOT
 from lupin_cli.operations.base import Difference, OperationError
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.release.contents import CannotBuild, Robot, files
 from lupin_cli.release.manifest import Hashes, Manifest, manifest_of
 from lupin_cli.release.transfer import Installed, activate, changes, installed, upload

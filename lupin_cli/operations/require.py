@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference, OperationError
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 

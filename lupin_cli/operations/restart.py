@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference
 from lupin_cli.operations.shell import change, quote, read
 from lupin_cli.operations.unit import check_unit_name
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.paths import describe, link_atomically, read_entry, restore
 from lupin_cli.operations.shell import change, quote
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.shell import change, quote, read
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 UNIT_NAME = re.compile(r"[A-Za-z0-9:_.@\\-]+\.(service|socket|timer|target|path|mount)\Z")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference, OperationError
 from lupin_cli.operations.paths import describe, read_file, restore, unified_diff
 from lupin_cli.operations.shell import change, quote
 from lupin_cli.operations.unit import check_unit_name
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target, TargetError
 
 FOLDER = "/etc/systemd/system"

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.operations.base import Difference
 from lupin_cli.operations.controller_list import complaints, controller_states
 from lupin_cli.operations.shell import look, quote
 from lupin_cli.operations.unit import check_unit_name
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Target
 
 _LISTENER = re.compile(r"(udp|tcp):(\d{1,5})\Z")

@@ -12,10 +12,10 @@ import os
 import platform
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from lupin_cli import __version__
+from lupin_cli.quick_dataclass import dataclass
 
 RUNTIME_SUFFIXES = {".py", ".json", ".yaml", ".c"}
 # What onboard processes import from the index where the robot has no ROS.

@@ -12,11 +12,11 @@ import io
 import shlex
 import tarfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from lupin_cli.onboard import ROOT
 from lupin_cli.operations.base import OperationError
 from lupin_cli.operations.shell import change, look
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.release.contents import Robot
 from lupin_cli.release.manifest import Entry, Manifest
 from lupin_cli.target.base import Output, Target

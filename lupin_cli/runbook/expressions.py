@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
+
+from lupin_cli.quick_dataclass import dataclass
 
 _TOKEN = re.compile(
     r"""\s*(?:

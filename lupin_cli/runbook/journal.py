@@ -13,12 +13,13 @@ import os
 import re
 import threading
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 from lupin_cli.masking import MASK, mask_secrets
+from lupin_cli.quick_dataclass import dataclass
 
 _SHORTEST_SECRET = 3
 

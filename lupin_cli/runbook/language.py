@@ -27,9 +27,10 @@ steps:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.runbook.expressions import Expression
 from lupin_cli.runbook.source import Place
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from typing import Any
+
+from lupin_cli.quick_dataclass import dataclass
 
 # A run ends in one of these; the exit status of `lupin play` follows from it.
 EXIT_CODES = {"done": 0, "failed": 1, "declined": 1, "unreachable": 3, "interrupted": 130}

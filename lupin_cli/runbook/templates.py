@@ -8,10 +8,10 @@ import re
 import types
 import typing
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal, Union
 
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.runbook.expressions import Expression, ExpressionError, Name, parse
 
 _HOLE = re.compile(r"\{\{(.*?)\}\}", re.DOTALL)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.ros_processes import ROS_PROCESSES
 from lupin_cli.facts.shared_memory import SHARED_MEMORY
 from lupin_cli.facts.sockets import SOCKETS
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.sweep.families import FAMILIES
 from lupin_cli.sweep.rules import Culprit, Kept, Orphan, Plan, make_plan
 from lupin_cli.target.base import Script, Target, TargetError

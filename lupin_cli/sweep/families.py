@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, answers, integer
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 
 PROBE = (

@@ -7,11 +7,11 @@ ours owns it, no service manager looks after it, and whoever started it is gone.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 
 from lupin_cli.facts.ros_processes import RosProcess
 from lupin_cli.facts.shared_memory import SharedFile
 from lupin_cli.facts.sockets import Sockets
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.sweep.families import Families
 
 # RTPS 2.2, 9.6.1.1: unicast ports of a domain's first 19 participants, 7410 to 7447 in domain 0.

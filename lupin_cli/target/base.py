@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Protocol
+
+from lupin_cli.quick_dataclass import dataclass
 
 ROOT_REFUSED = "root refused: "  # begins the standard error of a batch's root scripts where sudo refused; its reason follows
 

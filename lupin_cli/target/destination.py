@@ -5,10 +5,11 @@ from __future__ import annotations
 import getpass
 import glob
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import TargetError
 
 if TYPE_CHECKING:

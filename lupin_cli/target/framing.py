@@ -14,8 +14,9 @@ import secrets
 import shlex
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import ROOT_REFUSED, Output, Script
 
 STDOUT_CAP_BYTES = 1024 * 1024  # of each script; what is cut says so

@@ -12,8 +12,9 @@ import signal
 import subprocess
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output, Script
 from lupin_cli.target.framing import (
     ENVIRONMENT,

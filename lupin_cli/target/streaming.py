@@ -7,8 +7,8 @@ import math
 import secrets
 import shlex
 from collections.abc import Callable
-from dataclasses import dataclass
 
+from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import Output
 from lupin_cli.target.framing import ENVIRONMENT, READ_PROGRAM, SKIP_PASSWORD, sudo_check, sudo_command
 
