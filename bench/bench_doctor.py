@@ -154,6 +154,7 @@ def _in_turns(
     dice = random.Random(tasks)
     for round_ in range(rounds + 1):  # the first one warms caches
         for name in dice.sample(sorted(walls), len(walls)):  # nobody always comes after the one that leaves most behind
+            time.sleep(1.0)
             if name == "lupin":
                 ran = doctor.once()
             elif name == "floor":

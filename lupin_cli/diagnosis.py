@@ -15,6 +15,7 @@ from lupin_cli.facts.base import Fact, Facts, Unknown
 from lupin_cli.facts.clock import Offset
 from lupin_cli.facts.link import Link
 from lupin_cli.facts.routes import ROBOT_ADDRESSES
+from lupin_cli.facts.together import apart, together
 from lupin_cli.quick_dataclass import dataclass
 from lupin_cli.target.base import (
     AuthenticationFailed,
@@ -30,6 +31,7 @@ from lupin_cli.target.base import (
 
 # What a batch may take beyond its slowest probe: sudo, shells to start, a line of 60 ms.
 BATCH_SLACK_S = 3.0
+_SHARED = "at once"  # the script of those that share a shell; no fact's name has a space
 
 
 @dataclass(frozen=True)
@@ -92,9 +94,15 @@ def ask(target: Target, machine: str, facts: Sequence[Fact[Any]], robot_addresse
     if not facts:
         return Facts(machine, {})
     known = f"{ROBOT_ADDRESSES}={shlex.quote(' '.join(robot_addresses))}\n"
-    scripts = [Script(fact.name, known + fact.probe, fact.timeout_s, fact.root) for fact in facts]
+    shared = [fact for fact in facts if fact.at_once and not fact.root]
+    scripts = [Script(fact.name, known + fact.probe, fact.timeout_s, fact.root) for fact in facts if fact not in shared]
+    if shared:
+        text = known + together([fact.probe for fact in shared])
+        scripts.append(Script(_SHARED, text, max(fact.timeout_s for fact in shared)))
     before_ns = time.time_ns()
-    outputs = target.batch(scripts, bound_s=max(fact.timeout_s for fact in facts) + BATCH_SLACK_S)
+    outputs = dict(target.batch(scripts, bound_s=max(fact.timeout_s for fact in facts) + BATCH_SLACK_S))
+    if whole := outputs.pop(_SHARED, None):
+        outputs |= zip([fact.name for fact in shared], apart(whole, len(shared)))
     asked_ns = before_ns, time.time_ns()
     return Facts(machine, {fact.name: read(fact, outputs.get(fact.name)) for fact in facts}, asked_ns, outputs)
 

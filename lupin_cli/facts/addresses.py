@@ -80,4 +80,4 @@ def _documents(output: Output) -> list[dict]:
     return [each for each in found if each]  # some versions leave empty objects in place of filtered links
 
 
-ADDRESSES = Fact("addresses", PROBE, parse)
+ADDRESSES = Fact("addresses", PROBE, parse, at_once=True)

@@ -17,7 +17,8 @@ class Fact(Generic[Value]):
     """A question that both ends are asked.
 
     `probe` is POSIX sh that needs no more than a base Debian and changes nothing. `parse` is pure: it turns the probe's output
-    into a frozen value, and raises ValueError with what it could not read.
+    into a frozen value, and raises ValueError with what it could not read. `at_once` says that it reads what the kernel has at
+    hand: nothing keeps such a probe waiting, so it shares a shell with others.
     """
 
     name: str
@@ -25,6 +26,7 @@ class Fact(Generic[Value]):
     parse: Callable[[Output], Value]
     timeout_s: float = 12.0  # a bound: a robot at load 8 to 12, as it is normal for one, answers in seconds
     root: bool = False
+    at_once: bool = False
 
 
 @dataclass(frozen=True)

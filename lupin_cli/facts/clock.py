@@ -71,4 +71,4 @@ def parse(output: Output) -> Clock:
     return Clock(before, after, int(rtc.text) if rtc and rtc.text.isdigit() else None)
 
 
-CLOCK = Fact("clock", PROBE, parse)
+CLOCK = Fact("clock", PROBE, parse, at_once=True)

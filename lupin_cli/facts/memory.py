@@ -103,4 +103,4 @@ def _stalled(lines: tuple[str, ...]) -> float | None:
     return None
 
 
-MEMORY = Fact("memory", PROBE, parse)
+MEMORY = Fact("memory", PROBE, parse, at_once=True)

@@ -120,4 +120,4 @@ def _locks(lines: tuple[str, ...]) -> list[tuple[int, int, tuple[int, int]]]:
     return found
 
 
-SHARED_MEMORY = Fact("shared-memory", PROBE, parse)
+SHARED_MEMORY = Fact("shared-memory", PROBE, parse, at_once=True)
