@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from lupin_cli.target.base import Output, Script, Target
 if TYPE_CHECKING:
     from lupin_cli.config import Config, Robot
     from lupin_cli.facts.clock import Offset
+    from lupin_cli.robot_options import Way
     from lupin_cli.runbook import Event
     from lupin_cli.target.ssh import SshTarget
 
@@ -76,27 +77,13 @@ class Examination:
     robot: Robot | None = None
     config: Config | None = None
     sudo_password: str | None = None
+    way: Way | None = field(default=None, repr=False)  # where somebody has set out for the robot already
     link: Link | None = None
     diagnosis: Diagnosis | None = None
     evidence: Evidence | None = None
     connections: int = 0
     _target: SshTarget | None = field(default=None, repr=False)
     _transport: Any = field(default=None, repr=False)
-    _under_way: Future[tuple[Target, Link]] | None = field(default=None, repr=False)
-
-    def set_out(self) -> None:
-        """Begin to reach the robot; the first `examine` waits for what comes of it."""
-        if self.robot is None:
-            return
-        way = self._under_way = Future()
-
-        def go() -> None:
-            try:
-                way.set_result(self._connect())
-            except BaseException as error:  # raised where it is waited for
-                way.set_exception(error)
-
-        threading.Thread(target=go, name="reach", daemon=True).start()
 
     def examine(self, laptop: AskedOnce | None = None, addresses: Sequence[str] | None = None) -> Diagnosis:
         """Ask both ends and judge what they say. `laptop` and `addresses` are those of several examinations together."""
@@ -128,13 +115,13 @@ class Examination:
         return [parse_destination(self.robot.addresses[transport])[1] for transport in wanted]
 
     def _reach(self) -> tuple[Target, Link]:
-        way, self._under_way = self._under_way, None
-        return way.result() if way is not None else self._connect()
-
-    def _connect(self) -> tuple[Target, Link]:
         from lupin_cli.robot_options import open_target
 
         assert self.robot is not None
+        way, self.way = self.way, None
+        if way is not None:
+            self._target = way.target()
+            way.wait()
         if self._target is None:
             self._target = open_target(self.robot, self.config, sudo_password=self.sudo_password, at_once=True)
         transport = self._target.connect()
@@ -211,7 +198,9 @@ class Examination:
         return Treatment(finding.id, finding.fix.playbook, result.state, result.changed, result.message, dry_run, tuple(lines))
 
     def close(self) -> None:
-        """Let the connection go."""
+        """Let the connection go, also one that is still being opened."""
+        if self.way is not None:
+            self.way.forget()
         if self._target is not None:
             self._target.close()
 

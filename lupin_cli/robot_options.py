@@ -13,8 +13,9 @@ import contextlib
 import fnmatch
 import getpass
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -145,6 +146,41 @@ def open_target(
     )
     target.transport_name = transport
     return target
+
+
+class Way:
+    """The way to `robot`, gone beside other work: its target, and when it is connected with a shell that is ready."""
+
+    def __init__(self, robot: Robot, config: Config, sudo_password: str | None = None) -> None:
+        self._target: Future[SshTarget] = Future()
+        self._ready: Future[None] = Future()
+        threading.Thread(target=self._go, args=(robot, config, sudo_password), name="reach", daemon=True).start()
+
+    def _go(self, robot: Robot, config: Config, sudo_password: str | None) -> None:
+        try:
+            self._target.set_result(open_target(robot, config, sudo_password=sudo_password, at_once=True))
+        except BaseException as error:  # raised where it is waited for, as the next one
+            self._target.set_exception(error)
+            return
+        target = self._target.result()
+        try:
+            target.connect()
+            target.get_ready()
+            self._ready.set_result(None)
+        except BaseException as error:
+            self._ready.set_exception(error)
+
+    def target(self) -> SshTarget:
+        """The target, connected or not. Raises what opening it raised."""
+        return self._target.result()
+
+    def wait(self) -> None:
+        """Until it is connected. Raises TargetError."""
+        self._ready.result()
+
+    def forget(self) -> None:
+        """Whatever is opened is closed."""
+        self._ready.add_done_callback(lambda _: self._target.result().close())
 
 
 def on_each(robots: Sequence[Robot], action: Callable[[Robot], Result]) -> dict[str, Result | TargetError]:

@@ -105,21 +105,26 @@ def _examinations(
     robot: str, host: str, every: bool, limit: str | None, config_path: Path | None, ask_sudo: bool
 ) -> list[Examination]:
     from lupin_cli.config import Config, load
-    from lupin_cli.examination import Examination
-    from lupin_cli.robot_options import ask_sudo_password, named, reporting, select
-    from lupin_cli.target.local import LocalTarget
+    from lupin_cli.robot_options import Way, ask_sudo_password, named, reporting, select
 
     if not (robot or host or every or limit):
+        from lupin_cli.examination import Examination
+        from lupin_cli.target.local import LocalTarget
+
         return [Examination((), (), LocalTarget())]
     with reporting("doctor"):
         inventory = load(config_path)
         if host:
             inventory = Config(inventory.path)  # an address means itself, also where a robot is called the same
         chosen = select(inventory, None, every=True, limit=limit) if every or limit else [named(inventory, host or robot)]
-        return [
-            Examination((), (), LocalTarget(), each, inventory, ask_sudo_password(each.name) if ask_sudo else None)
-            for each in chosen
-        ]
+        passwords = [ask_sudo_password(each.name) if ask_sudo else None for each in chosen]
+    robots = [(each, inventory, password, Way(each, inventory, password)) for each, password in zip(chosen, passwords)]
+    # The way there takes longest, so what opens it is loaded first, and alone: two imports side by side take turns.
+    from lupin_cli.target import ssh  # noqa: F401, I001
+    from lupin_cli.examination import Examination
+    from lupin_cli.target.local import LocalTarget
+
+    return [Examination((), (), LocalTarget(), *each) for each in robots]
 
 
 def _run(
@@ -163,11 +168,6 @@ def _examine(examinations: list[Examination], only: Sequence[str], skip: Sequenc
         who = ", ".join(each.robot.name for each in examinations if each.robot) or "this machine"
         print(f"asking {who} ...", end="", file=sys.stderr, flush=True)
     try:
-        for each in examinations:
-            each.set_out()
-        if any(each.robot for each in examinations):
-            # The way there takes longest, so what opens it is loaded first, and alone: two imports side by side take turns.
-            from lupin_cli.target import ssh  # noqa: F401
         # While a robot lets us in there is time to read what to ask it.
         checks, broken = _checks(only, skip)
         for each in examinations:
