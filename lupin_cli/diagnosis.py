@@ -94,8 +94,8 @@ def ask(target: Target, machine: str, facts: Sequence[Fact[Any]], robot_addresse
     if not facts:
         return Facts(machine, {})
     known = f"{ROBOT_ADDRESSES}={shlex.quote(' '.join(robot_addresses))}\n"
-    shared = [fact for fact in facts if fact.at_once and not fact.root]
-    scripts = [Script(fact.name, known + fact.probe, fact.timeout_s, fact.root) for fact in facts if fact not in shared]
+    shared = [fact for fact in facts if fact.at_once]
+    scripts = [Script(fact.name, known + fact.probe, fact.timeout_s, fact.root) for fact in facts if not fact.at_once]
     if shared:
         text = known + together([fact.probe for fact in shared])
         scripts.append(Script(_SHARED, text, max(fact.timeout_s for fact in shared)))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +17,7 @@ from lupin_cli.robot_options import ALL, ASK_SUDO, CONFIG, LIMIT
 
 if TYPE_CHECKING:
     from lupin_cli.checks.base import Check, Finding
+    from lupin_cli.config import Config, Robot
     from lupin_cli.diagnosis import Diagnosis
     from lupin_cli.examination import Examination, Treatment
 
@@ -65,9 +67,12 @@ def command(
         for check in _checks(*patterns)[0]:
             typer.echo(f"{check.name:28}{(check.find.__doc__ or '').strip().splitlines()[0] if check.find.__doc__ else ''}")
         raise typer.Exit(HEALTHY)
-    examinations = _examinations(robot, host, every, limit, config, ask_sudo)
+    robots = _robots(robot, host, every, limit, config, ask_sudo)
+    examinations: list[Examination] = []
     try:
-        _examine(examinations, *patterns, quiet=as_json or markdown)
+        with _asking([each.name for each, *_ in robots], shown=sys.stderr.isatty() and not (as_json or markdown)):
+            examinations = _set_out(robots)
+            _examine(examinations, *patterns)
         status = _run(examinations, fix, yes, dry_run, watch, as_json, junit, markdown, verbose)
     except (typer.Exit, KeyboardInterrupt):
         raise
@@ -101,30 +106,38 @@ def _checks(only: Sequence[str], skip: Sequence[str]) -> tuple[tuple[Check, ...]
         raise typer.Exit(USAGE) from error
 
 
-def _examinations(
+def _robots(
     robot: str, host: str, every: bool, limit: str | None, config_path: Path | None, ask_sudo: bool
-) -> list[Examination]:
+) -> list[tuple[Robot, Config, str | None]]:
+    """Those that were meant, each with its inventory and sudo's password; none for this machine alone."""
     from lupin_cli.config import Config, load
-    from lupin_cli.robot_options import Way, ask_sudo_password, named, reporting, select
+    from lupin_cli.robot_options import ask_sudo_password, named, reporting, select
 
     if not (robot or host or every or limit):
-        from lupin_cli.examination import Examination
-        from lupin_cli.target.local import LocalTarget
-
-        return [Examination((), (), LocalTarget())]
+        return []
     with reporting("doctor"):
         inventory = load(config_path)
         if host:
             inventory = Config(inventory.path)  # an address means itself, also where a robot is called the same
         chosen = select(inventory, None, every=True, limit=limit) if every or limit else [named(inventory, host or robot)]
-        passwords = [ask_sudo_password(each.name) if ask_sudo else None for each in chosen]
-    robots = [(each, inventory, password, Way(each, inventory, password)) for each, password in zip(chosen, passwords)]
-    # The way there takes longest, so what opens it is loaded first, and alone: two imports side by side take turns.
-    from lupin_cli.target import ssh  # noqa: F401, I001
+        return [(each, inventory, ask_sudo_password(each.name) if ask_sudo else None) for each in chosen]
+
+
+def _set_out(robots: Sequence[tuple[Robot, Config, str | None]]) -> list[Examination]:
+    """Begin to reach the robots, and only then read how to examine them."""
+    ways = []
+    if robots:
+        from lupin_cli.robot_options import Way
+
+        ways = [Way(*each) for each in robots]
+        # The way there takes longest, so what opens it is loaded first, and alone: two imports side by side take turns.
+        from lupin_cli.target import ssh  # noqa: F401
     from lupin_cli.examination import Examination
     from lupin_cli.target.local import LocalTarget
 
-    return [Examination((), (), LocalTarget(), *each) for each in robots]
+    if not robots:
+        return [Examination((), (), LocalTarget())]
+    return [Examination((), (), LocalTarget(), *each, way) for each, way in zip(robots, ways)]
 
 
 def _run(
@@ -162,25 +175,29 @@ def _of(examination: Examination) -> Diagnosis:
     return examination.diagnosis
 
 
-def _examine(examinations: list[Examination], only: Sequence[str], skip: Sequence[str], quiet: bool) -> None:
-    shown = sys.stderr.isatty() and not quiet
+@contextlib.contextmanager
+def _asking(names: Sequence[str], shown: bool) -> Iterator[None]:
+    """A line that tells who is asked, as long as it takes."""
     if shown:
-        who = ", ".join(each.robot.name for each in examinations if each.robot) or "this machine"
-        print(f"asking {who} ...", end="", file=sys.stderr, flush=True)
+        print(f"asking {', '.join(names) or 'this machine'} ...", end="", file=sys.stderr, flush=True)
     try:
-        # While a robot lets us in there is time to read what to ask it.
-        checks, broken = _checks(only, skip)
-        for each in examinations:
-            each.checks, each.broken = checks, broken
-        if len(examinations) == 1:
-            examinations[0].examine()
-        else:
-            from lupin_cli.examination import examine_all
-
-            examine_all(examinations)
+        yield
     finally:
         if shown:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def _examine(examinations: list[Examination], only: Sequence[str], skip: Sequence[str]) -> None:
+    # While a robot lets us in there is time to read what to ask it.
+    checks, broken = _checks(only, skip)
+    for each in examinations:
+        each.checks, each.broken = checks, broken
+    if len(examinations) == 1:
+        examinations[0].examine()
+    else:
+        from lupin_cli.examination import examine_all
+
+        examine_all(examinations)
 
 
 class _Consent:

@@ -18,7 +18,7 @@ class Fact(Generic[Value]):
 
     `probe` is POSIX sh that needs no more than a base Debian and changes nothing. `parse` is pure: it turns the probe's output
     into a frozen value, and raises ValueError with what it could not read. `at_once` says that it reads what the kernel has at
-    hand: nothing keeps such a probe waiting, so it shares a shell with others.
+    hand: nothing keeps such a probe waiting, so it shares a shell of the user's with others.
     """
 
     name: str
