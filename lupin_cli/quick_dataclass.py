@@ -2,7 +2,7 @@
 a millisecond, and a command brings eighty classes along before it says a word.
 
 The fields are the standard library's own, so `fields`, `replace`, `asdict` and `field(...)` work as ever; making an instance
-takes some 2 us longer. Without `order`, `slots` and `InitVar`, which nothing here uses.
+takes some 2 us longer. Without `order`, `slots` and `InitVar`, which nothing here needs.
 """
 
 from __future__ import annotations

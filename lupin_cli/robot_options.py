@@ -236,10 +236,16 @@ def _terminal() -> bool:
 
 
 def _confirm(question: str) -> bool:
-    # Where a line of progress stands, the question takes its place.
-    typer.echo(f"\r\x1b[K{question}", err=True)
+    _take_the_line()
+    typer.echo(question, err=True)
     return typer.confirm("Accept it", default=False, err=True)
 
 
 def _ask_password(prompt: str) -> str:
+    _take_the_line()
     return getpass.getpass(prompt)
+
+
+def _take_the_line() -> None:
+    """Where a line of progress stands, a question takes its place."""
+    typer.echo("\r\x1b[K", nl=False, err=True)

@@ -6,13 +6,15 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
+
+from lupin_cli.quick_dataclass import dataclass
 
 ID_DIGITS = 12
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True)
 class Entry:
     """A file of a release: its path below the release, its content or where that lies here, SHA-256 of it, whether it runs."""
 
@@ -97,4 +99,4 @@ def manifest_of(files: Iterable[tuple[str, str | bytes]], hashes: Hashes) -> Man
     if len(set(paths)) != len(paths):
         twice = sorted({path for path in paths if paths.count(path) > 1})
         raise ValueError(f"a release can't hold {twice[0]} twice")
-    return Manifest(tuple(sorted(entries)))
+    return Manifest(tuple(sorted(entries, key=lambda entry: entry.path)))
