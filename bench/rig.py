@@ -71,6 +71,8 @@ elif part == "stop":
     repeat(graph.HMI_ESTOP, interface(graph.HMI_ESTOP.type)(data=True), 0.2)
 elif part == "reader":
     node.subscription(graph.SCAN, lambda _: None, qos=graph.REL10)
+elif part == "mistyped":
+    node.subscription(dataclasses.replace(graph.SCAN, type=graph.BATTERY.type), lambda _: None)
 elif part == "sink":
     repeat(dataclasses.replace(graph.CMD_VEL_SINK_ROBOT, name="/mirte_base_controller/cmd_vel_unstamped"), encode(ZERO))
 elif part == "sim":

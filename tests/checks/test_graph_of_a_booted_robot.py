@@ -163,6 +163,12 @@ def test_faults_of_the_graph_that_stand_together_are_each_named(laptop: Laptop) 
     laptop.comes_to()
 
 
+def test_a_pad_that_is_never_silent_and_a_reader_of_another_type_are_named(laptop: Laptop) -> None:
+    with laptop.part("pad"), laptop.part("mistyped"):
+        laptop.comes_to("pad-holds-bus", "type-mismatch")
+    laptop.comes_to()
+
+
 def test_a_silent_sensor_and_a_silent_board_are_told_apart(laptop: Laptop) -> None:
     laptop.order("sim", "scan", "silent")
     laptop.comes_to("topic-silent")

@@ -77,6 +77,11 @@ systemctl daemon-reload
 systemctl restart chrony
 systemctl enable -q --now lupin-clock-sync
 """
+SYNCS_NO_MORE = """systemctl disable -q --now lupin-clock-sync
+rm /etc/systemd/system/lupin-clock-sync.service /etc/chrony/conf.d/laptop.conf
+systemctl daemon-reload
+systemctl restart chrony
+"""
 
 
 class Looked:
@@ -139,6 +144,34 @@ def test_a_failed_oneshot_is_named_with_its_last_words(robot: Looked) -> None:
     assert finding.id == "oneshot-failed" and finding.fix.playbook == "heal"
     assert any("lupin-auto-home" in line and "Failed with result" in line for line in finding.evidence)
     robot.root("rm /tmp/stuck; systemctl reset-failed lupin-auto-home; systemctl start lupin-auto-home")
+
+
+def test_a_service_that_fails_is_told_from_one_that_dies_again_and_again(robot: Looked) -> None:
+    def fails(*rules: str) -> None:
+        text = "\\n".join(["[Service]", "ExecStart=", "ExecStart=/bin/false", *rules, ""])
+        robot.root(
+            "mkdir -p /run/systemd/system/lupin-onboard.service.d; "
+            f"printf '{text}' > /run/systemd/system/lupin-onboard.service.d/x.conf; "
+            "systemctl daemon-reload; systemctl restart --no-block lupin-onboard"
+        )
+
+    fails("Restart=no")
+    robot.until(lambda: robot.state("lupin-onboard") == "failed", "the failure")
+    assert robot.ids() == ["unit-failed"]
+    fails("Restart=always", "RestartSec=60")
+    robot.until(lambda: robot.state("lupin-onboard") == "activating", "the pause before it is started again")
+    assert robot.ids() == ["unit-restarting"]
+    robot.root(
+        "rm -r /run/systemd/system/lupin-onboard.service.d; systemctl daemon-reload; systemctl stop lupin-onboard; "
+        "systemctl reset-failed lupin-onboard || true; systemctl start lupin-onboard; systemctl restart lupin-auto-home"
+    )
+
+
+def test_a_unit_that_a_deploy_left_out_is_named(robot: Looked) -> None:
+    unit = "/etc/systemd/system/lupin-auto-home.service"
+    robot.root(f"systemctl disable -q --now lupin-auto-home; mv {unit} /root/; systemctl daemon-reload")
+    assert robot.ids() == ["unit-missing"]
+    robot.root(f"mv /root/lupin-auto-home.service {unit}; systemctl daemon-reload; systemctl enable -q --now lupin-auto-home")
 
 
 def test_a_service_that_hit_its_start_limit_is_told_from_one_that_was_stopped(robot: Looked) -> None:
@@ -217,10 +250,17 @@ def test_a_laptop_that_serves_no_time_is_named_once_the_robot_counts_on_it(robot
         (finding,) = robot.findings()
     robot.host.serve_ntp("off")
     assert finding.id == "chrony-not-serving" and finding.where == "laptop"
-    robot.root(
-        "systemctl disable -q --now lupin-clock-sync; rm /etc/systemd/system/lupin-clock-sync.service "
-        "/etc/chrony/conf.d/laptop.conf; systemctl daemon-reload; systemctl restart chrony"
-    )
+    robot.root(SYNCS_NO_MORE)
+
+
+def test_a_chrony_that_nobody_answers_and_one_that_is_gone_are_named(robot: Looked) -> None:
+    robot.host.serve_ntp()
+    robot.root(SYNCS_ITS_CLOCK.replace("10.42.0.2", "10.42.0.77"))
+    assert robot.ids() == ["chrony-sources-silent"]
+    with robot.host.robot.broken("program-missing", program="chronyd"):
+        assert robot.ids() == ["chrony-missing"]
+    robot.host.serve_ntp("off")
+    robot.root(SYNCS_NO_MORE)
 
 
 def test_full_shared_memory_is_named(robot: Looked) -> None:
@@ -236,6 +276,12 @@ def test_a_full_disk_and_one_that_went_read_only_are_named(robot: Looked) -> Non
         assert robot.ids() == ["filesystem-read-only"]
 
 
+def test_a_file_system_without_inodes_is_told_from_a_full_one(robot: Looked) -> None:
+    robot.root("mount -t tmpfs -o nr_inodes=100,size=600m tmpfs /boot; for i in $(seq 100); do touch /boot/$i || break; done")
+    assert robot.ids() == ["inodes-used-up"]
+    robot.root("umount /boot")
+
+
 def test_a_camera_that_a_stray_holds_is_named_with_its_pid(robot: Looked) -> None:
     robot.root("touch /dev/video0; systemd-run -q --unit=stray --uid=mirte sh -c 'exec sleep 300 < /dev/video0'")
     (finding,) = robot.findings()
@@ -243,14 +289,16 @@ def test_a_camera_that_a_stray_holds_is_named_with_its_pid(robot: Looked) -> Non
     robot.root("systemctl stop stray; rm /dev/video0")
 
 
-def test_a_release_that_leads_nowhere_or_is_older_is_named(robot: Looked) -> None:
+def test_a_release_that_leads_nowhere_or_does_not_fit_is_named(robot: Looked) -> None:
     robot.root("mv /opt/lupin/releases/0a1b2c3d4e5f /opt/lupin/releases/away")
     assert robot.ids() == ["release-broken"]
     robot.root("mv /opt/lupin/releases/away /opt/lupin/releases/0a1b2c3d4e5f")
     file = "/opt/lupin/releases/0a1b2c3d4e5f/release.json"
     robot.root(f"sed -i 's/{__version__}/0.0.1/' {file}")
     assert robot.ids() == ["version-skew"]
-    robot.root(f"sed -i 's/0.0.1/{__version__}/' {file}")
+    robot.root(f"sed -i 's/0.0.1/{__version__}/; s/3, 11/3, 9/' {file}")
+    assert robot.ids() == ["python-changed"]
+    robot.root(f"sed -i 's/3, 9/3, 11/' {file}")
 
 
 @pytest.mark.parametrize(

@@ -122,10 +122,14 @@ class Laptop:
         return causes
 
     @contextmanager
-    def node(self, env: dict[str, str]) -> Iterator[int]:
+    def node(self, env: dict[str, str], *arguments: str) -> Iterator[int]:
         """A node here, in that environment."""
         process = self.host.popen(
-            [sys.executable, "-c", NODE], env=env, cwd=str(PROJECT), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            [sys.executable, "-c", NODE, *arguments],
+            env=env,
+            cwd=str(PROJECT),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
         )
         try:
             with bounded(process):
@@ -170,7 +174,7 @@ def bounded(process: subprocess.Popen[Any], limit_s: float = 60.0) -> Iterator[N
 def robot_node(host: Host, user: str = "mirte") -> Iterator[None]:
     """A node on the robot under the vendor's environment, up until the block ends."""
     settings = [f"--setenv={name}={value}" for name, value in ROBOT_NODE.items()]
-    unit = NODE_UNIT
+    unit = NODE_UNIT if user == "mirte" else f"{NODE_UNIT}-of-{user}"
     started = host.robot.inside(
         "systemd-run", "--quiet", "--collect", f"--unit={unit}", f"--uid={user}", *settings, sys.executable, "-c", NODE
     )
@@ -257,9 +261,16 @@ def test_a_process_that_hangs_on_the_graphs_ports_is_the_one_cause(fresh_host: H
 @pytest.mark.parametrize("user", ["mirte", "root"])
 def test_memory_of_a_killed_participant_is_the_one_cause_whoever_it_was(fresh_host: Host, laptop: Laptop, user) -> None:
     with robot_node(fresh_host, user):
-        fresh_host.robot.inside("systemctl", "kill", "--signal=KILL", NODE_UNIT)
-        until(lambda: fresh_host.robot.inside("systemctl", "is-active", NODE_UNIT).stdout != "active\n", "its end")
+        unit = NODE_UNIT if user == "mirte" else f"{NODE_UNIT}-of-{user}"
+        fresh_host.robot.inside("systemctl", "kill", "--signal=KILL", unit)
+        until(lambda: fresh_host.robot.inside("systemctl", "is-active", unit).stdout != "active\n", "its end")
         assert laptop.named() == ["shared-memory-orphans"]
+
+
+def test_a_node_of_root_that_shares_its_memory_with_nobody_is_the_one_cause(laptop: Laptop) -> None:
+    with robot_node(laptop.host), robot_node(laptop.host, "root"):
+        assert laptop.named() == ["shared-memory-not-shared"]
+    assert laptop.named() == []
 
 
 def test_the_end_of_a_login_takes_shared_memory_along_until_logind_is_told_to_leave_it(
@@ -384,6 +395,35 @@ def test_a_node_that_asks_an_address_that_the_robot_does_not_have_is_the_one_cau
 def test_each_fault_of_the_profile_is_the_one_cause(laptop: Laptop, fields, cause) -> None:
     (laptop.own / "fastdds_super_client.xml").write_text(profile(**fields))
     assert laptop.named() == [cause]
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"),
+    [
+        (profile()[:400], "profile-unreadable"),
+        (profile().replace("RemoteServer", "OtherServer"), "profile-without-server"),
+    ],
+    ids=["torn", "without a server"],
+)
+def test_a_profile_that_names_no_server_is_the_one_cause(laptop: Laptop, text, cause) -> None:
+    (laptop.own / "fastdds_super_client.xml").write_text(text)
+    assert laptop.named() == [cause]
+
+
+def test_each_fault_of_the_shell_is_the_one_cause(laptop: Laptop) -> None:
+    assert laptop.named(env=laptop.plain) == ["shell-multicast-only"]
+    assert laptop.named(env={**laptop.sourced, "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}) == ["shell-rmw-mismatch"]
+    for file in laptop.own.iterdir():
+        file.unlink()
+    (laptop.home / ".bashrc").write_text("# a shell\n")
+    assert laptop.named(env=laptop.plain) == ["dds-not-set-up"]
+
+
+def test_a_daemon_of_an_older_set_up_is_the_one_cause(laptop: Laptop) -> None:
+    # No ros2 command comes with the wheels: a node under the daemon's arguments.
+    with laptop.node({**laptop.sourced, "ROS_DISCOVERY_SERVER": "192.168.42.1:11811"}, "ros2cli.daemon"):
+        assert laptop.named() == ["stale-daemon"]
+    assert laptop.named() == []
 
 
 def test_the_wrong_source_order_is_the_one_cause(laptop: Laptop) -> None:
