@@ -81,6 +81,11 @@ class _Kept:
         return f"{head}\n[{self.left_out} bytes left out]\n{tail}" if self.left_out else head + tail
 
 
+def _pieces(line: str) -> list[str]:
+    """A line as a listener gets it: one, or several of what is too long."""
+    return [line[start : start + LINE_CHARACTERS] for start in range(0, len(line), LINE_CHARACTERS)] or [""]
+
+
 class Streams:
     """Collects both streams of a run and hands out their lines.
 
@@ -125,12 +130,10 @@ class Streams:
         if self._on_line is None:
             return
         *lines, rest = (self._lines[is_stderr] + self._decoders[is_stderr].decode(data)).split("\n")
-        while len(rest) > LINE_CHARACTERS:
-            lines.append(rest[:LINE_CHARACTERS])
-            rest = rest[LINE_CHARACTERS:]
-        self._lines[is_stderr] = rest
-        for line in lines:
-            self._on_line(line)
+        told = [piece for line in lines for piece in _pieces(line)]
+        *more, self._lines[is_stderr] = _pieces(rest)
+        for piece in (*told, *more):
+            self._on_line(piece)
 
     @property
     def last_error(self) -> str:

@@ -21,7 +21,7 @@ from lupin_cli.target.framing import READ_BATCH, STDOUT_CAP_BYTES, FrameReader, 
 from lupin_cli.target.local import LocalTarget
 from lupin_cli.target.reach import Knock
 from lupin_cli.target.ssh import SshTarget
-from lupin_cli.target.streaming import HEAD_BYTES, LINE_CHARACTERS, TAIL_BYTES
+from lupin_cli.target.streaming import HEAD_BYTES, LINE_CHARACTERS, TAIL_BYTES, Streams
 from lupin_cli.target.trust import Trust
 
 
@@ -192,6 +192,16 @@ def test_of_a_hundred_megabytes_from_a_run_both_ends_are_kept_and_said_so(target
     # A listener gets all of it, a line without an end in pieces; nothing holds more than what is kept, a few times over.
     assert sum(lines) == 100_000_000 + len("begunendeddone") and max(lines) <= LINE_CHARACTERS
     assert peak_bytes < 6 * (HEAD_BYTES + TAIL_BYTES)
+
+
+def test_a_long_line_comes_in_pieces_wherever_its_end_arrives() -> None:
+    told: list[str] = []
+    streams = Streams(b"mark", told.append)
+    for data in (b"mark\n", b"a" * LINE_CHARACTERS, b"b" * (LINE_CHARACTERS - 1) + b"\n\nend", b"\nrest"):
+        streams.feed(data, is_stderr=False)
+    output = streams.output(0, 0.0, 1.0)
+    assert told == ["a" * LINE_CHARACTERS, "b" * (LINE_CHARACTERS - 1), "", "end", "rest"]
+    assert output.stdout.endswith("b\n\nend\nrest")
 
 
 def test_run_is_cut_at_its_bound(target: Target) -> None:
