@@ -82,14 +82,17 @@ class AutoHome:
         self._wait(self._list.service_is_ready, limits.manager_s, f"the service {graph.LIST_CONTROLLERS.name}")
         deadline = time.monotonic() + limits.visible_s
         states = self._states()
-        self._report("found", states)
-        # The vendor's spawners are at work at boot: what they load need not be loaded by us.
-        while any(name not in states for name in graph.CONTROLLERS) and time.monotonic() < deadline:
+        while not self._listed and time.monotonic() < deadline:
             self._spin_for(limits.poll_s)
             states = self._states()
         if not self._listed:
             # Nobody knows what is missing: loading on a guess would only make it worse.
             raise NotHome(f"{graph.LIST_CONTROLLERS.name} is there and never answered; see journalctl -u mirte-ros")
+        self._report("found", states)
+        # The vendor's spawners are at work at boot: what they load need not be loaded by us.
+        while any(name not in states for name in graph.CONTROLLERS) and time.monotonic() < deadline:
+            self._spin_for(limits.poll_s)
+            states = self._states()
         for _ in range(3):  # load, configure, activate
             step = next_step(states, graph.CONTROLLERS)
             if not step:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 
 import pytest
 from hypothesis import given
@@ -182,6 +183,33 @@ def test_a_manager_that_is_there_and_never_answers_is_left_alone(graph_host, mon
     with pytest.raises(NotHome, match="is there and never answered"):
         home.heal()
     assert not any(line.startswith(("load", "configure", "activate")) for line in said)
+    home.close()
+    node.destroy_node()
+
+
+class Slow(Manager):
+    """A manager whose first answer comes too late."""
+
+    def _list(self, request, response):
+        if not getattr(self, "asked", False):
+            self.asked = True
+            time.sleep(1.0)
+        return super()._list(request, response)
+
+
+@pytest.mark.graph
+def test_what_a_lost_answer_would_have_said_is_not_guessed(graph_host):
+    from lupin_runtime.arm.auto_home import AutoHome, Limits
+    from lupin_runtime.ros import LupinNode
+
+    manager = Slow(graph_host, dict.fromkeys(graph.CONTROLLERS, "inactive"))
+    node = LupinNode("auto_home")
+    said: list[str] = []
+    home = AutoHome(node, Limits(call_s=0.5, poll_s=0.1), said.append)
+    home.heal()
+    assert manager.asked and set(manager.states.values()) == {"active"}
+    found = [line for line in said if line.startswith("found: ")]
+    assert len(found) == 1 and found[0].count("is inactive") == len(graph.CONTROLLERS)
     home.close()
     node.destroy_node()
 
