@@ -23,8 +23,8 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from bench.bench_doctor import visiting
 from bench.booted import Operator, load, median, operator, take_the_cores
+from bench.peers.facts import visiting
 
 LIMIT = 2.0
 FIRST_BYTE = 101  # of the addresses: 10.42.0.101 and those behind it
