@@ -29,10 +29,13 @@ from bench.peers.facts import visiting
 LIMIT = 2.0
 FIRST_BYTE = 101  # of the addresses: 10.42.0.101 and those behind it
 REPLAY = "/usr/local/lib/lupin-bench-replay"
-# The command of a connection reads a program of so many bytes and runs it. One with more than ten scripts is a diagnosis.
+# The command of a connection reads a program of so many bytes and runs it; a batch tells how many in its first line. One with
+# more than ten scripts is a diagnosis.
 REPLAY_TEXT = r"""#!/bin/sh
-size=${SSH_ORIGINAL_COMMAND##*head -c }
-size=${size%%[!0-9]*}
+case $SSH_ORIGINAL_COMMAND in
+  *'read -r bound size'*) read -r bound size ;;
+  *) size=${SSH_ORIGINAL_COMMAND##*head -c }; size=${size%%[!0-9]*} ;;
+esac
 program=$(head -c "$size"; echo .)
 program=${program%.}
 case $program in

@@ -96,13 +96,13 @@ def ask(target: Target, machine: str, facts: Sequence[Fact[Any]], robot_addresse
     known = f"{ROBOT_ADDRESSES}={shlex.quote(' '.join(robot_addresses))}\n"
     shared = [fact for fact in facts if fact.at_once]
     scripts = [Script(fact.name, known + fact.probe, fact.timeout_s, fact.root) for fact in facts if not fact.at_once]
+    probes = [fact.probe for fact in shared]
     if shared:
-        text = known + together([fact.probe for fact in shared])
-        scripts.append(Script(_SHARED, text, max(fact.timeout_s for fact in shared)))
+        scripts.append(Script(_SHARED, known + together(probes), max(fact.timeout_s for fact in shared)))
     before_ns = time.time_ns()
     outputs = dict(target.batch(scripts, bound_s=max(fact.timeout_s for fact in facts) + BATCH_SLACK_S))
     if whole := outputs.pop(_SHARED, None):
-        outputs |= zip([fact.name for fact in shared], apart(whole, len(shared)))
+        outputs |= zip([fact.name for fact in shared], apart(whole, probes))
     asked_ns = before_ns, time.time_ns()
     return Facts(machine, {fact.name: read(fact, outputs.get(fact.name)) for fact in facts}, asked_ns, outputs)
 

@@ -25,7 +25,8 @@ def _alone(text: str) -> Output:
 
 
 def test_each_leaves_what_it_leaves_alone() -> None:
-    found = apart(_alone(together(list(PROBES.values()))), len(PROBES))
+    probes = list(PROBES.values())
+    found = apart(_alone(together(probes)), probes)
     for (name, probe), output in zip(PROBES.items(), found):
         alone = _alone(f"eval {probe!r}" if name == "syntax" else probe)
         assert (output.status, output.stdout, output.stderr, output.truncated) == (
@@ -37,15 +38,16 @@ def test_each_leaves_what_it_leaves_alone() -> None:
 
 
 def test_one_that_hangs_keeps_only_those_behind_it() -> None:
-    whole = LocalTarget().batch([Script("it", together(["echo a", "echo b; sleep 20", "echo c"]), timeout_s=1.0)])["it"]
-    before, hanging, behind = apart(whole, 3)
+    probes = ["echo a", "echo b; sleep 20", "echo c"]
+    whole = LocalTarget().batch([Script("it", together(probes), timeout_s=1.0)])["it"]
+    before, hanging, behind = apart(whole, probes)
     assert (before.status, before.stdout, before.truncated) == (0, "a\n", False)
     assert (hanging.status, hanging.stdout, hanging.truncated) == (None, "b\n", True)
     assert (behind.status, behind.stdout, behind.truncated) == (None, "", True)
 
 
 def test_a_script_that_never_ran_answers_for_none() -> None:
-    for output in apart(Output(None, "", "the link went"), 2):
+    for output in apart(Output(None, "", "the link went"), [":", ":"]):
         assert (output.status, output.stdout, output.truncated) == (None, "", True)
 
 
