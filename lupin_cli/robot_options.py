@@ -158,29 +158,28 @@ class Way:
 
     def _go(self, robot: Robot, config: Config, sudo_password: str | None) -> None:
         try:
-            self._target.set_result(open_target(robot, config, sudo_password=sudo_password, at_once=True))
-        except BaseException as error:  # raised where it is waited for, as the next one
-            self._target.set_exception(error)
-            return
-        target = self._target.result()
-        try:
+            target = open_target(robot, config, sudo_password=sudo_password, at_once=True)
+            self._target.set_result(target)
             target.connect()
             target.get_ready()
-            self._ready.set_result(None)
-        except BaseException as error:
+        except BaseException as error:  # raised where it is waited for
+            if not self._target.done():
+                self._target.set_exception(error)
             self._ready.set_exception(error)
+        else:
+            self._ready.set_result(None)
 
     def target(self) -> SshTarget:
         """The target, connected or not. Raises what opening it raised."""
         return self._target.result()
 
     def wait(self) -> None:
-        """Until it is connected. Raises TargetError."""
+        """Until it is connected. Raises TargetError, or what opening it raised."""
         self._ready.result()
 
     def forget(self) -> None:
         """Whatever is opened is closed."""
-        self._ready.add_done_callback(lambda _: self._target.result().close())
+        self._ready.add_done_callback(lambda _: None if self._target.exception() else self._target.result().close())
 
 
 def on_each(robots: Sequence[Robot], action: Callable[[Robot], Result]) -> dict[str, Result | TargetError]:

@@ -66,6 +66,7 @@ def test_what_can_not_be_opened_at_all_is_told_as_well(tmp_path: Path, monkeypat
     (tmp_path / ".ssh").mkdir()
     (tmp_path / ".ssh/config").write_text("Match nonsense\n")
     way = Way(Robot("robot", {"wired": "127.0.0.1:1"}), Config(tmp_path / "lupin.toml"))
-    with pytest.raises(TargetError):
-        way.target()
+    for told in (way.target, way.wait):
+        with pytest.raises(TargetError):
+            told()
     way.forget()
