@@ -98,4 +98,4 @@ def _firmware(line: str) -> tuple[str, ...]:
     return tuple(f"{line}: {word}" for bit, word in THROTTLED_NOW.items() if bits >> bit & 1)
 
 
-THERMAL = Fact("thermal", PROBE, parse, at_once=True)
+THERMAL = Fact("thermal", PROBE, parse)
