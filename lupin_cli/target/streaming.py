@@ -129,10 +129,9 @@ class Streams:
         self._kept[is_stderr].add(data)
         if self._on_line is None:
             return
-        *lines, rest = (self._lines[is_stderr] + self._decoders[is_stderr].decode(data)).split("\n")
-        told = [piece for line in lines for piece in _pieces(line)]
-        *more, self._lines[is_stderr] = _pieces(rest)
-        for piece in (*told, *more):
+        lines = (self._lines[is_stderr] + self._decoders[is_stderr].decode(data)).split("\n")
+        *told, self._lines[is_stderr] = [piece for line in lines for piece in _pieces(line)]
+        for piece in told:
             self._on_line(piece)
 
     @property

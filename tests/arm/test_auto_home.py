@@ -187,13 +187,18 @@ def test_a_manager_that_is_there_and_never_answers_is_left_alone(graph_host, mon
     node.destroy_node()
 
 
+PATIENCE_S = 0.5
+
+
 class Slow(Manager):
     """A manager whose first answer comes too late."""
 
+    asked = False
+
     def _list(self, request, response):
-        if not getattr(self, "asked", False):
+        if not self.asked:
             self.asked = True
-            time.sleep(1.0)
+            time.sleep(2 * PATIENCE_S)  # the lateness is what is tested: nothing else would tell when it is late enough
         return super()._list(request, response)
 
 
@@ -205,7 +210,7 @@ def test_what_a_lost_answer_would_have_said_is_not_guessed(graph_host):
     manager = Slow(graph_host, dict.fromkeys(graph.CONTROLLERS, "inactive"))
     node = LupinNode("auto_home")
     said: list[str] = []
-    home = AutoHome(node, Limits(call_s=0.5, poll_s=0.1), said.append)
+    home = AutoHome(node, Limits(call_s=PATIENCE_S, poll_s=0.1), said.append)
     home.heal()
     assert manager.asked and set(manager.states.values()) == {"active"}
     found = [line for line in said if line.startswith("found: ")]

@@ -82,6 +82,7 @@ rm /etc/systemd/system/lupin-clock-sync.service /etc/chrony/conf.d/laptop.conf
 systemctl daemon-reload
 systemctl restart chrony
 """
+BENT = "/run/systemd/system/lupin-onboard.service.d"
 
 
 class Looked:
@@ -120,6 +121,21 @@ class Looked:
         done = self.host.robot.inside("systemctl", "show", "-P", "ActiveState", unit)
         return str(done.stdout).strip()
 
+    def let_onboard_die(self, *rules: str) -> None:
+        """Start it anew as a service that ends with an error at once, under `rules` of its own."""
+        text = "\\n".join(["[Service]", "ExecStart=", "ExecStart=/bin/false", *rules, ""])
+        self.root(
+            f"mkdir -p {BENT}; printf '{text}' > {BENT}/x.conf; "
+            "systemctl daemon-reload; systemctl restart --no-block lupin-onboard"
+        )
+
+    def let_onboard_live(self) -> None:
+        """As it was before it died."""
+        self.root(
+            f"rm -r {BENT}; systemctl daemon-reload; systemctl stop lupin-onboard; "
+            "systemctl reset-failed lupin-onboard || true; systemctl start lupin-onboard; systemctl restart lupin-auto-home"
+        )
+
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Looked]:
@@ -147,24 +163,13 @@ def test_a_failed_oneshot_is_named_with_its_last_words(robot: Looked) -> None:
 
 
 def test_a_service_that_fails_is_told_from_one_that_dies_again_and_again(robot: Looked) -> None:
-    def fails(*rules: str) -> None:
-        text = "\\n".join(["[Service]", "ExecStart=", "ExecStart=/bin/false", *rules, ""])
-        robot.root(
-            "mkdir -p /run/systemd/system/lupin-onboard.service.d; "
-            f"printf '{text}' > /run/systemd/system/lupin-onboard.service.d/x.conf; "
-            "systemctl daemon-reload; systemctl restart --no-block lupin-onboard"
-        )
-
-    fails("Restart=no")
+    robot.let_onboard_die("Restart=no")
     robot.until(lambda: robot.state("lupin-onboard") == "failed", "the failure")
     assert robot.ids() == ["unit-failed"]
-    fails("Restart=always", "RestartSec=60")
+    robot.let_onboard_die("Restart=always", "RestartSec=60")
     robot.until(lambda: robot.state("lupin-onboard") == "activating", "the pause before it is started again")
     assert robot.ids() == ["unit-restarting"]
-    robot.root(
-        "rm -r /run/systemd/system/lupin-onboard.service.d; systemctl daemon-reload; systemctl stop lupin-onboard; "
-        "systemctl reset-failed lupin-onboard || true; systemctl start lupin-onboard; systemctl restart lupin-auto-home"
-    )
+    robot.let_onboard_live()
 
 
 def test_a_unit_that_a_deploy_left_out_is_named(robot: Looked) -> None:
@@ -177,17 +182,10 @@ def test_a_unit_that_a_deploy_left_out_is_named(robot: Looked) -> None:
 def test_a_service_that_hit_its_start_limit_is_told_from_one_that_was_stopped(robot: Looked) -> None:
     robot.root("systemctl stop lupin-onboard")
     assert robot.ids() == ["unit-not-running"]
-    robot.root(
-        "mkdir -p /run/systemd/system/lupin-onboard.service.d; "
-        "printf '[Service]\\nExecStart=\\nExecStart=/bin/false\\n' > /run/systemd/system/lupin-onboard.service.d/x.conf; "
-        "systemctl daemon-reload; systemctl start lupin-onboard"
-    )
+    robot.let_onboard_die()
     robot.until(lambda: robot.state("lupin-onboard") == "failed", "the start limit")
     assert robot.ids() == ["unit-start-limit"]
-    robot.root(
-        "rm -r /run/systemd/system/lupin-onboard.service.d; systemctl daemon-reload; "
-        "systemctl reset-failed lupin-onboard; systemctl start lupin-onboard; systemctl restart lupin-auto-home"
-    )
+    robot.let_onboard_live()
 
 
 def test_a_unit_that_did_not_restart_with_the_vendors_is_named(robot: Looked) -> None:

@@ -171,10 +171,10 @@ def bounded(process: subprocess.Popen[Any], limit_s: float = 60.0) -> Iterator[N
 
 
 @contextmanager
-def robot_node(host: Host, user: str = "mirte") -> Iterator[None]:
-    """A node on the robot under the vendor's environment, up until the block ends."""
+def robot_node(host: Host, user: str = "mirte") -> Iterator[str]:
+    """A node on the robot under the vendor's environment, up until the block ends; gives its unit."""
     settings = [f"--setenv={name}={value}" for name, value in ROBOT_NODE.items()]
-    unit = NODE_UNIT if user == "mirte" else f"{NODE_UNIT}-of-{user}"
+    unit = f"{NODE_UNIT}-of-{user}"
     started = host.robot.inside(
         "systemd-run", "--quiet", "--collect", f"--unit={unit}", f"--uid={user}", *settings, sys.executable, "-c", NODE
     )
@@ -185,7 +185,7 @@ def robot_node(host: Host, user: str = "mirte") -> Iterator[None]:
             "the robot's node",
             30.0,
         )
-        yield
+        yield unit
     finally:
         host.robot.inside("systemctl", "stop", unit)
 
@@ -260,8 +260,7 @@ def test_a_process_that_hangs_on_the_graphs_ports_is_the_one_cause(fresh_host: H
 
 @pytest.mark.parametrize("user", ["mirte", "root"])
 def test_memory_of_a_killed_participant_is_the_one_cause_whoever_it_was(fresh_host: Host, laptop: Laptop, user) -> None:
-    with robot_node(fresh_host, user):
-        unit = NODE_UNIT if user == "mirte" else f"{NODE_UNIT}-of-{user}"
+    with robot_node(fresh_host, user) as unit:
         fresh_host.robot.inside("systemctl", "kill", "--signal=KILL", unit)
         until(lambda: fresh_host.robot.inside("systemctl", "is-active", unit).stdout != "active\n", "its end")
         assert laptop.named() == ["shared-memory-orphans"]
