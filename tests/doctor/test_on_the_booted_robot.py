@@ -50,7 +50,6 @@ node.destroy_node()
 rclpy.shutdown()
 """
 VENDOR_PROFILE = "/home/mirte/mirte_ws/install/super_client.xml"
-NODE_UNIT = "lupin-test-talker"
 ROBOT_NODE = {
     "ROS_DISCOVERY_SERVER": "127.0.0.1",
     "FASTRTPS_DEFAULT_PROFILES_FILE": VENDOR_PROFILE,
@@ -174,7 +173,7 @@ def bounded(process: subprocess.Popen[Any], limit_s: float = 60.0) -> Iterator[N
 def robot_node(host: Host, user: str = "mirte") -> Iterator[str]:
     """A node on the robot under the vendor's environment, up until the block ends; gives its unit."""
     settings = [f"--setenv={name}={value}" for name, value in ROBOT_NODE.items()]
-    unit = f"{NODE_UNIT}-of-{user}"
+    unit = f"lupin-test-talker-of-{user}"
     started = host.robot.inside(
         "systemd-run", "--quiet", "--collect", f"--unit={unit}", f"--uid={user}", *settings, sys.executable, "-c", NODE
     )
@@ -188,6 +187,12 @@ def robot_node(host: Host, user: str = "mirte") -> Iterator[str]:
         yield unit
     finally:
         host.robot.inside("systemctl", "stop", unit)
+
+
+def strike(host: Host, unit: str, signal: str) -> None:
+    """Send a unit's processes a signal."""
+    struck = host.robot.inside("systemctl", "kill", f"--signal={signal}", unit)
+    assert struck.status == 0, struck.stderr
 
 
 def test_a_healthy_robot_gives_nothing_however_often_it_is_asked(laptop: Laptop) -> None:
@@ -251,17 +256,17 @@ def test_a_server_that_is_there_and_serves_nobody_is_the_one_cause(fresh_host: H
 
 
 def test_a_process_that_hangs_on_the_graphs_ports_is_the_one_cause(fresh_host: Host, laptop: Laptop) -> None:
-    with robot_node(fresh_host):
-        fresh_host.robot.inside("systemctl", "kill", "--signal=STOP", NODE_UNIT)
+    with robot_node(fresh_host) as unit:
+        strike(fresh_host, unit, "STOP")
         assert laptop.named() == ["zombie-process"]
-        fresh_host.robot.inside("systemctl", "kill", "--signal=CONT", NODE_UNIT)
+        strike(fresh_host, unit, "CONT")
         until(lambda: laptop.named() == [], "health", 30.0)
 
 
 @pytest.mark.parametrize("user", ["mirte", "root"])
 def test_memory_of_a_killed_participant_is_the_one_cause_whoever_it_was(fresh_host: Host, laptop: Laptop, user) -> None:
     with robot_node(fresh_host, user) as unit:
-        fresh_host.robot.inside("systemctl", "kill", "--signal=KILL", unit)
+        strike(fresh_host, unit, "KILL")
         until(lambda: fresh_host.robot.inside("systemctl", "is-active", unit).stdout != "active\n", "its end")
         assert laptop.named() == ["shared-memory-orphans"]
 
@@ -294,11 +299,11 @@ def test_the_end_of_a_login_takes_shared_memory_along_until_logind_is_told_to_le
 
 @pytest.mark.parametrize("blow", ["server", "STOP", "KILL"])
 def test_fix_heals_what_is_safe_to_heal_and_finds_health_after_it(fresh_host: Host, laptop: Laptop, blow) -> None:
-    with robot_node(fresh_host):
+    with robot_node(fresh_host) as unit:
         if blow == "server":
             fresh_host.robot.fault("server-killed")
         else:
-            fresh_host.robot.inside("systemctl", "kill", f"--signal={blow}", NODE_UNIT)
+            strike(fresh_host, unit, blow)
         status, told = laptop.doctor("--fix")
     assert told["findings"] == []
     assert {treatment["state"] for treatment in told["treatments"]} == {"done"}
