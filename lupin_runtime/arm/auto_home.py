@@ -18,6 +18,7 @@ import rclpy
 from controller_manager_msgs.srv import SwitchController
 from rclpy.client import Client
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.task import Future
 
 from lupin_runtime import graph
 from lupin_runtime.arm.controllers import complaints, next_step
@@ -40,6 +41,7 @@ class Limits:
     visible_s: float = 60.0
     poll_s: float = 2.0
     call_s: float = 15.0
+    again_s: float = 3.0
     joint_states_s: float = 30.0
     preset_s: float = 30.0
     settle_s: float = 2.0
@@ -65,7 +67,7 @@ class AutoHome:
         self._configure = node.client(graph.CONFIGURE_CONTROLLER)
         self._switch = node.client(graph.SWITCH_CONTROLLER)
         self._preset = node.client(graph.ARM_PRESET)
-        self._arm_heard = self._listed = False
+        self._arm_heard = False
         node.subscription(graph.JOINT_STATES, self._on_joint_states)
 
     def run(self) -> None:
@@ -81,13 +83,7 @@ class AutoHome:
         limits = self._limits
         self._wait(self._list.service_is_ready, limits.manager_s, f"the service {graph.LIST_CONTROLLERS.name}")
         deadline = time.monotonic() + limits.visible_s
-        states = self._states()
-        while not self._listed and time.monotonic() < deadline:
-            self._spin_for(limits.poll_s)
-            states = self._states()
-        if not self._listed:
-            # Nobody knows what is missing: loading on a guess would only make it worse.
-            raise NotHome(f"{graph.LIST_CONTROLLERS.name} is there and never answered; see journalctl -u mirte-ros")
+        states = self._states(limits.visible_s)
         self._report("found", states)
         # The vendor's spawners are at work at boot: what they load need not be loaded by us.
         while any(name not in states for name in graph.CONTROLLERS) and time.monotonic() < deadline:
@@ -134,10 +130,26 @@ class AutoHome:
             activate_asap=True,
         )
 
-    def _states(self) -> dict[str, str]:
-        answer = self._call(self._list, "")
-        self._listed = self._listed or answer is not None
-        return {} if answer is None else {item.name: item.state for item in answer.controller}
+    def _states(self, patience_s: float = 0.0) -> dict[str, str]:
+        """What the manager lists. Raises NotHome where it never does: loading on a guess would only make it worse.
+
+        An answer is lost where the manager doesn't know yet who asked, so it is asked anew; the first answer to any of the
+        questions counts, however late it is.
+        """
+        deadline = time.monotonic() + self._left_s(self._limits.call_s + patience_s)
+        asked: list[Future] = []
+        try:
+            while (left_s := deadline - time.monotonic()) > 0.0:
+                asked.append(self._list.call_async(self._list.srv_type.Request()))
+                again = time.monotonic() + min(self._limits.again_s, left_s)
+                while time.monotonic() < again:
+                    self._executor.spin_once(timeout_sec=0.1)
+                    for answered in filter(Future.done, asked):
+                        return {item.name: item.state for item in answered.result().controller}
+        finally:
+            for question in asked:
+                self._list.remove_pending_request(question)
+        raise NotHome(f"{graph.LIST_CONTROLLERS.name} is there and never answered; see journalctl -u mirte-ros")
 
     def _call(self, client: Client, what: str, limit_s: float | None = None, /, **fields: Any) -> Any:
         """The answer of a service, or None where there was none in time. What came of it shows in what is listed next."""

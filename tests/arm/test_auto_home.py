@@ -178,7 +178,7 @@ def test_a_manager_that_is_there_and_never_answers_is_left_alone(graph_host, mon
 
     node = LupinNode("auto_home")
     said: list[str] = []
-    home = AutoHome(node, Limits(visible_s=0.3, poll_s=0.1, call_s=0.1), said.append)
+    home = AutoHome(node, Limits(visible_s=0.3, poll_s=0.1, call_s=0.1, again_s=0.1), said.append)
     monkeypatch.setattr(home, "_wait", lambda *_: None)  # as if its service had been seen, just before it hung
     with pytest.raises(NotHome, match="is there and never answered"):
         home.heal()
@@ -187,34 +187,53 @@ def test_a_manager_that_is_there_and_never_answers_is_left_alone(graph_host, mon
     node.destroy_node()
 
 
-PATIENCE_S = 0.5
+LATE_S = 1.0
 
 
 class Slow(Manager):
-    """A manager whose first answer comes too late."""
+    """A manager whose first answer comes late."""
 
-    asked = False
+    asked = 0
 
     def _list(self, request, response):
-        if not self.asked:
-            self.asked = True
-            time.sleep(2 * PATIENCE_S)  # the lateness is what is tested: nothing else would tell when it is late enough
+        self.asked += 1
+        if self.asked == 1:
+            time.sleep(LATE_S)  # the lateness is what is tested: nothing else would tell when it is late enough
         return super()._list(request, response)
 
 
 @pytest.mark.graph
-def test_what_a_lost_answer_would_have_said_is_not_guessed(graph_host):
+def test_what_a_late_answer_would_have_said_is_not_guessed(graph_host):
     from lupin_runtime.arm.auto_home import AutoHome, Limits
     from lupin_runtime.ros import LupinNode
 
     manager = Slow(graph_host, dict.fromkeys(graph.CONTROLLERS, "inactive"))
     node = LupinNode("auto_home")
     said: list[str] = []
-    home = AutoHome(node, Limits(call_s=PATIENCE_S, poll_s=0.1), said.append)
+    home = AutoHome(node, Limits(again_s=0.2 * LATE_S, poll_s=0.1), said.append)
     home.heal()
-    assert manager.asked and set(manager.states.values()) == {"active"}
+    assert manager.asked > 1 and set(manager.states.values()) == {"active"}
     found = [line for line in said if line.startswith("found: ")]
     assert len(found) == 1 and found[0].count("is inactive") == len(graph.CONTROLLERS)
+    home.close()
+    node.destroy_node()
+
+
+@pytest.mark.graph
+def test_a_listing_whose_answer_is_lost_is_asked_for_again(graph_host, monkeypatch):
+    from rclpy.task import Future
+
+    from lupin_runtime.arm.auto_home import AutoHome, Limits
+    from lupin_runtime.ros import LupinNode
+
+    Manager(graph_host, dict.fromkeys(graph.CONTROLLERS, "active"))
+    node = LupinNode("auto_home")
+    said: list[str] = []
+    home = AutoHome(node, Limits(call_s=10.0, visible_s=0.0, again_s=0.2), said.append)
+    ask, lost = home._list.call_async, [Future()]
+    monkeypatch.setattr(home._list, "call_async", lambda request: lost.pop() if lost else ask(request))
+    home.heal()
+    assert not lost and said[-1] == "found: all 5 controllers are active"
     home.close()
     node.destroy_node()
 
