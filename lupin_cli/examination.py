@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 from lupin_cli.checks.base import Check, Evidence, Finding
-from lupin_cli.diagnosis import Diagnosis, diagnose, gather, look_closer
+from lupin_cli.diagnosis import Diagnosis, ask, diagnose, facts_of, gather, look_closer
+from lupin_cli.facts.base import Facts
 from lupin_cli.facts.link import Link
 from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output, Script, Target
+from lupin_cli.target.base import Target
 
 if TYPE_CHECKING:
     from lupin_cli.config import Config, Robot
@@ -42,29 +42,13 @@ class Treatment:
     lines: tuple[str, ...] = ()
 
 
-class AskedOnce:
-    """This machine for several examinations at the same time: whoever asks first asks for all of them."""
-
-    def __init__(self, target: Target) -> None:
-        self._target = target
-        self._lock = threading.Lock()
-        self._outputs: dict[str, Output] | None = None
-        self.name, self.user = target.name, target.user
-
-    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
-        """See `Target.batch`. Every caller must bring the same scripts."""
-        with self._lock:
-            if self._outputs is None:
-                self._outputs = self._target.batch(scripts, bound_s)
-            return self._outputs
-
-
 def examine_all(examinations: Sequence[Examination]) -> None:
     """Examine several robots side by side; this machine is asked once for all of them."""
+    first = examinations[0]
     addresses = [address for each in examinations for address in each.addresses()]
-    shared = AskedOnce(examinations[0].laptop)
-    with ThreadPoolExecutor(max_workers=AT_ONCE, thread_name_prefix="doctor") as pool:
-        list(pool.map(lambda each: each.examine(shared, addresses), examinations))
+    with ThreadPoolExecutor(max_workers=AT_ONCE + 1, thread_name_prefix="doctor") as pool:
+        here = pool.submit(lambda: ask(first.laptop, "laptop", facts_of(first.checks, "laptop"), addresses))
+        list(pool.map(lambda each: each.examine(here.result, addresses), examinations))
 
 
 @dataclass
@@ -85,13 +69,13 @@ class Examination:
     _target: SshTarget | None = field(default=None, repr=False)
     _transport: Any = field(default=None, repr=False)
 
-    def examine(self, laptop: AskedOnce | None = None, addresses: Sequence[str] | None = None) -> Diagnosis:
-        """Ask both ends and judge what they say. `laptop` and `addresses` are those of several examinations together."""
+    def examine(self, told: Callable[[], Facts] | None = None, addresses: Sequence[str] = ()) -> Diagnosis:
+        """Ask both ends and judge what they say. `told` and `addresses` are what several examinations together have of this
+        machine, and the addresses of all of their robots."""
         own = self.addresses()
         link = Link(self.robot.name, own[0]) if self.robot else None
-        here: Any = laptop or self.laptop
-        known = own if addresses is None else addresses
-        evidence = gather(self.checks, here, self._reach if self.robot else None, link, known, self._clock_offset)
+        reach = self._reach if self.robot else None
+        evidence = gather(self.checks, self.laptop, reach, link, addresses or own, self._clock_offset, told)
         self.evidence, self.link = evidence, evidence.link
         self.diagnosis = diagnose(self.checks, evidence, self.broken)
         closer = look_closer(self.checks, self.diagnosis, evidence, self.laptop, self._target, own)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Mapping
 from dataclasses import field
-from ipaddress import ip_address, ip_network
+from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, answers
@@ -48,11 +49,19 @@ class Route:
         """The prefix length with which it covers `address`; None where it doesn't."""
         if self.destination == "default":
             return 0
+        network = _network(self.destination)
         try:
-            network = ip_network(self.destination, strict=False)
-            return network.prefixlen if ip_address(address) in network else None
+            return network.prefixlen if network and ip_address(address) in network else None
         except ValueError:
             return None
+
+
+@functools.cache  # a fleet asks of every address which of the same few routes lead there
+def _network(text: str) -> IPv4Network | IPv6Network | None:
+    try:
+        return ip_network(text, strict=False)
+    except ValueError:
+        return None
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ def together(probes: Sequence[str]) -> str:
 
 
 def _mark(probes: Sequence[str]) -> str:
-    """What ends every answer: nothing that any of them prints, and the same whoever asks the same."""
+    """What ends every answer: nothing that any of them prints, and the same whenever the same is asked."""
     return hashlib.sha256("\n".join(probes).encode("utf-8", "surrogateescape")).hexdigest()[:16]
 
 

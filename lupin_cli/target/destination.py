@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import getpass
 import glob
 import re
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +17,7 @@ from lupin_cli.target.base import TargetError
 if TYPE_CHECKING:
     import paramiko
 
+_reading = threading.Lock()  # whoever sets out for many robots at once reads the file once
 _INCLUDE = re.compile(r"^\s*include[\s=]+(.+?)\s*$", re.IGNORECASE)
 _INCLUDE_DEPTH = 8  # OpenSSH stops at 16; a file that includes itself must end somewhere
 _DESTINATION = re.compile(
@@ -67,7 +70,9 @@ def resolve(
     except OSError as error:
         raise _unreadable(path, error) from error
     if lines:
-        found = _resolve(_ssh_config(path, lines), host, user, port, ())
+        with _reading:
+            config = _ssh_config(path, "\n".join(lines))
+        found = _resolve(config, host, user, port, ())
     else:  # nothing to look up, for which paramiko would be imported
         found = Destination(host, port or 22, user, asked=host)
     return found if found.user else replace(found, user=default_user or getpass.getuser())
@@ -106,11 +111,12 @@ def _resolve(config: paramiko.SSHConfig, host: str, user: str, port: int, passed
     )
 
 
-def _ssh_config(path: Path, lines: list[str]) -> paramiko.SSHConfig:
+@functools.lru_cache(maxsize=1)
+def _ssh_config(path: Path, text: str) -> paramiko.SSHConfig:
     import paramiko
 
     try:
-        return paramiko.SSHConfig.from_text("\n".join(lines))
+        return paramiko.SSHConfig.from_text(text)
     except paramiko.SSHException as error:
         raise _unreadable(path, error) from error
 

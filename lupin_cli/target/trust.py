@@ -7,7 +7,9 @@ by robot. Where it has none for one, the user's known_hosts is asked by address.
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
+import hmac
 import os
 import shutil
 import subprocess
@@ -41,11 +43,8 @@ class Trust:
 
     def known(self, name: str, destination: Destination) -> tuple[list[paramiko.PKey], Path]:
         """The keys accepted for the robot `name`, or by its address, and the file that says so."""
-        own = self._load(self._own).lookup(name)
-        if own is not None:
-            return list(own.values()), self._own
-        users = self._load(self._users).lookup(destination.known_as)
-        return ([] if users is None else list(users.values())), self._users
+        own = _keys_of(name, self._own)
+        return (own, self._own) if own else (_keys_of(destination.known_as, self._users), self._users)
 
     def check(self, name: str, destination: Destination, key: paramiko.PKey) -> None:
         """Raise HostKeyChanged or HostKeyUnknown unless `key` is accepted, or is now."""
@@ -75,8 +74,6 @@ class Trust:
 
     def forget(self, name: str, destinations: list[Destination]) -> list[str]:
         """Drop every key of a robot, from Lupin's file and from the user's; returns where something was dropped."""
-        import paramiko
-
         dropped = []
         with _lock:
             if self._own.is_file():
@@ -86,8 +83,7 @@ class Trust:
                     _replace(self._own, "".join(kept))
                     dropped.append(f"{name} in {self._own}")
             for known_as in sorted({destination.known_as for destination in destinations}):
-                keys = paramiko.HostKeys(str(self._users)) if self._users.is_file() else paramiko.HostKeys()
-                if keys.lookup(known_as) is not None and shutil.which("ssh-keygen"):
+                if _keys_of(known_as, self._users) and shutil.which("ssh-keygen"):
                     # It knows hashed names, and leaves known_hosts.old behind.
                     command = ["ssh-keygen", "-q", "-R", known_as, "-f", str(self._users)]
                     if subprocess.run(command, capture_output=True, timeout=10).returncode == 0:
@@ -98,14 +94,36 @@ class Trust:
         before = self._own.read_text() if self._own.is_file() else ""
         _replace(self._own, f"{before}{name} {key.get_name()} {key.get_base64()}\n")
 
-    @staticmethod
-    def _load(path: Path) -> paramiko.HostKeys:
-        import paramiko
 
-        keys = paramiko.HostKeys()
-        if path.is_file():
-            keys.load(str(path))
-        return keys
+def _keys_of(name: str, path: Path) -> list[paramiko.PKey]:
+    """The keys that a known_hosts file has for `name`, the first of each type.
+
+    `paramiko.HostKeys` makes keys of all lines, and ends at the first that is none: here each of the others is passed over.
+    """
+    if not path.is_file():
+        return []
+    from paramiko.hostkeys import HostKeyEntry, InvalidHostKey
+    from paramiko.ssh_exception import SSHException
+
+    found: dict[str, paramiko.PKey] = {}
+    for fields in map(str.split, path.read_text(errors="replace").splitlines()):
+        if fields and any(_means(pattern, name) for pattern in fields[0].split(",")):
+            with contextlib.suppress(SSHException, InvalidHostKey):
+                entry = HostKeyEntry.from_line(" ".join(fields))
+                if entry is not None and entry.key is not None:
+                    found.setdefault(entry.key.get_name(), entry.key)
+    return list(found.values())
+
+
+def _means(pattern: str, name: str) -> bool:
+    """Whether a name of a known_hosts file, which may be hashed, is `name`."""
+    if not pattern.startswith("|1|"):
+        return pattern == name
+    try:
+        salt, digest = map(base64.b64decode, pattern.split("|")[2:])
+    except ValueError:  # not two words of base64
+        return False
+    return hmac.compare_digest(hmac.digest(salt, name.encode(), "sha1"), digest)
 
 
 def _replace(path: Path, text: str) -> None:

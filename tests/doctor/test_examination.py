@@ -10,7 +10,8 @@ from lupin_cli.target import Output
 
 
 def test_this_machine_is_asked_once_however_many_robots_there_are(machine, tmp_path) -> None:
-    fact = Fact("words", "echo words", lambda output: output.stdout)
+    read: list[str] = []
+    fact = Fact("words", "echo words", lambda output: read.append(output.stdout) or output.stdout)
     seen: list[str | None] = []
     check = Check("c", lambda evidence: seen.append(evidence.laptop.get(fact)) or (), laptop=(fact,))
     laptop = machine({"words": Output(0, "four")})
@@ -19,7 +20,7 @@ def test_this_machine_is_asked_once_however_many_robots_there_are(machine, tmp_p
     robots = [Robot(f"pot-{n}", {"wired": f"127.0.0.{n}:1"}) for n in range(1, 6)]
     examinations = [Examination([check], (), laptop, robot, config) for robot in robots]
     examine_all(examinations)
-    assert laptop.asked == [["words"]]
+    assert laptop.asked == [["words"]] and read == ["four"]
     assert seen == ["four"] * 5
     assert [each.link.kind for each in examinations if each.link] == ["refused"] * 5
     assert [each.link.robot for each in examinations if each.link] == [robot.name for robot in robots]

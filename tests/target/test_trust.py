@@ -89,3 +89,27 @@ def test_the_key_that_the_users_own_ssh_accepted_needs_no_question(sshd, tmp_pat
     target = SshTarget("greenhouse", sshd.destination, Trust(tmp_path / "own", tmp_path / "users"))
     target.connect()
     target.close()
+
+
+def test_a_robot_is_known_by_its_own_lines_hashed_or_not_whatever_stands_on_the_others(sshd, tmp_path) -> None:
+    users, address = tmp_path / "users", sshd.destination.known_as
+    users.write_text(f"{address} {sshd.host_key}\n")
+    subprocess.run(["ssh-keygen", "-q", "-H", "-f", str(users)], check=True, capture_output=True)
+    hashed = users.read_text()
+    assert hashed.startswith("|1|") and address not in hashed
+    broken = [
+        "# a word",
+        "",
+        "alone",
+        f"{address} ssh-ed25519",
+        f"{address} ssh-ed25519 AAAA",
+        "|1|?|? ssh-rsa AAAA",
+        "|1| x y",
+    ]
+    users.write_bytes(b"\xff\xfe\n" + "\n".join(broken).encode() + b"\n" + hashed.encode())
+    target = SshTarget("greenhouse", sshd.destination, Trust(tmp_path / "own", users))
+    target.connect()
+    target.close()
+    users.write_text(hashed.replace("|1|", "|1|AAAA"))
+    with pytest.raises(HostKeyUnknown):
+        SshTarget("greenhouse", sshd.destination, Trust(tmp_path / "own", users)).connect()
