@@ -18,11 +18,10 @@ from lupin_cli.quick_dataclass import dataclass
 # What may be left alone while the stack runs: the contract's, and far below what the message filters of mapping forgive.
 TOLERATED_S = 3.0
 
-# Answers every line with the wall clock. bash reads it without a process for each answer, in microseconds; date(1) needs one.
+# Answers every line with the wall clock. bash (from 5.0) reads it without a process for each answer, in microseconds; date(1)
+# needs one.
 ANSWERING = r"""LC_ALL=C; export LC_ALL
-if [ -x /bin/bash ] && [ -n "$(/bin/bash -c 'echo "$EPOCHREALTIME"')" ]; then
-  exec /bin/bash -c 'while read -r line; do echo "$EPOCHREALTIME"; done'
-fi
+[ ! -x /bin/bash ] || exec /bin/bash -c 'while read -r line; do echo "${EPOCHREALTIME:-$(date +%s.%N)}"; done'
 while read -r line; do date +%s.%N; done
 """
 

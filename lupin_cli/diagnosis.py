@@ -120,19 +120,18 @@ def gather(
     """Ask this machine while the robot is reached and asked; `told` waits for its facts where it is asked already.
 
     `reach` gives the robot and the link that it was reached by; `link` is what is said of the link where `reach` fails, and
-    `addresses` are those that the robot may have. `clock` measures the clock of a robot that was reached, while it answers. One
-    that can't be reached costs none of this machine's facts: they are what tells why.
+    `addresses` are those that the robot may have. `clock` tells what is known of its clock once it was asked. One that can't
+    be reached costs none of this machine's facts: they are what tells why.
     """
     of_laptop, of_robot = facts_of(checks, "laptop"), facts_of(checks, "robot")
-    with ThreadPoolExecutor(max_workers=2, thread_name_prefix="laptop") as pool:
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="laptop") as pool:
         here = pool.submit(told or (lambda: ask(laptop, "laptop", of_laptop, addresses)))
         there = None
         if reach is not None:
             try:
                 robot, link = reach()
-                offset = pool.submit(clock)
                 there = ask(robot, "robot", of_robot, addresses)
-                link = replace(link, clock=offset.result())
+                link = replace(link, clock=clock())
             except TargetError as error:
                 link = replace(
                     link or Link("robot", ""), kind=failure_kind(error), message=str(error), next_command=error.next_command

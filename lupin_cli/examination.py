@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import field
@@ -25,8 +26,7 @@ if TYPE_CHECKING:
 # A mended cause can uncover another; three rounds are more than any pair of known faults needs.
 ROUNDS = 3
 AT_ONCE = 20
-# Enough for a few milliseconds, and short beside any batch of probes.
-CLOCK_SAMPLES, CLOCK_SAMPLING_S, CLOCK_BOUND_S = 8, 0.2, 3.0
+HEAD_START_S = 0.5  # of the ways to several robots, before this machine is asked
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,20 @@ class Treatment:
 
 
 def examine_all(examinations: Sequence[Examination]) -> None:
-    """Examine several robots side by side; this machine is asked once for all of them."""
+    """Examine several robots side by side; this machine is asked once for all of them, while they think: before that its shells
+    would take the processor from the ways there."""
     first = examinations[0]
     addresses = [address for each in examinations for address in each.addresses()]
+    ways = [each.way for each in examinations if each.way is not None]
+
+    def ask_here() -> Facts:
+        deadline = time.monotonic() + HEAD_START_S
+        for way in ways:
+            way.settle(deadline - time.monotonic())
+        return ask(first.laptop, "laptop", facts_of(first.checks, "laptop"), addresses)
+
     with ThreadPoolExecutor(max_workers=AT_ONCE + 1, thread_name_prefix="doctor") as pool:
-        here = pool.submit(lambda: ask(first.laptop, "laptop", facts_of(first.checks, "laptop"), addresses))
+        here = pool.submit(ask_here)
         list(pool.map(lambda each: each.examine(here.result, addresses), examinations))
 
 
@@ -118,17 +127,15 @@ class Examination:
         return self._target, Link(self.robot.name, peer or self._target.destination.host)
 
     def _clock_offset(self) -> Offset | None:
-        """The robot's clock against this machine's, where a check asks for clocks: a batch of probes alone would bound it no
-        better than by its own duration. Beside that batch, on its connection."""
-        wanted = any(fact.name == "clock" for check in self.checks for fact in check.robot)
-        if self._target is None or not self._transport.is_active() or not wanted:
-            return None
-        from lupin_cli.clock import ClockError, measure_over
-        from lupin_cli.target.base import TargetError
+        """The robot's clock against this machine's, as the batch began; None where it said nothing that can be read."""
+        from lupin_cli.clock import ClockError, Sample, estimate, read_answer
 
+        reading = None if self._target is None else self._target.clock_reading
+        if reading is None:
+            return None
         try:
-            return measure_over(self._target, CLOCK_BOUND_S, CLOCK_SAMPLES, CLOCK_SAMPLING_S).offset
-        except (TargetError, ClockError, OSError, EOFError):
+            return estimate([Sample(reading.sent_ns, read_answer(reading.said), reading.heard_ns)]).offset
+        except ClockError:
             return None  # the probes' own reading remains
 
     def treatments(

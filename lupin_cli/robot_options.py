@@ -15,7 +15,7 @@ import getpass
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -95,14 +95,27 @@ def named(config: Config, name: str) -> Robot:
 
 def destinations(robot: Robot) -> dict[str, Destination]:
     """Where `robot` may be, by transport, best first; the pinned transport alone where one is pinned. Raises TargetError."""
-    from lupin_cli.target.destination import parse_destination, resolve
+    from lupin_cli.target.destination import resolve
+
+    return {
+        transport: resolve(host, robot.user, port, default_user=DEFAULT_USER) for transport, host, port in _addresses(robot)
+    }
+
+
+def _located(robot: Robot) -> dict[str, Destination]:
+    """What `destinations` will say, where that can be told without paramiko; else nothing. Raises TargetError."""
+    from lupin_cli.target.destination import located
+
+    found = {transport: located(host, robot.user or DEFAULT_USER, port) for transport, host, port in _addresses(robot)}
+    return {transport: place for transport, place in found.items() if place is not None}
+
+
+def _addresses(robot: Robot) -> list[tuple[str, str, int]]:
+    """Transport, host and port (or 0) of each address that counts."""
+    from lupin_cli.target.destination import parse_destination
 
     wanted = [robot.transport] if robot.transport else list(robot.addresses)
-    found = {}
-    for transport in wanted:
-        _, host, port = parse_destination(robot.addresses[transport])
-        found[transport] = resolve(host, robot.user, port, default_user=DEFAULT_USER)
-    return found
+    return [(transport, *parse_destination(robot.addresses[transport])[1:]) for transport in wanted]
 
 
 def trust_of(config: Config, accept: str = "") -> Trust:
@@ -131,19 +144,29 @@ def open_target(
     """The target of `robot`; it connects when it is first used, which begins here where that is to be `at_once`."""
     from lupin_cli.target.reach import Knock, best_of
 
-    transport, destination = best_of(destinations(robot))
-    direct = not (destination.jumps or destination.proxy_command)
-    knock = Knock(destination) if at_once and direct else None
-    from lupin_cli.target.ssh import SshTarget  # takes its time: paramiko
+    knock = None
+    with contextlib.ExitStack() as undone:
+        if early := _located(robot) if at_once else {}:
+            transport, destination = best_of(early)
+            knock = Knock(destination)
+            undone.callback(knock.forget)
+            destination = destinations(robot)[transport]
+        else:
+            transport, destination = best_of(destinations(robot))
+            if at_once and not (destination.jumps or destination.proxy_command):
+                knock = Knock(destination)
+                undone.callback(knock.forget)
+        from lupin_cli.target.ssh import SshTarget  # takes its time: paramiko
 
-    target = SshTarget(
-        robot.name,
-        destination,
-        trust_of(config or load(), accept),
-        ask_password=_ask_password if _terminal() else None,
-        sudo_password=sudo_password,
-        knock=knock,
-    )
+        target = SshTarget(
+            robot.name,
+            destination,
+            trust_of(config or load(), accept),
+            ask_password=_ask_password if _terminal() else None,
+            sudo_password=sudo_password,
+            knock=knock,
+        )
+        undone.pop_all()
     target.transport_name = transport
     return target
 
@@ -176,6 +199,10 @@ class Way:
     def wait(self) -> None:
         """Until it is connected. Raises TargetError, or what opening it raised."""
         self._ready.result()
+
+    def settle(self, bound_s: float) -> None:
+        """Until it is known whether it leads there, `bound_s` at most."""
+        wait([self._ready], max(0.0, bound_s))
 
     def forget(self) -> None:
         """Whatever is opened is closed."""

@@ -16,7 +16,7 @@ class Link:
     kind: str = ""
     message: str = ""
     next_command: str = ""
-    clock: Offset | None = None  # the robot's against this machine's, from several exchanges; None where it wasn't measured
+    clock: Offset | None = None  # the robot's against this machine's, None where it wasn't measured
 
     @property
     def reachable(self) -> bool:

@@ -35,6 +35,15 @@ class Output:
         return self.status == 0
 
 
+@dataclass(frozen=True)
+class ClockReading:
+    """What a machine's wall clock said, and between which instants of this one's it was read, ns since 1970."""
+
+    sent_ns: int
+    said: str  # seconds since 1970, with a fraction
+    heard_ns: int
+
+
 class Target(Protocol):
     """A machine to ask and to change. Every call is bounded and raises `TargetError` with the next command to type."""
 

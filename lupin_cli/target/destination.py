@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _reading = threading.Lock()  # whoever sets out for many robots at once reads the file once
 _INCLUDE = re.compile(r"^\s*include[\s=]+(.+?)\s*$", re.IGNORECASE)
+_WHERE = re.compile(r"\s*(hostname|port|user|proxyjump|proxycommand|match|canonical\w*)\b", re.IGNORECASE)
 _INCLUDE_DEPTH = 8  # OpenSSH stops at 16; a file that includes itself must end somewhere
 _DESTINATION = re.compile(
     r"^(?:(?P<user>[^@\s]+)@)?(?P<host>\[[0-9A-Fa-f:.]+(?:%[^\]\s]+)?\]|[^@:\s]+)(?::(?P<port>\d{1,5}))?$"
@@ -64,11 +65,7 @@ def resolve(
 
     Raises TargetError where the file can't be read.
     """
-    path = Path("~/.ssh/config").expanduser() if config_path is None else config_path
-    try:
-        lines = _lines(path, 0)
-    except OSError as error:
-        raise _unreadable(path, error) from error
+    path, lines = _users_config(config_path)
     if lines:
         with _reading:
             config = _ssh_config(path, "\n".join(lines))
@@ -76,6 +73,22 @@ def resolve(
     else:  # nothing to look up, for which paramiko would be imported
         found = Destination(host, port or 22, user, asked=host)
     return found if found.user else replace(found, user=default_user or getpass.getuser())
+
+
+def located(host: str, user: str = "", port: int = 0, *, config_path: Path | None = None) -> Destination | None:
+    """Where `resolve` finds `host`, told without paramiko, which takes its time to be imported; None where ~/.ssh/config may
+    have a say in it. Raises TargetError where that can't be read."""
+    _, lines = _users_config(config_path)
+    return None if any(map(_WHERE.match, lines)) else Destination(host, port or 22, user, asked=host)
+
+
+def _users_config(config_path: Path | None) -> tuple[Path, list[str]]:
+    """~/.ssh/config unless another is named, and its lines. Raises TargetError."""
+    path = Path("~/.ssh/config").expanduser() if config_path is None else config_path
+    try:
+        return path, _lines(path, 0)
+    except OSError as error:
+        raise _unreadable(path, error) from error
 
 
 def _resolve(config: paramiko.SSHConfig, host: str, user: str, port: int, passed: tuple[str, ...]) -> Destination:

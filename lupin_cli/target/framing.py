@@ -74,6 +74,10 @@ one() {
 )
 
 
+# One write, before any script has begun: whoever knows when the program's last byte left knows the clock to a few ms.
+_READ_CLOCK = 'date "+$n c %s.%N" >&4'
+
+
 def _program(nonce: str, calls: Sequence[str]) -> str:
     """A program that runs `calls` side by side. What the shell itself says goes nowhere; frames leave through fd 4."""
     start = f"exec 4>&1 >/dev/null 2>&1 </dev/null\n{ENVIRONMENT}n={nonce}\nnewline='\n'\nset -f\n"
@@ -100,7 +104,7 @@ def batch_program(scripts: Sequence[Script], bound_s: float, sudo_password: str 
     calls: dict[bool, list[str]] = {False: [], True: []}
     for index, script in enumerate(scripts):
         calls[script.root].append(f"one {index} {bounds_s[index]} {shlex.quote(script.text)}")
-    user_calls = calls[False]
+    user_calls = [_READ_CLOCK, *calls[False]]
     if calls[True]:
         user_calls.append(_as_root(_program(nonce, calls[True]), max(bounds_s) + 3, sudo_password))
     program = _program(nonce, user_calls).encode("utf-8", "surrogateescape")
@@ -170,6 +174,7 @@ class FrameReader:
         self._hellos = 0
         self._root_ended = False
         self.refusal: str | None = None  # sudo's word, where it refused
+        self.clock: tuple[str, int] | None = None  # what the wall clock said, and when that was heard, monotonic ns
 
     def feed(self, data: bytes) -> None:
         """Take the next bytes of the program's output; lines that aren't frames are somebody else's and are passed over."""
@@ -198,6 +203,8 @@ class FrameReader:
         kind, _, rest = frame.partition(b" ")
         if kind == b"h":
             self._hellos += 1
+        elif kind == b"c":
+            self.clock = rest.decode("ascii", "backslashreplace"), time.monotonic_ns()
         elif kind == b"r":
             self._root_ended = True
             if self._hellos < 2:

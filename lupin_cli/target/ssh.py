@@ -15,7 +15,7 @@ from typing import Any
 
 import paramiko
 
-from lupin_cli.target.base import AuthenticationFailed, Output, RootRefused, Script, TargetError
+from lupin_cli.target.base import AuthenticationFailed, ClockReading, Output, RootRefused, Script, TargetError
 from lupin_cli.target.channel import LOST, read, send
 from lupin_cli.target.destination import Destination
 from lupin_cli.target.files import get_program, put_program, read_get, reason_of_failure
@@ -52,6 +52,7 @@ class SshTarget:
         self.user = destination.user
         self.destination = destination
         self.transport_name = ""  # of the inventory: wired, router or ap
+        self.clock_reading: ClockReading | None = None  # of the last batch
         self._trust = trust
         self._ask_password = ask_password
         self._passwords: dict[str, str] = {}  # by destination: a hop's is not the robot's
@@ -230,11 +231,15 @@ class SshTarget:
         deadline = time.monotonic() + bound_s
         why = f"no end within {bound_s:g} s"
         ended = False  # the login shell
+        self.clock_reading = None
+        sent_ns = left_ns = 0
         with Watch(self.connect(), bound_s + 1.0) as watch:
             try:
                 with self._channel(watch.transport, READ_BATCH, bound_s, self._take_ready(watch.transport)) as channel:
                     with contextlib.suppress(OSError):  # a shell that has ended already takes nothing; what it said is read
-                        channel.sendall(program.payload)
+                        channel.sendall(program.payload[:-1])
+                        sent_ns, left_ns = time.time_ns(), time.monotonic_ns()
+                        channel.sendall(program.payload[-1:])  # nothing runs over there before this one has come
                         channel.shutdown_write()
                     while not program.reader.done and (left := deadline - time.monotonic()) > 0:
                         channel.settimeout(min(left, 0.5))
@@ -255,6 +260,9 @@ class SshTarget:
                     raise unreachable(str(self.destination), "lost", watch.why)
             elif ended and not program.reader.started:
                 raise self._shell_refused(said)
+        if program.reader.clock is not None:
+            said, heard_ns = program.reader.clock
+            self.clock_reading = ClockReading(sent_ns, said, sent_ns + heard_ns - left_ns)
         return program.reader.outputs(why)
 
     def run(

@@ -120,9 +120,10 @@ def links() -> Iterator:
 
 
 WITHOUT_BASH = ANSWERING.replace("/bin/bash", "/nowhere/bash")
+OLD_BASH = ANSWERING.replace("EPOCHREALTIME", "NOT_BEFORE_BASH_5")
 
 
-@pytest.mark.parametrize("script", [ANSWERING, WITHOUT_BASH], ids=["bash", "date"])
+@pytest.mark.parametrize("script", [ANSWERING, OLD_BASH, WITHOUT_BASH], ids=["bash", "old-bash", "date"])
 @pytest.mark.parametrize("offset_s", [0.0, -16_440.0, 3.0])
 def test_a_real_shell_is_read_and_its_offset_lies_within_the_bound(links, script: str, offset_s: float) -> None:
     drift = measure(links(script, offset_s=offset_s).conversation())

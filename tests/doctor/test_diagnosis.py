@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 
 import pytest
@@ -130,21 +129,15 @@ def test_folding_loses_no_finding_and_tells_none_twice(edges) -> None:
     assert sorted(f.cause for f in told) == sorted(f.cause for f in found)
 
 
-def test_the_robots_clock_is_measured_while_it_is_asked(machine) -> None:
-    asked = threading.Event()
-
-    class Robot(machine):  # type: ignore[misc]
-        def batch(self, scripts, bound_s=10.0):
-            asked.set()
-            return super().batch(scripts, bound_s)
-
-    def measure() -> Offset:
-        assert asked.wait(20.0)
-        return Offset(0.25, 0.001)
-
+def test_the_robots_clock_is_told_of_a_robot_that_was_asked(machine) -> None:
     fact = Fact("length", "echo four", lambda output: len(output.stdout))
     check = Check("c", lambda evidence: (), robot=(fact,))
-    robot = Robot({"length": Output(0, "four")})
+    robot = machine({"length": Output(0, "four")})
+
+    def measure() -> Offset:
+        assert robot.asked == [["length"]]
+        return Offset(0.25, 0.001)
+
     evidence = gather([check], machine({}), lambda: (robot, Link("r", "10.42.0.1")), clock=measure)
     assert evidence.link is not None
     assert evidence.link.clock == Offset(0.25, 0.001)

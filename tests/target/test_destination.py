@@ -10,9 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from lupin_cli.target.base import Script, TargetError
-from lupin_cli.target.destination import parse_destination, resolve
+from lupin_cli.target.destination import located, parse_destination, resolve
 from lupin_cli.target.ssh import SshTarget
 
 CONFIG = """\
@@ -78,6 +80,38 @@ def test_a_file_that_jumps_in_a_circle_is_refused(tmp_path: Path) -> None:
 def test_a_file_that_includes_itself_ends(tmp_path: Path) -> None:
     (tmp_path / "config").write_text(f"Include {tmp_path}/config\nHost a\n Port 7\n")
     assert resolve("a", config_path=tmp_path / "config").port == 7
+
+
+DIRECTIVES = st.sampled_from(
+    [
+        *(
+            "Host *",
+            "Host pot-?",
+            "Host pot-1 pot-2",
+            "# HostName elsewhere",
+            "",
+            "IdentitiesOnly yes",
+            "IdentityFile ~/.ssh/pot",
+        ),
+        *("HostName 10.0.0.9", "hostname=10.0.0.9", "  Port 2222", "User root", "\tproxyjump gate", "ProxyCommand nc %h %p"),
+        *("Match host pot-1", "ServerAliveInterval 5", "Compression yes", "Include {folder}/more"),
+    ]
+)
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(DIRECTIVES, max_size=6), st.lists(DIRECTIVES.filter(lambda line: "Include" not in line), max_size=3))
+def test_what_is_told_of_a_place_early_is_what_is_found_later(tmp_path: Path, lines: list[str], more: list[str]) -> None:
+    (tmp_path / "more").write_text("\n".join(more))
+    config = tmp_path / "config"
+    config.write_text("\n".join(lines).format(folder=tmp_path))
+    early = located("pot-1", "mirte", 22022, config_path=config)
+    says = [line for line in (*lines, *(more if any("Include" in line for line in lines) else ())) if not line.startswith("#")]
+    words = ("hostname", "port", "user", "proxy", "match")
+    assert (early is None) == any(line.strip().lower().startswith(words) for line in says)
+    if early is not None:
+        later = resolve("pot-1", "mirte", 22022, config_path=config)
+        assert early == replace(later, identity_files=(), identities_only=False)
 
 
 @pytest.mark.parametrize(

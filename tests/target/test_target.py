@@ -95,6 +95,22 @@ def test_bytes_that_are_no_text_are_shown_and_break_nothing(target: Target) -> N
     assert outputs["after"].stdout == "fine\n"
 
 
+def test_a_batch_tells_what_the_clock_said_and_when(sshd) -> None:
+    with contextlib.closing(SshTarget("robot", sshd.destination, sshd.trust())) as target:
+        assert target.clock_reading is None
+        before_ns = time.time_ns()
+        assert target.batch([Script("one", "echo one")])["one"].stdout == "one\n"
+        reading = target.clock_reading
+        assert reading is not None  # of the same clock, here
+        assert before_ns <= reading.sent_ns <= float(reading.said) * 1e9 + 1e3
+        assert float(reading.said) * 1e9 - 1e3 <= reading.heard_ns <= time.time_ns()
+        with pytest.raises(Unreachable):
+            target.connect().close()
+            target.destination = Destination("127.0.0.1", 1)
+            target.batch([Script("one", "echo one")])
+        assert target.clock_reading is None
+
+
 def test_a_script_that_does_not_end_is_cut_and_the_others_are_not(target: Target) -> None:
     start = time.monotonic()
     outputs = target.batch([Script("hangs", "echo begun; sleep 100", 1.0), Script("fine", "echo fine")], bound_s=30)
