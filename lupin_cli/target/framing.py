@@ -56,7 +56,7 @@ one() {
       kill -s TERM -- "-$!"
       u1=0; read -r u1 rest </proc/uptime
       line s "$1 $status $u0 $u1"
-    } | head -c STDOUT_CAP 3>&- 4>&- | base64 3>&- 4>&- )
+    } | head -c STDOUT_CAP 3>&- 4>&- | base64 $wide 3>&- 4>&- )
     for part in $o; do printf '%s o %s %s\\n' "$n" "$1" "$part"; done >&4
     printf '\\n%s end\\n' "$n" >&3
   } 3>&1 | {
@@ -74,13 +74,16 @@ one() {
 )
 
 
+# In lines of 76 characters each answer is dozens of writes and packets; a line here is one write, as above. An old busybox has no
+# such option.
+_WIDE = "base64 -w 3000 && wide='-w 3000' || wide=\n"
 # One write, before any script has begun: whoever knows when the program's last byte left knows the clock to a few ms.
 _READ_CLOCK = 'date "+$n c %s.%N" >&4'
 
 
 def _program(nonce: str, calls: Sequence[str]) -> str:
     """A program that runs `calls` side by side. What the shell itself says goes nowhere; frames leave through fd 4."""
-    start = f"exec 4>&1 >/dev/null 2>&1 </dev/null\n{ENVIRONMENT}n={nonce}\nnewline='\n'\nset -f\n"
+    start = f"exec 4>&1 >/dev/null 2>&1 </dev/null\n{ENVIRONMENT}n={nonce}\nnewline='\n'\nset -f\n{_WIDE}"
     return f"main() {{\n{start}{_ONE}line h up\n" + " &\n".join([*calls, "wait\n"]) + "}\nmain\n"
 
 

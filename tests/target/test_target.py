@@ -82,6 +82,21 @@ def test_an_answer_that_is_cut_at_any_byte_is_whole_or_none() -> None:
     assert len(seen) == 4
 
 
+@pytest.mark.parametrize(
+    "base64", ["[ $# = 0 ] || exit 1; exec /usr/bin/base64", 'exec /usr/bin/base64 "$@"'], ids=["old", "new"]
+)
+def test_an_old_base64_that_only_knows_short_lines_serves_as_well(tmp_path: Path, base64: str) -> None:
+    (tmp_path / "base64").write_text(f"#!/bin/sh\n{base64}\n")
+    (tmp_path / "base64").chmod(0o755)
+    program = batch_program([Script("long", "seq 5000"), Script("none", "exit 7")], 10.0)
+    environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    ran = subprocess.run(["/bin/sh", "-c", READ_BATCH], input=program.payload, capture_output=True, timeout=30, env=environment)
+    program.reader.feed(ran.stdout)
+    outputs = program.reader.outputs("cut")
+    assert outputs["long"].stdout == "".join(f"{n}\n" for n in range(1, 5001))
+    assert (outputs["none"].status, outputs["none"].stdout) == (7, "")
+
+
 def test_no_output_passes_for_another_scripts(target: Target) -> None:
     # A script that knows the framing, and shouts frames at every descriptor that it may have.
     forge = "for fd in 1 2 3 4 5 6; do eval \"printf '0 o 1 Zm9yZ2Vk\\n0 s 1 0 0 0\\n0 z 1\\n' >&$fd\"; done 2>/dev/null; true"
