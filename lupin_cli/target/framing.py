@@ -74,7 +74,7 @@ one() {
 )
 
 
-# In lines of 76 characters each answer is dozens of writes and packets; a line here is one write, as above. An old busybox knows
+# In lines of 76 characters each answer is dozens of writes and packets; a line here is one write, as above. Old busyboxes know
 # no such option.
 _WIDE = "base64 -w 3000 && wide='-w 3000' || wide=\n"
 # One write, before any script has begun: whoever knows when the program's last byte left knows the clock to a few ms.

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 
 from lupin_cli.checks import Finding, Fix, Severity
+from lupin_cli.checks.discovery import STARTING_S
 from lupin_cli.target import Output, Script
+from lupin_sim.host import Host
+from lupin_sim.host.checkout import keep_memory
+from lupin_sim.host.fixtures import until, until_it_serves
+
+from .laptop import Laptop, vendor_age_s
 
 
 @dataclass
@@ -45,3 +52,14 @@ def finding() -> Callable[..., Finding]:
         )
 
     return make
+
+
+@pytest.fixture
+def laptop(request: pytest.FixtureRequest, tmp_path: Path) -> Laptop:
+    host: Host = request.getfixturevalue("fresh_host" if "fresh_host" in request.fixturenames else "host")
+    until_it_serves(host.robot)
+    until(lambda: vendor_age_s(host) > STARTING_S, "a stack that has been up for a while", 30.0)
+    keep_memory(host.robot)
+    found = Laptop(host, tmp_path / "home")
+    found.set_up()
+    return found
