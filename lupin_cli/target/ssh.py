@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import secrets
 import socket
 import subprocess
 import threading
@@ -22,6 +21,7 @@ from lupin_cli.target.files import get_program, put_program, read_get, reason_of
 from lupin_cli.target.framing import READ_BATCH, batch_program
 from lupin_cli.target.keepalive import Watch
 from lupin_cli.target.reach import CONNECT_TIMEOUT_S, Knock, open_greeted, unreachable
+from lupin_cli.target.sftp import Sftp
 from lupin_cli.target.streaming import Streams, run_program
 from lupin_cli.target.trust import Trust
 
@@ -61,7 +61,7 @@ class SshTarget:
         self._knock = knock
         self._clients: list[paramiko.SSHClient] = []  # hops first
         self._proxies: list[paramiko.ProxyCommand] = []
-        self._sftp_client: paramiko.SFTPClient | None = None
+        self._sftp = Sftp()
         self._ready: paramiko.Channel | None = None  # whose shell waits for the next batch
 
     # -- the connection
@@ -197,7 +197,8 @@ class SshTarget:
 
     def _let_go(self) -> None:
         """Of a connection, also of one that was lost."""
-        self._sftp_client = self._ready = None
+        self._ready = None
+        self._sftp.forget()
         while self._clients:
             client = self._clients.pop()
             transport = client.get_transport()
@@ -302,8 +303,10 @@ class SshTarget:
 
     def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, bound_s: float = 60.0) -> None:
         """See `Target.put`."""
-        if not root and self._sftp_put(path, data, mode, bound_s):
-            return
+        if not root:
+            with Watch(self.connect(), bound_s + 1.0) as watch:
+                if self._sftp.put(watch.transport, path, data, mode):
+                    return
         # As root, or where SFTP isn't served or says no more than "Failure": a shell does it, or tells why not.
         output = self.run(put_program(path, len(data), mode), root=root, stdin=data, bound_s=bound_s)
         if not output.ok:
@@ -377,41 +380,6 @@ class SshTarget:
             channel.close()
             return None
         return channel
-
-    # -- SFTP
-
-    def _sftp_put(self, path: str, data: bytes, mode: int, bound_s: float) -> bool:
-        """Write `path` over SFTP; False where that did not work and nothing has changed."""
-        name = path.removeprefix("~/")  # SFTP starts at home
-        new = f"{name}.lupin-{secrets.token_hex(4)}"
-        with Watch(self.connect(), bound_s + 1.0) as watch:
-            try:
-                sftp = self._sftp(watch.transport)
-                with sftp.open(new, "wbx") as file:
-                    file.chmod(0o600)
-                    file.set_pipelined(True)
-                    file.write(data)
-                    file.flush()
-                    file.set_pipelined(False)
-                    file.chmod(mode)
-                    # paramiko has no name for OpenSSH's extension; without it a power cut may leave the name with no bytes.
-                    sftp._request(paramiko.sftp.CMD_EXTENDED, "fsync@openssh.com", file.handle)  # type: ignore[attr-defined]
-                    if file.stat().st_size != len(data):
-                        raise OSError("short write")
-                sftp.posix_rename(new, name)
-            except (*LOST, paramiko.SFTPError):  # SFTPError: a login shell that talks spoils the protocol
-                if watch.transport.is_active() and self._sftp_client is not None:
-                    with contextlib.suppress(*LOST, paramiko.SFTPError):  # it may never have come into being
-                        self._sftp_client.remove(new)
-                return False
-        return True
-
-    def _sftp(self, transport: paramiko.Transport) -> paramiko.SFTPClient:
-        if self._sftp_client is None:
-            client = paramiko.SFTPClient.from_transport(transport)
-            assert client is not None
-            self._sftp_client = client
-        return self._sftp_client
 
 
 def _is_gone(transport: paramiko.Transport, grace_s: float = 0.2) -> bool:
