@@ -11,8 +11,8 @@ open already, while ours and pyinfra connect anew. And they are spared: they jud
 other and runs all checks. What is not: neither is made for questions that don't depend on each other. Whoever wrote all scripts
 into one task with `&` and `wait` would have written our batch.
 
-`floor` is our way there alone: an interpreter, paramiko, one log-in, and a batch of one `true`. It takes as long as OpenSSH's own
-client does (0.31 s, both), so that the ratio to the floor is what a doctor would reach that asks nothing.
+`floor` is our way there alone: an interpreter, paramiko, one log-in, and a batch of one `true`. It takes as long as OpenSSH's
+own client does (0.31 s, both), so that the ratio to the floor is what a doctor would reach that asks nothing.
 
 The visit to the graph, which listens for a second or two by design, is left out where the peers are compared: they have none;
 and the robot's stack doesn't run there, which would take the laptop's share of this machine's cores. `--graph` measures the
