@@ -145,17 +145,14 @@ def open_target(
     from lupin_cli.target.reach import Knock, best_of
 
     knock = None
+    early = _located(robot) if at_once else {}
+    transport, destination = best_of(early or destinations(robot))
     with contextlib.ExitStack() as undone:
-        if early := _located(robot) if at_once else {}:
-            transport, destination = best_of(early)
+        if at_once and not (destination.jumps or destination.proxy_command):
             knock = Knock(destination)
             undone.callback(knock.forget)
-            destination = destinations(robot)[transport]
-        else:
-            transport, destination = best_of(destinations(robot))
-            if at_once and not (destination.jumps or destination.proxy_command):
-                knock = Knock(destination)
-                undone.callback(knock.forget)
+        if early:
+            destination = destinations(robot)[transport]  # with its keys
         from lupin_cli.target.ssh import SshTarget  # takes its time: paramiko
 
         target = SshTarget(

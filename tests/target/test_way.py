@@ -61,10 +61,11 @@ def test_why_it_leads_nowhere_is_told_to_whoever_waits(sshd, config: Config, rob
     way.forget()
 
 
-def test_what_can_not_be_opened_at_all_is_told_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("line", ["Match nonsense", "nonsense"], ids=["before it is knocked", "after"])
+def test_what_can_not_be_opened_at_all_is_told_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / ".ssh").mkdir()
-    (tmp_path / ".ssh/config").write_text("Match nonsense\n")
+    (tmp_path / ".ssh/config").write_text(f"{line}\n")
     way = Way(Robot("robot", {"wired": "127.0.0.1:1"}), Config(tmp_path / "lupin.toml"))
     for told in (way.target, way.wait):
         with pytest.raises(TargetError):
