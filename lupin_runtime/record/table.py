@@ -30,8 +30,6 @@ class Recorded:
         A throttled topic keeps the newest message only: what would be dropped is not even taken from the middleware.
         """
         offered = self.topic.qos
-        if offered.latched:
-            return offered
         if self.max_rate_hz is not None:
             return replace(offered, depth=1)
         return replace(offered, depth=max(offered.depth, _QUEUE_AT_LEAST, int(QUEUE_S * (self.topic.rate_hz or 0.0))))

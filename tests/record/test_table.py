@@ -28,8 +28,10 @@ def test_a_throttled_topic_keeps_only_the_newest():
     assert Recorded(graph.IMU, max_rate_hz=10.0).qos().depth == 1
 
 
-def test_latched_topics_keep_the_depth_of_their_publisher():
+def test_latched_topics_stay_latched_and_two_that_come_at_once_are_both_kept():
     assert Recorded(graph.OBSERVATIONS).qos() == graph.LATCHED50
+    state = Recorded(graph.MISSION_STATE).qos()
+    assert state.latched and state.depth >= 20
 
 
 def test_cameras_by_mode():
