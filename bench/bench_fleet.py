@@ -38,8 +38,8 @@ use Time::HiRes qw(time sleep);
 $/ = undef;
 my ($size, $lead, $byte) = (0, '', '');
 sub take { my $all = ''; while (length $all < $_[0]) { sysread(STDIN, $all, $_[0] - length $all, length $all) or last } $all }
-sub kept { open(my $file, '<', "/var/tmp/$_[0]") or return ''; <$file> }
-sub keep { open(my $file, '>', "/var/tmp/$_[0]"); print $file $_[1] }
+sub kept { open(my $file, '<', $_[0]) or return ''; <$file> }
+sub keep { open(my $file, '>', $_[0]); print $file $_[1] }
 if ($ENV{SSH_ORIGINAL_COMMAND} =~ /read -r bound size/) {
   $lead .= $byte while sysread(STDIN, $byte, 1) and $byte ne "\n";
   ($size) = $lead =~ / (\d+)/;
@@ -47,19 +47,20 @@ if ($ENV{SSH_ORIGINAL_COMMAND} =~ /read -r bound size/) {
 my $program = take($size);
 exec('/bin/sh', '-c', $program) if $program !~ /one 10 /;
 my ($nonce) = $program =~ /\nn=([0-9a-f]+)/;
-my $answers = kept('answers');
+my $answers = kept('/var/tmp/answers');
 if ($answers eq '') {
-  my $began = kept('../../proc/uptime');
+  my ($began) = split(' ', kept('/proc/uptime'));
   open(my $shell, '-|', '/bin/sh', '-c', $program);
   $answers = <$shell>;
-  keep('seconds', kept('../../proc/uptime') - $began);
+  my ($ended) = split(' ', kept('/proc/uptime'));
+  keep('/var/tmp/seconds', $ended - $began);
   (my $kept = $answers) =~ s/^$nonce/NONCE/mg;
-  keep('answers', $kept);
+  keep('/var/tmp/answers', $kept);
 } else {
   $answers =~ s/^NONCE/$nonce/mg;
   $answers =~ s/^$nonce c .*\n//m;
   syswrite(STDOUT, sprintf("$nonce c %.6f\n", time));
-  sleep(kept('seconds'));
+  sleep(kept('/var/tmp/seconds'));
 }
 syswrite(STDOUT, $answers);
 """

@@ -100,8 +100,7 @@ def ask(target: Target, machine: str, facts: Sequence[Fact[Any]], robot_addresse
     if shared:
         scripts.append(Script(_SHARED, known + together(probes), max(fact.timeout_s for fact in shared)))
     before_ns = time.time_ns()
-    # A copy: several examinations may be given the same answers.
-    outputs = dict(target.batch(scripts, bound_s=max(fact.timeout_s for fact in facts) + BATCH_SLACK_S))
+    outputs = target.batch(scripts, bound_s=max(fact.timeout_s for fact in facts) + BATCH_SLACK_S)
     if whole := outputs.pop(_SHARED, None):
         outputs |= zip([fact.name for fact in shared], apart(whole, probes))
     asked_ns = before_ns, time.time_ns()

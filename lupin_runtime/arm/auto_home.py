@@ -144,7 +144,7 @@ class AutoHome:
                 again = time.monotonic() + min(self._limits.again_s, left_s)
                 while time.monotonic() < again:
                     self._executor.spin_once(timeout_sec=0.1)
-                    for answered in filter(Future.done, asked):
+                    if answered := next(filter(Future.done, asked), None):
                         return {item.name: item.state for item in answered.result().controller}
         finally:
             for question in asked:

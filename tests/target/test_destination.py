@@ -84,17 +84,23 @@ def test_a_file_that_includes_itself_ends(tmp_path: Path) -> None:
 
 DIRECTIVES = st.sampled_from(
     [
-        *(
-            "Host *",
-            "Host pot-?",
-            "Host pot-1 pot-2",
-            "# HostName elsewhere",
-            "",
-            "IdentitiesOnly yes",
-            "IdentityFile ~/.ssh/pot",
-        ),
-        *("HostName 10.0.0.9", "hostname=10.0.0.9", "  Port 2222", "User root", "\tproxyjump gate", "ProxyCommand nc %h %p"),
-        *("Match host pot-1", "ServerAliveInterval 5", "Compression yes", "Include {folder}/more"),
+        "Host *",
+        "Host pot-?",
+        "Host pot-1 pot-2",
+        "# HostName elsewhere",
+        "",
+        "IdentitiesOnly yes",
+        "IdentityFile ~/.ssh/pot",
+        "HostName 10.0.0.9",
+        "hostname=10.0.0.9",
+        "  Port 2222",
+        "User root",
+        "\tproxyjump gate",
+        "ProxyCommand nc %h %p",
+        "Match host pot-1",
+        "ServerAliveInterval 5",
+        "Compression yes",
+        "Include {folder}/more",
     ]
 )
 
