@@ -106,6 +106,10 @@ for unit in lupin-onboard lupin-auto-home; do
   systemctl is-failed --quiet $unit && systemctl reset-failed $unit
   systemctl is-active --quiet $unit || systemctl start --no-block $unit
 done
+for second in $(seq 120); do  # auto-home at work would heal what the next fault breaks
+  systemctl show -P ActiveState lupin-auto-home | grep -q activating || break
+  sleep 1
+done
 exit 0
 """
 
@@ -269,8 +273,8 @@ class Rig:
             path.write_text(text)
 
     def restore(self) -> None:
-        """Give the laptop its files back, and start of Lupin's units on the robot what a fault's end left down."""
-        self.root(START_DOWN, 90.0)
+        """Give the laptop its files back, start what a fault's end left down of Lupin's units, and let auto-home end."""
+        self.root(START_DOWN, 210.0)
         for path, text in self.kept.items():
             if text is None:
                 path.unlink(missing_ok=True)
