@@ -106,8 +106,12 @@ for unit in lupin-onboard lupin-auto-home; do
   systemctl is-failed --quiet $unit && systemctl reset-failed $unit
   systemctl is-active --quiet $unit || systemctl start --no-block $unit
 done
-for second in $(seq 120); do  # auto-home at work would heal what the next fault breaks
-  systemctl show -P ActiveState lupin-auto-home | grep -q activating || break
+exit 0
+"""
+# At work it would heal what the next fault breaks.
+AUTO_HOME_ENDS = """
+for second in $(seq 120); do
+  systemctl show -P ActiveState lupin-auto-home | grep -q activating || exit 0
   sleep 1
 done
 exit 0
@@ -274,7 +278,8 @@ class Rig:
 
     def restore(self) -> None:
         """Give the laptop its files back, start what a fault's end left down of Lupin's units, and let auto-home end."""
-        self.root(START_DOWN, 210.0)
+        self.root(START_DOWN, 90.0)
+        self.root(AUTO_HOME_ENDS, 150.0)
         for path, text in self.kept.items():
             if text is None:
                 path.unlink(missing_ok=True)
