@@ -16,7 +16,7 @@ from typing import Any
 from lupin_cli.facts.dds_profiles import SERVER_PREFIX
 from lupin_sim.host import Host
 from lupin_sim.host.fixtures import until
-from lupin_sim.host.host import PROJECT
+from lupin_sim.host.host import PROJECT, Robot
 
 CHECKS = ("link.*", "discovery.*", "dds.*", "ports")
 PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
@@ -131,10 +131,11 @@ class Laptop:
             process.communicate(timeout=20.0)
 
 
-def vendor_age_s(host: Host) -> float:
+def vendor_age_s(host: Host, robot: Robot | None = None) -> float:
     """How long ago the vendor's service came up: before a while has passed, a missing server may only be late."""
+    # Logged in: the time that the robot has been up is told to its own sessions only.
     show = "systemctl show -p ActiveEnterTimestampMonotonic --value mirte-ros; cat /proc/uptime"
-    words = host.ssh(show).stdout.split()  # logged in: the time that the robot has been up is told to its own sessions only
+    words = host.run(host.ssh_command(show, robot=robot)).stdout.split()
     return float(words[1]) - int(words[0]) / 1e6 if len(words) == 3 and words[0] != "0" else 0.0
 
 
