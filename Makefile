@@ -25,7 +25,7 @@ test: setup lint
 	$(PY) -m pytest -q -n 2 $(CORES) tests || $(PY) -m pytest -q --last-failed $(CORES) tests
 	$(PY) -m pytest -q $(ONE_BY_ONE) tests || $(PY) -m pytest -q --last-failed $(ONE_BY_ONE) tests
 	$(PY) -m pytest -q -n 3 --dist loadfile $(HOSTS) tests || $(PY) -m pytest -q --last-failed $(HOSTS) tests
-	$(PY) -m pytest -q -n 2 $(MISSIONS) tests || $(PY) -m pytest -q --last-failed $(MISSIONS) tests
+	$(PY) -m pytest -q -n 2 --dist worksteal $(MISSIONS) tests || $(PY) -m pytest -q --last-failed $(MISSIONS) tests
 
 lint: setup
 	$(VENV)/bin/ruff check .
