@@ -61,13 +61,20 @@ def _counts(graph: Graph) -> tuple[str, ...]:
     return tuple(f"{name}: {count} samples" for name, count in graph.samples)
 
 
+def _arrived(graph: Graph) -> tuple[str, ...]:
+    """What data came from there: a call's answer is a sample as any other."""
+    samples = (f"{name}: {count} samples" for name, count in graph.samples if count)
+    return (*samples, *(call.line() for call in graph.calls if call.round_trip_s is not None))
+
+
 def names_only(evidence: Evidence) -> Iterator[Finding]:
     """Every topic is listed and none delivers: the phone book works and the line does not."""
     for graph in graphs(evidence):
         if not graph.samples or any(count for _, count in graph.samples):
             continue
         shared = bool(graph.udp_heard)
-        answered = [call for call in graph.calls if call.round_trip_s is not None]
+        if not shared and _arrived(graph):
+            continue  # the line works: whoever publishes there is silent, each for a reason of its own
         yield Finding(
             id="names-no-samples",
             severity=Severity.PROBLEM,
@@ -87,7 +94,7 @@ def names_only(evidence: Evidence) -> Iterator[Finding]:
                     if shared
                     else ()
                 ),
-                *(call.line() for call in answered),
+                *_arrived(graph),
                 *(packet_lines(evidence) if graph.kind == "robot" else ()),
             ),
             fix=Fix("export FASTDDS_BUILTIN_TRANSPORTS=UDPv4" if shared else "lupin transport"),
@@ -124,7 +131,7 @@ def one_way(evidence: Evidence) -> Iterator[Finding]:
 def silent(evidence: Evidence) -> Iterator[Finding]:
     """A publisher of something that repeats, and not one message of it while others speak."""
     for graph in graphs(evidence):
-        if not any(count for _, count in graph.samples):
+        if not _arrived(graph) or graph.udp_heard:
             continue
         for row in REPEATED:
             topic = graph.topic(row.name)
@@ -140,7 +147,7 @@ def silent(evidence: Evidence) -> Iterator[Finding]:
                 cause=f"{row.name} has a publisher that says nothing",
                 evidence=(
                     f"{row.name} on {graph.name}: published by {', '.join(end.node for end in topic.publishers)}, 0 samples",
-                    *(line for line in _counts(graph) if not line.endswith(" 0 samples")),
+                    *_arrived(graph),
                 ),
                 fix=Fix("lupin logs" if graph.kind == "sim" else "lupin play heal"),
                 about=row.name,
@@ -150,8 +157,7 @@ def silent(evidence: Evidence) -> Iterator[Finding]:
 def board_silent(graph: Graph) -> bool:
     """Whether everything that the motor board says has a publisher, says nothing, and others do speak."""
     said = [graph.heard(name) for name in BOARD if graph.heard(name) is not None]
-    others = [count for name, count in graph.samples if name not in BOARD and count]
-    return len(said) >= 2 and not any(said) and bool(others)
+    return len(said) >= 2 and not any(said) and bool(_arrived(graph)) and not graph.udp_heard
 
 
 def unvisited(evidence: Evidence) -> Iterator[Finding]:

@@ -10,7 +10,7 @@ import pytest
 
 from lupin_cli.checks import board, controllers, drive, samples
 from lupin_cli.checks.base import Evidence, Finding, Severity
-from lupin_cli.checks.samples import mismatch
+from lupin_cli.checks.samples import BOARD, mismatch
 from lupin_cli.diagnosis import diagnose
 from lupin_cli.facts.base import Facts
 from lupin_cli.facts.devices import Devices, Process
@@ -126,8 +126,18 @@ def test_names_without_samples_name_shared_memory_only_where_udp_was_heard() -> 
     silent = tuple((name, 0) for name, _ in graph().samples)
     (finding,) = found(graph(samples=silent, udp_heard=9))
     assert finding.id == "names-no-samples" and "UDPv4" in finding.fix.command
-    (finding,) = found(graph(samples=silent, udp_heard=0))
+    nobody = tuple(Call(call.service, None) for call in graph().calls)
+    (finding,) = found(graph(samples=silent, udp_heard=0, calls=nobody, controllers=None))
     assert finding.where == "link" and "shared memory" not in finding.cause
+
+
+def test_topics_that_are_all_silent_where_calls_are_answered_are_each_silent_by_themselves() -> None:
+    silent = tuple((name, 0) for name, _ in graph().samples)
+    findings = found(graph(samples=silent, udp_heard=0))
+    assert {finding.id for finding in findings} == {"board-wedged", "topic-silent"}
+    mute = {finding.about for finding in findings} - {""}
+    assert "/scan" in mute and not mute & set(BOARD)
+    assert any("answered after" in line for line in findings[0].evidence)
 
 
 def test_a_closed_way_in_both_directions_is_one_finding() -> None:
