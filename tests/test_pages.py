@@ -17,9 +17,9 @@ ABSENT = "not in this release"
 FAULT = re.compile(r"^\| (?P<number>\d+) \| (?P<fault>[^|]+) \| (?P<file>[^|]+) \| (?P<held>[^|]+) \|$", re.MULTILINE)
 # What a robot, its link and its operators do to Lupin: a line each in docs/survival.md, in this order.
 SURVIVED = (
-    "The link is cut", "The robot reboots", "accepts and never answers", "half open",
-    "One robot of several", "wrong key", "changed key", "wrong user", "sudo", "full disk", "read-only file system", "no python3", "clock stepped back", "stack is stopped",
-    "last login", "no chrony", "100 MB",
+    "The link is cut", "The robot reboots", "accepts and never answers", "half open", "One robot of several",
+    "wrong key", "changed key", "wrong user", "sudo", "full disk", "read-only file system", "no python3",
+    "clock stepped back", "stack is stopped", "last login", "no chrony", "100 MB",
     "languages, time zones", "login shell", "Two operators", "SIGKILL",
 )  # fmt: skip
 
