@@ -23,8 +23,8 @@ def request(resolution=0.25, box=(-2.0, -2.0, 2.0, 2.0), sensor="co2"):
 
 
 def by_the_book(asked, samples, options):
-    """The contract's rules, cell by cell; and which cells they decide beyond rounding: not one that lies on a limit, or as
-    near to one sample as to another."""
+    """The contract's rules, cell by cell; and which cells they decide beyond rounding: not one that lies on a limit, or takes
+    the nearest value and is as near to one sample as to another."""
     values = np.full((asked.height, asked.width), np.nan)
     decided = np.ones(values.shape, bool)
     limits = (1e-3, options.falloff_radius_m, options.max_distance_m)
@@ -34,18 +34,17 @@ def by_the_book(asked, samples, options):
             y = asked.min_y + (row + 0.5) * asked.resolution
             distances = [math.dist((x, y), s[:2]) for s in samples]
             nearest = min(range(len(samples)), key=lambda k: distances[k])
-            rivals = {s[2] for s, distance in zip(samples, distances) if distance < distances[nearest] + ROUNDING_M}
-            on_a_limit = any(abs(distance - limit) < ROUNDING_M for distance in distances for limit in limits)
-            decided[row, column] = len(rivals) == 1 and not on_a_limit
+            decided[row, column] = all(abs(distance - limit) >= ROUNDING_M for distance in distances for limit in limits)
             if distances[nearest] > options.max_distance_m:
                 continue
-            if distances[nearest] < 1e-3:
-                values[row, column] = samples[nearest][2]
-                continue
             near = [k for k, d in enumerate(distances) if d <= options.falloff_radius_m]
+            if distances[nearest] < 1e-3 or not near:
+                values[row, column] = samples[nearest][2]
+                rivals = {s[2] for s, distance in zip(samples, distances) if distance < distances[nearest] + ROUNDING_M}
+                decided[row, column] &= len(rivals) == 1
+                continue
             weights = [distances[k] ** -options.power for k in near]
-            total = sum(w * samples[k][2] for w, k in zip(weights, near))
-            values[row, column] = total / sum(weights) if near else samples[nearest][2]
+            values[row, column] = sum(w * samples[k][2] for w, k in zip(weights, near)) / sum(weights)
     return values, decided
 
 
