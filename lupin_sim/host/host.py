@@ -234,9 +234,9 @@ class Host:
         flags = [part for option in options for part in ("-o", option)]
         return ["ssh", "-F", "none", "-i", str(self.key), *flags, f"{USER}@{address}", *command]
 
-    def ssh(self, command: str, **options: Any) -> subprocess.CompletedProcess[str]:
-        """Run a shell command as mirte on the first robot, over SSH."""
-        return self.run(self.ssh_command("-o", "BatchMode=yes", command), **options)
+    def ssh(self, command: str, robot: Robot | None = None, **options: Any) -> subprocess.CompletedProcess[str]:
+        """Run a shell command as mirte on a robot, the first one where none is named, over SSH."""
+        return self.run(self.ssh_command("-o", "BatchMode=yes", command, robot=robot), **options)
 
     def serve_ntp(self, mode: str = "serving") -> None:
         """The laptop's clock server: "serving", "refusing", or "off" as a host starts. It never touches a clock itself."""

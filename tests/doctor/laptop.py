@@ -135,7 +135,7 @@ def vendor_age_s(host: Host, robot: Robot | None = None) -> float:
     """How long ago the vendor's service came up: before a while has passed, a missing server may only be late."""
     # Logged in: the time that the robot has been up is told to its own sessions only.
     show = "systemctl show -p ActiveEnterTimestampMonotonic --value mirte-ros; cat /proc/uptime"
-    words = host.run(host.ssh_command(show, robot=robot)).stdout.split()
+    words = host.ssh(show, robot=robot).stdout.split()
     return float(words[1]) - int(words[0]) / 1e6 if len(words) == 3 and words[0] != "0" else 0.0
 
 

@@ -76,6 +76,6 @@ def test_a_reboot_comes_back_by_itself_and_is_up_since_then(fresh_host: Host) ->
 
 def test_several_robots_stand_on_one_wire_under_their_own_addresses(boot_host: Callable[..., Host]) -> None:
     host = boot_host(robots=2)
-    names = [host.run(host.ssh_command("hostname", robot=robot)).stdout.strip() for robot in host.robots]
+    names = [host.ssh("hostname", robot=robot).stdout.strip() for robot in host.robots]
     assert names == ["mirte", "mirte-2"]
     assert [robot.eth0 for robot in host.robots] == ["10.42.0.1", "10.42.0.11"]
