@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """The same direction within [-pi, pi)."""
+    """Return the same direction within [-pi, pi)."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def quaternion_from_yaw(yaw_rad: float) -> tuple[float, float, float, float]:
-    """(x, y, z, w) of a turn about +z."""
+    """Return (x, y, z, w) of a rotation about +z."""
     return 0.0, 0.0, math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)
 
 
 def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
-    """Heading of the rotated x axis in the xy plane."""
+    """Return the heading of the rotated x axis in the xy plane."""
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 

@@ -1,13 +1,17 @@
-"""The ROS graph, once: every topic, service, action and frame with its type and QoS.
+"""The contract of the ROS graph: every topic, service, action and frame, each defined once with its type and QoS.
 
-Nodes, the stack table, the recorder and the documentation take names from here. The vendor's names differ from what
-intuition says (`/battery_state`, `/imu/data` and `cmd_vel_unstamped` exist nowhere on the robot), so nobody types them twice.
-Nothing here imports rclpy: `lupin_runtime.ros` turns these rows into publishers and subscriptions.
+A topic row also says who publishes it, how it is recorded, and who watches it. Nodes, recorder, graph monitor, doctor and docs
+read these rows, so adding a topic is adding one line. Names are written only here, because the vendor's names differ from what
+one would guess (`/battery_state`, `/imu/data` and `cmd_vel_unstamped` do not exist on the robot).
+
+This module does not import rclpy: `lupin_runtime.ros` turns the rows into publishers and subscriptions.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
+from typing import TypeVar
 
 # -- frames (REP-105; there is no base_footprint) ---------------------------------------------------------------------
 MAP_FRAME = "map"
@@ -33,7 +37,7 @@ CONTROLLERS = (
 
 @dataclass(frozen=True)
 class Qos:
-    """A quality of service. `depth` counts messages kept for a slow or late reader."""
+    """The quality of service that a publisher offers. `depth` is the queue length, in messages, for a slow or late reader."""
 
     reliable: bool
     latched: bool = False
@@ -50,142 +54,193 @@ REL100 = Qos(reliable=True, depth=100)
 BEST1 = Qos(reliable=False, depth=1)
 BEST5 = Qos(reliable=False, depth=5)
 
+# Publishers: a process of the stack table (`lupin_runtime.stack.table`) by its name, or one of these. In a simulated run the
+# process `sim` publishes what the vendor's software publishes on the robot.
+LIDAR = "vendor: lidar"
+ROS2_CONTROL = "vendor: ros2_control"
+MOTOR_BOARD = "vendor: motor board"
+CAMERAS = "vendor: cameras"
+OPERATOR = "operator"  # a console, a gamepad or RViz
+EVERY_NODE = "every node"
+VENDOR_PUBLISHERS = (LIDAR, ROS2_CONTROL, MOTOR_BOARD, CAMERAS)
+EXTERNAL_PUBLISHERS = (*VENDOR_PUBLISHERS, OPERATOR, EVERY_NODE)
+
+# Who may publish a topic, call a service or send a goal through the console: nobody, everybody who may look, or only the one
+# session that has control.
+BY_NOBODY = ""
+BY_VIEWER = "viewer"
+BY_OPERATOR = "operator"
+
+ALL = inf  # `recorded_hz` of a topic of which every message is recorded
+
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic: its name, its type as `package/msg/Name`, the QoS its publisher offers, its nominal rate (None: on change)."""
+    """A topic and every fact that the rest of the system needs about it.
+
+    `type` is `package/msg/Name`, `qos` is what the publisher offers, and `rate_hz` is the nominal rate (None: published on
+    change). `publishers` names processes of the stack table or EXTERNAL_PUBLISHERS.
+
+    `recorded_hz` is the highest rate in a run's recording: ALL records every message, 0 records none.
+    `repeats`: it is published continuously while its publisher works, so silence is a fault that the doctor reports.
+    `probed`: the doctor waits for a sample although the topic may be silent on a healthy graph.
+    `monitored`: `lupin up` measures its rate, and reports silence where the topic also repeats.
+    `console`: who may publish it through the console, as one of the BY constants.
+    """
 
     name: str
     type: str
     qos: Qos
     rate_hz: float | None = None
+    publishers: tuple[str, ...] = ()
+    recorded_hz: float = 0.0
+    repeats: bool = False
+    probed: bool = False
+    monitored: bool = False
     note: str = ""
+    console: str = BY_NOBODY
+
+    @property
+    def from_vendor(self) -> bool:
+        """Whether the vendor's software publishes it on the robot."""
+        return any(publisher in VENDOR_PUBLISHERS for publisher in self.publishers)
 
 
 @dataclass(frozen=True)
 class Service:
-    """A service: its name and its type as `package/srv/Name`."""
+    """A service: its name, its type as `package/srv/Name`, and who may call it through the console."""
 
     name: str
     type: str
     note: str = ""
+    console: str = BY_NOBODY
 
 
 @dataclass(frozen=True)
 class Action:
-    """An action: its name and its type as `package/action/Name`."""
+    """An action: its name, its type as `package/action/Name`, and who may send goals through the console."""
 
     name: str
     type: str
     note: str = ""
+    console: str = BY_NOBODY
 
 
+_Row = TypeVar("_Row", Topic, Service, Action)
+
+# fmt: off
 # -- the drive bus ----------------------------------------------------------------------------------------------------
-# The sink is best effort on both targets: a reliable subscriber there would hear nothing, without an error.
-CMD_VEL_JOY = Topic("/cmd_vel_joy", "geometry_msgs/msg/Twist", REL10, 20.0, "Xbox dead-man; silent when released")
-CMD_VEL_MANUAL = Topic("/cmd_vel_manual", "geometry_msgs/msg/Twist", REL10, 20.0, "console joystick")
-CMD_VEL_NAV = Topic("/cmd_vel_nav", "geometry_msgs/msg/Twist", REL10, 20.0, "controller server -> velocity smoother")
-CMD_VEL_AUTO = Topic("/cmd_vel_auto", "geometry_msgs/msg/Twist", REL10, 20.0, "velocity smoother -> twist_mux")
-ZERO_CMD_VEL = Topic("/zero_cmd_vel", "geometry_msgs/msg/Twist", REL10, 10.0, "simulation's idle stop")
-CMD_VEL_SINK_ROBOT = Topic("/mirte_base_controller/cmd_vel", "geometry_msgs/msg/Twist", BEST1, 20.0, "drive sink, robot")
-CMD_VEL_SINK_SIM = Topic("/cmd_vel", "geometry_msgs/msg/Twist", BEST1, 20.0, "drive sink, simulation")
-DRIVE_STATUS = Topic("/lupin/drive/status", "std_msgs/msg/String", LATCHED1, 1.0, "JSON: who holds the bus, locks, ages")
+# The sinks are best effort on both targets: a reliable subscriber would receive nothing, and no error would be reported.
+CMD_VEL_JOY = Topic("/cmd_vel_joy", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR,), ALL, note="gamepad with a dead-man button; silent when it is released")
+CMD_VEL_MANUAL = Topic("/cmd_vel_manual", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR, "console"), ALL, note="console joystick", console=BY_OPERATOR)
+CMD_VEL_NAV = Topic("/cmd_vel_nav", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, monitored=True, note="controller server -> velocity smoother")
+CMD_VEL_AUTO = Topic("/cmd_vel_auto", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, note="velocity smoother -> twist_mux")
+ZERO_CMD_VEL = Topic("/zero_cmd_vel", "geometry_msgs/msg/Twist", REL10, 10.0, ("drive",), note="the simulation's idle stop")
+CMD_VEL_SINK_ROBOT = Topic("/mirte_base_controller/cmd_vel", "geometry_msgs/msg/Twist", BEST1, 20.0, ("drive",), ALL, note="drive sink on the robot")
+CMD_VEL_SINK_SIM = Topic("/cmd_vel", "geometry_msgs/msg/Twist", BEST1, 20.0, ("drive",), ALL, note="drive sink in the simulation")
+DRIVE_STATUS = Topic("/lupin/drive/status", "std_msgs/msg/String", LATCHED1, 1.0, ("drive",), probed=True, note="JSON: active source, locks, ages")
 
 # -- sensors and state of the vehicle ---------------------------------------------------------------------------------
-CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", BEST1, 100.0, "simulation only")
-ODOM = Topic("/mirte_base_controller/odom", "nav_msgs/msg/Odometry", REL10, 50.0)
-ODOM_SIM = Topic("/odom", "nav_msgs/msg/Odometry", REL10, 50.0, "simulation only: the same odometry under Gazebo's name")
-SCAN = Topic("/scan", "sensor_msgs/msg/LaserScan", BEST5, 10.0)
-IMU = Topic("/io/imu/movement/data", "sensor_msgs/msg/Imu", REL10, 50.0)
-BATTERY = Topic("/io/power/power_watcher", "sensor_msgs/msg/BatteryState", REL10, 1.0)
-JOINT_STATES = Topic("/joint_states", "sensor_msgs/msg/JointState", REL10, 50.0)
-ESTOP_BUTTON = Topic("/io/intensity/emergency_button/digital", "mirte_msgs/msg/IntensityDigital", REL10, 10.0)
-TF = Topic("/tf", "tf2_msgs/msg/TFMessage", REL100, 50.0)
-TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", STATIC_TF)
+CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", BEST1, 100.0, ("sim",), repeats=True, note="simulation only")
+ODOM = Topic("/mirte_base_controller/odom", "nav_msgs/msg/Odometry", REL10, 50.0, (ROS2_CONTROL,), ALL, repeats=True)
+ODOM_SIM = Topic("/odom", "nav_msgs/msg/Odometry", REL10, 50.0, ("sim",), note="simulation only: the same odometry under Gazebo's name")
+SCAN = Topic("/scan", "sensor_msgs/msg/LaserScan", BEST5, 10.0, (LIDAR,), ALL, repeats=True, monitored=True)
+IMU = Topic("/io/imu/movement/data", "sensor_msgs/msg/Imu", REL10, 50.0, (MOTOR_BOARD,), 10.0, repeats=True)
+BATTERY = Topic("/io/power/power_watcher", "sensor_msgs/msg/BatteryState", REL10, 1.0, (MOTOR_BOARD,), ALL, repeats=True)
+JOINT_STATES = Topic("/joint_states", "sensor_msgs/msg/JointState", REL10, 50.0, (ROS2_CONTROL,), 10.0, repeats=True)
+ESTOP_BUTTON = Topic("/io/intensity/emergency_button/digital", "mirte_msgs/msg/IntensityDigital", REL10, 10.0, (MOTOR_BOARD,), 2.0, repeats=True)
+TF = Topic("/tf", "tf2_msgs/msg/TFMessage", REL100, 50.0, (ROS2_CONTROL, "slam", "localization", "perception"), ALL, repeats=True)
+TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", STATIC_TF, None, (ROS2_CONTROL,), ALL)
 
-# The body camera keeps the name of each target: a console or an annotator takes the one of the target it runs against.
-BODY_IMAGE_SIM = Topic("/camera/image_raw", "sensor_msgs/msg/Image", REL1, 10.0)
-BODY_IMAGE_ROBOT = Topic("/camera/color/image_raw", "sensor_msgs/msg/Image", REL1, 30.0)
-GRIPPER_IMAGE = Topic("/gripper_camera/image_raw", "sensor_msgs/msg/Image", REL1, 10.0)
+# The body camera has a different topic name on each target; a console or an annotator uses the name of its target.
+BODY_IMAGE_SIM = Topic("/camera/image_raw", "sensor_msgs/msg/Image", REL1, 10.0, ("sim",))
+BODY_IMAGE_ROBOT = Topic("/camera/color/image_raw", "sensor_msgs/msg/Image", REL1, 30.0, (CAMERAS,))
+GRIPPER_IMAGE = Topic("/gripper_camera/image_raw", "sensor_msgs/msg/Image", REL1, 10.0, (CAMERAS,))
+
+# -- safety -----------------------------------------------------------------------------------------------------------
+ESTOP_STATE = Topic("/e_stop_state", "std_msgs/msg/Bool", REL10, 5.0, ("estop",), ALL, repeats=True, monitored=True)
+HMI_ESTOP = Topic("/lupin/hmi/estop", "std_msgs/msg/Bool", REL10, 2.0, (OPERATOR, "console"), ALL, note="a console's own stop; its value expires", console=BY_OPERATOR)
+ESTOP_STATUS = Topic("/lupin/estop/status", "std_msgs/msg/String", LATCHED1, 1.0, ("estop",), probed=True, note="JSON: every reason for the e-stop")
+
+# -- mapping and navigation -------------------------------------------------------------------------------------------
+MAP = Topic("/map", "nav_msgs/msg/OccupancyGrid", LATCHED1, 0.2, ("slam", "localization"), ALL, monitored=True)
+AMCL_POSE = Topic("/amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", LATCHED1, None, ("localization", "mission"), ALL)
+INITIAL_POSE = Topic("/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", REL1, None, (OPERATOR,), console=BY_OPERATOR)
+PLAN = Topic("/plan", "nav_msgs/msg/Path", REL1, None, ("nav",), 2.0)
+GOAL_POSE = Topic("/goal_pose", "geometry_msgs/msg/PoseStamped", REL1, None, (OPERATOR,), ALL, console=BY_OPERATOR)
+GLOBAL_COSTMAP = Topic("/global_costmap/costmap", "nav_msgs/msg/OccupancyGrid", LATCHED1, 1.0, ("nav",))
+LOCAL_COSTMAP = Topic("/local_costmap/costmap", "nav_msgs/msg/OccupancyGrid", LATCHED1, 2.0, ("nav",))
+
+# -- perception, greenhouse, mission, twin ------------------------------------------------------------------------------
+TAG_DETECTIONS = Topic("/camera/tag_detections_json", "std_msgs/msg/String", REL5, None, ("perception",), ALL)
+FLOWER_DETECTIONS = Topic("/yolo/detections", "std_msgs/msg/String", REL5, None, ("perception",), ALL)
+YOLO_OVERLAY = Topic("/yolo/image_detections", "sensor_msgs/msg/Image", REL1, None, ("perception",))
+FLOWER_OVERLAY = Topic("/sim_flower/overlay", "sensor_msgs/msg/Image", REL1, None, ("perception",))
+BOX_GEOMETRY = Topic("/perception/box_geometry_json", "std_msgs/msg/String", LATCHED1, None, ("perception",), ALL)
+DISCOVERED_TAGS = Topic("/perception/discovered_tags", "lupin_msgs/msg/DiscoveredTags", LATCHED1, 2.0, ("perception",), ALL)
+OBSERVATIONS = Topic("/floranova/observations", "lupin_msgs/msg/Observation", LATCHED50, None, ("perception", "mission"), ALL)
+MISSION_STATE = Topic("/mission/state", "lupin_msgs/msg/MissionState", LATCHED1, 5.0, ("mission",), ALL, probed=True, monitored=True)
+TWIN_STATE = Topic("/twin/state", "lupin_msgs/msg/TwinState", LATCHED1, 1.0, ("twin",), ALL, probed=True)
+
+# -- arm, lights, log -------------------------------------------------------------------------------------------------
+ARM_TRAJECTORY = Topic("/mirte_master_arm_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", REL10, None, ("body",), ALL)
+JOY = Topic("/joy", "sensor_msgs/msg/Joy", REL10, 20.0, (OPERATOR,))
+ARM_LIBRARY_STATE = Topic("/lupin/arm/library/state", "std_msgs/msg/String", LATCHED1, 5.0, ("body",))
+ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", REL100, None, (EVERY_NODE,), ALL)
+
+# -- the simulator's own inputs ---------------------------------------------------------------------------------------
+SIM_BATTERY = Topic("/sim/battery_percentage", "std_msgs/msg/Float32", REL10, None, (OPERATOR,), note="simulation only: sets the charge, 0..1")
+SIM_FAULT = Topic("/sim/fault", "std_msgs/msg/String", REL10, None, (OPERATOR,), note="simulation only: breaks a sensor, e.g. `scan frozen`")
+# fmt: on
+
+# Servos of the vendor's bus: an arm joint without its suffix, or `gripper`.
+SERVO_NAMESPACE = "/io/servo/hiwonder"
+SERVOS = (*(joint[: -len("_joint")] for joint in ARM_JOINTS), "gripper")
 
 
 def compressed(image: Topic) -> Topic:
     """The JPEG companion of a raw image topic."""
-    return Topic(image.name + "/compressed", "sensor_msgs/msg/CompressedImage", image.qos, image.rate_hz)
+    return replace(image, name=image.name + "/compressed", type="sensor_msgs/msg/CompressedImage")
 
 
 def camera_info(image: Topic) -> Topic:
     """The calibration published beside a raw image topic."""
-    return Topic(image.name.rsplit("/", 1)[0] + "/camera_info", "sensor_msgs/msg/CameraInfo", image.qos, image.rate_hz)
+    return replace(image, name=image.name.rsplit("/", 1)[0] + "/camera_info", type="sensor_msgs/msg/CameraInfo")
 
-
-# -- safety -----------------------------------------------------------------------------------------------------------
-ESTOP_STATE = Topic("/e_stop_state", "std_msgs/msg/Bool", REL10, 5.0, "estop_bridge is its only publisher")
-HMI_ESTOP = Topic("/lupin/hmi/estop", "std_msgs/msg/Bool", REL10, 2.0, "a console's own stop; its value expires")
-ESTOP_STATUS = Topic("/lupin/estop/status", "std_msgs/msg/String", LATCHED1, 1.0, "JSON: every reason of the e-stop")
-
-# -- mapping and navigation -------------------------------------------------------------------------------------------
-MAP = Topic("/map", "nav_msgs/msg/OccupancyGrid", LATCHED1, 0.2)
-AMCL_POSE = Topic("/amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", LATCHED1)
-INITIAL_POSE = Topic("/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", REL1)
-PLAN = Topic("/plan", "nav_msgs/msg/Path", REL1)
-GOAL_POSE = Topic("/goal_pose", "geometry_msgs/msg/PoseStamped", REL1)
-GLOBAL_COSTMAP = Topic("/global_costmap/costmap", "nav_msgs/msg/OccupancyGrid", LATCHED1, 1.0)
-LOCAL_COSTMAP = Topic("/local_costmap/costmap", "nav_msgs/msg/OccupancyGrid", LATCHED1, 2.0)
-
-# -- perception, greenhouse, mission, twin ------------------------------------------------------------------------------
-TAG_DETECTIONS = Topic("/camera/tag_detections_json", "std_msgs/msg/String", REL5)
-FLOWER_DETECTIONS = Topic("/yolo/detections", "std_msgs/msg/String", REL5)
-YOLO_OVERLAY = Topic("/yolo/image_detections", "sensor_msgs/msg/Image", REL1)
-FLOWER_OVERLAY = Topic("/sim_flower/overlay", "sensor_msgs/msg/Image", REL1)
-BOX_GEOMETRY = Topic("/perception/box_geometry_json", "std_msgs/msg/String", LATCHED1)
-DISCOVERED_TAGS = Topic("/perception/discovered_tags", "lupin_msgs/msg/DiscoveredTags", LATCHED1, 2.0)
-OBSERVATIONS = Topic("/floranova/observations", "lupin_msgs/msg/Observation", LATCHED50)
-MISSION_STATE = Topic("/mission/state", "lupin_msgs/msg/MissionState", LATCHED1, 5.0)
-TWIN_STATE = Topic("/twin/state", "lupin_msgs/msg/TwinState", LATCHED1, 1.0)
-
-# -- arm, lights, log -------------------------------------------------------------------------------------------------
-ARM_TRAJECTORY = Topic("/mirte_master_arm_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", REL10)
-JOY = Topic("/joy", "sensor_msgs/msg/Joy", REL10, 20.0)
-# One servo each of the vendor's bus; the last part is an arm joint without its suffix, or `gripper`.
-SERVO_NAMESPACE = "/io/servo/hiwonder"
-SERVOS = (*(joint[: -len("_joint")] for joint in ARM_JOINTS), "gripper")
-ARM_LIBRARY_STATE = Topic("/lupin/arm/library/state", "std_msgs/msg/String", LATCHED1, 5.0)
-ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", REL100)
 
 # -- services ---------------------------------------------------------------------------------------------------------
-MISSION_START = Service("/mission/start", "lupin_msgs/srv/StartMission")
-MISSION_PAUSE = Service("/mission/pause", "std_srvs/srv/Trigger")
-MISSION_RESUME = Service("/mission/resume", "std_srvs/srv/Trigger")
-MISSION_ABORT = Service("/mission/abort", "std_srvs/srv/Trigger")
-MISSION_SKIP = Service("/mission/skip_current", "std_srvs/srv/Trigger")
-MISSION_DOCK = Service("/mission/dock", "std_srvs/srv/Trigger")
-MISSION_RESET = Service("/mission/reset", "std_srvs/srv/Trigger")
-GET_TAG_READING = Service("/greenhouse_bridge/get_tag_reading", "lupin_msgs/srv/GetTagReading")
+MISSION_START = Service("/mission/start", "lupin_msgs/srv/StartMission", console=BY_OPERATOR)
+MISSION_PAUSE = Service("/mission/pause", "std_srvs/srv/Trigger", console=BY_OPERATOR)
+MISSION_RESUME = Service("/mission/resume", "std_srvs/srv/Trigger", console=BY_OPERATOR)
+MISSION_ABORT = Service("/mission/abort", "std_srvs/srv/Trigger", console=BY_OPERATOR)
+MISSION_SKIP = Service("/mission/skip_current", "std_srvs/srv/Trigger", console=BY_OPERATOR)
+MISSION_DOCK = Service("/mission/dock", "std_srvs/srv/Trigger", console=BY_OPERATOR)
+MISSION_RESET = Service("/mission/reset", "std_srvs/srv/Trigger", console=BY_OPERATOR)
+GET_TAG_READING = Service("/greenhouse_bridge/get_tag_reading", "lupin_msgs/srv/GetTagReading", console=BY_VIEWER)
 CONFIRM_TAG = Service("/perception/confirm_tag", "lupin_msgs/srv/ConfirmTag")
-GET_FIELD = Service("/twin/get_field", "lupin_msgs/srv/GetField")
-CLEAR_MAP = Service("/lupin/nav/clear_map", "std_srvs/srv/Trigger")
-SLAM_SAVE_MAP = Service("/slam_toolbox/save_map", "slam_toolbox/srv/SaveMap")
+GET_FIELD = Service("/twin/get_field", "lupin_msgs/srv/GetField", console=BY_VIEWER)
+CLEAR_MAP = Service("/lupin/nav/clear_map", "std_srvs/srv/Trigger", console=BY_OPERATOR)
+SLAM_SAVE_MAP = Service("/slam_toolbox/save_map", "slam_toolbox/srv/SaveMap", console=BY_OPERATOR)
 SLAM_RESET = Service("/slam_toolbox/reset", "slam_toolbox/srv/Reset")
 SLAM_PAUSE = Service("/slam_toolbox/pause_new_measurements", "slam_toolbox/srv/Pause", "a toggle")
-SLAM_SERIALIZE = Service("/slam_toolbox/serialize_map", "slam_toolbox/srv/SerializePoseGraph")
+SLAM_SERIALIZE = Service("/slam_toolbox/serialize_map", "slam_toolbox/srv/SerializePoseGraph", console=BY_OPERATOR)
 SLAM_DESERIALIZE = Service("/slam_toolbox/deserialize_map", "slam_toolbox/srv/DeserializePoseGraph")
 CLEAR_LOCAL_COSTMAP = Service("/local_costmap/clear_entirely_local_costmap", "nav2_msgs/srv/ClearEntireCostmap")
 CLEAR_GLOBAL_COSTMAP = Service("/global_costmap/clear_entirely_global_costmap", "nav2_msgs/srv/ClearEntireCostmap")
-ARM_PRESET = Service("/lupin/arm/preset", "lupin_msgs/srv/SetArmPreset")
-ARM_SET_TORQUE = Service("/lupin/arm/set_torque", "std_srvs/srv/SetBool")
-ARM_INIT = Service("/lupin/arm/init", "std_srvs/srv/Trigger")
-ARM_CALIBRATE = Service("/lupin/arm/calibrate", "lupin_msgs/srv/CalibrateArm", "hardware only")
-ARM_LIBRARY_LIST = Service("/lupin/arm/library/list", "lupin_msgs/srv/GetArmLibrary")
-ARM_LIBRARY_SAVE_POSE = Service("/lupin/arm/library/save_pose", "lupin_msgs/srv/SaveArmPose")
-ARM_LIBRARY_GOTO_POSE = Service("/lupin/arm/library/goto_pose", "lupin_msgs/srv/SetArmPreset")
-ARM_LIBRARY_RECORD = Service("/lupin/arm/library/record", "lupin_msgs/srv/ArmRecord")
-ARM_LIBRARY_PLAY = Service("/lupin/arm/library/play", "lupin_msgs/srv/PlayArmSequence")
-ARM_LIBRARY_STOP = Service("/lupin/arm/library/stop", "std_srvs/srv/Trigger")
-ARM_LIBRARY_DELETE = Service("/lupin/arm/library/delete", "lupin_msgs/srv/ArmLibraryEdit")
-GRIPPER_ANGLE = Service("/lupin/gripper/set_angle_with_speed", "mirte_msgs/srv/SetServoAngleWithSpeed")
-LEDS_SET = Service("/lupin/leds/set", "mirte_msgs/srv/SetNeopixel")
-LEDS_AUTO = Service("/lupin/leds/auto", "std_srvs/srv/Trigger")
+ARM_PRESET = Service("/lupin/arm/preset", "lupin_msgs/srv/SetArmPreset", console=BY_OPERATOR)
+ARM_SET_TORQUE = Service("/lupin/arm/set_torque", "std_srvs/srv/SetBool", console=BY_OPERATOR)
+ARM_INIT = Service("/lupin/arm/init", "std_srvs/srv/Trigger", console=BY_OPERATOR)
+ARM_CALIBRATE = Service("/lupin/arm/calibrate", "lupin_msgs/srv/CalibrateArm", "hardware only", console=BY_OPERATOR)
+ARM_LIBRARY_LIST = Service("/lupin/arm/library/list", "lupin_msgs/srv/GetArmLibrary", console=BY_VIEWER)
+ARM_LIBRARY_SAVE_POSE = Service("/lupin/arm/library/save_pose", "lupin_msgs/srv/SaveArmPose", console=BY_OPERATOR)
+ARM_LIBRARY_GOTO_POSE = Service("/lupin/arm/library/goto_pose", "lupin_msgs/srv/SetArmPreset", console=BY_OPERATOR)
+ARM_LIBRARY_RECORD = Service("/lupin/arm/library/record", "lupin_msgs/srv/ArmRecord", console=BY_OPERATOR)
+ARM_LIBRARY_PLAY = Service("/lupin/arm/library/play", "lupin_msgs/srv/PlayArmSequence", console=BY_OPERATOR)
+ARM_LIBRARY_STOP = Service("/lupin/arm/library/stop", "std_srvs/srv/Trigger", console=BY_VIEWER)
+ARM_LIBRARY_DELETE = Service("/lupin/arm/library/delete", "lupin_msgs/srv/ArmLibraryEdit", console=BY_OPERATOR)
+GRIPPER_ANGLE = Service("/lupin/gripper/set_angle_with_speed", "mirte_msgs/srv/SetServoAngleWithSpeed", console=BY_OPERATOR)
+LEDS_SET = Service("/lupin/leds/set", "mirte_msgs/srv/SetNeopixel", console=BY_OPERATOR)
+LEDS_AUTO = Service("/lupin/leds/auto", "std_srvs/srv/Trigger", console=BY_OPERATOR)
 VENDOR_LEDS = Service("/io/leds/leds/set_color", "mirte_msgs/srv/SetNeopixel")
 VENDOR_TORQUE = Service("/io/servo/hiwonder/enable_all_servos", "std_srvs/srv/SetBool")
 VENDOR_ARM_GATE = Service("/enable_arm_control", "std_srvs/srv/SetBool")
@@ -193,28 +248,26 @@ LIST_CONTROLLERS = Service("/controller_manager/list_controllers", "controller_m
 LOAD_CONTROLLER = Service("/controller_manager/load_controller", "controller_manager_msgs/srv/LoadController")
 CONFIGURE_CONTROLLER = Service("/controller_manager/configure_controller", "controller_manager_msgs/srv/ConfigureController")
 SWITCH_CONTROLLER = Service("/controller_manager/switch_controller", "controller_manager_msgs/srv/SwitchController")
-SIM_BATTERY = Topic("/sim/battery_percentage", "std_msgs/msg/Float32", REL10, None, "simulation only: sets it, 0..1")
-SIM_FAULT = Topic("/sim/fault", "std_msgs/msg/String", REL10, None, "simulation only: break a sensor, e.g. `scan frozen`")
 SIM_PRESS_ESTOP = Service("/sim/press_estop", "std_srvs/srv/SetBool", "simulation only: true presses the red button")
 
 
 def servo_position(servo: str) -> Topic:
-    """What one servo's encoder says; `servo` is a name of SERVOS."""
-    return Topic(f"{SERVO_NAMESPACE}/{servo}/position", "mirte_msgs/msg/ServoPosition", REL10, 10.0)
+    """The encoder position of one servo; `servo` is a name of SERVOS."""
+    return Topic(f"{SERVO_NAMESPACE}/{servo}/position", "mirte_msgs/msg/ServoPosition", REL10, 10.0, (MOTOR_BOARD,))
 
 
 def servo_set_angle(servo: str) -> Service:
-    """Send one servo somewhere, past its controller: the controller sends it back."""
+    """Command one servo directly. Its controller does not know of it and moves the servo back."""
     return Service(f"{SERVO_NAMESPACE}/{servo}/set_angle", "mirte_msgs/srv/SetServoAngle")
 
 
 def servo_range(servo: str) -> Service:
-    """The limits of one servo, radians."""
+    """Read the limits of one servo, in radians."""
     return Service(f"{SERVO_NAMESPACE}/{servo}/get_range", "mirte_msgs/srv/GetServoRange")
 
 
 def servo_offset(servo: str) -> Service:
-    """The zero offset of one servo. The field says centidegrees and carries raw ticks."""
+    """Read the zero offset of one servo. The field is documented as centidegrees but carries raw ticks."""
     return Service(f"{SERVO_NAMESPACE}/{servo}/_offset", "mirte_msgs/srv/GetServoOffset")
 
 
@@ -224,36 +277,36 @@ def servo_set_offset(servo: str) -> Service:
 
 
 def arm_joint_angle(joint: str) -> Service:
-    """The per-joint command of the arm bridge; `joint` is a name of ARM_JOINTS."""
-    return Service(f"/lupin/arm/{joint.removesuffix('_joint')}/set_angle_with_speed", GRIPPER_ANGLE.type)
+    """Command one joint through the arm bridge; `joint` is a name of ARM_JOINTS."""
+    return replace(GRIPPER_ANGLE, name=f"/lupin/arm/{joint.removesuffix('_joint')}/set_angle_with_speed")
 
 
 # -- actions ----------------------------------------------------------------------------------------------------------
-NAVIGATE_TO_POSE = Action("navigate_to_pose", "nav2_msgs/action/NavigateToPose")
-NAVIGATE_THROUGH_POSES = Action("navigate_through_poses", "nav2_msgs/action/NavigateThroughPoses")
-COMPUTE_PATH_TO_POSE = Action("compute_path_to_pose", "nav2_msgs/action/ComputePathToPose")
+NAVIGATE_TO_POSE = Action("navigate_to_pose", "nav2_msgs/action/NavigateToPose", console=BY_OPERATOR)
+NAVIGATE_THROUGH_POSES = Action("navigate_through_poses", "nav2_msgs/action/NavigateThroughPoses", console=BY_OPERATOR)
+COMPUTE_PATH_TO_POSE = Action("compute_path_to_pose", "nav2_msgs/action/ComputePathToPose", console=BY_VIEWER)
 GRIPPER_COMMAND = Action("/mirte_master_gripper_controller/gripper_cmd", "control_msgs/action/GripperCommand")
 ARM_FOLLOW_TRAJECTORY = Action(
     "/mirte_master_arm_controller/follow_joint_trajectory", "control_msgs/action/FollowJointTrajectory"
 )
 
 
-def _rows(kind: type) -> tuple:
+def _rows(kind: type[_Row]) -> tuple[_Row, ...]:
     return tuple(row for row in globals().values() if isinstance(row, kind))
 
 
 def topics() -> tuple[Topic, ...]:
-    """Every topic of the graph, with the companions of the raw images."""
+    """Every topic of the graph, including the companions of the raw images and the servos."""
     images = (BODY_IMAGE_SIM, BODY_IMAGE_ROBOT, GRIPPER_IMAGE)
-    companions = tuple(f(image) for image in images for f in (compressed, camera_info))
+    companions = tuple(companion(image) for image in images for companion in (compressed, camera_info))
     return _rows(Topic) + companions + tuple(servo_position(servo) for servo in SERVOS)
 
 
 def services() -> tuple[Service, ...]:
     """Every service of the graph."""
-    of_servo = (servo_set_angle, servo_range, servo_offset, servo_set_offset)
-    of_servos = tuple(row(servo) for servo in SERVOS for row in of_servo)
-    return _rows(Service) + tuple(arm_joint_angle(joint) for joint in ARM_JOINTS) + of_servos
+    per_servo = (servo_set_angle, servo_range, servo_offset, servo_set_offset)
+    servos = tuple(service(servo) for servo in SERVOS for service in per_servo)
+    return _rows(Service) + tuple(arm_joint_angle(joint) for joint in ARM_JOINTS) + servos
 
 
 def actions() -> tuple[Action, ...]:

@@ -1,4 +1,4 @@
-"""An occupancy grid as a value: what `/map` carries, without ROS."""
+"""An occupancy grid without ROS: the content of `/map`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class GridMap:
         if self.cells.ndim != 2 or self.cells.dtype != np.int8:
             raise ValueError(f"cells must be int8 (height, width), not {self.cells.dtype} {self.cells.shape}")
         if not (self.resolution_m > 0.0 and math.isfinite(self.origin_x) and math.isfinite(self.origin_y)):
-            raise ValueError(f"resolution {self.resolution_m} m, origin ({self.origin_x}, {self.origin_y}) make no grid")
+            raise ValueError(f"resolution {self.resolution_m} m, origin ({self.origin_x}, {self.origin_y}) are not a grid")
 
     @property
     def height(self) -> int:
@@ -43,7 +43,7 @@ class GridMap:
         return int(self.cells.shape[1])
 
     def cell_of(self, x: float, y: float) -> tuple[int, int]:
-        """(row, column) that holds a point; may lie outside the grid."""
+        """(row, column) of the cell that contains a point; may be outside the grid."""
         return (
             math.floor((y - self.origin_y) / self.resolution_m),
             math.floor((x - self.origin_x) / self.resolution_m),

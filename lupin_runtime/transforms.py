@@ -1,4 +1,4 @@
-"""A transform tree with history: what tf2's buffer does, as a plain object without ROS.
+"""A transform tree with history: tf2's buffer without ROS.
 
 Rotations are quaternions (x, y, z, w), translations metres, times integer nanoseconds. A lookup between two samples of
 one edge interpolates linearly in translation and spherically in rotation; it never extrapolates.
@@ -12,12 +12,14 @@ from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass
 
+from lupin_runtime.geometry import Pose2, yaw_from_quaternion
+
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
 class TransformUnavailable(LookupError):
-    """No chain joins the two frames, or not at the time asked for; the message names the frame at fault."""
+    """No chain of transforms connects the two frames, or not at that time; the message names the missing frame."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,10 @@ class Transform:
         tx, ty, tz = self.translation
         return tx + x, ty + y, tz + z
 
+    def to_pose2(self) -> Pose2:
+        """The transform as seen from above: its part in the xy plane."""
+        return Pose2(self.translation[0], self.translation[1], yaw_from_quaternion(*self.rotation))
+
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """Hamilton product: turn by `b`, then by `a`."""
@@ -72,7 +78,7 @@ def rotate(q: Quaternion, v: Vector) -> Vector:
 
 
 def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
-    """The rotation `fraction` of the way from `a` to `b`, the short way round (Shoemake 1985)."""
+    """Interpolate from `a` (fraction 0) to `b` (1) along the shorter arc (Shoemake 1985)."""
     dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     sign = -1.0 if dot < 0.0 else 1.0
     dot = min(1.0, abs(dot))
@@ -87,7 +93,7 @@ def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
     return x / norm, y / norm, z / norm, w / norm
 
 
-_LATE_IN_A_ROW = 3  # so many samples older than the whole history are no stragglers: the clock has gone back
+_MAX_LATE_SAMPLES = 3  # this many consecutive samples older than the whole history are not late: the clock has gone back
 
 
 class _Edge:
@@ -102,7 +108,7 @@ class _Edge:
     def insert(self, stamp_ns: int, transform: Transform, keep_ns: int) -> None:
         late = bool(self.samples) and self.samples[-1][0] - stamp_ns > keep_ns
         self._late = self._late + 1 if late else 0
-        if self.static or self._late == _LATE_IN_A_ROW:
+        if self.static or self._late == _MAX_LATE_SAMPLES:
             self.samples.clear()
             self._late = 0
         elif late:
@@ -135,7 +141,7 @@ class _Edge:
 
 
 class TransformTree:
-    """Thread-safe history of all frames, `keep_s` seconds deep; a clock that goes back by more than that begins it anew."""
+    """Thread-safe history of all frames, `keep_s` seconds deep; a clock that goes back by more clears it."""
 
     def __init__(self, keep_s: float = 10.0) -> None:
         self._keep_ns = int(keep_s * 1e9)
@@ -143,12 +149,12 @@ class TransformTree:
         self._lock = threading.Lock()
 
     def clear(self) -> None:
-        """Forget the moving frames: after a jump of the clock their stamps mean nothing."""
+        """Clear the moving frames, whose stamps are invalid after a clock jump."""
         with self._lock:
             self._edges = {child: edge for child, edge in self._edges.items() if edge.static}
 
     def insert(self, parent: str, child: str, stamp_ns: int, transform: Transform, static: bool = False) -> None:
-        """Add a sample; non-finite samples are refused with ValueError, since one would poison every chain through it."""
+        """Add a sample. Raises ValueError for a non-finite one, which would spoil every chain through it."""
         if not all(map(math.isfinite, (*transform.translation, *transform.rotation))):
             raise ValueError(f"transform {parent} -> {child} is not finite")
         with self._lock:
@@ -172,7 +178,7 @@ class TransformTree:
             return self._to_ancestor(target, common, stamp_ns).inverse() @ self._to_ancestor(source, common, stamp_ns)
 
     def newest_ns(self, target: str, source: str) -> int | None:
-        """The newest time at which `lookup` would answer; None where every edge is static; raises as `lookup` does."""
+        """Return the newest time at which `lookup` succeeds; None if every edge is static; raises as `lookup` does."""
         with self._lock:
             up, down = self._chain(source), self._chain(target)
             common = next((frame for frame in up if frame in down), None)

@@ -1,8 +1,8 @@
-"""A MIRTE that isn't there: worlds, the robot's body, its sensors, the vendor's side of the graph, scoring against truth."""
+"""A simulated MIRTE: worlds, robot model, sensors, the vendor's ROS interface, and scoring against the ground truth."""
 
 import os
 
 from lupin_sim.graphics import usable_backend
 
-# MuJoCo decides about graphics while it is imported, so the choice has to stand before any module here imports it.
+# MuJoCo chooses its graphics backend at import, so the variable must be set before any module here imports it.
 os.environ.setdefault("MUJOCO_GL", usable_backend())

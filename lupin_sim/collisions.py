@@ -1,4 +1,4 @@
-"""Counting what the robot bumps into: one episode a touch, however long it rubs."""
+"""Counts the robot's collisions; a contact counts once, however long it lasts."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ DEBOUNCE_S = 1.0
 
 
 class CollisionCounter:
-    """A new episode begins when nothing was touched for a second before."""
+    """Counts collisions. A contact is a new collision if there was none for DEBOUNCE_S before."""
 
     def __init__(self) -> None:
         self.count = 0
-        self.last_what: str | None = None
+        self.last_object: str | None = None
         self.last_time_s: float | None = None
-        self._touched_s = -math.inf
+        self._last_contact_s = -math.inf
 
     def update(self, touched: str | None, time_s: float) -> bool:
-        """Take what is touched now (None: nothing); True when that starts an episode."""
+        """Take the name of the object that the robot touches now (None: no contact); True if this is a new collision."""
         if touched is None:
             return False
-        fresh = time_s - self._touched_s > DEBOUNCE_S
-        self._touched_s = time_s
-        if fresh:
+        is_new = time_s - self._last_contact_s > DEBOUNCE_S
+        self._last_contact_s = time_s
+        if is_new:
             self.count += 1
-            self.last_what, self.last_time_s = touched, time_s
-        return fresh
+            self.last_object, self.last_time_s = touched, time_s
+        return is_new

@@ -1,4 +1,4 @@
-"""The vendor's controller_manager: five controllers and the states they can be in."""
+"""The vendor's controller_manager: five controllers and their states."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ NEEDS = {"mirte_base_controller": "pid_wheels_controller"}
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What a request did; `message` explains a refusal."""
+class ControllerReply:
+    """The reply to a request; `message` explains a refusal."""
 
     ok: bool
     message: str = ""
@@ -33,32 +33,32 @@ class ControllerManager:
 
     def __init__(self, state: str = ACTIVE) -> None:
         if state not in STATES:
-            raise ValueError(f"controllers cannot start {state!r}; choose one of {', '.join(STATES)}")
+            raise ValueError(f"controllers cannot start in state {state!r}; choose one of {', '.join(STATES)}")
         self.states = dict.fromkeys(CONTROLLERS, state)
 
     def active(self, name: str) -> bool:
-        """Whether a controller works, together with the one it needs."""
+        """Whether a controller is active, together with the one that it needs."""
         needed = NEEDS.get(name)
         return self.states[name] == ACTIVE and (needed is None or self.states[needed] == ACTIVE)
 
     @property
     def loaded(self) -> tuple[str, ...]:
-        """The controllers that a listing shows."""
+        """The names of the loaded controllers."""
         return tuple(name for name, state in self.states.items() if state != UNLOADED)
 
-    def load(self, name: str) -> Outcome:
+    def load(self, name: str) -> ControllerReply:
         """unloaded -> unconfigured."""
         return self._move(name, UNLOADED, UNCONFIGURED)
 
-    def configure(self, name: str) -> Outcome:
+    def configure(self, name: str) -> ControllerReply:
         """unconfigured -> inactive; an inactive controller may be configured again."""
         if self.states.get(name) == INACTIVE:
-            return Outcome(True)
+            return ControllerReply(True)
         return self._move(name, UNCONFIGURED, INACTIVE)
 
-    def switch(self, activate: Sequence[str], deactivate: Sequence[str], strict: bool) -> Outcome:
-        """Activate and deactivate together. Strict changes nothing unless all of it can be done; otherwise what can be
-        done is done, and the rest is named."""
+    def switch(self, activate: Sequence[str], deactivate: Sequence[str], strict: bool) -> ControllerReply:
+        """Activate and deactivate controllers. With `strict`, nothing changes unless all changes are possible; otherwise the
+        possible ones are made, and the message names the others."""
         after = dict(self.states)
         problems = []
         for names, source, target in ((deactivate, ACTIVE, INACTIVE), (activate, INACTIVE, ACTIVE)):
@@ -74,13 +74,13 @@ class ControllerManager:
                 problems.append(f"{name} needs {needed} active")
                 after[name] = self.states[name] if self.states[name] != ACTIVE else INACTIVE
         if problems and strict:
-            return Outcome(False, "; ".join(problems))
+            return ControllerReply(False, "; ".join(problems))
         self.states = after
-        return Outcome(not problems, "; ".join(problems))
+        return ControllerReply(not problems, "; ".join(problems))
 
-    def _move(self, name: str, source: str, target: str) -> Outcome:
+    def _move(self, name: str, source: str, target: str) -> ControllerReply:
         state = self.states.get(name)
         if state != source:
-            return Outcome(False, f"{name} is {state or 'not a controller of this robot'}, not {source}")
+            return ControllerReply(False, f"{name} is {state or 'not a controller of this robot'}, not {source}")
         self.states[name] = target
-        return Outcome(True)
+        return ControllerReply(True)

@@ -1,4 +1,4 @@
-"""The lidar: rays through the scene, noise and misses. Works without any graphics."""
+"""The lidar: casts rays through the scene, adds noise and dropouts. Needs no graphics."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lupin_sim import mirte
-from lupin_sim.body import LIDAR_SITE
+from lupin_sim.robot_model import LIDAR_SITE
 
 ANGLE_MIN_RAD = -math.pi
 ANGLE_STEP_RAD = 2 * math.pi / mirte.LIDAR_RAYS
 NOISE_M, NOISE_PER_M = 0.005, 0.003
 DROPOUT = 0.002
-# Geom groups that stop a ray: the world and its tags. The robot's own pillars are masked, as its driver masks them.
+# Geom groups that a ray can hit: the world and its tags. The vendor's driver masks the robot's own pillars; so does this.
 _VISIBLE = np.array([1, 1, 0, 0, 0, 0], np.uint8)
 
 
 class Lidar:
-    """Casts one revolution at once."""
+    """Casts all rays of one revolution at once."""
 
     def __init__(self, model: mujoco.MjModel, rng: np.random.Generator) -> None:
         self._model = model
@@ -32,7 +32,7 @@ class Lidar:
         self._range = np.zeros(mirte.LIDAR_RAYS)
 
     def true_ranges(self, data: mujoco.MjData) -> NDArray[np.float64]:
-        """Noise-free ranges of shape (360,), metres in the frame `laser`; inf where nothing is within 12 m."""
+        """Noise-free ranges of shape (360,), metres in the frame `laser`; inf if nothing is within 12 m."""
         rotation = data.site_xmat[self._site].reshape(3, 3)
         rays = np.ascontiguousarray(self._rays @ rotation.T).ravel()
         mujoco.mj_multiRay(
@@ -52,7 +52,7 @@ class Lidar:
         return np.where(self._range < 0, np.inf, self._range)
 
     def scan(self, data: mujoco.MjData) -> NDArray[np.float32]:
-        """Ranges of shape (360,) as the sensor gives them: noisy, in whole millimetres, inf for a miss."""
+        """Ranges of shape (360,) as the sensor reports them: with noise, in whole millimetres, inf for no return."""
         ranges = self.true_ranges(data)
         noise = self._rng.normal(size=ranges.shape)
         lost = self._rng.random(ranges.shape) < DROPOUT

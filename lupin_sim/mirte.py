@@ -1,7 +1,7 @@
-"""The MIRTE Master in numbers: metres, kilograms, radians, in `base_link` (floor level, x forward, y left, z up).
+"""The dimensions of a MIRTE Master: metres, kilograms, radians, in `base_link` (floor level, x forward, y left, z up).
 
-They come from the vendor's public URDF and controller configuration; where the two disagree, the value that the
-controller computes with stands here, since that is what the robot's odometry and limits follow.
+They come from the vendor's public URDF and controller configuration. Where the two disagree, this module has the controller's
+value, because the robot's odometry and limits follow it.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ Vector = tuple[float, float, float]
 
 # -- mecanum base -----------------------------------------------------------------------------------------------------
 WHEEL_RADIUS_M = 0.051
-# Half wheelbase plus half track of the controller; the mesh alone would give 0.2105.
+# Half wheelbase plus half track, from the controller; the mesh gives 0.2105.
 WHEEL_LEVER_M = 0.225
 WHEEL_MAX_RADPS = 18.84
-WHEEL_DEAD_ZONE = 0.10  # of full speed: the motor driver turns less into nothing
+WHEEL_DEAD_ZONE = 0.10  # fraction of full speed below which the motor driver outputs 0
 COMMAND_TIMEOUT_S = 0.25
 # Front left, rear left, rear right, front right: the order of the vendor's drivers. (x, y) of the wheel centres.
 WHEEL_CENTRES = ((0.085, 0.128), (-0.085, 0.128), (-0.085, -0.123), (0.085, -0.123))
 WHEEL_WIDTH_M = 0.055
 WHEEL_CENTRE_HEIGHT_M = 0.0525
 BASE_MASS_KG = 6.5
-OUTER_RADIUS_M = 0.22  # of a circle about base_link that holds the whole base
+OUTER_RADIUS_M = 0.22  # of the circle about base_link that contains the base
 
 # -- sensors ----------------------------------------------------------------------------------------------------------
 LIDAR_POSITION: Vector = (0.0005, 0.0, 0.1072)
-LIDAR_YAW_RAD = math.pi / 2  # the vendor's mounting: angle 0 of a scan looks to the robot's left
+LIDAR_YAW_RAD = math.pi / 2  # as the vendor mounts it: angle 0 of a scan points to the robot's left
 LIDAR_RAYS = 360
 LIDAR_MIN_M, LIDAR_MAX_M = 0.05, 12.0
 BODY_CAMERA_POSITION: Vector = (0.1467, 0.010, 0.1427)
@@ -44,8 +44,7 @@ LED_COUNT = 12
 
 @dataclass(frozen=True)
 class Servo:
-    """One bus servo of the arm. Limits are the servo's own, in radians; `home_counts` is its raw position at zero
-    (100 counts a degree)."""
+    """One bus servo of the arm, with its own limits; `home_counts` is the raw position at angle 0 (100 counts per degree)."""
 
     joint: str
     servo: str
@@ -64,10 +63,10 @@ SERVOS = (
 GRIPPER_HOME_COUNTS = 10524
 SERVO_EFFORT_NM = 2.0
 SERVO_SPEED_RADPS = 2.0
-# The vendor's own stall rule.
+# The vendor's rule for a stalled servo.
 STALL_ERROR_RAD = 0.10
 STALL_AFTER_S = 1.0
-# A servo that sits further than this from its setpoint is sent the setpoint again.
+# The setpoint is sent again to a servo that is farther than this from it.
 SERVO_REASSERT_RAD = 0.05
 
 # -- arm: zero is straight up, positive leans backwards -----------------------------------------------------------------
@@ -79,10 +78,10 @@ WRIST_TO_JAW_M = 0.0435
 WRIST_TO_TIP_M = 0.136
 GRIPPER_CAMERA_ALONG_M = 0.027
 GRIPPER_CAMERA_ABOVE_M = 0.067
-# Where the boot-time stance leaves the arm before anybody commands it.
+# The pose of the arm after boot, before the first command.
 ARM_START_RAD = (0.0, 0.0, 0.0, -1.57)
 
-# -- gripper: joint angle against the opening between the fingers --------------------------------------------------------
+# -- gripper: joint angle and opening between the fingers --------------------------------------------------------
 GRIPPER_LOWER_RAD, GRIPPER_UPPER_RAD = -0.20, 0.25
 GRIPPER_SPEED_RADPS = 0.8
 _GRIPPER_RAD = (-0.20, 0.0, 0.10, 0.20, 0.2102, 0.25)
@@ -90,7 +89,7 @@ _APERTURE_M = (0.0656, 0.0462, 0.0310, 0.0108, 0.0087, 0.0008)
 
 
 def aperture_from_gripper(angle_rad: float) -> float:
-    """Opening between the fingers, metres; angles outside the joint's range count as its ends."""
+    """Opening between the fingers, metres; angles outside the joint's range are clamped."""
     return _interpolate(angle_rad, _GRIPPER_RAD, _APERTURE_M)
 
 

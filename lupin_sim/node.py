@@ -1,4 +1,4 @@
-"""The simulated robot as a node: one thread steps and draws the world, the executor's thread takes commands."""
+"""The simulated robot as a ROS node: one thread steps and renders the world, the executor's thread handles commands."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from lupin_runtime import graph
 from lupin_runtime.ros import LupinNode
 from lupin_sim.cameras import CameraRig, GraphicsUnavailable
 from lupin_sim.engine import Simulation
-from lupin_sim.faults import Faults, UnknownFault
 from lupin_sim.pacing import Pacer
-from lupin_sim.publishing import Stamps, StatePublishers, camera_publishers, draws
+from lupin_sim.publishing import Stamps, StatePublishers, camera_publishers, new_camera_rig
+from lupin_sim.sensor_faults import SensorFaults, UnknownFault
 from lupin_sim.truth import TruthRecorder
-from lupin_sim.vendor import VendorSide
+from lupin_sim.vendor import VendorInterface
 
 STOP_WAIT_S = 2.0
-# A sleep shorter than this costs more than it gives; the clock stays right because it is paced against an anchor.
+# Shorter sleeps are skipped, because they cost more than they save; the pacer's anchor keeps the clock correct.
 SHORTEST_SLEEP_S = 0.001
 
 
 class SimulatedRobot(LupinNode):
-    """A MIRTE on the graph.
+    """A simulated MIRTE on the ROS graph.
 
-    Parameters: `speed` (1.0; 0 as fast as possible), `cameras` (true), `run_dir` ("" for none), `wall_clock` (false: simulated
-    time, published on /clock; true: stamps by this computer's clock, as a robot's).
+    Parameters: `speed` (1.0; 0 for as fast as possible), `cameras` (true), `run_dir` ("" for none), `wall_clock` (false:
+    simulated time, published on /clock; true: stamps from this computer's clock, as on a robot).
     """
 
     def __init__(self, simulation: Simulation, parameters: dict[str, Any] | None = None) -> None:
@@ -38,26 +38,26 @@ class SimulatedRobot(LupinNode):
         self.simulation = simulation
         self.failed = False
         self._speed = self.parameter("speed", 1.0)
-        self._wants_cameras = self.parameter("cameras", True)
+        self._cameras_enabled = self.parameter("cameras", True)
         run_dir = self.parameter("run_dir", "")
         self._recorder = TruthRecorder(simulation, Path(run_dir)) if run_dir else None
-        self._faults = Faults()
+        self._faults = SensorFaults()
         stamps = Stamps(simulation, self._faults, self.parameter("wall_clock", False))
         self._state_topics = StatePublishers(self, stamps)
-        self._camera_topics = camera_publishers(self, stamps) if self._wants_cameras else ()
-        self.subscription(graph.SIM_FAULT, self._break)
-        self._vendor = VendorSide(self, simulation)
+        self._camera_topics = camera_publishers(self, stamps) if self._cameras_enabled else ()
+        self.subscription(graph.SIM_FAULT, self._set_fault)
+        self._vendor = VendorInterface(self, simulation)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
-        self._stalled: frozenset[str] = frozenset()
+        self._stalled_servos: frozenset[str] = frozenset()
 
     def start(self) -> None:
-        """Let time begin."""
+        """Start simulated time."""
         self._state_topics.announce()
         self._thread.start()
 
     def before_shutdown(self) -> None:
-        """End the world and wait for its thread."""
+        """Stop the simulation and wait for its thread."""
         self._stop.set()
         self._thread.join(STOP_WAIT_S)
 
@@ -67,7 +67,7 @@ class SimulatedRobot(LupinNode):
             rig = self._renderer()
             self._loop(rig)
         except BaseException:
-            # Without its world this process is a robot that is dead and looks alive: end it, loudly.
+            # Without its simulation the process would look alive and publish nothing: report the error and terminate it.
             traceback.print_exc()
             self.failed = True
             os.kill(os.getpid(), signal.SIGTERM)
@@ -81,13 +81,13 @@ class SimulatedRobot(LupinNode):
             try:
                 self._recorder.close()
             except OSError as error:
-                self.get_logger().error(f"the last of the truth is lost: {error}")
+                self.get_logger().error(f"the end of the ground truth could not be written: {error}")
 
     def _renderer(self) -> CameraRig | None:
-        if not self._wants_cameras:
+        if not self._cameras_enabled:
             return None
         try:
-            return draws(self.simulation.model)
+            return new_camera_rig(self.simulation.model)
         except GraphicsUnavailable as missing:
             self.get_logger().warning(str(missing))
             return None
@@ -113,18 +113,18 @@ class SimulatedRobot(LupinNode):
         try:
             self._recorder.update(real_time_factor)
         except OSError as error:
-            # A full disk costs the score, not the robot.
-            self.get_logger().error(f"the truth is no longer recorded: {error}")
+            # A full disk prevents a score; the robot keeps running.
+            self.get_logger().error(f"the ground truth is no longer recorded: {error}")
             self._recorder = None
 
-    def _break(self, message: String) -> None:
+    def _set_fault(self, message: String) -> None:
         try:
-            self._faults.order(message.data)
+            self._faults.apply(message.data)
         except UnknownFault as error:
             self.get_logger().warning(str(error))
 
     def _report_stalls(self) -> None:
         stalled = frozenset(self.simulation.servos.stalled)
-        for servo in sorted(stalled - self._stalled):
+        for servo in sorted(stalled - self._stalled_servos):
             self.get_logger().warning(f"servo {servo} is stalled: more than 0.10 rad off for over a second")
-        self._stalled = stalled
+        self._stalled_servos = stalled

@@ -1,6 +1,7 @@
-"""The robot's outgoing messages: what, at which tick, and only as dear as somebody listens.
+"""Publishes the robot's messages at their ticks; expensive ones only if they have subscribers.
 
-Messages are made once and refilled: rclpy checks every field that is set, and a dozen topics at 50 Hz would pay for it.
+Messages are created once and reused, because rclpy checks every field that is assigned, which is expensive for a dozen topics
+at 50 Hz.
 """
 
 from __future__ import annotations
@@ -29,33 +30,33 @@ from lupin_runtime.geometry import quaternion_from_yaw
 from lupin_runtime.ros import LupinNode, TransformBroadcaster, stamp_from_ns
 from lupin_runtime.ros.tf import to_message
 from lupin_runtime.transforms import Quaternion, Transform
-from lupin_sim import body, lidar, mirte
+from lupin_sim import lidar, mirte, robot_model
 from lupin_sim.cameras import CameraRig, new_image
 from lupin_sim.engine import Simulation
-from lupin_sim.faults import Faults
+from lupin_sim.sensor_faults import SensorFaults
 from lupin_sim.servos import NAMES
 
 JPEG_QUALITY = 80
-# Datasheet figures, as the vendor's driver publishes them; the orientation is not estimated (REP-145: -1).
+# From the datasheet, as the vendor's driver publishes them. The orientation is not estimated (REP-145: -1).
 _GYRO_VARIANCE = math.radians(5.0) ** 2
 _ACCELEROMETER_VARIANCE = (0.59**2, 0.59**2, 0.78**2)
-# Variances a controller of this kind is configured with: x, y, then z, roll, pitch which a plane leaves unknown, yaw.
+# Typical configuration of such a controller: x, y; z, roll and pitch, which are unknown to a planar base; yaw.
 _ODOMETRY_VARIANCE = (0.001, 0.001, 1e6, 1e6, 1e6, 0.01)
 
-# (every n ticks of 10 ms, at which of them). Scans and pictures fall on ticks that have their transform.
-EVERY_CLOCK = (1, 0)
-EVERY_STATE = (2, 0)
-EVERY_SCAN = (10, 2)
-EVERY_BODY_IMAGE = (10, 4)
-EVERY_GRIPPER_IMAGE = (10, 8)
-EVERY_BUTTON = (10, 0)
-EVERY_SERVO = (10, 0)
-EVERY_BATTERY = (100, 0)
+# (period in ticks of 10 ms, offset in ticks). Scans and images are at ticks that also publish their transform.
+SCHEDULE_CLOCK = (1, 0)
+SCHEDULE_STATE = (2, 0)
+SCHEDULE_SCAN = (10, 2)
+SCHEDULE_BODY_IMAGE = (10, 4)
+SCHEDULE_GRIPPER_IMAGE = (10, 8)
+SCHEDULE_BUTTON = (10, 0)
+SCHEDULE_SERVO = (10, 0)
+SCHEDULE_BATTERY = (100, 0)
 
 
 def optical_quaternion(rotation: NDArray[np.float64]) -> Quaternion:
     """(x, y, z, w) of a rotation matrix of shape (3, 3)."""
-    w, x, y, z = body.quaternion(rotation)
+    w, x, y, z = robot_model.quaternion(rotation)
     return x, y, z, w
 
 
@@ -67,22 +68,22 @@ def _camera_transform(simulation: Simulation, camera: str) -> Transform:
 
 @dataclass(frozen=True)
 class Stamps:
-    """When messages say they were made: in simulated time, which the robot then also publishes, or by this computer's clock, as
-    a robot's are."""
+    """The time stamps of messages: simulated time, which the robot then also publishes on /clock, or this computer's clock, as
+    on a robot."""
 
     simulation: Simulation
-    faults: Faults
+    faults: SensorFaults
     wall_clock: bool = False
 
     def now(self) -> Time:
         """The stamp of this tick."""
         now_ns = time.time_ns() if self.wall_clock else self.simulation.time_ns
-        # Never before the epoch: a stamp cannot say so.
+        # A stamp cannot be before the epoch.
         return stamp_from_ns(max(1, now_ns + self.faults.clock_offset_ns))
 
 
 class StatePublishers:
-    """Everything except pictures."""
+    """Publishes all topics except the cameras'."""
 
     def __init__(self, node: LupinNode, stamps: Stamps) -> None:
         self._stamps, self._simulation, self._faults = stamps, stamps.simulation, stamps.faults
@@ -103,46 +104,46 @@ class StatePublishers:
         self._button, self._button_message = node.publisher(graph.ESTOP_BUTTON), IntensityDigital()
         self._battery, self._battery_message = node.publisher(graph.BATTERY), _battery_message()
         self._servos = [node.publisher(graph.servo_position(name)) for name in NAMES]
-        self._table: tuple[tuple[tuple[int, int], Callable[[Time], None]], ...] = (
-            *(() if stamps.wall_clock else ((EVERY_CLOCK, self._publish_clock),)),
-            (EVERY_STATE, self._publish_odometry),
-            (EVERY_STATE, self._publish_joints),
-            (EVERY_STATE, self._publish_imu),
-            (EVERY_SCAN, self._publish_scan),
-            (EVERY_BUTTON, self._publish_button),
-            (EVERY_SERVO, self._publish_servos),
-            (EVERY_BATTERY, self._publish_battery),
+        self._schedule: tuple[tuple[tuple[int, int], Callable[[Time], None]], ...] = (
+            *(() if stamps.wall_clock else ((SCHEDULE_CLOCK, self._publish_clock),)),
+            (SCHEDULE_STATE, self._publish_odometry),
+            (SCHEDULE_STATE, self._publish_joints),
+            (SCHEDULE_STATE, self._publish_imu),
+            (SCHEDULE_SCAN, self._publish_scan),
+            (SCHEDULE_BUTTON, self._publish_button),
+            (SCHEDULE_SERVO, self._publish_servos),
+            (SCHEDULE_BATTERY, self._publish_battery),
         )
 
     def announce(self) -> None:
-        """Publish what never moves, latched."""
+        """Publish the static transforms."""
         now_ns = self._simulation.time_ns
-        turned = Transform(mirte.LIDAR_POSITION, quaternion_from_yaw(mirte.LIDAR_YAW_RAD))
+        laser = Transform(mirte.LIDAR_POSITION, quaternion_from_yaw(mirte.LIDAR_YAW_RAD))
         self._broadcaster.send_static(
-            to_message(graph.BASE_FRAME, graph.LASER_FRAME, now_ns, turned),
+            to_message(graph.BASE_FRAME, graph.LASER_FRAME, now_ns, laser),
             to_message(
                 graph.BASE_FRAME,
                 graph.BODY_CAMERA_FRAME,
                 now_ns,
-                _camera_transform(self._simulation, body.BODY_CAMERA),
+                _camera_transform(self._simulation, robot_model.BODY_CAMERA),
             ),
         )
 
     def publish_due(self) -> None:
-        """Publish what this tick is due."""
+        """Publish the messages that are due at this tick."""
         stamp = self._stamps.now()
-        for (every, at), publish in self._table:
-            if self._simulation.tick % every == at:
+        for (period, offset), publish in self._schedule:
+            if self._simulation.tick % period == offset:
                 publish(stamp)
         if self._button_message.value != self._simulation.estop_pressed:
-            self._publish_button(stamp)  # an edge waits for no period
+            self._publish_button(stamp)  # an edge is published at once
 
     def _publish_clock(self, stamp: Time) -> None:
         self._clock_message.clock = stamp
         self._clock.publish(self._clock_message)
 
     def _publish_odometry(self, stamp: Time) -> None:
-        moving = []
+        transforms = []
         if self._simulation.controllers.active("mirte_base_controller") and not self._faults.silent("odometry"):
             pose, twist = self._simulation.odometry.pose, self._simulation.odometry.twist
             message = self._odometry_message
@@ -157,16 +158,16 @@ class StatePublishers:
             self._tf_odom.header.stamp = stamp
             self._tf_odom.transform.translation.x, self._tf_odom.transform.translation.y = pose.x, pose.y
             self._tf_odom.transform.rotation = rotation
-            moving.append(self._tf_odom)
+            transforms.append(self._tf_odom)
         if self._simulation.controllers.active("joint_state_broadcaster"):
-            chain = _camera_transform(self._simulation, body.GRIPPER_CAMERA)
+            camera = _camera_transform(self._simulation, robot_model.GRIPPER_CAMERA)
             self._tf_camera.header.stamp = stamp
             t, q = self._tf_camera.transform.translation, self._tf_camera.transform.rotation
-            t.x, t.y, t.z = chain.translation
-            q.x, q.y, q.z, q.w = chain.rotation
-            moving.append(self._tf_camera)
-        if moving:
-            self._tf.publish(TFMessage(transforms=moving))
+            t.x, t.y, t.z = camera.translation
+            q.x, q.y, q.z, q.w = camera.rotation
+            transforms.append(self._tf_camera)
+        if transforms:
+            self._tf.publish(TFMessage(transforms=transforms))
 
     def _publish_joints(self, stamp: Time) -> None:
         if not self._simulation.controllers.active("joint_state_broadcaster"):
@@ -217,13 +218,13 @@ class StatePublishers:
             return
         message = self._battery_message
         message.header.stamp = stamp
-        message.percentage = math.nan if self._faults.broken["battery"] == "nan" else self._simulation.battery
+        message.percentage = math.nan if self._faults.modes["battery"] == "nan" else self._simulation.battery
         message.voltage = mirte.battery_volts(self._simulation.battery)
         self._battery.publish(message)
 
 
 class CameraPublisher:
-    """One camera: raw, JPEG and calibration, drawn only while somebody watches."""
+    """Publishes one camera: raw image, JPEG and calibration. Renders only if there are subscribers."""
 
     def __init__(
         self,
@@ -232,16 +233,17 @@ class CameraPublisher:
         topic: graph.Topic,
         camera: str,
         frame: str,
-        due: tuple[int, int],
+        schedule: tuple[int, int],
     ) -> None:
         self._stamps, self._simulation, self._faults = stamps, stamps.simulation, stamps.faults
-        self._camera, self._due = camera, due
+        self._camera, self._schedule = camera, schedule
         self._raw = node.publisher(topic)
         self._jpeg = node.publisher(graph.compressed(topic))
         self._info = node.publisher(graph.camera_info(topic))
         self._image = Image(height=mirte.IMAGE_HEIGHT, width=mirte.IMAGE_WIDTH, encoding="rgb8", step=3 * mirte.IMAGE_WIDTH)
         self._image.data = array("B", bytes(new_image().nbytes))
-        # The renderer draws straight into the message (whose setter may have copied): assigning an array costs 50 ms a frame.
+        # Render directly into the message's buffer (read back, since its setter may copy): assigning an array costs 50 ms per
+        # frame.
         pixels = np.frombuffer(self._image.data, np.uint8)
         self._pixels = pixels.reshape(mirte.IMAGE_HEIGHT, mirte.IMAGE_WIDTH, 3)
         self._compressed = CompressedImage(format="rgb8; jpeg compressed bgr8")
@@ -250,15 +252,15 @@ class CameraPublisher:
             message.header.frame_id = frame
 
     def publish_due(self, rig: CameraRig) -> None:
-        """Draw and publish if this tick is due and anybody listens."""
-        every, at = self._due
-        if self._simulation.tick % every != at or self._faults.silent("camera"):
+        """Render and publish, if the camera is due at this tick and has subscribers."""
+        period, offset = self._schedule
+        if self._simulation.tick % period != offset or self._faults.silent("camera"):
             return
         stamp = self._stamps.now()
         raw, jpeg = self._raw.get_subscription_count(), self._jpeg.get_subscription_count()
         if raw or jpeg:
             rig.render(self._simulation.data, self._camera, self._pixels)
-        # The calibration goes first: a reader that pairs the two has it when the picture comes.
+        # The calibration is first, so that subscribers that pair the two have it when the image arrives.
         if self._info.get_subscription_count():
             self._calibration.header.stamp = stamp
             self._info.publish(self._calibration)
@@ -277,16 +279,16 @@ class CameraPublisher:
 
 
 def camera_publishers(node: LupinNode, stamps: Stamps) -> tuple[CameraPublisher, ...]:
-    """The body's and the gripper's camera."""
+    """The publishers of the body camera and the gripper camera."""
     rows = (
-        (graph.BODY_IMAGE_SIM, body.BODY_CAMERA, graph.BODY_CAMERA_FRAME, EVERY_BODY_IMAGE),
-        (graph.GRIPPER_IMAGE, body.GRIPPER_CAMERA, graph.GRIPPER_CAMERA_FRAME, EVERY_GRIPPER_IMAGE),
+        (graph.BODY_IMAGE_SIM, robot_model.BODY_CAMERA, graph.BODY_CAMERA_FRAME, SCHEDULE_BODY_IMAGE),
+        (graph.GRIPPER_IMAGE, robot_model.GRIPPER_CAMERA, graph.GRIPPER_CAMERA_FRAME, SCHEDULE_GRIPPER_IMAGE),
     )
     return tuple(CameraPublisher(node, stamps, *row) for row in rows)
 
 
-def draws(model: mujoco.MjModel) -> CameraRig:
-    """A renderer for the calling thread; OpenCV stays on one core beside it."""
+def new_camera_rig(model: mujoco.MjModel) -> CameraRig:
+    """A renderer for the calling thread; also limits OpenCV to one core."""
     cv2.setNumThreads(1)
     return CameraRig(model)
 

@@ -1,4 +1,4 @@
-"""A world and the robot as a compiled MuJoCo model."""
+"""Builds the MuJoCo model of a world with the robot."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import cv2
 import mujoco
 import numpy as np
 
-from lupin_sim import tags
-from lupin_sim.body import add_robot, quaternion, yaw_quaternion
+from lupin_sim.robot_model import add_robot, quaternion, yaw_quaternion
+from lupin_sim.tag_plates import plate_image
 from lupin_sim.world import TAG_PLATE_M, Box, Flower, Tag, World
 
 _GEOM = mujoco.mjtGeom
@@ -20,7 +20,7 @@ TIMESTEP_S = 0.002
 _SOLID = {"contype": 1, "conaffinity": 2, "group": WORLD_GROUP}
 _VISUAL = {"contype": 0, "conaffinity": 0}
 
-# Colours stay out of the flower detector's bands: nothing here is near black, near white, or a pale red.
+# These colors are outside the flower detector's color bands: none is near black, near white, or pale red.
 _PETALS = {
     "tulip_red": (0.80, 0.05, 0.09, 1.0),
     "tulip_white": (0.95, 0.95, 0.93, 1.0),
@@ -40,7 +40,7 @@ _WALL = (0.46, 0.62, 0.56, 1.0)
 
 @dataclass(frozen=True)
 class Look:
-    """How much a picture may cost: sensors render plainly, pictures for people with shadows and smooth edges."""
+    """The quality of rendering: plain for sensors, with shadows and antialiasing for pictures."""
 
     shadow_px: int = 0
     samples: int = 0
@@ -55,7 +55,7 @@ PRETTY_LOOK = Look(shadow_px=4096, samples=8, slices=28, stacks=16, width=1280, 
 
 
 def build(world: World, look: Look = SENSOR_LOOK) -> mujoco.MjModel:
-    """Compile a world with the robot in it. The robot stands at the world's origin until its qpos is set."""
+    """Compile a world with the robot. The robot is at the world's origin until its qpos is set."""
     spec = mujoco.MjSpec()
     spec.modelname = world.name
     spec.compiler.degree = False  # the default is degrees
@@ -86,19 +86,19 @@ def _light(spec: mujoco.MjSpec, world: World, look: Look) -> None:
     spec.visual.global_.offwidth, spec.visual.global_.offheight = look.width, look.height
     spec.visual.quality.shadowsize = look.shadow_px
     spec.visual.quality.offsamples = look.samples
-    # Software rendering is bound by vertices, not by pixels: coarse cylinders are half the cost of a picture.
+    # Software rendering is limited by vertices, not by pixels: coarse cylinders halve the time of a picture.
     spec.visual.quality.numslices, spec.visual.quality.numstacks = look.slices, look.stacks
     spec.visual.map.znear, spec.visual.map.zfar = 0.01, 40.0
-    spec.stat.extent = 1.0  # near and far are multiples of it
+    spec.stat.extent = 1.0  # znear and zfar are multiples of it
     x0, y0, x1, y1 = world.bounds
     spec.stat.center = [(x0 + x1) / 2, (y0 + y1) / 2, 0.0]
     spec.visual.headlight.ambient = [0.47] * 3
     spec.visual.headlight.diffuse = [0.30] * 3
     spec.visual.headlight.specular = [0.0] * 3
-    # A directional light's shadow map covers this half width around it; at its edges it speckles, so it is ample.
+    # Half the width that the shadow map of the directional light covers. It is generous because the edges of the map speckle.
     spec.visual.map.shadowclip = max(x1 - x0, y1 - y0) * 1.2
     spec.worldbody.add_light(
-        pos=[(x0 + x1) / 2 - 1.5, (y0 + y1) / 2 - 2.0, 6.0],  # upstream of the middle of the floor
+        pos=[(x0 + x1) / 2 - 1.5, (y0 + y1) / 2 - 2.0, 6.0],  # against the light's direction from the middle of the floor
         dir=[0.25, 0.33, -1.0],
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         diffuse=[0.50] * 3,
@@ -129,7 +129,7 @@ def _floor(spec: mujoco.MjSpec, world: World) -> None:
     x0, y0, x1, y1 = world.bounds
     material = spec.add_material(name="floor", texrepeat=[(x1 - x0) / 2, (y1 - y0) / 2], specular=0, reflectance=0)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
-    # Boxes, not planes: the renderer cuts planes into a mesh that costs as much as everything else together.
+    # A box, not a plane: the renderer splits a plane into a mesh that costs as much as everything else together.
     spec.worldbody.add_geom(
         name="floor",
         type=_GEOM.mjGEOM_BOX,
@@ -140,7 +140,7 @@ def _floor(spec: mujoco.MjSpec, world: World) -> None:
         conaffinity=0,
         group=WORLD_GROUP,
     )
-    # Lawn outside: pictures look better with the greenhouse standing on something.
+    # A lawn around the greenhouse, for pictures.
     spec.worldbody.add_geom(
         name="lawn",
         type=_GEOM.mjGEOM_BOX,
@@ -153,14 +153,14 @@ def _floor(spec: mujoco.MjSpec, world: World) -> None:
 
 
 def _box(spec: mujoco.MjSpec, box: Box) -> None:
-    colour = {"planter": _WOOD, "crate": _CRATE, "wall": _WALL}[box.kind]
+    color = {"planter": _WOOD, "crate": _CRATE, "wall": _WALL}[box.kind]
     spec.worldbody.add_geom(
         name=box.name,
         type=_GEOM.mjGEOM_BOX,
         size=[box.depth / 2, box.width / 2, box.height / 2],
         pos=[box.x, box.y, box.height / 2],
         quat=yaw_quaternion(box.yaw),
-        rgba=list(colour),
+        rgba=list(color),
         **_SOLID,
     )
     if box.kind != "planter":
@@ -180,7 +180,7 @@ def _box(spec: mujoco.MjSpec, box: Box) -> None:
 
 def _tag(spec: mujoco.MjSpec, tag: Tag) -> None:
     name = f"tag_{tag.id}"
-    ok, png = cv2.imencode(".png", tags.picture(tag.id))
+    ok, png = cv2.imencode(".png", plate_image(tag.id))
     if not ok:
         raise RuntimeError(f"OpenCV could not encode the picture of tag {tag.id} as PNG")
     # Raw bytes are refused by add_texture; a PNG in memory is not.

@@ -1,7 +1,7 @@
-"""A run against the truth: how well it knew where it was, and what it found. Pure; reads what `truth.py` writes.
+"""Scores a run against the ground truth: the error of its trajectory, and the tags and flowers that it found.
 
-The robot's map begins where it woke up and turns with its first errors, so both trajectories are first laid over each
-other by the rigid motion that fits best; tags are compared after the same motion.
+Input is what `truth.py` writes. The robot's map starts at its start pose and is rotated by its first errors, so the
+trajectories are first aligned by the best rigid motion; tags are compared after the same motion.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from lupin_runtime.geometry import Pose2
 
 Array = NDArray[np.float64]
-# With less way than this the heading of an alignment is noise: the start pose stands in for it.
-SHORTEST_WAY_M = 0.5
+# On a shorter path the rotation of an alignment is noise, so the start pose is used instead.
+MIN_PATH_M = 0.5
 
 
 @dataclass(frozen=True)
 class EstimatedTag:
-    """What a run says about a tag, in its map frame: metres; `species` "" and `anomaly` False for no flower seen."""
+    """A tag in the result of a run: metres in the map frame. Without a flower, `species` is "" and `anomaly` False."""
 
     id: int
     x: float
@@ -36,7 +36,7 @@ class EstimatedTag:
 
 @dataclass(frozen=True)
 class Score:
-    """The figures of a run; None where there is nothing to compare. Errors are metres after alignment."""
+    """The score of a run; None for a value without data. Errors are in metres, after alignment."""
 
     tags_total: int
     tags_reachable: int
@@ -56,7 +56,7 @@ class Score:
     world_from_map: tuple[float, float, float]
 
     def as_json(self) -> dict[str, Any]:
-        """Plain JSON values."""
+        """The score as JSON values."""
         return asdict(self)
 
 
@@ -78,28 +78,30 @@ def read_tum(path: Path) -> Array:
 
 
 def positions_at(trajectory: Array, stamps: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Positions of shape (n, 2) interpolated at stamps of shape (n,), and which stamps lie within the trajectory."""
+    """Interpolate positions, shape (n, 2), at stamps of shape (n,); also returns which stamps are within the trajectory."""
     if len(trajectory) == 0:
         return np.zeros((len(stamps), 2)), np.zeros(len(stamps), bool)
     order = np.argsort(trajectory[:, 0], kind="stable")
     t = trajectory[order, 0]
-    found = np.stack([np.interp(stamps, t, trajectory[order, axis]) for axis in (1, 2)], 1)
-    return found, (stamps >= t[0]) & (stamps <= t[-1])
+    positions = np.stack([np.interp(stamps, t, trajectory[order, axis]) for axis in (1, 2)], 1)
+    return positions, (stamps >= t[0]) & (stamps <= t[-1])
 
 
 def align(estimated: Array, true: Array) -> Pose2:
-    """The rigid motion `true_from_estimated` with the least squared error between points of shape (n, 2) (Umeyama 1991,
-    without scale). Raises ValueError for fewer than 2 pairs or points that all coincide."""
+    """The rigid motion `true_from_estimated` with the smallest squared error, for points of shape (n, 2).
+
+    After Umeyama (1991), without scale. Raises ValueError for fewer than 2 pairs, or if all points coincide.
+    """
     if len(estimated) < 2 or estimated.shape != true.shape:
         raise ValueError(f"cannot align {len(estimated)} estimated with {len(true)} true positions")
     mean_e, mean_t = estimated.mean(0), true.mean(0)
     e, t = estimated - mean_e, true - mean_t
     if float((e**2).sum()) == 0.0:
         raise ValueError("cannot align positions that all coincide")
-    # In the plane the rotation of the SVD solution is this angle.
+    # In the plane, the rotation of the SVD solution has this closed form.
     yaw = math.atan2(float((e[:, 0] * t[:, 1] - e[:, 1] * t[:, 0]).sum()), float((e * t).sum()))
-    turned = Pose2(yaw=yaw).apply(float(mean_e[0]), float(mean_e[1]))
-    return Pose2(float(mean_t[0]) - turned[0], float(mean_t[1]) - turned[1], yaw)
+    rotated = Pose2(yaw=yaw).apply(float(mean_e[0]), float(mean_e[1]))
+    return Pose2(float(mean_t[0]) - rotated[0], float(mean_t[1]) - rotated[1], yaw)
 
 
 def score(truth: Mapping[str, Any], true_trajectory: Array, estimated_trajectory: Array, tags: Iterable[EstimatedTag]) -> Score:
@@ -114,8 +116,8 @@ def score(truth: Mapping[str, Any], true_trajectory: Array, estimated_trajectory
     true, within = positions_at(true_trajectory, stamps)
     estimated, true = estimated_trajectory[within, 1:3], true[within]
     if len(estimated) >= 2:
-        way = float(np.linalg.norm(np.diff(true, axis=0), axis=1).sum())
-        if way >= SHORTEST_WAY_M:
+        path_m = float(np.linalg.norm(np.diff(true, axis=0), axis=1).sum())
+        if path_m >= MIN_PATH_M:
             world_from_map = align(estimated, true)
         errors = np.linalg.norm(_apply(world_from_map, estimated) - true, axis=1)
     by_id = {tag.id: tag for tag in tags}
@@ -147,7 +149,7 @@ def _apply(pose: Pose2, points: Array) -> Array:
 
 
 def _flowers(known: Mapping[int, Any], tags: Mapping[int, EstimatedTag]) -> dict[str, int]:
-    """Per tag: was the species that grows there named, and was a bug there noticed?"""
+    """Count the tags whose species was named correctly, and those whose bugs were reported."""
     planted = {tag_id: _species(row["flowers"]) for tag_id, row in known.items() if row["flowers"]}
     bugs = {tag_id for tag_id, row in known.items() if any(flower["bug"] for flower in row["flowers"])}
     reported = {tag_id for tag_id, tag in tags.items() if tag.anomaly and tag_id in known}
@@ -161,6 +163,6 @@ def _flowers(known: Mapping[int, Any], tags: Mapping[int, EstimatedTag]) -> dict
 
 
 def _species(flowers: Sequence[Mapping[str, Any]]) -> str:
-    """What most of the flowers are; of equals the first by name."""
+    """The most frequent species; of equally frequent ones, the first by name."""
     kinds = [str(flower["species"]) for flower in flowers]
     return min(set(kinds), key=lambda kind: (-kinds.count(kind), kind))

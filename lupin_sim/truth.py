@@ -1,4 +1,4 @@
-"""What really is, written beside a run so that it can be scored: never on the graph, where the robot could read it."""
+"""Writes the ground truth of a run to files, for scoring. It is never published on the graph, where the robot could read it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import time
 from pathlib import Path
 from typing import Any
 
+from lupin_runtime.atomic_file import write_atomically
 from lupin_runtime.geometry import Pose2, quaternion_from_yaw
 from lupin_sim.engine import Simulation
-from lupin_sim.reach import reachable_tags
+from lupin_sim.reachability import reachable_tags
 from lupin_sim.world import Box, World
 
 TRUTH_FILE = "truth.json"
@@ -37,11 +38,11 @@ def _box(box: Box) -> dict[str, Any]:
 
 
 def truth(world: World) -> dict[str, Any]:
-    """The world as JSON: metres and radians in the world frame.
+    """The world as JSON values: metres and radians in the world frame.
 
     Keys: `world`, `seed`, `start` {x, y, yaw}, `bounds` [x0, y0, x1, y1], `tags` [{id, x, y, z, yaw_normal, reachable, box,
     flowers [{species, bug, x, y, z}]}], `boxes` and `walls` [{id, kind, x, y, yaw, width, depth, height}; yaw is the front's
-    outward normal, depth runs along it], `pillars` [{id, x, y, radius, height}].
+    outward normal, depth is along it], `pillars` [{id, x, y, radius, height}].
     """
     reachable = reachable_tags(world)
     return {
@@ -78,13 +79,13 @@ class TruthRecorder:
     def __init__(self, simulation: Simulation, directory: Path) -> None:
         self._simulation, self._directory = simulation, directory
         directory.mkdir(parents=True, exist_ok=True)
-        _replace(directory / TRUTH_FILE, json.dumps(truth(simulation.world), indent=1))
+        write_atomically(directory / TRUTH_FILE, json.dumps(truth(simulation.world), indent=1))
         self._trajectory = (directory / TRAJECTORY_FILE).open("w", encoding="ascii")
-        self._began_s = self._written_s = time.monotonic()
+        self._start_s = self._written_s = time.monotonic()
         self._factor = 0.0
 
     def update(self, real_time_factor: float) -> None:
-        """Call after every tick."""
+        """Record the present state; call it after every tick."""
         simulation = self._simulation
         self._factor = real_time_factor
         if simulation.tick % _TRAJECTORY_TICKS == 0:
@@ -105,12 +106,12 @@ class TruthRecorder:
         simulation = self._simulation
         collisions = simulation.collisions
         last = None
-        if collisions.last_what is not None:
-            last = {"what": collisions.last_what, "sim_time_s": collisions.last_time_s}
+        if collisions.last_object is not None:
+            last = {"what": collisions.last_object, "sim_time_s": collisions.last_time_s}
         pose = simulation.true_pose
         state = {
             "sim_time_s": simulation.time_s,
-            "wall_time_s": now_s - self._began_s,
+            "wall_time_s": now_s - self._start_s,
             "real_time_factor": self._factor,
             "collisions": collisions.count,
             "last_collision": last,
@@ -121,11 +122,4 @@ class TruthRecorder:
             "estop_pressed": simulation.estop_pressed,
         }
         self._trajectory.flush()
-        _replace(self._directory / STATE_FILE, json.dumps(state))
-
-
-def _replace(path: Path, text: str) -> None:
-    """A reader sees the old file or the new one, never half of one."""
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
+        write_atomically(self._directory / STATE_FILE, json.dumps(state))

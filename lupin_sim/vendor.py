@@ -1,4 +1,4 @@
-"""The vendor's services and actions on the simulated robot: servos, LEDs, controllers, arm and gripper."""
+"""The vendor's topics, services and actions for the simulated robot: servos, LEDs, controllers, arm and gripper."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from trajectory_msgs.msg import JointTrajectory
 from lupin_runtime import graph
 from lupin_runtime.ros import LupinNode
 from lupin_sim import mirte, trajectory
-from lupin_sim.controllers import TYPES, Outcome
+from lupin_sim.controllers import TYPES, ControllerReply
 from lupin_sim.engine import Simulation
 from lupin_sim.servos import NAMES, angle_range
 
 POLL_S = 0.05
-# The vendor's goal tolerances, and how much later than planned an arm may arrive.
+# The vendor's goal tolerances, and how late an arm may arrive.
 ARM_TOLERANCE_RAD = mirte.STALL_ERROR_RAD
 GRIPPER_TOLERANCE_RAD = 0.05
 ARRIVAL_GRACE_S = 1.5
 GRIPPER_LIMIT_S = 3.0
 
 
-class VendorSide:
-    """Wires a simulation to the names that the vendor's software answers on."""
+class VendorInterface:
+    """Connects a simulation to the names of the vendor's topics, services and actions."""
 
     def __init__(self, node: LupinNode, simulation: Simulation) -> None:
         self._node, self._simulation = node, simulation
@@ -50,23 +50,23 @@ class VendorSide:
             node.service(graph.servo_offset(name), partial(self._get_offset, index))
             node.service(graph.servo_set_offset(name), partial(self._set_offset, index))
         node.service(graph.LIST_CONTROLLERS, self._list_controllers)
-        node.service(graph.LOAD_CONTROLLER, partial(self._one_controller, simulation.controllers.load))
-        node.service(graph.CONFIGURE_CONTROLLER, partial(self._one_controller, simulation.controllers.configure))
+        node.service(graph.LOAD_CONTROLLER, partial(self._change_controller, simulation.controllers.load))
+        node.service(graph.CONFIGURE_CONTROLLER, partial(self._change_controller, simulation.controllers.configure))
         node.service(graph.SWITCH_CONTROLLER, self._switch_controllers)
         self._arm = _DeferredAction(
             node,
             FollowJointTrajectory,
             graph.ARM_FOLLOW_TRAJECTORY.name,
-            self._admit_trajectory,
-            self._begin_trajectory,
+            self._check_trajectory,
+            self._start_trajectory,
         )
         self._gripper = _DeferredAction(
-            node, GripperCommand, graph.GRIPPER_COMMAND.name, self._admit_gripper, self._begin_gripper
+            node, GripperCommand, graph.GRIPPER_COMMAND.name, self._check_gripper, self._start_gripper
         )
 
     # -- base ---------------------------------------------------------------------------------------------------------
     def _drive(self, message: Twist) -> None:
-        # Best effort, latest wins; a planar base has no use for the other three components.
+        # A planar base uses only these three components.
         self._simulation.command_twist(message.linear.x, message.linear.y, message.angular.z)
 
     # -- arm and gripper ----------------------------------------------------------------------------------------------
@@ -82,7 +82,7 @@ class VendorSide:
         with self._simulation.lock:
             self._simulation.arm.follow(parsed, self._simulation.time_s)
 
-    def _admit_trajectory(self, goal: FollowJointTrajectory.Goal) -> GoalResponse:
+    def _check_trajectory(self, goal: FollowJointTrajectory.Goal) -> GoalResponse:
         if not self._simulation.controllers.active("mirte_master_arm_controller"):
             self._warn("the arm controller is not active: goal rejected")
             return GoalResponse.REJECT
@@ -93,39 +93,39 @@ class VendorSide:
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
-    def _begin_trajectory(self, goal: FollowJointTrajectory.Goal) -> Callable[[bool], _Verdict | None]:
+    def _start_trajectory(self, goal: FollowJointTrajectory.Goal) -> Callable[[bool], _GoalEnd | None]:
         simulation = self._simulation
         parsed = _parse(goal.trajectory)
         with simulation.lock:
             number = simulation.arm.follow(parsed, simulation.time_s)
-        late_s = simulation.time_s + parsed.times_s[-1] + ARRIVAL_GRACE_S
-        wanted = parsed.points[-1]
+        deadline_s = simulation.time_s + parsed.times_s[-1] + ARRIVAL_GRACE_S
+        goal_position = parsed.points[-1]
         result = FollowJointTrajectory.Result
 
-        def poll(cancelled: bool) -> _Verdict | None:
+        def poll(cancelled: bool) -> _GoalEnd | None:
             with simulation.lock:
                 angles = list(simulation.servos.angles[:4])
                 if cancelled:
                     if simulation.arm.goals == number:
                         simulation.arm.hold(simulation.arm.command)
-                    return _Verdict("canceled", result())
+                    return _GoalEnd("canceled", result())
                 if simulation.arm.goals != number:
-                    return _Verdict("aborted", result(error_string="another trajectory took over"))
+                    return _GoalEnd("aborted", result(error_string="replaced by another trajectory"))
                 stalled = [name for name in simulation.servos.stalled if name != "gripper"]
-            error = max(abs(a - b) for a, b in zip(angles, wanted))
+            error = max(abs(a - b) for a, b in zip(angles, goal_position))
             if stalled:
                 text = f"{', '.join(stalled)} stalled"
-                return _Verdict("aborted", result(error_code=result.PATH_TOLERANCE_VIOLATED, error_string=text))
+                return _GoalEnd("aborted", result(error_code=result.PATH_TOLERANCE_VIOLATED, error_string=text))
             if simulation.arm.finished and error < ARM_TOLERANCE_RAD:
-                return _Verdict("succeeded", result(error_code=result.SUCCESSFUL))
-            if simulation.time_s > late_s:
+                return _GoalEnd("succeeded", result(error_code=result.SUCCESSFUL))
+            if simulation.time_s > deadline_s:
                 text = f"still {error:.2f} rad off"
-                return _Verdict("aborted", result(error_code=result.GOAL_TOLERANCE_VIOLATED, error_string=text))
+                return _GoalEnd("aborted", result(error_code=result.GOAL_TOLERANCE_VIOLATED, error_string=text))
             return None
 
         return poll
 
-    def _admit_gripper(self, goal: GripperCommand.Goal) -> GoalResponse:
+    def _check_gripper(self, goal: GripperCommand.Goal) -> GoalResponse:
         if not self._simulation.controllers.active("mirte_master_gripper_controller"):
             self._warn("the gripper controller is not active: goal rejected")
             return GoalResponse.REJECT
@@ -134,25 +134,25 @@ class VendorSide:
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
-    def _begin_gripper(self, goal: GripperCommand.Goal) -> Callable[[bool], _Verdict | None]:
+    def _start_gripper(self, goal: GripperCommand.Goal) -> Callable[[bool], _GoalEnd | None]:
         simulation = self._simulation
-        wanted = min(max(goal.command.position, mirte.GRIPPER_LOWER_RAD), mirte.GRIPPER_UPPER_RAD)
+        goal_position = min(max(goal.command.position, mirte.GRIPPER_LOWER_RAD), mirte.GRIPPER_UPPER_RAD)
         with simulation.lock:
-            simulation.gripper_command = wanted
-        late_s = simulation.time_s + GRIPPER_LIMIT_S
+            simulation.gripper_command = goal_position
+        deadline_s = simulation.time_s + GRIPPER_LIMIT_S
 
-        def poll(cancelled: bool) -> _Verdict | None:
+        def poll(cancelled: bool) -> _GoalEnd | None:
             with simulation.lock:
                 at = simulation.servos.angles[-1]
                 if cancelled:
                     simulation.gripper_command = at
-                taken_over = simulation.gripper_command != wanted and not cancelled
-                stalled = "gripper" in simulation.servos.stalled or simulation.time_s > late_s
-            reached = abs(at - wanted) < GRIPPER_TOLERANCE_RAD
-            if not (cancelled or taken_over or reached or stalled):
+                replaced = simulation.gripper_command != goal_position and not cancelled
+                stalled = "gripper" in simulation.servos.stalled or simulation.time_s > deadline_s
+            reached = abs(at - goal_position) < GRIPPER_TOLERANCE_RAD
+            if not (cancelled or replaced or reached or stalled):
                 return None
             result = GripperCommand.Result(position=at, stalled=stalled and not reached, reached_goal=reached)
-            return _Verdict("canceled" if cancelled else "succeeded" if reached else "aborted", result)
+            return _GoalEnd("canceled" if cancelled else "succeeded" if reached else "aborted", result)
 
         return poll
 
@@ -165,11 +165,11 @@ class VendorSide:
                 self._simulation.servos.set_angle(index, angle)
         return response
 
-    def _get_range(self, index: int, request: Any, response: Any) -> Any:
+    def _get_range(self, index: int, _request: Any, response: Any) -> Any:
         response.min, response.max = angle_range(index)
         return response
 
-    def _get_offset(self, index: int, request: Any, response: Any) -> Any:
+    def _get_offset(self, index: int, _request: Any, response: Any) -> Any:
         response.centidegrees = self._simulation.servos.offsets_counts[index]
         return response
 
@@ -181,12 +181,12 @@ class VendorSide:
     def _set_torque(self, request: Any, response: Any) -> Any:
         with self._simulation.lock:
             self._simulation.servos.set_torque(request.data)
-        return _done(response, "servos on" if request.data else "servos off")
+        return _succeed(response, "servos on" if request.data else "servos off")
 
     def _set_gate(self, request: Any, response: Any) -> Any:
         with self._simulation.lock:
             self._simulation.servos.gate_open = request.data
-        return _done(response, "arm control enabled" if request.data else "arm control disabled")
+        return _succeed(response, "arm control enabled" if request.data else "arm control disabled")
 
     def _set_leds(self, request: Any, response: Any) -> Any:
         self._simulation.set_leds(request.color.r, request.color.g, request.color.b)
@@ -195,29 +195,29 @@ class VendorSide:
 
     def _press_estop(self, request: Any, response: Any) -> Any:
         self._simulation.estop_pressed = request.data
-        return _done(response, "pressed" if request.data else "released")
+        return _succeed(response, "pressed" if request.data else "released")
 
     def _set_battery(self, message: Float32) -> None:
         if not 0.0 <= message.data <= 1.0:
-            self._warn(f"battery fraction {message.data} is not within 0..1: ignored")
+            self._warn(f"battery fraction {message.data} ignored: it is not in 0..1")
             return
         with self._simulation.lock:
             self._simulation.battery = float(message.data)
 
     # -- controller manager -------------------------------------------------------------------------------------------
-    def _list_controllers(self, request: Any, response: Any) -> Any:
+    def _list_controllers(self, _request: Any, response: Any) -> Any:
         manager = self._simulation.controllers
         response.controller = [
             ControllerState(name=name, state=manager.states[name], type=TYPES[name]) for name in manager.loaded
         ]
         return response
 
-    def _one_controller(self, change: Callable[[str], Outcome], request: Any, response: Any) -> Any:
+    def _change_controller(self, change: Callable[[str], ControllerReply], request: Any, response: Any) -> Any:
         with self._simulation.lock:
-            outcome = change(request.name)
-        if not outcome.ok:
-            self._warn(outcome.message)
-        response.ok = outcome.ok
+            reply = change(request.name)
+        if not reply.ok:
+            self._warn(reply.message)
+        response.ok = reply.ok
         return response
 
     def _switch_controllers(self, request: Any, response: Any) -> Any:
@@ -226,7 +226,7 @@ class VendorSide:
             [*request.deactivate_controllers, *request.stop_controllers],
             strict=request.strictness != SwitchController.Request.BEST_EFFORT,
         )
-        # Best effort answers ok as soon as it did what it could.
+        # With BEST_EFFORT the reply is ok even if some changes were not possible.
         response.ok = ok or request.strictness == SwitchController.Request.BEST_EFFORT
         if message:
             self._warn(message)
@@ -236,18 +236,18 @@ class VendorSide:
         self._node.get_logger().warning(text, throttle_duration_sec=1.0)
 
 
-class _Verdict:
-    """How a goal ended: a state of the goal handle and the action's result."""
+class _GoalEnd:
+    """How a goal ended: the final state of the goal handle, and the action's result."""
 
     def __init__(self, state: str, result: Any) -> None:
         self.state, self.result = state, result
 
 
 class _DeferredAction:
-    """An action whose goals are looked after by a timer.
+    """An action server whose goals are polled by a timer.
 
-    rclpy's executor spins at full speed while an asynchronous execute callback awaits something, and a blocking one would
-    hold up the node; so a goal is executed only when it is over, and that callback just hands the result in.
+    rclpy's executor spins at full speed while an asynchronous execute callback awaits something, and a blocking callback would
+    block the node. So a goal is executed only when it has ended, and its execute callback just returns the result.
     """
 
     def __init__(
@@ -255,11 +255,11 @@ class _DeferredAction:
         node: LupinNode,
         action: Any,
         name: str,
-        admit: Callable[[Any], GoalResponse],
-        begin: Callable[[Any], Callable[[bool], _Verdict | None]],
+        check: Callable[[Any], GoalResponse],
+        start: Callable[[Any], Callable[[bool], _GoalEnd | None]],
     ) -> None:
-        self._begin = begin
-        self._running: list[tuple[ServerGoalHandle, Callable[[bool], _Verdict | None]]] = []
+        self._start = start
+        self._running: list[tuple[ServerGoalHandle, Callable[[bool], _GoalEnd | None]]] = []
         self._timer = node.create_timer(POLL_S, self._poll)
         self._timer.cancel()
         self._server = ActionServer(
@@ -267,39 +267,39 @@ class _DeferredAction:
             action,
             name,
             execute_callback=self._finish,
-            goal_callback=admit,
+            goal_callback=check,
             handle_accepted_callback=self._accept,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
-        self._verdicts: dict[bytes, _Verdict] = {}
+        self._ends: dict[bytes, _GoalEnd] = {}
 
     def _accept(self, goal: ServerGoalHandle) -> None:
-        self._running.append((goal, self._begin(goal.request)))
+        self._running.append((goal, self._start(goal.request)))
         self._timer.reset()
 
     def _poll(self) -> None:
-        still = []
+        unfinished = []
         for goal, poll in self._running:
-            verdict = poll(goal.is_cancel_requested)
-            if verdict is None:
-                still.append((goal, poll))
+            end = poll(goal.is_cancel_requested)
+            if end is None:
+                unfinished.append((goal, poll))
                 continue
-            self._verdicts[bytes(goal.goal_id.uuid)] = verdict
+            self._ends[bytes(goal.goal_id.uuid)] = end
             goal.execute()
-        self._running = still
-        if not still:
+        self._running = unfinished
+        if not unfinished:
             self._timer.cancel()
 
     def _finish(self, goal: ServerGoalHandle) -> Any:
-        verdict = self._verdicts.pop(bytes(goal.goal_id.uuid))
-        # A cancel may have slipped in between the verdict and here; a cancelled goal can only end cancelled or aborted.
-        if verdict.state == "succeeded" and not goal.is_cancel_requested:
+        end = self._ends.pop(bytes(goal.goal_id.uuid))
+        # The goal may have been cancelled meanwhile; a cancelled goal can only end as canceled or aborted.
+        if end.state == "succeeded" and not goal.is_cancel_requested:
             goal.succeed()
         elif goal.is_cancel_requested:
             goal.canceled()
         else:
             goal.abort()
-        return verdict.result
+        return end.result
 
 
 def _parse(message: JointTrajectory) -> trajectory.Trajectory:
@@ -307,6 +307,6 @@ def _parse(message: JointTrajectory) -> trajectory.Trajectory:
     return trajectory.parse(message.joint_names, [p.positions for p in message.points], times_s)
 
 
-def _done(response: Any, message: str) -> Any:
+def _succeed(response: Any, message: str) -> Any:
     response.success, response.message = True, message
     return response

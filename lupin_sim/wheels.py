@@ -1,4 +1,4 @@
-"""Four mecanum wheels: from a body twist to wheel speeds and back, and the motors in between.
+"""Four mecanum wheels: kinematics between body twist and wheel speeds, and models of the motors.
 
 Twists are (vx, vy, wz) in m/s and rad/s of `base_link`; wheel speeds are rad/s in the vendor's order: front left, rear left,
 rear right, front right.
@@ -23,40 +23,40 @@ _TWIST_FROM_WHEELS = np.linalg.pinv(_WHEELS_FROM_TWIST)
 
 
 def wheels_from_twist(twist: Array) -> Array:
-    """Wheel speeds of shape (4,) that drive a twist of shape (3,), not yet limited."""
+    """The wheel speeds, shape (4,), for a twist of shape (3,), without limits."""
     return _WHEELS_FROM_TWIST @ twist
 
 
 def twist_from_wheels(speeds: Array) -> Array:
-    """The body twist of shape (3,) that fits four wheel speeds best."""
+    """The body twist, shape (3,), that fits four wheel speeds best (least squares)."""
     return _TWIST_FROM_WHEELS @ speeds
 
 
 def clamp_wheels(speeds: Array) -> Array:
-    """Each wheel on its own clipped to what its motor can do, as the vendor's controller clips: a twist beyond the limit
-    therefore changes direction too."""
+    """Limit each wheel speed separately, as the vendor's controller does; so a twist beyond the limit changes its direction."""
     return np.clip(speeds, -mirte.WHEEL_MAX_RADPS, mirte.WHEEL_MAX_RADPS)
 
 
 class Drive(Protocol):
-    """Motors and their controllers: how wheel speeds follow their set-points."""
+    """A model of motors and their controllers: how wheel speeds follow their setpoints."""
 
     speeds: Array
 
     def step(self, target: Array, dt_s: float) -> Array:
-        """Advance by `dt_s` towards the target speeds, both of shape (4,); returns the new speeds."""
+        """Advance by `dt_s` towards the target speeds, shape (4,); returns the new speeds."""
 
 
-def _braked(speeds: Array, lag_s: float, dt_s: float) -> Array:
-    """What dry friction leaves of the speeds of wheels that are told to stand. A lag alone never arrives; a geared motor
-    does. Friction is what the dead zone says of it: as much as a tenth of full drive overcomes."""
+def _apply_friction(speeds: Array, lag_s: float, dt_s: float) -> Array:
+    """Reduce the speeds of stopping wheels by dry friction, since a first-order lag alone never reaches zero.
+
+    The dead zone gives its amount: a tenth of full drive overcomes it.
+    """
     loss = mirte.WHEEL_DEAD_ZONE * mirte.WHEEL_MAX_RADPS * -math.expm1(-dt_s / lag_s)
     return np.copysign(np.maximum(np.abs(speeds) - loss, 0.0), speeds)
 
 
 class IdealDrive:
-    """Wheels that reach their set-point after a short first-order lag, within a limit on their acceleration; dry friction
-    helps them stop."""
+    """A short first-order lag with limited acceleration; dry friction at the end of a stop."""
 
     LAG_S = 0.05
     MAX_RADPS2 = 80.0  # 4 m/s^2 at the rim
@@ -67,15 +67,17 @@ class IdealDrive:
     def step(self, target: Array, dt_s: float) -> Array:
         """See Drive."""
         wanted = self.speeds + (clamp_wheels(target) - self.speeds) * -math.expm1(-dt_s / self.LAG_S)
-        wanted = np.where(target == 0.0, _braked(wanted, self.LAG_S, dt_s), wanted)
+        wanted = np.where(target == 0.0, _apply_friction(wanted, self.LAG_S, dt_s), wanted)
         limit = self.MAX_RADPS2 * dt_s
         self.speeds = self.speeds + np.clip(wanted - self.speeds, -limit, limit)
         return self.speeds
 
 
 class VendorDrive:
-    """The vendor's wheel pipeline: a 10 Hz PID without feed-forward, integer percent of full speed, a dead zone of 10 %, a
-    motor with a 0.1 s lag. Inferred from the vendor's configuration; no robot was measured."""
+    """The vendor's wheel control: 10 Hz PID without feedforward, output in integer percent, dead zone 10 %, motor lag 0.1 s.
+
+    Inferred from the vendor's configuration, not measured on a robot.
+    """
 
     PERIOD_S = 0.1
     GAINS = (1.5, 0.5, 0.01)  # proportional, integral, derivative
@@ -97,7 +99,7 @@ class VendorDrive:
             self._tick(clamp_wheels(target))
         driven = self._percent / 100.0 * mirte.WHEEL_MAX_RADPS
         self.speeds = self.speeds + (driven - self.speeds) * -math.expm1(-dt_s / self.LAG_S)
-        self.speeds = np.where(target == 0.0, _braked(self.speeds, self.LAG_S, dt_s), self.speeds)
+        self.speeds = np.where(target == 0.0, _apply_friction(self.speeds, self.LAG_S, dt_s), self.speeds)
         return self.speeds
 
     def _tick(self, target: Array) -> None:
@@ -106,7 +108,7 @@ class VendorDrive:
         self._integral = np.clip(self._integral + error * self.PERIOD_S * i, -self.INTEGRAL_LIMIT, self.INTEGRAL_LIMIT)
         output = p * error + self._integral + d * (error - self._last_error) / self.PERIOD_S
         self._last_error = error
-        # A stop is a stop: with the integral left in, the wheels would creep on after it.
+        # Reset the integral at a stop, or the wheels would continue to creep.
         stopped = target == 0.0
         self._integral[stopped] = 0.0
         output[stopped] = 0.0

@@ -1,4 +1,4 @@
-"""A greenhouse as data: metres and radians in the world frame, which nobody but the simulator knows."""
+"""A greenhouse as data: metres and radians in the world frame, which only the simulator knows."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from dataclasses import dataclass, field, replace
 from lupin_runtime.geometry import Pose2
 
 TAG_EDGE_M = 0.100  # black square
-TAG_PLATE_M = 0.125  # with the white quiet zone, one module on each side
+TAG_PLATE_M = 0.125  # black square and white margin of one module on each side
 TAG_HEIGHT_M = 0.15  # plate centre above the floor
 BOX_HEIGHT_M = 0.30
 WALL_THICKNESS_M = 0.10
-WALL_HEIGHT_M = 0.5  # above the lidar and the body camera, low enough for people's pictures to look over it
+WALL_HEIGHT_M = 0.5  # above lidar and body camera, low enough for pictures from outside
 SPECIES = ("tulip_red", "tulip_white", "tulip_pink")
 
 
 @dataclass(frozen=True)
 class Box:
-    """A solid cuboid standing on the floor. `yaw` is the outward normal of its front face, `depth` runs along that
-    normal, `width` across it. `kind` is planter, crate or wall."""
+    """A solid cuboid on the floor. `yaw` is the outward normal of its front, `depth` is along this normal, `width` across.
+
+    `kind` is planter, crate or wall.
+    """
 
     name: str
     x: float
@@ -32,21 +34,21 @@ class Box:
 
     @property
     def pose(self) -> Pose2:
-        """Centre, heading along the front normal."""
+        """The centre, heading along the normal of the front."""
         return Pose2(self.x, self.y, self.yaw)
 
     def corners(self) -> tuple[tuple[float, float], ...]:
-        """Footprint, counter-clockwise from front right."""
+        """The corners of the footprint, counterclockwise from front right."""
         d, w = self.depth / 2, self.width / 2
         return tuple(self.pose.apply(u, v) for u, v in ((d, -w), (d, w), (-d, w), (-d, -w)))
 
     def distance_to(self, x: float, y: float) -> float:
-        """Metres from a point to the footprint, 0 inside."""
+        """The distance from a point to the footprint, m; 0 inside."""
         u, v = self.pose.inverse().apply(x, y)
         return math.hypot(max(0.0, abs(u) - self.depth / 2), max(0.0, abs(v) - self.width / 2))
 
     def faces(self) -> tuple[tuple[Pose2, float], ...]:
-        """The four sides as (face centre heading outwards, face width)."""
+        """The four sides: pose of the centre, heading outwards, and width."""
         sides = (
             (self.depth / 2, 0.0, self.width),
             (self.width / 2, math.pi / 2, self.depth),
@@ -69,7 +71,7 @@ class Pillar:
 
 @dataclass(frozen=True)
 class Tag:
-    """An AprilTag plate: its centre and the outward normal's heading; `box` names what it hangs on."""
+    """An AprilTag plate: its centre, and the heading of its outward normal; `box` is the name of the box that it hangs on."""
 
     id: int
     x: float
@@ -80,13 +82,13 @@ class Tag:
 
     @property
     def pose(self) -> Pose2:
-        """Plate centre, heading along the outward normal."""
+        """The centre of the plate, heading along the outward normal."""
         return Pose2(self.x, self.y, self.yaw)
 
 
 @dataclass(frozen=True)
 class Flower:
-    """A bloom: `z` is the centre of its head, `base_z` where the stem starts; `facing` is where a bug on it sits."""
+    """A flower: `z` is the centre of its head, `base_z` the start of its stem, `facing` the heading of a bug on it."""
 
     species: str
     bug: bool
@@ -100,7 +102,7 @@ class Flower:
 
 @dataclass(frozen=True)
 class World:
-    """A whole greenhouse. `bounds` is (x0, y0, x1, y1) inside the outer walls; `start` is where the robot wakes up."""
+    """A whole greenhouse. `bounds` is (x0, y0, x1, y1) inside the outer walls; `start` is the robot's start pose."""
 
     name: str
     bounds: tuple[float, float, float, float]
@@ -132,7 +134,7 @@ class World:
         )
 
     def clearance(self, x: float, y: float) -> float:
-        """Metres from a point to the nearest solid or to the bounds; 0 inside something."""
+        """The distance from a point to the nearest solid or the bounds, m; 0 inside a solid."""
         x0, y0, x1, y1 = self.bounds
         nearest = max(0.0, min(x - x0, x1 - x, y - y0, y1 - y))
         for box in self.boxes:
@@ -143,12 +145,12 @@ class World:
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Length and breadth inside the walls."""
+        """Length and breadth inside the walls, m."""
         x0, y0, x1, y1 = self.bounds
         return x1 - x0, y1 - y0
 
     def tag(self, tag_id: int) -> Tag:
-        """The tag of an id; KeyError names the ones there are."""
+        """The tag with this id. Raises KeyError."""
         for tag in self.tags:
             if tag.id == tag_id:
                 return tag

@@ -1,7 +1,7 @@
-"""The PEP 517 backend: setuptools, with the interface packages of this folder as what is to be built.
+"""The PEP 517 backend: setuptools, which builds the interface packages of this folder.
 
-A backend and not a setup.py: colcon takes a folder with a setup.py for a Python package and looks no further, so that it
-would not find the ament packages beside it.
+There is no setup.py, because colcon treats a folder with a setup.py as a Python package and does not search it for the ament
+packages.
 """
 
 from pathlib import Path
@@ -14,11 +14,11 @@ from .packages import discover, installed_definitions
 
 
 class _Backend(_BuildMetaBackend):
-    """Calls ``setup()`` itself where setuptools would run a setup.py."""
+    """Calls ``setup()`` directly, where setuptools would run a setup.py."""
 
-    def run_setup(self, setup_script: str = "setup.py") -> None:
+    def run_setup(self, setup_script: str = "setup.py") -> None:  # noqa: ARG002 -- setuptools' signature
         packages = discover(INTERFACES)
-        Path(EDITABLE_FOLDER).mkdir(parents=True, exist_ok=True)  # setuptools wants its package folder to exist
+        Path(EDITABLE_FOLDER).mkdir(parents=True, exist_ok=True)  # setuptools requires that its package folder exists
         setup(
             cmdclass={"build_ext": BuildInterfaces},
             ext_modules=[Extension(package.extension_module, sources=[]) for package in packages],

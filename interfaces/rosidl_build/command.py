@@ -1,4 +1,4 @@
-"""The setuptools command: everything from definitions to importable packages, inside ``build_ext``."""
+"""The setuptools command ``build_ext``: builds importable packages from interface definitions."""
 
 import fcntl
 import os
@@ -20,19 +20,19 @@ from .toolchain import find_toolchain
 INTERFACES = Path(__file__).resolve().parents[1]
 ModuleFileName = Callable[[InterfacePackage], str]
 EDITABLE_FOLDER = "build/editable"
-"""Where an editable install keeps the generated packages (and every install its egg-info), out of git."""
+"""The folder of generated packages in an editable install, and of the egg-info in every install; git ignores it."""
 
 
 class BuildInterfaces(build_ext):
-    """Generates and compiles the interface packages in place of compiling listed sources."""
+    """Generates and compiles the interface packages instead of listed extension sources."""
 
     def run(self) -> None:
         """Build every package into ``build_lib``, or into EDITABLE_FOLDER for an editable install."""
         target_root = INTERFACES / EDITABLE_FOLDER if self.inplace else Path(self.build_lib).resolve()
-        # not build_temp, which is a new folder for each editable build
+        # not build_temp, which is a new folder in each editable build
         work_dir = INTERFACES / "build" / f"rosidl-{sysconfig.get_config_var('SOABI')}"
-        with _only_one_in(work_dir):
-            for leftover in target_root.glob("*/__init__.py"):  # what a removed definition left would be shipped
+        with _exclusive(work_dir):
+            for leftover in target_root.glob("*/__init__.py"):  # else files of removed definitions would be installed
                 shutil.rmtree(leftover.parent)
             build(discover(INTERFACES), work_dir, target_root, self._module_file_name)
 
@@ -41,9 +41,9 @@ class BuildInterfaces(build_ext):
 
 
 def build(packages: list[InterfacePackage], work_dir: Path, target_root: Path, module_file_name: ModuleFileName) -> None:
-    """Build ``packages`` (each after those it depends on) as importable folders in ``target_root``.
+    """Build ``packages``, sorted by dependency, as importable folders in ``target_root``.
 
-    ``work_dir`` keeps everything on the way, so that a later call builds only what has changed.
+    ``work_dir`` keeps all intermediate files, so that a later call builds only changed packages.
     """
     started = time.monotonic()
     toolchain = find_toolchain()
@@ -87,8 +87,8 @@ def build(packages: list[InterfacePackage], work_dir: Path, target_root: Path, m
 
 
 @contextmanager
-def _only_one_in(work_dir: Path) -> Iterator[None]:
-    """Wait for other builds of this source tree; two developers may share it."""
+def _exclusive(work_dir: Path) -> Iterator[None]:
+    """Lock ``work_dir``: waits for other builds of this source tree, which developers may share."""
     work_dir.mkdir(parents=True, exist_ok=True)
     with (work_dir / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

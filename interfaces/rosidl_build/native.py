@@ -1,7 +1,7 @@
-"""Generated sources → one extension module a package.
+"""Compiles the generated sources of a package and links them into one extension module.
 
-Hundreds of small files are compiled as a few unity translation units, and everything a package needs (C structs, both
-type supports, dispatch, Python glue) is linked into the one library that Python imports.
+Hundreds of small files are compiled as a few translation units that include them. All parts of a package (C structs, both type
+supports, dispatch, Python bindings) are linked into the one library that Python imports.
 """
 
 import os
@@ -20,7 +20,7 @@ STOCK_LOOKUPS = {
     "rosidl_typesupport_c__get_message_typesupport_handle_function": "rosidl_build_message_type_support",
     "rosidl_typesupport_c__get_service_typesupport_handle_function": "rosidl_build_service_type_support",
 }
-"""Functions of librosidl_typesupport_c, and those of self_lookup.c that stand in for them."""
+"""Functions of librosidl_typesupport_c, and their replacements in self_lookup.c."""
 
 RUNTIME_LIBRARIES = (
     "rosidl_runtime_c",
@@ -43,19 +43,19 @@ GENERATED_LIBRARIES = (
 
 @dataclass(frozen=True)
 class TranslationUnit:
-    """A file to compile, and how many generated sources it pulls in (its weight when work is shared out)."""
+    """A file to compile, and the number of generated sources that it includes, as its weight in the order of compilation."""
 
     path: Path
     weight: int
 
     @property
     def object(self) -> Path:
-        """The object file that it is compiled to."""
+        """The object file."""
         return self.path.with_name(self.path.name + ".o")
 
 
 def write_units(described: DescribedPackage, object_dir: Path) -> list[TranslationUnit]:
-    """Write the unity translation units of a package."""
+    """Write the translation units of a package."""
     object_dir.mkdir(parents=True)
     groups: dict[str, list[Path]] = {}
     for generator in GENERATORS:
@@ -81,7 +81,7 @@ def _unit_name(source: Path, root: Path, generator: str) -> str:
     if source.parent == root:
         return f"module{source.suffix}"  # defines PyInit_*
     if source.name.endswith("__description.c"):
-        return f"{kind}.{source.name}"  # their file-level names clash: a unit each
+        return f"{kind}.{source.name}"  # separate units, because their file-level names clash
     return f"{kind}.{generator}{source.suffix}"
 
 
@@ -103,8 +103,8 @@ def compile_units(units: Iterable[TranslationUnit], include_dirs: Iterable[Path]
 def link(target: Path, objects: Iterable[Path], siblings: dict[str, Path], toolchain: Toolchain) -> None:
     """Link an extension module.
 
-    ``siblings`` are the modules of packages that this one may use, by package name. At run time they and the ROS
-    libraries are found relative to the module: ``site-packages/<package>/`` to ``site-packages/`` and ``<prefix>/lib``.
+    ``siblings`` are the modules of packages that this one may use, by package name. At run time the module finds them
+    and the ROS libraries by relative paths: ``site-packages/<package>/`` to ``site-packages/`` and ``<prefix>/lib``.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     libraries = [f"-l:lib{name}.so" for name in RUNTIME_LIBRARIES]
@@ -121,11 +121,11 @@ def link(target: Path, objects: Iterable[Path], siblings: dict[str, Path], toolc
 
 
 def cpu_count() -> int:
-    """Cores this process may use; fewer than the machine has, in a container."""
+    """The number of cores that this process may use; in a container it can be fewer than the machine has."""
     return len(os.sched_getaffinity(0))
 
 
 def _run(command: list[str]) -> None:
     result = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
     if result.returncode:
-        raise SystemExit(f"{shlex.join(command)}\nended with {result.returncode}:\n{result.stdout}")
+        raise SystemExit(f"{shlex.join(command)}\nexited with status {result.returncode}:\n{result.stdout}")

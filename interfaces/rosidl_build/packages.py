@@ -1,4 +1,4 @@
-"""The interface packages in a folder: what each defines, and in which order they must be built."""
+"""Finds the interface packages of a folder, with their definitions, in the order of their dependencies."""
 
 import re
 from dataclasses import dataclass
@@ -29,9 +29,9 @@ class InterfacePackage:
 def read_package(folder: Path) -> InterfacePackage:
     """Read the ament interface package in ``folder``.
 
-    Raises SystemExit when its package.xml names another package than the folder does.
+    Raises SystemExit if the name in package.xml differs from the folder's.
     """
-    manifest = ElementTree.parse(folder / "package.xml").getroot()
+    manifest = ElementTree.parse(folder / "package.xml").getroot()  # noqa: S314 -- our own files
     name = manifest.findtext("name", "").strip()
     if name != folder.name:
         raise SystemExit(f"{folder / 'package.xml'}: expected <name>{folder.name}</name>, found <name>{name}</name>")
@@ -44,7 +44,7 @@ def read_package(folder: Path) -> InterfacePackage:
 
 
 def discover(root: Path) -> list[InterfacePackage]:
-    """All interface packages directly under ``root``, each after those it depends on."""
+    """All interface packages directly below ``root``, sorted by dependency. Raises SystemExit for a circle."""
     packages = {p.name: p for p in (read_package(m.parent) for m in sorted(root.glob("*/package.xml")))}
     graph = {name: sorted(p.depends & packages.keys()) for name, p in sorted(packages.items())}
     try:
@@ -64,9 +64,9 @@ def referenced_packages(package: InterfacePackage) -> set[str]:
 
 
 def installed_definitions(packages: list[InterfacePackage]) -> list[tuple[str, list[str]]]:
-    """A wheel's ``data_files``: definitions, package.xml, CMakeLists.txt under ``share/<package>/``, as ROS packages have them.
+    """The wheel's ``data_files``: definitions, package.xml and CMakeLists.txt in ``share/<package>/``, as in ROS packages.
 
-    Recorders and introspection tools read a type's text from there.
+    Recorders and introspection tools read the definitions there.
     """
     files: dict[str, list[str]] = {}
     for package in packages:

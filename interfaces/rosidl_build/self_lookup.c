@@ -1,9 +1,9 @@
 /* Type support lookup inside one library.
  *
- * The stock rosidl_typesupport_c finds an implementation by dlopen("lib<package>__<typesupport>.so"), which needs five
- * libraries a package and LD_LIBRARY_PATH. Here all of a package is linked into its one Python extension module, so the
- * symbol is looked up in the very library that holds this function. The compiler is told to use these two in place of
- * the stock functions of rosidl_typesupport_c/{message,service}_type_support_dispatch.h.
+ * The original rosidl_typesupport_c finds an implementation by dlopen("lib<package>__<typesupport>.so"), which needs five
+ * libraries per package and LD_LIBRARY_PATH. Here a package is linked into one Python extension module, so the symbol is looked
+ * up in the library that contains this function. Compiler flags (native.py) replace the original functions of
+ * rosidl_typesupport_c/{message,service}_type_support_dispatch.h by the two below.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>

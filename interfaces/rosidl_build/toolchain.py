@@ -1,4 +1,4 @@
-"""What a build needs from the machine and from the ROS wheels, looked up once and complained about in full."""
+"""Finds the compilers, headers and ROS wheels that a build needs, and reports everything that is missing at once."""
 
 import importlib
 import os
@@ -12,7 +12,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Toolchain:
-    """Compilers, and the folders in which headers and libraries lie."""
+    """The compilers, and the folders of headers and libraries."""
 
     c_compiler: tuple[str, ...]
     cxx_compiler: tuple[str, ...]
@@ -27,12 +27,12 @@ class Toolchain:
 
 
 def find_toolchain() -> Toolchain:
-    """Look for compilers, Python headers, and ROS wheels.
+    """Find compilers, Python headers and ROS wheels.
 
     ``CC``, ``CXX`` and ``LUPIN_INTERFACES_OPTIMISATION`` (default ``-O1``: half the compile time of ``-O2``; the
-    generated code only copies fields) override what is used.
+    generated code only copies fields) override the defaults.
 
-    Raises SystemExit with everything that is missing and how to install it.
+    Raises SystemExit with everything that is missing, and how to install it.
     """
     c_compiler = tuple(shlex.split(os.environ.get("CC", "gcc")))
     cxx_compiler = tuple(shlex.split(os.environ.get("CXX", "g++")))
@@ -58,7 +58,7 @@ def find_toolchain() -> Toolchain:
 
 
 def ros_wheels_prefix() -> Path:
-    """The prefix that the ROS wheels were unpacked in: a virtual environment, or pip's isolated build environment."""
+    """The prefix of the installed ROS wheels: a virtual environment, or pip's isolated build environment."""
     try:
         generator = importlib.import_module("rosidl_generator_c")
     except ImportError:

@@ -1,6 +1,7 @@
-"""The arm: limits, presets, trajectories, the library of poses and sequences, and the one owner of all its motion.
+"""The arm: limits, presets, trajectories, the library of poses and sequences, and the object through which all motion goes.
 
-Cores only; the nodes are in `lupin_runtime.arm.node`, and `python -m lupin_runtime.arm.auto_home` brings the arm up.
+This package exports the cores. The nodes are in `lupin_runtime.arm.node`; `python -m lupin_runtime.arm.auto_home` activates the
+controllers and moves the arm home.
 """
 
 from lupin_runtime.arm.library import Library, LibraryError, StoredPose, StoredSequence, Waypoint

@@ -1,7 +1,8 @@
-"""Heal the vendor's controllers, then send the arm to `home`. Run as `python -m lupin_runtime.arm.auto_home [--patience S]`.
+"""Activates the vendor's controllers, then moves the arm to `home`: `python -m lupin_runtime.arm.auto_home [--patience S]`.
 
-The robot's boot runs it, and so does `lupin home`. A line per step says what was found and what was done. Exit status 0 when
-the arm was sent home (or LUPIN_AUTO_HOME says no), 1 with the reason otherwise. Every wait is bounded, in real time.
+The robot runs it at boot, and `lupin home` runs it on request. It prints a line per step with what it found and did. Exit
+status: 0 the arm was sent home, or LUPIN_AUTO_HOME disables this; 4 the e-stop was engaged, also for a moment: it is not
+repeated; 1 otherwise, with the reason. Every wait is bounded.
 """
 
 from __future__ import annotations
@@ -21,41 +22,48 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.task import Future
 
 from lupin_runtime import graph
-from lupin_runtime.arm.controllers import complaints, next_step
-from lupin_runtime.arm.states import arm_state
+from lupin_runtime.arm.controllers import inactive_controllers, next_step
+from lupin_runtime.arm.joint_state import arm_state
+from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 OPT_OUT = ("false", "0", "no", "off")
 RETRY_S = 1.0
+ESTOPPED = 4  # exit status; named in RestartPreventExitStatus of the systemd unit
 
 
 class NotHome(RuntimeError):
-    """The arm was not sent home; the message says what was missing."""
+    """The arm was not sent home; the message gives the reason."""
+
+
+class Estopped(NotHome):
+    """The e-stop was engaged after this program started, so that its command is older than the release."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """How long each step may take, and all of them together, s."""
+    """The largest duration of each step, and of all steps together, in seconds."""
 
     manager_s: float = 30.0
     visible_s: float = 60.0
     poll_s: float = 2.0
     call_s: float = 15.0
-    again_s: float = 3.0
+    list_repeat_s: float = 3.0
     joint_states_s: float = 30.0
     preset_s: float = 30.0
     settle_s: float = 2.0
     home_s: float = 10.0
-    longest_s: float = 220.0
+    total_s: float = 220.0
 
 
 def opted_out(environment: Mapping[str, str]) -> bool:
-    """Whether LUPIN_AUTO_HOME says no."""
+    """Whether LUPIN_AUTO_HOME disables auto-home."""
     return environment.get("LUPIN_AUTO_HOME", "").strip().lower() in OPT_OUT
 
 
 class AutoHome:
-    """The steps, in order. `say` gets a line per step."""
+    """Runs the steps in order; `say` is called with a line per step."""
 
     def __init__(self, node: LupinNode, limits: Limits | None = None, say: Callable[[str], None] = print) -> None:
         self._limits, self._say = limits or Limits(), say
@@ -67,25 +75,26 @@ class AutoHome:
         self._configure = node.client(graph.CONFIGURE_CONTROLLER)
         self._switch = node.client(graph.SWITCH_CONTROLLER)
         self._preset = node.client(graph.ARM_PRESET)
-        self._arm_heard = False
+        self._arm_received = False
+        subscribe_estop(node, self._on_estop)
         node.subscription(graph.JOINT_STATES, self._on_joint_states)
 
     def run(self) -> None:
-        """Do all steps. Raises NotHome."""
-        self.heal()
-        self._wait(lambda: self._arm_heard, self._limits.joint_states_s, "/joint_states with all four arm joints")
+        """Run all steps. Raises NotHome."""
+        self.activate_controllers()
+        self._wait(lambda: self._arm_received, self._limits.joint_states_s, "/joint_states with all four arm joints")
         self._wait(self._preset.service_is_ready, self._limits.preset_s, f"the service {graph.ARM_PRESET.name}")
         self._spin_for(self._limits.settle_s)
         self._go_home()
 
-    def heal(self) -> None:
-        """Bring every controller to `active`. Raises NotHome, naming each that is not."""
+    def activate_controllers(self) -> None:
+        """Load, configure and activate every controller. Raises NotHome, naming each that is not active."""
         limits = self._limits
         self._wait(self._list.service_is_ready, limits.manager_s, f"the service {graph.LIST_CONTROLLERS.name}")
         deadline = time.monotonic() + limits.visible_s
         states = self._states(limits.visible_s)
         self._report("found", states)
-        # The vendor's spawners are at work at boot: what they load need not be loaded by us.
+        # At boot the vendor's spawners are still running: first give them time to load the controllers.
         while any(name not in states for name in graph.CONTROLLERS) and time.monotonic() < deadline:
             self._spin_for(limits.poll_s)
             states = self._states()
@@ -101,12 +110,12 @@ class AutoHome:
                 self._activate(list(step.activate))
             states = self._states()
             self._report("now", states)
-        wrong = complaints(states, graph.CONTROLLERS)
+        wrong = inactive_controllers(states, graph.CONTROLLERS)
         if wrong:
             raise NotHome(f"controllers not active: {', '.join(wrong)}; see journalctl -u mirte-ros")
 
     def _report(self, when: str, states: Mapping[str, str]) -> None:
-        wrong = complaints(states, graph.CONTROLLERS)
+        wrong = inactive_controllers(states, graph.CONTROLLERS)
         self._say(f"{when}: {', '.join(wrong)}" if wrong else f"{when}: all {len(graph.CONTROLLERS)} controllers are active")
 
     def _go_home(self) -> None:
@@ -116,8 +125,10 @@ class AutoHome:
             if answer is not None and answer.success:
                 self._say(f"arm: {answer.message}")
                 return
+            if answer is not None and answer.message.startswith(ESTOP_ENGAGED):
+                raise Estopped(answer.message)
             if time.monotonic() + RETRY_S > deadline:
-                reason = "no answer" if answer is None else answer.message
+                reason = "no response" if answer is None else answer.message
                 raise NotHome(f"{graph.ARM_PRESET.name} did not send the arm home: {reason}")
             self._spin_for(RETRY_S)
 
@@ -131,35 +142,35 @@ class AutoHome:
         )
 
     def _states(self, patience_s: float = 0.0) -> dict[str, str]:
-        """What the manager lists. Raises NotHome where it never does: loading on a guess would only make it worse.
+        """The states that the controller manager lists. Raises NotHome where it does not respond.
 
-        An answer is lost where the manager doesn't know yet who asked, so it is asked anew; the first answer to any of the
-        questions counts, however late it is.
+        A response is lost while the manager has not yet discovered this client, so the request is repeated; the first response
+        to any of the requests counts.
         """
         deadline = time.monotonic() + self._left_s(self._limits.call_s + patience_s)
-        asked: list[Future] = []
+        requests: list[Future] = []
         try:
             while (left_s := deadline - time.monotonic()) > 0.0:
-                asked.append(self._list.call_async(self._list.srv_type.Request()))
-                again = time.monotonic() + min(self._limits.again_s, left_s)
-                while time.monotonic() < again:
+                requests.append(self._list.call_async(self._list.srv_type.Request()))
+                repeat = time.monotonic() + min(self._limits.list_repeat_s, left_s)
+                while time.monotonic() < repeat:
                     self._executor.spin_once(timeout_sec=0.1)
-                    if answered := next(filter(Future.done, asked), None):
-                        return {item.name: item.state for item in answered.result().controller}
+                    if done := next(filter(Future.done, requests), None):
+                        return {item.name: item.state for item in done.result().controller}
         finally:
-            for question in asked:
-                self._list.remove_pending_request(question)
-        raise NotHome(f"{graph.LIST_CONTROLLERS.name} is there and never answered; see journalctl -u mirte-ros")
+            for request in requests:
+                self._list.remove_pending_request(request)
+        raise NotHome(f"{graph.LIST_CONTROLLERS.name} has a server that does not respond; see journalctl -u mirte-ros")
 
     def _call(self, client: Client, what: str, limit_s: float | None = None, /, **fields: Any) -> Any:
-        """The answer of a service, or None where there was none in time. What came of it shows in what is listed next."""
+        """The response of a service, or None after the limit. The next list of controllers shows its effect."""
         if what:
             self._say(what)
         future = client.call_async(client.srv_type.Request(**fields))
         self._executor.spin_until_future_complete(future, self._left_s(self._limits.call_s if limit_s is None else limit_s))
         if not future.done():
             client.remove_pending_request(future)
-            self._say(f"no answer from {client.srv_name}")
+            self._say(f"no response from {client.srv_name}")
             return None
         answer = future.result()
         if what and not getattr(answer, "ok", True):
@@ -167,14 +178,18 @@ class AutoHome:
         return answer
 
     def _left_s(self, limit_s: float) -> float:
-        """`limit_s`, or what is left of the whole where that is less. Raises NotHome when nothing is."""
-        left_s = self._began_s + self._limits.longest_s - time.monotonic()
+        """`limit_s`, but at most what is left of the total. Raises NotHome where nothing is left."""
+        left_s = self._began_s + self._limits.total_s - time.monotonic()
         if left_s <= 0.0:
-            raise NotHome(f"gave up after {self._limits.longest_s:g} s; see journalctl -u mirte-ros -u lupin-onboard")
+            raise NotHome(f"gave up after {self._limits.total_s:g} s; see journalctl -u mirte-ros -u lupin-onboard")
         return min(limit_s, left_s)
 
+    def _on_estop(self, engaged: bool) -> None:
+        if engaged:
+            raise Estopped(f"{ESTOP_ENGAGED}: the arm is not moved; after its release: lupin home")
+
     def _on_joint_states(self, message: Any) -> None:
-        self._arm_heard = self._arm_heard or arm_state(message.name, message.position, 0) is not None
+        self._arm_received = self._arm_received or arm_state(message.name, message.position, 0) is not None
 
     def _wait(self, condition: Callable[[], bool], limit_s: float, what: str) -> None:
         limit_s = self._left_s(limit_s)
@@ -192,20 +207,20 @@ class AutoHome:
             self._executor.spin_once(timeout_sec=min(0.1, left_s))
 
     def close(self) -> None:
-        """Stop the executor; before rclpy is shut down."""
+        """Stop the executor; call it before the shutdown of rclpy."""
         self._executor.shutdown(timeout_sec=2.0)
 
 
 def main(arguments: list[str]) -> int:
-    """Run all steps once."""
-    parser = argparse.ArgumentParser(prog="auto_home", description="Heal the controllers, then send the arm home.")
+    """Run all steps once; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="auto_home", description="Activate the controllers, then send the arm home.")
     visible_s = Limits().visible_s
     parser.add_argument(
-        "--patience", type=float, default=visible_s, help="s for the vendor to load a missing controller itself"
+        "--patience", type=float, default=visible_s, help="seconds to wait until the vendor has loaded its controllers"
     )
     patience_s = parser.parse_args(arguments).patience
     if opted_out(os.environ):
-        print("LUPIN_AUTO_HOME says no: the arm stays where it is")
+        print("LUPIN_AUTO_HOME disables auto-home: the arm is not moved")
         return 0
     began_s = time.monotonic()
 
@@ -219,9 +234,9 @@ def main(arguments: list[str]) -> int:
         home.run()
     except NotHome as reason:
         print(reason, file=sys.stderr)
-        return 1
+        return ESTOPPED if isinstance(reason, Estopped) else 1
     except ExternalShutdownException:
-        print("told to end before the arm was home", file=sys.stderr)
+        print("stopped before the arm was home", file=sys.stderr)
         return 1
     finally:
         home.close()
@@ -234,4 +249,4 @@ if __name__ == "__main__":
     status = main(sys.argv[1:])
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(status)  # nothing is left to do, and the middleware's threads may take their time
+    os._exit(status)  # all output is flushed, and the middleware's threads may end slowly

@@ -1,4 +1,4 @@
-"""What it takes to bring the vendor's controllers to `active`, from what the controller manager lists."""
+"""Decides which calls activate the vendor's controllers, from the controller manager's list."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ FINALIZED = "finalized"
 
 
 @dataclass(frozen=True)
-class Healing:
-    """The next thing to do: at most one kind of call at a time, since each changes what the manager lists."""
+class ActivationStep:
+    """The next calls; only one of the fields is set, because each kind of call changes the manager's list."""
 
     load: tuple[str, ...] = ()
     configure: tuple[str, ...] = ()
@@ -22,21 +22,21 @@ class Healing:
         return bool(self.load or self.configure or self.activate)
 
 
-def next_step(states: Mapping[str, str], targets: Iterable[str]) -> Healing:
-    """What to do next so that every target is active: load those missing, then configure, then activate.
+def next_step(states: Mapping[str, str], targets: Iterable[str]) -> ActivationStep:
+    """The next step towards active targets: load the missing ones, then configure, then activate.
 
-    A finalized controller is left alone; only its unloading would help, and that is not ours to do.
+    A finalized controller is skipped: it could only be unloaded, which is left to the vendor's software.
     """
     targets = tuple(targets)
     load = tuple(name for name in targets if name not in states)
     if load:
-        return Healing(load=load)
+        return ActivationStep(load=load)
     configure = tuple(name for name in targets if states[name] == UNCONFIGURED)
     if configure:
-        return Healing(configure=configure)
-    return Healing(activate=tuple(name for name in targets if states[name] not in (ACTIVE, FINALIZED)))
+        return ActivationStep(configure=configure)
+    return ActivationStep(activate=tuple(name for name in targets if states[name] not in (ACTIVE, FINALIZED)))
 
 
-def complaints(states: Mapping[str, str], targets: Iterable[str]) -> tuple[str, ...]:
-    """Per target that is not active, what it is instead. A missing one is a failure like any other."""
+def inactive_controllers(states: Mapping[str, str], targets: Iterable[str]) -> tuple[str, ...]:
+    """A phrase for every target that is not active, with its state. A missing controller counts like any other."""
     return tuple(f"{name} is {states.get(name, 'not loaded')}" for name in targets if states.get(name) != ACTIVE)

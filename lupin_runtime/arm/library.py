@@ -1,4 +1,4 @@
-"""Stored poses and sequences of the arm, their names, and their JSON."""
+"""Stored poses and sequences of the arm: their names and their JSON format."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from typing import Any
 from lupin_runtime.arm.limits import Arm
 
 VERSION = 1
-_LARGEST = 1e6  # rad or s; a whole number may be too large to be a float at all
+_MAX_NUMBER = 1e6  # rad or s; also rejects integers that are too large for a float
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
 
 
 class LibraryError(ValueError):
-    """What was asked cannot be done; the message says why."""
+    """A request that cannot be fulfilled; the message gives the reason."""
 
 
 @dataclass(frozen=True)
 class StoredPose:
-    """`arm` and `gripper` in rad; `gripper` None leaves the gripper alone. `created` is ISO 8601, UTC, seconds."""
+    """`arm` and `gripper` in rad; With `gripper` None the gripper is not moved. `created` is ISO 8601, UTC, seconds."""
 
     arm: Arm
     gripper: float | None = None
@@ -33,7 +33,7 @@ class StoredPose:
 
 @dataclass(frozen=True)
 class Waypoint:
-    """`t` in seconds from the start, the rest as in a pose."""
+    """A point of a sequence; `t` is seconds from its start, the rest is as in a pose."""
 
     t: float
     arm: Arm
@@ -54,29 +54,31 @@ class StoredSequence:
 
 @dataclass
 class Library:
-    """Everything that is stored, by name."""
+    """All stored poses and sequences, by name."""
 
     poses: dict[str, StoredPose] = field(default_factory=dict)
     sequences: dict[str, StoredSequence] = field(default_factory=dict)
 
 
 def valid_name(name: str) -> str:
-    """The stored form of a name: trimmed, lower-case, a–z 0–9 _ -, not beginning with _ or -, at most 32 characters.
-    Raises LibraryError."""
+    """The stored form of a name: trimmed and lower-case.
+
+    Allowed are up to 32 of a–z, 0–9, _ and -, beginning with a letter or digit. Raises LibraryError.
+    """
     key = name.strip().lower()
     if not _NAME.fullmatch(key):
-        raise LibraryError(f"{name!r} is no name: use up to 32 of a-z, 0-9, _ and -, beginning with a letter or digit")
+        raise LibraryError(f"{name!r} is not a valid name: use up to 32 of a-z, 0-9, _ and -, beginning with a letter or digit")
     return key
 
 
 def now_text() -> str:
-    """The present as a library stores it."""
+    """The current time in the library's format."""
     return datetime.now(timezone.utc).isoformat(timespec="seconds")
 
 
 # -- JSON --------------------------------------------------------------------------------------------------------------
 def to_json(library: Library) -> str:
-    """The file's text."""
+    """The text of the library's file."""
     document = {
         "version": VERSION,
         "poses": {name: asdict(pose) for name, pose in sorted(library.poses.items())},
@@ -86,7 +88,7 @@ def to_json(library: Library) -> str:
 
 
 def from_json(text: str) -> Library:
-    """The library in a file's text. Raises LibraryError, naming the entry that is wrong."""
+    """Parse the text of a library's file. Raises LibraryError, which names the wrong entry."""
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -120,7 +122,7 @@ def _pose(entry: dict[str, Any]) -> StoredPose:
 def _sequence(entry: dict[str, Any]) -> StoredSequence:
     waypoints = tuple(Waypoint(_number(w["t"]), _arm(w["arm"]), _gripper(w)) for w in entry["waypoints"])
     if not waypoints or any(a.t > b.t for a, b in pairwise(waypoints)):
-        raise LibraryError("expected way points in the order of time, at least one")
+        raise LibraryError("expected at least one waypoint, in the order of time")
     return StoredSequence(
         str(entry["mode"]),
         bool(entry["include_gripper"]),
@@ -132,7 +134,7 @@ def _sequence(entry: dict[str, Any]) -> StoredSequence:
 
 
 def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _LARGEST:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _MAX_NUMBER:
         raise LibraryError(f"expected a finite number, found {value!r}")
     return float(value)
 

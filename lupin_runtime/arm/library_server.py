@@ -1,4 +1,4 @@
-"""`arm_library_server`: poses and sequences of the arm, recorded, stored, and replayed."""
+"""`arm_library_server`: records, stores and replays poses and sequences of the arm."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from lupin_runtime import graph
-from lupin_runtime.arm import waits
+from lupin_runtime.arm import async_wait
 from lupin_runtime.arm.library import LibraryError, StoredPose, now_text, valid_name
 from lupin_runtime.arm.limits import GRIPPER_CLOSED_RAD, GRIPPER_OPEN_RAD, clamp_arm, gripper_deg
 from lupin_runtime.arm.motion import Refused
-from lupin_runtime.arm.owner import ArmNode
 from lupin_runtime.arm.player import Player, points_of
 from lupin_runtime.arm.presets import PRESET_DURATION_S
 from lupin_runtime.arm.recorder import MODES, Recorder
+from lupin_runtime.arm.shared_arm import ArmNode
 from lupin_runtime.arm.store import LibraryStore, default_path
+from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 
 STATE_HZ = 5.0
 SAMPLE_HZ = 50.0  # only while something records or plays
 STOP_S = 0.3
 GRIPPER_RATE_DEGPS = 45.0
-# set_torque itself waits for two services in a row, behind another such call at worst.
+# set_torque waits for two services in sequence, and possibly for an earlier call of set_torque.
 TORQUE_ANSWER_S = 12.0
 
 _REFUSALS = (LibraryError, Refused, ValueError, OSError)
@@ -36,7 +37,7 @@ _REFUSALS = (LibraryError, Refused, ValueError, OSError)
 
 @dataclass
 class _Activity:
-    """What keeps the arm busy: a recording or a replay, from the moment it was accepted. `began_ns` None: not yet begun."""
+    """A recording or replay, from its acceptance on. `began_ns` is None until it starts."""
 
     kind: str  # recording or playing
     name: str
@@ -44,6 +45,7 @@ class _Activity:
     began_ns: int | None = None
     recorder: Recorder | None = None
     player: Player | None = None
+    estop_count: int = 0  # that of the arm when the activity was accepted
 
     @property
     def limp(self) -> bool:
@@ -51,7 +53,7 @@ class _Activity:
 
 
 class ArmLibraryServer(ArmNode):
-    """Parameter `library_path` (default: arm_library.json in the user's configuration)."""
+    """The node of the arm library. Parameter: `library_path` (default: arm_library.json in the user's configuration folder)."""
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("arm_library_server", parameters)
@@ -60,7 +62,8 @@ class ArmLibraryServer(ArmNode):
         if self._store.complaint:
             self.get_logger().error(self._store.complaint)
         self._activity: _Activity | None = None
-        group = ReentrantCallbackGroup()  # these services wait for other services' answers
+        self._aborted = ""  # why the last replay was aborted
+        group = ReentrantCallbackGroup()  # these services await responses of other services
         self._torque = self.client(graph.ARM_SET_TORQUE, group)
         self._gripper = self.client(graph.GRIPPER_ANGLE, group)
         self._state = self.publisher(graph.ARM_LIBRARY_STATE)
@@ -96,7 +99,7 @@ class ArmLibraryServer(ArmNode):
             return StoredPose(clamp_arm(request.arm_rad), gripper, now_text())
         state = self.motion.state(fresh=True)
         if state is None:
-            raise Refused("no fresh /joint_states with all four arm joints: the current pose is not known")
+            raise Refused("the current pose is unknown: no fresh /joint_states with all four arm joints")
         gripper = state.gripper if request.has_gripper else None
         return StoredPose(clamp_arm(state.arm), None if gripper is None else _clamp_gripper(gripper), now_text())
 
@@ -142,6 +145,8 @@ class ArmLibraryServer(ArmNode):
         if mode not in MODES:
             raise LibraryError(f"mode is {request.mode!r}, expected one of {', '.join(MODES)}")
         name = valid_name(request.name) if request.name.strip() else ""
+        if mode == "kinesthetic":
+            self.motion.require_released()  # the arm sinks when it becomes limp
         activity = self._begin(_Activity("recording", name, mode, recorder=Recorder(mode, request.include_gripper)))
         if mode == "kinesthetic":
             try:
@@ -156,18 +161,18 @@ class ArmLibraryServer(ArmNode):
         activity, recorder = self._recording()
         sequence = recorder.finish()
         if sequence is None:
-            raise LibraryError("nothing was recorded: no /joint_states with all four arm joints came")
-        # The recording goes on where it cannot be stored, so that it is not lost to a name that is taken.
+            raise LibraryError("nothing was recorded: no /joint_states with all four arm joints arrived")
+        # The recording continues where it cannot be stored, so that a taken name does not lose it.
         name = self._store.put("sequence", request.name or activity.name, sequence, request.overwrite)
         self._end(activity)
         response.duration_s, response.n_waypoints = sequence.duration_s, len(sequence.waypoints)
-        message = f"sequence {name} saved" + (", cut at its longest" if recorder.truncated else "")
+        message = f"sequence {name} saved" + (", truncated at the longest duration" if recorder.truncated else "")
         return message + await self._stiffen(activity)
 
     async def _record_cancel(self, _: Any, __: Any) -> str:
         activity, _recorder = self._recording()
         self._end(activity)
-        return "recording dropped" + await self._stiffen(activity)
+        return "recording discarded" + await self._stiffen(activity)
 
     def _recording(self) -> tuple[_Activity, Recorder]:
         activity = self._activity
@@ -176,7 +181,7 @@ class ArmLibraryServer(ArmNode):
         return activity, activity.recorder
 
     async def _stiffen(self, activity: _Activity) -> str:
-        """Switch the torque on again after a recording by hand; returns an addition to the answer."""
+        """Switch the torque on after a kinesthetic recording; returns an addition to the response's message."""
         if not activity.limp:
             return ""
         try:
@@ -189,6 +194,7 @@ class ArmLibraryServer(ArmNode):
     async def _on_play(self, request: Any, response: Any) -> Any:
         activity = None
         try:
+            self.motion.require_released()
             sequence = self._store.get("sequence", request.name)
             name = valid_name(request.name)
             activity = self._begin(_Activity("playing", name, sequence.mode))
@@ -197,6 +203,7 @@ class ArmLibraryServer(ArmNode):
                 await self._set_torque(True)
             if self._activity is not activity:
                 raise Refused("stopped before it began")
+            self.motion.require_released(since=activity.estop_count)
             path = self.motion.play(points_of(sequence), request.speed, _holder(activity))
         except _REFUSALS as refusal:
             self._end(activity)
@@ -215,12 +222,13 @@ class ArmLibraryServer(ArmNode):
         response.message = what + (await self._stiffen(activity) if activity is not None else "")
         return response
 
-    # -- what both need -----------------------------------------------------------------------------------------------
+    # -- shared by recording and replay------------------------------------------------------------------------------
     def _begin(self, activity: _Activity) -> _Activity:
-        """Take the one place for a recording or replay, before anything is awaited."""
+        """Reserve the arm for a recording or replay, before anything is awaited."""
         if self._activity is not None:
-            raise Refused(f"busy {self._activity.kind} {self._activity.name}".rstrip() + "; stop that first")
-        self._activity = activity
+            raise Refused(f"the arm is busy: {self._activity.kind} {self._activity.name}".rstrip() + "; stop that first")
+        activity.estop_count = self.motion.estop_count
+        self._activity, self._aborted = activity, ""
         return activity
 
     def _run(self, activity: _Activity) -> None:
@@ -231,7 +239,7 @@ class ArmLibraryServer(ArmNode):
     def _end(self, activity: _Activity | None) -> None:
         if activity is None:
             return
-        self.motion.let_go(_holder(activity))
+        self.motion.release(_holder(activity))
         if self._activity is activity:
             self._activity = None
             if self._sampler is not None:
@@ -251,7 +259,11 @@ class ArmLibraryServer(ArmNode):
             state = self.motion.state(fresh=True)
             if state is not None:
                 activity.recorder.offer(elapsed_s, state.arm, state.gripper)
-        if activity.player is not None:
+        if activity.player is not None and activity.estop_count != self.motion.estop_count:
+            self._aborted = ESTOP_ENGAGED
+            self.get_logger().warning(f"{_holder(activity)} aborted: {ESTOP_ENGAGED}")
+            self._end(activity)
+        elif activity.player is not None:
             angle = activity.player.due(elapsed_s)
             if angle is not None:
                 self._send_gripper(angle)
@@ -259,17 +271,19 @@ class ArmLibraryServer(ArmNode):
                 self._end(activity)
 
     async def _set_torque(self, on: bool) -> None:
-        """Raises Refused unless it is confirmed."""
-        answer = await waits.call(self, self._torque, SetBool.Request(data=on), TORQUE_ANSWER_S)
+        """Switch the torque. Raises Refused unless the switch is confirmed."""
+        answer = await async_wait.call(self, self._torque, SetBool.Request(data=on), TORQUE_ANSWER_S)
         if answer is None:
-            raise Refused(f"{graph.ARM_SET_TORQUE.name} did not answer: does gripper_action_bridge run?")
+            raise Refused(f"{graph.ARM_SET_TORQUE.name} did not respond; check that gripper_action_bridge runs")
         if not answer.success:
             raise Refused(answer.message)
         self.motion.torque = on
 
     def _send_gripper(self, angle_rad: float) -> None:
         if not self._gripper.service_is_ready():
-            self.get_logger().warning(f"{graph.GRIPPER_ANGLE.name} is not there: the gripper stays", throttle_duration_sec=5.0)
+            self.get_logger().warning(
+                f"{graph.GRIPPER_ANGLE.name} has no server: the gripper is not moved", throttle_duration_sec=5.0
+            )
             return
         request = SetServoAngleWithSpeed.Request(angle=gripper_deg(angle_rad), rate=GRIPPER_RATE_DEGPS, degrees=True)
         self._gripper.call_async(request)
@@ -285,6 +299,7 @@ class ArmLibraryServer(ArmNode):
             "elapsed_s": 0.0,
             "n_waypoints": 0,
             "torque": self.motion.torque is not False,
+            "aborted": self._aborted,
         }
         if activity is not None:
             elapsed_s = self._elapsed_s(activity)
@@ -301,7 +316,7 @@ def _holder(activity: _Activity) -> str:
 
 
 def _clamp_gripper(angle_rad: float) -> float:
-    gripper_deg(angle_rad)  # refuses what is not finite
+    gripper_deg(angle_rad)  # raises ValueError for a non-finite angle
     return min(GRIPPER_CLOSED_RAD, max(GRIPPER_OPEN_RAD, angle_rad))
 
 

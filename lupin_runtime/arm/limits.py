@@ -1,7 +1,7 @@
-"""How far each joint may be sent, and the gripper's two scales.
+"""Command limits of each joint, and the gripper's two scales.
 
-The servo's software limit is what the vendor's firmware allows; the command window is narrower and is what we allow, one
-window per joint: symmetric ±90° limits send two of the joints into their stops.
+The servo limit is what the vendor's firmware allows. The command window is narrower and is applied to every command. Each joint
+has its own window, because symmetric ±90° limits would drive two of the joints into their stops.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Arm = tuple[float, float, float, float]  # rad, in the order of ARM_JOINTS
 
 
 class JointLimits(NamedTuple):
-    """Degrees. `servo_*`: the firmware's limit. `lower`, `upper`: the command window."""
+    """Limits in degrees. `servo_*` are those of the firmware; `lower` and `upper` are the command window."""
 
     servo_lower: float
     servo_upper: float
@@ -40,7 +40,7 @@ GRIPPER_MAX_EFFORT = 2.0
 
 
 def window(joint: str) -> tuple[float, float]:
-    """The command window of a joint, rad; ±90° for a joint that is not ours."""
+    """The command window of a joint in rad; ±90° for an unknown joint."""
     limits = LIMITS.get(joint)
     if limits is None:
         return -math.pi / 2, math.pi / 2

@@ -1,8 +1,9 @@
-"""One owner of the arm: everything that moves it goes through here, so that no two inputs command it at once.
+"""The single path of every arm command, so that no two sources command the arm at the same time.
 
-Presets, single joints, stored poses and replays share one trajectory topic and one memory of what was commanded. A single
-move replaces the single move before it, starting from where the arm is. A replay holds the arm for itself. A limp arm is
-not commanded at all: what is sent to it then is what it jumps to when it stiffens.
+Presets, single joints, stored poses and replays share one trajectory topic and one record of the last command. A move replaces
+the move before it, starting from the arm's present pose. A replay reserves the arm. A limp arm is not commanded, because it
+would jump to the last command when its torque is switched on. An engaged e-stop holds the arm where it is; its release resumes
+nothing.
 """
 
 from __future__ import annotations
@@ -10,38 +11,40 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 from lupin_runtime.arm.limits import Arm, clamp, clamp_arm
-from lupin_runtime.arm.trajectory import SHORTEST_S, Point, timed, to_pose
+from lupin_runtime.arm.trajectory import MIN_DURATION_S, Point, timed, to_pose
+from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.graph import ARM_CALIBRATE, ARM_JOINTS, ARM_LIBRARY_STOP
 
 DEFAULT_RATE_RADPS = math.radians(60.0)
-# What was commanded stands for where a joint is, unless feedback this fresh says otherwise by this much.
+# A joint is assumed to be at its last command, unless feedback of at most this age differs by at least this angle.
 FRESH_S = 0.5
 DRIFT_RAD = 0.08
-CALIBRATING = "calibrating"  # a holder whose torque is nobody else's business
-# A replay begins with getting to its first point, no faster than this.
+CALIBRATING = "calibrating"  # the holder during which only the calibration switches the torque
+# The largest speed of the move to the first point of a replay.
 LEAD_IN_RADPS = 0.8
 
 
 class ArmState(NamedTuple):
-    """What `/joint_states` last said; `gripper` is None where it did not speak of it. `heard_ns`: when it arrived."""
+    """The last state from `/joint_states`, in rad; `gripper` is None where it was missing. `received_ns`: its arrival."""
 
     arm: Arm
     gripper: float | None
-    heard_ns: int
+    received_ns: int
 
 
 class Refused(RuntimeError):
-    """The arm may not be moved now; the message says why and what to do."""
+    """The arm may not be moved now; the message gives the reason and the action."""
 
 
 class ArmMotion:
-    """The arm's only way to be moved. Thread-safe: nodes of one process share it.
+    """Commands the arm. It is thread-safe, because the nodes of a process share it.
 
     `feedback` returns the newest state of the arm or None, `send` publishes a trajectory, `clock_ns` is the clock of
-    `ArmState.heard_ns`, `listeners` says how many hear what is sent.
+    `ArmState.received_ns`, and `listeners` returns the number of subscribers of the trajectory topic.
     """
 
     def __init__(
@@ -55,112 +58,150 @@ class ArmMotion:
         self._lock = threading.RLock()
         self._commanded: Arm | None = None
         self._holder: str | None = None
-        self.torque: bool | None = None  # None: nobody has switched it yet, and the vendor starts stiff
+        self._estop_engaged = False
+        self._hold_due = False
+        self.estop_count = 0  # how often the e-stop was engaged
+        self.torque: bool | None = None  # None: not switched yet; the vendor starts with torque on
 
     # -- reading ------------------------------------------------------------------------------------------------------
     def state(self, fresh: bool = False) -> ArmState | None:
-        """The newest feedback; with `fresh` only one that is not older than FRESH_S."""
+        """The newest feedback; with `fresh`, None where it is older than FRESH_S."""
         state = self._feedback()
-        if state is None or (fresh and not 0 <= self._clock_ns() - state.heard_ns <= FRESH_S * 1e9):
+        if state is None or (fresh and not 0 <= self._clock_ns() - state.received_ns <= FRESH_S * 1e9):
             return None
         return state
 
     @property
     def pinned(self) -> bool:
-        """Whether it is known where the arm was sent."""
+        """Whether a command has been sent, so that the arm's target is known."""
         return self._commanded is not None
 
     @property
     def holder(self) -> str | None:
-        """Who holds the arm for itself; None while nobody does."""
+        """The activity that has reserved the arm, or None."""
         return self._holder
 
     # -- holding ------------------------------------------------------------------------------------------------------
     def hold(self, holder: str) -> None:
-        """Take the arm for oneself. Raises Refused where another has it."""
+        """Reserve the arm for `holder`. Raises Refused where another activity has reserved it."""
         with self._lock:
-            self._need_free(holder)
+            self._require_free(holder)
             self._holder = holder
 
-    def let_go(self, holder: str) -> None:
-        """Give the arm back; does nothing where it was not held by `holder`."""
+    def release(self, holder: str) -> None:
+        """Release the arm; does nothing where `holder` has not reserved it."""
         with self._lock:
             if self._holder == holder:
                 self._holder = None
 
+    # -- e-stop -------------------------------------------------------------------------------------------------------
+    def set_estop(self, engaged: bool) -> None:
+        """Handle a message of the e-stop state.
+
+        The arm is held when the e-stop engages or, if its pose is unknown then, with the first message after it is known.
+        """
+        with self._lock:
+            if engaged and not self._estop_engaged:
+                self.estop_count += 1
+                self._hold_due = self.torque is not False
+            self._estop_engaged = engaged
+            if self._hold_due:
+                with suppress(Refused):
+                    self.pin()
+
+    def counter(self, path: Sequence[Arm]) -> None:
+        """Handle another publisher's trajectory, its points in order: while the e-stop is engaged, the held pose replaces it.
+
+        The held pose is sent again, not the present one: repeated, that would let the arm sink under its weight.
+        """
+        with self._lock:
+            held = None if self._hold_due else self._commanded
+            if self._estop_engaged and self.torque is not False and held is not None and list(path) != [held]:
+                self._send_path(to_pose(held, MIN_DURATION_S))
+
+    def require_released(self, since: int | None = None) -> None:
+        """Raise Refused while the e-stop is engaged, or if it was engaged since `estop_count` was `since`."""
+        if self._estop_engaged or since not in (None, self.estop_count):
+            raise Refused(f"{ESTOP_ENGAGED}: the arm is not moved; after its release, repeat the command")
+
     # -- moving -------------------------------------------------------------------------------------------------------
     def pin(self) -> Arm:
-        """Command the arm to stay where it is, however it came there. Raises Refused without fresh feedback."""
+        """Command the arm to hold its present pose. Raises Refused without fresh feedback."""
         with self._lock:
-            self._need_listener()
+            self._require_listener()
             state = self.state(fresh=True)
             if state is None:
-                raise Refused("no fresh /joint_states with all four arm joints: where the arm is, is not known")
-            # Not clamped: an arm moved by hand may be outside its command window, and staying must not be a move.
-            return self._go(to_pose(state.arm, SHORTEST_S))
+                raise Refused("the arm's pose is unknown: no fresh /joint_states with all four arm joints")
+            # Not clamped: an arm that was moved by hand may be outside its command window, and holding must not move it.
+            return self._send_path(to_pose(state.arm, MIN_DURATION_S))
 
     def stop(self, duration_s: float) -> None:
-        """End what runs and stay where the arm is, if that is known."""
+        """Replace the current motion by holding the present pose, if it is known."""
         with self._lock:
             state = self.state(fresh=True)
             if state is not None:
-                self._go(to_pose(state.arm, duration_s))
+                self._send_path(to_pose(state.arm, duration_s))
 
     def move(self, arm: Sequence[float], duration_s: float, holder: str | None = None) -> Arm:
-        """Send all four joints; returns where to, clamped. Raises Refused, or ValueError for a pose that is none."""
+        """Move all four joints; returns the clamped target. Raises Refused, or ValueError for an invalid pose."""
         target = clamp_arm(arm)
         with self._lock:
-            self._permit(holder)
-            return self._go(to_pose(target, duration_s))
+            self._require_permission(holder)
+            return self._send_path(to_pose(target, duration_s))
 
     def move_joint(self, joint: str, angle_rad: float, rate_radps: float) -> Arm:
-        """Send one joint at a rate (not positive: 60°/s); the others stay. Raises Refused, also before it is known
-        where the arm is, or ValueError for an angle that is none."""
+        """Move one joint at a rate; a rate that is not positive means 60°/s. The other joints stay.
+
+        Raises Refused, also before the first command to the arm, or ValueError for an invalid angle.
+        """
         angle_rad = clamp(joint, angle_rad)
         rate_radps = rate_radps if math.isfinite(rate_radps) and rate_radps > 0.0 else DEFAULT_RATE_RADPS
         with self._lock:
-            self._permit(None)
+            self._require_permission(None)
             if self._commanded is None:
-                raise Refused("the arm has not been pinned yet: no /joint_states with all four arm joints so far")
-            arm = list(self._where())
+                raise Refused("the arm's pose is not known yet: no /joint_states with all four arm joints so far")
+            arm = list(self._assumed_pose())
             index = ARM_JOINTS.index(joint)
             duration_s = abs(angle_rad - arm[index]) / rate_radps
             arm[index] = angle_rad
-            return self._go(to_pose(clamp_arm(arm), duration_s))
+            return self._send_path(to_pose(clamp_arm(arm), duration_s))
 
     def play(self, points: Sequence[Point], speed: float, holder: str) -> tuple[Point, ...]:
-        """Replay a motion; returns it as sent, led in from where the arm is. Raises Refused or ValueError."""
+        """Replay a motion after moving to its first point; returns the path as sent. Raises Refused or ValueError."""
         clamped = [Point(point.t_s, clamp_arm(point.arm)) for point in points]
         with self._lock:
-            self._permit(holder)
+            self._require_permission(holder)
             state = self.state(fresh=True)
-            way_rad = 0.0
+            distance_rad = 0.0
             if state is not None and clamped:
-                way_rad = max(abs(a - b) for a, b in zip(state.arm, clamped[0].arm))
-            path = timed(clamped, speed, lead_in_s=max(SHORTEST_S, way_rad / LEAD_IN_RADPS))
-            self._go(path)
+                distance_rad = max(abs(a - b) for a, b in zip(state.arm, clamped[0].arm))
+            path = timed(clamped, speed, lead_in_s=max(MIN_DURATION_S, distance_rad / LEAD_IN_RADPS))
+            self._send_path(path)
             return path
 
     # -- inside -------------------------------------------------------------------------------------------------------
-    def _need_listener(self) -> None:
-        # A trajectory that nobody hears is not kept for later, and would be taken for what the arm was sent.
+    def _require_listener(self) -> None:
+        # A trajectory without a subscriber is lost, and must not be recorded as the arm's last command.
         if self._listeners() == 0:
-            raise Refused("no arm controller listens: bring it up with python -m lupin_runtime.arm.auto_home")
+            raise Refused("no arm controller is subscribed; activate it with: lupin home")
 
-    def _permit(self, holder: str | None) -> None:
-        self._need_listener()
-        self._need_free(holder)
+    def _require_permission(self, holder: str | None) -> None:
+        self.require_released()
+        self._require_listener()
+        self._require_free(holder)
         if self.torque is False:
-            raise Refused("the arm is limp: switch its torque on with /lupin/arm/set_torque")
+            raise Refused("the arm is limp; switch its torque on with /lupin/arm/set_torque")
 
-    def _need_free(self, holder: str | None) -> None:
+    def _require_free(self, holder: str | None) -> None:
         if self._holder not in (None, holder):
             service = ARM_CALIBRATE.name if self._holder == CALIBRATING else ARM_LIBRARY_STOP.name
-            raise Refused(f"the arm is taken: {self._holder}; end that with {service}")
+            raise Refused(f"the arm is reserved: {self._holder}; stop that with {service}")
 
-    def _where(self) -> Arm:
-        """Per joint, what was commanded, or feedback where that differs: the arm was moved by somebody else, or is still
-        on its way, and a joint that is not asked to move stays where it is."""
+    def _assumed_pose(self) -> Arm:
+        """The pose from which other joints keep their place: per joint the last command, or feedback where that differs.
+
+        Feedback differs where the arm was moved by hand or is still moving; a joint that is not to be moved then stays there.
+        """
         commanded = self._commanded
         assert commanded is not None
         state = self.state(fresh=True)
@@ -171,7 +212,8 @@ class ArmMotion:
         )
         return pan, lift, elbow, wrist
 
-    def _go(self, path: tuple[Point, ...]) -> Arm:
+    def _send_path(self, path: tuple[Point, ...]) -> Arm:
         self._send(path)
         self._commanded = path[-1].arm
+        self._hold_due = False
         return self._commanded

@@ -1,6 +1,6 @@
-"""`arm_preset_server` and `gripper_action_bridge`; the servers of library and calibration stand in files of their own.
+"""`arm_preset_server` and `gripper_action_bridge`; the servers of library and calibration are in files of their own.
 
-In one process they share the arm (see `owner`): run them together.
+All four run in one process, where they share the arm (see `shared_arm`).
 """
 
 from __future__ import annotations
@@ -9,19 +9,23 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from action_msgs.srv import CancelGoal
 from control_msgs.action import GripperCommand
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.client import Client
+from rclpy.task import Future
 from std_srvs.srv import SetBool
 
 from lupin_runtime import graph
-from lupin_runtime.arm import waits
+from lupin_runtime.arm import async_wait
 from lupin_runtime.arm.calibrate_server import ArmCalibrateServer
 from lupin_runtime.arm.library_server import ArmLibraryServer
 from lupin_runtime.arm.limits import GRIPPER_MAX_EFFORT, gripper_rad
 from lupin_runtime.arm.motion import CALIBRATING, Refused
-from lupin_runtime.arm.owner import ArmNode
 from lupin_runtime.arm.presets import PRESET_DURATION_S, preset
-from lupin_runtime.arm.torque import Step, steps
+from lupin_runtime.arm.shared_arm import ArmNode
+from lupin_runtime.arm.torque import TorqueStep, steps
+from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 __all__ = ["ArmCalibrateServer", "ArmLibraryServer", "ArmPresetServer", "GripperActionBridge"]
 
@@ -31,7 +35,7 @@ INIT_DURATION_S = 5.0
 
 
 class ArmPresetServer(ArmNode):
-    """`/lupin/arm/preset`: one move to a named pose. Success says that it was sent; the gripper is left alone."""
+    """`/lupin/arm/preset`: one move to a named pose. Success means that it was sent. The gripper is not moved."""
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("arm_preset_server", parameters)
@@ -49,31 +53,36 @@ class ArmPresetServer(ArmNode):
 
 
 class GripperActionBridge(ArmNode):
-    """Single joints, the gripper, and the torque switch, all through the vendor's controllers.
+    """Single joints, the gripper and the torque switch, all through the vendor's controllers.
 
-    Raw servo calls would fight them: the vendor's hardware interface sends its own set-point again as soon as a servo sits
-    elsewhere.
+    Direct servo calls would work against them: the vendor's hardware interface repeats its own set-point as soon as a servo
+    deviates from it.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("gripper_action_bridge", parameters)
-        # Reentrant: these services wait for answers to this very node.
+        # Reentrant: these services await responses to this same node.
         self._group = ReentrantCallbackGroup()
-        self._turnstile = waits.Turnstile()
+        self._mutex = async_wait.AsyncMutex()
         self._gripper = self.action_client(graph.GRIPPER_COMMAND)
         self._torque_clients = {
             row: self.create_client(SetBool, row.name, callback_group=self._group)
             for row in (graph.VENDOR_ARM_GATE, graph.VENDOR_TORQUE)
+        }
+        self._cancels: dict[Client, Future | None] = {
+            self.create_client(CancelGoal, f"{row.name}/_action/cancel_goal", callback_group=self._group): None
+            for row in (graph.GRIPPER_COMMAND, graph.ARM_FOLLOW_TRAJECTORY)
         }
         for joint in graph.ARM_JOINTS:
             self.service(graph.arm_joint_angle(joint), self._joint_service(joint))
         self.service(graph.ARM_INIT, self._on_init)
         for row, callback in ((graph.GRIPPER_ANGLE, self._on_gripper), (graph.ARM_SET_TORQUE, self._on_torque)):
             self.service(row, callback, group=self._group)
+        subscribe_estop(self, self._on_estop)
         self._pin_timer = self.create_timer(PIN_POLL_S, self._pin_once)
 
     def _pin_once(self) -> None:
-        """The controller may still want what it wanted before we came: tell it to want what is."""
+        """Replace the controller's old set-point, which may differ from the arm's pose, by the present pose."""
         if not self.motion.pinned:
             try:
                 self.motion.pin()
@@ -81,6 +90,16 @@ class GripperActionBridge(ArmNode):
                 return  # no feedback or no controller yet: the next tick tries again
         # Destroyed, not cancelled: under simulated time a cancelled timer wakes the executor with every clock message.
         self.destroy_timer(self._pin_timer)
+
+    def _on_estop(self, engaged: bool) -> None:
+        """Cancel the goals of the vendor's controllers, of all clients, with each message: a goal may arrive while engaged."""
+        if not engaged:
+            return
+        for client, pending in self._cancels.items():
+            if pending is not None and not pending.done():
+                client.remove_pending_request(pending)
+            # A request without an id and a stamp means every goal (action_msgs/CancelGoal).
+            self._cancels[client] = client.call_async(CancelGoal.Request()) if client.service_is_ready() else None
 
     def _joint_service(self, joint: str) -> Callable[[Any, Any], Any]:
         def serve(request: Any, response: Any) -> Any:
@@ -109,16 +128,24 @@ class GripperActionBridge(ArmNode):
 
     async def _on_gripper(self, request: Any, response: Any) -> Any:
         response.status = False
+        estop_count = self.motion.estop_count
         try:
-            # One scale in either unit: the console's, not the joint's own angle.
+            self.motion.require_released()
+            # Both units use the console's scale, not the joint's angle.
             position = gripper_rad(request.angle if request.degrees else math.degrees(request.angle))
-        except ValueError as refusal:
+        except (ValueError, Refused) as refusal:
             self.get_logger().warning(str(refusal), throttle_duration_sec=1.0)
             return response
-        if not await waits.ready(self, self._gripper.server_is_ready, GRIPPER_SERVER_S):
+        if not await async_wait.ready(self, self._gripper.server_is_ready, GRIPPER_SERVER_S):
             self.get_logger().warning(
-                f"{graph.GRIPPER_COMMAND.name} has no server: is the gripper's controller active?", throttle_duration_sec=5.0
+                f"{graph.GRIPPER_COMMAND.name} has no server; check that the gripper's controller is active: lupin home",
+                throttle_duration_sec=5.0,
             )
+            return response
+        try:
+            self.motion.require_released(since=estop_count)
+        except Refused as refusal:
+            self.get_logger().warning(str(refusal), throttle_duration_sec=1.0)
             return response
         goal = GripperCommand.Goal()
         goal.command.position, goal.command.max_effort = position, GRIPPER_MAX_EFFORT
@@ -127,40 +154,40 @@ class GripperActionBridge(ArmNode):
         return response
 
     async def _on_torque(self, request: Any, response: Any) -> Any:
-        async with self._turnstile:
+        async with self._mutex:
             response.success, response.message = await self._switch_torque(bool(request.data))
         self.get_logger().info(f"torque {'on' if request.data else 'off'}: {response.message}")
         return response
 
     async def _switch_torque(self, on: bool) -> tuple[bool, str]:
         if self.motion.holder == CALIBRATING:
-            return False, "the arm is being calibrated: commit or cancel that first"
-        done: list[Step] = []
+            return False, "a calibration is in progress: commit or cancel it first"
+        done: list[TorqueStep] = []
         for step in steps(on):
-            failure = await self._take(step)
+            failure = await self._execute(step)
             if failure:
                 for undo in (previous.undone() for previous in reversed(done)):
                     if undo is not None:
-                        await self._take(undo)
+                        await self._execute(undo)
                 return False, failure
             done.append(step)
             if step.row is graph.VENDOR_TORQUE:
                 self.motion.torque = step.value
         return True, "the arm is stiff and takes commands" if on else "the arm is limp and takes no commands"
 
-    async def _take(self, step: Step) -> str:
-        """Do one step; returns what went wrong, or nothing."""
+    async def _execute(self, step: TorqueStep) -> str:
+        """Execute one step; returns an error message, or an empty string."""
         if step.row is None:
             try:
                 self.motion.pin()
             except Refused as refusal:
                 return str(refusal)
-            await waits.sleep(self, step.settle_s)
+            await async_wait.sleep(self, step.settle_s)
             return ""
         client = self._torque_clients[step.row]
-        if not await waits.ready(self, client.service_is_ready):
-            return "" if step.optional else f"{step.row.name} is not there: does the vendor's servo driver run?"
-        answer = await waits.answer(self, client.call_async(SetBool.Request(data=step.value)))
+        if not await async_wait.ready(self, client.service_is_ready):
+            return "" if step.optional else f"{step.row.name} has no server; check that the vendor's servo driver runs"
+        answer = await async_wait.answer(self, client.call_async(SetBool.Request(data=step.value)))
         if answer is None:
-            return f"{step.row.name} did not answer within {waits.ANSWER_S:g} s"
-        return "" if answer.success else f"{step.row.name} refused: {answer.message or 'it gave no reason'}"
+            return f"{step.row.name} did not respond within {async_wait.ANSWER_S:g} s"
+        return "" if answer.success else f"{step.row.name} refused: {answer.message or 'no reason given'}"

@@ -1,4 +1,4 @@
-"""Where a replay stands: how far it is, which gripper event is due, and when it is over."""
+"""Progress of a replay: its gripper events and its end."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lupin_runtime.arm.trajectory import Point, clamp_speed
 
 
 def points_of(sequence: StoredSequence) -> tuple[Point, ...]:
-    """A sequence's way points as a motion of the arm."""
+    """A sequence's waypoints as points of a trajectory."""
     return tuple(Point(waypoint.t, waypoint.arm) for waypoint in sequence.waypoints)
 
 
@@ -24,7 +24,7 @@ class Player:
         self.duration_s = max(path[-1].t_s, *(t_s for t_s, _ in self._events)) if self._events else path[-1].t_s
 
     def due(self, elapsed_s: float) -> float | None:
-        """The gripper's angle to send now, rad; None for nothing new. Of events that came due together, the last."""
+        """The gripper angle to send now, in rad, or None; the last one where several events are due."""
         angle = None
         while self._events and self._events[0][0] <= elapsed_s:
             angle = self._events.pop(0)[1]
@@ -35,5 +35,5 @@ class Player:
         return min(1.0, max(0.0, elapsed_s / self.duration_s))
 
     def over(self, elapsed_s: float) -> bool:
-        """Whether the last point's time has come."""
+        """Whether the time of the last point is reached."""
         return elapsed_s >= self.duration_s

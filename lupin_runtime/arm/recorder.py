@@ -1,4 +1,4 @@
-"""Recording a motion of the arm: what is worth keeping, and when enough is enough."""
+"""Records a motion of the arm as waypoints, with minimum spacing and a maximum length."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ import math
 from lupin_runtime.arm.library import StoredSequence, Waypoint, now_text
 from lupin_runtime.arm.limits import Arm
 
-SHORTEST_GAP_S = 0.05
-ROUNDING_S = 1e-6  # a stream of just that period is kept whole
-SMALLEST_MOVE_RAD = math.radians(0.5)
-MOST_WAYPOINTS = 800
-LONGEST_S = 60.0
-# Rad; a smaller change of the gripper is not an event of a replay.
+MIN_GAP_S = 0.05
+ROUNDING_S = 1e-6  # keeps all of a stream whose period is exactly MIN_GAP_S
+MIN_MOVE_RAD = math.radians(0.5)
+MAX_WAYPOINTS = 800
+MAX_DURATION_S = 60.0
+# A smaller change of the gripper is not a gripper event.
 GRIPPER_EVENT_RAD = 0.05
 
 MODES = ("kinesthetic", "teleop")
 
 
 class Recorder:
-    """Collects way points; `offer` is called with every new state of the arm, times in seconds from any origin."""
+    """Collects waypoints; call `offer` with every new state of the arm and its time in seconds, from any origin."""
 
     def __init__(self, mode: str, include_gripper: bool) -> None:
         self.mode, self.include_gripper = mode, include_gripper
@@ -30,21 +30,21 @@ class Recorder:
         self._kept: list[Waypoint] = []
 
     def offer(self, time_s: float, arm: Arm, gripper: float | None) -> bool:
-        """Take a state; returns whether it was kept: the first one, then each that is 0.05 s later and 0.5° elsewhere."""
+        """Handle a state; returns whether it is kept: the first one, then each that is 0.05 s later and 0.5° apart."""
         if self._start_s is None:
             self._start_s = time_s
         t = time_s - self._start_s
-        if t > LONGEST_S:
+        if t > MAX_DURATION_S:
             self.truncated = True
             return False
         self._latest = Waypoint(t, arm, gripper if self.include_gripper else None)
         if self._kept:
             last = self._kept[-1]
-            moved = max(abs(a - b) for a, b in zip(arm, last.arm)) >= SMALLEST_MOVE_RAD
+            moved = max(abs(a - b) for a, b in zip(arm, last.arm)) >= MIN_MOVE_RAD
             gripped = self.include_gripper and _changed(last.gripper, gripper)
-            if t - last.t < SHORTEST_GAP_S - ROUNDING_S or not (moved or gripped):
+            if t - last.t < MIN_GAP_S - ROUNDING_S or not (moved or gripped):
                 return False
-            if len(self._kept) >= MOST_WAYPOINTS:
+            if len(self._kept) >= MAX_WAYPOINTS:
                 self.truncated = True
                 return False
         self._kept.append(self._latest)
@@ -52,7 +52,7 @@ class Recorder:
 
     @property
     def count(self) -> int:
-        """Way points kept so far."""
+        """The number of waypoints so far."""
         return len(self._kept)
 
     @property
@@ -61,17 +61,17 @@ class Recorder:
         return 0.0 if self._latest is None else self._latest.t
 
     def finish(self) -> StoredSequence | None:
-        """The sequence, with a last point that holds where the motion ended; None where nothing was recorded."""
+        """The sequence, with a last point that holds the final pose; None where nothing was recorded."""
         if self._latest is None:
             return None
         waypoints = list(self._kept)
-        if self._latest.t - waypoints[-1].t >= SHORTEST_GAP_S and len(waypoints) < MOST_WAYPOINTS:
+        if self._latest.t - waypoints[-1].t >= MIN_GAP_S and len(waypoints) < MAX_WAYPOINTS:
             waypoints.append(self._latest)
         return StoredSequence(self.mode, self.include_gripper, round(waypoints[-1].t, 3), tuple(waypoints), created=now_text())
 
 
 def gripper_events(sequence: StoredSequence) -> tuple[tuple[float, float], ...]:
-    """(t, rad) at which a replay moves the gripper: the first sample, then each that differs from the last event."""
+    """(t, rad) of each gripper command of a replay: the first sample, then each that differs from the last command."""
     events: list[tuple[float, float]] = []
     for waypoint in sequence.waypoints:
         if waypoint.gripper is None or not sequence.include_gripper:

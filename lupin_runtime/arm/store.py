@@ -1,4 +1,4 @@
-"""The library's file, which survives whatever happens while it is written."""
+"""The file of the arm library, which stays intact when the process is killed while writing it."""
 
 from __future__ import annotations
 
@@ -18,16 +18,15 @@ def default_path() -> Path:
 
 
 class LibraryStore:
-    """A library and its file. Every change is on the disk before it counts.
+    """A library and its file. A change takes effect once it is on the disk.
 
-    A change is written in an order that leaves a whole file under the name at every moment: the old one is copied to
-    `.bak`, the new one is written beside it and synchronised, then renamed over it. A file that cannot be read is moved
-    aside, never overwritten.
+    A complete file has the library's name at every moment: the old file is copied to `.bak`, the new one is written beside it
+    and synchronized, and then renamed. A corrupt file is moved aside and never overwritten.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._sealed = ""  # why the file must not be written
+        self._write_refusal = ""  # why the file must not be written; empty where it may
         self.library, self.complaint = self._load()
 
     def put(self, kind: str, name: str, entry: StoredPose | StoredSequence, overwrite: bool) -> str:
@@ -40,13 +39,13 @@ class LibraryStore:
         return key
 
     def delete(self, kind: str, name: str) -> None:
-        """Forget an entry. Raises LibraryError or OSError."""
+        """Delete an entry. Raises LibraryError or OSError."""
         table = self._table(kind)
         key = self._existing(kind, name)
         self._commit(kind, {other: entry for other, entry in table.items() if other != key})
 
     def rename(self, kind: str, name: str, new_name: str) -> str:
-        """Give an entry another name; returns it. Raises LibraryError (also where that name is taken) or OSError."""
+        """Rename an entry; returns the stored name. Raises LibraryError, also where the name is taken, or OSError."""
         key, new_key = self._existing(kind, name), valid_name(new_name)
         table = self._table(kind)
         if new_key != key and new_key in table:
@@ -55,11 +54,11 @@ class LibraryStore:
         return new_key
 
     def get(self, kind: str, name: str) -> Any:
-        """An entry. Raises LibraryError, listing what there is."""
+        """The entry called `name`. Raises LibraryError, which lists the entries."""
         return self._table(kind)[self._existing(kind, name)]
 
     def listing(self) -> str:
-        """What is stored, as the JSON that consoles show."""
+        """The names and properties of all entries as JSON, for consoles."""
         poses = [
             {"name": name, "note": pose.note, "has_gripper": pose.gripper is not None}
             for name, pose in sorted(self.library.poses.items())
@@ -94,8 +93,8 @@ class LibraryStore:
         self.library = changed
 
     def _write(self, text: str) -> None:
-        if self._sealed:
-            raise LibraryError(self._sealed)
+        if self._write_refusal:
+            raise LibraryError(self._write_refusal)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         if self.path.exists():
             shutil.copy2(self.path, self._sibling(".bak.tmp"))
@@ -108,14 +107,16 @@ class LibraryStore:
         fresh.replace(self.path)
 
     def _load(self) -> tuple[Library, str]:
-        """The library, and what was wrong with its file, if anything."""
+        """The library, and a message about its file; empty where the file is valid or missing."""
         try:
             return from_json(self.path.read_text()), ""
         except FileNotFoundError:
             return Library(), ""
         except OSError as error:
-            self._sealed = f"{self.path} cannot be read ({error.strerror}), so it is not written either; set it right"
-            return Library(), self._sealed
+            self._write_refusal = (
+                f"{self.path} cannot be read ({error.strerror}), so it is not written either; make it readable"
+            )
+            return Library(), self._write_refusal
         except (LibraryError, UnicodeDecodeError) as error:
             return Library(), self._move_aside(f"{self.path}: {error}")
 
@@ -126,8 +127,10 @@ class LibraryStore:
         try:
             self.path.replace(aside)
         except OSError as error:
-            self._sealed = f"{found}; it cannot be moved aside ({error.strerror}), so nothing is written; move it by hand"
-            return self._sealed
+            self._write_refusal = (
+                f"{found}; it cannot be moved aside ({error.strerror}), so nothing is written; move it manually"
+            )
+            return self._write_refusal
         return f"{found}; it was moved to {aside} and the library starts empty"
 
     def _sibling(self, suffix: str) -> Path:

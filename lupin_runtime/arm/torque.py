@@ -1,8 +1,8 @@
-"""Switching the arm's torque: which gates, in which order.
+"""The sequence of calls that switches the arm's torque.
 
-Two gates stand between a controller and a joint: the vendor's command gate and the servos' torque. With torque off and the
-gate open, the controller goes on writing set-points, and the arm lurches to them when torque returns. So the gate closes
-first and opens last, and before it opens the controller is told to want the pose that the arm is in.
+A command passes two switches: the vendor's command gate and the servos' torque. With torque off and the gate open the
+controller continues to write set-points, and the arm jumps to them when the torque returns. Therefore the gate closes first and
+opens last, and before it opens, the controller's set-point is replaced by the arm's present pose.
 """
 
 from __future__ import annotations
@@ -12,13 +12,16 @@ from typing import NamedTuple
 from lupin_runtime import graph
 from lupin_runtime.graph import Service
 
-# The controller ticks at 10 Hz and interpolates to the pin over 0.1 s: until then it wants something in between.
+# The controller runs at 10 Hz and interpolates to the held pose over 0.1 s.
 PIN_SETTLE_S = 0.35
 
 
-class Step(NamedTuple):
-    """A call of `row` with `value`; without a row, a pin of the arm and a wait. `optional`: skipped where the service is
-    not there (a simulation without the gate). `reversible`: undone where a later step fails."""
+class TorqueStep(NamedTuple):
+    """A call of the service `row` with `value`; without a row, holding the arm's pose and waiting `settle_s`.
+
+    `optional`: skipped where the service has no server (a simulation without the gate). `reversible`: undone where a later step
+    fails.
+    """
 
     row: Service | None
     value: bool = False
@@ -26,16 +29,16 @@ class Step(NamedTuple):
     reversible: bool = False
     settle_s: float = 0.0
 
-    def undone(self) -> Step | None:
-        """The step that takes this one back; None where that would do harm: torque taken off again drops the arm."""
+    def undone(self) -> TorqueStep | None:
+        """The step that undoes this one; None where that would do harm, as switching the torque off drops the arm."""
         return self._replace(value=not self.value) if self.reversible else None
 
 
-_PIN = Step(None, settle_s=PIN_SETTLE_S)
+_HOLD = TorqueStep(None, settle_s=PIN_SETTLE_S)
 
 
-def steps(on: bool) -> tuple[Step, ...]:
-    """What switches the torque, in order."""
+def steps(on: bool) -> tuple[TorqueStep, ...]:
+    """The steps that switch the torque, in order."""
     if on:
-        return (_PIN, Step(graph.VENDOR_TORQUE, True), Step(graph.VENDOR_ARM_GATE, True, optional=True))
-    return (Step(graph.VENDOR_ARM_GATE, False, optional=True, reversible=True), Step(graph.VENDOR_TORQUE, False))
+        return (_HOLD, TorqueStep(graph.VENDOR_TORQUE, True), TorqueStep(graph.VENDOR_ARM_GATE, True, optional=True))
+    return (TorqueStep(graph.VENDOR_ARM_GATE, False, optional=True, reversible=True), TorqueStep(graph.VENDOR_TORQUE, False))

@@ -1,6 +1,6 @@
-"""The drive bus: which command source moves the base, an explicit zero when none may, and the smoother before autonomy.
+"""The drive bus, which selects the command source that moves the base, and the velocity smoother of navigation.
 
-Cores only; the nodes are in `lupin_runtime.drive.node` and `lupin_runtime.drive.smoother_node`.
+This package exports the cores; the nodes are in `lupin_runtime.drive.node` and `lupin_runtime.drive.smoother_node`.
 """
 
 from lupin_runtime.drive.arbiter import INPUTS, Arbiter, Decision, Input

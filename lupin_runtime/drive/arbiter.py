@@ -1,36 +1,44 @@
-"""Who drives: the highest-priority input that is fresh, unless a lock holds.
+"""Arbitration of the drive bus: the fresh input of the highest priority drives, unless the bus is locked.
 
-Two things are stricter here than in a plain multiplexer, because people stand next to the robot:
+Two rules are stricter than in a plain multiplexer, because people stand next to the robot:
 
-* A lock holds while the e-stop is engaged and also while its state is unknown: before the first message and after a second
-  of silence. A dead e-stop bridge is not a released e-stop.
-* The end of a lock starts nothing. An input that was commanding motion into the lock must be seen at rest once (neutral, or
-  silent for `NEUTRAL_SILENCE_S` with the bus unlocked) before its motion passes again. Until then it still holds the bus by
-  its priority, at zero: somebody is pushing that stick. For autonomy the rule holds after an engaged e-stop; after a mere
-  loss of the e-stop's heartbeat (its process restarted) new commands pass, so that a mission goes on.
+* The bus is locked while the e-stop is engaged and also while its state is unknown: before the first message and after
+  `ESTOP_TIMEOUT_S` of silence. A dead e-stop bridge is not a released e-stop.
+* The bus is locked while the supervisor forbids motion, because a process does not respond.
+* The end of a lock starts no motion. An input that commanded motion during the lock must be seen at rest once (neutral, or
+  silent for `NEUTRAL_SILENCE_S` while the bus is unlocked) before its motion passes again. Until then it wins the bus by its
+  priority, but at zero, because a person may be pushing that stick. Autonomy must rest only after an engaged e-stop: after a
+  mere loss of the e-stop's heartbeat (its process was restarted) its new commands pass, so that a mission continues.
 
-Nothing here keeps a command: what passes is the message just received, so nothing older can.
+Several publishers may share an input, such as the sticks of two consoles, and their messages do not name them. A neutral
+message therefore counts as rest only where no motion arrived on its input within the input's timeout.
+
+The arbiter stores no command. It passes on only the message that it has just received, so no older one can reach the base.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from lupin_runtime.drive.twist import ZERO, Twist
+from lupin_runtime.safety.estop_monitor import EStopEdge, EStopMonitor
 
 NEUTRAL_SILENCE_S = 2.0
-# Messages that were already queued in the process when a lock ended are handled within this time, and count as older.
+# Three periods of the e-stop bridge.
+ESTOP_TIMEOUT_S = 0.6
+# Messages that were queued in this process when a lock ended are handled within this time, and are treated as older.
 DRAIN_S = 0.1
 
 ESTOP_ENGAGED = "e-stop engaged"
-ESTOP_UNHEARD = "e-stop state never heard"
-ESTOP_SILENT = "e-stop state not heard for"
+ESTOP_NOT_RECEIVED = "no e-stop state received yet"
+ESTOP_SILENT = "no e-stop state for"
 CLOSED = "shutting down"
 
 
 @dataclass(frozen=True)
 class Input:
-    """One source of the bus. `operator`: a person's hand is on it, so every lock, however short, asks for neutral."""
+    """A command source of the bus. `operator`: a person holds its stick, so after every lock it must return to neutral."""
 
     key: str
     priority: int
@@ -47,16 +55,22 @@ INPUTS = (
 
 
 @dataclass
-class _Heard:
-    """What is remembered of an input: when it last spoke, and whether motion from it may pass."""
+class _InputState:
+    """State of an input: the times of its last message and its last motion, and whether its motion may pass."""
 
     armed: bool
     last_ns: int | None = None
+    moved_ns: int | None = None
+    was_neutral: bool = False  # whether the last message was neutral
+
+    def rested(self, now_ns: int, timeout_ns: int) -> bool:
+        """Whether the last message was neutral, and no publisher of this input commanded motion within its timeout."""
+        return self.was_neutral and (self.moved_ns is None or not 0 <= now_ns - self.moved_ns <= timeout_ns)
 
 
 @dataclass(frozen=True)
 class Decision:
-    """Who has the bus, and why the others have not. `locks` is empty when nothing is locked."""
+    """The input that wins the bus, the reasons for locks, and per input the reason for its state and its age in seconds."""
 
     winner: str | None
     locks: tuple[str, ...]
@@ -65,107 +79,119 @@ class Decision:
 
 
 class Arbiter:
-    """Decides per message. Times are nanoseconds of one clock; where that jumps back, everything older is stale."""
+    """Decides for each message. Times are nanoseconds of one clock; after a jump back, earlier messages are stale."""
 
     def __init__(
         self,
         inputs: tuple[Input, ...] = INPUTS,
         *,
         require_heartbeat: bool = True,
-        heartbeat_timeout_s: float = 1.0,
+        heartbeat_timeout_s: float = ESTOP_TIMEOUT_S,
         neutral_silence_s: float = NEUTRAL_SILENCE_S,
         drain_s: float = DRAIN_S,
+        count_estop_publishers: Callable[[], int] = lambda: 1,
     ) -> None:
         self.inputs = tuple(sorted(inputs, key=lambda item: -item.priority))
         self._timeout_ns = {item.key: int(item.timeout_s * 1e9) for item in inputs}
         self._by_key = {item.key: item for item in inputs}
-        self._heard = {item.key: _Heard(armed=not item.operator) for item in inputs}
+        self._inputs = {item.key: _InputState(armed=not item.operator) for item in inputs}
         self._require_heartbeat = require_heartbeat
         self._heartbeat_ns = int(heartbeat_timeout_s * 1e9)
         self._neutral_ns = int(neutral_silence_s * 1e9)
         self._drain_ns = int(drain_s * 1e9)
-        self._engaged = False
-        self._estop_heard_ns: int | None = None
+        self._estop = EStopMonitor(count_estop_publishers)
+        self._estop_received_ns: int | None = None
         self._closed = False
-        self._locked = True  # until the first look at the clock; with no heartbeat asked for, that look unlocks
+        self._lock_reason = ""
+        self._locked = True  # until the first call with a time, which unlocks where no heartbeat is required
         self._unlocked_ns = 0
 
     # -- events -------------------------------------------------------------------------------------------------------
-    def estop(self, engaged: bool, now_ns: int) -> None:
-        """Take a message of the e-stop state."""
-        self._follow_locks(now_ns)  # a silence that this message ends was a lock
-        if engaged and not self._engaged:
-            for heard in self._heard.values():
-                heard.armed = False
-        self._engaged = engaged
-        self._estop_heard_ns = now_ns
-        self._follow_locks(now_ns)
+    def handle_estop_state(self, engaged: bool, now_ns: int) -> None:
+        """Handle a message of the e-stop state."""
+        self._update_lock(now_ns)  # the silence before this message was a lock
+        if self._estop.update(engaged, now_ns) is EStopEdge.ENGAGED:
+            for state in self._inputs.values():
+                state.armed = False
+        self._estop_received_ns = now_ns
+        self._update_lock(now_ns)
+
+    def set_lock(self, reason: str, now_ns: int) -> None:
+        """Lock the bus for `reason` until this is called with an empty one."""
+        self._lock_reason = reason
+        self._update_lock(now_ns)
 
     def close(self, now_ns: int) -> None:
-        """Lock for good: the process is going away."""
+        """Lock the bus permanently, because the process ends."""
         self._closed = True
-        self._follow_locks(now_ns)
+        self._update_lock(now_ns)
 
-    def command(self, key: str, twist: Twist, now_ns: int) -> Twist | None:
-        """Take a command (finite). Returns what the sink must get for it now: the command, zero, or None for nothing."""
-        locked = self._follow_locks(now_ns)
-        heard = self._heard[key]
+    def handle_command(self, key: str, twist: Twist, now_ns: int) -> Twist | None:
+        """Handle a finite command. Returns what to send to the base now: the command, zero, or None."""
+        locked = self._update_lock(now_ns)
+        state = self._inputs[key]
         neutral = twist.is_neutral()
+        state.was_neutral = state.was_neutral or neutral
+        rested = state.rested(now_ns, self._timeout_ns[key])
         if neutral:
-            heard.armed = True
-        elif not heard.armed and not locked:
-            since = self._unlocked_ns if heard.last_ns is None else max(self._unlocked_ns, heard.last_ns)
-            heard.armed = now_ns - since >= self._neutral_ns
-        elif locked and (self._engaged or self._by_key[key].operator):
-            heard.armed = False  # pushed again while locked: whatever rest was seen before no longer counts
-        heard.last_ns = now_ns
+            state.armed = state.armed or rested
+        else:
+            if not state.armed and not locked:
+                since = self._unlocked_ns if state.last_ns is None else max(self._unlocked_ns, state.last_ns)
+                state.armed = rested or now_ns - since >= self._neutral_ns
+            elif locked and (self._estop.engaged or self._by_key[key].operator):
+                state.armed = False  # motion was commanded during the lock: an earlier rest no longer counts
+            state.moved_ns, state.was_neutral = now_ns, False
+        state.last_ns = now_ns
         if locked or self.winner(now_ns) != key:
             return None
         draining = 0 <= now_ns - self._unlocked_ns < self._drain_ns
-        return twist if heard.armed and not draining else ZERO
+        return twist if state.armed and not draining else ZERO
 
     # -- reading ------------------------------------------------------------------------------------------------------
     def locked(self, now_ns: int) -> bool:
-        """Whether nothing may pass."""
-        return self._follow_locks(now_ns)
+        """Whether the bus is locked."""
+        return self._update_lock(now_ns)
 
     def winner(self, now_ns: int) -> str | None:
-        """The key of the highest-priority fresh input; None when all are silent or a lock holds."""
+        """The key of the highest-priority fresh input; None when all are silent or the bus is locked."""
         if self._locked:
             return None
         for item in self.inputs:
-            last_ns = self._heard[item.key].last_ns
+            last_ns = self._inputs[item.key].last_ns
             if last_ns is not None and 0 <= now_ns - last_ns <= self._timeout_ns[item.key]:
                 return item.key
         return None
 
     def locks(self, now_ns: int) -> tuple[str, ...]:
-        """Every reason why the bus is locked now."""
+        """Every reason for which the bus is locked now."""
         reasons = []
         if self._closed:
             reasons.append(CLOSED)
-        if self._engaged:
+        if self._estop.engaged:
             reasons.append(ESTOP_ENGAGED)
+        if self._lock_reason:
+            reasons.append(self._lock_reason)
         if self._require_heartbeat:
-            if self._estop_heard_ns is None:
-                reasons.append(ESTOP_UNHEARD)
-            elif not self._heartbeat(now_ns):
+            if self._estop_received_ns is None:
+                reasons.append(ESTOP_NOT_RECEIVED)
+            elif not self._has_heartbeat(now_ns):
                 reasons.append(f"{ESTOP_SILENT} {self._heartbeat_ns / 1e9:.1f} s")
         return tuple(reasons)
 
     def decision(self, now_ns: int) -> Decision:
-        """Who has the bus and why the others have not, for people."""
-        self._follow_locks(now_ns)
+        """The state of the bus, for people and the status topic."""
+        self._update_lock(now_ns)
         locks = self.locks(now_ns)
         winner = self.winner(now_ns)
         why: dict[str, str] = {}
         age_s: dict[str, float | None] = {}
         for item in self.inputs:
-            heard = self._heard[item.key]
-            age_ns = None if heard.last_ns is None else now_ns - heard.last_ns
+            state = self._inputs[item.key]
+            age_ns = None if state.last_ns is None else now_ns - state.last_ns
             age_s[item.key] = None if age_ns is None else round(age_ns / 1e9, 2)
             if age_ns is None:
-                why[item.key] = "never heard"
+                why[item.key] = "no message received"
             elif not 0 <= age_ns <= self._timeout_ns[item.key]:
                 why[item.key] = f"silent for more than {item.timeout_s:g} s"
             elif locks:
@@ -173,21 +199,22 @@ class Arbiter:
             elif winner != item.key:
                 why[item.key] = f"outranked by {winner}"
             else:
-                why[item.key] = "holds the bus" if heard.armed else "held at zero: it must come to rest once"
+                why[item.key] = "wins the bus" if state.armed else "held at zero until it has been at rest once"
         return Decision(winner, locks, why, age_s)
 
     # -- inside -------------------------------------------------------------------------------------------------------
-    def _follow_locks(self, now_ns: int) -> bool:
-        """Notice that a lock began or ended by `now_ns`; returns whether one holds."""
-        locked = self._closed or self._engaged or (self._require_heartbeat and not self._heartbeat(now_ns))
+    def _update_lock(self, now_ns: int) -> bool:
+        """Record whether a lock began or ended by `now_ns`; returns whether the bus is locked."""
+        silent = self._require_heartbeat and not self._has_heartbeat(now_ns)
+        locked = self._closed or self._estop.engaged or bool(self._lock_reason) or silent
         if locked and not self._locked:
             for item in self.inputs:
                 if item.operator:
-                    self._heard[item.key].armed = False
+                    self._inputs[item.key].armed = False
         elif self._locked and not locked:
             self._unlocked_ns = now_ns
         self._locked = locked
         return locked
 
-    def _heartbeat(self, now_ns: int) -> bool:
-        return self._estop_heard_ns is not None and 0 <= now_ns - self._estop_heard_ns <= self._heartbeat_ns
+    def _has_heartbeat(self, now_ns: int) -> bool:
+        return self._estop_received_ns is not None and 0 <= now_ns - self._estop_received_ns <= self._heartbeat_ns

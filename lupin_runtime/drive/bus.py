@@ -1,25 +1,28 @@
-"""The bus as a whole: arbitration, hard limits, and a zero that is said aloud.
+"""The drive bus: selects the input that moves the base, limits its commands, and sends zero when no input may move it.
 
-A base that hears nothing may keep its last velocity (the simulated drive does) or stop after a time-out of its own (the
-robot's does). Neither is left to chance: when the flow of commands ends, for whatever reason, zero goes out
+The sink is the output topic to the base. A base that receives no command may keep its last velocity (the simulated drive) or
+stop after its own timeout (the robot). The bus relies on neither. It sends zero
 
-* at once, on the edge;
-* then with every tick (20 Hz) for `HOLD_S`, since the sink is best effort and a packet may be lost;
-* then with every tick for as long as a lock holds, so that nobody publishes past a locked bus unopposed, else twice a
-  second, which a base that starts late or joins again hears soon.
+* when the input in effect times out or a lock begins: immediately for an engaged e-stop, else with the next tick (20 Hz);
+* then with every tick for `ZERO_REPEAT_S`, because the sink is best effort and a packet may be lost;
+* then, while the bus is locked, with every tick, to override any other publisher on the sink; while it is idle, twice a second,
+  for a base that starts late or joins again.
 """
 
 from __future__ import annotations
 
-from lupin_runtime.drive.arbiter import INPUTS, Arbiter, Decision, Input
+from collections.abc import Callable
+
+from lupin_runtime.drive.arbiter import ESTOP_TIMEOUT_S, INPUTS, Arbiter, Decision, Input
+from lupin_runtime.drive.ramp import Ramp
 from lupin_runtime.drive.twist import ZERO, HardLimits, Twist
 
-HOLD_S = 1.0
+ZERO_REPEAT_S = 1.0
 IDLE_PERIOD_S = 0.5
 
 
 class Bus:
-    """Every method returns what the sink must get now, or None for nothing."""
+    """The drive bus. Methods that return a twist return the command to send to the sink now; None means that there is none."""
 
     def __init__(
         self,
@@ -27,57 +30,67 @@ class Bus:
         *,
         limits: HardLimits | None = None,
         require_heartbeat: bool = True,
-        heartbeat_timeout_s: float = 1.0,
+        heartbeat_timeout_s: float = ESTOP_TIMEOUT_S,
+        count_estop_publishers: Callable[[], int] = lambda: 1,
     ) -> None:
-        self._arbiter = Arbiter(inputs, require_heartbeat=require_heartbeat, heartbeat_timeout_s=heartbeat_timeout_s)
+        """`count_estop_publishers` returns the number of publishers of the e-stop state."""
+        self._arbiter = Arbiter(
+            inputs,
+            require_heartbeat=require_heartbeat,
+            heartbeat_timeout_s=heartbeat_timeout_s,
+            count_estop_publishers=count_estop_publishers,
+        )
         self._limits = limits or HardLimits()
-        self._flowing: str | None = None  # whose command the sink obeys; None while it is held at zero
-        self._stopped_ns = 0
-        self._zero_ns: int | None = None
-        self.rejected = {item.key: 0 for item in inputs}  # commands that were not finite
+        self._ramp = Ramp()
+        self._active_input: str | None = None  # the input whose command was sent last; None while the bus is stopped
+        self._stop_began_ns = 0
+        self._last_zero_ns: int | None = None
+        self.rejected = {item.key: 0 for item in inputs}  # number of malformed or non-finite commands, by input
 
-    def command(self, key: str, twist: Twist | None, now_ns: int) -> Twist | None:
-        """Take a command of input `key`; None stands for one that was malformed or not finite, which counts as zero."""
+    def handle_command(self, key: str, twist: Twist | None, now_ns: int) -> Twist | None:
+        """Handle a command of input `key`; None stands for a malformed or non-finite one, which counts as zero."""
         if twist is None or not twist.is_finite():
             self.rejected[key] += 1
             twist = ZERO
-        passed = self._arbiter.command(key, twist, now_ns)
+        passed = self._arbiter.handle_command(key, twist, now_ns)
         if passed is None:
             return None
-        self._flowing = key
-        return self._limits.clamp(passed)
+        self._active_input = key
+        return self._ramp.limit(self._limits.clamp(passed), now_ns)
 
-    def estop(self, engaged: bool, now_ns: int) -> Twist | None:
-        """Take a message of the e-stop state; the edge into the lock is answered with zero at once."""
-        self._arbiter.estop(engaged, now_ns)
-        return self._stop(now_ns) if self._flowing is not None and self._arbiter.locked(now_ns) else None
+    def handle_estop_state(self, engaged: bool, now_ns: int) -> Twist | None:
+        """Handle a message of the e-stop state; returns zero if this locks the bus while a command is in effect."""
+        self._arbiter.handle_estop_state(engaged, now_ns)
+        return self._stop(now_ns) if self._active_input is not None and self._arbiter.locked(now_ns) else None
 
-    def tick(self, now_ns: int) -> Twist | None:
-        """To be called at 20 Hz."""
+    def tick(self, now_ns: int, lock_reason: str = "") -> Twist | None:
+        """Begin or continue a stop; call it at 20 Hz. `lock_reason` says why nothing may move, "" where motion is allowed."""
+        self._arbiter.set_lock(lock_reason, now_ns)
         locked = self._arbiter.locked(now_ns)
         winner = self._arbiter.winner(now_ns)
-        if self._flowing is not None:
-            # The last word of an input that fell silent must not outlive it, even where another one takes over.
-            return None if winner == self._flowing else self._stop(now_ns)
-        if self._zero_ns is None:
-            return self._stop(now_ns)  # the first word of a bus that just started
-        idle_s = (now_ns - self._zero_ns) / 1e9
-        held_s = (now_ns - self._stopped_ns) / 1e9
-        if locked or held_s <= HOLD_S or not 0 <= idle_s < IDLE_PERIOD_S:
-            self._zero_ns = now_ns
+        if self._active_input is not None:
+            # The last command of a silent input must not stay in effect, even where another input takes over.
+            return None if winner == self._active_input else self._stop(now_ns)
+        if self._last_zero_ns is None:
+            return self._stop(now_ns)  # the first message of a bus that has just started
+        idle_s = (now_ns - self._last_zero_ns) / 1e9
+        stopped_s = (now_ns - self._stop_began_ns) / 1e9
+        if locked or stopped_s <= ZERO_REPEAT_S or not 0 <= idle_s < IDLE_PERIOD_S:
+            self._last_zero_ns = now_ns
             return ZERO
         return None
 
     def close(self, now_ns: int) -> Twist:
-        """Lock for good; the zero must be sent several times before the process ends."""
+        """Lock permanently; the caller sends the zero several times before the process ends."""
         self._arbiter.close(now_ns)
         return self._stop(now_ns)
 
     def decision(self, now_ns: int) -> Decision:
-        """Who has the bus and why, for people."""
+        """The state of the bus, for people and the status topic."""
         return self._arbiter.decision(now_ns)
 
     def _stop(self, now_ns: int) -> Twist:
-        self._flowing = None
-        self._stopped_ns = self._zero_ns = now_ns
+        self._active_input = None
+        self._ramp.stop()
+        self._stop_began_ns = self._last_zero_ns = now_ns
         return ZERO

@@ -1,6 +1,6 @@
-"""`twist_mux`: the drive bus on the graph, and `idle_stop`, the simulation's constant zero beneath it.
+"""`twist_mux`, the node of the drive bus, and `idle_stop`, the simulation's constant zero at the lowest priority.
 
-Serialised bytes go in and out: six doubles are looked at, and a command that passes leaves as the very bytes that came.
+Both work on serialized messages: the bus decodes six doubles, and sends an unchanged command as the bytes it received.
 """
 
 from __future__ import annotations
@@ -13,18 +13,21 @@ from typing import Any
 from std_msgs.msg import String
 
 from lupin_runtime import graph
+from lupin_runtime.drive.arbiter import ESTOP_TIMEOUT_S
 from lupin_runtime.drive.bus import Bus
 from lupin_runtime.drive.twist import ZERO, HardLimits, Twist, decode, encode
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.priority import serve_first
+from lupin_runtime.ros.publisher_watch import PublisherWatch
 
 TICK_HZ = 20.0
 STATUS_PERIOD_NS = 200_000_000  # at most 5 Hz
-STATUS_REPEAT_NS = 1_000_000_000  # ages are part of the status, so it is said again
+STATUS_REPEAT_NS = 1_000_000_000  # the status contains ages, so it is published again
+WATCH_PERIOD_S = 0.5
 LAST_ZEROS = 5
 LAST_ZERO_GAP_S = 0.01
 
-# Best effort takes from every kind of publisher, and of a velocity stream only the newest message is worth having.
+# A best-effort subscription matches every publisher, and only the newest message of a velocity stream matters.
 INPUT_QOS = graph.BEST1
 
 INPUT_TOPICS = {
@@ -33,14 +36,20 @@ INPUT_TOPICS = {
     "auto": graph.CMD_VEL_AUTO,
     "zero": graph.ZERO_CMD_VEL,
 }
+BYPASSES = "whose commands bypass the drive bus and the e-stop"
+FORGES = "which could forge the e-stop; while it publishes there, the e-stop cannot be released"
+ESTOP_BRIDGE = "estop_bridge"
 SINKS = {"sim": graph.CMD_VEL_SINK_SIM, "robot": graph.CMD_VEL_SINK_ROBOT}
 
 _ZERO_BYTES = encode(ZERO)
 
 
 class TwistMux(LupinNode):
-    """The drive bus. Parameters: `sink` (sim or robot), `require_estop_heartbeat`, `estop_timeout_s`,
-    `linear_limit_mps`, `yaw_limit_radps`, `serve_first` (ask for real-time scheduling of the process)."""
+    """The drive bus.
+
+    Parameters: `sink` (sim or robot), `require_estop_heartbeat`, `estop_timeout_s`, `linear_limit_mps`, `yaw_limit_radps`,
+    `serve_first` (request real-time scheduling of the process).
+    """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("twist_mux", parameters)
@@ -53,21 +62,28 @@ class TwistMux(LupinNode):
         self._bus = Bus(
             limits=limits,
             require_heartbeat=self.parameter("require_estop_heartbeat", True),
-            heartbeat_timeout_s=self.parameter("estop_timeout_s", 1.0),
+            heartbeat_timeout_s=self.parameter("estop_timeout_s", ESTOP_TIMEOUT_S),
+            count_estop_publishers=lambda: self.count_publishers(graph.ESTOP_STATE.name),
         )
         self._closed = False
         self._status_key: tuple[object, ...] | None = None
         self._status_ns: int | None = None
         self._sink = self.publisher(SINKS[sink])
         self._status = self.publisher(graph.DRIVE_STATUS)
-        # Subscriptions are served in the order of their creation: of messages that arrive together, the e-stop is first.
+        self._watches = (
+            PublisherWatch(self, SINKS[sink].name, self.get_name(), BYPASSES),
+            PublisherWatch(self, graph.ESTOP_STATE.name, ESTOP_BRIDGE, FORGES),
+        )
+        self._alarms: tuple[str, ...] = ()
+        # The executor serves subscriptions in the order of their creation: the e-stop first.
         self.subscription(graph.ESTOP_STATE, self._on_estop)
         for key, topic in INPUT_TOPICS.items():
             self.subscription(topic, self._forwarder(key), qos=INPUT_QOS, raw=True)
         self.create_timer(1.0 / TICK_HZ, self._on_tick)
+        self.create_timer(WATCH_PERIOD_S, self._watch_publishers)
 
     def before_shutdown(self) -> None:
-        """Lock the bus and say zero often enough that one lost packet does not matter."""
+        """Lock the bus and send zero several times, in case a packet is lost."""
         self._closed = True
         self._bus.close(self.elapsed_clock_ns())
         for _ in range(LAST_ZEROS):
@@ -79,21 +95,29 @@ class TwistMux(LupinNode):
 
         def forward(data: bytes) -> None:
             command = decode(data)
-            out = bus.command(key, command, clock_ns())
+            out = bus.handle_command(key, command, clock_ns())
             if out is not None and not self._closed:
                 sink.publish(data if out is command else encode(out))
 
         return forward
 
     def _on_estop(self, message: Any) -> None:
-        self._say(self._bus.estop(bool(message.data), self.elapsed_clock_ns()))
+        self._send(self._bus.handle_estop_state(bool(message.data), self.elapsed_clock_ns()))
 
     def _on_tick(self) -> None:
         now_ns = self.elapsed_clock_ns()
-        self._say(self._bus.tick(now_ns))
+        self._send(self._bus.tick(now_ns, LupinNode.motion_hold()))
         self._report(now_ns)
 
-    def _say(self, twist: Twist | None) -> None:
+    def _watch_publishers(self) -> None:
+        now_ns = self.elapsed_clock_ns()
+        alarms = tuple(alarm for watch in self._watches for alarm in watch.alarms(now_ns))
+        for alarm in alarms:
+            if alarm not in self._alarms:
+                self.get_logger().error(alarm)
+        self._alarms = alarms
+
+    def _send(self, twist: Twist | None) -> None:
         if twist is not None and not self._closed:
             self._sink.publish(encode(twist))
 
@@ -102,15 +126,13 @@ class TwistMux(LupinNode):
         if 0 <= since_ns < STATUS_PERIOD_NS:
             return
         decision = self._bus.decision(now_ns)
-        # A sink that nobody listens to looks like a robot that ignores its commands, without any error.
+        # Without a subscriber of the sink the robot ignores every command, without any error.
         listeners = self._sink.get_subscription_count()
-        key = (decision.winner, decision.locks, listeners, *decision.why.items(), *self._bus.rejected.items())
+        key = (decision.winner, decision.locks, listeners, self._alarms, *decision.why.items(), *self._bus.rejected.items())
         if key == self._status_key and 0 <= since_ns < STATUS_REPEAT_NS:
             return
         if self._status_key is None or decision.locks != self._status_key[1]:
-            self.get_logger().warning(
-                "locked: " + ", ".join(decision.locks) if decision.locks else "unlocked: the e-stop is released"
-            )
+            self.get_logger().warning("locked: " + ", ".join(decision.locks) if decision.locks else "unlocked")
         self._status_key, self._status_ns = key, now_ns
         inputs = {
             name: {"age_s": decision.age_s[name], "why": why, "rejected": self._bus.rejected[name]}
@@ -119,6 +141,7 @@ class TwistMux(LupinNode):
         status = {
             "winner": decision.winner,
             "locks": list(decision.locks),
+            "alarms": list(self._alarms),
             "sink": {"topic": self._sink.topic_name, "listeners": listeners},
             "inputs": inputs,
         }
@@ -126,8 +149,10 @@ class TwistMux(LupinNode):
 
 
 class IdleStop(LupinNode):
-    """`idle_stop`: a constant zero on `/zero_cmd_vel`, the lowest input. Simulation only: a drive that keeps its last
-    velocity for ever is halted even by a bus that is not ours."""
+    """`idle_stop`: publishes a constant zero on `/zero_cmd_vel`, the lowest-priority input. Simulation only.
+
+    The simulated drive keeps its last velocity; this halts it even under a drive bus that sends no zero of its own.
+    """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("idle_stop", parameters)

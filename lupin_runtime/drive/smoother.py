@@ -1,8 +1,8 @@
-"""Limits the velocity and the acceleration of autonomy's commands, open loop: it knows what it said, not how the base moved.
+"""Limits velocity and acceleration of navigation's commands, open loop: it uses its last output, not the base's motion.
 
-Acceleration is limited per axis, and slowing down has limits of its own. A velocity that changes sign slows down to zero
-first and then speeds up, both within one step where time is left. Without a command for `timeout_s`, and after one that is
-not finite, the target is zero. At rest it says zero a few times more and falls silent, so that it does not hold the bus.
+Acceleration and deceleration are limited per axis. A velocity that changes sign first slows down to zero and then speeds up,
+both in one step where time is left. Without a command for `timeout_s`, and after a non-finite one, the target is zero. At rest
+it outputs zero REST_REPEATS times and then nothing, so that it does not win the drive bus.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ REST_REPEATS = 5
 
 @dataclass(frozen=True)
 class AxisLimits:
-    """Limits of one axis in m/s and m/s², or rad/s and rad/s². `slowest` and `decel` are negative or zero."""
+    """Limits of one axis in m/s and m/s², or rad/s and rad/s². `slowest` is at most zero, `decel` is negative."""
 
     fastest: float
     slowest: float
@@ -29,7 +29,7 @@ class AxisLimits:
             raise ValueError(f"expected fastest >= 0 >= slowest and accel > 0 > decel, found {self}")
 
     def step(self, velocity: float, target: float, dt_s: float) -> float:
-        """The velocity after `dt_s` on the way from `velocity` to `target`."""
+        """The velocity `dt_s` after `velocity`, on the way to `target`."""
         target = min(self.fastest, max(self.slowest, target))
         if velocity * target < 0.0:
             to_rest_s = abs(velocity) / -self.decel
@@ -42,36 +42,36 @@ class AxisLimits:
 
 
 class Smoother:
-    """The smoother of the three axes. Times are nanoseconds of one clock."""
+    """Smooths the three axes. Times are nanoseconds of one clock."""
 
     def __init__(self, x: AxisLimits, y: AxisLimits, yaw: AxisLimits, timeout_s: float = 1.0, deadband: Twist = ZERO) -> None:
         self._axes = (x, y, yaw)
         self._timeout_ns = int(timeout_s * 1e9)
         self._deadband = deadband
         self._target = ZERO
-        self._heard_ns: int | None = None
+        self._received_ns: int | None = None
         self._velocity = ZERO
-        self._rests_said = REST_REPEATS
+        self._rests_sent = REST_REPEATS
         self.rejected = 0
 
     def command(self, twist: Twist | None, now_ns: int) -> None:
-        """Take a command; None stands for one that was malformed or not finite, and means: come to rest."""
+        """Handle a command; None stands for a malformed or non-finite one and sets the target to zero."""
         if twist is None or not twist.is_finite():
             self.rejected += 1
             twist = ZERO
         self._target = Twist(*(0.0 if abs(v) < band else v for v, band in zip(twist, self._deadband)))
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
 
     def tick(self, now_ns: int, dt_s: float) -> Twist | None:
-        """The velocity to say now, `dt_s` after the last call; None while silent."""
-        if self._heard_ns is None or not 0 <= now_ns - self._heard_ns <= self._timeout_ns:
+        """The velocity to publish now, `dt_s` after the last call; None after the repeated zeros at rest."""
+        if self._received_ns is None or not 0 <= now_ns - self._received_ns <= self._timeout_ns:
             self._target = ZERO
         axes = zip(self._axes, self._velocity, self._target)
         self._velocity = Twist(*(limits.step(velocity, target, dt_s) for limits, velocity, target in axes))
         if self._velocity != ZERO:
-            self._rests_said = 0
+            self._rests_sent = 0
             return self._velocity
-        if self._rests_said >= REST_REPEATS:
+        if self._rests_sent >= REST_REPEATS:
             return None
-        self._rests_said += 1
+        self._rests_sent += 1
         return ZERO

@@ -1,4 +1,4 @@
-"""`velocity_smoother`: navigation's `/cmd_vel_nav` with limited velocity and acceleration, on `/cmd_vel_auto`."""
+"""`velocity_smoother`: limits velocity and acceleration of `/cmd_vel_nav` and publishes the result on `/cmd_vel_auto`."""
 
 from __future__ import annotations
 
@@ -6,15 +6,18 @@ from typing import Any
 
 from lupin_runtime import graph
 from lupin_runtime.drive.smoother import AxisLimits, Smoother
-from lupin_runtime.drive.twist import Twist, decode, encode
+from lupin_runtime.drive.twist import ZERO, Twist, decode, encode
 from lupin_runtime.ros import LupinNode
 
 AXES = ("x", "y", "yaw")
 
 
 class VelocitySmoother(LupinNode):
-    """Parameters, each list in the order x, y, yaw: `max_velocity`, `min_velocity`, `max_accel`, `max_decel`,
-    `deadband_velocity`; `smoothing_frequency` (Hz), `velocity_timeout` (s)."""
+    """The node of the velocity smoother.
+
+    Parameters, each list in the order x, y, yaw: `max_velocity`, `min_velocity`, `max_accel`, `max_decel`,
+    `deadband_velocity`; `smoothing_frequency` (Hz), `velocity_timeout` (s).
+    """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("velocity_smoother", parameters)
@@ -38,8 +41,8 @@ class VelocitySmoother(LupinNode):
         self.create_timer(self._period_s, self._on_tick)
 
     def before_shutdown(self) -> None:
-        """Navigation ends: its last word is zero."""
-        self._output.publish(encode(Twist(0.0, 0.0, 0.0)))
+        """Publish zero as the last command of navigation."""
+        self._output.publish(encode(ZERO))
 
     def _axes(self, name: str, default: list[float]) -> list[float]:
         values = list(self.parameter(name, default))
@@ -52,9 +55,11 @@ class VelocitySmoother(LupinNode):
 
     def _on_tick(self) -> None:
         now_ns = self.elapsed_clock_ns()
+        if LupinNode.motion_hold():
+            self._smoother.command(ZERO, now_ns)  # the drive bus of a robot does not know of this computer's processes
         elapsed_s = self._period_s if self._ticked_ns is None else (now_ns - self._ticked_ns) / 1e9
         self._ticked_ns = now_ns
-        # A late tick may catch up by one period; more would be a jump, and a clock set back is no time at all.
+        # A late tick may catch up by one period, as more would be a jump in velocity. A clock that was set back counts as 0 s.
         out = self._smoother.tick(now_ns, min(2.0 * self._period_s, max(0.0, elapsed_s)))
         if out is not None:
             self._output.publish(encode(out))

@@ -1,7 +1,7 @@
-"""A planar velocity, its bytes on the wire, and the limits that no command passes.
+"""A planar velocity, its serialized form, and the hard limits of every command.
 
-The bus forwards serialised messages: taking a Twist apart into Python objects and putting it together again costs more than
-everything else it does. A geometry_msgs/Twist is six doubles behind the four bytes of the CDR encapsulation header
+The drive bus forwards serialized messages, because building and serializing Python message objects would cost more than all its
+other work. A geometry_msgs/Twist is six doubles after the four bytes of the CDR encapsulation header
 (OMG DDSI-RTPS 2.2, 10.2), whose second byte is odd for little-endian.
 """
 
@@ -31,7 +31,7 @@ class Twist(NamedTuple):
         return math.isfinite(self.x) and math.isfinite(self.y) and math.isfinite(self.yaw)
 
     def is_neutral(self, tolerance: float = 1e-3) -> bool:
-        """Whether the base would stand still: every component within `tolerance` of zero. NaN is not neutral."""
+        """Whether every component is within `tolerance` of zero, so that the base stands still. NaN is not neutral."""
         return abs(self.x) <= tolerance and abs(self.y) <= tolerance and abs(self.yaw) <= tolerance
 
 
@@ -40,16 +40,16 @@ ZERO = Twist(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class HardLimits:
-    """The largest command that reaches the base, whoever sent it.
+    """The largest command that reaches the base, from any source.
 
-    The defaults are the largest that any source is configured to ask for: the pad's turbo speed and navigation's turn rate.
+    The defaults are the largest values that any source is configured for: the gamepad's turbo speed and navigation's turn rate.
     """
 
     linear_mps: float = 0.6
     yaw_radps: float = 1.9
 
     def clamp(self, twist: Twist) -> Twist:
-        """`twist` within the limits. The direction of travel is kept: x and y shrink together."""
+        """`twist` within the limits. x and y are scaled together, which keeps the direction of travel."""
         fastest = max(abs(twist.x), abs(twist.y))
         yaw = min(self.yaw_radps, max(-self.yaw_radps, twist.yaw))
         if fastest <= self.linear_mps:
@@ -59,15 +59,17 @@ class HardLimits:
 
 
 def decode(data: bytes) -> Twist | None:
-    """The planar velocity in a serialised geometry_msgs/Twist; None where it is not one or any of its six numbers is
-    not finite. Components that a planar base cannot follow are dropped."""
+    """The planar velocity of a serialized geometry_msgs/Twist; its z, roll and pitch are dropped.
+
+    Returns None for too few bytes, or where any of the six numbers is not finite.
+    """
     if len(data) < CDR_TWIST_BYTES:
         return None
     x, y, z, roll, pitch, yaw = (_LITTLE if data[1] & 1 else _BIG).unpack_from(data, 4)
-    # One addition finds every NaN and infinity, except opposite infinities, whose sum is NaN: also not finite.
+    # The sum is finite only if all six are: opposite infinities add up to NaN.
     return Twist(x, y, yaw) if math.isfinite(x + y + z + roll + pitch + yaw) else None
 
 
 def encode(twist: Twist) -> bytes:
-    """`twist` as a serialised geometry_msgs/Twist, little-endian."""
+    """`twist` as a serialized geometry_msgs/Twist, little-endian."""
     return _HEADER + _LITTLE.pack(twist.x, twist.y, 0.0, 0.0, 0.0, twist.yaw)

@@ -9,21 +9,20 @@ from lupin_msgs.msg import SensorReading, TagReading
 from lupin_msgs.srv import GetTagReading
 
 from lupin_runtime import graph
-from lupin_runtime.greenhouse.oracle import GreenhouseOracle, Overrides, UnknownTag
+from lupin_runtime.greenhouse.climate_simulator import ClimateSimulator, Overrides, UnknownTag
 from lupin_runtime.ros import LupinNode, stamp_from_ns
 
 
 class GreenhouseBridge(LupinNode):
-    """Serves the climate at a tag. It refuses to start on a file it can't use, with the file and line in the message.
+    """Serves the climate at a tag. It refuses to start with an unusable file; the message names file and line.
 
-    Two clocks are kept apart: a reading's stamp is ROS time, its time of day is the greenhouse's, which runs
-    `speedup_factor` times as fast.
+    A reading's stamp is ROS time; its time of day is the greenhouse's, which runs `speedup_factor` times as fast.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("greenhouse_bridge", parameters)
         tag_file, config_file = str(self.parameter("tag_file", "")), str(self.parameter("sim_config_file", ""))
-        self._oracle = GreenhouseOracle(
+        self._climate = ClimateSimulator(
             Path(tag_file).expanduser() if tag_file else None,
             Path(config_file).expanduser() if config_file else None,
             Overrides(
@@ -34,11 +33,11 @@ class GreenhouseBridge(LupinNode):
             clock_s=lambda: self.now_ns() / 1e9,
         )
         self.service(graph.GET_TAG_READING, self._read)
-        self.get_logger().info(f"greenhouse with {len(self._oracle.tags)} tags")
+        self.get_logger().info(f"greenhouse with {len(self._climate.tags)} tags")
 
     def _read(self, request: GetTagReading.Request, response: GetTagReading.Response) -> GetTagReading.Response:
         try:
-            reading = self._oracle.read(request.tag_id)
+            reading = self._climate.read(request.tag_id)
         except UnknownTag as error:
             response.status = GetTagReading.Response.STATUS_UNKNOWN_TAG
             response.error_message = str(error)

@@ -1,6 +1,6 @@
-"""The LED strip: what the robot says to the people around it.
+"""The LED strip, which shows the robot's state to the people around it.
 
-Cores only; the node is in `lupin_runtime.lights.node`.
+This package exports the cores; the node is in `lupin_runtime.lights.node`.
 """
 
 from lupin_runtime.lights.motion import MotionDetector

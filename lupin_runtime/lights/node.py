@@ -1,4 +1,4 @@
-"""`light_strip_bridge`: renders the robot's state on its LED strip, ten times a second."""
+"""`light_strip_bridge`: shows the robot's state on its LED strip, updated ten times a second."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from lupin_runtime.lights.motion import MotionDetector
 from lupin_runtime.lights.palette import Rgb, permutation
 from lupin_runtime.lights.precedence import Mission, View, choose, shown
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 REPLY_S = 1.0
 _ARM = (*graph.ARM_JOINTS, graph.GRIPPER_JOINT)
@@ -24,8 +25,11 @@ _MARK = graph.ARM_JOINTS[0].encode()
 
 
 class LightStripBridge(LupinNode):
-    """Parameters: the topics and services by name, `set_on_startup`, `unknown_state_off`, `color_order`, `drive_timeout`,
-    `drive_deadband`, `arm_deadband_rad`, `arm_motion_hold`, `mission_state_timeout`, `render_rate_hz`, `blink_hz`."""
+    """The node of the LED strip.
+
+    Parameters: the topics and services by name, `set_on_startup`, `unknown_state_off`, `color_order`, `drive_timeout`,
+    `drive_deadband`, `arm_deadband_rad`, `arm_motion_hold`, `mission_state_timeout`, `render_rate_hz`, `blink_hz`.
+    """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("light_strip_bridge", parameters)
@@ -36,20 +40,21 @@ class LightStripBridge(LupinNode):
         self._blink_hz = self.parameter("blink_hz", 1.0)
         self._order = permutation(self.parameter("color_order", "RGB"))
         self._arm = MotionDetector(self.parameter("arm_deadband_rad", 0.0087), self.parameter("arm_motion_hold", 0.3))
-        self._silent = not self.parameter("set_on_startup", True)  # until there is more to say than standby
+        self._silent = not self.parameter("set_on_startup", True)  # until a rule other than standby applies
 
         self._estop = False
         self._manual: Rgb | None = None
         self._mission: tuple[Mission, int] | None = None
         self._joints: bytes | None = None
         self._driven_ns: int | None = None
-        self._asked: Rgb | None = None  # what the strip was last asked for; None: not known to have been heard
+        self._requested: Rgb | None = None  # the color last requested; None: not known to be shown
         self._request: Future | None = None
-        self._asked_ns = 0
+        self._requested_ns = 0
 
         self._strip = self.client(replace(graph.VENDOR_LEDS, name=self.parameter("led_service", graph.VENDOR_LEDS.name)))
+        estop = replace(graph.ESTOP_STATE, name=self.parameter("estop_topic", graph.ESTOP_STATE.name))
+        subscribe_estop(self, self._on_estop, estop)
         topics = (
-            ("estop_topic", graph.ESTOP_STATE, self._on_estop, False),
             ("mission_state_topic", graph.MISSION_STATE, self._on_mission, False),
             ("joint_states_topic", graph.JOINT_STATES, self._on_joints, True),
             ("drive_topic", graph.CMD_VEL_SINK_ROBOT, self._on_drive, True),
@@ -60,9 +65,9 @@ class LightStripBridge(LupinNode):
         self.service(replace(graph.LEDS_AUTO, name=self.parameter("auto_service", graph.LEDS_AUTO.name)), self._on_auto)
         self.create_timer(1.0 / self.parameter("render_rate_hz", 10.0), self._render)
 
-    # -- what is heard ------------------------------------------------------------------------------------------------
-    def _on_estop(self, message: Any) -> None:
-        self._estop = bool(message.data)
+    # -- inputs -------------------------------------------------------------------------------------------------------
+    def _on_estop(self, engaged: bool) -> None:
+        self._estop = engaged
 
     def _on_mission(self, message: Any) -> None:
         mission = Mission(
@@ -75,7 +80,7 @@ class LightStripBridge(LupinNode):
         self._mission = (mission, self.elapsed_clock_ns())
 
     def _on_joints(self, data: Any) -> None:
-        if _MARK in data:  # decoded when it is rendered, five times less often than it comes
+        if _MARK in data:  # decoded when the strip is updated, a fifth as often as it arrives
             self._joints = data
 
     def _on_drive(self, data: Any) -> None:
@@ -86,8 +91,8 @@ class LightStripBridge(LupinNode):
     def _on_set(self, request: Any, response: Any) -> Any:
         response.status = self._strip.service_is_ready()
         if response.status:
-            colour = request.color
-            self._manual = Rgb(colour.r, colour.g, colour.b)
+            color = request.color
+            self._manual = Rgb(color.r, color.g, color.b)
             self._render()
         return response
 
@@ -97,7 +102,7 @@ class LightStripBridge(LupinNode):
         response.success, response.message = True, f"the strip follows the robot again: {choose(self._view())[0]}"
         return response
 
-    # -- what is shown ------------------------------------------------------------------------------------------------
+    # -- output -------------------------------------------------------------------------------------------------------
     def _view(self) -> View:
         now_ns = self.elapsed_clock_ns()
         mission = None
@@ -115,14 +120,14 @@ class LightStripBridge(LupinNode):
 
     def _render(self) -> None:
         now_ns = self.elapsed_clock_ns()
-        self._look_at_arm(now_ns)
+        self._update_arm(now_ns)
         rule, light = choose(self._view())
         if self._silent and rule == "standby":
             return
         self._silent = False
-        self._ask(shown(light, now_ns / 1e9, self._blink_hz), now_ns)
+        self._send(shown(light, now_ns / 1e9, self._blink_hz), now_ns)
 
-    def _look_at_arm(self, now_ns: int) -> None:
+    def _update_arm(self, now_ns: int) -> None:
         data, self._joints = self._joints, None
         if data is None:
             return
@@ -131,26 +136,26 @@ class LightStripBridge(LupinNode):
         if all(joint in at for joint in graph.ARM_JOINTS):
             self._arm.update([at.get(joint, 0.0) for joint in _ARM], now_ns)
 
-    def _ask(self, colour: Rgb, now_ns: int) -> None:
-        if self._request is not None and not 0 <= now_ns - self._asked_ns <= REPLY_S * 1e9:
+    def _send(self, color: Rgb, now_ns: int) -> None:
+        if self._request is not None and not 0 <= now_ns - self._requested_ns <= REPLY_S * 1e9:
             self._strip.remove_pending_request(self._request)
-            self._asked = self._request = None  # no reply: ask again
+            self._requested = self._request = None  # no reply: send it again
         if not self._strip.service_is_ready():
-            self._asked = None  # whoever serves it next may have another colour on the strip
+            self._requested = None  # the next server may show another color
             return
-        if colour == self._asked:
+        if color == self._requested:
             return
         request = SetNeopixel.Request()
-        # The one place where bytes are put in the order in which this strip is wired.
-        request.color.r, request.color.g, request.color.b = (colour[index] for index in self._order)
-        self._asked, self._asked_ns = colour, now_ns
+        # Only here colors are reordered for the wiring of this strip.
+        request.color.r, request.color.g, request.color.b = (color[index] for index in self._order)
+        self._requested, self._requested_ns = color, now_ns
         reply = self._strip.call_async(request)
         self._request = reply
         reply.add_done_callback(self._on_reply)
 
     def _on_reply(self, reply: Any) -> None:
         if self._request is None or reply is not self._request:
-            return  # of an older request: what it says is no longer about what is shown
+            return  # the reply to an older request, whose color is no longer the requested one
         self._request = None
         if reply.cancelled() or reply.exception() is not None or not reply.result().status:
-            self._asked = None
+            self._requested = None

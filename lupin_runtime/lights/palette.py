@@ -1,4 +1,4 @@
-"""The strip's colours, and which of them a mission's state has."""
+"""The colors of the LED strip, and those of the mission's states."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Rgb(NamedTuple):
-    """0..255 each."""
+    """A color; each component is 0..255."""
 
     r: int
     g: int
@@ -29,7 +29,7 @@ OFF = Rgb(0, 0, 0)
 
 COLOURS = {name: value for name, value in globals().items() if isinstance(value, Rgb)}
 
-# Lifecycle states of a mission that is under way, and of one that rests.
+# Lifecycle states of a mission in progress, and of one at rest.
 IN_PROGRESS = {
     "PREPARE": YELLOW,
     "EXPLORING": SPRING,
@@ -39,16 +39,16 @@ IN_PROGRESS = {
 }
 RESTING = {"BOOT": WHITE, "READY": BLUE, "DONE": GREEN}
 LIFECYCLE = {**IN_PROGRESS, **RESTING}
-# A phase is more telling than the state that it is a part of.
+# The color of a phase replaces that of its lifecycle state.
 PHASE = {"SCANNING": PURPLE, "CONFIRMING": PURPLE, "PUBLISHING": WHITE}
 
 STANDBY = BLUE
 
 
 def permutation(order: str) -> tuple[int, int, int]:
-    """For each byte sent, the index into an Rgb of the colour that it drives on this strip; of an order that is none: RGB.
+    """For each byte sent, the index into an Rgb of the color that it drives; RGB for an invalid `order`.
 
-    The robot's strip is wired BRG: the byte called r lights its blue.
+    The robot's strip is wired BRG: the byte called r drives its blue.
     """
     order = order.strip().upper()
     if sorted(order) != ["B", "G", "R"]:

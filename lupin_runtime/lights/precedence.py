@@ -1,4 +1,4 @@
-"""Which light wins: a table from the most urgent to what is left when nothing else is to be said."""
+"""Selects the light to show: a table of rules in the order of their precedence."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from lupin_runtime.lights.palette import (
 
 
 class Light(NamedTuple):
-    """A colour, steady or blinking."""
+    """A color, steady or blinking."""
 
-    colour: Rgb
+    color: Rgb
     blinking: bool = False
 
 
 @dataclass(frozen=True)
 class Mission:
-    """What the mission last said. `fresh`: it said so lately; a mission that fell silent is none, except for its e-stop."""
+    """The last state of the mission. A state that is not `fresh` is ignored, except for its e-stop and fault."""
 
     lifecycle: str
     phase: str = ""
@@ -42,7 +42,7 @@ class Mission:
 
 @dataclass(frozen=True)
 class View:
-    """All that a light is chosen from."""
+    """The inputs of the rules."""
 
     mission: Mission | None = None
     estop: bool = False
@@ -53,7 +53,7 @@ class View:
 
     @property
     def current(self) -> Mission | None:
-        """The mission, where it is fresh."""
+        """The mission's state, if it is fresh."""
         return self.mission if self.mission is not None and self.mission.fresh else None
 
 
@@ -62,7 +62,7 @@ Rule = Callable[[View], "Light | None"]
 
 def _stopped(view: View) -> Light | None:
     mission = view.mission
-    # Never gated by freshness: a stop that was heard last stays red whatever died since.
+    # Freshness does not matter here: the last received stop stays red, even if its publisher has died.
     stopped = view.estop or (mission is not None and (mission.estop or mission.lifecycle == "FAULT"))
     return Light(RED) if stopped else None
 
@@ -119,16 +119,16 @@ RULES: tuple[tuple[str, Rule], ...] = (
 
 
 def choose(view: View) -> tuple[str, Light]:
-    """The first rule that has something to say, and its light."""
+    """The name and light of the first rule that applies."""
     for name, rule in RULES:
         light = rule(view)
         if light is not None:
             return name, light
-    raise AssertionError("the last rule always has")
+    raise AssertionError("the last rule always applies")
 
 
 def shown(light: Light, now_s: float, blink_hz: float) -> Rgb:
-    """The colour of a light at this moment: a blinking one is on during the first half of each period."""
+    """The color of a light at `now_s`: a blinking one is on during the first half of each period."""
     if light.blinking and (now_s * blink_hz) % 1.0 >= 0.5:
         return OFF
-    return light.colour
+    return light.color

@@ -1,1 +1,1 @@
-"""The mission: explore, drive to every tag, read it, come home; a hierarchical state machine over navigation and the bridge."""
+"""The mission: explore, drive to every tag, read it, return to the dock. A state machine over navigation and the bridge."""

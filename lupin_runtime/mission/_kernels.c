@@ -1,4 +1,4 @@
-/* What a camera on the robot sees of a grid map's surfaces, and how far every cell is by road.
+/* What a camera on the robot sees of a grid map's surfaces, and the travel distance to every cell.
  *
  * Grids are int8 (height, width), row 0 at the lowest y; -1 unknown, 0 free .. 100 occupied. Lengths are metres.
  * A surface is a row of 4 doubles (x, y, nx, ny): the centre of the free cell in front of it and its outward unit normal.
@@ -15,8 +15,8 @@ typedef struct {
     int32_t height, width, occupied_thresh;
 } View;
 
-/* Whether the straight line between two points crosses only cells known to be free of obstacles. The first cells under
- * the camera are not looked at: it cannot be inside an obstacle, however the map is off by a cell. */
+/* Returns whether the line between two points crosses only cells without obstacles and unknowns. The first 0.1 m are
+ * skipped: the camera cannot be inside an obstacle, even if the map is off by a cell. */
 static int line_is_clear(const int8_t *cells, const View *v, double x0, double y0, double x1, double y1)
 {
     const double length = hypot(x1 - x0, y1 - y0);
@@ -35,6 +35,7 @@ static int line_is_clear(const int8_t *cells, const View *v, double x0, double y
     return 1;
 }
 
+/* Returns whether a camera at (cx, cy) that looks along (ux, uy) sees surface s. */
 static int sees(const int8_t *cells, const View *v, double cx, double cy, double ux, double uy, const double *s)
 {
     const double dx = s[0] - cx, dy = s[1] - cy;
@@ -50,7 +51,7 @@ static int sees(const int8_t *cells, const View *v, double cx, double cy, double
     return line_is_clear(cells, v, cx, cy, s[0], s[1]);
 }
 
-/* Adds to seen[i] the weights of all poses that see surface i. */
+/* Adds to seen[i] the weights of the poses that see surface i. */
 void add_view_time(const int8_t *cells, const View *v, const double *surfaces, int64_t n, const double *poses, int64_t m,
                    double *seen)
 {
@@ -64,7 +65,7 @@ void add_view_time(const int8_t *cells, const View *v, const double *surfaces, i
     }
 }
 
-/* gain[j] = sum of weights of the surfaces that pose j sees. */
+/* Sets gain[j] to the sum of the weights of the surfaces that pose j sees. */
 void view_gain(const int8_t *cells, const View *v, const double *surfaces, const double *weights, int64_t n,
                const double *poses, int64_t m, double *gain)
 {
@@ -80,7 +81,7 @@ void view_gain(const int8_t *cells, const View *v, const double *surfaces, const
     }
 }
 
-/* visible[j * n + i] = whether pose j sees surface i. */
+/* Sets visible[j * n + i] to 1 if pose j sees surface i, else 0. */
 void view_matrix(const int8_t *cells, const View *v, const double *surfaces, int64_t n, const double *poses, int64_t m,
                  uint8_t *visible)
 {
@@ -93,9 +94,9 @@ void view_matrix(const int8_t *cells, const View *v, const double *surfaces, int
     }
 }
 
-/* Distances by road in cells from (row, column) over cells with passable != 0, 8-connected, corners not cut; infinity
- * where no road leads. Dial's buckets on chamfer weights 5 and 7 (Borgefors 1986: within 4 % of Euclid's).
- * Returns 0, or -1 without memory. */
+/* Computes travel distances in cells from (row, column) over cells with passable != 0, 8-connected without cutting corners;
+ * INFINITY where no path leads. Dial's buckets on chamfer weights 5 and 7 (Borgefors 1986: within 4 % of Euclid's).
+ * Returns 0, or -1 if memory runs out. */
 int32_t travel_distance(const uint8_t *passable, int32_t height, int32_t width, int32_t row, int32_t column, float *distance)
 {
     static const int dr[8] = {0, 0, 1, -1, 1, 1, -1, -1}, dc[8] = {1, -1, 0, 0, 1, -1, 1, -1};

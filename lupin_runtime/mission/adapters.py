@@ -1,4 +1,4 @@
-"""The ports of the mission on the graph: navigation's action, the services, the transforms, the map."""
+"""The ROS implementations of the protocols in ports.py: navigation's action, services, transforms, map."""
 
 from __future__ import annotations
 
@@ -12,48 +12,54 @@ from lupin_msgs.srv import ConfirmTag, GetTagReading, SetArmPreset
 from nav2_msgs.action import NavigateToPose
 
 from lupin_runtime import graph
-from lupin_runtime.geometry import Pose2, yaw_from_quaternion
+from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
+from lupin_runtime.geometry import Pose2
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.mission.config import MissionConfig
-from lupin_runtime.mission.messages import goal_message, grid_map, reading
-from lupin_runtime.mission.place import Place
-from lupin_runtime.mission.ports import STATUS_UNKNOWN, Confirmation, Reading
+from lupin_runtime.mission.messages import climate_reading, grid_map
+from lupin_runtime.mission.orchestrator import Orchestrator
+from lupin_runtime.mission.ports import STATUS_UNKNOWN
+from lupin_runtime.mission.records import ClimateReading, Confirmation
+from lupin_runtime.mission.robot_pose import PolledTransform
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.node import interface
+from lupin_runtime.ros.plane_messages import plane_pose_message
 
 STALE_TRANSFORM_S = 2.0
-# The clock is looked at ten times a second; a longer step is a stalled process or a clock that was set.
-LONGEST_STEP_S = 2.0
+_MAX_PENDING = 32  # unanswered requests of a service
+# The clock is read ten times a second; a longer step means that the process stalled or that the clock was set.
+MAX_STEP_S = 2.0
 
-# What an answer does on its way in: the node serialises it with everything else and publishes what has changed.
+# Runs a callback alone: the node serializes all callbacks and publishes the state that they changed.
 Guard = Callable[[Callable[[], None]], None]
 
 
 class NodeClock:
-    """Time of the node. A clock that is set while a mission runs neither expires its waits nor holds them up: what passes
-    between two looks counts from nothing to LONGEST_STEP_S."""
+    """The node's time. A clock that is set during a mission neither triggers nor delays timeouts: the time between
+    two readings counts as at least 0 and at most MAX_STEP_S."""
 
     def __init__(self, node: LupinNode) -> None:
         self._node = node
         self._elapsed_ns = 0
-        self._looked_ns: int | None = None
+        self._last_read_ns: int | None = None
 
     def now_s(self) -> float:
-        """Seconds for time-outs; never less than before."""
+        """Return seconds for timeouts; never decreases."""
         now_ns = self._node.elapsed_clock_ns()
-        if self._looked_ns is not None:
-            self._elapsed_ns += min(max(now_ns - self._looked_ns, 0), int(LONGEST_STEP_S * 1e9))
-        self._looked_ns = now_ns
+        if self._last_read_ns is not None:
+            self._elapsed_ns += min(max(now_ns - self._last_read_ns, 0), int(MAX_STEP_S * 1e9))
+        self._last_read_ns = now_ns
         return self._elapsed_ns / 1e9
 
     def stamp_ns(self) -> int:
-        """ROS time."""
+        """Return ROS time in nanoseconds."""
         return self._node.now_ns()
 
 
-def blind_codes() -> frozenset[int]:
-    """The error codes by which navigation says that its senses failed: transforms that stop, a costmap that gets no scans.
-    Releases of nav2_msgs before Jazzy have none."""
+def sensor_failure_codes() -> frozenset[int]:
+    """Return the error codes by which navigation reports failed sensors: missing transforms, a costmap without scans.
+
+    Empty with nav2_msgs older than Jazzy, which has no such codes."""
     names = {"FollowPath": ("TF_ERROR", "CONTROLLER_TIMED_OUT"), "ComputePathToPose": ("TF_ERROR",)}
     results = {action: interface(f"nav2_msgs/action/{action}").Result for action in names}
     found = (getattr(results[action], name, None) for action, constants in names.items() for name in constants)
@@ -61,7 +67,7 @@ def blind_codes() -> frozenset[int]:
 
 
 class NavigationClient:
-    """navigate_to_pose. `listener` has `goal_accepted`, `goal_feedback`, `goal_rejected` and `goal_finished`."""
+    """The action navigate_to_pose. Results go to `listener`, which must be set before the first goal."""
 
     def __init__(self, node: LupinNode, config: MissionConfig, guard: Guard) -> None:
         self._node, self._config, self._guard = node, config, guard
@@ -69,25 +75,25 @@ class NavigationClient:
         self._client = node.action_client(row)
         self._cancel_all = node.create_client(CancelGoal, f"{row.name}/_action/cancel_goal")
         self._handles: dict[int, Any] = {}
-        self._blind_codes = blind_codes()
-        self.listener: Any = None
+        self._sensor_failure_codes = sensor_failure_codes()
+        self.listener: Orchestrator
 
     def is_ready(self) -> bool:
-        """Whether the action server is there."""
+        """Return whether the action server is available."""
         return bool(self._client.server_is_ready())
 
     def send(self, token: int, pose: Pose2) -> None:
         """Send a goal."""
         goal = NavigateToPose.Goal()
-        goal.pose = goal_message(pose, self._node.now_ns(), self._config.frame_id)
+        goal.pose = plane_pose_message(pose, self._node.now_ns(), self._config.frame_id)
         try:
             future = self._client.send_goal_async(goal, lambda _: self._guard(lambda: self.listener.goal_feedback(token)))
-        except (RuntimeError, ValueError, TypeError) as error:  # rclpy: the context is going down, or a number is not finite
+        except (RuntimeError, ValueError, TypeError) as error:  # rclpy: shutdown, or a number that is not finite
             self.listener.goal_rejected(token, f"send_goal_exception: {error}")
             return
-        future.add_done_callback(lambda done: self._guard(lambda: self._answered(token, done)))
+        future.add_done_callback(lambda done: self._guard(lambda: self._on_goal_response(token, done)))
 
-    def _answered(self, token: int, future: Any) -> None:
+    def _on_goal_response(self, token: int, future: Any) -> None:
         error = future.exception()
         handle = None if error is not None else future.result()
         if handle is None or not handle.accepted:
@@ -95,124 +101,125 @@ class NavigationClient:
             return
         self._handles[token] = handle
         result = handle.get_result_async()
-        result.add_done_callback(lambda done: self._guard(lambda: self._finished(token, done)))
+        result.add_done_callback(lambda done: self._guard(lambda: self._on_result(token, done)))
         self.listener.goal_accepted(token)
 
-    def _finished(self, token: int, future: Any) -> None:
+    def _on_result(self, token: int, future: Any) -> None:
         self._handles.pop(token, None)
         known = future.exception() is None and future.result() is not None
         status = int(future.result().status) if known else STATUS_UNKNOWN
-        code = int(getattr(future.result().result, "error_code", 0)) if known else 0
-        self.listener.goal_finished(token, status, code in self._blind_codes)
+        result = future.result().result if known else None
+        code = int(getattr(result, "error_code", 0))
+        estop = str(getattr(result, "error_msg", "")).startswith(ESTOP_ENGAGED)
+        self.listener.goal_finished(token, status, code in self._sensor_failure_codes, estop)
 
     def cancel(self, token: int) -> None:
-        """Ask for the end of a goal."""
+        """Request cancellation of a goal."""
         handle = self._handles.get(token)
         if handle is not None:
             handle.cancel_goal_async()
 
     def cancel_all(self) -> None:
-        """Ask for the end of every goal: a zero id and a zero stamp mean all (action_msgs/CancelGoal)."""
+        """Request cancellation of every goal: a zero id with a zero stamp means all (action_msgs/CancelGoal)."""
         if self._cancel_all.service_is_ready():
             self._cancel_all.call_async(CancelGoal.Request(goal_info=GoalInfo()))
 
 
-class _ServicePort:
-    """A service that is asked without waiting. An answer that never comes is forgotten with the next question."""
+class _ServiceClient:
+    """A service client that never waits. It forgets the oldest request when _MAX_PENDING are unanswered."""
 
     def __init__(self, node: LupinNode, row: graph.Service, guard: Guard) -> None:
         self._client = node.client(row)
         self._guard = guard
-        self._asked: list[Any] = []
+        self._pending: list[Any] = []
 
     def is_ready(self) -> bool:
-        """Whether the service is there."""
+        """Return whether the service is available."""
         return bool(self._client.service_is_ready())
 
-    def _ask(self, request: Any, answer: Callable[[Any], None]) -> None:
-        self._asked = [future for future in self._asked if not future.done()]
-        while len(self._asked) >= 32:
-            self._client.remove_pending_request(self._asked.pop(0))
+    def _call(self, request: Any, on_answer: Callable[[Any], None]) -> None:
+        self._pending = [future for future in self._pending if not future.done()]
+        while len(self._pending) >= _MAX_PENDING:
+            self._client.remove_pending_request(self._pending.pop(0))
         future = self._client.call_async(request)
-        self._asked.append(future)
+        self._pending.append(future)
 
-        def answered(done: Any) -> None:
+        def on_done(done: Any) -> None:
             if done.exception() is None and done.result() is not None:
-                self._guard(lambda: answer(done.result()))
+                self._guard(lambda: on_answer(done.result()))
 
-        future.add_done_callback(answered)
+        future.add_done_callback(on_done)
 
 
-class GreenhouseClient(_ServicePort):
+class GreenhouseClient(_ServiceClient):
     """The climate bridge."""
 
-    def read(self, tag_id: str, done: Callable[[Reading], None]) -> None:
-        """Ask for a tag's readings."""
-        self._ask(GetTagReading.Request(tag_id=tag_id), lambda response: done(reading(response)))
+    def read(self, tag_id: str, done: Callable[[ClimateReading], None]) -> None:
+        """Request a tag's readings."""
+        self._call(GetTagReading.Request(tag_id=tag_id), lambda response: done(climate_reading(response)))
 
 
-class GateClient(_ServicePort):
-    """The visual gate."""
+class ConfirmTagClient(_ServiceClient):
+    """The visual confirmation of tags."""
 
     def confirm(self, tag_id: str, done: Callable[[Confirmation], None]) -> None:
-        """Ask for a tag."""
-        self._ask(
+        """Request confirmation of a tag."""
+        self._call(
             ConfirmTag.Request(expected_tag_id=tag_id),
             lambda response: done(Confirmation(bool(response.detected), response.error_message)),
         )
 
 
-class ArmClient(_ServicePort):
+class ArmClient(_ServiceClient):
     """The arm's presets."""
 
     def __init__(self, node: LupinNode, row: graph.Service, guard: Guard) -> None:
         super().__init__(node, row, guard)
         self._log = node.get_logger()
 
-    def strike(self, preset: str) -> bool:
+    def move_to_preset(self, preset: str) -> bool:
         """Send the arm to a preset."""
         if not self.is_ready():
-            self._log.warning(f"no arm to strike {preset!r}", throttle_duration_sec=30.0)
+            self._log.warning(f"the arm service is not available; preset {preset!r} is not used", throttle_duration_sec=30.0)
             return False
-        self._ask(SetArmPreset.Request(name=preset), lambda response: self._answered(preset, response))
+        self._call(SetArmPreset.Request(name=preset), lambda response: self._on_answer(preset, response))
         return True
 
-    def _answered(self, preset: str, response: Any) -> None:
+    def _on_answer(self, preset: str, response: Any) -> None:
         if not response.success:
             self._log.warning(f"arm preset {preset!r}: {response.message}")
 
 
-class RobotWorld:
-    """Where the robot is, and the newest map. A map is only stored when it comes; it is read when somebody asks."""
+class MapSource:
+    """The robot's pose and the newest map. A map is stored when it is received, and converted when it is used."""
 
     def __init__(self, node: LupinNode, config: MissionConfig) -> None:
         self._node, self._config = node, config
-        self._place = Place(node, config.frame_id, config.base_frame)
+        self._robot = PolledTransform(node, config.frame_id, config.base_frame)
         self._message: Any = None
         self._number = 0
         self._newest: tuple[int, GridMap] | None = None
 
     def robot_pose(self) -> Pose2 | None:
-        """The robot in the map frame; None where the transforms do not tell, or have stopped coming."""
-        found = self._place.look()
+        """Return the robot's pose in the map frame; None if a transform is missing or older than STALE_TRANSFORM_S."""
+        found = self._robot.lookup()
         if found is None or found[1] > STALE_TRANSFORM_S:
             return None
-        x, y, _ = found[0].translation
-        return Pose2(x, y, yaw_from_quaternion(*found[0].rotation))
+        return found[0].to_pose2()
 
-    def heard_map(self, message: Any) -> None:
-        """Keep a map."""
+    def on_map(self, message: Any) -> None:
+        """Store a map."""
         self._message = message
 
     def map(self) -> tuple[int, GridMap] | None:
-        """The newest map that can be read, and its number."""
+        """Return the number of valid maps received and the newest one; None before the first."""
         if self._message is not None:
             message, self._message = self._message, None
             grid = grid_map(message)
             if grid is None:
                 self._node.get_logger().warning(
                     f"{self._config.map_topic}: {message.info.width} x {message.info.height} cells announced,"
-                    f" {len(message.data)} found; this map is not used",
+                    f" {len(message.data)} found; this map is ignored",
                     throttle_duration_sec=10.0,
                 )
             else:

@@ -1,4 +1,4 @@
-"""The parameters of `mission_orchestrator`, each with its unit and default; the node declares them from here."""
+"""The parameters of `mission_orchestrator` with their defaults; the node declares them from this table."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from lupin_runtime.mission.frontier import FrontierSettings
 
 
 class BadParameter(ValueError):
-    """A parameter that no mission can run with; the message names it and what was expected."""
+    """An unusable parameter; the message names it and what was expected."""
 
 
 @dataclass(frozen=True)
 class MissionConfig:
-    """Names are those of the ROS parameters."""
+    """The fields have the names of the ROS parameters; a suffix is the unit."""
 
-    # -- names on the graph; empty optional ones take the graph's own
+    # -- names of topics, services and frames
     nav_action_name: str = "navigate_to_pose"
     bridge_service_name: str = "/greenhouse_bridge/get_tag_reading"
     visual_confirmation_service: str = "/perception/confirm_tag"
@@ -34,9 +34,9 @@ class MissionConfig:
     mission_id_prefix: str = "lupin"
     state_publish_rate_hz: float = 5.0
 
-    # -- what is known before the first drive
-    map_yaml_path: str = ""  # accepted for old launch files; the map comes from `map_topic`
-    tag_locations_file: str = ""  # "" = the layout inside the greenhouse simulator's package
+    # -- known before the first drive
+    map_yaml_path: str = ""  # ignored, accepted for old launch files: the map comes from `map_topic`
+    tag_locations_file: str = ""  # "" takes the layout in the greenhouse simulator's package
     approach_overrides_file: str = ""
     tag_sequence: tuple[str, ...] = ()
 
@@ -49,7 +49,7 @@ class MissionConfig:
     # -- approach and navigation
     approach_yaw: float = 0.0
     approach_standoff_m: float = 0.5
-    approach_room_m: float = 0.27  # around an approach goal: the robot's 0.22 and a map cell; 0 takes goals as they come
+    approach_room_m: float = 0.27  # free radius around an approach goal: the robot's 0.22 m and a map cell; 0 disables the fit
     nav_timeout_s: float = 60.0
     nav_max_attempts: int = 2
 
@@ -63,14 +63,14 @@ class MissionConfig:
     arm_travel_preset: str = "home"
     arm_travel_settle_s: float = 0.0
 
-    # -- coming home
-    dock_pose: tuple[float, ...] = (0.0, 0.0, 0.0)  # x, y, yaw; x = y = 0 takes the robot's place at the first start
+    # -- docking
+    dock_pose: tuple[float, ...] = (0.0, 0.0, 0.0)  # x, y, yaw; x = y = 0 takes the robot's position at the first start
     dock_timeout_s: float = 60.0
     dock_retry_max: int = 3
     battery_low_threshold: float = 0.20
 
     # -- exploration and monitoring
-    discovery_goal: int = 5  # 65535 = all that can be found
+    discovery_goal: int = 5  # 65535 searches for all tags that can be found
     frontier_free_thresh: int = 20
     frontier_occupied_thresh: int = 65
     frontier_min_cluster_cells: int = 6
@@ -78,19 +78,19 @@ class MissionConfig:
     frontier_robot_radius_cells: int = -1
     frontier_clearance_occupied_thresh: int = 65
     exploration_timeout_s: float = 180.0
-    exploration_exhausted_s: float = 10.0  # nothing left to look at for this long: longer than a map's update interval
-    monitoring_sweeps: int = 0  # 0 = for ever
+    exploration_exhausted_s: float = 10.0  # ends after nothing was left for this long: more than a map's update interval
+    monitoring_sweeps: int = 0  # number of monitoring rounds; 0 continues forever
     seed_climate_on_discovery: bool = True
     coverage_enabled: bool = True
     coverage_range_m: float = 1.8
     coverage_hfov_rad: float = math.radians(60.0)
     coverage_camera_x_m: float = 0.147
     coverage_min_view_s: float = 0.5
-    coverage_wall_weight: float = 0.0  # tags hang on boxes; above 0 outer walls are looked at too, as far as they count
+    coverage_wall_weight: float = 0.0  # weight of outer walls against boxes (1): tags usually hang on boxes
 
     @property
     def frontiers(self) -> FrontierSettings:
-        """What the frontier planner takes of it."""
+        """The settings of the frontier search."""
         return FrontierSettings(
             self.frontier_free_thresh,
             self.frontier_occupied_thresh,
@@ -102,13 +102,13 @@ class MissionConfig:
 
     @staticmethod
     def from_parameters(values: Mapping[str, Any]) -> MissionConfig:
-        """The configuration of a set of parameters. Raises BadParameter for what cannot work; rates get their floor."""
+        """Check parameters and return the configuration. Raises BadParameter for an unknown name or an unusable value."""
         known = {field.name: field for field in fields(MissionConfig)}
         clean: dict[str, Any] = {}
         for name, value in values.items():
             if name not in known:
-                near = get_close_matches(name, known, n=1)
-                hint = f"; did you mean {near[0]}?" if near else f"; it has: {', '.join(known)}"
+                similar = get_close_matches(name, known, n=1)
+                hint = f"; did you mean {similar[0]}?" if similar else f"; its parameters: {', '.join(known)}"
                 raise BadParameter(f"mission_orchestrator has no parameter {name!r}{hint}")
             if isinstance(value, float) and not math.isfinite(value):
                 raise BadParameter(f"parameter {name} is {value}, expected a number")

@@ -1,4 +1,4 @@
-"""What the activities of a mission share: the world, what is believed of it, and the run that is under way."""
+"""State that the mission's activities share: ports, world model, flags and the mission that is under way."""
 
 from __future__ import annotations
 
@@ -6,56 +6,72 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from lupin_runtime.geometry import Pose2
-from lupin_runtime.mission.approach import TagPose
+from lupin_runtime.layout import Layout
 from lupin_runtime.mission.config import MissionConfig
 from lupin_runtime.mission.driving import Driver
-from lupin_runtime.mission.hsm import Trigger
-from lupin_runtime.mission.layout import Layout, Override
-from lupin_runtime.mission.missions import ExplorationMission, TagWalk
-from lupin_runtime.mission.ports import Beliefs, ObservationRecord, Ports, Reading
+from lupin_runtime.mission.hsm_spec import Trigger
+from lupin_runtime.mission.missions import ExplorationMission, VisitPlan
+from lupin_runtime.mission.overrides import Override
+from lupin_runtime.mission.ports import Ports
+from lupin_runtime.mission.records import ClimateReading, MapPose, ObservationRecord, WorldModel
+from lupin_runtime.safety.battery_monitor import BatteryMonitor
 
 INSPECTION, EXPLORATION = "InspectionMission", "ExplorationMission"
 
 
 @dataclass
-class Run:
-    """One mission from its start to its end."""
+class ActiveMission:
+    """One mission from its start to its end. `kind` is INSPECTION or EXPLORATION; `seeded` are tags already read once."""
 
     mission_id: str
     kind: str
     started_at_ns: int
     exploration: ExplorationMission | None = None
-    walk: TagWalk | None = None
+    visits: VisitPlan | None = None
     seeded: set[str] = field(default_factory=set)
 
 
 @dataclass
 class Context:
-    """Handed to every activity. `fire` fires a trigger, `note` sets the last event, `pause` sets the flag."""
+    """Passed to every activity. `fire` fires a trigger of the state machine.
+
+    `estop_engaged` is the last state received, and low battery is read from its monitor, so no request can clear a flag whose
+    cause persists.
+    """
 
     config: MissionConfig
     ports: Ports
     driver: Driver
-    beliefs: Beliefs
     layout: Layout
     overrides: Mapping[str, Override]
     fire: Callable[[Trigger], bool]
-    note: Callable[[str], None]
-    pause: Callable[[], None]
-    battery_low: Callable[[], bool]
-    run: Run | None = None
-    dock: Pose2 | None = None
+    battery: BatteryMonitor
+    dock: Pose2
+    world_model: WorldModel = field(default_factory=WorldModel)
+    mission: ActiveMission | None = None
+    paused: bool = False
+    estop_engaged: bool = False
+    last_error: str = ""
 
     @property
     def now_s(self) -> float:
-        """Seconds of the clock for time-outs."""
+        """Seconds of the clock for timeouts."""
         return self.ports.clock.now_s()
 
-    def observe(self, source: str, tag_id: str, status: int, detail: str = "", reading: Reading | None = None) -> None:
-        """Publish the end of a visit; an OK one carries the tag's own pose, else where the robot believes to be."""
-        if self.run is None:
+    def pause(self) -> None:
+        """Set the pause flag and publish it."""
+        self.paused = True
+        self.ports.publisher.state_changed()
+
+    def publish_observation(
+        self, source: str, tag_id: str, status: int, detail: str = "", reading: ClimateReading | None = None
+    ) -> None:
+        """Publish the result of a visit. With a reading it carries the tag's pose, or the robot's if the tag has none."""
+        if self.mission is None:
             return
-        pose: TagPose | None = None
+        pose: MapPose | None = None
         if reading is not None:
-            pose = self.beliefs.discovered.get(tag_id) or self.beliefs.pose
-        self.ports.outlet.observe(ObservationRecord(self.run.mission_id, source, tag_id, status, detail, reading, pose))
+            pose = self.world_model.discovered.get(tag_id) or self.world_model.pose
+        self.ports.publisher.publish_observation(
+            ObservationRecord(self.mission.mission_id, source, tag_id, status, detail, reading, pose)
+        )

@@ -1,4 +1,4 @@
-"""What the codes in `last_error` mean to a person: severity and label."""
+"""Severity and label of the codes in `last_error`, for people."""
 
 from __future__ import annotations
 
@@ -20,21 +20,23 @@ _LABELS: dict[str, tuple[int, str]] = {
 
 
 @dataclass(frozen=True)
-class Event:
-    """A code as a person reads it; `severity` is MissionState's (0 info, 1 warning, 2 error)."""
+class EventLabel:
+    """A code with its text for people; `severity` is MissionState's (0 info, 1 warning, 2 error)."""
 
     code: str
     severity: int
     label: str
 
 
-def classify(code: str | None) -> Event:
-    """The event of a raw code. What follows the first `:` or space is detail and does not decide; a code that the table
-    does not know is a warning labelled with itself."""
+def label_event(code: str) -> EventLabel:
+    """Look a code up by its part before the first `:` or space; the rest is detail.
+
+    An unknown code becomes a warning labelled with the code itself.
+    """
     if not code:
-        return Event("", INFO, "")
+        return EventLabel("", INFO, "")
     prefix = code.replace(":", " ").split(" ", 1)[0]
     if prefix.startswith("nav_status_"):
-        return Event(code, WARN, "navigation retry")
+        return EventLabel(code, WARN, "navigation retry")
     severity, label = _LABELS.get(prefix, (WARN, code))
-    return Event(code, severity, label)
+    return EventLabel(code, severity, label)

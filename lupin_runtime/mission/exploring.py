@@ -1,31 +1,33 @@
-"""EXPLORING: drive to what is unknown or unseen until the tags are found, or until nothing is left to look at."""
+"""EXPLORING: drive to frontiers and viewpoints until enough tags are found or nothing is left to explore."""
 
 from __future__ import annotations
 
 import math
 from functools import partial
 
-from lupin_runtime.mission.context import EXPLORATION, Context, Run
-from lupin_runtime.mission.coverage import CameraModel, Coverage
-from lupin_runtime.mission.driving import Outcome
+from lupin_runtime.mission.activity import Activity
+from lupin_runtime.mission.context import EXPLORATION, ActiveMission, Context
+from lupin_runtime.mission.coverage import Coverage
 from lupin_runtime.mission.explorer import ExplorationGoal, Explorer
+from lupin_runtime.mission.goal_runner import DriveResult
+from lupin_runtime.mission.kernels import CameraModel
 from lupin_runtime.mission.missions import OK
-from lupin_runtime.mission.ports import Reading
+from lupin_runtime.mission.records import ClimateReading
 
 SELECT_EVERY_S = 1.0
 SAMPLE_EVERY_S = 0.2
-FOV_MARGIN_RAD = math.radians(3.0)  # a tag on the edge of the picture is cut
+FOV_MARGIN_RAD = math.radians(3.0)  # a tag on the picture's edge is cut off
 
 
-class Exploring:
-    """Chooses goals through an Explorer, and asks the bridge once for each tag as it is discovered."""
+class Exploring(Activity):
+    """Drives to the goals of an Explorer, and reads every tag's climate once when it is discovered."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything: a new mission may be in a new map."""
+        """Forget the previous search: a new mission may start in a new map."""
         config = self._context.config
         coverage = None
         if config.coverage_enabled:
@@ -44,143 +46,138 @@ class Exploring:
         self._explorer = Explorer(config.frontiers, coverage)
         self._goal: ExplorationGoal | None = None
         self._explored_s = 0.0
-        self._tick_s: float | None = None
-        self._sample_s = -math.inf
-        self._selected_s = -math.inf
-        self._nothing_since: tuple[float, int] | None = None
+        self._last_tick_s: float | None = None
+        self._last_sample_s = -math.inf
+        self._last_selection_s = -math.inf
+        self._nothing_left_since_s: float | None = None
 
     def enter(self, leaf: str) -> None:
-        """EXPLORING begins, or is resumed at the dock."""
-        self._nothing_since = None
+        self._nothing_left_since_s = None
         self.seed()
 
     def leave(self) -> None:
-        """EXPLORING ends."""
-        self.hold()
+        self.stop_motion()
 
-    def hold(self) -> None:
-        """Stop moving; the time until the next tick was no exploring."""
+    def stop_motion(self) -> None:
         self._context.driver.stop()
-        self._give_up()
-        self._tick_s = None
+        self._abandon_goal()
+        self._last_tick_s = None  # time until the next tick does not count as exploring
 
-    def _give_up(self) -> None:
+    def _abandon_goal(self) -> None:
         if self._goal is not None:
-            self._explorer.forgotten(self._goal)
+            self._explorer.abandoned(self._goal)
             self._goal = None
 
     def sample(self) -> None:
-        """Remember where the camera looks from; call it in EXPLORING, paused or not."""
+        """Record the camera's pose. Called in EXPLORING, paused or not."""
         now = self._context.now_s
-        elapsed = now - self._sample_s
+        elapsed = now - self._last_sample_s
         if elapsed < SAMPLE_EVERY_S:
             return
-        self._sample_s = now
-        robot = self._context.ports.world.robot_pose()
+        self._last_sample_s = now
+        robot = self._context.ports.map_source.robot_pose()
         if robot is not None:
             self._explorer.note_pose(robot, min(elapsed, 2.0 * SAMPLE_EVERY_S))
 
     def tick(self) -> None:
-        """Go on; never called while blocked."""
         context, config, now = self._context, self._context.config, self._context.now_s
-        assert context.run is not None and context.run.exploration is not None, "only an exploration explores"
-        if self._tick_s is not None:
-            self._explored_s += now - self._tick_s
-        self._tick_s = now
-        if context.run.exploration.is_complete:
+        assert context.mission is not None and context.mission.exploration is not None, "EXPLORING needs an exploration"
+        if self._last_tick_s is not None:
+            self._explored_s += now - self._last_tick_s
+        self._last_tick_s = now
+        if context.mission.exploration.is_complete:
             context.fire("tags_discovered")
         elif self._explored_s >= config.exploration_timeout_s:
-            context.note("exploration_timeout")
+            context.last_error = "exploration_timeout"
             context.fire("no_frontiers")
         elif context.driver.busy:
-            self._watch(now)
-        elif now - self._selected_s >= SELECT_EVERY_S:
-            self._selected_s = now
-            self._select(now)
+            self._check_goal(now)
+        elif now - self._last_selection_s >= SELECT_EVERY_S:
+            self._last_selection_s = now
+            self._select_goal(now)
 
-    def _watch(self, now: float) -> None:
-        """Give a goal up that takes too long, or that shows nothing new any more."""
-        newest = self._context.ports.world.map()
+    def _check_goal(self, now: float) -> None:
+        """Give up a goal that takes too long or no longer shows anything new."""
+        newest = self._context.ports.map_source.map()
         if self._goal is None or newest is None:
             return
         if self._context.driver.age_s >= self._context.config.nav_timeout_s:
             self._context.driver.stop()
-            self._failed("nav_timeout")
-        elif now - self._selected_s >= SELECT_EVERY_S:
-            self._selected_s = now
+            self._on_failure("nav_timeout")
+        elif now - self._last_selection_s >= SELECT_EVERY_S:
+            self._last_selection_s = now
             if not self._explorer.is_useful(self._goal, newest[1]):
                 self._context.driver.stop()
-                self._give_up()
-                self._select(now)
+                self._abandon_goal()
+                self._select_goal(now)
 
-    def _select(self, now: float) -> None:
+    def _select_goal(self, now: float) -> None:
         context = self._context
-        newest = context.ports.world.map()
-        if newest is None or not context.beliefs.has_pose or not context.ports.navigation.is_ready():
-            self._nothing_since = None
+        newest = context.ports.map_source.map()
+        if newest is None or not context.world_model.has_pose or not context.ports.navigation.is_ready():
+            self._nothing_left_since_s = None
             return
         number, grid = newest
-        goal = self._explorer.choose(grid, number, context.ports.world.robot_pose(), now)
+        goal = self._explorer.choose(grid, number, context.ports.map_source.robot_pose(), now)
         if goal is None:
-            self._nothing_left(now, number)
+            self._on_nothing_left(now)
             return
-        self._nothing_since = None
+        self._nothing_left_since_s = None
         self._goal = goal
-        context.ports.outlet.log(f"{goal.kind}: to ({goal.pose.x:.2f}, {goal.pose.y:.2f})")
-        context.driver.drive(goal.pose, self._ended)
+        context.ports.publisher.log(f"{goal.kind}: to ({goal.pose.x:.2f}, {goal.pose.y:.2f})")
+        context.driver.drive(goal.pose, self._on_drive_end)
 
-    def _nothing_left(self, now: float, number: int) -> None:
-        """Believe that nothing is left when it has been so for a while: the map lags behind the robot."""
-        if self._nothing_since is None:
-            self._nothing_since = (now, number)
+    def _on_nothing_left(self, now: float) -> None:
+        """End the exploration if nothing was left for a while: the map lags behind the robot."""
+        if self._nothing_left_since_s is None:
+            self._nothing_left_since_s = now
             return
-        since, _ = self._nothing_since
-        if now - since < self._context.config.exploration_exhausted_s:
+        if now - self._nothing_left_since_s < self._context.config.exploration_exhausted_s:
             return
-        exploration = self._context.run.exploration if self._context.run is not None else None
+        exploration = self._context.mission.exploration if self._context.mission is not None else None
         if exploration is not None and not exploration.wants_all:
-            self._context.note(f"exploration_exhausted: {exploration.discovered} of {exploration.goal} tags")
-        self._context.ports.outlet.log("nothing is left to explore")
+            self._context.last_error = f"exploration_exhausted: {exploration.discovered} of {exploration.goal} tags"
+        self._context.ports.publisher.log("nothing is left to explore")
         self._context.fire("no_frontiers")
 
-    def _ended(self, outcome: Outcome) -> None:
+    def _on_drive_end(self, result: DriveResult) -> None:
         if self._goal is None:
             return
-        if outcome.end == "succeeded":
-            newest = self._context.ports.world.map()
-            self._explorer.arrived(self._goal, newest[0] if newest is not None else 0)
+        if result.end == "succeeded":
+            self._explorer.arrived(self._goal, self._map_number())
             if self._goal.kind == "viewpoint":
-                self._selected_s = self._context.now_s  # stay for a look
+                self._last_selection_s = self._context.now_s  # stay until the camera has looked
             self._goal = None
-        elif outcome.end in ("canceled", "lost", "blind"):
-            if outcome.end == "blind":
-                self._context.note(outcome.detail)
-            self._selected_s = self._context.now_s
-            self._give_up()
+        elif result.end in ("canceled", "lost", "blind"):
+            if result.end == "blind":
+                self._context.last_error = result.detail
+            self._last_selection_s = self._context.now_s
+            self._abandon_goal()
         else:
-            self._failed(outcome.detail)
+            self._on_failure(result.detail)
 
-    def _failed(self, detail: str) -> None:
-        newest = self._context.ports.world.map()
-        self._context.note(detail)
+    def _on_failure(self, detail: str) -> None:
+        self._context.last_error = detail
         if self._goal is not None:
-            self._context.ports.outlet.log(
-                f"{self._goal.kind} at ({self._goal.pose.x:.2f}, {self._goal.pose.y:.2f}): {detail}", warning=True
-            )
-            self._explorer.failed(self._goal, newest[0] if newest is not None else 0, self._context.now_s)
-            self._goal = None
+            goal, self._goal = self._goal, None
+            self._context.ports.publisher.log(f"{goal.kind} at ({goal.pose.x:.2f}, {goal.pose.y:.2f}): {detail}", warning=True)
+            self._explorer.failed(goal, self._map_number(), self._context.now_s)
+
+    def _map_number(self) -> int:
+        newest = self._context.ports.map_source.map()
+        return newest[0] if newest is not None else 0
 
     # -- the first reading of each tag ---------------------------------------------------------------------------------
 
     def seed(self) -> None:
-        """Ask the bridge, once, for every tag that has not been asked for in this mission; never waits."""
-        context, run = self._context, self._context.run
-        if run is None or not context.config.seed_climate_on_discovery or not context.ports.greenhouse.is_ready():
+        """Read every discovered tag that this mission has not read yet, without waiting for the answers."""
+        context, mission = self._context, self._context.mission
+        if mission is None or not context.config.seed_climate_on_discovery or not context.ports.greenhouse.is_ready():
             return
-        for tag_id in context.beliefs.discovered.keys() - run.seeded:
-            run.seeded.add(tag_id)
-            context.ports.greenhouse.read(tag_id, partial(self._seeded, run, tag_id))
+        for tag_id in context.world_model.discovered.keys() - mission.seeded:
+            mission.seeded.add(tag_id)
+            context.ports.greenhouse.read(tag_id, partial(self._on_first_reading, mission, tag_id))
 
-    def _seeded(self, run: Run, tag_id: str, reading: Reading) -> None:
-        if run is self._context.run and reading.status == 0:
-            self._context.observe(EXPLORATION, tag_id, OK, "", reading)
+    def _on_first_reading(self, mission: ActiveMission, tag_id: str, reply: ClimateReading) -> None:
+        if mission is self._context.mission and reply.status == 0:
+            self._context.publish_observation(EXPLORATION, tag_id, OK, "", reply)

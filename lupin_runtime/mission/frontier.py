@@ -1,4 +1,4 @@
-"""Frontiers of a map: where known free space meets the unknown (Yamauchi 1997), as goals that the robot fits into."""
+"""Frontiers of a map: free cells beside unknown ones (Yamauchi 1997), as goals where the robot fits."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from lupin_runtime.gridmap import UNKNOWN, GridMap
 class FrontierSettings:
     """Thresholds are occupancies 0..100. `radius_cells` >= 0 overrides `clearance_m`.
 
-    The clearance is in metres because one in cells (4 cells, 0.20 m) once put goals inside the inflation radius of
-    0.25 m, where no planner can end a path.
+    The clearance is in metres because a clearance of 4 cells (0.20 m) put goals inside the planner's inflation radius of
+    0.25 m, where no path can end.
     """
 
     free_thresh: int = 20
@@ -28,7 +28,7 @@ class FrontierSettings:
     clearance_occupied_thresh: int = 65
 
     def radius(self, resolution_m: float) -> int:
-        """The half side, in cells, of the square that must hold no obstacle."""
+        """Return half the side, in cells, of the square around a goal that must be free of obstacles."""
         if self.radius_cells >= 0:
             return self.radius_cells
         return math.ceil(self.clearance_m / resolution_m - 1e-9)
@@ -36,7 +36,7 @@ class FrontierSettings:
 
 @dataclass(frozen=True)
 class Frontier:
-    """A cluster of frontier cells: its member cell nearest the centroid, in metres of the map frame."""
+    """A cluster of frontier cells. `x` and `y` are its member cell nearest to the centroid, metres in the map frame."""
 
     x: float
     y: float
@@ -46,20 +46,20 @@ class Frontier:
 
 
 def frontier_cells(grid: GridMap, settings: FrontierSettings) -> NDArray[np.bool_]:
-    """Mask (height, width) of free cells with an unknown 4-neighbour and no obstacle within the clearance square."""
+    """Return a mask (height, width) of free cells with an unknown 4-neighbour and no obstacle in the clearance square."""
     cells = grid.cells
     unknown = cells == UNKNOWN
-    beside = np.zeros_like(unknown)
-    beside[1:, :] |= unknown[:-1, :]
-    beside[:-1, :] |= unknown[1:, :]
-    beside[:, 1:] |= unknown[:, :-1]
-    beside[:, :-1] |= unknown[:, 1:]
-    frontier: NDArray[np.bool_] = beside & (cells >= 0) & (cells <= settings.free_thresh)
+    next_to_unknown = np.zeros_like(unknown)
+    next_to_unknown[1:, :] |= unknown[:-1, :]
+    next_to_unknown[:-1, :] |= unknown[1:, :]
+    next_to_unknown[:, 1:] |= unknown[:, :-1]
+    next_to_unknown[:, :-1] |= unknown[:, 1:]
+    frontier: NDArray[np.bool_] = next_to_unknown & (cells >= 0) & (cells <= settings.free_thresh)
     if not frontier.any():
         return frontier
     side = 2 * settings.radius(grid.resolution_m) + 1
     obstacle = (cells >= settings.clearance_occupied_thresh).astype(np.uint8)
-    # Outside the map there is nothing to keep clear of: a constant border of zeros.
+    # The area outside the map counts as free of obstacles: a constant border of zeros.
     near = cv2.dilate(
         obstacle, np.ones((side, side), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0.0, 0.0, 0.0, 0.0)
     )
@@ -70,10 +70,10 @@ def frontier_cells(grid: GridMap, settings: FrontierSettings) -> NDArray[np.bool
 def find_frontiers(
     grid: GridMap, robot_xy: tuple[float, float] | None, settings: FrontierSettings | None = None
 ) -> list[Frontier]:
-    """Every frontier cluster that is large enough, best first.
+    """Return every frontier cluster that is large enough, best first.
 
-    The score is size / (1 + distance to the robot in metres), or the size where the robot's position is unknown; of
-    equals the cluster whose first cell comes first in row-major order wins.
+    The score is size / (1 + distance to the robot in metres), or the size if the robot's position is unknown. Equal scores
+    are ordered by the clusters' first cells, row-major.
     """
     settings = settings or FrontierSettings()
     if grid.cells.size == 0:
@@ -99,12 +99,12 @@ def find_frontiers(
         size = int(sizes[index])
         score = size / (1.0 + math.hypot(x - robot_xy[0], y - robot_xy[1])) if robot_xy is not None else float(size)
         found.append(Frontier(x, y, size, kept.size, score))
-    return sorted(found, key=lambda frontier: -frontier.score)  # stable: the first found of equals stays first
+    return sorted(found, key=lambda frontier: -frontier.score)  # stable: equal scores keep their order
 
 
 def select_frontier_goal(
     grid: GridMap, robot_xy: tuple[float, float] | None, settings: FrontierSettings | None = None
 ) -> Frontier | None:
-    """The best frontier to drive to, or None where there is none."""
+    """Return the best frontier to drive to; None if there is none."""
     found = find_frontiers(grid, robot_xy, settings)
     return found[0] if found else None

@@ -1,4 +1,4 @@
-"""What a mission still has to do, and what it has done: plain bookkeeping without time, motion or ROS."""
+"""Progress of a mission: what is done and what remains, without time, motion or ROS."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 OK, UNREACHABLE, SCAN_FAILED, SKIPPED = 0, 1, 2, 3
-"""How a visit to a tag ended; the numbers are Observation's."""
+"""Status of a visit to a tag; the numbers are those of the Observation message."""
 
 ALL_TAGS = 65535
-"""The discovery goal (the largest uint16) that means: all that can be found."""
+"""The discovery goal (the largest uint16) that stands for all tags that can be found."""
 
 
 @dataclass(frozen=True)
@@ -32,49 +32,49 @@ def _counters(total: int, statuses: Sequence[int]) -> Counters:
 
 
 def tag_order(tag_id: str) -> tuple[int, int, str]:
-    """Sort key: numeric ids ascending, then the others alphabetically."""
+    """Return a sort key: numeric ids ascending, then the others alphabetically."""
     return (0, int(tag_id), tag_id) if tag_id.isascii() and tag_id.isdigit() else (1, 0, tag_id)
 
 
 def nearest_neighbour_order(
     tag_ids: Iterable[str], positions: Mapping[str, tuple[float, float]], start: tuple[float, float] | None
 ) -> list[str]:
-    """Greedy nearest neighbour from `start` on squared distance, ties by numeric id.
+    """Order tags by greedy nearest neighbour from `start`; equal distances are ordered by id.
 
-    Without a start, or while no tag has a position, the order is that of the ids; tags without a position come last.
+    Without a start, or if no tag has a position, the order is by id. Tags without a position come last.
     """
-    left = sorted(set(tag_ids), key=tag_order)
-    placed = [tag for tag in left if tag in positions]
+    remaining = sorted(set(tag_ids), key=tag_order)
+    placed = [tag for tag in remaining if tag in positions]
     if start is None or not placed:
-        return left
+        return remaining
     order: list[str] = []
-    here = start
+    current = start
     while placed:
         nearest = min(
-            placed,  # `min` keeps the first of equals, and the list is in id order
-            key=lambda tag: (positions[tag][0] - here[0]) ** 2 + (positions[tag][1] - here[1]) ** 2,
+            placed,  # `min` returns the first of equals, and the list is in id order
+            key=lambda tag: (positions[tag][0] - current[0]) ** 2 + (positions[tag][1] - current[1]) ** 2,
         )
         placed.remove(nearest)
         order.append(nearest)
-        here = positions[nearest]
-    return order + [tag for tag in left if tag not in positions]
+        current = positions[nearest]
+    return order + [tag for tag in remaining if tag not in positions]
 
 
-class TagWalk(Protocol):
-    """A mission that visits tags one after the other."""
+class VisitPlan(Protocol):
+    """The tags that a mission visits one after the other."""
 
     source: str
 
     @property
     def current(self) -> str | None:
-        """The tag to visit now; None when there is none."""
+        """The tag to visit now; None if there is none."""
 
-    def close(self, status: int) -> None:
-        """The visit to the current tag ended so: move on."""
+    def record(self, status: int) -> None:
+        """Record the status of the visit to the current tag, and move on to the next."""
 
     @property
     def is_complete(self) -> bool:
-        """Whether nothing is left to visit."""
+        """Whether no tag is left to visit."""
 
     @property
     def counters(self) -> Counters:
@@ -82,7 +82,7 @@ class TagWalk(Protocol):
 
 
 class InspectionMission:
-    """Walks a list of tags once, in the order given."""
+    """Visits a list of tags once, in the given order."""
 
     source = "InspectionMission"
 
@@ -96,15 +96,15 @@ class InspectionMission:
     def current(self) -> str | None:
         return None if self.is_complete else self._tags[len(self._statuses)]
 
-    def close(self, status: int) -> None:
+    def record(self, status: int) -> None:
         if not self.is_complete:
             self._statuses.append(status)
 
-    def close_remaining(self, status: int) -> list[str]:
-        """Close every tag that is left, and return them."""
-        left = self._tags[len(self._statuses) :]
-        self._statuses += [status] * len(left)
-        return left
+    def record_remaining(self, status: int) -> list[str]:
+        """Record a status for every remaining tag, and return these tags."""
+        remaining = self._tags[len(self._statuses) :]
+        self._statuses += [status] * len(remaining)
+        return remaining
 
     @property
     def is_complete(self) -> bool:
@@ -116,7 +116,7 @@ class InspectionMission:
 
 
 class ExplorationMission:
-    """Looks for tags until `goal` distinct ones are discovered."""
+    """Searches until `goal` distinct tags are discovered."""
 
     source = "ExplorationMission"
 
@@ -126,7 +126,7 @@ class ExplorationMission:
 
     @property
     def wants_all(self) -> bool:
-        """Whether the goal is all tags that can be found, so that no count ends the search."""
+        """Whether the goal is all tags that can be found, so no count ends the search."""
         return self.goal >= ALL_TAGS
 
     @property
@@ -135,34 +135,34 @@ class ExplorationMission:
 
     @property
     def counters(self) -> Counters:
-        # Nobody knows how many "all" are: a total of 65535 would only mislead a progress bar.
+        # The number of all tags is unknown: a total of 65535 would mislead a progress bar.
         return Counters(total=self.discovered if self.wants_all else self.goal, completed=self.discovered)
 
 
 class MonitoringMission:
-    """Visits the discovered tags sweep after sweep, nearest neighbour first.
+    """Visits the discovered tags in monitoring rounds, each in nearest-neighbour order.
 
-    `sweeps` 0 goes on for ever. A tag that is discovered during a sweep joins at the end of the order.
+    `rounds` 0 continues forever. A tag that is discovered during a round is added at the end of the order.
     """
 
     source = "MonitoringMission"
 
     def __init__(
-        self, positions: Mapping[str, tuple[float, float]], start: tuple[float, float] | None, sweeps: int = 0
+        self, positions: Mapping[str, tuple[float, float]], start: tuple[float, float] | None, rounds: int = 0
     ) -> None:
         self._order = nearest_neighbour_order(positions, positions, start)
         self._cursor = 0
-        self._sweeps = sweeps
+        self._rounds = rounds
         self._tallies = {OK: 0, SCAN_FAILED: 0, UNREACHABLE: 0}
-        self.cycles = 0
+        self.completed_rounds = 0
 
     @property
     def order(self) -> tuple[str, ...]:
-        """The tags of a sweep, in their order."""
+        """The tags of a round, in their order."""
         return tuple(self._order)
 
     def add(self, tag_id: str) -> None:
-        """A tag that was not known when the sweep was planned."""
+        """Add a tag that was discovered after the round was planned; known tags are ignored."""
         if tag_id not in self._order:
             self._order.append(tag_id)
 
@@ -170,7 +170,7 @@ class MonitoringMission:
     def current(self) -> str | None:
         return self._order[self._cursor] if self._order else None
 
-    def close(self, status: int) -> None:
+    def record(self, status: int) -> None:
         if not self._order:
             return
         if status in self._tallies:
@@ -178,11 +178,11 @@ class MonitoringMission:
         self._cursor += 1
         if self._cursor >= len(self._order):
             self._cursor = 0
-            self.cycles += 1
+            self.completed_rounds += 1
 
     @property
     def is_complete(self) -> bool:
-        return not self._order or 0 < self._sweeps <= self.cycles
+        return not self._order or 0 < self._rounds <= self.completed_rounds
 
     @property
     def counters(self) -> Counters:

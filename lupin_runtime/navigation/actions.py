@@ -1,7 +1,7 @@
 """The action servers: navigate_to_pose, navigate_through_poses and compute_path_to_pose on one single-threaded executor.
 
-rclpy runs an execute callback to its end on the executor's thread. Here it is a coroutine that awaits a future, so goals,
-cancellations and timers are served while a goal is under way; the control loop sets the future.
+rclpy runs an execute callback to its end on the executor's thread. Here it is a coroutine that awaits a future, so that goals,
+cancellations and timers are served while a goal is active; the control loop sets the future.
 """
 
 from __future__ import annotations
@@ -17,24 +17,25 @@ from rclpy.task import Future
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.navigation.executive import Failure, Progress
-from lupin_runtime.navigation.messages import duration_message, path_message, pose_message
+from lupin_runtime.navigation.messages import duration_message, path_message
 from lupin_runtime.navigation.plan_worker import Ticket
 from lupin_runtime.navigation.planning import NoPath
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.node import interface
+from lupin_runtime.ros.plane_messages import plane_pose_message
 
-# A pose of any known frame as a pose of the map; raises ValueError with the reason why it can't be one.
+# Converts a pose of any known frame to one of the map; raises ValueError with the reason if it cannot.
 Locate = Callable[[PoseStamped], Pose2]
 
 
 def error_number(failure: Failure) -> int:
-    """A failure as the number that the installed nav2_msgs gives it."""
+    """Return the number of a failure in the installed nav2_msgs."""
     action, constant = failure.value.split(".")
     return int(getattr(interface(f"nav2_msgs/action/{action}").Result, constant))
 
 
 def result_message(action: graph.Action, failure: Failure | None, reason: str) -> Any:
-    """The action's result; releases before Jazzy have no error code, most no message."""
+    """Build an action's result; releases before Jazzy have no error code, most have no message."""
     result = interface(action.type).Result()
     if failure is not None and hasattr(result, "error_code"):
         result.error_code = error_number(failure)
@@ -51,9 +52,9 @@ class _Session:
 
 
 class NavigationServer:
-    """Both navigation actions, of which one goal at a time is under way.
+    """The servers of both navigation actions, with one active goal at a time.
 
-    A new goal, of either action, ends the one before it as ABORTED, as Nav2's action server does on preemption.
+    A new goal of either action ends the active one as ABORTED, as Nav2's action server does on preemption.
     """
 
     def __init__(
@@ -73,16 +74,16 @@ class NavigationServer:
 
     @property
     def active(self) -> bool:
-        """Whether a goal is under way."""
+        """Whether a goal is active."""
         return self._session is not None
 
     @property
     def cancel_requested(self) -> bool:
-        """Whether the goal under way is to be cancelled."""
+        """Whether the client has asked to cancel the active goal."""
         return self._session is not None and bool(self._session.handle.is_cancel_requested)
 
     def finish(self, failure: Failure | None, reason: str = "") -> None:
-        """End the goal under way: CANCELED if that was asked for, else SUCCEEDED or ABORTED."""
+        """End the active goal: CANCELED if that was requested, else SUCCEEDED or ABORTED."""
         session, self._session = self._session, None
         if session is None:
             return
@@ -95,16 +96,16 @@ class NavigationServer:
         session.done.set_result(result_message(session.action, failure, reason))
 
     def feedback(self, pose: Pose2, progress: Progress) -> None:
-        """Tell the client how far it is."""
+        """Publish the progress to the client."""
         session = self._session
         if session is None or not session.handle.is_active:
             return
         message = interface(session.action.type).Feedback()
-        message.current_pose = pose_message(pose, self._node.now_ns())
+        message.current_pose = plane_pose_message(pose, self._node.now_ns(), graph.MAP_FRAME)
         message.navigation_time = duration_message(progress.navigation_time_s)
         message.estimated_time_remaining = duration_message(progress.estimated_time_remaining_s)
         message.number_of_recoveries = progress.recoveries
-        # Before the first plan nobody knows; Nav2 says 0 then.
+        # Unknown before the first plan; Nav2 publishes 0 then.
         finite = progress.distance_remaining_m < 1e6
         message.distance_remaining = progress.distance_remaining_m if finite else 0.0
         if hasattr(message, "number_of_poses_remaining"):
@@ -112,7 +113,7 @@ class NavigationServer:
         session.handle.publish_feedback(message)
 
     def close(self) -> None:
-        """Abort what is under way."""
+        """Abort the active goal."""
         self.finish(None, "navigation shuts down")
 
     def _serve(self, action: graph.Action) -> ActionServer:
@@ -150,7 +151,7 @@ class NavigationServer:
         self._session = session
         try:
             poses = [self._locate(pose) for pose in self._poses(action, handle.request)]
-        except ValueError as error:  # the transform went between request and acceptance
+        except ValueError as error:  # the transform was lost between request and acceptance
             self.finish(Failure.TF_ERROR, str(error))
             return
         self._start(poses)
@@ -177,20 +178,20 @@ class _PathRequest:
 
 
 class PathServer:
-    """compute_path_to_pose: whether a place can be reached, and how, without going there."""
+    """The server of compute_path_to_pose: plans a path without driving it."""
 
     def __init__(
         self,
         node: LupinNode,
         locate: Locate,
-        here: Callable[[], Pose2 | None],
+        robot_pose: Callable[[], Pose2 | None],
         submit: Callable[[Pose2, Sequence[Pose2], Pose2 | None], Ticket],
         now_s: Callable[[], float],
         timeout_s: float = 5.0,
     ) -> None:
         self._node = node
         self._locate = locate
-        self._here = here
+        self._robot_pose = robot_pose
         self._submit = submit
         self._now_s = now_s
         self._timeout_s = timeout_s
@@ -207,7 +208,7 @@ class PathServer:
         )
 
     def poll(self) -> None:
-        """Answer what the planner has answered; call it every control cycle."""
+        """Pass the planner's answers to the clients; call it every control cycle."""
         now_s = self._now_s()
         for request in list(self._requests):
             answer = request.ticket.answer
@@ -230,7 +231,7 @@ class PathServer:
                 self._end(request, request.handle.abort, Failure.PLANNING_TIMED_OUT, reason)
 
     def close(self) -> None:
-        """Abort what waits."""
+        """Abort the waiting requests."""
         for request in list(self._requests):
             self._end(request, request.handle.abort, None, "navigation shuts down")
 
@@ -252,10 +253,10 @@ class PathServer:
     def _accept(self, handle: Any) -> None:
         done = self._futures[bytes(handle.goal_id.uuid)] = Future()
         handle.execute()
-        here = self._here()
+        robot_pose = self._robot_pose()
         try:
             goal = self._locate(handle.request.goal)
-            start = self._locate(handle.request.start) if handle.request.use_start else here
+            start = self._locate(handle.request.start) if handle.request.use_start else robot_pose
         except ValueError:
             start = None
         if start is None:
@@ -263,7 +264,7 @@ class PathServer:
             reason = f"no transform {graph.MAP_FRAME} -> {graph.BASE_FRAME}"
             done.set_result(result_message(graph.COMPUTE_PATH_TO_POSE, Failure.NO_POSE, reason))
             return
-        ticket = self._submit(start, (goal,), here)
+        ticket = self._submit(start, (goal,), robot_pose)
         self._requests.append(_PathRequest(handle, ticket, done, goal.yaw, self._now_s()))
 
     async def _execute(self, handle: Any) -> Any:

@@ -9,10 +9,10 @@ from lupin_runtime.geometry import Pose2, wrap_angle
 
 @dataclass(frozen=True)
 class GoalTolerance:
-    """`xy` and `yaw` are the promise to the caller (m, rad).
+    """`xy` (m) and `yaw` (rad) are the tolerances that a caller can rely on.
 
-    Within them the robot goes on closing in until it is within the fine tolerances, or `settle_s` have passed: a camera that
-    reads a tag from a standoff is worth two seconds.
+    Within them the robot continues to improve its pose until it is also within `fine_xy` and `fine_yaw`, or `settle_s` have
+    passed: a camera reads a tag from a standoff more reliably.
     """
 
     xy: float = 0.25
@@ -23,24 +23,27 @@ class GoalTolerance:
 
 
 class GoalChecker:
-    """Stateful, as Nav2's: once the position was within tolerance only the heading is left to check."""
+    """Checks whether the goal is reached: `settle_s` after the tolerances were first met, earlier within the fine tolerances.
+
+    The position tolerance is latched, as in Nav2: once it was met, only yaw decides.
+    """
 
     def __init__(self, tolerance: GoalTolerance | None = None) -> None:
         self.tolerance = tolerance or GoalTolerance()
         self.reset()
 
     def reset(self) -> None:
-        """For a new goal."""
+        """Start over, for a new goal."""
         self._arrived = False
         self._within_since_s: float | None = None
 
     @property
-    def within(self) -> bool:
-        """Whether the promised tolerances were met, if not yet the fine ones."""
+    def was_within_tolerance(self) -> bool:
+        """Whether the robot was within `xy` and `yaw` at least once."""
         return self._within_since_s is not None
 
     def reached(self, robot: Pose2, goal: Pose2, now_s: float) -> bool:
-        """Whether the goal is reached; poses in one frame."""
+        """Record the pose; return whether the goal is reached. Both poses are in one frame."""
         t = self.tolerance
         away, turn = robot.distance_to(goal), abs(wrap_angle(robot.yaw - goal.yaw))
         self._arrived = self._arrived or away <= t.xy
@@ -55,7 +58,7 @@ class GoalChecker:
 class ProgressChecker:
     """A robot that neither moved `distance_m` nor turned `angle_rad` within `time_s` is stuck.
 
-    Turning counts, as in Nav2's pose progress checker: a robot that aligns with a goal or looks round does not stand still.
+    Turning counts, as in Nav2's pose progress checker: a robot that aligns with a goal is not stuck.
     """
 
     def __init__(self, distance_m: float = 0.5, angle_rad: float = 0.5, time_s: float = 10.0) -> None:
@@ -63,15 +66,15 @@ class ProgressChecker:
         self.reset()
 
     def reset(self) -> None:
-        """Start over, for a new goal or after a halt that was not the robot's."""
-        self._since: tuple[Pose2, float] | None = None
+        """Start over, for a new goal or after a commanded halt."""
+        self._last_progress: tuple[Pose2, float] | None = None
 
     def stuck(self, robot: Pose2, now_s: float) -> bool:
-        """Feed a pose of the odometry frame; whether the time is up."""
-        if self._since is not None:
-            mark, since_s = self._since
-            moved = robot.distance_to(mark) >= self._distance_m
-            if not moved and abs(wrap_angle(robot.yaw - mark.yaw)) < self._angle_rad:
+        """Record the pose, in the odometry frame; return whether the robot is stuck."""
+        if self._last_progress is not None:
+            reference, since_s = self._last_progress
+            moved = robot.distance_to(reference) >= self._distance_m
+            if not moved and abs(wrap_angle(robot.yaw - reference.yaw)) < self._angle_rad:
                 return now_s - since_s > self._time_s
-        self._since = robot, now_s
+        self._last_progress = robot, now_s
         return False

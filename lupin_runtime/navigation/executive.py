@@ -1,6 +1,6 @@
-"""The executive: plan, follow, check, recover, give up with a reason. What Nav2's behaviour tree does, as a plain object.
+"""The executive: plan, follow, check, recover, fail with a reason. It replaces Nav2's behaviour tree.
 
-It knows no ROS: a caller feeds it a `View` at the controller's frequency and drives what it returns.
+It is free of ROS: the caller passes a `View` at the controller's frequency and drives the velocity that it returns.
 """
 
 from __future__ import annotations
@@ -14,15 +14,16 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.navigation.checkers import GoalChecker, GoalTolerance, ProgressChecker
 from lupin_runtime.navigation.costmap import Costmap
-from lupin_runtime.navigation.following import TrackedPath
 from lupin_runtime.navigation.mppi import MppiController, NoValidControl
 from lupin_runtime.navigation.planning import NoPath, Plan
 from lupin_runtime.navigation.recoveries import STANDSTILL, BackUp, Behaviour, BehaviourLimits, Spin, Velocity, Wait
+from lupin_runtime.navigation.tracked_path import TrackedPath
 
-_SAY_SLOW_EVERY_S = 30.0
+_LOG_SLOW_PERIOD_S = 30.0
 
 
 class Failure(Enum):
@@ -32,7 +33,7 @@ class Failure(Enum):
     TF_ERROR = "FollowPath.TF_ERROR"
     FAILED_TO_MAKE_PROGRESS = "FollowPath.FAILED_TO_MAKE_PROGRESS"
     NO_VALID_CONTROL = "FollowPath.NO_VALID_CONTROL"
-    # Nav2's controller says so where its costmap stays out of date.
+    # What Nav2's controller reports if its costmap stays out of date.
     SENSOR_LOST = "FollowPath.CONTROLLER_TIMED_OUT"
     START_OUTSIDE_MAP = "ComputePathToPose.START_OUTSIDE_MAP"
     GOAL_OUTSIDE_MAP = "ComputePathToPose.GOAL_OUTSIDE_MAP"
@@ -41,6 +42,8 @@ class Failure(Enum):
     NO_POSE = "ComputePathToPose.TF_ERROR"
     PLANNING_TIMED_OUT = "ComputePathToPose.TIMEOUT"
     NO_VALID_PATH = "ComputePathToPose.NO_VALID_PATH"
+    # nav2_msgs has no code for it; the reason names it.
+    ESTOP_ENGAGED = "FollowPath.UNKNOWN"
 
 
 @dataclass(frozen=True)
@@ -52,16 +55,18 @@ class View:
     map_from_odom: Pose2 | None
     velocity: Velocity
     local: Costmap | None
-    # Why the lidar can't be trusted, or None.
+    # Why the lidar cannot be trusted, or None.
     blind: str | None = None
-    halted: bool = False
-    # How old the local costmap's picture is.
+    # The age of the scan in the local costmap.
     scan_age_s: float = 0.0
 
 
 @dataclass(frozen=True)
-class Step:
-    """What to do now: `velocity` to drive; `finished`, with a `failure` or without, once the navigation is over."""
+class Decision:
+    """What to do now: the `velocity` to drive; `finished` once the navigation has ended, with a `failure` or without.
+
+    `new_path` (n, 2) is set when a plan was accepted.
+    """
 
     velocity: Velocity
     finished: bool = False
@@ -72,7 +77,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Progress:
-    """What feedback carries."""
+    """The content of an action's feedback."""
 
     distance_remaining_m: float = math.inf
     navigation_time_s: float = 0.0
@@ -82,18 +87,18 @@ class Progress:
 
 
 class PlanSource(Protocol):
-    """Where plans come from: another thread, or a function in a test."""
+    """The source of plans: a worker thread, or a function in a test."""
 
     def request(self, start: Pose2, goals: Sequence[Pose2]) -> None:
-        """Ask for a path from `start` through the goals (map frame); replaces a request that still waits."""
+        """Request a path from `start` through the goals (map frame), in place of a waiting request."""
         ...
 
     def take(self) -> Plan | NoPath | None:
-        """The answer to the last request, once; None while there is none."""
+        """Return the answer to the last request, once; None while there is none."""
         ...
 
     def drop(self) -> None:
-        """Forget the last request: its answer, should one still come, is nobody's."""
+        """Cancel the last request: its answer is discarded."""
         ...
 
     def clear(self) -> None:
@@ -117,9 +122,9 @@ class ExecutiveParameters:
     off_path_m: float = 0.6
     passed_radius_m: float = 0.7
     beside_m: float = 0.1
-    # A picture no older than this is driven by at full speed; by an older one the robot drives no further than that.
+    # With a scan no older than this the robot drives at full speed; with an older one it drives no further than in this time.
     fresh_s: float = 0.45
-    # How fast an old picture is forgiven, in seconds of age per second: machines stall in bouts.
+    # How fast the noted age of a scan decays, in seconds per second: a machine that stalled is likely to stall again soon.
     forgiveness: float = 0.2
     tolerance: GoalTolerance = field(default_factory=GoalTolerance)
     behaviours: BehaviourLimits = field(default_factory=BehaviourLimits)
@@ -133,7 +138,11 @@ class _Phase(Enum):
 
 
 class Executive:
-    """One navigation at a time. `start` replaces what runs; `tick` until it says finished."""
+    """Runs one navigation at a time: `start` replaces a running one; call `tick` until its decision is `finished`.
+
+    An engaged e-stop fails the running navigation and every one that starts before its release, so that after the release the
+    robot moves only by a newer command.
+    """
 
     def __init__(
         self,
@@ -154,18 +163,25 @@ class Executive:
         )
         self._phase = _Phase.IDLE
         self._goals: list[Pose2] = []
-        self._said_slow_s = -math.inf
+        self._logged_slow_s = -math.inf
+        self._estop_engaged = False
+        self._stopped_by_estop = False
 
     @property
     def active(self) -> bool:
         """Whether a navigation runs."""
         return self._phase is not _Phase.IDLE
 
+    @property
+    def estop_engaged(self) -> bool:
+        """Whether a navigation that starts now would fail at once."""
+        return self._estop_engaged
+
     def start(self, goals: Sequence[Pose2], now_s: float) -> None:
         """Navigate through these poses of the map frame to the last of them."""
         if not goals:
             raise ValueError("a navigation needs at least one pose")
-        # A path to the last goal that is still being planned would be taken for one to this goal.
+        # A path to the last goal that is still being planned would be mistaken for one to this goal.
         self._planner.drop()
         self._goals = list(goals)
         self._target = self._goals[-1]
@@ -181,21 +197,27 @@ class Executive:
         self._last_request_s = -math.inf
         self._retried = False
         self._blocked = False
-        self._said_beside = False
+        self._logged_beside = False
         self._blind_since_s: float | None = None
         self._invalid_since_s: float | None = None
         self._goal_checker.reset()
         self._progress_checker.reset()
         self._controller.reset()
+        self._stopped_by_estop = self._estop_engaged
         self._phase = _Phase.PLANNING
 
+    def set_estop(self, engaged: bool) -> None:
+        """Handle the e-stop's state. A release does not revive a navigation, even if no tick saw the e-stop engaged."""
+        self._estop_engaged = engaged
+        self._stopped_by_estop = self._stopped_by_estop or engaged
+
     def stop(self) -> None:
-        """End without a verdict: cancelled, or replaced."""
+        """End the navigation without a result: it was cancelled or replaced."""
         self._phase = _Phase.IDLE
         self._goals = []
 
     def progress(self, now_s: float) -> Progress:
-        """For feedback; the estimate takes the mean speed so far, at least a fifth of the top speed."""
+        """The feedback; the estimated time uses the mean speed so far, at least a fifth of the maximum."""
         if not self.active:
             return Progress()
         remaining = math.inf if self._path is None else self._path.remaining_m
@@ -204,40 +226,38 @@ class Executive:
         eta = remaining / speed if math.isfinite(remaining) else 0.0
         return Progress(remaining, elapsed, eta, self._recoveries, len(self._goals))
 
-    def tick(self, view: View) -> Step:
-        """One cycle."""
+    def tick(self, view: View) -> Decision:
+        """Run one control cycle."""
         if not self.active:
-            return Step(STANDSTILL, finished=True)
+            return Decision(STANDSTILL, finished=True)
+        if self._stopped_by_estop:
+            return self._give_up(Failure.ESTOP_ENGAGED, f"{ESTOP_ENGAGED}; send a new goal after its release")
         self._note_age(view)
         robot, base, map_from_odom = self._robot(view), view.odom_from_base, view.map_from_odom
-        if view.halted:
-            # Whoever pressed the button decides how long; only what waits for the robot itself stands still with it.
-            self._hold()
-            return Step(STANDSTILL)
-        lost = self._lost(view)
+        lost = self._blocking_reason(view)
         if lost is not None or robot is None or base is None or map_from_odom is None or view.local is None:
-            return self._wait_blind(view, lost or "nothing is known of the surroundings yet")
+            return self._wait_blind(view, lost or "the local costmap is not ready yet")
         self._blind_since_s = None
-        self._account(base)
+        self._add_distance(base)
         self._drop_passed(robot)
         if len(self._goals) == 1 and self._goal_checker.reached(robot, self._target, view.now_s):
             return self._arrive()
-        step = self._consider_plans(view, robot)
-        if step is not None and step.finished:
-            return step
-        new_path = None if step is None else step.new_path
+        decision = self._update_plan(view, robot)
+        if decision is not None and decision.finished:
+            return decision
+        new_path = None if decision is None else decision.new_path
         if self._phase is _Phase.RECOVERING:
             velocity = self._recover(base, view)
         elif self._phase is _Phase.FOLLOWING:
             outcome = self._follow(view, base, robot, map_from_odom.inverse(), view.local)
-            if isinstance(outcome, Step):
+            if isinstance(outcome, Decision):
                 return outcome
             velocity = outcome
         else:
             velocity = STANDSTILL
-        return Step(velocity, new_path=new_path)
+        return Decision(velocity, new_path=new_path)
 
-    # -- what stops a tick early ---------------------------------------------------------------------------------------
+    # -- reasons to stop -----------------------------------------------------------------------------------------------
     @staticmethod
     def _robot(view: View) -> Pose2 | None:
         if view.odom_from_base is None or view.map_from_odom is None:
@@ -254,14 +274,14 @@ class Executive:
             self._last_request_s = -math.inf
 
     @staticmethod
-    def _lost(view: View) -> str | None:
+    def _blocking_reason(view: View) -> str | None:
         if view.odom_from_base is None:
             return "no recent transform odom -> base_link"
         if view.map_from_odom is None:
             return "no recent transform map -> odom"
         return view.blind
 
-    def _wait_blind(self, view: View, reason: str) -> Step:
+    def _wait_blind(self, view: View, reason: str) -> Decision:
         if self._blind_since_s is None:
             self._blind_since_s = view.now_s
             self._log(f"standing still: {reason}")
@@ -270,20 +290,20 @@ class Executive:
         self._hold()
         self._blind_since_s = since_s
         if waited_s <= self._p.blind_patience_s:
-            return Step(STANDSTILL)
+            return Decision(STANDSTILL)
         code = Failure.SENSOR_LOST if view.blind is not None else Failure.TF_ERROR
         return self._give_up(code, f"{reason}, for {waited_s:.0f} s")
 
-    def _arrive(self) -> Step:
+    def _arrive(self) -> Decision:
         self._phase = _Phase.IDLE
-        return Step(STANDSTILL, finished=True)
+        return Decision(STANDSTILL, finished=True)
 
-    def _give_up(self, failure: Failure, reason: str) -> Step:
+    def _give_up(self, failure: Failure, reason: str) -> Decision:
         self._phase = _Phase.IDLE
-        return Step(STANDSTILL, finished=True, failure=failure, reason=reason)
+        return Decision(STANDSTILL, finished=True, failure=failure, reason=reason)
 
     # -- bookkeeping ---------------------------------------------------------------------------------------------------
-    def _account(self, base: Pose2) -> None:
+    def _add_distance(self, base: Pose2) -> None:
         if self._last_pose is not None:
             self._driven_m += base.distance_to(self._last_pose)
         self._last_pose = base
@@ -294,62 +314,62 @@ class Executive:
             self._goal_checker.reset()
 
     def _note_age(self, view: View) -> None:
-        """Age of the picture plus the wait for this tick, in which the last command went on; the worst of late."""
+        """Note the largest recent age of a scan: its own plus the time since the last tick's command."""
         gap_s = max(view.now_s - self._ticked_s, 0.0)
         self._ticked_s = view.now_s
         self._age_s = max(view.scan_age_s + gap_s, self._age_s - self._p.forgiveness * gap_s)
 
-    def _slowed(self, velocity: Velocity, now_s: float) -> Velocity:
-        """The velocity at which no more way is made by an old picture than at full speed by a fresh one."""
+    def _limit_for_scan_age(self, velocity: Velocity, now_s: float) -> Velocity:
+        """Slow down so that the robot drives no further with an old scan than at full speed with a fresh one."""
         if self._age_s <= self._p.fresh_s:
             return velocity
         share = self._p.fresh_s / self._age_s
-        if share < 0.75 and now_s - self._said_slow_s > _SAY_SLOW_EVERY_S:
-            self._said_slow_s = now_s
-            self._log(f"driving at {share:.0%}: what the lidar shows is up to {self._age_s:.1f} s old")
+        if share < 0.75 and now_s - self._logged_slow_s > _LOG_SLOW_PERIOD_S:
+            self._logged_slow_s = now_s
+            self._log(f"driving at {share:.0%}: the last scan is up to {self._age_s:.1f} s old")
         return velocity[0] * share, velocity[1] * share, velocity[2] * share
 
     # -- plans ---------------------------------------------------------------------------------------------------------
-    def _consider_plans(self, view: View, robot: Pose2) -> Step | None:
+    def _update_plan(self, view: View, robot: Pose2) -> Decision | None:
         now_s = view.now_s
         answer = self._planner.take()
-        step = None
+        decision = None
         if answer is not None:
             self._planning_since_s = None
-            step = self._take_plan(answer) if isinstance(answer, Plan) else self._take_refusal(answer, now_s)
+            decision = self._accept_plan(answer) if isinstance(answer, Plan) else self._handle_no_path(answer)
         if self._planning_since_s is not None:
             if now_s - self._planning_since_s > self._p.planning_timeout_s:
-                return self._give_up(Failure.PLANNING_TIMED_OUT, f"no plan came within {self._p.planning_timeout_s:.0f} s")
+                return self._give_up(Failure.PLANNING_TIMED_OUT, f"no plan arrived within {self._p.planning_timeout_s:.0f} s")
         elif self.active and self._phase is not _Phase.RECOVERING and now_s - self._last_request_s >= self._request_period_s():
             self._planner.request(robot, tuple(self._goals))
             self._planning_since_s = self._last_request_s = now_s
-        return step
+        return decision
 
     def _request_period_s(self) -> float:
         if self._phase is _Phase.PLANNING or self._path is None:
             return 0.1
         return self._p.blocked_replan_s if self._blocked else self._p.planner_period_s
 
-    def _take_plan(self, plan: Plan) -> Step:
+    def _accept_plan(self, plan: Plan) -> Decision:
         self._path = TrackedPath(plan.points)
         self._blocked = False
         self._retried = False
         if self._phase is _Phase.PLANNING:
             self._phase = _Phase.FOLLOWING
-        # The path may end beside the goal, within the planner's tolerance: that is where the robot is to stand then.
+        # The path may end beside the goal, within the planner's tolerance: its end is the target then.
         self._target = Pose2(*plan.goal, self._goals[-1].yaw)
-        asked, beside_m = self._goals[-1], self._target.distance_to(self._goals[-1])
-        if beside_m > self._p.beside_m and not self._said_beside:
-            self._said_beside = True
+        goal, beside_m = self._goals[-1], self._target.distance_to(self._goals[-1])
+        if beside_m > self._p.beside_m and not self._logged_beside:
+            self._logged_beside = True
             self._log(
-                f"nobody can stand at the goal ({asked.x:.2f}, {asked.y:.2f}): going to ({self._target.x:.2f}, "
+                f"the goal is not free ({goal.x:.2f}, {goal.y:.2f}): going to ({self._target.x:.2f}, "
                 f"{self._target.y:.2f}), {beside_m:.2f} m beside it"
             )
-        return Step(STANDSTILL, new_path=plan.points)
+        return Decision(STANDSTILL, new_path=plan.points)
 
-    def _take_refusal(self, refusal: NoPath, now_s: float) -> Step | None:
+    def _handle_no_path(self, refusal: NoPath) -> Decision | None:
         if self._phase is _Phase.FOLLOWING and not self._blocked:
-            # A mark beside the path may shut it on the map of the moment; the path at hand still is free where we see.
+            # A mark beside the path may block it on the global costmap; the path in use is free as far as the lidar sees.
             return None
         if not self._retried:
             self._retried = True
@@ -363,11 +383,11 @@ class Executive:
         return None
 
     # -- following -----------------------------------------------------------------------------------------------------
-    def _follow(self, view: View, base: Pose2, robot: Pose2, odom_from_map: Pose2, local: Costmap) -> Velocity | Step:
+    def _follow(self, view: View, base: Pose2, robot: Pose2, odom_from_map: Pose2, local: Costmap) -> Velocity | Decision:
         assert self._path is not None
         p = self._controller.parameters
         off_path_m = self._path.advance(robot)
-        path = self._path.local(odom_from_map, base, local, p.prune_distance, p.robot_radius)
+        path = self._path.extract_local_path(odom_from_map, base, local, p.prune_distance, p.robot_radius)
         self._blocked = bool((~path.free).sum() > 2) or off_path_m > self._p.off_path_m
         if self._progress_checker.stuck(base, view.now_s):
             return self._fail(Failure.FAILED_TO_MAKE_PROGRESS, "the robot makes no progress")
@@ -380,10 +400,10 @@ class Executive:
                 return STANDSTILL
             return self._fail(Failure.NO_VALID_CONTROL, str(error))
         self._invalid_since_s = None
-        return self._slowed((command.vx, command.vy, command.wz), view.now_s)
+        return self._limit_for_scan_age((command.vx, command.vy, command.wz), view.now_s)
 
-    def _fail(self, failure: Failure, reason: str) -> Velocity | Step:
-        if self._goal_checker.within:
+    def _fail(self, failure: Failure, reason: str) -> Velocity | Decision:
+        if self._goal_checker.was_within_tolerance:
             return self._arrive()
         if self._recoveries >= self._p.max_recoveries:
             return self._give_up(failure, f"{reason} after {self._recoveries} recoveries")

@@ -1,9 +1,8 @@
-"""ROS messages to the core's values and back."""
+"""Converts ROS messages to the core's values and back."""
 
 from __future__ import annotations
 
 import math
-from array import array
 from typing import Any
 
 import numpy as np
@@ -13,24 +12,19 @@ from nav_msgs.msg import OccupancyGrid, Path
 from numpy.typing import NDArray
 
 from lupin_runtime import graph
-from lupin_runtime.geometry import Pose2, quaternion_from_yaw, yaw_from_quaternion
+from lupin_runtime.geometry import Pose2, yaw_from_quaternion
 from lupin_runtime.gridmap import GridMap
-from lupin_runtime.navigation.costmap import Costmap, Scan
+from lupin_runtime.navigation.costmap import Costmap, RangeScan
 from lupin_runtime.navigation.costmap.costs import OCCUPANCY_OF_COST
 from lupin_runtime.navigation.planning.paths import headings
 from lupin_runtime.ros import stamp_from_ns, stamp_ns
-from lupin_runtime.transforms import Transform
+from lupin_runtime.ros.plane_messages import grid_message, plane_pose_message
 
 _MAX_CELLS = 64_000_000
 
 
-def plane_pose(transform: Transform) -> Pose2:
-    """The part of a transform that lies in the plane."""
-    return Pose2(transform.translation[0], transform.translation[1], yaw_from_quaternion(*transform.rotation))
-
-
 def pose_from_message(message: PoseStamped) -> Pose2:
-    """The pose in its own frame. Raises ValueError for numbers that are not finite or an orientation that is none."""
+    """Return the pose in the message's frame. Raises ValueError for non-finite numbers or an invalid orientation."""
     p, q = message.pose.position, message.pose.orientation
     values = (p.x, p.y, q.x, q.y, q.z, q.w)
     if not all(map(math.isfinite, values)):
@@ -41,26 +35,17 @@ def pose_from_message(message: PoseStamped) -> Pose2:
     return Pose2(p.x, p.y, yaw_from_quaternion(q.x / norm, q.y / norm, q.z / norm, q.w / norm))
 
 
-def pose_message(pose: Pose2, time_ns: int, frame: str = graph.MAP_FRAME) -> PoseStamped:
-    """A PoseStamped."""
-    message = PoseStamped()
-    message.header.stamp = stamp_from_ns(time_ns)
-    message.header.frame_id = frame
-    message.pose.position.x, message.pose.position.y = pose.x, pose.y
-    q = message.pose.orientation
-    q.x, q.y, q.z, q.w = quaternion_from_yaw(pose.yaw)
-    return message
-
-
 def path_message(points: NDArray[np.float64], goal_yaw: float, time_ns: int, stride: int = 1) -> Path:
-    """A Path in the map frame through every `stride`-th point, poses along the way, the last one with the goal's heading."""
+    """A Path in the map frame through every `stride`-th point, with headings along it, the last one with the goal's."""
     kept = points[np.append(np.arange(0, len(points) - 1, stride), len(points) - 1)]
     message = Path()
     message.header.stamp = stamp_from_ns(time_ns)
     message.header.frame_id = graph.MAP_FRAME
     yaws = headings(kept)
     yaws[-1] = goal_yaw
-    message.poses = [pose_message(Pose2(float(x), float(y), float(yaw)), time_ns) for (x, y), yaw in zip(kept, yaws)]
+    message.poses = [
+        plane_pose_message(Pose2(float(x), float(y), float(yaw)), time_ns, graph.MAP_FRAME) for (x, y), yaw in zip(kept, yaws)
+    ]
     return message
 
 
@@ -72,17 +57,17 @@ def twist_message(vx: float, vy: float, wz: float) -> Twist:
 
 
 def duration_message(seconds: float) -> Duration:
-    """A Duration; what is not finite or negative becomes zero."""
+    """Convert to a Duration; negative and non-finite values become zero."""
     if not math.isfinite(seconds) or seconds < 0.0:
         return Duration()
     whole = int(seconds)
     return Duration(sec=whole, nanosec=int((seconds - whole) * 1e9))
 
 
-def scan_from_message(message: Any) -> Scan:
-    """A LaserScan as the costmaps take it."""
+def scan_from_message(message: Any) -> RangeScan:
+    """Convert a LaserScan to a RangeScan."""
     count = len(message.ranges)
-    return Scan(
+    return RangeScan(
         np.frombuffer(message.ranges, np.float32) if count else np.zeros(0, np.float32),
         float(message.angle_min),
         float(message.angle_increment),
@@ -94,7 +79,7 @@ def scan_from_message(message: Any) -> Scan:
 
 
 def map_from_message(message: OccupancyGrid) -> GridMap:
-    """An OccupancyGrid as a value. Raises ValueError where its sizes do not fit, or its origin is turned."""
+    """Convert an OccupancyGrid. Raises ValueError if its sizes do not fit, or its origin is turned."""
     info = message.info
     cells = info.width * info.height
     if cells == 0 or cells > _MAX_CELLS or len(message.data) != cells:
@@ -108,15 +93,5 @@ def map_from_message(message: OccupancyGrid) -> GridMap:
 
 def costmap_message(costmap: Costmap, frame: str, time_ns: int) -> OccupancyGrid:
     """An OccupancyGrid of costs, scaled as Nav2's costmap publisher does."""
-    message = OccupancyGrid()
-    message.header.stamp = message.info.map_load_time = stamp_from_ns(time_ns)
-    message.header.frame_id = frame
-    message.info.resolution = costmap.resolution_m
-    message.info.height, message.info.width = costmap.cost.shape
-    message.info.origin.position.x = costmap.origin_x
-    message.info.origin.position.y = costmap.origin_y
-    message.info.origin.orientation.w = 1.0
-    data = array("b")
-    data.frombytes(OCCUPANCY_OF_COST[costmap.cost].tobytes())
-    message.data = data
-    return message
+    origin = (costmap.origin_x, costmap.origin_y)
+    return grid_message(OCCUPANCY_OF_COST[costmap.cost], costmap.resolution_m, origin, frame, time_ns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,55 +14,59 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from lupin_runtime import graph
+from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.navigation.actions import NavigationServer, PathServer
 from lupin_runtime.navigation.costmap import BeamPoses, Costmap, GlobalCostmap, LocalCostmap
-from lupin_runtime.navigation.executive import Executive, Step, View
+from lupin_runtime.navigation.executive import Decision, Executive, View
 from lupin_runtime.navigation.messages import (
     costmap_message,
     map_from_message,
     path_message,
-    plane_pose,
     pose_from_message,
-    pose_message,
     twist_message,
 )
 from lupin_runtime.navigation.mppi import MppiController
 from lupin_runtime.navigation.parameters import declare_settings
 from lupin_runtime.navigation.plan_worker import PlanWorker
 from lupin_runtime.navigation.recoveries import STANDSTILL
-from lupin_runtime.navigation.surroundings import Surroundings
+from lupin_runtime.navigation.robot_state import RobotState
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.node import interface, qos_profile
+from lupin_runtime.ros.plane_messages import plane_pose_message
+from lupin_runtime.safety.estop_subscription import subscribe_estop
 from lupin_runtime.transforms import TransformUnavailable
 
-# A tick that comes late counts for no more than this: a stalled process or a clock that jumps must not expire every wait.
+# A late tick advances the node's clock by at most this: after a stalled process or a clock jump no timeout expires at once.
 _LONGEST_TICK_S = 0.5
 
-# /plan is drawn, not followed: a point every 10 cm is enough.
+# Goals that were queued in this process when the e-stop was released are handled within this (real) time: they are older.
+_DRAIN_NS = 100_000_000
+
+# /plan is for display only: a point every 10 cm is enough.
 _PLAN_STRIDE = 2
 
 
 class Navigator(LupinNode):
-    """Costmaps, planner, controller, recoveries and the actions that ask for them.
+    """Connects costmaps, planner, controller and recoveries to the graph.
 
-    While the e-stop is engaged a navigation stands still and waits, without losing its goal or counting the time; whoever
-    wants it to end cancels it.
+    While the e-stop is engaged every goal, of any client, is aborted with that reason. Its release starts nothing.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("bt_navigator", parameters)
         settings = self._settings = declare_settings(self)
+        self._estop_engaged = False
+        self._released_ns: int | None = None
         self._elapsed_s = 0.0
         self._last_tick_ns: int | None = None
-        self._halted = False
         self._silent = True
         self._closing = False
         self._feedback_due_s = 0.0
 
         self._local = LocalCostmap(settings.local.width, settings.local.resolution, settings.inflation, settings.local.limits())
         self._worker = PlanWorker(GlobalCostmap(settings.inflation, settings.world.limits()), settings.planner)
-        self._surroundings = Surroundings(
+        self._robot_state = RobotState(
             self,
             self._local,
             lambda: self._elapsed_s,
@@ -76,17 +81,17 @@ class Navigator(LupinNode):
             clear_local=self._local.clear,
             log=lambda text: self.get_logger().warning(text),
         )
-        self._servers = NavigationServer(self, self._locate, self._start, self._stop_at_once)
+        self._servers = NavigationServer(self, self._locate, self._start, self._stop_now)
         self._paths = PathServer(
-            self, self._locate, self._surroundings.map_from_base, self._worker.submit, lambda: self._elapsed_s
+            self, self._locate, self._robot_state.map_from_base, self._worker.submit, lambda: self._elapsed_s
         )
         self._twist_out = self.publisher(graph.CMD_VEL_NAV)
         self._plan_out = self.publisher(graph.PLAN)
         self._local_out = self.publisher(graph.LOCAL_COSTMAP)
         self._global_out = self.publisher(graph.GLOBAL_COSTMAP)
-        self.subscription(graph.MAP, self._take_map, raw=True)
-        self.subscription(graph.ESTOP_STATE, self._take_estop)
-        self.subscription(graph.GOAL_POSE, self._take_goal_pose)
+        self.subscription(graph.MAP, self._on_map, raw=True)
+        subscribe_estop(self, self._on_estop)
+        self.subscription(graph.GOAL_POSE, self._on_goal_pose)
         self.service(graph.CLEAR_LOCAL_COSTMAP, self._clear_local)
         self.service(graph.CLEAR_GLOBAL_COSTMAP, self._clear_global)
         self._self_client: Any = None
@@ -109,8 +114,8 @@ class Navigator(LupinNode):
     ) -> Subscription:
         """A subscription without rclpy's default event handlers.
 
-        They only log a QoS that does not match, which rows of one table always do, and each is one more entity in a wait set
-        that this node builds a hundred times a second: a third of its CPU.
+        These handlers only log QoS mismatches, which cannot occur between rows of one table, and each is one more entity in the
+        wait set that this node builds a hundred times a second: they took a third of its CPU.
         """
         events = SubscriptionEventCallbacks(use_default_callbacks=False)
         kind, profile = interface(topic.type), qos_profile(qos or topic.qos)
@@ -119,25 +124,26 @@ class Navigator(LupinNode):
     # -- control -------------------------------------------------------------------------------------------------------
     def _control(self) -> None:
         self._advance_clock()
+        self._apply_release()
         if self._worker.failed is not None:
             raise RuntimeError("the planner's thread has ended") from self._worker.failed
         self._paths.poll()
-        self._pass_on_click()
+        self._forward_clicked_goal()
         if not self._servers.active or self._closing:
             return
         if self._servers.cancel_requested:
             self._end(None, "cancelled")
             return
-        step = self._executive.tick(self._view())
-        if step.new_path is not None and self._plan_out.get_subscription_count() > 0:
-            self._plan_out.publish(path_message(step.new_path, self._goal_yaw, self.now_ns(), _PLAN_STRIDE))
-        if step.finished:
-            self._finish(step)
+        decision = self._executive.tick(self._view())
+        if decision.new_path is not None and self._plan_out.get_subscription_count() > 0:
+            self._plan_out.publish(path_message(decision.new_path, self._goal_yaw, self.now_ns(), _PLAN_STRIDE))
+        if decision.finished:
+            self._finish(decision)
             return
-        self._drive(step.velocity)
+        self._drive(decision.velocity)
         if self._elapsed_s >= self._feedback_due_s:
             self._feedback_due_s = self._elapsed_s + 1.0 / self._settings.feedback_hz
-            here = self._surroundings.map_from_base()
+            here = self._robot_state.map_from_base()
             if here is not None:
                 self._servers.feedback(here, self._executive.progress(self._elapsed_s))
 
@@ -148,7 +154,7 @@ class Navigator(LupinNode):
         self._last_tick_ns = now_ns
 
     def _view(self) -> View:
-        around = self._surroundings
+        around = self._robot_state
         return View(
             now_s=self._elapsed_s,
             odom_from_base=around.odom_from_base(),
@@ -156,7 +162,6 @@ class Navigator(LupinNode):
             velocity=around.velocity(),
             local=around.local,
             blind=around.blind(),
-            halted=self._halted,
             scan_age_s=around.scan_age_s(),
         )
 
@@ -164,19 +169,19 @@ class Navigator(LupinNode):
         self._silent = False
         self._twist_out.publish(twist_message(*velocity))
 
-    def _finish(self, step: Step) -> None:
-        if step.failure is None:
+    def _finish(self, decision: Decision) -> None:
+        if decision.failure is None:
             self.get_logger().info("goal reached")
         else:
-            self.get_logger().error(f"navigation aborted, {step.failure.name}: {step.reason}")
-        self._end(step.failure, step.reason)
+            self.get_logger().error(f"navigation aborted, {decision.failure.name}: {decision.reason}")
+        self._end(decision.failure, decision.reason)
 
     def _end(self, failure: Any, reason: str) -> None:
-        self._stop_at_once()
+        self._stop_now()
         self._servers.finish(failure, reason)
 
-    def _stop_at_once(self) -> None:
-        """A zero now, not at the next tick; then silence."""
+    def _stop_now(self) -> None:
+        """Publish zero velocity at once, not at the next tick; then publish nothing."""
         self._executive.stop()
         if not self._silent:
             self._drive(STANDSTILL)
@@ -184,35 +189,41 @@ class Navigator(LupinNode):
 
     # -- goals ---------------------------------------------------------------------------------------------------------
     def _locate(self, message: PoseStamped) -> Pose2:
-        """The pose in the map frame; raises ValueError with the reason why not."""
+        """Transform a pose to the map frame; raises ValueError with the reason if that is impossible."""
         pose = pose_from_message(message)
         frame = message.header.frame_id.lstrip("/")
         if frame in ("", graph.MAP_FRAME):
             return pose
         try:
-            return plane_pose(self._surroundings.tree.lookup(graph.MAP_FRAME, frame)) @ pose
+            return self._robot_state.tree.lookup(graph.MAP_FRAME, frame).to_pose2() @ pose
         except TransformUnavailable as error:
-            raise ValueError(f"a pose in frame {frame!r} can't be brought into {graph.MAP_FRAME!r}: {error}") from error
+            raise ValueError(f"a pose in frame {frame!r} cannot be transformed to {graph.MAP_FRAME!r}: {error}") from error
 
     def _start(self, poses: Sequence[Pose2]) -> None:
         self._goal_yaw = poses[-1].yaw
         self._feedback_due_s = self._elapsed_s
         self._executive.start(poses, self._elapsed_s)
+        if self._executive.estop_engaged:
+            self._finish(self._executive.tick(self._view()))
+            return
         last = poses[-1]
         self.get_logger().info(f"navigating through {len(poses)} pose(s) to ({last.x:.2f}, {last.y:.2f}, {last.yaw:.2f})")
 
-    def _take_goal_pose(self, message: PoseStamped) -> None:
+    def _on_goal_pose(self, message: PoseStamped) -> None:
         try:
             pose = self._locate(message)
         except ValueError as error:
             self.get_logger().error(f"{graph.GOAL_POSE.name} refused: {error}")
             return
-        self._clicked = pose_message(pose, self.now_ns()), self._elapsed_s
+        if self._executive.estop_engaged:
+            self.get_logger().error(f"{graph.GOAL_POSE.name} refused: {ESTOP_ENGAGED}")
+            return
+        self._clicked = plane_pose_message(pose, self.now_ns(), graph.MAP_FRAME), self._elapsed_s
         if self._self_client is None:
-            # A goal of our own action, as in Nav2: so cancelling all goals cancels a clicked one, too.
+            # Sent to this node's own action, as in Nav2, so that cancelling all goals also cancels a clicked one.
             self._self_client = self.action_client(graph.NAVIGATE_TO_POSE)
 
-    def _pass_on_click(self) -> None:
+    def _forward_clicked_goal(self) -> None:
         if self._clicked is None:
             return
         pose, since_s = self._clicked
@@ -220,29 +231,44 @@ class Navigator(LupinNode):
             self._self_client.send_goal_async(interface(graph.NAVIGATE_TO_POSE.type).Goal(pose=pose))
             self._clicked = None
         elif self._elapsed_s - since_s > 5.0:
-            self.get_logger().error(f"{graph.GOAL_POSE.name} dropped: the node does not find its own action server")
+            self.get_logger().error(f"{graph.GOAL_POSE.name} dropped: this node's own action server was not discovered")
             self._clicked = None
 
     # -- map, costmaps, e-stop -----------------------------------------------------------------------------------------
-    def _take_map(self, data: bytes) -> None:
+    def _on_map(self, data: bytes) -> None:
         log = self.get_logger()
         self._worker.set_map(
             lambda: map_from_message(deserialize_message(data, OccupancyGrid)),
             lambda reason: log.error(f"{graph.MAP.name} refused: {reason}"),
         )
 
-    def _take_estop(self, message: Any) -> None:
-        if message.data and not self._halted and self._servers.active:
-            self._drive(STANDSTILL)
-        self._halted = bool(message.data)
+    def _on_estop(self, engaged: bool) -> None:
+        if engaged == self._estop_engaged:
+            return
+        self._estop_engaged = engaged
+        self._released_ns = None if engaged else time.monotonic_ns()
+        if not engaged:
+            return
+        self._executive.set_estop(True)
+        if self._clicked is not None:
+            self._clicked = None
+            self.get_logger().error(f"{graph.GOAL_POSE.name} dropped: {ESTOP_ENGAGED}")
+        if self._servers.active and not self._closing:
+            self._finish(self._executive.tick(self._view()))
+
+    def _apply_release(self) -> None:
+        """Release the executive once the goals that were queued behind the release are refused."""
+        if self._released_ns is not None and time.monotonic_ns() - self._released_ns >= _DRAIN_NS:
+            self._released_ns = None
+            self._executive.set_estop(False)
 
     def _update_local(self) -> None:
-        taken = self._surroundings.update_local()
+        taken = self._robot_state.update_local()
         if taken is not None:
             self._recent = taken
 
     def _update_global(self) -> None:
-        correction = self._surroundings.map_from_odom()
+        correction = self._robot_state.map_from_odom()
         if self._recent is not None and correction is not None:
             scan, poses = self._recent
             self._worker.observe(scan, BeamPoses(correction @ poses.first, correction @ poses.last))
@@ -253,11 +279,11 @@ class Navigator(LupinNode):
             def publish(costmap: Costmap) -> None:
                 self._global_out.publish(costmap_message(costmap, graph.MAP_FRAME, stamp_ns))
 
-            self._worker.snapshot(self._surroundings.map_from_base(), publish)
+            self._worker.snapshot(self._robot_state.map_from_base(), publish)
 
     def _publish_local(self) -> None:
-        if self._surroundings.local is not None and self._local_out.get_subscription_count() > 0:
-            self._local_out.publish(costmap_message(self._surroundings.local, graph.ODOM_FRAME, self.now_ns()))
+        if self._robot_state.local is not None and self._local_out.get_subscription_count() > 0:
+            self._local_out.publish(costmap_message(self._robot_state.local, graph.ODOM_FRAME, self.now_ns()))
 
     def _clear_local(self, _request: Any, response: Any) -> Any:
         self._local.clear()
@@ -269,9 +295,9 @@ class Navigator(LupinNode):
 
     # -- end -----------------------------------------------------------------------------------------------------------
     def before_shutdown(self) -> None:
-        """Leave the wheels a zero and the clients a result."""
+        """Publish zero velocity and give the clients a result."""
         self._closing = True
-        self._stop_at_once()
+        self._stop_now()
         self._servers.close()
         self._paths.close()
         self._worker.close()

@@ -1,4 +1,4 @@
-"""The node's parameters: each under the name that Nav2 has for it, with the default that this robot is tuned for."""
+"""The node's parameters, under Nav2's names, with the defaults tuned for this robot."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ T = TypeVar("T")
 
 
 class Declares(Protocol):
-    """What a LupinNode offers: declare a parameter, get its value."""
+    """The part of LupinNode that declares parameters."""
 
     def parameter(self, name: str, default: Any) -> Any:
-        """The value of a newly declared parameter."""
+        """Declare a parameter and return its value."""
         ...
 
 
 @dataclass(frozen=True)
 class CostmapSettings:
-    """One costmap (m, Hz). Publishing happens only where somebody listens."""
+    """Settings of one costmap (m, Hz). It is published only to subscribers."""
 
     resolution: float = 0.05
     update_frequency: float = 5.0
@@ -49,7 +49,7 @@ GLOBAL = CostmapSettings(
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything that the node is told."""
+    """All settings of the node."""
 
     mppi: MppiParameters
     planner: PlannerParameters
@@ -107,7 +107,7 @@ def declare_settings(node: Declares) -> Settings:
 
 
 def declared(node: Declares, prefix: str, defaults: T, skip: tuple[str, ...] = ()) -> T:
-    """`defaults`, a dataclass, with what the node's parameters say; nested ones are declared under their class's name."""
+    """Declare a dataclass's fields as parameters and return it with their values; nested ones are prefixed by class name."""
     values: dict[str, Any] = {}
     for item in dataclasses.fields(defaults):  # type: ignore[arg-type]
         default = getattr(defaults, item.name)

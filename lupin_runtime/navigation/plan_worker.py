@@ -1,4 +1,4 @@
-"""The global costmap and the planner in a thread of their own: a plan may take longer than a control cycle."""
+"""Runs the global costmap and the planner in a thread, since a plan may take longer than a control cycle."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.gridmap import GridMap
-from lupin_runtime.navigation.costmap import BeamPoses, Costmap, GlobalCostmap, Scan
+from lupin_runtime.navigation.costmap import BeamPoses, Costmap, GlobalCostmap, RangeScan
 from lupin_runtime.navigation.planning import NoPath, Plan, PlannerParameters, plan
 
 Job = Callable[[], None]
@@ -29,9 +29,9 @@ class Ticket:
 
 
 class PlanWorker:
-    """Owns the global costmap. Every method returns at once; the work is done in order by one thread.
+    """Owns the global costmap. Every method returns at once; one thread does the work in order.
 
-    `failed` holds what ended the thread, should anything: the node looks at it and dies with it.
+    `failed` is the exception that ended the thread: the node checks it and ends as well.
     """
 
     def __init__(self, costmap: GlobalCostmap, parameters: PlannerParameters) -> None:
@@ -45,13 +45,13 @@ class PlanWorker:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread."""
+        """Stop the thread."""
         self._jobs.put(None)
         self._thread.join(2.0)
 
-    # -- what the map and the lidar say --------------------------------------------------------------------------------
+    # -- map and scans -------------------------------------------------------------------------------------------------
     def set_map(self, decode: Callable[[], GridMap], refused: Callable[[str], None]) -> None:
-        """Take a map; it is decoded in the thread, and `refused` hears of one that can't be."""
+        """Set the map; it is decoded in the thread, and `refused` is called for one that is invalid."""
 
         def job() -> None:
             try:
@@ -66,8 +66,8 @@ class PlanWorker:
 
         self._jobs.put(job)
 
-    def observe(self, scan: Scan, poses: BeamPoses) -> None:
-        """Feed a scan, poses in the map frame."""
+    def observe(self, scan: RangeScan, poses: BeamPoses) -> None:
+        """Mark and clear with a scan, poses in the map frame."""
 
         def job() -> None:
             self._costmap.observe(scan, poses)
@@ -75,7 +75,7 @@ class PlanWorker:
         self._jobs.put(job)
 
     def snapshot(self, robot: Pose2 | None, deliver: Callable[[Costmap], None]) -> None:
-        """Hand the inflated costmap to `deliver`, in the thread; nothing happens before the first map."""
+        """Call `deliver` with the inflated costmap, in the thread; not before the first map."""
 
         def job() -> None:
             if self._costmap.ready:
@@ -85,25 +85,25 @@ class PlanWorker:
 
     # -- plans ---------------------------------------------------------------------------------------------------------
     def submit(self, start: Pose2, goals: Sequence[Pose2], robot: Pose2 | None) -> Ticket:
-        """Ask for a path from anywhere; `robot` is where no obstacle can be. Before the first map the request waits."""
+        """Request a path from any start; at `robot` there is no obstacle. Before the first map the request waits."""
         ticket = Ticket()
         self._jobs.put(lambda: self._plan(ticket, start, tuple(goals), robot))
         return ticket
 
     def request(self, start: Pose2, goals: Sequence[Pose2]) -> None:
-        """Ask on behalf of the executive; replaces its last request."""
+        """Request a path for the executive, in place of its last request."""
         self.drop()
         self._current = self.submit(start, goals, robot=start)
 
     def take(self) -> Plan | NoPath | None:
-        """The answer to the executive's request, once."""
+        """Return the answer to the executive's request, once."""
         if self._current is None or self._current.answer is None:
             return None
         answer, self._current = self._current.answer, None
         return answer
 
     def drop(self) -> None:
-        """Forget the executive's request."""
+        """Cancel the executive's request."""
         if self._current is not None:
             self._current.abandoned = True
         self._current = None
@@ -127,12 +127,12 @@ class PlanWorker:
         try:
             while (job := self._jobs.get()) is not None:
                 job()
-        except BaseException as error:  # shown and re-raised by the node's own thread
+        except BaseException as error:  # logged and re-raised by the node's own thread
             self.failed = error
 
 
 def plan_through(costmap: Costmap, start: Pose2, goals: Sequence[Pose2], parameters: PlannerParameters) -> Plan | NoPath:
-    """One path from the start through all goals, or why there is none."""
+    """Plan one path from the start through all goals, or return why there is none."""
     legs: list[NDArray[np.float64]] = []
     at = start.x, start.y
     try:

@@ -1,4 +1,4 @@
-"""What a robot does when it can't go on: turn on the spot, get away from what is near, wait. Each is bounded in time."""
+"""Recoveries of a stuck robot: turn on the spot, back away from obstacles, wait. Each is bounded in time."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class BehaviourLimits:
     simulate_ahead_time: float = 2.0
     backup_speed: float = 0.15
     cycle_frequency: float = 10.0
-    # The hull's corner is 0.21 m from the middle: a robot nearer than that to something must not turn.
+    # The hull's corner is 0.21 m from the centre: a robot nearer to an obstacle must not turn.
     turning_radius_m: float = 0.21
 
 
 class Behaviour(Protocol):
-    """One recovery. `tick` returns the velocity to drive, or None when it is over, done or not."""
+    """One recovery. `tick` returns the velocity to drive, or None once it has ended, successful or not."""
 
     name: str
 
@@ -39,7 +39,7 @@ class Behaviour(Protocol):
 
 
 class Wait:
-    """Stand still for a while: what is in the way may walk on."""
+    """Stand still for a while: the obstacle may move away."""
 
     name = "wait"
 
@@ -47,7 +47,7 @@ class Wait:
         self._duration_s = duration_s
         self._until_s: float | None = None
 
-    def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:
+    def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:  # noqa: ARG002 -- Behaviour's signature
         """Standstill until the time is over."""
         if self._until_s is None:
             self._until_s = now_s + self._duration_s
@@ -55,7 +55,7 @@ class Wait:
 
 
 class Spin:
-    """Turn by `angle_rad`, slowing down towards its end; over at once where the hull would touch."""
+    """Turn by `angle_rad`, slowing down towards its end; ends at once if the hull would touch."""
 
     name = "spin"
 
@@ -67,7 +67,7 @@ class Spin:
         self._until_s: float | None = None
 
     def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:
-        """The turn still to go, at a speed from which the robot can stop within it."""
+        """The turn rate from which the robot can stop within the remaining angle."""
         limits = self._limits
         if self._until_s is None or self._last_yaw is None:
             self._until_s = now_s + 2.0 * self._left_rad / limits.min_rotational_vel
@@ -83,9 +83,9 @@ class Spin:
 
 
 class BackUp:
-    """Get `distance_m` away from what is near: backwards if there is room, else to the side with the most of it.
+    """Drive `distance_m` away from obstacles: backwards if there is room, else in the direction with most clearance.
 
-    Nav2's backs up only; a mecanum base has every direction.
+    Nav2's BackUp drives backwards only; a mecanum base can drive in every direction.
     """
 
     name = "backup"
@@ -99,44 +99,44 @@ class BackUp:
         self._until_s = math.inf
 
     def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:
-        """The chosen way at the backup speed, as long as what lies ahead of it is not nearer than what is here."""
+        """The chosen direction at backup speed, while no obstacle ahead is nearer than the nearest one at the start."""
         speed = self._limits.backup_speed
         if self._start is None:
             self._start = robot
             self._until_s = now_s + 2.0 * self._distance_m / speed
-            self._heading = self._freest(robot, costmap)
+            self._heading = self._clearest_heading(robot, costmap)
         if self._heading is None or now_s > self._until_s or robot.distance_to(self._start) >= self._distance_m:
             return None
         ahead = min(speed * self._limits.simulate_ahead_time, self._distance_m - robot.distance_to(self._start))
-        if self._room(robot, costmap, self._heading, ahead) is None:
+        if self._clearance_along(robot, costmap, self._heading, ahead) is None:
             return None
         direction = self._heading - robot.yaw
         return speed * math.cos(direction), speed * math.sin(direction), 0.0
 
-    def _freest(self, robot: Pose2, costmap: Costmap) -> float | None:
+    def _clearest_heading(self, robot: Pose2, costmap: Costmap) -> float | None:
         best: tuple[float, float] | None = None
         for i in range(self._DIRECTIONS):
             turn = 2.0 * math.pi * i / self._DIRECTIONS
             heading = robot.yaw + math.pi + turn
-            room = self._room(robot, costmap, heading, self._distance_m)
+            room = self._clearance_along(robot, costmap, heading, self._distance_m)
             if room is None:
                 continue
-            # A little is lost by not going backwards, so that equal room decides for it.
+            # A small penalty on other directions prefers backwards where clearance is equal.
             value = min(room, 0.5) - 0.02 * (1.0 - math.cos(turn))
             if best is None or value > best[0] + 1e-9:
                 best = value, heading
         return None if best is None else best[1]
 
-    def _room(self, robot: Pose2, costmap: Costmap, heading: float, distance_m: float) -> float | None:
-        """Clearance at the end of the way; None where the way comes nearer to something than the robot now is."""
-        here = costmap.distance_at(robot.x, robot.y)
+    def _clearance_along(self, robot: Pose2, costmap: Costmap, heading: float, distance_m: float) -> float | None:
+        """Clearance in metres at the end of the path; None if the path comes nearer to an obstacle than the robot is now."""
+        clearance_now = costmap.distance_at(robot.x, robot.y)
         # Half a cell of slack: distances jump by that much between cells.
-        least = min(here, self._limits.turning_radius_m + costmap.resolution_m) - 0.5 * costmap.resolution_m
-        clearance = here
+        min_clearance = min(clearance_now, self._limits.turning_radius_m + costmap.resolution_m) - 0.5 * costmap.resolution_m
+        clearance = clearance_now
         steps = max(1, math.ceil(distance_m / (0.5 * costmap.resolution_m)))
         for i in range(1, steps + 1):
-            way = distance_m * i / steps
-            clearance = costmap.distance_at(robot.x + way * math.cos(heading), robot.y + way * math.sin(heading))
-            if clearance < least:
+            along_m = distance_m * i / steps
+            clearance = costmap.distance_at(robot.x + along_m * math.cos(heading), robot.y + along_m * math.sin(heading))
+            if clearance < min_clearance:
                 return None
         return clearance

@@ -1,1 +1,1 @@
-"""What the cameras see: tags and their places on the map, flowers and bugs in the boxes behind them."""
+"""Perception by camera: tags and their poses in the map, flowers and bugs in the boxes behind them."""

@@ -1,4 +1,4 @@
-"""Node `perception_aggregator`: sightings become tags on the map, detections become flowers in boxes."""
+"""Node `perception_aggregator`: fuses tag sightings into tags in the map, and flower detections into flowers in boxes."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from std_msgs.msg import String
 
 from lupin_runtime import graph
 from lupin_runtime.geometry import quaternion_from_yaw
-from lupin_runtime.perception.blooms import CLASS_NAMES
 from lupin_runtime.perception.box_geometry import Box, BoxSize, MalformedBoxes, box_from_tag, read_boxes
-from lupin_runtime.perception.flowers import Accumulator, Finding, FlowerOptions
-from lupin_runtime.perception.map_motion import MapMotion
-from lupin_runtime.perception.messages import MalformedDetections, SeenTag, read_blooms, read_tags
+from lupin_runtime.perception.color_blobs import CLASS_NAMES
+from lupin_runtime.perception.flowers import Accumulator, FlowerOptions, PotObservation
+from lupin_runtime.perception.map_jumps import MapMotion
+from lupin_runtime.perception.messages import MalformedDetections, SeenTag, read_flower_detections, read_tags
 from lupin_runtime.perception.passive_observer import PassiveObserver
-from lupin_runtime.perception.poses import pose_message, pose_on_floor
+from lupin_runtime.perception.pose_messages import transform_pose_message
 from lupin_runtime.perception.registry import KnownTag, Sighting, TagRegistry
 from lupin_runtime.ros import LupinNode, TransformListener, stamp_from_ns
 from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable
 
-# A detection and its transform travel on two topics, and the map's transform may lag behind the picture's stamp.
+# A detection and its transform travel on two topics, and the map's transform may lag behind the image's stamp.
 PAIRING_TIMEOUT_S = 1.0
 CLOCK_STEP_NS = 1_000_000_000
 SCANNING_STATES = ("INSPECTING", "MONITORING")
 
 
 @dataclass(frozen=True)
-class _Look:
-    """A `tag_<id>` transform that has arrived and waits for its detection, or for the map's transform."""
+class _TagTransform:
+    """A received `tag_<id>` transform that waits for its detection, or for the map's transform."""
 
     stamp_ns: int
     parent: str
@@ -44,27 +44,27 @@ class _Look:
 
 
 @dataclass
-class _Waiting:
-    """What has come of one tag and is not a sighting yet; `detections` are (arrival, near enough)."""
+class _TagQueue:
+    """The unprocessed transforms and detections of one tag; `detections` are (arrival in ns, near enough)."""
 
-    looks: deque[_Look] = field(default_factory=lambda: deque(maxlen=32))
+    transforms: deque[_TagTransform] = field(default_factory=lambda: deque(maxlen=32))
     detections: deque[tuple[int, bool]] = field(default_factory=lambda: deque(maxlen=32))
 
 
 class _TagTree(TransformTree):
-    """A transform tree that also notes every tag transform as it comes: tags are looked up at exactly those stamps, since
-    between two looks at a tag the robot may have been anywhere."""
+    """A transform tree that also queues every tag transform: tags are placed at exactly those stamps, since between two
+    transforms of a tag the robot may have been anywhere."""
 
     def __init__(self, prefix: str, clock: Any) -> None:
         super().__init__()
         self._prefix, self._clock = prefix, clock
-        self.waiting: dict[str, _Waiting] = {}
+        self.waiting: dict[str, _TagQueue] = {}
 
     def insert(self, parent: str, child: str, stamp_ns: int, transform: Transform, static: bool = False) -> None:
         super().insert(parent, child, stamp_ns, transform, static)
         if child.startswith(self._prefix):
-            look = _Look(stamp_ns, parent, transform, self._clock())
-            self.waiting.setdefault(child[len(self._prefix) :], _Waiting()).looks.append(look)
+            received = _TagTransform(stamp_ns, parent, transform, self._clock())
+            self.waiting.setdefault(child[len(self._prefix) :], _TagQueue()).transforms.append(received)
 
 
 class PerceptionAggregator(LupinNode):
@@ -80,7 +80,7 @@ class PerceptionAggregator(LupinNode):
         self._map_from_odom: Transform | None = None
         self._newest_ns = 0
         self._accumulator = Accumulator(self._options)
-        self._findings: dict[str, Finding] = {}
+        self._last_flowers: dict[str, PotObservation] = {}
         self._boxes: dict[str, Box] = {}
         self._mission: MissionState | None = None
         self._last_frame: list[SeenTag] = []
@@ -93,10 +93,10 @@ class PerceptionAggregator(LupinNode):
         self._observations = self.publisher(row(self._topics["observations"], graph.OBSERVATIONS.type, graph.LATCHED50))
         detections = graph.TAG_DETECTIONS
         self.subscription(row(self._topics["tag_detections"], detections.type, detections.qos), self._on_tags)
-        self.subscription(row(self._topics["yolo_detections"], detections.type, detections.qos), self._on_blooms)
+        self.subscription(row(self._topics["yolo_detections"], detections.type, detections.qos), self._on_flower_detections)
         self.subscription(row(self._topics["mission_state"], graph.MISSION_STATE.type, graph.LATCHED1), self._on_mission)
         self.subscription(row(self._topics["box_geometry"], graph.BOX_GEOMETRY.type, graph.LATCHED1), self._on_boxes)
-        # Fifty a second come, for one joint that is asked for a few times a minute: they are kept as bytes until then.
+        # Fifty messages a second for one joint angle that is needed a few times a minute: they are deserialized only then.
         joints = row(self._topics["joint_states"], graph.JOINT_STATES.type, graph.REL1)
         self._joint_bytes: bytes | None = None
         self.subscription(joints, self._on_joint_bytes, raw=True)
@@ -122,7 +122,7 @@ class PerceptionAggregator(LupinNode):
         self._min_sightings = int(p("min_sightings", 3))
         self._max_distance_m = float(p("max_tag_distance_m", 2.5))
         self._freshness_s = float(p("freshness_s", 5.0))
-        self._bloom_window_s = float(p("yolo_window_s", 2.0))
+        self._focus_window_s = float(p("yolo_window_s", 2.0))
         self._box_size = BoxSize(float(p("box_width", 0.80)), float(p("box_depth", 0.40)), float(p("box_height", 0.30)))
         self._mount_height_m = float(p("tag_mount_height", 0.10))
         self._lateral_offset_m = float(p("tag_lateral_offset", 0.0))
@@ -154,46 +154,46 @@ class PerceptionAggregator(LupinNode):
         self._last_frame, self._last_frame_ns = seen, now_ns
         for tag in seen:
             near = self._max_distance_m <= 0.0 or tag.dist_m <= self._max_distance_m
-            if near:  # one that is too far away is left out on purpose
+            if near:  # one that is too far away is ignored
                 self._seen_ids.add(tag.id)
-            self._tree.waiting.setdefault(tag.id, _Waiting()).detections.append((now_ns, near))
-        self._settle()
+            self._tree.waiting.setdefault(tag.id, _TagQueue()).detections.append((now_ns, near))
+        self._process_waiting()
 
-    def _settle(self) -> None:
-        """Turn what waits into sightings, as far as the transforms have come."""
-        self._notice_clock()
+    def _process_waiting(self) -> None:
+        """Turn waiting transforms and detections into sightings, as far as the map's transforms have arrived."""
+        self._check_clock()
         now_ns = self.elapsed_clock_ns()
         too_old_ns = now_ns - int(PAIRING_TIMEOUT_S * 1e9)
         self._follow_map()
         for tag_id, waiting in self._tree.waiting.items():
-            while waiting.looks and waiting.detections:
-                look, (_, near) = waiting.looks[0], waiting.detections[0]
-                if near and not self._place(tag_id, look) and look.arrived_ns > too_old_ns:
+            while waiting.transforms and waiting.detections:
+                transform, (_, near) = waiting.transforms[0], waiting.detections[0]
+                if near and not self._add_sighting(tag_id, transform) and transform.arrived_ns > too_old_ns:
                     break
-                waiting.looks.popleft()
+                waiting.transforms.popleft()
                 waiting.detections.popleft()
-            while waiting.looks and waiting.looks[0].arrived_ns <= too_old_ns:
-                waiting.looks.popleft()
+            while waiting.transforms and waiting.transforms[0].arrived_ns <= too_old_ns:
+                waiting.transforms.popleft()
             while waiting.detections and waiting.detections[0][0] <= too_old_ns:
                 waiting.detections.popleft()
 
-    def _place(self, tag_id: str, look: _Look) -> bool:
-        """Put one look on the map; False while its transform has not come.
+    def _add_sighting(self, tag_id: str, transform: _TagTransform) -> bool:
+        """Add one sighting to the registry; False while a transform is missing.
 
-        The robot's place at the look's stamp counts, on the map as it is now: a SLAM that dates its correction ahead would
-        otherwise place the first looks after a jump on the map of before.
+        It uses odometry at the sighting's stamp and the newest map correction: a SLAM that dates its correction ahead would
+        otherwise place the first sightings after a jump by the old map.
         """
         try:
             if self._map_from_odom is not None:
-                odom_from_camera = self._tree.lookup(self._odom_frame, look.parent, look.stamp_ns)
+                odom_from_camera = self._tree.lookup(self._odom_frame, transform.parent, transform.stamp_ns)
                 map_from_camera = self._map_from_odom @ odom_from_camera
             else:
-                map_from_camera = self._tree.lookup(self._map_frame, look.parent, look.stamp_ns)
+                map_from_camera = self._tree.lookup(self._map_frame, transform.parent, transform.stamp_ns)
         except TransformUnavailable:
             return False
         sighting = Sighting(
-            look.stamp_ns,
-            map_from_camera @ look.camera_from_tag,
+            transform.stamp_ns,
+            map_from_camera @ transform.camera_from_tag,
             map_from_camera.translation,
             self._motion.travelled,
             self._motion.unrest_m,
@@ -202,7 +202,7 @@ class PerceptionAggregator(LupinNode):
         return True
 
     def _follow_map(self) -> None:
-        """Let known tags move along where SLAM has moved the map under them."""
+        """Move known tags along with the map where SLAM has moved it."""
         try:
             map_from_odom = self._tree.lookup(self._map_frame, self._odom_frame)
             odom_from_base = self._tree.lookup(self._odom_frame, self._base_frame)
@@ -210,17 +210,17 @@ class PerceptionAggregator(LupinNode):
             return
         self._map_from_odom = map_from_odom
         time_s = self.elapsed_clock_ns() / 1e9
-        jump = self._motion.update(time_s, pose_on_floor(map_from_odom), pose_on_floor(odom_from_base))
+        jump = self._motion.update(time_s, map_from_odom.to_pose2(), odom_from_base.to_pose2())
         if jump is not None:
             self._registry.follow(jump)
             if jump.doubt_m == 0.0:
-                self.get_logger().info("the map moved: known tags were moved along", throttle_duration_sec=1.0)
+                self.get_logger().info("the map moved: known tags were moved with it", throttle_duration_sec=1.0)
 
-    def _notice_clock(self) -> None:
-        """After the clock went back, transforms and stamps from before are of a future that never comes."""
+    def _check_clock(self) -> None:
+        """Drop transforms and stamps after the clock went back: they are in the future now."""
         now_ns = self.now_ns()
         if now_ns < self._newest_ns - CLOCK_STEP_NS:
-            self.get_logger().warning("the clock went back: transforms are collected afresh, tags are kept")
+            self.get_logger().warning("the clock went back: transforms are cleared, tags are kept")
             self._tree.clear()
             self._tree.waiting.clear()
             self._map_from_odom = None
@@ -230,16 +230,16 @@ class PerceptionAggregator(LupinNode):
         self._newest_ns = max(self._newest_ns, now_ns)
 
     def _publish(self) -> None:
-        self._settle()
+        self._process_waiting()
         message = DiscoveredTags()
         message.header.stamp = stamp_from_ns(self.now_ns())
         message.header.frame_id = self._map_frame
         for tag in self._registry.discovered():
-            found = self._findings.get(tag.id, Finding())
+            found = self._last_flowers.get(tag.id, PotObservation())
             message.tags.append(
                 DiscoveredTag(
                     tag_id=tag.id,
-                    pose_in_map=pose_message(tag.pose),
+                    pose_in_map=transform_pose_message(tag.pose),
                     species=found.species,
                     species_confidence=found.confidence,
                     anomaly=found.anomaly,
@@ -250,7 +250,7 @@ class PerceptionAggregator(LupinNode):
         self._refocus()
         if self._seen_ids and len(self._registry) == 0:
             self.get_logger().warning(
-                f"tags {', '.join(sorted(self._seen_ids))} are seen but none can be placed: "
+                f"tags {', '.join(sorted(self._seen_ids))} are detected but none can be placed: "
                 f"is there a transform {self._map_frame} -> {self._prefix}<id>, and a camera_info?",
                 throttle_duration_sec=10.0,
             )
@@ -258,7 +258,7 @@ class PerceptionAggregator(LupinNode):
             self._observer.tick(self._mission, self._registry.discovered())
 
     def _confirm(self, request: ConfirmTag.Request, response: ConfirmTag.Response) -> ConfirmTag.Response:
-        self._settle()
+        self._process_waiting()
         now_ns = self.now_ns()
         tag = self._registry.get(request.expected_tag_id)
         problem = self._registry.doubt(request.expected_tag_id, now_ns, self._freshness_s)
@@ -266,10 +266,10 @@ class PerceptionAggregator(LupinNode):
         response.detected = problem is None
         response.detection_confidence = min(1.0, seen / self._registry.min_sightings)
         response.error_message = problem or ""
-        # The default of a Pose has w = 1, which would read as a pose at the origin.
+        # w = 0 means "no pose"; the default of a Pose has w = 1, a pose at the origin.
         response.tag_pose_in_map.orientation.w = 0.0
         if problem is None and tag is not None:
-            response.tag_pose_in_map = pose_message(tag.pose)
+            response.tag_pose_in_map = transform_pose_message(tag.pose)
         return response
 
     # -- flowers ----------------------------------------------------------------------------------------------------
@@ -282,7 +282,7 @@ class PerceptionAggregator(LupinNode):
         self._joint_bytes = data
 
     def _pan_rad(self) -> float:
-        """The arm's pan, 0 until it is known."""
+        """The arm's pan angle, 0 until it is known."""
         if self._joint_bytes is None:
             return 0.0
         message: JointState = deserialize_message(self._joint_bytes, JointState)
@@ -295,14 +295,14 @@ class PerceptionAggregator(LupinNode):
         except MalformedBoxes as error:
             self.get_logger().warning(f"box geometry dropped: {error}", throttle_duration_sec=5.0)
 
-    def _on_blooms(self, message: String) -> None:
+    def _on_flower_detections(self, message: String) -> None:
         try:
-            seen = read_blooms(message.data)
+            seen = read_flower_detections(message.data)
         except MalformedDetections as error:
             self.get_logger().warning(f"flower detections dropped: {error}", throttle_duration_sec=5.0)
             return
         self._refocus()
-        # The joint counts to the left, the picture's columns to the right.
+        # The joint's angle is positive to the left, image columns count to the right.
         self._accumulator.add(seen, -self._pan_rad(), 0.0)
         self._report()
 
@@ -310,18 +310,18 @@ class PerceptionAggregator(LupinNode):
         self._accumulator.focus(self._focus())
 
     def _focus(self) -> str | None:
-        """The tag whose pot is being looked at."""
+        """The tag whose pot is in focus."""
         mission = self._mission
         if mission is not None and mission.lifecycle_state:
             scanning = mission.lifecycle_state in SCANNING_STATES and mission.mission_phase == "SCANNING"
             return mission.current_target or None if scanning else None
-        if self._last_frame_ns is None or self.elapsed_clock_ns() - self._last_frame_ns > self._bloom_window_s * 1e9:
+        if self._last_frame_ns is None or self.elapsed_clock_ns() - self._last_frame_ns > self._focus_window_s * 1e9:
             return None
         nearest = min(self._last_frame, key=lambda tag: tag.dist_m, default=None)
         return nearest.id if nearest is not None else None
 
     def _report(self) -> None:
-        """Publish what the pot in focus holds, where that is news."""
+        """Publish the flowers of the pot in focus, if they differ from what was published last."""
         target = self._accumulator.target
         if target is None:
             return
@@ -330,14 +330,14 @@ class PerceptionAggregator(LupinNode):
         if box is None and tag is not None:
             box = box_from_tag(tag.pose.translation, tag.pose.rotation, self._box_size, self._lateral_offset_m, self._robot())
         anchor, height_m = self._anchor(box, registered, tag)
-        finding = self._accumulator.finding(box, registered, (anchor.position.x, anchor.position.y))
-        if not finding.differs_from(self._findings.get(target)):
+        observed = self._accumulator.observation(box, registered, (anchor.position.x, anchor.position.y))
+        if not observed.differs_from(self._last_flowers.get(target)):
             return
-        self._findings[target] = finding
-        self._observations.publish(self._observation(target, finding, box, anchor, height_m))
+        self._last_flowers[target] = observed
+        self._observations.publish(self._observation(target, observed, box, anchor, height_m))
 
     def _anchor(self, box: Box | None, registered: bool, tag: KnownTag | None) -> tuple[Pose, float]:
-        """Where the pot is, and how high its blooms stand."""
+        """The pose of the pot, and the height of its flowers in metres."""
         if registered and box is not None:
             centre = box.centre()
             pose = Pose(position=Point(x=centre.x, y=centre.y, z=box.size.height))
@@ -346,24 +346,26 @@ class PerceptionAggregator(LupinNode):
             return pose, box.size.height
         if tag is not None:
             height_m = max(0.0, tag.pose.translation[2] - self._mount_height_m + self._box_size.height)
-            return pose_message(tag.pose), height_m
+            return transform_pose_message(tag.pose), height_m
         return Pose(), self._box_size.height
 
-    def _observation(self, target: str, finding: Finding, box: Box | None, anchor: Pose, height_m: float) -> Observation:
+    def _observation(
+        self, target: str, observed: PotObservation, box: Box | None, anchor: Pose, height_m: float
+    ) -> Observation:
         stamp = stamp_from_ns(self.now_ns())
         flower = FlowerObservation(
             tag_id=target,
-            species=finding.species,
-            confidence=finding.confidence,
-            anomaly=finding.anomaly,
-            flower_count=min(finding.flower_count, 65535),
-            bug_count=min(finding.bug_count, 65535),
+            species=observed.species,
+            confidence=observed.confidence,
+            anomaly=observed.anomaly,
+            flower_count=min(observed.flower_count, 65535),
+            bug_count=min(observed.bug_count, 65535),
         )
         flower.pose.header.stamp, flower.pose.header.frame_id = stamp, self._map_frame
         flower.pose.pose = anchor
-        for bloom in finding.blooms:
-            point = FlowerPoint(species=bloom.species, confidence=bloom.confidence, anomaly=bloom.anomaly, height_m=height_m)
-            point.position.x, point.position.y = bloom.position
+        for placed in observed.flowers:
+            point = FlowerPoint(species=placed.species, confidence=placed.confidence, anomaly=placed.anomaly, height_m=height_m)
+            point.position.x, point.position.y = placed.position
             point.position.z = height_m
             flower.flowers.append(point)
         if box is not None:
@@ -376,7 +378,7 @@ class PerceptionAggregator(LupinNode):
         message.tag_pose_in_map.orientation.w = 0.0
         tag = self._registry.get(target)
         if tag is not None and tag.sightings >= self._min_sightings:
-            message.tag_pose_in_map = pose_message(tag.pose)
+            message.tag_pose_in_map = transform_pose_message(tag.pose)
         return message
 
     def _robot(self) -> tuple[float, float] | None:

@@ -1,4 +1,4 @@
-"""Node `tag_annotator`: tags of the body camera as transforms and as JSON."""
+"""Node `tag_annotator`: publishes the tags of the body camera as transforms and as JSON."""
 
 from __future__ import annotations
 
@@ -16,40 +16,40 @@ from tf2_msgs.msg import TFMessage
 from lupin_runtime import graph
 from lupin_runtime.perception.images import ImageError, grey_pixels
 from lupin_runtime.perception.messages import tag_entry
-from lupin_runtime.perception.pose import Intrinsics, tag_pose
+from lupin_runtime.perception.tag_pose_estimation import Intrinsics, tag_pose
 from lupin_runtime.perception.tags import detect, make_engine
 from lupin_runtime.ros import LupinNode, TransformBroadcaster, stamp_ns
 from lupin_runtime.ros.tf import from_message, to_message
 from lupin_runtime.transforms import TransformTree, TransformUnavailable, rotate
 
-# A camera that publishes pictures but never its calibration gets the assumed one after this long.
+# After this time the assumed calibration is used for a camera that publishes images but no calibration.
 CALIBRATION_WAIT_S = 2.0
-# A camera that has shown something and then nothing for this long is said to be dead.
+# A camera that has stopped publishing for this long is reported.
 SILENCE_S = 3.0
 
 
 class TagAnnotator(LupinNode):
-    """Finds the tags of each picture and publishes, per frame, `tag_<id>` transforms and the detections as JSON.
+    """Finds the tags of each image and publishes, per frame, `tag_<id>` transforms and the detections as JSON.
 
-    Only the newest picture is looked at: the subscription keeps one. It listens to `/tf_static` alone, which is enough to
-    know which way is up for a camera that is fixed to the base.
+    Only the newest image is processed: the subscription keeps one. Of the transforms it needs only `/tf_static`, which gives
+    the up direction of a camera that is fixed to the base.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("tag_annotator", parameters)
-        # The renderer of a simulation, and everything else, wants the cores as well.
+        # One thread: the simulation's renderer and other processes need the cores, too.
         cv2.setNumThreads(1)
         self._edge_m = float(self.parameter("tag_edge_m", 0.1))
         self._base_frame = str(self.parameter("base_frame", graph.BASE_FRAME))
         self._engine = make_engine(str(self.parameter("engine", "auto")))
         name = str(self.parameter("image_topic", graph.BODY_IMAGE_SIM.name))
-        # Cameras of the vendor's stack offer best effort, which a reliable reader would never hear.
+        # The vendor's cameras publish best effort, which a reliable subscription would not receive.
         qos = graph.Qos(reliable=bool(self.parameter("reliable", True)), depth=1)
         image = graph.Topic(name, graph.BODY_IMAGE_SIM.type, qos)
         self._fixed = TransformTree()
         self._info: CameraInfo | None = None
-        self._first_picture_ns: int | None = None
-        self._pictures = self._pictures_then = 0
+        self._first_image_ns: int | None = None
+        self._images = self._images_then = 0
         self._silent = False
         self._broadcaster = TransformBroadcaster(self)
         self._detections = self.publisher(graph.TAG_DETECTIONS)
@@ -72,20 +72,22 @@ class TagAnnotator(LupinNode):
         self._info = message
 
     def _watch_camera(self) -> None:
-        """Say once when a camera goes silent, and once when it is back."""
-        came, self._pictures_then = self._pictures != self._pictures_then, self._pictures
+        """Log once when a camera stops publishing, and once when it publishes again."""
+        came, self._images_then = self._images != self._images_then, self._images
         if came and self._silent:
-            self.get_logger().info(f"pictures come on {self._image_name} again")
-        elif not came and self._pictures and not self._silent:
-            self.get_logger().warning(f"no picture on {self._image_name} for {SILENCE_S:.0f} s: no tags can be found meanwhile")
-        self._silent = not came and bool(self._pictures)
+            self.get_logger().info(f"images arrive on {self._image_name} again")
+        elif not came and self._images and not self._silent:
+            self.get_logger().warning(
+                f"no image on {self._image_name} for {SILENCE_S:.0f} s: no tags are detected until it publishes again"
+            )
+        self._silent = not came and bool(self._images)
 
     def _on_image(self, message: Image) -> None:
-        self._pictures += 1
+        self._images += 1
         try:
             grey = grey_pixels(message)
         except ImageError as error:
-            self.get_logger().warning(f"picture dropped: {error}", throttle_duration_sec=5.0)
+            self.get_logger().warning(f"image dropped: {error}", throttle_duration_sec=5.0)
             return
         intrinsics = self._intrinsics(grey.shape[1])
         if intrinsics is None:
@@ -106,16 +108,16 @@ class TagAnnotator(LupinNode):
         self._detections.publish(String(data=json.dumps(list(entries.values()))))
 
     def _intrinsics(self, width_px: int) -> Intrinsics | None:
-        """The camera's calibration, the assumed one where it has none, None while one may still come."""
+        """The camera's calibration; the assumed one if it has none, None while one may still arrive."""
         if self._info is not None:
-            # A driver may publish pictures smaller than the size it was calibrated at.
+            # A driver may publish smaller images than it was calibrated with.
             scale = width_px / self._info.width if self._info.width else 1.0
             k = np.array(self._info.k, np.float64).reshape(3, 3) * np.array([[scale], [scale], [1.0]])
             return Intrinsics.from_camera_info(k, np.array(self._info.d, np.float64), width_px)
         now_ns = self.elapsed_clock_ns()
-        if self._first_picture_ns is None:
-            self._first_picture_ns = now_ns
-        if now_ns - self._first_picture_ns < CALIBRATION_WAIT_S * 1e9:
+        if self._first_image_ns is None:
+            self._first_image_ns = now_ns
+        if now_ns - self._first_image_ns < CALIBRATION_WAIT_S * 1e9:
             return None
         self.get_logger().warning(
             "no camera_info: distances are computed for the assumed camera (60 degrees wide)", throttle_duration_sec=60.0

@@ -1,4 +1,4 @@
-"""The box of plants behind a tag, as a rectangle in the map: where a bearing from the arm's camera falls on it."""
+"""The box of plants behind a tag, a rectangle in the map, and where a bearing of the arm's camera meets it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from lupin_runtime.transforms import Quaternion, Vector
 
 Point2 = tuple[float, float]
 
-# The golden ratio's fraction: successive columns land at well spread depths, without chance (a Weyl sequence).
+# The golden ratio's fraction: successive columns get well-spread, deterministic depths (a Weyl sequence).
 GOLDEN_FRACTION = 0.6180339887498949
 
 
 class MalformedBoxes(ValueError):
-    """A box geometry message that is not what the contract says."""
+    """A box geometry message that violates its contract."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Box:
 
     @property
     def lateral(self) -> Point2:
-        """Along the front: to the right of somebody who stands before the box and looks at it."""
+        """Along the front: to the right of an observer who faces the box."""
         return -self.normal[1], self.normal[0]
 
     @property
@@ -80,7 +80,7 @@ class Box:
 
 
 def tag_normal(orientation: Quaternion) -> Point2 | None:
-    """A tag's +z axis on the floor, unit length; None where it points straight up or down."""
+    """A tag's +z axis projected onto the floor, unit length; None if it points straight up or down."""
     qx, qy, qz, qw = orientation
     nx, ny = 2.0 * (qx * qz + qw * qy), 2.0 * (qy * qz - qw * qx)
     length = math.hypot(nx, ny)
@@ -90,9 +90,9 @@ def tag_normal(orientation: Quaternion) -> Point2 | None:
 def box_from_tag(
     position: Vector, orientation: Quaternion, size: BoxSize, lateral_offset_m: float = 0.0, robot: Point2 | None = None
 ) -> Box | None:
-    """The box behind a tag, whose front goes through it.
+    """Guess the box behind a tag, with the tag on its front.
 
-    Its normal is the tag's, or where that points up, the direction to the robot; None without either.
+    Its normal is the tag's, or if that points up, the direction to the robot; None without either.
     """
     normal = tag_normal(orientation)
     if normal is None and robot is not None:
@@ -152,9 +152,9 @@ def lateral_fraction(
     half_fov_rad: float = 0.5,
     raw: bool = False,
 ) -> float:
-    """Where along a box's front a detection lies, -1 to 1, from the arm's pan and the detection's column in the image.
+    """The position of a detection along a box's front, -1 to 1, from the arm's pan and the detection's image column.
 
-    `raw` leaves values beyond the ends as they are: a clamped one would land on the wrong bench.
+    `raw` does not clamp positions beyond the ends: a clamped one would be on the wrong bench.
     """
     across = min(1.0, max(-1.0, (image_x / image_width - 0.5) * 2.0))
     fraction = (pan_rad - centre_rad + across * half_fov_rad) / (half_span_rad + half_fov_rad)
@@ -172,14 +172,14 @@ def column_centre(column: int, columns: int) -> float:
 
 
 def column_depth(column: int, base: float, jitter: float) -> float:
-    """The depth at which a column's bloom is placed: about `base`, spread by `jitter`, within 0 to 1."""
+    """The depth at which a column's flower is placed: about `base`, spread by `jitter`, within 0 to 1."""
     return min(1.0, max(0.0, base + ((column * GOLDEN_FRACTION % 1.0) - 0.5) * 2.0 * jitter))
 
 
 def rigid_fit(source: Sequence[Point2], target: Sequence[Point2]) -> Pose2:
-    """target_from_source, the rigid motion that brings one list of points closest to the other (Kabsch 1976, in the plane).
+    """Fit target_from_source, the rigid motion that brings the source points closest to the target (Kabsch 1976, in the plane).
 
-    The identity for empty or unequal lists; without rotation where the points don't tell one.
+    The identity for empty or unequal lists; without rotation if the points do not determine one.
     """
     n = len(source)
     if n == 0 or n != len(target):

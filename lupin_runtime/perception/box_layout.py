@@ -1,4 +1,4 @@
-"""The boxes of a known layout, brought into the map by the tags that were found: a layout has its own origin."""
+"""The boxes of a known layout, registered in the map by the discovered tags, since a layout has its own origin."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from lupin_runtime.geometry import Pose2
-from lupin_runtime.mission.layout import Layout, Table
+from lupin_runtime.layout import Layout, Table
 from lupin_runtime.perception.box_geometry import BoxSize, Point2, rigid_fit
 
-# A layout tells where a tag hangs to a decimetre; what is further off is another tag, or not where the layout has it.
+# A layout is accurate to a decimetre; a tag further off is another one, or hangs elsewhere.
 MAX_RESIDUAL_M = 0.35
-MIN_BASELINE_M = 0.5  # between two tags: nearer ones don't tell a rotation
+MIN_BASELINE_M = 0.5  # between two tags: nearer ones do not determine a rotation
 
 
 @dataclass(frozen=True)
 class LayoutBox:
-    """The box behind one tag in the layout's frame: its centre heads out of the side that carries the tag, at `tag`."""
+    """The box behind one tag in the layout's frame: `centre` faces out of the side on which the tag hangs, at `tag`."""
 
     centre: Pose2
     size: BoxSize
@@ -26,7 +26,7 @@ class LayoutBox:
 
 
 def boxes_of(layout: Layout, height_m: float) -> dict[str, LayoutBox]:
-    """By tag id: the nearest table, turned so that the side nearest to the tag is its front. Tags without a table have none."""
+    """Map tag ids to boxes: the nearest table, turned so that the side nearest to the tag is its front. None without tables."""
     boxes = {}
     for tag_id, place in layout.tags.items():
         if layout.tables:
@@ -42,7 +42,7 @@ def _distance(table: Table, x: float, y: float) -> float:
 def _facing(table: Table, x: float, y: float, height_m: float) -> LayoutBox:
     along_x, along_y = table.x1 - table.x0, table.y1 - table.y0
     clamped_x, clamped_y = min(max(x, table.x0), table.x1), min(max(y, table.y0), table.y1)
-    # How far the tag is from each side, the heading out of it, its width, the box's depth behind it, the tag's place on it.
+    # For each side: the tag's distance, the heading out of it, its width, the box's depth behind it, the tag's position on it.
     sides = (
         (abs(y - table.y0), -math.pi / 2, along_x, along_y, (clamped_x, table.y0)),
         (abs(y - table.y1), math.pi / 2, along_x, along_y, (clamped_x, table.y1)),
@@ -54,9 +54,9 @@ def _facing(table: Table, x: float, y: float, height_m: float) -> LayoutBox:
 
 
 def register(boxes: Mapping[str, LayoutBox], found: Mapping[str, Point2]) -> Pose2 | None:
-    """map_from_layout by the tags that both know; None where fewer than two agree, or they lie too close together.
+    """Compute map_from_layout from the tags of both; None if fewer than two agree, or they are too close together.
 
-    The tag that fits worst is left out until all fit.
+    The tag that fits worst is dropped until all fit.
     """
     common = [tag_id for tag_id in boxes if tag_id in found]
     while len(common) >= 2:

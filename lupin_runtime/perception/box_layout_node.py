@@ -11,7 +11,7 @@ from std_msgs.msg import String
 
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2, wrap_angle
-from lupin_runtime.mission.layout import load_layout
+from lupin_runtime.layout import load_layout
 from lupin_runtime.perception.box_layout import boxes_of, register, registered
 from lupin_runtime.ros import LupinNode
 
@@ -22,7 +22,7 @@ MOVED_M, MOVED_RAD = 0.02, 0.01
 class BoxLayoutPublisher(LupinNode):
     """Registers the layout to the discovered tags and publishes its boxes; nothing until two tags agree.
 
-    `layout_file` "" is the layout inside the greenhouse package. A file that can't be used stops the node from starting.
+    `layout_file` "" is the layout inside the greenhouse package. A file that cannot be used stops the node from starting.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:

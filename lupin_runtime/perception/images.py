@@ -1,4 +1,4 @@
-"""Pixels of image messages as numpy arrays, whatever encoding the camera chose."""
+"""Decodes image messages of any usual encoding to numpy arrays."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Pixels = NDArray[np.uint8]
 
 
 class ImageError(ValueError):
-    """An image message that holds no picture we can read; the message says what was found."""
+    """An image message that cannot be decoded; the message says what was found."""
 
 
 @dataclass(frozen=True)
 class _Encoding:
-    """Bytes a pixel, and OpenCV's conversions; None where the pixels already are that."""
+    """Bytes per pixel, and OpenCV's conversions; None if none is needed."""
 
     channels: int
     to_grey: int | None
@@ -41,14 +41,14 @@ _ENCODINGS = {
 
 
 def grey_pixels(message: Any) -> Pixels:
-    """(height, width) of a sensor_msgs Image or CompressedImage. Raises ImageError."""
+    """Decode a sensor_msgs Image or CompressedImage to grey (height, width). Raises ImageError."""
     if hasattr(message, "format"):
         return _decompress(message, cv2.IMREAD_GRAYSCALE)
     return _convert(message, lambda encoding: encoding.to_grey)
 
 
 def bgr_pixels(message: Any) -> Pixels:
-    """(height, width, 3), blue first, of a sensor_msgs Image or CompressedImage. Raises ImageError."""
+    """Decode a sensor_msgs Image or CompressedImage to BGR (height, width, 3). Raises ImageError."""
     if hasattr(message, "format"):
         return _decompress(message, cv2.IMREAD_COLOR)
     return _convert(message, lambda encoding: encoding.to_bgr)
@@ -78,5 +78,5 @@ def _decompress(message: Any, flags: int) -> Pixels:
     data = np.frombuffer(message.data, np.uint8)
     pixels = cv2.imdecode(data, flags) if data.size else None
     if pixels is None:
-        raise ImageError(f"{data.size} bytes of {message.format!r} are no picture that OpenCV can decode")
+        raise ImageError(f"{data.size} bytes of {message.format!r} are not an image that OpenCV can decode")
     return np.asarray(pixels, np.uint8)

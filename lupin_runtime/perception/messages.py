@@ -1,4 +1,4 @@
-"""The JSON that detectors put on the graph: written here, and read with suspicion."""
+"""The JSON of detectors: writes it, and validates what it reads."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 class MalformedDetections(ValueError):
-    """A detections message that is not what the contract says; the message tells what was found."""
+    """A detections message that violates its contract; the message says what was found."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class SeenTag:
 
 
 @dataclass(frozen=True)
-class SeenBloom:
+class FlowerDetection:
     """One object of a `/yolo/detections` message. `box_px`: x1, y1, x2, y2."""
 
     class_id: int
@@ -37,15 +37,15 @@ def tag_entry(tag_id: int, corners: NDArray[Any], dist_m: float) -> dict[str, An
     return {"id": tag_id, "corners": [[round(float(x), 2), round(float(y), 2)] for x, y in corners], "dist": round(dist_m, 4)}
 
 
-def bloom_entry(bloom: SeenBloom, class_name: str) -> dict[str, Any]:
+def flower_entry(detection: FlowerDetection, class_name: str) -> dict[str, Any]:
     """One element of the flower detections array."""
     entry: dict[str, Any] = {
-        "class": bloom.class_id,
-        "confidence": round(bloom.confidence, 4),
-        "bbox_xyxy": [round(value, 1) for value in bloom.box_px],
+        "class": detection.class_id,
+        "confidence": round(detection.confidence, 4),
+        "bbox_xyxy": [round(value, 1) for value in detection.box_px],
         "class_name": class_name,
     }
-    return entry if bloom.track_id is None else {**entry, "track_id": bloom.track_id}
+    return entry if detection.track_id is None else {**entry, "track_id": detection.track_id}
 
 
 def read_tags(text: str) -> list[SeenTag]:
@@ -59,7 +59,7 @@ def read_tags(text: str) -> list[SeenTag]:
     return seen
 
 
-def read_blooms(text: str) -> list[SeenBloom]:
+def read_flower_detections(text: str) -> list[FlowerDetection]:
     """The flowers and bugs of a message; entries without a usable class, confidence or box are left out.
 
     Raises MalformedDetections.
@@ -75,7 +75,7 @@ def read_blooms(text: str) -> list[SeenBloom]:
             continue
         track = entry.get("track_id")
         usable_track = int(track) if isinstance(track, int) and not isinstance(track, bool) else None
-        seen.append(SeenBloom(int(class_id), min(1.0, max(0.0, confidence)), (x1, y1, x2, y2), usable_track))
+        seen.append(FlowerDetection(int(class_id), min(1.0, max(0.0, confidence)), (x1, y1, x2, y2), usable_track))
     return seen
 
 

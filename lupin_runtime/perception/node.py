@@ -1,4 +1,4 @@
-"""The nodes of perception, where the stack table looks for them."""
+"""The nodes of perception, as the stack table imports them."""
 
 from lupin_runtime.perception.aggregator import PerceptionAggregator
 from lupin_runtime.perception.annotator import TagAnnotator

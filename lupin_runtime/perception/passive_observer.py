@@ -10,49 +10,49 @@ from lupin_msgs.msg import MissionState, Observation
 from lupin_msgs.srv import GetTagReading
 
 from lupin_runtime import graph
-from lupin_runtime.perception.poses import pose_message
+from lupin_runtime.perception.pose_messages import transform_pose_message
 from lupin_runtime.perception.registry import KnownTag
 from lupin_runtime.ros import LupinNode, stamp_from_ns
 
 IDLE_STATES = ("", "READY", "DONE")
-# A bridge that was asked and never answers is asked again after this long.
+# A request without an answer is repeated after this time.
 ANSWER_TIMEOUT_S = 5.0
 
 
 @dataclass
 class ReadingPlan:
-    """Which tags to ask the bridge about: each once, or again after `refresh_s` where that is positive."""
+    """Which tags to request from the bridge: each once, or again after `refresh_s` if that is positive."""
 
     refresh_s: float = 0.0
     _read_ns: dict[str, int] = field(default_factory=dict)
-    _asked_ns: dict[str, int] = field(default_factory=dict)
+    _requested_ns: dict[str, int] = field(default_factory=dict)
 
     def due(self, tag_ids: Sequence[str], now_ns: int) -> list[str]:
-        """The tags to ask about now; they count as asked from here on."""
-        due = [tag_id for tag_id in tag_ids if not self._waits(tag_id, now_ns) and self._wanted(tag_id, now_ns)]
-        self._asked_ns.update((tag_id, now_ns) for tag_id in due)
+        """Return the tags to request now, and mark them as requested."""
+        due = [tag_id for tag_id in tag_ids if not self._is_pending(tag_id, now_ns) and self._is_wanted(tag_id, now_ns)]
+        self._requested_ns.update((tag_id, now_ns) for tag_id in due)
         return due
 
     def answered(self, tag_id: str, now_ns: int) -> None:
-        """The bridge has answered for this tag, be it that it doesn't know it."""
-        self._asked_ns.pop(tag_id, None)
+        """Note that the bridge has answered for this tag, even if it does not know it."""
+        self._requested_ns.pop(tag_id, None)
         self._read_ns[tag_id] = now_ns
 
     def failed(self, tag_id: str) -> None:
-        """The call failed: ask again."""
-        self._asked_ns.pop(tag_id, None)
+        """Note that the call failed, so that it is repeated."""
+        self._requested_ns.pop(tag_id, None)
 
-    def _waits(self, tag_id: str, now_ns: int) -> bool:
-        asked_ns = self._asked_ns.get(tag_id)
+    def _is_pending(self, tag_id: str, now_ns: int) -> bool:
+        asked_ns = self._requested_ns.get(tag_id)
         return asked_ns is not None and now_ns - asked_ns < ANSWER_TIMEOUT_S * 1e9
 
-    def _wanted(self, tag_id: str, now_ns: int) -> bool:
+    def _is_wanted(self, tag_id: str, now_ns: int) -> bool:
         read_ns = self._read_ns.get(tag_id)
         return read_ns is None or (self.refresh_s > 0.0 and now_ns - read_ns >= self.refresh_s * 1e9)
 
 
 class PassiveObserver:
-    """Asks the bridge about discovered tags while the mission is idle, and publishes what it answers."""
+    """Requests the readings of discovered tags while the mission is idle, and publishes the answers."""
 
     def __init__(self, node: LupinNode) -> None:
         self._node = node
@@ -82,5 +82,5 @@ class PassiveObserver:
         message.header.frame_id = graph.MAP_FRAME
         message.status = Observation.STATUS_OK
         message.tag_reading = response.reading
-        message.tag_pose_in_map = pose_message(tag.pose)
+        message.tag_pose_in_map = transform_pose_message(tag.pose)
         self._observations.publish(message)

@@ -1,9 +1,8 @@
-"""The tags seen so far and where they are: every sighting's own pose in the map, fused robustly.
+"""The tags seen so far: each tag's pose in the map, fused robustly from its sightings.
 
-What makes one sighting wrong differs from what makes the next one wrong. Corner noise grows with distance and averages out
-over frames; the robot's own error is shared by all frames from one place and only averages out over places; a mirrored
-pose or a frame taken in a fast turn is an outlier. So frames share a place's error, distance sets the rest, and a Huber
-weight takes the outliers.
+Sightings have different errors. Corner noise grows with distance and averages out over frames; the robot's own pose error is
+shared by all frames from one place and averages out only over places; a mirrored pose or a frame taken in a fast turn is an
+outlier. So all frames of a place share one error, distance determines the rest, and Huber weights suppress outliers.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.geometry import Pose2
-from lupin_runtime.perception.map_motion import MapJump
+from lupin_runtime.perception.map_jumps import MapJump
 from lupin_runtime.transforms import Quaternion, Transform, Vector, multiply, rotate
 
 Array = NDArray[np.float64]
@@ -25,7 +24,7 @@ Array = NDArray[np.float64]
 PLACE_SIGMA_M = 0.02
 RANGE_SIGMA_PER_M2 = 0.002
 BEARING_SIGMA_PER_M = 0.01
-# After the map has moved, what is left of the error that the move mended, as a share of how far the sighting moved.
+# The remaining error after a map jump has corrected a sighting, as a share of how far the sighting moved.
 LEFT_AFTER_JUMP = 0.3
 MAX_DOUBT_M = 0.1
 PLACE_CELL_M = 0.25
@@ -38,7 +37,7 @@ NORMAL_SIGMA_RAD = math.radians(1.0)
 
 @dataclass(frozen=True)
 class Sighting:
-    """One look at one tag: `pose` is map_from_tag as the map was then, `camera` where it was seen from in the map."""
+    """One sighting: `pose` is map_from_tag, `camera` the camera's position in the map; `travelled` the path length, m."""
 
     stamp_ns: int
     pose: Transform
@@ -53,7 +52,7 @@ class Sighting:
 
     @cached_property
     def place(self) -> tuple[int, int]:
-        """The cell of the map it was seen from."""
+        """The cell of the map from which the tag was seen."""
         return math.floor(self.camera[0] / PLACE_CELL_M), math.floor(self.camera[1] / PLACE_CELL_M)
 
     @cached_property
@@ -63,18 +62,18 @@ class Sighting:
 
     @cached_property
     def variance(self) -> float:
-        """Variance of the position, m², as if nothing else had been seen from this place."""
+        """Variance of the position, m², if it were the only sighting from its place."""
         corners = (RANGE_SIGMA_PER_M2 * self.range_m**2) ** 2 + (BEARING_SIGMA_PER_M * self.range_m) ** 2
         return self.place_variance + corners
 
     @cached_property
     def place_variance(self) -> float:
-        """The part of it that all frames from this place share."""
+        """The part of the variance, m², that all frames from this place share."""
         return PLACE_SIGMA_M**2 + self.spread_m**2
 
     @cached_property
     def normal_sigma(self) -> float:
-        """Standard deviation of the normal, rad: worse with distance, and head-on, where turning changes the picture least."""
+        """Standard deviation of the normal, rad: worse with distance, and head-on, where a turn changes the image least."""
         view = [c - t for c, t in zip(self.camera, self.pose.translation)]
         cosine = sum(v * n for v, n in zip(view, self.normal)) / max(self.range_m, 1e-6)
         sine = math.sqrt(max(0.0, 1.0 - min(1.0, cosine**2)))
@@ -86,9 +85,9 @@ class Sighting:
         return self.stamp_ns, self.pose.translation
 
     def moved(self, motion: Pose2, doubt_m: float = 0.0) -> Sighting:
-        """The same look, on a map that has moved by new_map_from_old_map; what moved far is trusted less.
+        """The same sighting on a map that moved by `motion`, new_map_from_old_map; its spread grows with the distance.
 
-        `doubt_m` is how far it may have moved besides.
+        `doubt_m` is how much further it may have moved.
         """
         half = motion.yaw / 2.0
         turn = Transform((motion.x, motion.y, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
@@ -98,14 +97,14 @@ class Sighting:
             self,
             pose=pose,
             camera=turn.apply(self.camera),
-            # Doubts don't add up: a robot that struggles for a minute makes old sightings no worse than one that slipped once.
+            # Doubts do not add up: a robot that slips for a minute makes old sightings no worse than one that slips once.
             spread_m=max(math.hypot(self.spread_m, LEFT_AFTER_JUMP * shift), min(doubt_m, MAX_DOUBT_M)),
         )
 
 
 @dataclass(frozen=True)
 class KnownTag:
-    """A tag as it stands: fused pose, map_from_tag, of so many sightings; `spread_m` is its standard error."""
+    """A tag with its fused pose, map_from_tag, the number of its sightings, and the standard error of its position, m."""
 
     id: str
     pose: Transform
@@ -115,7 +114,7 @@ class KnownTag:
 
 
 class TagRegistry:
-    """Sightings by tag. The fused pose depends on which sightings are kept, not on the order in which they came."""
+    """Sightings by tag. The fused pose depends on which sightings are kept, not on their order of arrival."""
 
     def __init__(self, min_sightings: int = 3) -> None:
         self.min_sightings = max(1, min_sightings)
@@ -125,7 +124,7 @@ class TagRegistry:
         self._fused: dict[str, tuple[Transform, float]] = {}
 
     def add(self, tag_id: str, sighting: Sighting) -> bool:
-        """Count a sighting; False, and not counted, if it is not finite."""
+        """Add a sighting; returns False and ignores it if it is not finite."""
         numbers = (*sighting.pose.translation, *sighting.pose.rotation, *sighting.camera)
         if not all(map(math.isfinite, numbers)):
             return False
@@ -139,22 +138,22 @@ class TagRegistry:
         return True
 
     def follow(self, jump: MapJump) -> None:
-        """Move every sighting along with the part of the path it was made from."""
+        """Move every sighting with the part of the path from which it was made."""
         for tag_id, kept in self._sightings.items():
             self._sightings[tag_id] = [s.moved(jump.motion_at(s.travelled), jump.doubt_m) for s in kept]
         self._fused.clear()
 
     def forget_times(self) -> None:
-        """The clock went back: when a tag was last seen is not known any more."""
+        """Forget when tags were last seen, after the clock went back."""
         self._last_seen_ns = dict.fromkeys(self._last_seen_ns, 0)
         self._fused.clear()
 
     def sightings(self, tag_id: str) -> int:
-        """How often a tag was seen and placed."""
+        """The number of sightings of a tag."""
         return self._count.get(tag_id, 0)
 
     def get(self, tag_id: str) -> KnownTag | None:
-        """A tag with at least one sighting."""
+        """Return a tag with at least one sighting, or None."""
         kept = self._sightings.get(tag_id)
         if not kept:
             return None
@@ -169,7 +168,7 @@ class TagRegistry:
         return [tag for tag in known if tag is not None]
 
     def doubt(self, tag_id: str, now_ns: int, freshness_s: float) -> str | None:
-        """Why a tag can't be taken as present now; None where it can."""
+        """Why a tag cannot be confirmed as present now; None if it can."""
         seen = self.sightings(tag_id)
         if seen == 0:
             known = ", ".join(tag.id for tag in self.discovered()) or "none"
@@ -186,17 +185,17 @@ class TagRegistry:
 
 
 def fuse(sightings: list[Sighting]) -> tuple[Transform, float]:
-    """The pose that the sightings agree on, and the standard error of its position in metres."""
+    """Fuse sightings: the pose, and the standard error of its position in metres."""
     ordered = sorted(sightings, key=lambda s: s.order)
     crowd: dict[tuple[int, int], int] = {}
     for s in ordered:
         crowd[s.place] = crowd.get(s.place, 0) + 1
-    # The frames of one place together weigh what one error of that place allows, however many they are.
+    # All frames of one place together have the weight that the place's shared error allows, however many they are.
     shared = np.array([(crowd[s.place] - 1) * s.place_variance for s in ordered])
     single = np.array([s.variance for s in ordered])
     position = _robust_mean(np.array([s.pose.translation for s in ordered]), 1.0 / (single + shared), np.sqrt(single))
     normal = _robust_direction(np.array([s.normal for s in ordered]), np.array([s.normal_sigma for s in ordered]))
-    # Of the rotation about the normal the best single view tells enough; it is turned to face along the fused normal.
+    # The best single sighting gives the rotation about the normal; it is turned onto the fused normal.
     best = ordered[int(np.argmin(single))]
     x, y, z = (float(value) for value in position)
     spread_m = float(np.sqrt(1.0 / np.sum(1.0 / (single + shared))))
@@ -217,9 +216,9 @@ def _robust_mean(points: Array, weights: Array, sigmas: Array) -> Array:
 
 
 def _robust_direction(directions: Array, sigmas: Array) -> Array:
-    """The unit vector that most of them lie near: the weighted medoid, then a mean with Huber weights about it.
+    """The unit vector near most of the directions: the weighted medoid, then a mean with Huber weights about it.
 
-    A mirrored pose turns with the viewpoint and a true one doesn't, so where many views disagree, the cluster wins.
+    The normal of a mirrored pose changes with the viewpoint and a true one does not, so the largest cluster is right.
     """
     weight = 1.0 / sigmas**2
     candidates = directions[np.argsort(sigmas, kind="stable")[:32]]
@@ -237,7 +236,7 @@ def _robust_direction(directions: Array, sigmas: Array) -> Array:
 
 
 def _turned(rotation: Quaternion, normal: Array) -> Quaternion:
-    """`rotation` with the smallest turn that brings its z axis onto `normal`."""
+    """Turn `rotation` by the smallest angle that brings its z axis onto `normal`."""
     now = np.array(rotate(rotation, (0.0, 0.0, 1.0)))
     axis = np.cross(now, normal)
     cosine = float(now @ normal)
@@ -255,7 +254,7 @@ def _weighted_median(values: Array, weights: Array) -> float:
 
 
 def _least_useful(sightings: list[Sighting]) -> Sighting:
-    """Of the most crowded place, the sighting that tells least: the most uncertain, then the furthest, then the oldest."""
+    """Select the sighting to drop: of the place with the most, the most uncertain, then the furthest, then the oldest."""
     places: dict[tuple[int, int], int] = {}
     for s in sightings:
         places[s.place] = places.get(s.place, 0) + 1

@@ -1,6 +1,6 @@
-"""Finds the tags of family 36h11 in a grey image: two engines, one order of corners, corners fitted to the whole picture.
+"""Finds the tags of family 36h11 in a grey image: two engines, one order of corners, corners refined on the whole tag.
 
-The AprilTag library is used where it is installed, OpenCV's ArUco module elsewhere. Both give top-left, top-right,
+It uses the AprilTag library where it is installed, else OpenCV's ArUco module. Both give top-left, top-right,
 bottom-right, bottom-left as an upright official print shows them, in pixels, the centre of the first pixel being (0, 0).
 """
 
@@ -14,23 +14,23 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from lupin_runtime.perception.alignment import align
-from lupin_runtime.perception.tag_family import picture
+from lupin_runtime.apriltag import tag_image
+from lupin_runtime.perception.corner_refinement import align
 
 Grey = NDArray[np.uint8]
 
-# The library at full resolution spends nine tenths of its time on the quads of sensor noise. Where the image has less
-# contrast than a tag needs it is smoothed first, and then full resolution costs less than half resolution did.
+# At full resolution the library spends nine tenths of its time on quads of sensor noise. Smoothing the parts with less
+# contrast than a tag has makes full resolution cheaper than half resolution was.
 CONTRAST_WINDOW_PX = 5
-CONTRAST_OVER_MEDIAN = 1.8  # the median tells the noise: most of an image is no edge
+CONTRAST_OVER_MEDIAN = 1.8  # the median is the noise, since most of an image has no edges
 CONTRAST_LIMITS = (12.0, 40.0)
 SMOOTHING_PX = 7
-BUSY_SHARE = 0.25  # of the pixels: then even that is slow, and half resolution keeps the frame's deadline
+BUSY_SHARE = 0.25  # of the pixels: with more, even that is too slow, and half resolution is used
 
-# Two pixels a module; the AprilTag library crashes on pictures a few pixels high.
+# Two pixels per module; the AprilTag library crashes on images a few pixels high.
 MIN_SIDE_PX = 16
 
-# tag36h11 corrects two wrong bits; a correction is believed only where the picture fits as well.
+# tag36h11 corrects two wrong bits; a corrected tag is accepted only if the image correlates with it as well.
 MIN_FIT = 0.45
 MIN_FIT_WITH_WRONG_BITS = 0.75
 
@@ -40,7 +40,7 @@ class TagDetection:
     """One tag in one image.
 
     `corners` (4, 2): top-left, top-right, bottom-right, bottom-left of the black square, pixels. `hamming`: corrected bits.
-    `fit`: correlation of the image with the tag's picture, 0 where the tag is too small or too far outside to tell.
+    `fit`: correlation of the image with the tag's template, 0 if the tag is too small or too far outside the image.
     """
 
     id: int
@@ -54,15 +54,16 @@ class TagEngine(Protocol):
 
     name: str
 
-    def find(self, grey: Grey) -> Iterable[tuple[int, NDArray[np.float64], int]]: ...
+    def find(self, grey: Grey) -> Iterable[tuple[int, NDArray[np.float64], int]]:
+        """Yield the tags of a grey image, in no particular order."""
 
 
 class EngineMissing(ImportError):
-    """The engine asked for is not installed."""
+    """The requested engine is not installed."""
 
 
-def smooth_dull_parts(grey: Grey) -> tuple[Grey, float]:
-    """The image with everything smoothed that has too little contrast for a tag, and the share of pixels left as they were."""
+def smooth_low_contrast(grey: Grey) -> tuple[Grey, float]:
+    """Smooth the parts with too little contrast for a tag; returns the image and the share of unchanged pixels."""
     kernel = np.ones((CONTRAST_WINDOW_PX, CONTRAST_WINDOW_PX), np.uint8)
     contrast = cv2.subtract(cv2.dilate(grey, kernel), cv2.erode(grey, kernel))
     threshold = float(np.clip(CONTRAST_OVER_MEDIAN * np.median(contrast[::4, ::4]), *CONTRAST_LIMITS))
@@ -84,19 +85,19 @@ class AprilTagEngine:
             raise EngineMissing(
                 "the engine 'apriltag' needs the package pyapriltags; run: pip install pyapriltags  (or use 'aruco')"
             ) from error
-        # One detector that changes its resolution: each holds a table of 35 MB.
+        # One detector for both resolutions: each detector holds a table of 35 MB.
         self._detector = Detector(families="tag36h11", nthreads=1, quad_decimate=1.0)
 
     def find(self, grey: Grey) -> Iterable[tuple[int, NDArray[np.float64], int]]:
-        prepared, busy = smooth_dull_parts(grey)
+        prepared, busy = smooth_low_contrast(grey)
         self._detector.tag_detector_ptr.contents.quad_decimate = 2.0 if busy > BUSY_SHARE else 1.0
         for found in self._detector.detect(prepared):
-            # The library counts pixels from their corners, and runs counter-clockwise from the bottom left.
+            # The library's pixel coordinates start at a pixel's corner; its corners run counter-clockwise from the bottom left.
             yield int(found.tag_id), np.asarray(found.corners, np.float64)[[3, 2, 1, 0]] - 0.5, int(found.hamming)
 
 
 class ArucoEngine:
-    """OpenCV's ArUco module, by whichever interface the installed version has."""
+    """OpenCV's ArUco module, by the interface of the installed version."""
 
     name = "aruco"
 
@@ -106,7 +107,7 @@ class ArucoEngine:
         self._parameters = make()
         self._parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         if hasattr(self._parameters, "relativeCornerRefinmentWinSize"):
-            # In modules: a window that reaches into the code pulls the corners of a small tag off by a third of a pixel.
+            # In modules: a window that reaches into the code shifts the corners of a small tag by a third of a pixel.
             self._parameters.relativeCornerRefinmentWinSize = 0.6
         detector_class = getattr(cv2.aruco, "ArucoDetector", None)
         self._detector = detector_class(self._dictionary, self._parameters) if detector_class else None
@@ -123,11 +124,11 @@ class ArucoEngine:
         return [(int(i), np.asarray(c, np.float64).reshape(4, 2)) for i, c in zip(np.ravel(ids), corners)]
 
     def _learn_first_corner(self) -> int:
-        """Which of the module's corners is the top left one of an upright official tag.
+        """Find which of the module's corners is the top left one of an upright official tag.
 
-        It was the bottom right one (2) up to 5.0 and later versions change it; so the module is shown a tag and asked.
+        It is the bottom right one (2) up to OpenCV 5.0 and changes in later versions, so it is measured on a drawn tag.
         """
-        shown = np.pad(picture(0, 16), 32, constant_values=255)
+        shown = np.pad(tag_image(0, 16), 32, constant_values=255)
         answer = [corners for tag_id, corners in self._detect(shown) if tag_id == 0]
         if len(answer) != 1:
             raise RuntimeError(f"OpenCV {cv2.__version__} does not recognise the official tag36h11 id 0")
@@ -142,9 +143,9 @@ ENGINES: dict[str, Callable[[], TagEngine]] = {"apriltag": AprilTagEngine, "aruc
 
 
 def make_engine(name: str = "auto") -> TagEngine:
-    """The engine of that name; for "auto" the AprilTag library where it is installed, else ArUco.
+    """Create the engine of that name; "auto" is the AprilTag library if it is installed, else ArUco.
 
-    Raises EngineMissing where its package is not installed, ValueError for an unknown name.
+    Raises EngineMissing if its package is not installed, ValueError for an unknown name.
     """
     if name == "auto":
         try:
@@ -157,7 +158,7 @@ def make_engine(name: str = "auto") -> TagEngine:
 
 
 def detect(grey: Grey, engine: TagEngine) -> list[TagDetection]:
-    """The tags of a grey (height, width) uint8 image, by id; of two with the same id the larger comes first.
+    """Detect the tags of a grey (height, width) uint8 image, sorted by id; of two with the same id the larger is first.
 
     Raises ValueError for an image of another shape or type.
     """

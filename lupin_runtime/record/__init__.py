@@ -1,1 +1,1 @@
-"""The flight recorder: serialised messages into MCAP files, out of them again, and back onto a graph."""
+"""Recording: writes serialized messages to MCAP files, reads them, and plays them back onto a graph."""

@@ -1,7 +1,7 @@
-"""The text of message definitions, as an MCAP schema of encoding `ros2msg` wants it: the type, then all that it is made of.
+"""Message definitions for MCAP schemas of encoding `ros2msg`: the type itself, followed by all types that it contains.
 
-The text comes from the installed `share/<package>/msg/<Name>.msg`; where a package was installed without it, it is
-rebuilt from the generated class, which lacks only constants and comments.
+The text is the installed `share/<package>/msg/<Name>.msg`. Where a package was installed without it, it is rebuilt from the
+generated class, which lacks only constants and comments.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ _PRIMITIVES = frozenset(
     [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
     + ["bool", "byte", "char", "float32", "float64", "string", "wstring"]
 )
-# What generated classes call some of them.
+# Their different names in generated classes.
 _CLASS_NAMES = {"boolean": "bool", "octet": "byte", "float": "float32", "double": "float64"}
 
 FieldTypes = Callable[[str], Mapping[str, str]]
 
 
 class DefinitionMissing(LookupError):
-    """The text of a message type is nowhere on this machine."""
+    """The definition of a message type is not on this machine."""
 
 
 def share_folders() -> list[Path]:
-    """Where interface packages keep their definitions: each prefix of a sourced ROS, then this Python's own."""
+    """The folders of message definitions: those of a sourced ROS, then this Python's own."""
     prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
     return [prefix / "share" for prefix in [*prefixes, Path(sys.prefix)]]
 
@@ -38,7 +38,7 @@ def share_folders() -> list[Path]:
 def schema_text(type_name: str, shares: Iterable[Path] | None = None, fields: FieldTypes | None = None) -> str:
     """The concatenated definition of `package/msg/Name`.
 
-    `fields` gives a class's field types for a definition that no share folder holds. Raises DefinitionMissing.
+    `fields` returns a class's field types where no share folder has the definition. Raises DefinitionMissing.
     """
     folders = list(share_folders() if shares is None else shares)
     package, _, name = type_name.split("/")
@@ -62,13 +62,13 @@ def _text(package: str, name: str, folders: Iterable[Path], fields: FieldTypes |
         if path.is_file():
             return path.read_text(encoding="utf-8")
     if fields is None:
-        raise DefinitionMissing(f"no share/{package}/msg/{name}.msg on this machine; is {package} installed?")
+        raise DefinitionMissing(f"no share/{package}/msg/{name}.msg on this machine; install {package}")
     lines = (f"{_class_type(kind)} {field}" for field, kind in fields(f"{package}/msg/{name}").items())
     return "".join(f"{line}\n" for line in lines)
 
 
 def _class_type(kind: str) -> str:
-    """`sequence<double, 3>` of a generated class as `float64[<=3]`."""
+    """Convert a field type of a generated class, e.g. `sequence<double, 3>` to `float64[<=3]`."""
     if match := re.fullmatch(r"sequence<(.+?)(?:, (\d+))?>", kind):
         return f"{_class_type(match[1])}[{'<=' + match[2] if match[2] else ''}]"
     if match := re.fullmatch(r"(.+)\[(\d+)\]", kind):
@@ -79,7 +79,7 @@ def _class_type(kind: str) -> str:
 
 
 def _dependencies(text: str, package: str) -> list[tuple[str, str]]:
-    """(package, name) of every message type that the lines of a definition use."""
+    """(package, name) of every message type that a definition contains."""
     found = []
     for line in text.splitlines():
         words = line.split("#", 1)[0].split()

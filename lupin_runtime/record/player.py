@@ -1,7 +1,7 @@
 """Plays recordings back onto the graph: `python -m lupin_runtime.record.player FILE… [--rate R] [--loop] …`.
 
-The messages go out as the bytes that were recorded, each topic with the QoS it had, and `/clock` follows the recording's
-time. Progress goes to standard output, one JSON object a line, so that whoever started this can show it.
+Messages are published as the recorded bytes, each topic with its recorded QoS, and `/clock` follows the recording's time.
+Progress is printed to standard output, one JSON object per line.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from lupin_runtime.record.reader import ChannelInfo, NotARecording, RawMessage, 
 CLOCK_PERIOD_S = 0.02
 PROGRESS_PERIOD_S = 0.25
 SETTLE_S = 2.0
-# A reliable writer keeps at most this many messages for a reader that is behind; plenty for any rate worth watching.
+# The queue length of a reliable publisher for slow subscriptions.
 _DEPTH = 100
 
 
 def topic_of(channel: ChannelInfo) -> Topic:
-    """The graph's row of a recorded topic; a foreign topic gets the QoS that was recorded with it, or the default."""
+    """The row of `graph.py` for a recorded topic; an unknown topic gets its recorded QoS, or the default."""
     known = {topic.name: topic for topic in graph.topics()}
     if channel.topic in known and known[channel.topic].type == channel.type:
         return known[channel.topic]
@@ -54,14 +54,14 @@ def _recorded_qos(text: str) -> Qos:
 
 @dataclass(frozen=True)
 class Due:
-    """A message and the moment, in seconds after the start, at which it is to be published."""
+    """A message and the time of its publication, in seconds after the start."""
 
     at_s: float
     message: RawMessage
 
 
 def schedule(messages: Iterable[RawMessage], start_ns: int, rate: float) -> Iterator[Due]:
-    """When each message is due at `rate` times the recorded pace. Time never runs backwards in it."""
+    """When each message is due at `rate` times the recorded speed. The times never decrease."""
     latest_s = 0.0
     for message in messages:
         latest_s = max(latest_s, (message.log_ns - start_ns) / 1e9 / rate)
@@ -69,7 +69,7 @@ def schedule(messages: Iterable[RawMessage], start_ns: int, rate: float) -> Iter
 
 
 class Player:
-    """Publishes recordings. `report` gets a progress record about four times a second."""
+    """Publishes recordings. `report` is called with the progress about four times a second."""
 
     def __init__(self, node: Any, report: Callable[[dict[str, Any]], None], stop: threading.Event) -> None:
         self._node = node
@@ -82,7 +82,7 @@ class Player:
         self.published = 0
 
     def advertise(self, channels: Iterable[ChannelInfo], wanted: set[str] | None) -> list[str]:
-        """Create the publishers; returns why a topic can't be played, for each that can't."""
+        """Create the publishers; returns a message for each topic that cannot be played."""
         problems = []
         for channel in channels:
             if (wanted is not None and channel.topic not in wanted) or channel.topic == graph.CLOCK.name:
@@ -94,28 +94,28 @@ class Player:
         return problems
 
     def wait_for_subscribers(self, patience_s: float) -> None:
-        """Return when somebody listens to every played topic, or after `patience_s`."""
-        give_up_s = time.monotonic() + patience_s
-        while time.monotonic() < give_up_s and not self._stop.wait(0.05):
+        """Return when every played topic has a subscriber, or after `patience_s`."""
+        deadline_s = time.monotonic() + patience_s
+        while time.monotonic() < deadline_s and not self._stop.wait(0.05):
             if all(publisher.get_subscription_count() for publisher in self._publishers.values()):
                 return
 
     def settle(self, patience_s: float) -> None:
-        """Return when every reliable message has arrived, or after `patience_s`."""
+        """Return when every reliable message is acknowledged, or after `patience_s`."""
         from rclpy.duration import Duration
 
-        give_up_s = time.monotonic() + patience_s
+        deadline_s = time.monotonic() + patience_s
         for publisher in self._publishers.values():
-            publisher.wait_for_all_acked(Duration(seconds=max(0.0, give_up_s - time.monotonic())))
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline_s - time.monotonic())))
 
     def play(self, messages: Iterable[RawMessage], start_ns: int, end_ns: int, rate: float) -> bool:
-        """One pass. Returns False where it was stopped."""
-        began_s = time.monotonic()
+        """Publish the messages once; returns False where it was stopped."""
+        started_s = time.monotonic()
         self._clock_due_s = 0.0
         self._reported_s = -PROGRESS_PERIOD_S
         for due in schedule(messages, start_ns, rate):
-            while (left_s := due.at_s - (time.monotonic() - began_s)) > 0.0:
-                self._tick(time.monotonic() - began_s, start_ns, end_ns, rate)
+            while (left_s := due.at_s - (time.monotonic() - started_s)) > 0.0:
+                self._tick(time.monotonic() - started_s, start_ns, end_ns, rate)
                 if self._stop.wait(min(left_s, CLOCK_PERIOD_S)):
                     return False
             if self._stop.is_set():
@@ -149,7 +149,7 @@ class Player:
 def _arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m lupin_runtime.record.player", description=__doc__)
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="MCAP recordings, oldest first")
-    parser.add_argument("--rate", type=float, default=1.0, help="times the recorded pace")
+    parser.add_argument("--rate", type=float, default=1.0, help="playback speed relative to the recording")
     parser.add_argument("--loop", action="store_true", help="start again at the end")
     parser.add_argument("--topics", default="", help="comma-separated names; default: all")
     parser.add_argument("--end-with-parent", action="store_true", help="stop when standard input ends")
@@ -158,17 +158,17 @@ def _arguments() -> argparse.ArgumentParser:
 
 
 def main() -> int:
-    """Play until the end, SIGINT or SIGTERM. Exit status 0, 1 for a file that can't be read, 2 for usage, 130 stopped."""
+    """Play until the end, SIGINT, SIGTERM or SIGHUP. Exit status: 0 played, 1 unreadable file, 2 usage, 130 stopped."""
     arguments = _arguments().parse_args()
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
     if arguments.end_with_parent:
-        from lupin_runtime.ros.parent import end_with_parent
+        from lupin_runtime.ros.supervision import end_with_parent
 
         end_with_parent()
     if not 0.0 < arguments.rate < float("inf"):
-        print(f"--rate {arguments.rate} is no pace; expected a positive number", file=sys.stderr)
+        print(f"--rate {arguments.rate} is not a valid speed; expected a positive number", file=sys.stderr)
         return 2
     try:
         recordings = [Recording(path) for path in arguments.files]
@@ -179,17 +179,17 @@ def main() -> int:
     recorded = {topic.channel.topic: topic.channel for summary in summaries for topic in summary.topics}
     wanted = {name.strip() for name in arguments.topics.split(",") if name.strip()} or None
     if wanted is not None and (missing := wanted - recorded.keys()):
-        print(f"not recorded: {', '.join(sorted(missing))}; see: lupin replay --info", file=sys.stderr)
+        print(f"not recorded: {', '.join(sorted(missing))}; list what is with: lupin replay --info", file=sys.stderr)
         return 2
-    filled = [summary for summary in summaries if summary.messages]
-    if not filled:
+    non_empty = [summary for summary in summaries if summary.messages]
+    if not non_empty:
         print(f"{arguments.files[0]} holds no messages", file=sys.stderr)
         return 1
     return _play(
         recordings,
         recorded.values(),
         wanted,
-        (min(summary.start_ns for summary in filled), max(summary.end_ns for summary in filled)),
+        (min(summary.start_ns for summary in non_empty), max(summary.end_ns for summary in non_empty)),
         arguments,
         stop,
     )

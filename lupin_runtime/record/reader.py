@@ -1,7 +1,7 @@
-"""Reads MCAP recordings, whole, cut short or damaged: what is readable is read, and what is not is told.
+"""Reads MCAP recordings, also truncated or damaged ones: readable messages are returned, and damage is listed.
 
-The records are walked here instead of by the `mcap` package, whose readers give up at the first defect and make an object
-of every message; a mission's report skips nine tenths of them.
+This module parses the records itself, because the readers of the `mcap` package stop at the first defect and create an object
+for every message, of which a mission's report skips nine tenths.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name
-# No chunk of a recorder is anywhere near this; a damaged length may be.
+# Far above the chunks of any recorder; a larger length is damage.
 _CHUNK_LIMIT_BYTES = 1 << 30
 
 
 class NotARecording(ValueError):
-    """The file is no MCAP file, or can't be opened; the message says what was found and what to do."""
+    """The file is not an MCAP file or cannot be opened; the message says what was found."""
 
 
 @dataclass(frozen=True)
 class ChannelInfo:
-    """A topic of a recording; `type` is `package/msg/Name`, `qos` the text that the recorder kept with it."""
+    """A topic of a recording; `type` is `package/msg/Name`, `qos` the text that the recorder stored with it."""
 
     topic: str
     type: str
@@ -44,7 +44,7 @@ class ChannelInfo:
 
 
 class RawMessage(NamedTuple):
-    """A message as it was on the wire. `log_ns` is ROS time, `publish_ns` the wall clock at its arrival."""
+    """A serialized message. At its arrival, `log_ns` was ROS time and `publish_ns` the wall clock."""
 
     topic: str
     log_ns: int
@@ -53,7 +53,7 @@ class RawMessage(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """A message of Python; `log_ns` is ROS time at its arrival."""
+    """A deserialized message; `log_ns` is ROS time at its arrival."""
 
     topic: str
     log_ns: int
@@ -62,7 +62,7 @@ class Decoded(NamedTuple):
 
 @dataclass
 class TopicCount:
-    """What a recording holds of one topic."""
+    """The number and size of a topic's messages."""
 
     channel: ChannelInfo
     messages: int = 0
@@ -71,7 +71,7 @@ class TopicCount:
 
 @dataclass
 class Summary:
-    """What a recording holds. `damage` is empty where the file is whole."""
+    """The content of a recording. `damage` is empty where the file is complete."""
 
     path: Path
     size_bytes: int
@@ -88,15 +88,15 @@ class Summary:
 
     @property
     def messages(self) -> int:
-        """Messages of all topics."""
+        """The number of messages of all topics."""
         return sum(topic.messages for topic in self.topics)
 
 
 class Recording:
-    """One MCAP file. Each pass over it collects `channels`, `metadata` and `damage` anew."""
+    """One MCAP file. Each pass over it collects `channels`, `metadata` and `damage` again."""
 
     def __init__(self, path: Path) -> None:
-        """Raises NotARecording."""
+        """Check that `path` is an MCAP file. Raises NotARecording."""
         self.path = path
         self.channels: dict[int, ChannelInfo] = {}
         self.metadata: dict[str, str] = {}
@@ -109,12 +109,12 @@ class Recording:
             raise NotARecording(f"{path}: {error.strerror}; expected an MCAP file") from error
         if found != MAGIC:
             what = "it is empty" if not found else f"it begins with {found!r}"
-            raise NotARecording(f"{path} is no MCAP recording: {what}")
+            raise NotARecording(f"{path} is not an MCAP recording: {what}")
 
     def raw(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        """The messages of these topics (None: all) in the order of the file, undecoded.
+        """The serialized messages of these topics (None: all) in the order of the file.
 
-        Stops at a cut, skips damaged chunks; `damage` says so afterwards.
+        It stops where the file is truncated and skips damaged chunks; `damage` lists both afterwards.
         """
         self.channels, self.metadata, self.damage, self._schemas = {}, {}, [], {}
         with self.path.open("rb") as file:
@@ -125,12 +125,12 @@ class Recording:
                 elif opcode == Opcode.MESSAGE:
                     yield from self._messages(_RECORD.pack(opcode, len(data)) + data, topics)
                 else:
-                    self._keep(opcode, data)
+                    self._store(opcode, data)
 
     def messages(
         self, topics: Collection[str] | None = None, max_rate_hz: Mapping[str, float] | None = None
     ) -> Iterator[Decoded]:
-        """As `raw`, deserialised; `max_rate_hz` thins topics out before that. Topics of unknown types are damage."""
+        """Like `raw`, but deserialized. `max_rate_hz` drops messages before that; topics of unknown types count as damage."""
         from rclpy.serialization import deserialize_message
 
         from lupin_runtime.ros.node import interface
@@ -149,12 +149,12 @@ class Recording:
                     kinds[item.topic] = interface(type_name)
                 except (ImportError, AttributeError, ValueError):
                     kinds[item.topic] = None
-                    self.damage.append(f"{item.topic}: its type {type_name} is not installed here")
+                    self.damage.append(f"{item.topic}: its type {type_name} is not installed on this machine")
             if (kind := kinds[item.topic]) is not None:
                 yield Decoded(item.topic, item.log_ns, deserialize_message(item.data, kind))
 
     def summary(self) -> Summary:
-        """Counts of the whole file, by one pass over it."""
+        """Summarize the file in one pass."""
         counts: dict[str, TopicCount] = {}
         start_ns, end_ns = 0, 0
         for item in self.raw():
@@ -174,19 +174,19 @@ class Recording:
 
     # -- records ------------------------------------------------------------------------------------------------------
     def _records(self, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-        """The records of the data section; what a killed recorder cut off ends them."""
+        """The records of the data section, up to the point where a killed recorder truncated it."""
         size = self.path.stat().st_size
         while True:
             at = file.tell()
             head = file.read(_RECORD.size)
             if len(head) < _RECORD.size:
-                self.damage.append("the file has no end: its recorder was killed, or the disk was full")
+                self.damage.append("the file is incomplete: its recorder was killed, or the disk was full")
                 return
             opcode, length = _RECORD.unpack(head)
             if opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 return
             if length > size - at - _RECORD.size:
-                self.damage.append(f"cut off in the middle of a record at byte {at} of {size}")
+                self.damage.append(f"truncated in the middle of a record at byte {at} of {size}")
                 return
             if opcode in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA, Opcode.METADATA, Opcode.HEADER):
                 yield opcode, file.read(length)
@@ -215,10 +215,10 @@ class Recording:
                 if channel is not None and (topics is None or channel.topic in topics):
                     yield RawMessage(channel.topic, log_ns, publish_ns, records[at + _MESSAGE.size : at + length])
             else:
-                self._keep(opcode, records[at : at + length])
+                self._store(opcode, records[at : at + length])
             at += length
 
-    def _keep(self, opcode: int, data: bytes) -> None:
+    def _store(self, opcode: int, data: bytes) -> None:
         stream = ReadDataStream(io.BytesIO(data))
         try:
             if opcode == Opcode.SCHEMA:
@@ -232,13 +232,13 @@ class Recording:
             elif opcode == Opcode.METADATA:
                 self.metadata.update(Metadata.read(stream).metadata)
             elif opcode == Opcode.HEADER and (profile := Header.read(stream).profile) != "ros2":
-                self.damage.append(f"its profile is {profile!r}, not 'ros2': its messages may not be ROS 2's")
+                self.damage.append(f"its profile is {profile!r}, not 'ros2': its messages may not be ROS 2 messages")
         except (McapError, struct.error, UnicodeDecodeError) as error:
             self.damage.append(f"a {Opcode(opcode).name.lower()} record is damaged: {error}")
 
 
 def _unpack_chunk(data: bytes) -> bytes:
-    """The records inside a chunk. Raises ValueError and what the decompressors raise."""
+    """The records of a chunk. Raises ValueError and the exceptions of the decompressors."""
     _, _, size, crc, name_length = _CHUNK.unpack_from(data)
     at = _CHUNK.size
     name = data[at : at + name_length]
@@ -246,7 +246,7 @@ def _unpack_chunk(data: bytes) -> bytes:
     (length,) = struct.unpack_from("<Q", data, at)
     packed = data[at + 8 : at + 8 + length]
     if len(packed) != length or size > _CHUNK_LIMIT_BYTES:
-        raise ValueError("its lengths don't fit")
+        raise ValueError("inconsistent lengths")
     if name == b"zstd":
         records = zstandard.decompress(packed, max_output_size=size)
     elif name == b"lz4":
@@ -256,5 +256,5 @@ def _unpack_chunk(data: bytes) -> bytes:
     else:
         raise ValueError(f"unknown compression {name[:16]!r}")
     if crc and zlib.crc32(records) != crc:
-        raise ValueError("its checksum does not fit")
+        raise ValueError("wrong checksum")
     return bytes(records)

@@ -1,4 +1,4 @@
-"""The recordings of a run, and how they are found by what an operator types."""
+"""Finds a recorded run by the name that an operator types, and opens its recordings."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ RECORDING_NAME = "recording.mcap"
 LATEST = "latest"
 
 
-class RunNotFound(LookupError):
-    """No run and no file has this name; the message lists what there is."""
+class RecordingNotFound(LookupError):
+    """No recorded run and no file has this name; the message lists the candidates."""
 
 
 @dataclass(frozen=True)
-class RunFiles:
-    """A run directory, or a lone recording whose report then lies beside it."""
+class RecordedRun:
+    """A run directory with its recordings, or a single recording whose report is written beside it."""
 
     folder: Path
     recordings: tuple[Path, ...]
 
     @property
     def report_folder(self) -> Path:
-        """Where the run's report is."""
+        """The folder of the run's report."""
         return self.folder / "report"
 
     def open(self) -> list[Recording]:
-        """The run's recordings, oldest first; a recorder that was restarted left more than one. Raises NotARecording.
+        """Open the run's recordings, oldest first; a restarted recorder leaves more than one.
 
-        Files that are no recordings are an error only when nothing else is left.
+        Unreadable files are skipped. Raises NotARecording where none is readable.
         """
         opened, errors = [], []
         for path in self.recordings:
@@ -45,27 +45,27 @@ class RunFiles:
         return opened
 
 
-def run_files(folder: Path) -> RunFiles:
-    """The files of a run directory; `recordings` is empty where nothing was recorded."""
+def recorded_run(folder: Path) -> RecordedRun:
+    """The run in `folder`; `recordings` is empty where nothing was recorded."""
     stem = Path(RECORDING_NAME).stem
     first = folder / RECORDING_NAME
     later = sorted(folder.glob(f"{stem}-*.mcap"), key=lambda path: (len(path.name), path.name))
-    return RunFiles(folder, tuple([first] if first.exists() else []) + tuple(later))
+    return RecordedRun(folder, tuple([first] if first.exists() else []) + tuple(later))
 
 
-def find_run(name: str, folder: Path | None = None) -> RunFiles:
-    """The run that `name` means: a recording, a run directory, a run's id or its beginning, or `latest`.
+def find_recorded_run(name: str, folder: Path | None = None) -> RecordedRun:
+    """Find a recorded run by the path of a recording or run directory, by a run's id or the start of one, or by `latest`.
 
-    Raises RunNotFound.
+    `folder` replaces the folder of all runs. Raises RecordingNotFound.
     """
     path = Path(name).expanduser()
     if path.is_file():
-        return RunFiles(path.resolve().parent / f"{path.stem}-report", (path.resolve(),))
+        return RecordedRun(path.resolve().parent / f"{path.stem}-report", (path.resolve(),))
     if path.is_dir():
-        return run_files(path.resolve())
+        return recorded_run(path.resolve())
     runs = sorted(_recorded(folder or runs_directory()), key=lambda run: run.recordings[-1].stat().st_mtime)
     if not runs:
-        raise RunNotFound(f"{name}: there is no such file, and no run was recorded yet; try: lupin up --mission")
+        raise RecordingNotFound(f"{name}: there is no such file, and no run was recorded yet; try: lupin up --mission")
     if name == LATEST:
         return runs[-1]
     matching = [run for run in runs if run.folder.name.startswith(name)]
@@ -74,12 +74,12 @@ def find_run(name: str, folder: Path | None = None) -> RunFiles:
         return (exact or matching)[0]
     newest = ", ".join(run.folder.name for run in reversed(matching or runs[-5:]))
     problem = f"{len(matching)} runs begin with it" if matching else "no file and no run has this name"
-    raise RunNotFound(f"{name}: {problem}; {'they are' if matching else 'the newest are'}: {newest}")
+    raise RecordingNotFound(f"{name}: {problem}; {'they are' if matching else 'the newest are'}: {newest}")
 
 
-def _recorded(folder: Path) -> Iterator[RunFiles]:
+def _recorded(folder: Path) -> Iterator[RecordedRun]:
     if folder.is_dir():
         for path in folder.iterdir():
-            run = run_files(path)
+            run = recorded_run(path)
             if path.is_dir() and run.recordings:
                 yield run

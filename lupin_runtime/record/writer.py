@@ -1,4 +1,4 @@
-"""Writes one MCAP file so that whatever ends the process, what was written before reads back."""
+"""Writes one MCAP file of which every flushed message stays readable, however the process ends."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from mcap.writer import CompressionType, Writer
 
 from lupin_runtime.graph import Qos
 
-# A chunk closes when it is this big, or when `flush` is called, whichever comes first.
+# A chunk is closed at this size, or earlier by `flush`.
 CHUNK_BYTES = 1024 * 1024
 
 _NEVER = "{sec: 9223372036, nsec: 854775807}"
 
 
 class RecordingStopped(OSError):
-    """The file can't be written any further; what is in it stays and reads."""
+    """Writing failed; the messages already in the file remain readable."""
 
 
 class _Output:
-    """An unbuffered file that is cut back to its last whole chunk when a write fails.
+    """An unbuffered file that is truncated to its last complete chunk when a write fails.
 
-    A buffered one would keep the lost bytes and raise again while it closes.
+    A buffered file would keep the failed bytes and raise again while closing.
     """
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Exclusive: a recording is never overwritten, whoever restarts the recorder.
+        # Exclusive creation: a restarted recorder must not overwrite a recording.
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         self._at = self._good = 0
 
@@ -55,10 +55,10 @@ class _Output:
 
 
 class RecordingWriter:
-    """An MCAP file of profile `ros2`. Every method may raise RecordingStopped; after that only `abandon` makes sense."""
+    """An MCAP file of profile `ros2`. Every method may raise RecordingStopped; after that call only `abandon`."""
 
     def __init__(self, path: Path) -> None:
-        """Creates the file. Raises FileExistsError, or RecordingStopped where nothing can be written."""
+        """Create the file. Raises FileExistsError, or RecordingStopped where it cannot be written."""
         self.path = path
         self._output = _Output(path)
         self._writer = Writer(self._output, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
@@ -68,12 +68,12 @@ class RecordingWriter:
         self.messages = 0
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Facts beside the messages, as text."""
+        """Add a metadata record of text values."""
         self._writer.add_metadata(name, dict(values))
         self._output.flush()
 
     def add_channel(self, topic: str, type_name: str, schema: str, qos: Qos) -> int:
-        """The id of a new channel for messages of `package/msg/Name`, whose full definition is `schema`."""
+        """Add a channel for messages of type `package/msg/Name` with the definition `schema`; returns its id."""
         if type_name not in self._schemas:
             self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", schema.encode())
         return self._writer.register_channel(topic, "cdr", self._schemas[type_name], {"offered_qos_profiles": qos_yaml(qos)})
@@ -84,7 +84,7 @@ class RecordingWriter:
         self.messages += 1
 
     def flush(self) -> None:
-        """Close the chunk and hand everything to the operating system, where a killed process can't lose it."""
+        """Close the chunk and pass it to the operating system, so that killing the process cannot lose it."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     @property
@@ -101,7 +101,7 @@ class RecordingWriter:
             self._output.close()
 
     def abandon(self) -> None:
-        """Close a file that can't be finished."""
+        """Close the file without an index, after a failed write."""
         self._output.close()
 
 
@@ -115,7 +115,7 @@ def free_name(path: Path) -> Path:
 
 
 def qos_yaml(qos: Qos) -> str:
-    """A QoS in the form in which rosbag2 keeps it with a channel, all of whose keys its reader demands."""
+    """A QoS in rosbag2's format for channels; its reader requires all of these keys."""
     return (
         f"- history: keep_last\n  depth: {qos.depth}\n"
         f"  reliability: {'reliable' if qos.reliable else 'best_effort'}\n"

@@ -1,4 +1,4 @@
-"""The report of a run: one pass over its recording, scored where the truth is known, as JSON and as a page."""
+"""The report of a run, as JSON and as an HTML page: read from its recording, scored where the simulator's truth is known."""
 
 from lupin_runtime.report.build import Report, build_report
 

@@ -1,4 +1,4 @@
-"""The sensors as a reader wants them, with their names and units, on the twin's ranges and rules of health."""
+"""Names and units of the sensors for people, and the health of plants by the twin's rules."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LABELS = {
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor's name for people, its unit, and where its reading should be."""
+    """A sensor's name for people, its unit and its ideal range."""
 
     label: str
     unit: str
@@ -35,17 +35,20 @@ SENSORS: dict[str, Sensor] = {
 
 
 def deviation(sensor: str, value: float) -> float:
-    """Distance outside the ideal range in widths of that range, at most 2; 0 inside, for NaN and for unknown sensors."""
+    """Return how far a value is outside its ideal range, in widths of the range, at most 2.
+
+    Returns 0 inside the range, for NaN and for unknown sensors.
+    """
     ideal = IDEAL_RANGES.get(sensor)
     return deviation_from(value, ideal) if ideal is not None else 0.0
 
 
 def grade(worst_deviation: float) -> str:
-    """healthy, stressed or critical."""
+    """Return healthy, stressed or critical."""
     return next(name for limit, name in STATES if worst_deviation < limit)
 
 
 def health(readings: Iterable[tuple[str, float]]) -> tuple[str, float]:
-    """(grade, worst deviation) of all readings of known sensors; (no_data, 0) without one."""
+    """Return (grade, worst deviation) of all (sensor, value); (no_data, 0) without a known sensor."""
     found = assess(("", {sensor: value}) for sensor, value in readings)
     return found.state, found.score

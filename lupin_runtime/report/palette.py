@@ -1,4 +1,4 @@
-"""Colours with a meaning: species, health, sensors, mission states. Each also stands as a word wherever it is used."""
+"""Colors of species, health, sensors and mission states. A label accompanies each color wherever it is used."""
 
 from __future__ import annotations
 
@@ -33,21 +33,26 @@ _HEAT = {
 HEAT_SATURATION = 0.70
 HEAT_ALPHA = 0.6
 
-# Readable on light and on dark ground: no stop is near white or near black.
+# Readable on light and dark backgrounds: no stop is near white or black.
 TIME_RAMP = ("#5b4bb7", "#2f86c9", "#1fa187", "#a9b72f", "#f0952c")
 SPEED_RAMP = ("#4a6fb5", "#27a39a", "#8cb83d", "#f0a02c", "#d8432f")
 
 
 def species_label(species: str) -> str:
-    """`tulip_red` as people say it."""
+    """Return a label: `tulip_red` becomes `Red tulip`."""
     if not species:
         return "Unclassified"
-    kind, _, colour = species.partition("_")
-    return f"{colour} {kind}".capitalize() if colour else species.capitalize()
+    kind, _, color = species.partition("_")
+    return f"{color} {kind}".capitalize() if color else species.capitalize()
+
+
+def flower_label(species: str, count: int) -> str:
+    """Return a count with the species, such as `3 × red tulip`."""
+    return f"{count} × {species_label(species).lower()}"
 
 
 def ramp(stops: Sequence[str], fraction: float) -> str:
-    """The colour at `fraction` (clamped to [0, 1]) of evenly spaced stops."""
+    """Return the color at `fraction` (clamped to [0, 1]) between evenly spaced stops."""
     position = min(1.0, max(0.0, fraction)) * (len(stops) - 1)
     low = min(int(position), len(stops) - 2)
     between = position - low
@@ -56,12 +61,12 @@ def ramp(stops: Sequence[str], fraction: float) -> str:
 
 
 def heat_rgb(sensor: str, fraction: float) -> tuple[int, int, int]:
-    """The heat map's colour of a value at `fraction` between the lowest and the highest."""
+    """Return the heat map's RGB color at `fraction` between the lowest and the highest value."""
     hue, low, high = _HEAT.get(sensor, (220, 78, 42))
     lightness = (low + (high - low) * fraction) / 100.0
     r, g, b = colorsys.hls_to_rgb(hue / 360.0, lightness, HEAT_SATURATION)
     return round(r * 255), round(g * 255), round(b * 255)
 
 
-def _rgb(colour: str) -> tuple[int, int, int]:
-    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+def _rgb(color: str) -> tuple[int, int, int]:
+    return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)

@@ -1,4 +1,4 @@
-"""What a run knows of each tag at its end, gathered from perception, the mission's observations and the twin."""
+"""The result of each tag at the end of a run, from perception, the mission's observations and the twin."""
 
 from __future__ import annotations
 
@@ -6,36 +6,37 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from lupin_runtime.report.health import deviation, health
-from lupin_runtime.report.log import FlowerLook, Point, RunLog, Seen, TagPose
+from lupin_runtime.report.run_log import ObservationEntry, Point, PotObservation, RunLog, TagPlacement, TwinTag
 
 READ, UNREACHABLE, SCAN_FAILED, SKIPPED, SEEN_ONLY = "read", "unreachable", "scan_failed", "skipped", "seen"
 
-# Tags are read on discovery too, over the bridge and from afar: that observation names the exploration, not a visit.
-_VISITS = ("InspectionMission", "MonitoringMission")
+# Explorations also read tags over the bridge when they are discovered; those observations are no visits.
+_VISIT_SOURCES = ("InspectionMission", "MonitoringMission")
 
-# What a mission's detail code means, by its beginning.
+# Explanations of the mission's detail codes, by prefix.
 REASONS = {
-    "nav_timeout": "the robot did not arrive within the time for one leg",
-    "nav_rejected": "the navigator refused the goal",
-    "nav_blind": "lidar or odometry could not be trusted for minutes, so the robot stood still",
-    "nav_status_5": "the leg was cancelled",
-    "nav_status_6": "the navigator gave up: no free way to the tag was found",
+    "nav_timeout": "the robot did not arrive before the navigation timeout",
+    "nav_rejected": "navigation rejected the goal",
+    "nav_blind": "lidar or odometry failed for minutes, so the robot did not move",
+    "nav_status_5": "the drive was cancelled",
+    "nav_status_6": "the navigator gave up: no free path to the tag was found",
     "nav_status": "navigation ended without arriving",
-    "amcl_drift_var": "the robot was not sure enough where it is",
-    "no_pose": "the robot did not know where it is",
+    "amcl_drift_var": "the robot's pose was too uncertain",
+    "no_pose": "the robot's pose was unknown",
     "send_goal_exception": "the goal could not be sent",
-    "unknown_tag": "no pose of this tag is known",
+    "unknown_tag": "this tag's position is unknown",
     "visual_confirm_missed": "the camera did not see the tag from its standoff pose",
     "confirm_timeout": "the visual confirmation did not answer",
-    "scan_timeout": "the greenhouse did not answer",
-    "bridge_status": "the greenhouse refused the reading",
+    "scan_timeout": "the greenhouse bridge did not answer",
+    "bridge_status": "the greenhouse bridge refused the reading",
     "skipped_by_operator": "skipped by the operator",
     "mission_aborted": "the mission was aborted before its turn",
+    "dock_unreachable": "the mission ended before its turn, because the dock was not reached",
 }
 
 
 @dataclass(frozen=True)
-class Reading:
+class LatestReading:
     """The latest value of a sensor."""
 
     sensor: str
@@ -49,61 +50,61 @@ class TagResult:
     """One tag at the end of the run. `outcome` is read, unreachable, scan_failed, skipped or seen."""
 
     tag_id: str
-    pose: TagPose | None
+    pose: TagPlacement | None
     outcome: str
     reason: str
     visited: bool
     discovered_s: float | None
     read_s: float | None
     sightings: int
-    readings: tuple[Reading, ...]
+    readings: tuple[LatestReading, ...]
     health: str
     worst_deviation: float
-    flower: FlowerLook | None
+    flower: PotObservation | None
     footprint: tuple[Point, ...]
 
 
 def reason(detail: str) -> str:
-    """A mission's detail code in words; text that is no code stays as it is."""
-    best = max((code for code in REASONS if detail.startswith(code)), key=len, default="")
-    if not best:
+    """Explain a mission's detail code; unknown text is returned unchanged."""
+    prefix = max((code for code in REASONS if detail.startswith(code)), key=len, default="")
+    if not prefix:
         return detail
-    rest = detail[len(best) :].lstrip("=: ")
-    return f"{REASONS[best]} ({rest})" if rest and not rest.startswith("_") else REASONS[best]
+    rest = detail[len(prefix) :].lstrip("=: ")
+    return f"{REASONS[prefix]} ({rest})" if rest and not rest.startswith("_") else REASONS[prefix]
 
 
 def natural_key(tag_id: str) -> tuple[int, int, str]:
-    """Numeric ids first and in order of number, then the others."""
+    """Return a sort key: numeric ids in numeric order, then the others."""
     return (0, int(tag_id), tag_id) if tag_id.isdecimal() else (1, 0, tag_id)
 
 
 def tag_results(log: RunLog) -> list[TagResult]:
-    """Every tag that anything in the run spoke of, in natural order."""
-    ids = {*log.discovered, *log.twin, *(seen.tag_id for seen in log.seen if seen.tag_id)}
+    """Return the result of every tag in the recording, sorted by `natural_key`."""
+    ids = {*log.discovered, *log.twin, *(entry.tag_id for entry in log.observations if entry.tag_id)}
     return [_result(tag_id, log) for tag_id in sorted(ids, key=natural_key)]
 
 
 def _result(tag_id: str, log: RunLog) -> TagResult:
-    mine = [seen for seen in log.seen if seen.tag_id == tag_id]
-    attempts = [seen for seen in mine if seen.kind == "tag_reading"]
-    good = [seen for seen in attempts if seen.status == "ok"]
-    visits = [seen for seen in attempts if seen.source in _VISITS]
-    twin_pose, twin_flower, twin_readings = log.twin.get(tag_id, (None, None, ()))
+    entries = [entry for entry in log.observations if entry.tag_id == tag_id]
+    attempts = [entry for entry in entries if entry.kind == "tag_reading"]
+    successes = [entry for entry in attempts if entry.status == "ok"]
+    visits = [entry for entry in attempts if entry.source in _VISIT_SOURCES]
+    twin = log.twin.get(tag_id, TwinTag())
     discovered = log.discovered.get(tag_id)
-    readings = _latest(good, dict(twin_readings))
+    readings = _latest(successes, dict(twin.readings))
     grade, worst = health((r.sensor, r.value) for r in readings)
     outcome, why = _outcome(visits or attempts, bool(readings))
-    looks = [seen.flower for seen in mine if seen.flower is not None]
-    flower = looks[-1] if looks else twin_flower
-    poses = [discovered.pose if discovered else None, twin_pose, *(seen.pose for seen in reversed(good))]
+    pots = [entry.flower for entry in entries if entry.flower is not None]
+    flower = pots[-1] if pots else twin.flower
+    poses = [discovered.pose if discovered else None, twin.pose, *(entry.pose for entry in reversed(successes))]
     return TagResult(
         tag_id,
         next((pose for pose in poses if pose is not None), None),
         outcome,
         why,
-        any(seen.status == "ok" for seen in visits),
+        any(entry.status == "ok" for entry in visits),
         discovered.first_t_s if discovered else None,
-        (next((s for s in visits if s.status == "ok"), None) or (good[0] if good else None) or _NEVER).t_s if good else None,
+        next((entry.t_s for entry in (*visits, *successes) if entry.status == "ok"), None),
         discovered.sightings if discovered else 0,
         readings,
         grade,
@@ -113,12 +114,9 @@ def _result(tag_id: str, log: RunLog) -> TagResult:
     )
 
 
-_NEVER = Seen(0.0, "", "", "", "", "")
-
-
-def _outcome(attempts: list[Seen], has_readings: bool) -> tuple[str, str]:
-    """The outcome that counts: a success anywhere, else the last attempt."""
-    if any(seen.status == "ok" for seen in attempts):
+def _outcome(attempts: list[ObservationEntry], has_readings: bool) -> tuple[str, str]:
+    """Return (outcome, reason): a success at any time, else the last attempt."""
+    if any(entry.status == "ok" for entry in attempts):
         return READ, ""
     if attempts:
         last = attempts[-1]
@@ -127,12 +125,12 @@ def _outcome(attempts: list[Seen], has_readings: bool) -> tuple[str, str]:
     return (READ if has_readings else SEEN_ONLY), ""
 
 
-def _latest(good: Iterable[Seen], twin: Mapping[str, float]) -> tuple[Reading, ...]:
-    """The latest value per sensor in order of first appearance; the twin's where the observation is not in the recording."""
-    latest: dict[str, Reading] = {}
-    for seen in good:
-        for sensor, value in seen.readings:
-            latest[sensor] = Reading(sensor, value, seen.t_s, deviation(sensor, value))
+def _latest(successes: Iterable[ObservationEntry], twin: Mapping[str, float]) -> tuple[LatestReading, ...]:
+    """Return the latest value per sensor in order of first appearance; the twin's value if the recording has no reading."""
+    latest: dict[str, LatestReading] = {}
+    for entry in successes:
+        for sensor, value in entry.readings:
+            latest[sensor] = LatestReading(sensor, value, entry.t_s, deviation(sensor, value))
     for sensor, value in twin.items():
-        latest.setdefault(sensor, Reading(sensor, value, None, deviation(sensor, value)))
+        latest.setdefault(sensor, LatestReading(sensor, value, None, deviation(sensor, value)))
     return tuple(latest.values())

@@ -1,4 +1,4 @@
-"""The run as bands and events over time: what state it was in, which tag it went for, what happened."""
+"""The run over time: the mission's states, targets and holds as bands, and events."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
-from lupin_runtime.report.log import MissionSample, RunLog
+from lupin_runtime.report.run_log import MissionSample, RunLog
 
 INFO, WARN, ERROR = "info", "warn", "error"
 _SEVERITIES = (INFO, WARN, ERROR)
-# A correction of the map that a reader of the report should know of.
 _NOTABLE_CORRECTION_M = 0.10
 
 
 @dataclass(frozen=True)
 class Band:
-    """A stretch of time with one label; `detail` says more."""
+    """A period of time with a label."""
 
     from_s: float
     to_s: float
@@ -25,8 +24,8 @@ class Band:
 
 
 @dataclass(frozen=True)
-class Event:
-    """Something that happened at one moment. `kind` is lifecycle, tag, reading, stop, pause, battery, map, notice or log."""
+class TimelineEvent:
+    """An event. `kind` is lifecycle, tag, reading, stop, pause, battery, map, notice or log; `severity` info, warn or error."""
 
     t_s: float
     kind: str
@@ -37,16 +36,16 @@ class Event:
 
 @dataclass(frozen=True)
 class Timeline:
-    """Bands by row, and events in order of time."""
+    """Bands by row, and events ordered by time."""
 
     states: tuple[Band, ...]
     legs: tuple[Band, ...]
     flags: tuple[Band, ...]
-    events: tuple[Event, ...]
+    events: tuple[TimelineEvent, ...]
 
 
-def timeline(log: RunLog) -> Timeline:
-    """The bands and events of a run."""
+def build_timeline(log: RunLog) -> Timeline:
+    """Return the bands and events of a run."""
     end_s = log.end_s
     states = _bands(log.mission, end_s, lambda m: m.state)
     legs = _bands(log.mission, end_s, lambda m: f"{m.target}\n{m.phase}" if m.target and m.phase else "")
@@ -66,7 +65,7 @@ def timeline(log: RunLog) -> Timeline:
 
 
 def _bands(samples: list[MissionSample], end_s: float, label: Callable[..., str]) -> list[Band]:
-    """Consecutive samples of one label, joined; "" makes no band."""
+    """Join consecutive samples with the same label; samples labelled "" make no band."""
     bands: list[Band] = []
     for sample, following in zip(samples, [*samples[1:], None]):
         name, to_s = label(sample), following.t_s if following is not None else end_s
@@ -79,34 +78,38 @@ def _bands(samples: list[MissionSample], end_s: float, label: Callable[..., str]
     return bands
 
 
-def _events(log: RunLog, states: Iterable[Band]) -> Iterable[Event]:
+def _events(log: RunLog, states: Iterable[Band]) -> Iterable[TimelineEvent]:
     for band in states:
-        yield Event(band.from_s, "lifecycle", ERROR if band.label == "FAULT" else INFO, band.label)
+        yield TimelineEvent(band.from_s, "lifecycle", ERROR if band.label == "FAULT" else INFO, band.label)
     for tag_id, tag in log.discovered.items():
-        yield Event(tag.first_t_s, "tag", INFO, f"tag {tag_id} discovered", tag_id)
-    for seen in log.seen:
-        if seen.kind == "tag_reading" and seen.status == "ok":
-            yield Event(seen.t_s, "reading", INFO, f"tag {seen.tag_id} read ({len(seen.readings)} sensors)", seen.tag_id)
-        elif seen.kind == "tag_reading":
-            words = f"tag {seen.tag_id} {seen.status.replace('_', ' ')}"
-            yield Event(seen.t_s, "reading", WARN, f"{words}: {seen.detail}" if seen.detail else words, seen.tag_id)
-        elif seen.flower is not None and seen.flower.anomaly:
-            yield Event(seen.t_s, "reading", WARN, f"bug seen at tag {seen.tag_id}", seen.tag_id)
+        yield TimelineEvent(tag.first_t_s, "tag", INFO, f"tag {tag_id} discovered", tag_id)
+    for entry in log.observations:
+        if entry.kind == "tag_reading" and entry.status == "ok":
+            yield TimelineEvent(
+                entry.t_s, "reading", INFO, f"tag {entry.tag_id} read ({len(entry.readings)} sensors)", entry.tag_id
+            )
+        elif entry.kind == "tag_reading":
+            text = f"tag {entry.tag_id} {entry.status.replace('_', ' ')}"
+            yield TimelineEvent(entry.t_s, "reading", WARN, f"{text}: {entry.detail}" if entry.detail else text, entry.tag_id)
+        elif entry.flower is not None and entry.flower.anomaly:
+            yield TimelineEvent(entry.t_s, "reading", WARN, f"bug seen at tag {entry.tag_id}", entry.tag_id)
     yield from _flag_events(log.mission)
     for step in log.trajectory.corrections:
         if step.distance_m >= _NOTABLE_CORRECTION_M:
-            yield Event(step.t_s, "map", INFO, f"the map corrected the robot's place by {step.distance_m * 100:.0f} cm")
+            yield TimelineEvent(
+                step.t_s, "map", INFO, f"the map corrected the robot's position by {step.distance_m * 100:.0f} cm"
+            )
 
 
-def _flag_events(samples: list[MissionSample]) -> Iterable[Event]:
-    for before, now in pairwise(samples):
-        if now.estop != before.estop:
-            words = ("e-stop pressed", WARN) if now.estop else ("e-stop released", INFO)
-            yield Event(now.t_s, "stop", words[1], words[0])
-        elif now.paused != before.paused:
-            yield Event(now.t_s, "pause", INFO, "paused" if now.paused else "resumed")
-        if now.battery_low != before.battery_low:
-            words = ("battery low", WARN) if now.battery_low else ("battery recovered", INFO)
-            yield Event(now.t_s, "battery", words[1], words[0])
-        if now.last_event and now.last_event != before.last_event and not now.estop:
-            yield Event(now.t_s, "notice", _SEVERITIES[min(now.severity, 2)], now.last_event)
+def _flag_events(samples: list[MissionSample]) -> Iterable[TimelineEvent]:
+    for before, after in pairwise(samples):
+        if after.estop != before.estop:
+            text, severity = ("e-stop pressed", WARN) if after.estop else ("e-stop released", INFO)
+            yield TimelineEvent(after.t_s, "stop", severity, text)
+        elif after.paused != before.paused:
+            yield TimelineEvent(after.t_s, "pause", INFO, "paused" if after.paused else "resumed")
+        if after.battery_low != before.battery_low:
+            text, severity = ("battery low", WARN) if after.battery_low else ("battery recovered", INFO)
+            yield TimelineEvent(after.t_s, "battery", severity, text)
+        if after.last_event and after.last_event != before.last_event and not after.estop:
+            yield TimelineEvent(after.t_s, "notice", _SEVERITIES[min(after.severity, 2)], after.last_event)

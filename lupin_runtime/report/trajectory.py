@@ -1,4 +1,4 @@
-"""The path as the robot knew it while it drove: the transforms of the recording, joined at the time they were heard."""
+"""The path as the robot knew it while driving: the recorded transforms, combined at the time they were received."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from lupin_runtime.geometry import Pose2, wrap_angle
 from lupin_runtime.slam.tum import write_tum
 
 SAMPLE_PERIOD_S = 0.1
-# Smaller changes of map -> odom are the everyday business of scan matching.
+# Scan matching constantly changes map -> odom by less than this.
 CORRECTION_M = 0.02
 CORRECTION_RAD = math.radians(1.0)
-# Steps below this are the noise of a standing robot.
+# Steps below this are noise while the robot stands.
 _STANDING_M = 0.005
 
 Floats = NDArray[np.float64]
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Correction:
-    """A step of map -> odom: how far it moved the robot on the map, without the robot moving."""
+    """A step of map -> odom: how far the robot's estimated position jumped."""
 
     t_s: float
     distance_m: float
@@ -35,8 +35,8 @@ class Correction:
 class Trajectory:
     """Poses of the base in the map frame, oldest first. `t_s` counts from the start of the recording.
 
-    `stamps_s` are the transforms' own stamps; `length_m` is what the wheels drove, free of the map's corrections. `frame`
-    is `odom` where nobody published a map.
+    `stamps_s` are the transforms' stamps; `length_m` is the odometry's length, without corrections by the map. `frame` is
+    `odom` if no map was published.
     """
 
     t_s: Floats
@@ -52,7 +52,7 @@ class Trajectory:
         return len(self.t_s)
 
     def at(self, t_s: float) -> Pose2 | None:
-        """The pose at a time of the recording, by the nearest sample within half a second."""
+        """Return the nearest pose within half a second of a time; None if there is none."""
         if not len(self):
             return None
         index = int(np.clip(np.searchsorted(self.t_s, t_s), 0, len(self) - 1))
@@ -64,7 +64,7 @@ class Trajectory:
 
 
 class TrajectoryBuilder:
-    """Joins `map -> odom` and `odom -> base_link` as they come; a pose is what a node would have looked up at that time."""
+    """Combines `map -> odom` and `odom -> base_link`; each pose is what a node would have looked up at that time."""
 
     def __init__(self) -> None:
         self._map_from_odom: Pose2 | None = None
@@ -77,20 +77,20 @@ class TrajectoryBuilder:
         self._corrections: list[Correction] = []
 
     def map_from_odom(self, t_s: float, pose: Pose2) -> None:
-        """A new correction of the odometry."""
+        """Add a transform `map -> odom`."""
         before, base = self._map_from_odom, self._odom_from_base
         self._map_from_odom = pose
         if before is None or base is None:
             return
-        was, now = before @ base, pose @ base
-        distance, turn = was.distance_to(now), abs(wrap_angle(now.yaw - was.yaw))
+        old, new = before @ base, pose @ base
+        distance, turn = old.distance_to(new), abs(wrap_angle(new.yaw - old.yaw))
         if distance >= CORRECTION_M or turn >= CORRECTION_RAD:
             self._corrections.append(Correction(t_s, distance, turn))
 
     def odom_from_base(self, t_s: float, stamp_s: float, pose: Pose2) -> None:
-        """A new pose of the odometry; kept ten times a second."""
+        """Add a transform `odom -> base_link`; ten a second are kept."""
         self._odom_from_base = pose
-        # A clock that jumped back starts a new count: the old bound would swallow everything until it is reached again.
+        # After a clock jumped back, the old due time would discard everything until it is reached again.
         if self._due_s - SAMPLE_PERIOD_S <= stamp_s < self._due_s - 1e-6:
             return
         self._due_s = (math.floor(stamp_s / SAMPLE_PERIOD_S + 1e-6) + 1) * SAMPLE_PERIOD_S
@@ -103,7 +103,7 @@ class TrajectoryBuilder:
         rows.append((t_s, stamp_s, base.x, base.y, base.yaw))
 
     def build(self) -> Trajectory:
-        """The whole path."""
+        """Return the complete path."""
         frame, rows = ("map", self._rows) if self._rows else ("odom", self._odom_rows)
         table = np.array(rows, dtype=np.float64).reshape(-1, 5)
         table = table[np.argsort(table[:, 0], kind="stable")]
@@ -112,7 +112,7 @@ class TrajectoryBuilder:
 
 
 def speeds(trajectory: Trajectory, window_s: float = 0.5) -> Floats:
-    """Metres per second along the path at each sample, over a window that hides the noise of single poses."""
+    """Return the speed in m/s at each sample, averaged over a window to suppress the noise of single poses."""
     if len(trajectory) < 2:
         return np.zeros(len(trajectory))
     steps = np.hypot(np.diff(trajectory.x, prepend=trajectory.x[0]), np.diff(trajectory.y, prepend=trajectory.y[0]))
@@ -125,6 +125,6 @@ def speeds(trajectory: Trajectory, window_s: float = 0.5) -> Floats:
 
 
 def write_trajectory(path: Path, trajectory: Trajectory) -> None:
-    """Write the poses as TUM text, which trajectory evaluators read."""
+    """Write the poses in the TUM format, which trajectory evaluation tools read."""
     poses = (Pose2(float(x), float(y), float(yaw)) for x, y, yaw in zip(trajectory.x, trajectory.y, trajectory.yaw))
     write_tum(path, (f"{stamp_s:.6f}" for stamp_s in trajectory.stamps_s), poses)

@@ -1,10 +1,10 @@
-"""The thin shell between cores and rclpy: a node that reads `graph.py`, transforms, and the host that runs nodes.
+"""The layer between cores and rclpy: a node class that reads `graph.py`, transforms, clocks, and the runner of nodes.
 
-Works with Jazzy's rclpy from wheels and with Humble's on Python 3.10, which is what the robot has.
+It works with Jazzy's rclpy from wheels and with Humble's on Python 3.10, which the robot has.
 """
 
-from lupin_runtime.ros.host import run
 from lupin_runtime.ros.node import LupinNode
+from lupin_runtime.ros.node_runner import run
 from lupin_runtime.ros.stamps import stamp_from_ns, stamp_ns
 from lupin_runtime.ros.tf import TransformBroadcaster, TransformListener
 

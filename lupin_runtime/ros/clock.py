@@ -1,8 +1,8 @@
-"""Follows `/clock` for all nodes of a process at a third of what a node on an executor costs.
+"""Follows `/clock` for all nodes of a process, at a third of the processor time of a node on an executor.
 
-rclpy's TimeSource needs a node that spins: its executor builds a wait set, a task and a message object for every tick, and
-a hundred ticks a second of that are 5 % of a core in each of a dozen processes. This waits on the one subscription in a
-thread of its own and reads the twelve bytes.
+rclpy's TimeSource needs a spinning node, whose executor builds a wait set, a task and a message object for every tick. At 100
+ticks per second that costs 5 % of a core in each of a dozen processes. ClockFollower waits for one subscription in its own
+thread and reads the twelve bytes of the message.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from rosgraph_msgs.msg import Clock
 
 from lupin_runtime import graph
 from lupin_runtime.ros.node import qos_profile
-from lupin_runtime.ros.unspun import Unspun
+from lupin_runtime.ros.polled_subscription import PolledGroup
 
-_STOP_LOOK_NS = 200_000_000
-# CDR: four bytes of encapsulation, the second of which says the byte order; then int32 seconds, uint32 nanoseconds.
+_STOP_POLL_NS = 200_000_000
+# CDR: four bytes of encapsulation, the second of which gives the byte order; then int32 seconds, uint32 nanoseconds.
 _LITTLE, _BIG = struct.Struct("<iI"), struct.Struct(">iI")
 _HEADER_BYTES = 4
 
 
 def clock_ns(data: bytes) -> int:
-    """Nanoseconds of a serialised rosgraph_msgs/Clock."""
+    """The time in nanoseconds of a serialized rosgraph_msgs/Clock."""
     seconds, nanoseconds = (_LITTLE if data[1] & 1 else _BIG).unpack_from(data, _HEADER_BYTES)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
 
 class ClockFollower:
-    """Sets the ROS time of every attached node's clock from `/clock`. Build it after `rclpy.init`, stop it before shutdown."""
+    """Sets the ROS time of every attached node from `/clock`. Create it after `rclpy.init`; stop it before the shutdown."""
 
     def __init__(self, on_failure: Callable[[], None] = lambda: None) -> None:
-        """`on_failure` is called when the clock can't be followed any further: a process without time only looks alive."""
+        """`on_failure` is called if the clock cannot be followed any more; as timers then stand still, it stops the process."""
         self._on_failure = on_failure
         self._node = Node(
             f"clock_{os.getpid()}",
@@ -56,7 +56,7 @@ class ClockFollower:
             graph.CLOCK.name,
             lambda _: None,
             qos_profile(graph.CLOCK.qos),
-            callback_group=Unspun(),
+            callback_group=PolledGroup(),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
         )
@@ -66,28 +66,28 @@ class ClockFollower:
         self._thread = threading.Thread(target=self._run, name="clock", daemon=True)
 
     def attach(self, node: Node) -> None:
-        """Let a node's clock follow; until the first message it stands at zero."""
+        """Let a node's clock follow `/clock`; until the first message its time is zero."""
         clock: Any = node.get_clock()
         clock._set_ros_time_is_active(True)
         clock.set_ros_time_override(self._latest)
         self._clocks.append(clock)
 
     def start(self) -> None:
-        """Begin to follow."""
+        """Start the thread that follows `/clock`."""
         self._thread.start()
 
     def stop(self) -> None:
         """Stop following; returns when the thread has left the middleware."""
         self._stop.set()
         if self._thread.is_alive():
-            self._thread.join(10 * _STOP_LOOK_NS / 1e9)
+            self._thread.join(10 * _STOP_POLL_NS / 1e9)
         self._node.destroy_node()
 
     def _run(self) -> None:
         try:
             self._follow()
         except Exception:
-            # Whatever the middleware raises here, the process must end with it, loudly.
+            # Any exception of the middleware must terminate the process with its stack trace.
             traceback.print_exc()
             self._on_failure()
 
@@ -100,7 +100,7 @@ class ClockFollower:
             while not self._stop.is_set():
                 wait_set.clear_entities()
                 wait_set.add_subscription(handle)
-                wait_set.wait(_STOP_LOOK_NS)
+                wait_set.wait(_STOP_POLL_NS)
                 taken = handle.take_message(Clock, True)
                 if taken is not None:
                     self._latest = Time(nanoseconds=clock_ns(taken[0]), clock_type=ClockType.ROS_TIME)

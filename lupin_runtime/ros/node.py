@@ -31,7 +31,7 @@ def interface(type_name: str) -> Any:
 
 
 def qos_profile(qos: Qos) -> QoSProfile:
-    """rclpy's form of a row's QoS."""
+    """The rclpy profile of a QoS."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=qos.depth,
@@ -41,12 +41,15 @@ def qos_profile(qos: Qos) -> QoSProfile:
 
 
 class LupinNode(Node):
-    """A node of ours. It offers no parameter services: they cost a start-up's worth of discovery on every node.
+    """A node whose publishers, subscriptions, services and actions come from rows of `graph.py`.
 
-    `parameters` overrides the declared defaults.
+    It offers no parameter services, because their discovery slows down the start of every node. `parameters` overrides the
+    declared defaults.
     """
 
-    simulated_time: ClassVar[bool] = False  # whether this process follows `/clock`; said before its nodes are built
+    simulated_time: ClassVar[bool] = False  # whether this process follows `/clock`; set before its nodes are created
+    # Why nothing may move now, by the supervisor of this process; empty where motion is allowed.
+    motion_hold: ClassVar[Callable[[], str]] = staticmethod(lambda: "")
 
     def __init__(self, name: str, parameters: dict[str, Any] | None = None, **options: Any) -> None:
         overrides = [Parameter(key, value=value) for key, value in (parameters or {}).items()]
@@ -56,6 +59,9 @@ class LupinNode(Node):
     def parameter(self, name: str, default: Any) -> Any:
         """Declare a parameter and return its value; the default gives the type."""
         return self.declare_parameter(name, default).value
+
+    def before_shutdown(self) -> None:
+        """Called before the process leaves the graph; overridden by nodes that must stop motion or close a file."""
 
     def publisher(self, topic: Topic, qos: Qos | None = None) -> Publisher:
         """A publisher with the row's type and QoS."""
@@ -68,8 +74,10 @@ class LupinNode(Node):
         return self.create_subscription(interface(topic.type), topic.name, callback, qos_profile(qos or topic.qos), raw=raw)
 
     def service(self, row: Service, callback: Callable[[Any, Any], Any], group: CallbackGroup | None = None) -> RosService:
-        """A server of the row's service; the callback takes (request, response) and returns the response. One that is a
-        coroutine and awaits answers needs a reentrant `group`, shared with the clients of those answers."""
+        """A server of the row's service; the callback takes (request, response) and returns the response.
+
+        A coroutine callback that awaits service calls needs a reentrant `group` that it shares with the clients of those calls.
+        """
         return self.create_service(interface(row.type), row.name, callback, callback_group=group)
 
     def client(self, row: Service, group: CallbackGroup | None = None) -> Client:
@@ -81,26 +89,31 @@ class LupinNode(Node):
         return ActionClient(self, interface(row.type), row.name)
 
     def create_timer(self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **options: Any) -> Timer:
-        """As rclpy's, with a better clock: simulated under `/clock`, else monotonic. By rclpy's default a wall clock that is
-        stepped back by five minutes stops every timer for five minutes, those of drive bus and e-stop too."""
+        """Create a timer on simulated time under `/clock`, and else on the monotonic clock.
+
+        rclpy's default is the wall clock: when that is stepped back by five minutes, every timer stops for five minutes,
+        including those of the drive bus and the e-stop.
+        """
         if options.get("clock") is None and not self.simulated_time:
             options["clock"] = _STEADY
         return super().create_timer(timer_period_sec, callback, *args, **options)
 
     def destroy_node(self) -> None:
-        """As rclpy's, with action servers and clients too: each holds on to the node, and others would see it for its lease."""
+        """Destroy the node and its action servers and clients, which would keep it visible to others until its lease ends."""
         for waitable in list(self.waitables):
             if isinstance(waitable, ActionServer | ActionClient):
                 waitable.destroy()
         super().destroy_node()
 
     def now_ns(self) -> int:
-        """ROS time: the simulator's under `/clock`, the system's otherwise. For stamps."""
+        """ROS time for stamps: the simulator's under `/clock`, and else the system's."""
         return int(self.get_clock().now().nanoseconds)
 
     def elapsed_clock_ns(self) -> int:
-        """A clock for time-outs: simulated under `/clock`, else monotonic, so that no step of the wall clock can
-        stretch or cut a wait that keeps the robot safe."""
+        """The clock for timeouts: simulated under `/clock`, and else monotonic.
+
+        A step of the wall clock then cannot lengthen or shorten a timeout that keeps the robot safe.
+        """
         clock = self.get_clock()
         if clock.clock_type == ClockType.ROS_TIME and clock.ros_time_is_active:
             return int(clock.now().nanoseconds)

@@ -1,21 +1,21 @@
-"""A process that must answer within milliseconds asks the scheduler to be served before those that compute."""
+"""Scheduling priority for processes that must respond within milliseconds while others compute."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
-REALTIME_PRIORITY = 1  # above every ordinary process, below whatever else on the machine is real-time
+REALTIME_PRIORITY = 1  # above every ordinary process, below other real-time processes
 NICE = -10
 
 
 def serve_first() -> str:
-    """Ask for real-time scheduling of this process, else for a better nice value; returns what came of it, in words.
+    """Request real-time scheduling for this process, or else a better nice value; returns a sentence that names the result.
 
-    Only for processes that sleep nearly always: the kernel leaves others 5 % of a core that a real-time process spins on.
-    Linux keeps both values per thread and hands them to threads started later, so those that the middleware already
-    started are set one by one (sched(7)). Without the right to either nothing changes: all works, only less promptly under
-    load.
+    Use it only for processes that sleep most of the time: on a core that a real-time process keeps busy, the kernel leaves 5 %
+    to the others. Linux keeps both values per thread and passes them on to threads that are started later, so the threads that
+    the middleware has already started are set one by one (sched(7)). Without the permission for either the process works as
+    before, but responds later under load.
     """
     threads = [int(entry.name) for entry in Path("/proc/self/task").iterdir()]
     refused = []
@@ -24,7 +24,7 @@ def serve_first() -> str:
             for thread in threads:
                 setter(thread)
         except ProcessLookupError:
-            return f"{name} scheduling for some of {len(threads)} threads: one ended meanwhile"
+            return f"{name} scheduling for some of {len(threads)} threads; one ended meanwhile"
         except PermissionError as error:
             refused.append(f"{name}: {error}")
         else:

@@ -1,4 +1,4 @@
-"""builtin_interfaces/Time as integer nanoseconds, and back."""
+"""Conversion between builtin_interfaces/Time and integer nanoseconds."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from builtin_interfaces.msg import Time
 
 
 def stamp_ns(stamp: Time) -> int:
-    """Nanoseconds of a message's stamp."""
+    """The time of a stamp in nanoseconds."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 

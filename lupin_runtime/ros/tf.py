@@ -1,4 +1,4 @@
-"""Publishing to and listening on `/tf` and `/tf_static`: the wheels bring no tf2_ros."""
+"""Publishes and receives transforms on `/tf` and `/tf_static`; the ROS wheels have no tf2_ros."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lupin_runtime.transforms import Transform, TransformTree
 
 
 def to_message(parent: str, child: str, time_ns: int, transform: Transform) -> TransformStamped:
-    """A TransformStamped of `parent_from_child`."""
+    """The TransformStamped of `transform`, which is `parent_from_child`."""
     message = TransformStamped()
     message.header.stamp = stamp_from_ns(time_ns)
     message.header.frame_id = parent
@@ -25,13 +25,13 @@ def to_message(parent: str, child: str, time_ns: int, transform: Transform) -> T
 
 
 def from_message(message: TransformStamped) -> Transform:
-    """`parent_from_child` of a TransformStamped."""
+    """The transform `parent_from_child` of a TransformStamped."""
     t, q = message.transform.translation, message.transform.rotation
     return Transform((t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
 
 
 class TransformListener:
-    """Keeps a TransformTree filled from the graph; its callbacks run on the node's own executor."""
+    """Fills a TransformTree from the graph; its callbacks run on the executor of its node."""
 
     def __init__(self, node: LupinNode, tree: TransformTree | None = None) -> None:
         self.tree = tree or TransformTree()
@@ -42,7 +42,7 @@ class TransformListener:
         )
 
     def close(self) -> None:
-        """Stop listening; the tree stays as it is."""
+        """Unsubscribe; the tree keeps its transforms."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
 
@@ -53,7 +53,7 @@ class TransformListener:
                     item.header.frame_id, item.child_frame_id, stamp_ns(item.header.stamp), from_message(item), static
                 )
             except ValueError as error:
-                self._node.get_logger().warning(f"dropped: {error}", throttle_duration_sec=5.0)
+                self._node.get_logger().warning(f"transform dropped: {error}", throttle_duration_sec=5.0)
 
 
 class TransformBroadcaster:
@@ -70,7 +70,7 @@ class TransformBroadcaster:
         self._moving.publish(TFMessage(transforms=list(transforms)))
 
     def send_static(self, *transforms: TransformStamped) -> None:
-        """Publish fixed transforms; each message carries all fixed ones of this broadcaster, as latching needs."""
+        """Publish fixed transforms, in a message with all of this broadcaster's: a late joiner receives only the last one."""
         if self._fixed_publisher is None:
             self._fixed_publisher = self._node.publisher(graph.TF_STATIC)
         self._fixed.update((item.child_frame_id, item) for item in transforms)

@@ -1,17 +1,18 @@
-"""The safety lane: the e-stop of buttons and consoles folded into one state, and the edges that the mission acts on.
+"""The e-stop, which combines the robot's button and the consoles into one state, and the battery and e-stop monitors.
 
-Cores only; the node is in `lupin_runtime.safety.node`. Not safety rated: there is no hardware kill switch in this path.
+This package exports the cores; the node is in `lupin_runtime.safety.node`. It is not safety rated: no hardware kill switch is
+in this path.
 """
 
 from lupin_runtime.safety.battery_monitor import BatteryEdge, BatteryMonitor, normalise
-from lupin_runtime.safety.consoles import ConsoleLane
+from lupin_runtime.safety.console_stop import ConsoleStop
 from lupin_runtime.safety.estop import EstopSources, EstopState
 from lupin_runtime.safety.estop_monitor import EStopEdge, EStopMonitor
 
 __all__ = [
     "BatteryEdge",
     "BatteryMonitor",
-    "ConsoleLane",
+    "ConsoleStop",
     "EStopEdge",
     "EStopMonitor",
     "EstopSources",

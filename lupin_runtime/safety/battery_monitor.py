@@ -1,4 +1,4 @@
-"""Turns a battery's percentage into one low and one recovered edge, whatever scale its driver uses."""
+"""Detects a low and a recovered battery from its percentage, on either scale that drivers use."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ LOW_THRESHOLD = 0.20
 
 
 class BatteryEdge(enum.Enum):
-    """What just changed."""
+    """A change of the battery's state."""
 
     LOW = "low"
     RECOVERED = "recovered"
 
 
 def normalise(percentage: object) -> float | None:
-    """The fraction in [0, 1] that a BatteryState.percentage means, or None where it means nothing.
+    """BatteryState.percentage as a fraction in [0, 1]; None where it is not a percentage.
 
-    Some drivers report 0..1, others 0..100, and NaN when they only know the voltage. Above 1 it is read as percent; so a
-    0..100 source at exactly 1 % reads as full, which no rule over a single value can tell apart.
+    Some drivers report 0..1, others 0..100, and NaN when they only know the voltage. A value above 1 is read as percent. A
+    0..100 source at exactly 1 % therefore reads as full, which a single value cannot distinguish.
     """
     if isinstance(percentage, bool) or not isinstance(percentage, (int, float)):
         return None
@@ -29,10 +29,9 @@ def normalise(percentage: object) -> float | None:
 
 
 class BatteryMonitor:
-    """Keeps the last good value and latches the low state; each edge is reported once.
+    """Keeps the last valid value and the low state; each edge is reported once.
 
-    `low` is the state itself: whoever keeps a flag of its own and clears it must read this again, for the edge does not
-    come twice.
+    A caller that clears a flag of its own must read `low` again, because an edge is not repeated.
     """
 
     def __init__(self, threshold: float = LOW_THRESHOLD) -> None:
@@ -43,7 +42,7 @@ class BatteryMonitor:
         self.low = False
 
     def update(self, percentage: object) -> BatteryEdge | None:
-        """Take a BatteryState.percentage; returns the edge that it brought, if any."""
+        """Handle a BatteryState.percentage; returns the edge that it caused, or None."""
         value = normalise(percentage)
         if value is None:
             return None

@@ -1,17 +1,17 @@
-"""The e-stop: the robot's button OR the consoles, with every reason in words."""
+"""The e-stop: engaged by the robot's button or by a console, with every reason as text."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lupin_runtime.safety.consoles import ConsoleLane
+from lupin_runtime.safety.console_stop import ConsoleStop
 
 BUTTON_SILENCE_S = 2.0
 
 
 @dataclass(frozen=True)
 class EstopState:
-    """Whether the stop is engaged, every reason for it, and what is wrong with its sources."""
+    """Whether the e-stop is engaged, every reason for it, and warnings about its sources."""
 
     engaged: bool
     reasons: tuple[str, ...] = ()
@@ -19,41 +19,42 @@ class EstopState:
 
 
 class EstopSources:
-    """Folds the button and the consoles together. Both start released.
+    """Combines the button and the consoles. Both start released.
 
-    The button's last value holds until it says another. When it fell silent, `button_silence_engages` decides: by default
-    that is only a warning, because whether the vendor's firmware repeats an unchanged button has not been verified, and a
-    stop that is always on gets bypassed. Set it where the button is known to repeat.
+    The button's last value holds until its next message. A button that falls silent engages the e-stop, because it can no
+    longer be pressed. It is silent only by both clocks: a jump of the simulated clock, or a slow simulation, is no silence.
+    One that was never received causes a warning: a robot without a button can still be driven. Clear `button_silence_engages`
+    for firmware that reports a button only when it changes; its silence is then a warning too.
     """
 
     def __init__(
         self,
-        consoles: ConsoleLane,
+        consoles: ConsoleStop,
         *,
         engaged_value: bool = True,
         button_silence_s: float = BUTTON_SILENCE_S,
-        button_silence_engages: bool = False,
+        button_silence_engages: bool = True,
     ) -> None:
         self.consoles = consoles
         self._engaged_value = engaged_value
         self._silence_ns = int(button_silence_s * 1e9)
         self._silence_engages = button_silence_engages
         self._pressed = False
-        self._button_ns: int | None = None
+        self._button_ns: tuple[int, int] | None = None  # of its last message, on its driver's clock and in real time
 
-    def button(self, value: bool, now_ns: int) -> None:
-        """Take a message of the button; `now_ns` is of the clock that the button's driver lives by."""
+    def button(self, value: bool, now_ns: int, real_ns: int) -> None:
+        """Handle a message of the button; `now_ns` is on the clock of the button's driver, `real_ns` on the consoles' clock."""
         self._pressed = value == self._engaged_value
-        self._button_ns = now_ns
+        self._button_ns = (now_ns, real_ns)
 
     def state(self, now_ns: int, real_ns: int) -> EstopState:
-        """The stop as of now: `now_ns` of the button's clock, `real_ns` of the consoles'."""
+        """The e-stop state at `now_ns` of the button's clock and `real_ns` of the consoles' clock."""
         reasons, warnings = [], []
         if self._pressed:
             reasons.append("the button is pressed")
         if self._button_ns is None:
-            warnings.append("the button has not been heard")
-        elif not 0 <= now_ns - self._button_ns <= self._silence_ns:
+            warnings.append("no message from the button yet")
+        elif not any(0 <= now - then <= self._silence_ns for now, then in zip((now_ns, real_ns), self._button_ns)):
             silent = f"the button has been silent for more than {self._silence_ns / 1e9:g} s"
             (reasons if self._silence_engages else warnings).append(silent)
         console = self.consoles.reason(real_ns)

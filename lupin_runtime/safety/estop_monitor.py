@@ -1,26 +1,52 @@
-"""Turns the repeated e-stop state into edges: the repeats are there for late joiners, not for those who listen."""
+"""Evaluates the repeated e-stop state, whose topic any node of the graph can publish on.
+
+Engaging takes one message; releasing takes evidence, because a single false may come from a node that is not the e-stop bridge.
+"""
 
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
+
+# The bridge repeats its state at 5 Hz: a release takes effect after QUIET_S and at most one more period.
+RELEASE_COUNT = 3
+QUIET_S = 0.5
 
 
 class EStopEdge(enum.Enum):
-    """What just changed."""
+    """A change of the e-stop state."""
 
     ENGAGED = "engaged"
     RELEASED = "released"
 
 
 class EStopMonitor:
-    """Starts released, as nothing was heard yet; `engaged` is the last state heard."""
+    """`engaged` follows the first true; released before the first message.
 
-    def __init__(self) -> None:
+    It is released by RELEASE_COUNT falses in a row and QUIET_S without a true, while the topic has exactly one publisher.
+    A second node that publishes false therefore cannot release it.
+    """
+
+    def __init__(self, publisher_count: Callable[[], int] = lambda: 1) -> None:
+        """`publisher_count` returns the number of publishers of the topic; called only where all else allows a release."""
         self.engaged = False
+        self._publisher_count = publisher_count
+        self._falses = 0
+        self._true_ns = 0
 
-    def update(self, engaged: bool) -> EStopEdge | None:
-        """Take a message of the e-stop state; returns the edge that it brought, if any."""
-        if engaged == self.engaged:
+    def update(self, engaged: bool, now_ns: int) -> EStopEdge | None:
+        """Handle a message of the e-stop state; returns the edge that it caused, or None."""
+        if engaged:
+            self._true_ns, self._falses = now_ns, 0
+            edge = None if self.engaged else EStopEdge.ENGAGED
+            self.engaged = True
+            return edge
+        if not self.engaged:
             return None
-        self.engaged = engaged
-        return EStopEdge.ENGAGED if engaged else EStopEdge.RELEASED
+        self._falses += 1
+        self._true_ns = min(self._true_ns, now_ns)  # a clock that was set back: the quiet time begins again
+        quiet = now_ns - self._true_ns >= QUIET_S * 1e9
+        if self._falses < RELEASE_COUNT or not quiet or self._publisher_count() != 1:
+            return None
+        self.engaged = False
+        return EStopEdge.RELEASED

@@ -15,29 +15,30 @@ from lupin_runtime.geometry import Pose2, quaternion_from_yaw, yaw_from_quaterni
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.ros import LupinNode, TransformBroadcaster, TransformListener, stamp_from_ns, stamp_ns
 from lupin_runtime.ros.tf import to_message
+from lupin_runtime.scan_health import ScanHealth, ScanJudge
 from lupin_runtime.slam.amcl import Amcl, AmclSettings, Belief
-from lupin_runtime.slam.likelihood_field import BeamModel
-from lupin_runtime.slam.scan import Health, ScanHealth, ScanReader
-from lupin_runtime.slam.slam_node import CLOCK_STEP_NS, LaserMount, pose2_of
+from lupin_runtime.slam.likelihood_field import LikelihoodFieldParameters
+from lupin_runtime.slam.scan import MIN_POINTS, ScanReader
+from lupin_runtime.slam.slam_node import CLOCK_STEP_NS, LaserMount
 from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable
 
 Array = NDArray[np.floating]
 
-# Nav2's spread around an initial pose that comes without one (m, m, rad; squared).
+# Nav2's covariance of an initial pose without one (m², m², rad²).
 INITIAL_COVARIANCE = np.diag([0.25, 0.25, 0.068])
-# Scans that are used at once after an initial pose, before the robot has moved: a resting robot is localised too.
+# Scans that are used after an initial pose although the robot has not moved, so that a resting robot is localised too.
 FIRST_SCANS = 4
 
 
 class AmclNode(LupinNode):
-    """`/map`, `/scan` and odom -> base_link in; `/amcl_pose` and map -> odom out."""
+    """Subscribes to `/map`, `/scan` and odom -> base_link; publishes `/amcl_pose` and map -> odom."""
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("amcl", parameters)
         self._declare()
         self._tree = TransformTree()
         self._mount = LaserMount(self._tree, self._base_frame)
-        self._reader, self._scan_health = ScanReader(), ScanHealth()
+        self._reader, self._judge = ScanReader(), ScanJudge()
         self._grid: GridMap | None = None
         self._filter: Amcl | None = None
         self._start: tuple[Array, Array] | None = None
@@ -51,11 +52,11 @@ class AmclNode(LupinNode):
         if self._initial is not None:
             self._begin(self._initial, INITIAL_COVARIANCE)
         TransformListener(self, self._tree)
-        self.subscription(graph.MAP, self._take_map)
-        self.subscription(graph.INITIAL_POSE, self._take_initial_pose)
-        self.subscription(graph.Topic(self._scan_topic, graph.SCAN.type, graph.SCAN.qos), self._take_scan)
-        # A scan is one odometry message ahead of its transform: look again soon.
-        self.create_timer(0.02, self._work)
+        self.subscription(graph.MAP, self._on_map)
+        self.subscription(graph.INITIAL_POSE, self._on_initial_pose)
+        self.subscription(graph.Topic(self._scan_topic, graph.SCAN.type, graph.SCAN.qos), self._on_scan)
+        # A scan arrives before the odometry of its time: try again soon.
+        self.create_timer(0.02, self._process_newest)
 
     def _declare(self) -> None:
         p = self.parameter
@@ -67,9 +68,9 @@ class AmclNode(LupinNode):
         self._tf_broadcast = p("tf_broadcast", True)
         for name, only in (("robot_model_type", "nav2_amcl::OmniMotionModel"), ("laser_model_type", "likelihood_field")):
             if (asked := p(name, only)) != only:
-                self.get_logger().warning(f"{name} {asked!r} does not exist here: {only} is used")
+                self.get_logger().warning(f"{name} {asked!r} is not supported: {only} is used")
         self._range_min_m, self._range_max_m = p("laser_min_range", 0.25), p("laser_max_range", 12.0)
-        beams = BeamModel(
+        likelihood_field = LikelihoodFieldParameters(
             p("z_hit", 0.5), p("z_rand", 0.5), p("sigma_hit", 0.2), p("laser_likelihood_max_dist", 2.0), self._range_max_m
         )
         self._settings = AmclSettings(
@@ -81,14 +82,14 @@ class AmclNode(LupinNode):
             update_min_a=p("update_min_a", 0.2),
             resample_interval=p("resample_interval", 1),
             pf_err=p("pf_err", 0.05),
-            beams=beams,
+            likelihood_field=likelihood_field,
         )
         pose = np.array([p("initial_pose.x", 1.0527), p("initial_pose.y", 0.509611), p("initial_pose.yaw", 0.0)])
         self._initial = pose if p("set_initial_pose", True) else None
 
     # -- input -----------------------------------------------------------------------------------------------------------
 
-    def _take_map(self, message: OccupancyGrid) -> None:
+    def _on_map(self, message: OccupancyGrid) -> None:
         try:
             cells = np.frombuffer(message.data, np.int8).reshape(message.info.height, message.info.width).copy()
             at = message.info.origin.position
@@ -96,7 +97,7 @@ class AmclNode(LupinNode):
         except ValueError as error:
             self.get_logger().error(f"map ignored: {error}")
             return
-        if self._grid is not None and self._same(self._grid, grid):
+        if self._grid is not None and self._is_same_map(self._grid, grid):
             return
         self._grid = grid
         self._filter = None
@@ -106,12 +107,12 @@ class AmclNode(LupinNode):
         self.get_logger().info(f"map of {grid.width} x {grid.height} cells")
 
     @staticmethod
-    def _same(a: GridMap, b: GridMap) -> bool:
+    def _is_same_map(a: GridMap, b: GridMap) -> bool:
         return (a.origin_x, a.origin_y, a.resolution_m) == (b.origin_x, b.origin_y, b.resolution_m) and np.array_equal(
             a.cells, b.cells
         )
 
-    def _take_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
+    def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         if message.header.frame_id not in ("", self._map_frame):
             self.get_logger().error(f"initial pose in frame {message.header.frame_id!r} ignored: expected {self._map_frame!r}")
             return
@@ -126,7 +127,7 @@ class AmclNode(LupinNode):
             return
         self._start = (pose, covariance)
 
-    def _take_scan(self, scan: LaserScan) -> None:
+    def _on_scan(self, scan: LaserScan) -> None:
         stamp = stamp_ns(scan.header.stamp)
         if stamp < self._last_stamp_ns - CLOCK_STEP_NS:
             self.get_logger().warning("the clock went back: buffers are cleared, the pose is kept")
@@ -134,12 +135,12 @@ class AmclNode(LupinNode):
             self._last_stamp_ns = 0
         if stamp > self._last_stamp_ns:
             self._scan = scan
-            self._work()
+            self._process_newest()
 
     # -- the filter ------------------------------------------------------------------------------------------------------
 
-    def _work(self) -> None:
-        """Use the newest scan once the odometry has reached its moment."""
+    def _process_newest(self) -> None:
+        """Use the newest scan once the odometry has reached its time."""
         scan = self._scan
         if scan is None:
             return
@@ -158,7 +159,7 @@ class AmclNode(LupinNode):
 
     def _localise(self, scan: LaserScan, stamp: int) -> None:
         self._last_stamp_ns = stamp
-        odom = pose2_of(self._tree.lookup(self._odom_frame, self._base_frame, stamp))
+        odom = self._tree.lookup(self._odom_frame, self._base_frame, stamp).to_pose2()
         if self._grid is None:
             self.get_logger().warning(f"no {graph.MAP.name} yet", throttle_duration_sec=10.0)
             return
@@ -184,11 +185,11 @@ class AmclNode(LupinNode):
         assert self._filter is not None
         beams = self._mount.beams(scan, self._range_min_m, self._range_max_m)
         ranges = np.frombuffer(scan.ranges, np.float32).astype(float)
-        read = self._reader.read(beams, ranges)
-        health = self._scan_health.judge(ranges, len(read), odom)
-        if health in (Health.GOOD, Health.REPEATED):
-            return self._filter.correct(read.xy)
-        self.get_logger().warning(f"going by odometry alone: {health.value}", throttle_duration_sec=5.0)
+        points = self._reader.read(beams, ranges)
+        health = self._judge.judge(ranges, len(points) >= MIN_POINTS, odom)
+        if health in (ScanHealth.GOOD, ScanHealth.REPEATED):
+            return self._filter.correct(points.xy)
+        self.get_logger().warning(f"using odometry alone: {health.value}", throttle_duration_sec=5.0)
         return self._filter.belief()
 
     def _publish(self, belief: Belief, odom: Pose2, stamp: int) -> None:

@@ -1,4 +1,4 @@
-"""CARMEN logs: laser scans with odometry, as text, one message a line.
+"""Reads CARMEN logs: laser scans with odometry, as text, one message per line.
 
 Formats: `FLASER n r1..rn  x y yaw  odom_x odom_y odom_yaw  ipc_time host logger_time` and, of later versions,
 `ROBOTLASER1` with its own field of view. The first pose is the laser's, the second the robot's, both by odometry.
@@ -18,15 +18,16 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.geometry import Pose2
-from lupin_runtime.slam.files import MalformedFile
 
-# A laser that sees half a turn: its readings start at the right. 180, 181: one a degree; 360, 361: two; 401: four over 100.
+# A laser with 180 degrees of view, readings from right to left. 180 or 181 readings: 1 degree apart; 360 or 361: 0.5;
+# 401: 0.25 over 100 degrees.
 _HALF_TURN = math.pi / 2.0
 _STEPS_DEG = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
-# More than this share of broken scan lines and the file is something else, or torn: no map of it would be honest.
+# A file with a larger share of broken scan lines is of another format, or damaged: it is refused.
 MAX_BROKEN_SHARE = 0.1
-# A mount is a constant: offsets that wander further than rounding are two estimates of a pose, not a mount.
+# The offset of a mount is constant: one that varies by more than rounding comes from two estimates of the pose.
 _MOUNT_SPREAD_M, _MOUNT_SPREAD_RAD = 0.005, 0.005
 _MOUNT_PARAMETERS = ("robot_frontlaser_offset", "robot_frontlaser_side_offset", "robot_frontlaser_angular_offset")
 _KEPT_PROBLEMS = 20
@@ -47,7 +48,7 @@ class LogScan:
 
 @dataclass(frozen=True)
 class CarmenLog:
-    """The scans in the order of the file, the laser's place on the robot, and what could not be used (`line: reason`)."""
+    """The scans in the order of the file, the laser's pose on the robot, and the unusable lines (`line: reason`)."""
 
     scans: list[LogScan]
     mount: Pose2
@@ -56,24 +57,24 @@ class CarmenLog:
 
 
 def read_carmen(path: Path) -> CarmenLog:
-    """Read a log, packed by gzip or not.
+    """Read a log, plain or compressed by gzip.
 
-    Broken lines are named and left out; a file that is mostly broken, or holds no scan, is refused.
+    Broken lines are listed in `problems` and skipped; a file with too many of them, or without scans, is refused.
 
     Raises MalformedFile, OSError.
     """
     with path.open("rb") as stream:
         packed = stream.read(2) == b"\x1f\x8b"
-    opener: Callable[..., TextIO] = gzip.open if packed else open  # type: ignore[assignment]
+    opener: Callable[..., TextIO] = gzip.open if packed else open
     try:
         with opener(path, "rt", encoding="utf-8", errors="replace") as lines:
             return parse_carmen(lines, path)
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise MalformedFile(path, None, f"the compressed log is torn: {error}") from None
+        raise MalformedFile(path, None, f"the compressed log is damaged: {error}") from None
 
 
 def parse_carmen(lines: Iterable[str], name: Path | str = "log") -> CarmenLog:
-    """As `read_carmen`, from lines already at hand; `name` is what errors call them."""
+    """Parse the lines of a log as `read_carmen` does; `name` is the file's name in errors."""
     scans: list[LogScan] = []
     problems: list[str] = []
     broken, first_broken, mount_parameters = 0, (0, ""), dict[str, float]()
@@ -101,10 +102,10 @@ def parse_carmen(lines: Iterable[str], name: Path | str = "log") -> CarmenLog:
         raise MalformedFile(name, None, "no FLASER or ROBOTLASER1 line: expected a CARMEN log with laser scans")
     if len(problems) < broken:
         problems.append(f"and {broken - len(problems)} more")
-    if len(scans) > 1 and _stands_still([scan.odom for scan in scans]) and not _stands_still([scan.laser for scan in scans]):
-        # Some writers fill in the first pose alone.
+    if len(scans) > 1 and _is_constant([scan.odom for scan in scans]) and not _is_constant([scan.laser for scan in scans]):
+        # Some writers fill in the first pose only.
         scans = [replace(scan, odom=scan.laser) for scan in scans]
-        problems.append("the robot's pose never changes: the laser's is taken for the odometry")
+        problems.append("the robot's pose never changes: the laser's pose is used as odometry")
     stated = Pose2(*(mount_parameters.get(name, 0.0) for name in _MOUNT_PARAMETERS)) if mount_parameters else None
     mount, warning = _mount(scans, stated)
     return CarmenLog(scans, mount, problems + ([warning] if warning else []), broken)
@@ -126,7 +127,7 @@ def _pose(values: list[float], what: str) -> Pose2:
 def _count(text: str) -> int:
     count = int(text)
     if not 2 <= count <= 10_000:
-        raise ValueError(f"{count} readings make no scan")
+        raise ValueError(f"{count} readings are invalid")
     return count
 
 
@@ -162,7 +163,7 @@ def _flaser(fields: list[str], line: int) -> LogScan:
 def _robotlaser(fields: list[str], line: int) -> LogScan:
     _, first, _, step = _numbers(fields, 1, 4, "type, start angle, field of view, resolution")
     if not (math.isfinite(first) and math.isfinite(step) and step > 0.0):
-        raise ValueError(f"start angle {first} and resolution {step} make no scan")
+        raise ValueError(f"start angle {first} and resolution {step} are invalid")
     if len(fields) < 9:
         raise ValueError("the number of readings is missing")
     count = _count(fields[8])
@@ -184,12 +185,12 @@ def _robotlaser(fields: list[str], line: int) -> LogScan:
     )
 
 
-def _stands_still(poses: list[Pose2]) -> bool:
+def _is_constant(poses: list[Pose2]) -> bool:
     return all(pose == poses[0] for pose in poses)
 
 
 def _mount(scans: list[LogScan], parameter: Pose2 | None) -> tuple[Pose2, str]:
-    """Where the laser sits on the robot: from both poses of the lines, where they differ by one constant."""
+    """Return the laser's pose on the robot, from the offset between the poses of each line if it is constant, and a problem."""
     offsets = [scan.odom.inverse() @ scan.laser for scan in scans]
     values = np.array([(o.x, o.y, math.cos(o.yaw), math.sin(o.yaw)) for o in offsets])
     middle = np.median(values, axis=0)
@@ -198,4 +199,4 @@ def _mount(scans: list[LogScan], parameter: Pose2 | None) -> tuple[Pose2, str]:
         return Pose2(float(middle[0]), float(middle[1]), math.atan2(middle[3], middle[2])), ""
     if parameter is not None:
         return parameter, ""
-    return Pose2(), "the laser's pose is no constant offset from the odometry: the laser is taken to sit on the robot's origin"
+    return Pose2(), "the laser's offset from the odometry is not constant: the laser is assumed at the robot's origin"

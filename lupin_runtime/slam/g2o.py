@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lupin_runtime.slam.files import MalformedFile, write_atomically
+from lupin_runtime.atomic_file import MalformedFile, write_atomically
 from lupin_runtime.slam.pose_graph import Edges
 
-# Where the six numbers of an information matrix stand in its upper triangle: g2o writes rows, TORO diagonals first.
+# Positions of an information matrix's six numbers in its upper triangle: g2o writes rows, TORO its own order.
 _ROW_ORDER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-# Beyond these an id does not fit its array, and a square is no number any more.
-_MOST_ID, _MOST = 2**63 - 1, 1e60
+# A larger id does not fit its array; the square of a larger number is not finite.
+_MAX_ID, _MAX_NUMBER = 2**63 - 1, 1e60
 _TORO_ORDER = ((0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2))
 
 
 @dataclass(frozen=True)
 class GraphFile:
-    """A pose graph with the ids that its file gave: `ids` (N,), `poses` (N, 3), `edges` by index, `fixed` indices."""
+    """A pose graph with the ids of its file: `ids` (N,), `poses` (N, 3), `edges` by index, `fixed` indices."""
 
     ids: NDArray[np.int64]
     poses: NDArray[np.floating]
@@ -46,7 +46,7 @@ class _Reader:
         _expect(fields, 4, "id x y yaw")
         number = _number(fields[0])
         if number in self.index:
-            raise ValueError(f"vertex {number} was given before")
+            raise ValueError(f"vertex {number} is defined twice")
         self.index[number] = len(self.poses)
         self.poses.append(_finite(fields[1:4]))
 
@@ -72,7 +72,7 @@ _TAGS: dict[str, Callable[[_Reader, list[str]], None]] = {
     "EDGE_SE2": lambda reader, fields: reader.edge(fields, _ROW_ORDER),
     "EDGE2": lambda reader, fields: reader.edge(fields, _TORO_ORDER),
     "FIX": _Reader.fix,
-    "PARAMS_SE2OFFSET": lambda reader, fields: None,  # where a sensor sits: no pose and no edge between poses
+    "PARAMS_SE2OFFSET": lambda _reader, _fields: None,  # the pose of a sensor on the robot: neither vertex nor edge
 }
 
 
@@ -83,20 +83,20 @@ def _expect(fields: list[str], count: int, meaning: str) -> None:
 
 def _number(field: str) -> int:
     number = int(field)
-    if not -_MOST_ID <= number <= _MOST_ID:
-        raise ValueError(f"{number} is no vertex id: expected at most {_MOST_ID}")
+    if not -_MAX_ID <= number <= _MAX_ID:
+        raise ValueError(f"{number} is not a vertex id: expected at most {_MAX_ID}")
     return number
 
 
 def _finite(fields: list[str]) -> list[float]:
     values = [float(field) for field in fields]
-    if not (np.isfinite(values).all() and max(map(abs, values)) <= _MOST):
-        raise ValueError(f"expected finite numbers up to {_MOST:g}, found {' '.join(fields)}")
+    if not (np.isfinite(values).all() and max(map(abs, values)) <= _MAX_NUMBER):
+        raise ValueError(f"expected finite numbers up to {_MAX_NUMBER:g}, found {' '.join(fields)}")
     return values
 
 
 def read_g2o(path: Path) -> GraphFile:
-    """Read a graph. Raises MalformedFile naming the line, OSError where the file cannot be opened."""
+    """Read a graph. Raises MalformedFile, naming the line, and OSError."""
     reader = _Reader()
     with path.open(encoding="utf-8", errors="replace") as lines:
         for reader.line, text in enumerate(lines, start=1):
@@ -111,16 +111,16 @@ def read_g2o(path: Path) -> GraphFile:
             except ValueError as error:
                 raise MalformedFile(path, reader.line, f"{fields[0]}: {error}") from None
     if not reader.poses:
-        raise MalformedFile(path, None, "no VERTEX_SE2 line: this is no 2-D pose graph")
+        raise MalformedFile(path, None, "no VERTEX_SE2 line: expected a 2-D pose graph")
     for (tail, head), line in zip(reader.joins, reader.edge_lines):
         missing = [number for number in (tail, head) if number not in reader.index]
         if missing:
-            raise MalformedFile(path, line, f"the edge names vertex {missing[0]}, which no VERTEX_SE2 line gives")
+            raise MalformedFile(path, line, f"the edge names vertex {missing[0]}, which no VERTEX_SE2 line defines")
         if tail == head:
             raise MalformedFile(path, line, f"the edge joins vertex {tail} with itself")
     for number, line in reader.fixed:
         if number not in reader.index:
-            raise MalformedFile(path, line, f"FIX names vertex {number}, which no VERTEX_SE2 line gives")
+            raise MalformedFile(path, line, f"FIX names vertex {number}, which no VERTEX_SE2 line defines")
     ends = np.array([(reader.index[a], reader.index[b]) for a, b in reader.joins], dtype=np.int64).reshape(-1, 2)
     return GraphFile(
         ids=np.array(list(reader.index), dtype=np.int64),
@@ -143,4 +143,4 @@ def write_g2o(path: Path, graph: GraphFile) -> None:
     for tail, head, motion, information in zip(edges.tail, edges.head, edges.motion.tolist(), edges.information.tolist()):
         numbers = [*motion, *(information[row][column] for row, column in _ROW_ORDER)]
         lines.append(f"EDGE_SE2 {graph.ids[tail]} {graph.ids[head]} {' '.join(map(repr, numbers))}")
-    write_atomically(path, ("\n".join(lines) + "\n").encode())
+    write_atomically(path, "\n".join(lines) + "\n", sync=True)

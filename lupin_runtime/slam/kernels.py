@@ -1,4 +1,4 @@
-"""`_kernels.c` as typed functions: array shapes are checked here, before C sees them."""
+"""`_kernels.c` as typed functions: ctypes checks array types and shapes before C is called."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def add_surfels(
     """Add scans to a surfel raster; returns the new numbers of surfels and of marked cells."""
     total = int(count.sum())
     if surfels + total > len(surfel) or mark_count + total > len(marks):
-        raise ValueError(f"{total} points more do not fit {len(surfel)} surfels")
+        raise ValueError(f"{total} more points do not fit into {len(surfel)} surfels")
     listed = c_int32(mark_count)
     height, width = shape
     surfels = _library.add_surfels(
@@ -72,7 +72,7 @@ def add_surfels(
 
 
 def finish_surfels(surfel: Array, surfels: int) -> None:
-    """Turn sums into means."""
+    """Turn the surfels' sums into means."""
     _library.finish_surfels(surfel, surfels)
 
 
@@ -92,9 +92,9 @@ def search_window(
     pyramid: NDArray[np.uint8], corner: tuple[float, float], cell_m: float, xy: Array, centre: tuple[float, float],
     yaws: Array, yaw_penalty: Array, half_cells: int, place_penalty: float, floor: float, avoid: NDArray[np.int32],
 ) -> tuple[float, int, int, int] | None:  # fmt: skip
-    """(score, index of yaw, columns, rows off the centre) of the best pose of a window, or None below `floor`.
+    """Find the best pose of a window: (score, index of yaw, columns and rows from the centre), or None below `floor`.
 
-    `avoid` (k, 5) leaves out boxes: index of yaw, columns, rows of their middle, and their half widths in yaws and in cells.
+    `avoid` (k, 5) excludes boxes: index of yaw, column, row of their centre, and their half widths in yaws and in cells.
     """
     levels, height, width = pyramid.shape
     found = np.empty(3, np.int32)
@@ -109,7 +109,7 @@ def search_window(
 
 
 def field_score(field: NDArray[np.uint8], corner: tuple[float, float], cell_m: float, xy: Array, pose: Array) -> float:
-    """Mean of the field, 0 to 1, under points at a pose (3,)."""
+    """Mean of the field, 0 to 1, at the points of a scan at a pose (3,)."""
     height, width = field.shape
     return float(_library.field_score(field, width, height, *corner, cell_m, xy, len(xy), pose))
 
@@ -119,7 +119,7 @@ def refine_pose(
     cell_m: float, shape: tuple[int, int], pose: Array, prior: Array, prior_information: Array, iterations: int,
     gate_m: float, gate_end_m: float,
 ) -> tuple[Array, Array, int, int, float]:  # fmt: skip
-    """(pose, information of the measurement alone, partners, inliers within 3 sigma, mean distance) from a start pose (3,)."""
+    """Refine a pose (3,): (pose, information of the measurement alone, partners, inliers within 3 sigma, mean distance)."""
     height, width = shape
     pose, information, stats = pose.copy(), np.empty((3, 3)), np.zeros(3)
     partners = _library.refine_pose(
@@ -133,7 +133,7 @@ def count_beams(
     seen: NDArray[np.int32], hit: NDArray[np.int32], first: tuple[int, int], cell_m: float, xy: Array, pose: Array,
     sensor: tuple[float, float], sign: int,
 ) -> None:  # fmt: skip
-    """Add (1) or take back (-1) the beams of a scan from `sensor` to `xy`, both in the frame of `pose`.
+    """Add (sign 1) or remove (-1) the beams of a scan from `sensor` to `xy`, both in the frame of `pose`.
 
     `first` is the (column, row) of the raster's first cell, counted from the frame's origin.
     """
@@ -141,10 +141,10 @@ def count_beams(
     _library.count_beams(seen, hit, width, height, *first, cell_m, xy, len(xy), pose, *sensor, sign)
 
 
-def grade_cells(seen: NDArray[np.int32], hit: NDArray[np.int32], least: int, share: float) -> NDArray[np.int8]:
-    """Occupancy (height, width): -1, 0 or 100."""
+def grade_cells(seen: NDArray[np.int32], hit: NDArray[np.int32], min_beams: int, share: float) -> NDArray[np.int8]:
+    """Turn counters into occupancy (height, width): -1, 0 or 100."""
     grid = np.empty(seen.shape, np.int8)
-    _library.grade_cells(seen, hit, seen.size, least, share, grid)
+    _library.grade_cells(seen, hit, seen.size, min_beams, share, grid)
     return grid
 
 
@@ -152,7 +152,7 @@ def count_conflicts(
     seen: NDArray[np.int32], hit: NDArray[np.int32], corner: tuple[float, float], cell_m: float, xy: Array, pose: Array,
     reach: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """(points that lie in seen-through space, points that lie in seen cells)."""
+    """Count (points in space that beams have crossed, points in cells that beams have met)."""
     height, width = seen.shape
     conflicts, known = c_int32(), c_int32()
     _library.count_conflicts(

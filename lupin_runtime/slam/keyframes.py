@@ -1,4 +1,4 @@
-"""The pose graph of a mapper as it grows: keyframes, the edges between them, and who stands near whom along the graph."""
+"""The growing pose graph of a mapper: keyframes, the edges between them, and distances along the graph."""
 
 from __future__ import annotations
 
@@ -10,48 +10,22 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from lupin_runtime.slam.local_map import ScanPool, _grown
-from lupin_runtime.slam.pose_graph import Edges, wrap
-from lupin_runtime.slam.scan import Scan
+from lupin_runtime.slam.local_map import ScanPool, grow
+from lupin_runtime.slam.pose_graph import Edges
+from lupin_runtime.slam.scan import ScanPoints
 
 Array = NDArray[np.floating]
 Index = NDArray[np.int64]
 
-# What a turn of a radian adds to the length of an edge: uncertainty grows by turning on the spot, too.
+# Metres that a turn of one radian adds to the length of an edge: turning on the spot adds uncertainty, too.
 TURN_AS_M = 0.3
-
-
-def relative(frm: Array, to: Array) -> Array:
-    """`to` (3,) in the frame of `frm` (3,)."""
-    c, s = np.cos(frm[2]), np.sin(frm[2])
-    dx, dy = to[0] - frm[0], to[1] - frm[1]
-    return np.array([c * dx + s * dy, -s * dx + c * dy, float(wrap(to[2] - frm[2]))])
-
-
-def composed(base: Array, motion: Array) -> Array:
-    """`base` (3,) followed by `motion` (3,) in its frame."""
-    c, s = np.cos(base[2]), np.sin(base[2])
-    return np.array(
-        [
-            base[0] + c * motion[0] - s * motion[1],
-            base[1] + s * motion[0] + c * motion[1],
-            float(wrap(base[2] + motion[2])),
-        ]
-    )
-
-
-def turned(information: Array, yaw: float) -> Array:
-    """An information (or covariance) matrix over (x, y, yaw) of map axes, in the axes of a frame at `yaw`."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    rotation = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(rotation @ information @ rotation.T)
 
 
 @dataclass(frozen=True)
 class Edge:
     """One relative pose, as in `pose_graph.Edges`; a closure may be wrong and is optimised under a robust kernel.
 
-    `lost_m` lengthens the way along the edge where it was not measured but guessed: so far from each other its ends count.
+    `lost_m` is added to the edge's length where its motion was guessed, not measured.
     """
 
     tail: int
@@ -87,23 +61,23 @@ class KeyframeGraph:
     def poses(self, values: Array) -> None:
         self._poses[: len(self.stamps)] = values
 
-    def add(self, scan: Scan, stamp: float, pose: Array) -> int:
-        """A new keyframe; returns its number."""
+    def add(self, scan: ScanPoints, stamp: float, pose: Array) -> int:
+        """Add a keyframe; returns its number."""
         number = self.pool.add(scan)
         if number == len(self._poses):
-            self._poses = _grown(self._poses, 2 * number)
+            self._poses = grow(self._poses, 2 * number)
         self._poses[number] = pose
         self.stamps.append(stamp)
         self._distances = None
         return number
 
     def join(self, tail: int, head: int, motion: Array, information: Array, closure: bool = False, lost_m: float = 0.0) -> None:
-        """A new edge; `information` in the axes of the head."""
+        """Add an edge; `information` (3, 3) in the axes of the head."""
         self.edges.append(Edge(tail, head, motion, information, closure, lost_m))
         self._distances = None
 
     def replace_edges(self, edges: list[Edge]) -> None:
-        """Other edges between the same keyframes."""
+        """Replace all edges between the keyframes."""
         self.edges = edges
         self._distances, self._joined = None, 0
 
@@ -123,11 +97,11 @@ class KeyframeGraph:
         )
 
     def _measure(self) -> None:
-        """Lengths of the edges that came since the last time."""
+        """Compute the lengths of the edges added since the last call."""
         new = self.edges[self._joined :]
         if len(self.edges) > len(self._low):
             size = 2 * len(self.edges)
-            self._low, self._high, self._length = (_grown(block, size) for block in (self._low, self._high, self._length))
+            self._low, self._high, self._length = (grow(block, size) for block in (self._low, self._high, self._length))
         for at, edge in enumerate(new, start=self._joined):
             x, y, yaw = edge.motion
             self._low[at], self._high[at] = min(edge.tail, edge.head), max(edge.tail, edge.head)
@@ -135,7 +109,7 @@ class KeyframeGraph:
         self._joined = len(self.edges)
 
     def path_lengths(self, start: int, limit: float = np.inf) -> Array:
-        """Metres along the graph (n,) from a keyframe to all others; inf beyond `limit`."""
+        """Compute the metres along the graph (n,) from a keyframe to all others; inf beyond `limit`."""
         n = len(self)
         if self._joined < len(self.edges):
             self._measure()

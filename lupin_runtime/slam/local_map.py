@@ -1,4 +1,4 @@
-"""What scans are matched against: the surfels and the likelihood field of a few keyframes around a place."""
+"""Local maps, which scans are matched against: surfels and likelihood field of the keyframes around a pose."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.slam import kernels
-from lupin_runtime.slam.scan import Scan
+from lupin_runtime.slam.scan import ScanPoints
 
 Array = NDArray[np.floating]
 Index = NDArray[np.int64]
 
 
 class ScanPool:
-    """The points of all keyframes in one block of memory, so that a kernel takes any of them by number."""
+    """The points of all keyframes in contiguous arrays, so that a kernel can address any keyframe by number."""
 
     def __init__(self) -> None:
         self.xy = np.empty((4096, 2))
@@ -32,16 +32,16 @@ class ScanPool:
     def __len__(self) -> int:
         return len(self.sensor)
 
-    def add(self, scan: Scan) -> int:
-        """Keep a scan; returns its number."""
+    def add(self, scan: ScanPoints) -> int:
+        """Store a scan; returns its number."""
         number, end = len(self.sensor), self._points + len(scan)
         if end > len(self.xy):
             size = max(end, 2 * len(self.xy))
-            self.xy, self.normal = (_grown(block, size) for block in (self.xy, self.normal))
-            self.sigma = _grown(self.sigma, size)
+            self.xy, self.normal = (grow(block, size) for block in (self.xy, self.normal))
+            self.sigma = grow(self.sigma, size)
         if number == len(self.start):
-            self.start, self.count = _grown(self.start, 2 * number), _grown(self.count, 2 * number)
-            self.corners = _grown(self.corners, 2 * number)
+            self.start, self.count = grow(self.start, 2 * number), grow(self.count, 2 * number)
+            self.corners = grow(self.corners, 2 * number)
         block = slice(self._points, end)
         self.xy[block], self.normal[block], self.sigma[block] = scan.xy, scan.normal, scan.sigma
         self.start[number], self.count[number] = self._points, len(scan)
@@ -52,13 +52,14 @@ class ScanPool:
         self._points = end
         return number
 
-    def scan(self, number: int) -> Scan:
-        """A kept scan, as a view."""
+    def scan(self, number: int) -> ScanPoints:
+        """Return a stored scan, as a view."""
         block = slice(int(self.start[number]), int(self.start[number] + self.count[number]))
-        return Scan(self.xy[block], self.normal[block], self.sigma[block], self.sensor[number])
+        return ScanPoints(self.xy[block], self.normal[block], self.sigma[block], self.sensor[number])
 
 
-def _grown(block: NDArray[Any], size: int) -> NDArray[Any]:
+def grow(block: NDArray[Any], size: int) -> NDArray[Any]:
+    """Return a copy of `block` with `size` rows; the rows after the old ones are zero."""
     result = np.zeros((size, *block.shape[1:]), block.dtype)
     result[: len(block)] = block
     return result
@@ -66,7 +67,7 @@ def _grown(block: NDArray[Any], size: int) -> NDArray[Any]:
 
 @dataclass(frozen=True)
 class FieldShape:
-    """Resolution of local maps, their reach around their centre, and the width of the likelihood's bell."""
+    """Resolution of local maps, their reach around their centre, and the standard deviation of the likelihood, metres."""
 
     cell_m: float = 0.05
     reach_m: float = 14.0
@@ -88,7 +89,7 @@ class LocalMap:
         self.slot = np.empty((0, 0, 2), np.int32)
         self.surfel = np.empty((0, 5))
         self.surfels = 0
-        # Rasters outlive builds, and only what the last one touched is cleaned: clearing would cost more than drawing.
+        # Rasters are reused; only cells that the last build touched are cleared: clearing all would cost more than drawing.
         self._slots = np.empty(0, np.int32)
         self._marked = np.empty(0, np.uint8)
         self._marks = np.empty(0, np.int32)
@@ -103,7 +104,7 @@ class LocalMap:
         return level
 
     def build(self, pool: ScanPool, numbers: Index, poses: Array, centre: tuple[float, float]) -> None:
-        """Draw the scans `numbers` (k,) of the pool at `poses` (k, 3); what lies beyond the reach of `centre` is left out."""
+        """Draw the scans `numbers` (k,) of the pool at `poses` (k, 3), without points beyond the reach of `centre`."""
         shape = self.shape
         pad = (1 << (shape.levels - 1)) + self._stamp.shape[0]
         c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
@@ -133,7 +134,7 @@ class LocalMap:
         kernels.draw_field(self._marks, marks, self._stamp, self._pyramid[0])
 
     def marked_points(self) -> Array:
-        """The middles (n, 2) of the cells that hold points, in the frame of the map."""
+        """The centres (n, 2) of the cells that hold points, in the frame of the map."""
         rows, columns = np.divmod(self._marks[: self._mark_count], self.size[1])
         middles: Array = np.stack((columns + 0.5, rows + 0.5), axis=1) * self.shape.cell_m + np.array(self.corner)
         return middles

@@ -12,16 +12,16 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from lupin_runtime.atomic_file import MalformedFile, write_atomically
 from lupin_runtime.gridmap import OCCUPIED, UNKNOWN, GridMap
-from lupin_runtime.slam.files import MalformedFile, write_atomically
 
 MODES = ("trinary", "scale", "raw")
-# 205 must read back as unknown: its shade, 0.19608, lies above 0.196 but below the 0.25 that Nav2's saver writes.
+# Pixel 205 must read back as unknown: its shade, 0.19608, is above 0.196 but below the 0.25 that Nav2's map saver writes.
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 _PIXEL_OCCUPIED, _PIXEL_FREE, _PIXEL_UNKNOWN = 0, 254, 205
 _MAX_PIXELS = 100_000_000
 _MAX_DIGITS = 9
-_FARTHEST_M = 1e6  # an origin; a whole number may be too large to be a float at all
+_MAX_ORIGIN_M = 1e6  # a whole number in YAML may even be too large for a float
 
 
 @dataclass(frozen=True)
@@ -67,13 +67,13 @@ def save_map(path: Path, grid: GridMap, mode: str = "trinary") -> None:
         raise ValueError(f"expected a mode of {', '.join(MODES)}, found {mode!r}")
     image = path.with_suffix(".pgm")
     pixels = _pixels(grid.cells[::-1], mode)
-    write_atomically(image, b"P5\n%d %d\n255\n" % (grid.width, grid.height) + pixels.tobytes())
+    write_atomically(image, b"P5\n%d %d\n255\n" % (grid.width, grid.height) + pixels.tobytes(), sync=True)
     occupied, free = (1.0, 0.0) if mode == "scale" else (OCCUPIED_THRESHOLD, FREE_THRESHOLD)
     header = (
         f"image: {image.name}\nmode: {mode}\nresolution: {grid.resolution_m!r}\n"
         f"origin: [{grid.origin_x!r}, {grid.origin_y!r}, 0]\nnegate: 0\noccupied_thresh: {occupied}\nfree_thresh: {free}\n"
     )
-    write_atomically(path, header.encode())
+    write_atomically(path, header, sync=True)
 
 
 def _pixels(cells: NDArray[np.int8], mode: str) -> NDArray[np.uint8]:
@@ -104,7 +104,7 @@ def _cells(pixels: NDArray[np.uint16], maximum: int, header: _Header) -> NDArray
 
 
 def _upright(grid: GridMap, yaw: float) -> GridMap:
-    """The same cells on a grid along the frame's axes, around the same corner."""
+    """Resample a grid that is turned by `yaw` about its corner onto the frame's axes."""
     c, s = math.cos(yaw), math.sin(yaw)
     width, height = grid.width * grid.resolution_m, grid.height * grid.resolution_m
     xs = [0.0, c * width, c * width - s * height, -s * height]
@@ -127,10 +127,10 @@ def _read_header(path: Path) -> _Header:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or "this is no YAML"
+        problem = getattr(error, "problem", None) or "not YAML"
         raise MalformedFile(path, mark.line + 1 if mark else None, str(problem)) from None
     except RecursionError:
-        raise MalformedFile(path, None, "brackets of too many levels to be read") from None
+        raise MalformedFile(path, None, "brackets are nested too deeply to be read") from None
     if not isinstance(root, yaml.MappingNode):
         raise MalformedFile(path, 1, "expected keys such as image, resolution, origin")
     fields = _Fields(path, root)
@@ -154,7 +154,7 @@ def _read_header(path: Path) -> _Header:
 
 
 class _Fields:
-    """The keys of a YAML mapping, each with its line, read as what they should be."""
+    """The checked values of a YAML mapping; errors name the line of the key."""
 
     def __init__(self, path: Path, root: yaml.MappingNode) -> None:
         self._path = path
@@ -174,7 +174,7 @@ class _Fields:
         try:
             return self._constructor.construct_object(node, deep=True)
         except (yaml.YAMLError, ValueError):
-            raise self._refuse(key, "something readable", node.value) from None
+            raise self._refuse(key, "a YAML value", node.value) from None
 
     def _refuse(self, key: str, expected: str, found: Any) -> MalformedFile:
         return MalformedFile(self._path, self.line(key), f"{key}: expected {expected}, found {found!r}")
@@ -202,14 +202,14 @@ class _Fields:
         if (
             not isinstance(value, list)
             or len(value) != count
-            or not all(isinstance(v, (int, float)) and abs(v) <= _FARTHEST_M for v in value)
+            or not all(isinstance(v, (int, float)) and abs(v) <= _MAX_ORIGIN_M for v in value)
         ):
             raise self._refuse(key, f"{count} numbers", value)
         return [float(v) for v in value]
 
 
 def _read_pgm(path: Path) -> tuple[NDArray[np.uint16], int]:
-    """The pixels (height, width), top row first, and the value of white."""
+    """Read the pixels (height, width), top row first, and the value of white."""
     data = path.read_bytes()
     magic = data[:2]
     if magic not in (b"P5", b"P2"):
@@ -235,42 +235,42 @@ def _read_pgm(path: Path) -> tuple[NDArray[np.uint16], int]:
         at = end
     width, height, maximum = numbers
     if not (width > 0 and height > 0 and width * height <= _MAX_PIXELS and 0 < maximum < 65536):
-        raise MalformedFile(path, line, f"{width} x {height} pixels with white {maximum} make no map")
+        raise MalformedFile(path, line, f"{width} x {height} pixels with white {maximum} are not a map")
     if magic == b"P2":
         try:
             values = np.array(data[at:].split(), dtype=np.int64)
         except ValueError:
-            raise MalformedFile(path, line, "a pixel is no number") from None
+            raise MalformedFile(path, line, "a pixel is not a number") from None
     else:
         values = np.frombuffer(
             data[at + 1 :], dtype=np.uint8 if maximum < 256 else ">u2", count=-1 if maximum < 256 else (len(data) - at - 1) // 2
         ).astype(np.int64)
     if len(values) < width * height:
-        raise MalformedFile(path, None, f"expected {width * height} pixels, found {len(values)}: the file is torn")
+        raise MalformedFile(path, None, f"expected {width * height} pixels, found {len(values)}: the file is truncated")
     return np.minimum(values[: width * height], maximum).astype(np.uint16).reshape(height, width), maximum
 
 
-def _read_picture(path: Path) -> tuple[NDArray[np.uint16], int]:
-    """As `_read_pgm`, of what OpenCV reads: colours become grey, what one can see through lies on the grey of unknown cells."""
+def _read_image(path: Path) -> tuple[NDArray[np.uint16], int]:
+    """Read any image of OpenCV's, as `_read_pgm` does; colors become grey, transparent pixels the grey of unknown cells."""
     import cv2
 
     data = np.frombuffer(path.read_bytes(), np.uint8)
     try:
-        picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
     except cv2.error as error:  # more pixels than OpenCV takes
-        raise MalformedFile(path, None, f"OpenCV refuses the picture: {error}") from None
-    if picture is None or picture.dtype not in (np.uint8, np.uint16) or picture.shape[0] * picture.shape[1] > _MAX_PIXELS:
-        raise MalformedFile(path, None, f"expected a picture, found {len(data)} bytes that OpenCV cannot read")
-    maximum = int(np.iinfo(picture.dtype).max)
-    grey = picture if picture.ndim == 2 else picture[:, :, :3].mean(axis=2)
-    if picture.ndim == 3 and picture.shape[2] == 4:
-        grey = np.where(picture[:, :, 3] < maximum, maximum * _PIXEL_UNKNOWN / 255.0, grey)
+        raise MalformedFile(path, None, f"OpenCV refuses the image: {error}") from None
+    if image is None or image.dtype not in (np.uint8, np.uint16) or image.shape[0] * image.shape[1] > _MAX_PIXELS:
+        raise MalformedFile(path, None, f"expected an image, found {len(data)} bytes that OpenCV cannot read")
+    maximum = int(np.iinfo(image.dtype).max)
+    grey = image if image.ndim == 2 else image[:, :, :3].mean(axis=2)
+    if image.ndim == 3 and image.shape[2] == 4:
+        grey = np.where(image[:, :, 3] < maximum, maximum * _PIXEL_UNKNOWN / 255.0, grey)
     return np.rint(grey).astype(np.uint16), maximum
 
 
 _READERS: dict[str, Callable[[Path], tuple[NDArray[np.uint16], int]]] = {
     ".pgm": _read_pgm,
     ".pnm": _read_pgm,
-    ".png": _read_picture,
-    ".bmp": _read_picture,
+    ".png": _read_image,
+    ".bmp": _read_image,
 }

@@ -1,4 +1,4 @@
-"""The nodes of this room, for the stack's table. Each is imported when asked for: a mapper does without AMCL's libraries."""
+"""The nodes of this package, for the stack's table. Each is imported on first use: the mapper needs no AMCL."""
 
 from __future__ import annotations
 

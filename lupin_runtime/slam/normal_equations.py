@@ -1,4 +1,4 @@
-"""The sparse normal equations of a pose graph: an elimination order and a pattern made once, filled and factored every time."""
+"""The sparse normal equations of a pose graph: its elimination order and pattern are computed once."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class Indefinite(ArithmeticError):
 
 
 def adjacency(vertices: int, tail: Index, head: Index) -> csr_matrix:
-    """Which vertices an edge joins, as an (N, N) matrix of ones."""
+    """The adjacency of the vertices: an (N, N) matrix with ones where an edge joins two."""
     return csr_matrix((np.ones(len(tail), dtype=np.int8), (tail, head)), shape=(vertices, vertices))
 
 
 def elimination_order(vertices: int, tail: Index, head: Index) -> Index:
-    """Vertices in an order of little fill: SuperLU's minimum degree, taken from a factorisation of the graph's Laplacian."""
+    """An order of the vertices with little fill-in: SuperLU's minimum degree on the graph's Laplacian."""
     if vertices < 3:
         return np.arange(vertices, dtype=np.int64)
     joined = coo_matrix((np.full(len(tail), -1.0), (tail, head)), shape=(vertices, vertices))
@@ -53,9 +53,9 @@ def elimination_order(vertices: int, tail: Index, head: Index) -> Index:
 
 
 class BlockPattern:
-    """Where the blocks of every edge land in the symmetric matrix of the free vertices, in elimination order.
+    """The position of every edge's blocks in the symmetric matrix of the free vertices, in elimination order.
 
-    An edge adds blocks to both its vertices and one between them. Held vertices have no rows.
+    An edge adds a block to each of its two vertices and one between them. Held vertices have no rows.
     """
 
     def __init__(self, vertices: int, tail: Index, head: Index, held: NDArray[np.bool_]) -> None:
@@ -88,11 +88,12 @@ class BlockPattern:
         self._filled, self._stack = np.empty(self.size, np.int64), np.empty(self.size, np.int32)
 
     def solve(
-        self, tail_tail: Array, tail_head: Array, head_head: Array, tail: Array, head: Array, damping: float = 0.0
+        self, tail_tail: Array, tail_head: Array, head_head: Array, tail_rhs: Array, head_rhs: Array, damping: float = 0.0
     ) -> Array:
-        """The x (N, k) of sum-of-blocks times x = sum of `tail`, `head` (E, k); zero for held vertices.
+        """Solve (sum of blocks) x = (sums of `tail_rhs` and `head_rhs` (E, k) over the edges) for x.
 
-        Blocks are (E, k, k), k 2 or 3; the diagonal is raised by its `damping`-fold. Raises Indefinite.
+        x is (N, k) with a row for every vertex up to the last free one, and zeros for held vertices.
+        Blocks are (E, k, k), k 2 or 3; the diagonal is multiplied by 1 + `damping`. Raises Indefinite.
         """
         k = tail_tail.shape[1]
         diagonal, upper = np.zeros((self.size, k, k)), np.zeros((len(self._rows), k, k))
@@ -104,8 +105,8 @@ class BlockPattern:
         ):
             _library.add_blocks(np.ascontiguousarray(blocks), to, flip, len(to), k, into)
         for column in range(k):
-            right[:, column] = np.bincount(self._tail + 1, tail[:, column], self.size + 1)
-            right[:, column] += np.bincount(self._head + 1, head[:, column], self.size + 1)
+            right[:, column] = np.bincount(self._tail + 1, tail_rhs[:, column], self.size + 1)
+            right[:, column] += np.bincount(self._head + 1, head_rhs[:, column], self.size + 1)
         if damping > 0.0:
             within = np.arange(k)
             diagonal[:, within, within] *= 1.0 + damping

@@ -1,7 +1,7 @@
-"""An occupancy grid of keyframe scans: per cell, how many beams ended in it of those that met it.
+"""An occupancy grid of keyframe scans: counts per cell how many beams met it, and how many of them ended in it.
 
-A counting model (Haehnel et al., IROS 2003). Counters commute, so a scan that the graph moves is taken back at its old pose and
-added at its new one; after a closure this is done a few scans at a time, and the map is never rebuilt from nothing.
+A counting model (Haehnel et al., IROS 2003). Counters commute, so a moved scan is removed at its old pose and added at its
+new one; after a closure this is done a few scans at a time, and the map is never rebuilt as a whole.
 """
 
 from __future__ import annotations
@@ -14,17 +14,20 @@ from numpy.typing import NDArray
 
 from lupin_runtime.gridmap import UNKNOWN, GridMap
 from lupin_runtime.slam import kernels
-from lupin_runtime.slam.scan import Scan
+from lupin_runtime.slam.scan import ScanPoints
 
 Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
 class OccupancySettings:
-    """Cell size; beams that must have met a cell before it counts as seen; share of them that must end there for a wall."""
+    """Cell size; beams that must meet a cell before it is known; share of them that must end in an occupied cell.
+
+    The grid grows by `margin_m`; scans that moved less than `moved_m` and `moved_rad` are not drawn again.
+    """
 
     resolution_m: float = 0.05
-    least_beams: int = 2
+    min_beams: int = 2
     occupied_share: float = 0.25
     margin_m: float = 4.0
     moved_m: float = 0.01
@@ -33,12 +36,12 @@ class OccupancySettings:
 
 @dataclass
 class _Drawn:
-    scan: Scan
+    scan: ScanPoints
     pose: Array
 
 
 class OccupancyMap:
-    """The grid, which grows with what is drawn into it. Scans go by a key, each drawn once."""
+    """A grid that grows with the scans drawn into it. Each scan has a key and is drawn once."""
 
     def __init__(self, settings: OccupancySettings | None = None) -> None:
         self.settings = settings or OccupancySettings()
@@ -53,21 +56,21 @@ class OccupancyMap:
 
     @property
     def waiting(self) -> int:
-        """Scans that still stand where the graph no longer has them."""
+        """The number of scans that are still drawn at an outdated pose."""
         return len(self._waiting)
 
-    def draw(self, key: int, scan: Scan, pose: Array) -> None:
-        """Draw a scan at a pose (3,); one that had this key disappears."""
+    def draw(self, key: int, scan: ScanPoints, pose: Array) -> None:
+        """Draw a scan at a pose (3,), in place of the one that had this key."""
         self._waiting.pop(key, None)
         if key in self._drawn:
             self._count(self._drawn[key], -1)
         drawn = _Drawn(scan, pose.copy())
-        self._make_room(scan, pose)
+        self._grow_to(scan, pose)
         self._count(drawn, 1)
         self._drawn[key] = drawn
 
     def move(self, poses: dict[int, Array]) -> None:
-        """Note where scans belong now; `work` moves them."""
+        """Note the new poses of scans; `work` moves them."""
         s = self.settings
         for key, pose in poses.items():
             at = self._drawn[key].pose
@@ -77,17 +80,17 @@ class OccupancyMap:
             else:
                 self._waiting.pop(key, None)
 
-    def work(self, most: int) -> None:
-        """Move up to `most` of the scans that wait."""
-        for key in list(self._waiting)[:most]:
+    def work(self, limit: int) -> None:
+        """Move up to `limit` of the waiting scans."""
+        for key in list(self._waiting)[:limit]:
             self.draw(key, self._drawn[key].scan, self._waiting[key])
 
     def grid(self) -> GridMap | None:
-        """The map as far as it is known; None before the first scan. Its corner is a whole number of cells from the origin."""
+        """The known part of the map; None before the first scan. Its corner is a whole number of cells from the origin."""
         if not self._drawn:
             return None
         s = self.settings
-        cells = kernels.grade_cells(self._seen, self._hit, s.least_beams, s.occupied_share)
+        cells = kernels.grade_cells(self._seen, self._hit, s.min_beams, s.occupied_share)
         known = cells != UNKNOWN
         rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if not len(rows):
@@ -104,24 +107,24 @@ class OccupancyMap:
             self._seen, self._hit, self._low, self.settings.resolution_m, drawn.scan.xy, drawn.pose, drawn.scan.sensor, sign
         )
 
-    def _make_room(self, scan: Scan, pose: Array) -> None:
+    def _grow_to(self, scan: ScanPoints, pose: Array) -> None:
         cell = self.settings.resolution_m
         c, s = math.cos(pose[2]), math.sin(pose[2])
         xy = np.vstack((scan.xy, scan.sensor)) @ np.array([[c, s], [-s, c]]) + pose[:2]
         low, high = np.floor(xy.min(axis=0) / cell).astype(int), np.floor(xy.max(axis=0) / cell).astype(int) + 1
         height, width = self._seen.shape
-        here = np.array(self._low)
-        there = here + np.array([width, height])
-        if width and (low >= here).all() and (high <= there).all():
+        old_low = np.array(self._low)
+        old_high = old_low + np.array([width, height])
+        if width and (low >= old_low).all() and (high <= old_high).all():
             return
         margin = math.ceil(self.settings.margin_m / cell)
         if width:
-            low = np.where(low < here, low - margin, here)
-            high = np.where(high > there, high + margin, there)
+            low = np.where(low < old_low, low - margin, old_low)
+            high = np.where(high > old_high, high + margin, old_high)
         else:
             low, high = low - margin, high + margin
         shape = (int(high[1] - low[1]), int(high[0] - low[0]))
-        row, column = int(here[1] - low[1]), int(here[0] - low[0])
+        row, column = int(old_low[1] - low[1]), int(old_low[0] - low[0])
         for name in ("_seen", "_hit"):
             grown = np.zeros(shape, np.int32)
             if width:

@@ -1,4 +1,4 @@
-"""A whole log to a map: every scan through the mapper, the graph polished, every scan's pose taken from the finished graph."""
+"""Builds a map from a whole log: maps every scan, refines the graph, and takes each scan's pose from the finished graph."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ from numpy.typing import NDArray
 
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.gridmap import GridMap
+from lupin_runtime.scan_health import ScanHealth
 from lupin_runtime.slam.carmen import CarmenLog
 from lupin_runtime.slam.g2o import GraphFile
+from lupin_runtime.slam.graph_refinement import refine_graph
 from lupin_runtime.slam.local_map import FieldShape
 from lupin_runtime.slam.loop_closure import LoopSettings
-from lupin_runtime.slam.mapper import Mapper, MapperSettings, MotionNoise, Place
-from lupin_runtime.slam.matching import Window
+from lupin_runtime.slam.mapper import AnchoredPose, Mapper, MapperSettings, MotionNoise
 from lupin_runtime.slam.occupancy import OccupancyMap, OccupancySettings
-from lupin_runtime.slam.refinement import refine_graph
-from lupin_runtime.slam.scan import Beams, Health
+from lupin_runtime.slam.scan import Beams
+from lupin_runtime.slam.scan_matching import Window
 
 Array = NDArray[np.floating]
 
-# Beyond this a laser's points are too far apart to match well, and a degree is most of a metre.
+# Beyond this range a laser's points are too far apart to match well: one degree is most of a metre.
 USABLE_RANGE_M = 40.0
 
 
 @dataclass(frozen=True)
 class OfflineScan:
-    """One scan of a log: stamp as text and as seconds, odometry, ranges (N,), the laser; twist and time per beam if known."""
+    """One scan of a log: stamp as text and in seconds, odometry, ranges (N,), beams; twist and time per beam if known."""
 
     stamp: str
     stamp_s: float
@@ -43,7 +44,7 @@ class OfflineScan:
 
 @dataclass(frozen=True)
 class BuiltMap:
-    """What a log gave: the grid, a pose per scan with the log's stamp, the graph, and counts for a report."""
+    """The result of a log: the grid, a pose per scan with the log's stamp, the graph, and counts for the summary."""
 
     grid: GridMap
     stamps: list[str]
@@ -60,8 +61,8 @@ class NothingToMap(ValueError):
     """A log without a single usable scan."""
 
 
-def settings_for_logs(range_max_m: float, resolution_m: float = 0.05) -> MapperSettings:
-    """A mapper for logs of unknown robots: odometry is hardly trusted, every keyframe is kept, loops may be far off."""
+def settings_for_logs(range_max_m: float) -> MapperSettings:
+    """Settings for logs of unknown robots: little trust in odometry, all keyframes kept, loops may need large corrections."""
     reach = min(range_max_m, 25.0)
     return MapperSettings(
         keyframe_interval_s=0.0,
@@ -72,14 +73,14 @@ def settings_for_logs(range_max_m: float, resolution_m: float = 0.05) -> MapperS
         local_radius_m=20.0,
         noise=MotionNoise(floor_m=0.01, floor_rad=0.006, travel=0.15, turn=0.12, turn_per_m=0.06),
         field_shape=FieldShape(reach_m=reach),
-        loops=LoopSettings(largest_window=Window(12.0, 0.6), tries=3, chain=6),
+        loops=LoopSettings(max_window=Window(12.0, 0.6), tries=3, chain=6),
         occupancy=None,
     )
 
 
-def scans_of_carmen(log: CarmenLog, range_max_m: float = USABLE_RANGE_M) -> list[OfflineScan]:
-    """The scans of a CARMEN log. Readings at the laser's own ceiling, which mean "nothing seen", are left out."""
-    ceiling = no_return_m([scan.ranges for scan in log.scans])
+def scans_from_carmen(log: CarmenLog, range_max_m: float = USABLE_RANGE_M) -> list[OfflineScan]:
+    """Convert the scans of a CARMEN log. Readings at the laser's maximum, which mean "no return", are dropped."""
+    ceiling = no_return_limit_m([scan.ranges for scan in log.scans])
     limit = min(range_max_m, ceiling - 1e-6)
     result = []
     for scan in log.scans:
@@ -88,11 +89,11 @@ def scans_of_carmen(log: CarmenLog, range_max_m: float = USABLE_RANGE_M) -> list
     return result
 
 
-def no_return_m(ranges: Sequence[Array]) -> float:
-    """The least reading by which a log says "nothing seen", or inf.
+def no_return_limit_m(ranges: Sequence[Array]) -> float:
+    """Find the smallest range reading, in metres, that means "no return" in a log; inf if there is none.
 
-    Such a reading stands out from its neighbours, and hardly anything lies beyond it. A laser may have several (dazzled, no
-    echo, too far), a few centimetres apart: the least counts.
+    Such a reading is far more frequent than its neighbours, and hardly any reading is larger. A laser may have several
+    (dazzled, no echo, too far), a few centimetres apart: the smallest is returned.
     """
     readings = np.concatenate([np.zeros(0), *ranges])
     values = np.sort(np.round(readings[np.isfinite(readings)], 3))
@@ -101,7 +102,7 @@ def no_return_m(ranges: Sequence[Array]) -> float:
     total = len(values)
     distinct, first, counts = np.unique(values, return_index=True, return_counts=True)
     beyond = total - first - counts
-    # What a centimetre of the range just below holds on average.
+    # The average number of readings per centimetre in the range just below.
     below = np.searchsorted(values, 0.9 * distinct) - np.searchsorted(values, 0.5 * distinct)
     usual = below / np.maximum(40.0 * distinct, 1.0)
     stands_out = (counts >= max(10.0, 0.0005 * total)) & (counts >= 20.0 * usual)
@@ -112,25 +113,25 @@ def no_return_m(ranges: Sequence[Array]) -> float:
     return float(distinct[stands_out & (distinct >= 0.95 * top)][0])
 
 
-def in_order(scans: Sequence[OfflineScan]) -> list[int]:
-    """The scans' numbers in the order they were taken: the file's or that of the stamps, whichever way is shorter.
+def time_order(scans: Sequence[OfflineScan]) -> list[int]:
+    """Return the scans' numbers in the order they were taken: that of the file or of the stamps, whichever path is shorter.
 
-    Loggers write what arrives, and stamps may be rounded, repeated or wrong; a robot does not leap back and forth.
+    Loggers write scans as they arrive, and stamps may be rounded, repeated or wrong; a robot does not jump back and forth.
     """
     written = list(range(len(scans)))
     stamped = sorted(written, key=lambda number: scans[number].stamp_s)
     if stamped == written:
         return written
 
-    def way(order: list[int]) -> float:
+    def path_length(order: list[int]) -> float:
         steps = (scans[a].odom.inverse() @ scans[b].odom for a, b in pairwise(order))
         return sum(math.hypot(step.x, step.y) + abs(step.yaw) for step in steps)
 
-    return stamped if way(stamped) < 0.99 * way(written) else written
+    return stamped if path_length(stamped) < 0.99 * path_length(written) else written
 
 
 def usual_interval_s(scans: Sequence[OfflineScan]) -> float:
-    """The median time between scans, 0 where there is none: stamps that coincide say nothing of how far a robot came."""
+    """The median time between scans with different stamps; 1.0 if there are none."""
     stamps = np.sort([scan.stamp_s for scan in scans])
     between = np.diff(stamps)
     between = between[between > 0.0]
@@ -142,25 +143,27 @@ def build_map(
     resolution_m: float = 0.05,
     settings: MapperSettings | None = None,
     refine: bool = True,
-    progress: Callable[[str, float], None] = lambda stage, share: None,
+    progress: Callable[[str, float], None] = lambda _stage, _share: None,
 ) -> BuiltMap:
-    """Map a log; poses come in the order of `scans`. Raises NothingToMap where no scan has enough returns."""
+    """Map a log; poses are in the order of `scans`. `progress` receives a stage's name and its finished share.
+
+    Raises NothingToMap if no scan has enough returns."""
     farthest = max((scan.beams.range_max_m for scan in scans), default=0.0)
-    settings = settings or replace(settings_for_logs(farthest, resolution_m), least_interval_s=usual_interval_s(scans))
+    settings = settings or replace(settings_for_logs(farthest), min_interval_s=usual_interval_s(scans))
     mapper = Mapper(replace(settings, occupancy=None))
-    places: list[Place | None] = []
+    anchored: list[AnchoredPose | None] = []
     unmatched = unusable = jumps = 0
-    order = in_order(scans)
+    order = time_order(scans)
     for index, number in enumerate(order):
         scan = scans[number]
         step = mapper.process(scan.stamp_s, scan.odom, scan.ranges, scan.beams, scan.twist, scan.beam_s)
-        places.append(mapper.place)
-        unusable += step.health not in (Health.GOOD, Health.REPEATED)
-        unmatched += step.health is Health.GOOD and not step.matched
+        anchored.append(mapper.anchored_pose)
+        unusable += step.health not in (ScanHealth.GOOD, ScanHealth.REPEATED)
+        unmatched += step.health is ScanHealth.GOOD and not step.matched
         jumps += step.odometry_jumped
         if index % 20 == 0:
             progress("match", index / len(scans))
-    if mapper.place is None:
+    if mapper.anchored_pose is None:
         raise NothingToMap(f"none of {len(scans)} scans has enough returns within its range limits")
     mapper.optimise()
     closures = sum(edge.closure for edge in mapper.graph.edges)
@@ -172,10 +175,10 @@ def build_map(
         progress("draw", number / len(mapper.graph))
     grid = occupancy.grid()
     assert grid is not None  # a keyframe has beams
-    # Scans before the first usable one: the odometry, carried back from where the map begins.
-    first = scans[order[next(at for at, place in enumerate(places) if place is not None)]]
+    # Scans before the first usable one get the odometry, relative to the map's first pose.
+    first = scans[order[next(at for at, pose in enumerate(anchored) if pose is not None)]]
     poses = [Pose2()] * len(scans)
-    for number, place in zip(order, places):
+    for number, place in zip(order, anchored):
         if place is None:
             poses[number] = _pose2(mapper.graph.poses[0]) @ (first.odom.inverse() @ scans[number].odom)
         else:

@@ -1,7 +1,7 @@
-"""slam_toolbox's parameters with the project's defaults, and what each steers here.
+"""slam_toolbox's parameters with the project's defaults, and what each of them sets here.
 
-A parameter of another engine's insides (its solver's plug-ins, its smearing) is declared all the same, so that one file serves
-both engines; it steers nothing, and the table says so.
+Parameters of slam_toolbox's internals (its solver's plug-ins, its smearing) are declared too, so that one file serves both
+engines; they set nothing here, and the table says so.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from lupin_runtime import graph
 from lupin_runtime.slam.local_map import FieldShape
 from lupin_runtime.slam.loop_closure import LoopSettings
 from lupin_runtime.slam.mapper import MapperSettings
-from lupin_runtime.slam.matching import Window
 from lupin_runtime.slam.occupancy import OccupancySettings
+from lupin_runtime.slam.scan_matching import Window
 
-NOTHING = "nothing here: another engine's insides"
+NOTHING = "nothing: internal to slam_toolbox"
 
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """A parameter: its name, its default (which gives its type), what it steers."""
+    """A parameter: its name, its default (which gives its type), and what it sets."""
 
     name: str
     default: Any
-    steers: str
+    sets: str
 
 
 TABLE: tuple[ParameterRow, ...] = (
-    ParameterRow("mode", "mapping", "only mapping: localisation is amcl's"),
+    ParameterRow("mode", "mapping", "only mapping: amcl does the localisation"),
     ParameterRow("odom_frame", graph.ODOM_FRAME, "the frame under map"),
     ParameterRow("map_frame", graph.MAP_FRAME, "the frame of the map"),
     ParameterRow("base_frame", graph.BASE_FRAME, "the robot"),
@@ -47,15 +47,15 @@ TABLE: tuple[ParameterRow, ...] = (
     ParameterRow("transform_timeout", 0.2, "how long a scan waits for odometry, and how far map -> odom is dated ahead, s"),
     ParameterRow("tf_buffer_duration", 30.0, "history of transforms, s"),
     ParameterRow("scan_buffer_size", 10, "scans that may wait for odometry"),
-    ParameterRow("scan_buffer_maximum_scan_distance", 10.0, "way along the graph that still counts as here, m"),
-    ParameterRow("use_scan_matching", True, "false: poses are the odometry's"),
+    ParameterRow("scan_buffer_maximum_scan_distance", 10.0, "path along the graph that still counts as the same place, m"),
+    ParameterRow("use_scan_matching", True, "false: poses come from odometry alone"),
     ParameterRow("do_loop_closing", True, "false: no loop is closed"),
-    ParameterRow("loop_search_maximum_distance", 3.0, "how near a place must seem to be looked for, m"),
-    ParameterRow("loop_match_minimum_chain_size", 10, "keyframes that a place must have"),
+    ParameterRow("loop_search_maximum_distance", 3.0, "maximum distance of a loop closure candidate, m"),
+    ParameterRow("loop_match_minimum_chain_size", 10, "minimum number of keyframes of a candidate"),
     ParameterRow("loop_match_minimum_response_coarse", 0.35, "score of the wide search"),
     ParameterRow("loop_match_minimum_response_fine", 0.45, "score of the refined match"),
     ParameterRow("loop_match_maximum_variance_coarse", 3.0, NOTHING),
-    ParameterRow("loop_search_space_dimension", 8.0, "width of the wide search, m"),
+    ParameterRow("loop_search_space_dimension", 8.0, "width of the search window for closures, m"),
     ParameterRow("loop_search_space_resolution", 0.05, "cells of local maps, m"),
     ParameterRow("loop_search_space_smear_deviation", 0.03, NOTHING),
     ParameterRow("correlation_search_space_dimension", 0.5, NOTHING),
@@ -74,12 +74,12 @@ TABLE: tuple[ParameterRow, ...] = (
     ParameterRow("ceres_preconditioner", "SCHUR_JACOBI", NOTHING),
     ParameterRow("ceres_trust_strategy", "LEVENBERG_MARQUARDT", NOTHING),
     ParameterRow("stack_size_to_use", 40_000_000, NOTHING),
-    ParameterRow("session_file", "", "ours: keeps the graph there, so that a restarted node goes on; empty: keeps nothing"),
+    ParameterRow("session_file", "", "not in slam_toolbox: the graph's file, from which a restarted node resumes; empty: none"),
 )
 
 
 def mapper_settings(values: Mapping[str, Any]) -> MapperSettings:
-    """The mapper that the parameters ask for."""
+    """Convert parameter values to mapper settings."""
     base = MapperSettings()
     path_m = float(values["scan_buffer_maximum_scan_distance"])
     loops = replace(
@@ -89,7 +89,7 @@ def mapper_settings(values: Mapping[str, Any]) -> MapperSettings:
         chain=int(values["loop_match_minimum_chain_size"]),
         coarse_score=float(values["loop_match_minimum_response_coarse"]),
         fine_score=float(values["loop_match_minimum_response_fine"]),
-        largest_window=Window(float(values["loop_search_space_dimension"]) / 2.0, base.slip_window.half_rad),
+        max_window=Window(float(values["loop_search_space_dimension"]) / 2.0, base.slip_window.half_rad),
         tries=1,
     )
     return replace(

@@ -1,6 +1,6 @@
 """Least squares on SE(2) pose graphs: sparse Levenberg-Marquardt from a guess or from a linear initialisation.
 
-A pose is (x, y, yaw) in metres and radians; an edge says where its head stands in the frame of its tail. The cost is g2o's:
+A pose is (x, y, yaw) in metres and radians; an edge is the pose of its head in the frame of its tail. The cost is g2o's:
 chi2 = sum of e' Omega e, with e the translation and yaw of measurement^-1 * tail^-1 * head, the yaw wrapped.
 """
 
@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from lupin_runtime.slam.normal_equations import BlockPattern, Indefinite, adjacency
+from lupin_runtime.slam.se2 import wrap
 
 Array = NDArray[np.floating]
 Index = NDArray[np.int64]
 
 
 class GraphError(ValueError):
-    """A graph that states no problem: an edge to nowhere, an information matrix that is none."""
+    """An invalid graph: an edge without its vertex, or an information matrix that is not positive definite."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Edges:
 
 @dataclass(frozen=True)
 class Solution:
-    """What `optimise` reached: poses (N, 3), g2o's chi2 before and after, the start it took, its accepted steps."""
+    """The result of `optimise`: poses (N, 3), g2o's chi2 before and after, its initial guess, its accepted steps."""
 
     poses: Array
     chi2_before: float
@@ -62,11 +63,6 @@ class Solution:
     converged: bool
     started_from: str
     seconds: float
-
-
-def wrap(angle: Array) -> Array:
-    """The same directions within [-pi, pi)."""
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def residuals(poses: Array, edges: Edges) -> Array:
@@ -110,7 +106,7 @@ def _jacobians(poses: Array, edges: Edges) -> tuple[Array, Array]:
 
 
 def anchors_of(poses: int, edges: Edges, fixed: Index | None = None) -> NDArray[np.bool_]:
-    """Vertices (N,) that hold still: the `fixed` ones, and the first vertex of every part that has none."""
+    """Select the vertices (N,) to hold: the `fixed` ones, and the first vertex of every connected part without one."""
     held = np.zeros(poses, dtype=bool)
     if fixed is not None:
         held[fixed] = True
@@ -122,7 +118,7 @@ def anchors_of(poses: int, edges: Edges, fixed: Index | None = None) -> NDArray[
 
 
 def linear_guess(poses: Array, edges: Edges, held: NDArray[np.bool_], pattern: BlockPattern | None = None) -> Array:
-    """A start that needs no guess: chordal rotations, then translations, both linear least squares.
+    """Compute an initial guess: chordal rotations, then translations, both by linear least squares.
 
     Carlone, Tron, Daniilidis, Dellaert, "Initialization techniques for 3D SLAM", ICRA 2015; in the plane a rotation is a
     complex number. Only the held poses are read.
@@ -133,7 +129,7 @@ def linear_guess(poses: Array, edges: Edges, held: NDArray[np.bool_], pattern: B
     pattern = pattern or BlockPattern(len(poses), edges.tail, edges.head, held)
     # z_head = z_tail * exp(i yaw), weighted with the yaw's information; a complex number is a pair of reals.
     weight = edges.information[:, 2, 2][:, None, None]
-    step = _turns(edges.motion[:, 2])
+    step = _rotations(edges.motion[:, 2])
     known = np.where(held[:, None], np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), axis=1), 0.0)
     identity = np.broadcast_to(np.eye(2), step.shape) * weight
     back = (weight * step).transpose(0, 2, 1)
@@ -147,7 +143,7 @@ def linear_guess(poses: Array, edges: Edges, held: NDArray[np.bool_], pattern: B
     result = poses.copy()
     result[free, 2] = np.arctan2(turns[free, 1], turns[free, 0])
 
-    rotation = _turns(result[edges.tail, 2])
+    rotation = _rotations(result[edges.tail, 2])
     offset = np.einsum("eij,ej->ei", rotation, edges.motion[:, :2])
     turn = np.matmul(rotation, step)
     metric = np.einsum("eij,ejk,elk->eil", turn, edges.information[:, :2, :2], turn)
@@ -157,14 +153,14 @@ def linear_guess(poses: Array, edges: Edges, held: NDArray[np.bool_], pattern: B
     return result
 
 
-def _turns(yaw: Array) -> Array:
+def _rotations(yaw: Array) -> Array:
     """Rotation matrices (E, 2, 2)."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.stack((np.stack((c, -s), 1), np.stack((s, c), 1)), 1)
 
 
 def _step(pattern: BlockPattern, blocks: tuple[Array, Array, Array, Array, Array], poses: int, damping: float) -> Array:
-    """The damped Gauss-Newton step (N, 3), damped as much more as it takes to have one."""
+    """The damped Gauss-Newton step (N, 3), with more damping if the equations are indefinite."""
     step = np.zeros((poses, 3))
     while True:
         try:
@@ -180,7 +176,7 @@ def _step(pattern: BlockPattern, blocks: tuple[Array, Array, Array, Array, Array
 
 @dataclass(frozen=True)
 class Limits:
-    """When `optimise` stops. `relative_gain` is the fall of the cost, as a share, below which a step counts as none."""
+    """When `optimise` stops. `relative_gain` is the smallest relative decrease of the cost for another step."""
 
     iterations: int = 100
     relative_gain: float = 1e-10
@@ -196,9 +192,9 @@ def optimise(
     limits: Limits | None = None,
     trust_guess: bool = False,
 ) -> Solution:
-    """Poses of least chi2.
+    """Find the poses with the lowest chi2.
 
-    Starts from the better of the guess and `linear_guess`, so that a poor guess costs nothing; `trust_guess` skips the
+    Starts from the better of the guess and `linear_guess`, so that a poor guess does no harm; `trust_guess` skips the
     comparison. `robust` (E,) marks edges under a Cauchy kernel of `robust_scale` sigma: closures that may be wrong.
     Raises GraphError.
     """
@@ -251,7 +247,7 @@ def optimise(
                 break
             damping = max(10.0 * damping, 1e-6)
         if new_cost > cost:
-            converged = True  # no step of any length helps: the cost is at its floor within rounding
+            converged = True  # no step of any length decreases the cost: it is at its minimum within rounding
             break
         converged = cost - new_cost <= limits.relative_gain * max(cost, 1e-12)
         poses, cost, chi2 = candidate, new_cost, new_chi2

@@ -1,4 +1,4 @@
-"""`/lupin/nav/clear_map`: one call that empties both costmaps and starts the map anew."""
+"""Service `/lupin/nav/clear_map`: clears both costmaps and starts a new map."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ _POLL_S = 0.02
 
 
 class SlamResetNode(LupinNode):
-    """Asks, and waits without blocking; success means that SLAM has acknowledged its reset."""
+    """Calls the services of SLAM and the costmaps without blocking; success means that SLAM has acknowledged its reset."""
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("slam_reset_node", parameters)
-        # Waits end by the monotonic clock: a simulation that stands still must not hold a caller for ever.
+        # Timeouts use the monotonic clock: a paused simulation must not hold a caller for ever.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        # The waits of a call run beside it: a group that admits one callback at a time would never see its answers.
+        # The timers and responses that a call awaits run while it does; a mutually exclusive group would never run them.
         self._group = ReentrantCallbackGroup()
         self._costmaps = [self.client(row, self._group) for row in (graph.CLEAR_LOCAL_COSTMAP, graph.CLEAR_GLOBAL_COSTMAP)]
         self._slam = self.client(graph.SLAM_RESET, self._group)
         self.service(graph.CLEAR_MAP, self._clear_map, self._group)
 
-    async def _clear_map(self, request: Any, response: Any) -> Any:
+    async def _clear_map(self, _request: Any, response: Any) -> Any:
         cleared = 0
         for costmap in self._costmaps:
             if await self._until(costmap.service_is_ready, COSTMAP_WAIT_S):
@@ -41,7 +41,7 @@ class SlamResetNode(LupinNode):
                 cleared += 1
         if not await self._until(self._slam.service_is_ready, RESET_WAIT_S):
             response.success = False
-            response.message = f"{graph.SLAM_RESET.name} is not there: SLAM does not run; see: lupin status"
+            response.message = f"service {graph.SLAM_RESET.name} does not exist: SLAM does not run; see: lupin status"
             return response
         answer = self._ask(self._slam)
         if not await self._until(answer.done, ACKNOWLEDGE_S):
@@ -50,7 +50,7 @@ class SlamResetNode(LupinNode):
             return response
         result = answer.result()
         response.success = result is not None and result.result == 0
-        response.message = f"the map starts anew; {cleared} of {len(self._costmaps)} costmaps were asked to clear"
+        response.message = f"a new map starts; clearing was requested from {cleared} of {len(self._costmaps)} costmaps"
         return response
 
     @staticmethod
@@ -58,13 +58,13 @@ class SlamResetNode(LupinNode):
         return client.call_async(interface(graph.SLAM_RESET.type).Request())
 
     async def _until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Whether a condition came true in time; other callbacks run meanwhile."""
+        """Wait until a condition holds; returns whether it did in time. Other callbacks run meanwhile."""
         if condition():
             return True
         done: Future = Future(executor=self.executor)
         end = self._steady.now().nanoseconds + int(timeout_s * 1e9)
 
-        def look() -> None:
+        def check() -> None:
             if done.done():
                 return
             if condition():
@@ -72,7 +72,7 @@ class SlamResetNode(LupinNode):
             elif self._steady.now().nanoseconds >= end:
                 done.set_result(False)
 
-        timer = self.create_timer(_POLL_S, look, callback_group=self._group, clock=self._steady)
+        timer = self.create_timer(_POLL_S, check, callback_group=self._group, clock=self._steady)
         try:
             return bool(await done)
         finally:

@@ -1,10 +1,9 @@
-"""A laser scan as the matcher wants it: finite points in the robot's frame, with normals and uncertainty."""
+"""A laser scan as points in the robot's frame, finite, with normals and uncertainty."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +13,14 @@ from lupin_runtime.slam.kernels import scan_normals
 
 Array = NDArray[np.floating]
 
-# Standard deviation of a range: floor and share. The floor also stands for what a flat map gets wrong.
+# Standard deviation of a range: floor and share. The floor also covers the errors of a two-dimensional map.
 SIGMA_FLOOR_M, SIGMA_SHARE = 0.01, 0.004
+MIN_POINTS = 15  # a scan with fewer is blind
 
 
 @dataclass(frozen=True)
-class Scan:
-    """Points of one scan in the robot's frame: `xy` and `normal` (n, 2), `sigma` (n,) m, and where the sensor stands."""
+class ScanPoints:
+    """Points of one scan in the robot's frame: `xy` and `normal` (n, 2), `sigma` (n,) m, and the position of the sensor."""
 
     xy: Array
     normal: Array
@@ -39,7 +39,7 @@ class Scan:
 
 @dataclass(frozen=True)
 class Beams:
-    """The geometry of a laser: angle of the first beam, angle between two, their number, and the sensor on the robot."""
+    """The geometry of a laser: angle of the first beam, angle between two, number of beams, pose of the sensor on the robot."""
 
     angle_min: float
     angle_step: float
@@ -63,17 +63,19 @@ class Beams:
 
 
 class ScanReader:
-    """Turns ranges into a Scan; keeps the trigonometry of the last geometry."""
+    """Turns ranges into ScanPoints; keeps the trigonometry of the last geometry."""
 
     def __init__(self) -> None:
         self._beams: Beams | None = None
         self._cos = self._sin = np.empty(0)
 
-    def read(self, beams: Beams, ranges: Array, twist: tuple[float, float, float] | None = None, beam_s: float = 0.0) -> Scan:
-        """Points of the ranges within the laser's limits; NaN, inf and zeros drop out.
+    def read(
+        self, beams: Beams, ranges: Array, twist: tuple[float, float, float] | None = None, beam_s: float = 0.0
+    ) -> ScanPoints:
+        """Convert ranges within the laser's limits to points; NaN, inf and zeros are dropped.
 
-        `twist` (m/s, m/s, rad/s in the robot's frame) and `beam_s` undo the motion during the scan, so that all points stand
-        in the frame of the first beam's moment.
+        `twist` (m/s, m/s, rad/s in the robot's frame) and `beam_s` undo the motion during the scan, so that all points are
+        in the robot's frame at the time of the first beam. Raises ValueError for another number of ranges.
         """
         if len(ranges) != beams.count:
             raise ValueError(f"expected {beams.count} ranges, found {len(ranges)}")
@@ -87,13 +89,13 @@ class ScanReader:
         xy[:, 0] = beams.mount.x + r * self._cos[good]
         xy[:, 1] = beams.mount.y + r * self._sin[good]
         if twist is not None and beam_s > 0.0:
-            xy = _moved(xy, twist, beam_s * good)
+            xy = _compensate_motion(xy, twist, beam_s * good)
         sensor = (beams.mount.x, beams.mount.y)
-        return Scan(xy, scan_normals(xy, sensor, abs(beams.angle_step)), np.hypot(SIGMA_FLOOR_M, SIGMA_SHARE * r), sensor)
+        return ScanPoints(xy, scan_normals(xy, sensor, abs(beams.angle_step)), np.hypot(SIGMA_FLOOR_M, SIGMA_SHARE * r), sensor)
 
 
-def _moved(xy: Array, twist: tuple[float, float, float], after_s: NDArray[np.floating]) -> Array:
-    """Points seen `after_s` (n,) later, in the frame of the start, at constant velocity."""
+def _compensate_motion(xy: Array, twist: tuple[float, float, float], after_s: NDArray[np.floating]) -> Array:
+    """Transform points seen `after_s` (n,) later into the frame of the start, at constant velocity."""
     vx, vy, turn = twist
     yaw = turn * after_s
     c, s = np.cos(yaw), np.sin(yaw)
@@ -101,35 +103,3 @@ def _moved(xy: Array, twist: tuple[float, float, float], after_s: NDArray[np.flo
     result[:, 0] = vx * after_s + c * xy[:, 0] - s * xy[:, 1]
     result[:, 1] = vy * after_s + s * xy[:, 0] + c * xy[:, 1]
     return result
-
-
-class Health(Enum):
-    """What a scan is worth."""
-
-    GOOD = "good"
-    BLIND = "too few beams returned"
-    REPEATED = "the ranges repeat bit by bit: no news"
-    FROZEN = "the ranges repeat bit by bit while the wheels turn: the lidar or its driver hangs"
-
-
-class ScanHealth:
-    """Tells scans that carry no news: too few returns, or the very same ranges again.
-
-    A real laser never repeats itself; a scan that does must not hold the pose while the odometry moves.
-    """
-
-    def __init__(self, least_points: int = 15, still_m: float = 0.02, still_rad: float = 0.02) -> None:
-        self._least, self._still_m, self._still_rad = least_points, still_m, still_rad
-        self._ranges: Array | None = None
-        self._odom = Pose2()
-
-    def judge(self, ranges: Array, points: int, odom: Pose2) -> Health:
-        """The health of a scan, given the number of its usable points."""
-        if points < self._least:
-            return Health.BLIND
-        if self._ranges is not None and np.array_equal(self._ranges, ranges, equal_nan=True):
-            moved = self._odom.inverse() @ odom
-            far = math.hypot(moved.x, moved.y) > self._still_m or abs(moved.yaw) > self._still_rad
-            return Health.FROZEN if far else Health.REPEATED
-        self._ranges, self._odom = ranges.copy(), odom
-        return Health.GOOD

@@ -1,9 +1,8 @@
-"""A mapper's graph in a file, from which mapping can go on: after a restart, or another day."""
+"""Session files: a mapper's graph, from which mapping resumes after a restart or on another day."""
 
 from __future__ import annotations
 
 import io
-import os
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lupin_runtime.slam.files import MalformedFile
+from lupin_runtime.atomic_file import MalformedFile, write_atomically
 from lupin_runtime.slam.kernels import scan_normals
 from lupin_runtime.slam.keyframes import KeyframeGraph
-from lupin_runtime.slam.scan import SIGMA_FLOOR_M, SIGMA_SHARE, Scan
+from lupin_runtime.slam.scan import SIGMA_FLOOR_M, SIGMA_SHARE, ScanPoints
 
 Array = NDArray[np.floating]
 
@@ -24,14 +23,14 @@ _VERSION = 1
 
 @dataclass(frozen=True)
 class Session:
-    """A graph, and where odom stood in the map (3,) when it was kept."""
+    """A graph, and the pose (3,) of odom in the map when it was saved."""
 
     graph: KeyframeGraph
     map_from_odom: Array
 
 
 def save_session(path: Path, graph: KeyframeGraph, map_from_odom: Array, step_rad: float) -> None:
-    """Write a session; a crash leaves the old one. `step_rad` is the angle between the laser's beams. Raises OSError."""
+    """Write a session atomically. `step_rad` is the angle between the laser's beams. Raises OSError."""
     pool = graph.pool
     points = int(pool.count[: len(pool)].sum())
     edges, closures = graph.as_edges()
@@ -52,14 +51,8 @@ def save_session(path: Path, graph: KeyframeGraph, map_from_odom: Array, step_ra
         closures=closures,
         map_from_odom=map_from_odom,
     )
-    # Renamed but not synced: this runs between scans, and a power cut may cost the newest session but never tear one.
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_bytes(buffer.getbuffer())
-        temporary.replace(path)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
+    # Not synced, since this runs between scans: a power cut may cost the newest session.
+    write_atomically(path, buffer.getvalue())
 
 
 def load_session(path: Path) -> Session:
@@ -78,7 +71,7 @@ def load_session(path: Path) -> Session:
             at = (float(sensor[0]), float(sensor[1]))
             ranges = np.hypot(xy[:, 0] - at[0], xy[:, 1] - at[1])
             sigma = np.hypot(SIGMA_FLOOR_M, SIGMA_SHARE * ranges)
-            graph.add(Scan(xy, scan_normals(xy, at, step_rad), sigma, at), float(stamp), pose)
+            graph.add(ScanPoints(xy, scan_normals(xy, at, step_rad), sigma, at), float(stamp), pose)
         for tail, head, motion, information, closure in zip(
             values["tail"], values["head"], values["motion"], values["information"], values["closures"]
         ):

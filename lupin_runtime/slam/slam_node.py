@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from array import array
 from collections import deque
 from pathlib import Path
 from typing import Any
@@ -14,61 +13,48 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 
 from lupin_runtime import graph
+from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.geometry import Pose2, quaternion_from_yaw, yaw_from_quaternion
 from lupin_runtime.gridmap import GridMap
-from lupin_runtime.ros import LupinNode, TransformBroadcaster, TransformListener, stamp_from_ns, stamp_ns
+from lupin_runtime.ros import LupinNode, TransformBroadcaster, TransformListener, stamp_ns
+from lupin_runtime.ros.plane_messages import grid_message
 from lupin_runtime.ros.tf import to_message
-from lupin_runtime.slam.files import MalformedFile
+from lupin_runtime.scan_health import ScanHealth
 from lupin_runtime.slam.map_io import save_map
-from lupin_runtime.slam.mapper import Mapper, Step
+from lupin_runtime.slam.mapper import Mapper, ScanResult
 from lupin_runtime.slam.parameters import TABLE, mapper_settings
-from lupin_runtime.slam.scan import Beams, Health
+from lupin_runtime.slam.scan import Beams
 from lupin_runtime.slam.session import Session, load_session, save_session
 from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable
 
 Array = NDArray[np.floating]
 
 SESSION_PERIOD_S = 5.0
-# A clock that steps back further than this has been set; less is jitter between publishers.
+# A larger step back means that the clock was set; a smaller one is jitter between publishers.
 CLOCK_STEP_NS = 200_000_000
-# What a path out of a request may end in: no such user, no name, no space, no file of that kind.
+# Errors of a path from a request: unknown user (~name), empty name, full disk, malformed file.
 _UNUSABLE_PATH = (OSError, ValueError, RuntimeError)
-# More than the mapper moves per scan, since a map that is about to be seen should be whole.
+# More than the mapper moves per scan, since a published map should be complete.
 MOVES_PER_MAP = 60
 
 
-def grid_message(grid: GridMap, frame: str, time_ns: int) -> OccupancyGrid:
-    """An OccupancyGrid of a grid."""
-    message = OccupancyGrid()
-    message.header.frame_id = frame
-    message.header.stamp = message.info.map_load_time = stamp_from_ns(time_ns)
-    message.info.resolution = grid.resolution_m
-    message.info.width, message.info.height = grid.width, grid.height
-    message.info.origin.position.x, message.info.origin.position.y = grid.origin_x, grid.origin_y
-    message.info.origin.orientation.w = 1.0
-    cells = array("b")
-    cells.frombytes(np.ascontiguousarray(grid.cells).tobytes())
-    message.data = cells
-    return message
-
-
-def pose2_of(transform: Transform) -> Pose2:
-    """A transform as seen from above."""
-    return Pose2(transform.translation[0], transform.translation[1], yaw_from_quaternion(*transform.rotation))
+def map_message(grid: GridMap, frame: str, time_ns: int) -> OccupancyGrid:
+    """Convert a grid to an OccupancyGrid."""
+    return grid_message(grid.cells, grid.resolution_m, (grid.origin_x, grid.origin_y), frame, time_ns)
 
 
 class LaserMount:
-    """Reads scans as beams on the robot: where the laser sits comes from TF, once per frame."""
+    """Converts scans to beams on the robot; looks up the laser's pose in TF, once per frame."""
 
     def __init__(self, tree: TransformTree, base_frame: str) -> None:
         self._tree, self._base_frame = tree, base_frame
         self._mounts: dict[str, Pose2] = {}
 
     def beams(self, scan: LaserScan, range_min_m: float, range_max_m: float) -> Beams:
-        """The beams of a scan. Raises TransformUnavailable for a frame that nobody publishes, ValueError for no angles."""
+        """Return the beams of a scan. Raises TransformUnavailable for an unknown frame, ValueError for invalid angles."""
         frame = scan.header.frame_id
         if frame not in self._mounts:
-            self._mounts[frame] = pose2_of(self._tree.lookup(self._base_frame, frame))
+            self._mounts[frame] = self._tree.lookup(self._base_frame, frame).to_pose2()
         return Beams(
             float(scan.angle_min),
             float(scan.angle_increment),
@@ -80,7 +66,7 @@ class LaserMount:
 
 
 class SlamNode(LupinNode):
-    """`/scan` and odom -> base_link in; `/map` and map -> odom out."""
+    """Subscribes to `/scan` and odom -> base_link; publishes `/map` and map -> odom."""
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("slam_toolbox", parameters)
@@ -99,7 +85,7 @@ class SlamNode(LupinNode):
         self._newest_ns = 0
         self._last_stamp_ns = 0
         self._step_rad = 0.01
-        self._health = Health.GOOD
+        self._health = ScanHealth.GOOD
         self._map_now = False
         self._session: Session | None = None
         self._resume()
@@ -107,11 +93,11 @@ class SlamNode(LupinNode):
         self._map_publisher = self.publisher(graph.MAP)
         TransformListener(self, self._tree)
         scans = graph.Topic(p["scan_topic"], graph.SCAN.type, graph.SCAN.qos)
-        self.subscription(scans, self._take_scan)
+        self.subscription(scans, self._on_scan)
         self.create_timer(p["transform_publish_period"], self._tick)
         self.create_timer(p["map_update_interval"], self._publish_map)
         if p["session_file"]:
-            self.create_timer(SESSION_PERIOD_S, self._keep_session)
+            self.create_timer(SESSION_PERIOD_S, self._save_session)
         self.service(graph.SLAM_SAVE_MAP, self._save_map)
         self.service(graph.SLAM_RESET, self._reset)
         self.service(graph.SLAM_PAUSE, self._pause)
@@ -120,7 +106,7 @@ class SlamNode(LupinNode):
 
     # -- scans -----------------------------------------------------------------------------------------------------------
 
-    def _take_scan(self, scan: LaserScan) -> None:
+    def _on_scan(self, scan: LaserScan) -> None:
         self._scans += 1
         if self._paused or self._scans % max(1, int(self._p["throttle_scans"])):
             return
@@ -130,10 +116,10 @@ class SlamNode(LupinNode):
         if stamp <= self._last_stamp_ns:
             return
         self._waiting.append((scan, self.elapsed_clock_ns()))
-        self._drain()
+        self._process_waiting()
 
-    def _drain(self) -> None:
-        """Take the scans whose moment the odometry has reached; give up those that waited in vain."""
+    def _process_waiting(self) -> None:
+        """Map the scans whose time the odometry has reached; drop those that waited too long."""
         while self._waiting:
             scan, since = self._waiting[0]
             stamp = stamp_ns(scan.header.stamp)
@@ -158,7 +144,7 @@ class SlamNode(LupinNode):
 
     def _map_scan(self, scan: LaserScan, stamp: int) -> None:
         beams = self._mount.beams(scan, self._p["min_laser_range"], self._p["max_laser_range"])
-        odom = pose2_of(self._tree.lookup(self._odom_frame, self._base_frame, stamp))
+        odom = self._tree.lookup(self._odom_frame, self._base_frame, stamp).to_pose2()
         ranges = np.frombuffer(scan.ranges, np.float32).astype(float)
         beam_s = float(scan.time_increment)
         beam_s = beam_s if math.isfinite(beam_s) and 0.0 < beam_s * beams.count < 1.0 else 0.0
@@ -171,8 +157,8 @@ class SlamNode(LupinNode):
         step = self._mapper.process(stamp / 1e9, odom, ranges, beams, twist, beam_s)
         self._last_stamp_ns = stamp
         self._step_rad = abs(beams.angle_step)
-        self._tell(step)
-        if self._mapper.place is not None:
+        self._log_result(step)
+        if self._mapper.anchored_pose is not None:
             x, y, yaw = (float(value) for value in step.pose)
             self._map_from_odom = Pose2(x, y, yaw) @ odom.inverse()
         if step.keyframe == 0 or self._map_now:
@@ -180,30 +166,30 @@ class SlamNode(LupinNode):
             self._publish_map()
 
     def _twist(self, stamp: int, during_s: float) -> tuple[float, float, float] | None:
-        """The robot's velocity over a scan, from what odometry there is around it."""
+        """The robot's velocity during a scan, from the odometry around it; None without odometry."""
         newest = self._tree.newest_ns(self._odom_frame, self._base_frame) or stamp
         end = min(newest, stamp + int(during_s * 1e9))
         begin = stamp if end - stamp > 20_000_000 else stamp - 60_000_000
         try:
-            a = pose2_of(self._tree.lookup(self._odom_frame, self._base_frame, begin))
-            b = pose2_of(self._tree.lookup(self._odom_frame, self._base_frame, end))
+            a = self._tree.lookup(self._odom_frame, self._base_frame, begin).to_pose2()
+            b = self._tree.lookup(self._odom_frame, self._base_frame, end).to_pose2()
         except TransformUnavailable:
             return None
         motion, seconds = a.inverse() @ b, (end - begin) / 1e9
         return motion.x / seconds, motion.y / seconds, motion.yaw / seconds
 
-    def _tell(self, step: Step) -> None:
+    def _log_result(self, step: ScanResult) -> None:
         log = self.get_logger()
-        if step.health in (Health.BLIND, Health.FROZEN):
-            log.warning(f"going by odometry alone: {step.health.value}", throttle_duration_sec=5.0)
-        elif self._health in (Health.BLIND, Health.FROZEN) and step.health is Health.GOOD:
+        if step.health in (ScanHealth.BLIND, ScanHealth.FROZEN):
+            log.warning(f"using odometry alone: {step.health.value}", throttle_duration_sec=5.0)
+        elif self._health in (ScanHealth.BLIND, ScanHealth.FROZEN) and step.health is ScanHealth.GOOD:
             log.info("scans are usable again")
-        if step.health is not Health.REPEATED:
+        if step.health is not ScanHealth.REPEATED:
             self._health = step.health
-        if step.health is Health.GOOD and not step.matched and self._settings.use_matching:
-            log.warning("a scan fits nowhere near; going by odometry", throttle_duration_sec=5.0)
+        if step.health is ScanHealth.GOOD and not step.matched and self._settings.use_matching:
+            log.warning("a scan does not fit the map; using odometry alone", throttle_duration_sec=5.0)
         if step.odometry_jumped:
-            log.warning("the odometry leapt; its step was left out", throttle_duration_sec=5.0)
+            log.warning("the odometry jumped; its motion was ignored", throttle_duration_sec=5.0)
 
     # -- output ----------------------------------------------------------------------------------------------------------
 
@@ -212,10 +198,10 @@ class SlamNode(LupinNode):
         if now < self._newest_ns - CLOCK_STEP_NS:
             self._clock_stepped(f"the clock went back by {(self._newest_ns - now) / 1e9:.1f} s")
         self._newest_ns = now
-        self._drain()
+        self._process_waiting()
         if self._map_from_odom is None:
             return
-        # Dated ahead, as slam_toolbox does: who looks up "now" finds a transform on either side of it.
+        # Dated ahead, as slam_toolbox does, so that a lookup at "now" finds a transform before and one after it.
         pose = self._map_from_odom
         transform = Transform((pose.x, pose.y, 0.0), quaternion_from_yaw(pose.yaw))
         self._broadcaster.send(to_message(self._map_frame, self._odom_frame, now + self._timeout_ns, transform))
@@ -225,10 +211,10 @@ class SlamNode(LupinNode):
             self._mapper.occupancy.work(MOVES_PER_MAP)
         grid = self._mapper.grid()
         if grid is not None:
-            self._map_publisher.publish(grid_message(grid, self._map_frame, self.now_ns()))
+            self._map_publisher.publish(map_message(grid, self._map_frame, self.now_ns()))
 
     def _clock_stepped(self, what: str) -> None:
-        """Stamps from before mean nothing now: forget the buffers, keep the map."""
+        """Clear the buffers, whose stamps are invalid now; keep the map."""
         self.get_logger().warning(f"{what}: buffers are cleared, the map is kept")
         self._tree.clear()
         self._waiting.clear()
@@ -261,7 +247,7 @@ class SlamNode(LupinNode):
         response.result = response.RESULT_SUCCESS
         return response
 
-    def _pause(self, request: Any, response: Any) -> Any:
+    def _pause(self, _request: Any, response: Any) -> Any:
         self._paused = not self._paused
         response.status = self._paused
         return response
@@ -295,37 +281,37 @@ class SlamNode(LupinNode):
         response.result = response.RESULT_SUCCESS
         return response
 
-    # -- going on after a restart ------------------------------------------------------------------------------------------
+    # -- sessions: mapping resumes after a restart -----------------------------------------------------------------------
 
     def _write_session(self, path: Path) -> None:
-        if self._mapper.place is None or self._map_from_odom is None:
+        if self._mapper.anchored_pose is None or self._map_from_odom is None:
             raise ValueError("there is no map yet")
         pose = self._map_from_odom
         save_session(path, self._mapper.graph, np.array([pose.x, pose.y, pose.yaw]), self._step_rad)
 
-    def _keep_session(self) -> None:
+    def _save_session(self) -> None:
         try:
             self._write_session(Path(self._p["session_file"]))
         except ValueError:
             return
         except OSError as error:
-            self.get_logger().warning(f"the session cannot be kept: {error}", throttle_duration_sec=60.0)
+            self.get_logger().warning(f"the session cannot be saved: {error}", throttle_duration_sec=60.0)
 
     def _resume(self) -> None:
-        """Go on with the kept session: the odometry ran on while this node was away, so map -> odom still holds."""
+        """Load the saved session: odometry continued while this node was down, so map -> odom is still valid."""
         path = Path(self._p["session_file"])
         if not self._p["session_file"] or not path.exists():
             return
         try:
             session = load_session(path)
         except (MalformedFile, OSError) as error:
-            self.get_logger().error(f"mapping starts anew: {error}")
+            self.get_logger().error(f"the session was not loaded, mapping starts with an empty map: {error}")
             return
         self._session = session
-        self.get_logger().info(f"mapping goes on from {path}: {len(session.graph)} keyframes")
+        self.get_logger().info(f"mapping resumes from {path}: {len(session.graph)} keyframes")
 
 
 def _with_suffix(name: str, suffix: str) -> Path:
-    """A path from a request, with the suffix that it may leave out. Raises one of _UNUSABLE_PATH."""
+    """Return a request's path with the suffix, which the request may omit. Raises one of _UNUSABLE_PATH."""
     path = Path(name).expanduser()
     return path if path.suffix == suffix else path.with_name(path.name + suffix)

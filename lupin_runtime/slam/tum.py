@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+from lupin_runtime.atomic_file import write_atomically
 from lupin_runtime.geometry import Pose2, quaternion_from_yaw
-from lupin_runtime.slam.files import write_atomically
 
 
 def format_tum(stamps: Iterable[str], poses: Iterable[Pose2]) -> str:
-    """The lines of a trajectory; stamps are text, so that a log's own digits survive."""
+    """Format a trajectory; stamps are text, so that they keep the digits of the log."""
     lines = []
     for stamp, pose in zip(stamps, poses):
         _, _, qz, qw = quaternion_from_yaw(pose.yaw)
@@ -20,4 +20,4 @@ def format_tum(stamps: Iterable[str], poses: Iterable[Pose2]) -> str:
 
 def write_tum(path: Path, stamps: Iterable[str], poses: Iterable[Pose2]) -> None:
     """Write a trajectory atomically."""
-    write_atomically(path, format_tum(stamps, poses).encode())
+    write_atomically(path, format_tum(stamps, poses), sync=True)

@@ -1,8 +1,9 @@
-"""A DDS domain of a run's own on loopback: no shared memory, no packet on a network interface, no neighbour heard.
+"""DDS environments: a private domain on loopback for a simulated run, and the robot's graph as `ros-env.sh` describes it.
 
-Shared-memory transport is off on purpose: orphaned segments, foreign owners and late joiners that see names but no samples
-are its faults, and tuned UDP is faster for images. The large socket buffers need `net.core.rmem_max` and `wmem_max` of
-4 MiB; with less the kernel clips them and big images lose fragments, which the cameras' JPEG topics do not mind.
+The loopback profile uses UDP on 127.0.0.1 only, so no packet leaves the machine. It does not use shared memory, which leaves
+orphaned or foreign segments and lets late joiners see names without samples; tuned UDP is also faster for images. The large
+socket buffers need `net.core.rmem_max` and `wmem_max` of 4 MiB. With less the kernel clips them and large raw images lose
+fragments; the cameras' JPEG topics are small enough.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from pathlib import Path
 
 SOCKET_BUFFER_BYTES = 4 * 1024 * 1024
 
-# What a process needs to join the same graph.
+# The variables that a process needs to join the same graph.
 GRAPH_VARIABLES = ("ROS_DOMAIN_ID", "ROS_DISCOVERY_SERVER", "RMW_IMPLEMENTATION", "FASTRTPS_DEFAULT_PROFILES_FILE")
 
-# RTPS 2.2, 9.6.1.1: a domain's ports start at 7400 + 250 * domain. Above domain 101 they run into the ephemeral range.
+# RTPS 2.2, 9.6.1.1: a domain's ports start at 7400 + 250 * domain. Above domain 101 they overlap the ephemeral range.
 _PORT_BASE = 7400
 _PORTS_PER_DOMAIN = 250
 _FIRST_DOMAIN, _LAST_DOMAIN = 1, 100
-# The last port of a domain belongs to its 120th participant, which no run has: holding it claims the domain.
+# The last port of a domain belongs to its 120th participant, which no run has. Binding it claims the domain.
 _CLAIM_OFFSET = _PORTS_PER_DOMAIN - 1
 
 _PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
@@ -48,7 +49,7 @@ _PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
 </profiles>
 """
 
-# Each of these would pull a process of ours out of its private graph.
+# Each of these variables would take a process out of its private graph.
 FOREIGN = (
     "ROS_DISCOVERY_SERVER",
     "ROS_SUPER_CLIENT",
@@ -61,25 +62,25 @@ FOREIGN = (
 
 
 class NoFreeDomain(RuntimeError):
-    """Every domain that a run may use is claimed."""
+    """Every domain that a run may use is claimed by another run."""
 
 
 @dataclass
 class DomainClaim:
-    """A domain held for as long as this process lives, or until `release`."""
+    """A claimed domain, held until `release` or the end of this process."""
 
     domain: int
     _socket: socket.socket
 
     def release(self) -> None:
-        """Give the domain back."""
+        """Release the domain."""
         self._socket.close()
 
 
 def claim_domain(first: int | None = None) -> DomainClaim:
-    """Claim a domain that no other run on this machine holds; `first` asks for one in particular.
+    """Claim a domain that no other run on this machine holds; `first` requests a particular one.
 
-    The claim is a bound port, so it ends with its process however that dies. Raises NoFreeDomain.
+    The claim is a bound port, so the kernel releases it with the process. Raises NoFreeDomain.
     """
     candidates = [first] if first is not None else random.sample(range(_FIRST_DOMAIN, _LAST_DOMAIN + 1), _LAST_DOMAIN)
     for domain in candidates:
@@ -90,12 +91,12 @@ def claim_domain(first: int | None = None) -> DomainClaim:
             holder.close()
             continue
         return DomainClaim(domain, holder)
-    asked = f"domain {first} is" if first is not None else "all 100 domains are"
-    raise NoFreeDomain(f"{asked} held by other runs; end one of them with: lupin down")
+    claimed = f"domain {first} is" if first is not None else "all 100 domains are"
+    raise NoFreeDomain(f"{claimed} in use by other runs; stop one of them with: lupin down")
 
 
 def loopback_environment(domain: int, directory: Path, base: Mapping[str, str] | None = None) -> dict[str, str]:
-    """The environment in which a process joins this domain on loopback; writes the profile into `directory`."""
+    """The environment in which a process joins `domain` on loopback; writes the DDS profile into `directory`."""
     profile = directory / "fastdds_loopback.xml"
     directory.mkdir(parents=True, exist_ok=True)
     profile.write_text(_PROFILE)
@@ -109,17 +110,17 @@ def loopback_environment(domain: int, directory: Path, base: Mapping[str, str] |
 
 
 class NoRobotEnvironment(RuntimeError):
-    """This machine does not know how to reach a robot's graph."""
+    """This machine has no discovery server of a robot configured; the message gives the command to type."""
 
 
 _EXPORT = re.compile(r"^\s*export\s+([A-Za-z_][A-Za-z0-9_]*)=(.*?)\s*$")
 
 
 def robot_environment(base: Mapping[str, str] | None = None) -> tuple[dict[str, str], list[str]]:
-    """The environment in which a process joins the robot's graph, and the names that `ros-env.sh` gave it.
+    """The environment in which a process joins the robot's graph, and the variable names that `ros-env.sh` set.
 
-    Reads the `export NAME=value` lines of `${XDG_CONFIG_HOME:-~/.config}/lupin/ros-env.sh`, so that a terminal opened before
-    the set-up serves as well as any. Raises NoRobotEnvironment where neither the file nor the shell names a discovery server.
+    Reads the `export NAME=value` lines of `${XDG_CONFIG_HOME:-~/.config}/lupin/ros-env.sh`, so that a terminal
+    opened before the set-up works too. Raises NoRobotEnvironment where neither the file nor the shell names a discovery server.
     """
     environment = dict(os.environ if base is None else base)
     home = Path(environment.get("HOME") or Path.home())
@@ -134,7 +135,7 @@ def robot_environment(base: Mapping[str, str] | None = None) -> tuple[dict[str, 
                 applied.append(found[1])
     if not environment.get("ROS_DISCOVERY_SERVER"):
         raise NoRobotEnvironment(
-            f"no robot is known here: {path} names no ROS_DISCOVERY_SERVER; "
+            f"this machine knows no robot: {path} sets no ROS_DISCOVERY_SERVER; "
             "type: lupin dds setup 10.42.0.1 (the robot's address), or use --target sim"
         )
     return environment, applied

@@ -1,6 +1,6 @@
-"""A program that is not ours as a process of the stack: `python -m lupin_runtime.stack.external PROGRAM ARGUMENT...`
+"""Runs a third-party program as a process of the stack: `python -m lupin_runtime.stack.external PROGRAM ARGUMENT...`.
 
-It ends with the run, however the run ends. Whoever closes its window has closed it: it is not opened again.
+The program ends with the run, however the run ends. When its window is closed it is not started again.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ import subprocess
 import sys
 import threading
 
-from lupin_runtime.ros.parent import end_with_parent
+from lupin_runtime.ros.supervision import end_with_parent
 
 TERMINATE_GRACE_S = 2.0
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def main(command: list[str]) -> int:
-    """Run a program until it ends or SIGTERM comes, then wait for the end of the run; returns the exit status."""
+    """Run a program until SIGTERM arrives; where it ends earlier, wait for SIGTERM. Returns the exit status."""
     ended = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: ended.set())
     end_with_parent()
     prctl = ctypes.CDLL(None).prctl
-    # Should this process be killed, the kernel tells the program; nothing else would.
+    # If this process is killed, the kernel sends SIGTERM to the program.
     child = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=lambda: prctl(_PR_SET_PDEATHSIG, signal.SIGTERM))
     while not ended.wait(0.2):
         if child.poll() is not None:

@@ -1,7 +1,7 @@
 """One process of the stack: `python -m lupin_runtime.stack.process FILE.json`.
 
-The file names the node classes and their parameters. The process ends when its standard input does: that is how the
-death of the supervisor, however sudden, reaches it.
+The file lists the node classes and their parameters. The process ends when its standard input ends, which also happens when
+the supervisor is killed.
 """
 
 from __future__ import annotations
@@ -24,24 +24,25 @@ def node_class(path: str) -> Any:
 
 
 def main(argument: str) -> int:
-    """Run the nodes of a process file until told to stop; returns the exit status."""
+    """Run the nodes of a process file until a signal or the end of standard input; returns the exit status."""
     faulthandler.enable()
     config = json.loads(Path(argument).read_text())
     from lupin_runtime.ros import run
-    from lupin_runtime.ros.parent import end_with_parent
+    from lupin_runtime.ros.supervision import Supervision
 
-    end_with_parent()
+    supervision = Supervision()
+    supervision.start()
 
     factories = [partial(node_class(node["class"]), node.get("parameters") or {}) for node in config["nodes"]]
-    # What was imported lives as long as the process: full collections need not walk it.
+    # Imported objects live as long as the process: freezing spares every full collection from visiting them.
     gc.collect()
     gc.freeze()
-    return run(factories, simulated_time=bool(config["simulated_time"]))
+    return run(factories, simulated_time=bool(config["simulated_time"]), supervision=supervision)
 
 
 if __name__ == "__main__":
     status = main(sys.argv[1])
     sys.stdout.flush()
     sys.stderr.flush()
-    # Interpreter shutdown after DDS is slow and may abort; everything worth keeping is written by now.
+    # Interpreter shutdown after DDS is slow and may abort; all output has been flushed.
     os._exit(status)

@@ -1,7 +1,7 @@
-"""Run directories: where one run of the stack keeps its logs, state, recording and report, and how others find it.
+"""Run directories, which hold the logs, state, recording and report of one run of the stack, and the functions that find them.
 
-`${XDG_STATE_HOME:-~/.local/state}/lupin/runs/<id>/`. A run is alive while its supervisor holds the lock file, so a crashed
-supervisor needs no clean-up to be seen as dead.
+A run is in `${XDG_STATE_HOME:-~/.local/state}/lupin/runs/<id>/`. It is alive while its supervisor holds a lock on the file
+`lock`, so a crashed supervisor leaves no run that seems alive.
 """
 
 from __future__ import annotations
@@ -16,22 +16,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lupin_runtime.atomic_file import write_atomically
+
 
 class RunError(RuntimeError):
-    """A run cannot be made, found or told apart; the message says what to type."""
+    """A run cannot be created, is not found, or is ambiguous; the message gives the command to type."""
 
 
 def state_home() -> Path:
-    """The folder of everything that runs leave behind."""
+    """The folder of all state that Lupin keeps for this user."""
     base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
     return Path(base) / "lupin"
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Replace a file in one step: a reader sees the old text or the new, never half."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    partial.write_text(text)
-    partial.replace(path)
 
 
 @dataclass(frozen=True)
@@ -47,37 +42,48 @@ class Run:
 
     @property
     def logs(self) -> Path:
-        """One log file per process."""
+        """The folder of log files, one per process."""
         return self.path / "logs"
 
     @property
     def recording(self) -> Path:
-        """What was said on the graph."""
+        """The recording of the graph."""
         return self.path / "recording.mcap"
 
     @property
     def report(self) -> Path:
-        """Folder of the report."""
+        """The folder of the report."""
         return self.path / "report"
 
     def info(self) -> dict[str, Any]:
-        """What the run was started as: pid, domain, target, world, environment. Empty where it never got that far."""
+        """How the run was started: pid, DDS domain, options, environment. Empty where it ended before writing that."""
         return _read(self.path / "run.json")
 
     def state(self) -> dict[str, Any]:
-        """The supervisor's last word: stages, processes, mission."""
+        """The last state that the supervisor wrote: stages, processes, mission."""
         return _read(self.path / "state.json")
 
     def write_info(self, info: Mapping[str, Any]) -> None:
-        """Say what the run was started as."""
+        """Write `run.json`, see `info`."""
         write_atomically(self.path / "run.json", json.dumps(dict(info), indent=1))
 
     def write_state(self, state: Mapping[str, Any]) -> None:
-        """Say how it goes."""
+        """Write `state.json`, see `state`."""
         write_atomically(self.path / "state.json", json.dumps(dict(state)))
 
+    def is_kept(self) -> bool:
+        """Whether a person protected it from removal."""
+        return (self.path / "keep").exists()
+
+    def keep(self, kept: bool) -> None:
+        """Protect it from removal, or let it be removed again. Raises OSError."""
+        if kept:
+            (self.path / "keep").touch()
+        else:
+            (self.path / "keep").unlink(missing_ok=True)
+
     def alive(self) -> bool:
-        """Whether its supervisor lives."""
+        """Whether its supervisor is alive."""
         try:
             descriptor = os.open(self.path / "lock", os.O_RDWR)
         except OSError:
@@ -106,7 +112,7 @@ def runs_directory() -> Path:
 
 
 def create_run() -> tuple[Run, int]:
-    """A new run and the descriptor of its lock, held until this process ends or closes it."""
+    """Create a run. Returns it with the descriptor of its lock, which keeps it alive until it is closed. Raises RunError."""
     run = Run(runs_directory() / f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(2)}")
     try:
         run.logs.mkdir(parents=True)
@@ -119,31 +125,31 @@ def create_run() -> tuple[Run, int]:
 
 
 def all_runs() -> list[Run]:
-    """Every run there is, oldest first."""
+    """All runs, oldest first."""
     folder = runs_directory()
     if not folder.is_dir():
         return []
-    return [Run(path) for path in sorted(folder.iterdir()) if path.is_dir()]
+    return [Run(path) for path in sorted(folder.iterdir()) if path.is_dir() and not path.is_symlink()]
 
 
 def live_runs() -> list[Run]:
-    """The runs whose supervisor lives, oldest first."""
+    """The runs whose supervisor is alive, oldest first."""
     return [run for run in all_runs() if run.alive()]
 
 
 def find_live_run(name: str | None = None) -> Run:
-    """The live run called `name` (a unique part is enough), or the only one. Raises RunError."""
+    """The live run whose id contains `name`, or the only live run. Raises RunError unless there is exactly one."""
     candidates = [run for run in live_runs() if name is None or name in run.id]
     if len(candidates) == 1:
         return candidates[0]
     if not candidates:
         wanted = f" like {name!r}" if name else ""
         raise RunError(f"no run{wanted} is up; start one with: lupin up")
-    raise RunError(f"several runs are up; say which with --run: {', '.join(run.id for run in candidates)}")
+    raise RunError(f"several runs are up; choose one with --run: {', '.join(run.id for run in candidates)}")
 
 
 def find_run(name: str | None = None) -> Run:
-    """A live run, or else the newest ended one. Raises RunError."""
+    """The newest live run whose id contains `name`, or else the newest ended one. Raises RunError."""
     runs = [run for run in all_runs() if name is None or name in run.id]
     if not runs:
         raise RunError(f"there is no run{f' like {name!r}' if name else ''}; start one with: lupin up")

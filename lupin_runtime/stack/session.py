@@ -1,8 +1,7 @@
-"""One `lupin up` from the first process to the last: bring-up, mission, end. The view only looks; nothing here prints."""
+"""One execution of `lupin up`: bring-up, mission, shutdown. It prints nothing; a view observes its state."""
 
 from __future__ import annotations
 
-import atexit
 import os
 import signal
 import time
@@ -11,11 +10,14 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lupin_runtime.stack.alarms import alarms
 from lupin_runtime.stack.dds import GRAPH_VARIABLES, DomainClaim, claim_domain, loopback_environment, robot_environment
+from lupin_runtime.stack.retention import remove_old_runs
 from lupin_runtime.stack.runs import Run, create_run
-from lupin_runtime.stack.shm import spare_the_tracer
+from lupin_runtime.stack.shm import disable_lttng_shm
 from lupin_runtime.stack.supervisor import Phase, Supervisor
 from lupin_runtime.stack.table import Options
+from lupin_runtime.stack.usage import start_ticks
 
 STEP_S = 0.1
 STATE_PERIOD_S = 1.0
@@ -27,7 +29,7 @@ EXIT_DONE, EXIT_ENDED_OTHERWISE, EXIT_USAGE, EXIT_NEVER_UP, EXIT_INTERRUPTED = 0
 
 @dataclass
 class Outcome:
-    """How a run ended: an exit status, a state for scripts, and one sentence for people."""
+    """How a run ended: its exit status, a state for scripts, and one sentence for the operator."""
 
     exit_status: int = EXIT_INTERRUPTED
     state: str = "INTERRUPTED"
@@ -41,12 +43,8 @@ class Outcome:
     deaths: list[dict[str, Any]] = field(default_factory=list)
 
 
-class Interrupted(Exception):
-    """SIGINT, SIGTERM or SIGHUP came."""
-
-
 def mission_facts(message: Any) -> dict[str, Any]:
-    """The fields of MissionState that a view or a script shows."""
+    """The fields of a MissionState message that views and scripts show; empty for None."""
     if message is None:
         return {}
     names = (
@@ -58,7 +56,7 @@ def mission_facts(message: Any) -> dict[str, Any]:
 
 
 class Session:
-    """A run of the stack in this process: the supervisor, its watch, and the mission that was asked for.
+    """A run of the stack: the supervisor, the graph monitor, and the requested mission.
 
     `observe(state)` is called about ten times a second with the same plain data that goes into `state.json`.
     """
@@ -66,7 +64,8 @@ class Session:
     def __init__(self, options: Options, observe: Callable[[dict[str, Any]], None]) -> None:
         self.run: Run
         self.run, self._lock = create_run()
-        self.options = Options(**{**_shallow(options), "run_path": self.run.path})
+        remove_old_runs()
+        self.options = options.in_folder(self.run.path)
         self._observe = observe
         self._domain: DomainClaim | None = None
         self.applied: list[str] = []
@@ -77,43 +76,41 @@ class Session:
             environment, self.applied = robot_environment()
         os.environ.clear()
         os.environ.update(environment)
-        # Taken back by the last act of this process: the tracer's threads look again for as long as it lives.
-        for path in spare_the_tracer():
-            atexit.register(path.rmdir)
-        # rclpy reads the environment when it is first imported and initialised.
-        from lupin_runtime.stack.watch import GraphWatch
+        disable_lttng_shm()
+        # Imported here, because rclpy reads the environment when it is first imported and initialised.
+        from lupin_runtime.stack.graph_monitor import GraphMonitor
 
         self.run.write_info(
             {
                 "id": self.run.id,
                 "pid": os.getpid(),
+                "start_ticks": start_ticks(os.getpid()),
                 "started": time.time(),
                 "checkout": str(Path(__file__).resolve().parents[2]),
                 "domain": self._domain.domain if self._domain is not None else None,
                 "environment": {key: environment[key] for key in GRAPH_VARIABLES if key in environment},
-                "options": {key: _plain(value) for key, value in asdict(self.options).items()},
+                "options": self.options.as_json(),
             }
         )
-        self.watch = GraphWatch()
-        self.supervisor = Supervisor(self.options, self.run, environment, self.watch)
+        self.monitor = GraphMonitor()
+        self.supervisor = Supervisor(self.options, self.run, environment, self.monitor)
         self.outcome = Outcome()
         self._state_due_s = 0.0
-        self._mission_asked = False
+        self._alarms: list[str] = []
+        self._mission_requested = False
         self._mission_id = ""
         self._mission_refused = ""
-        self._interrupts = 0
+        self._interrupted = False
 
     def execute(self) -> Outcome:
-        """Run until the mission ends, a stage never comes up, or somebody interrupts; then stop everything."""
+        """Run until the mission ends, a stage fails to come up, or a signal arrives; then stop every process."""
         before = {number: signal.signal(number, self._interrupt) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
         try:
-            while not self._ended():
-                self.watch.spin(STEP_S)
+            while not self._interrupted and not self._ended():
+                self.monitor.spin(STEP_S)
                 self.supervisor.step()
-                self._follow()
-                self._tell()
-        except Interrupted:
-            pass
+                self._update_progress()
+                self._report_state()
         finally:
             self._finish()
             for number, handler in before.items():
@@ -121,12 +118,10 @@ class Session:
         return self.outcome
 
     def _interrupt(self, *_: object) -> None:
-        # Only the first may raise: the second would tear the orderly stop that the first began.
-        self._interrupts += 1
-        if self._interrupts == 1:
-            raise Interrupted
+        # It raises nothing: the signal may arrive anywhere, also while a run that has ended by itself stops its processes.
+        self._interrupted = True
 
-    def _follow(self) -> None:
+    def _update_progress(self) -> None:
         age = time.monotonic() - self.supervisor.started_s
         present = [name for name in DRIVABLE if self.supervisor.stage(name) is not None]
         if self.outcome.drivable_s is None and present and self.supervisor.all_up(present):
@@ -135,9 +130,9 @@ class Session:
             return
         if self.outcome.ready_s is None:
             self.outcome.ready_s = round(age, 2)
-        if not self._mission_asked:
-            self._mission_asked = True
-            self.watch.start_mission("ExplorationMission", self.options.discovery_goal, self._mission_answered)
+        if not self._mission_requested:
+            self._mission_requested = True
+            self.monitor.start_mission("ExplorationMission", self.options.discovery_goal, self._mission_answered)
 
     def _mission_answered(self, accepted: bool, text: str) -> None:
         self._mission_id, self._mission_refused = (text, "") if accepted else ("", text)
@@ -148,15 +143,15 @@ class Session:
         if fatal is not None:
             outcome.exit_status, outcome.state = EXIT_ENDED_OTHERWISE, "LOST"
             outcome.sentence = f"{fatal.stage} {fatal.status}: {fatal.consequence}"
-            if outcome.ready_s is None and self._late():
+            if outcome.ready_s is None and self._is_late():
                 outcome.exit_status = EXIT_NEVER_UP
             return True
-        if self._late():
+        if self._is_late():
             outcome.exit_status, outcome.state = EXIT_NEVER_UP, "NEVER_UP"
             stage = self.supervisor.stalled()[0]
             waits = "; ".join(self.supervisor.waiting_for(stage)) or stage.why
-            onward = f"; what is wrong says: {stage.row.next_command}" if stage.row.next_command else ""
-            outcome.sentence = f"{stage.row.name} never came up: {waits}{onward}"
+            advice = f"; find the cause with: {stage.row.next_command}" if stage.row.next_command else ""
+            outcome.sentence = f"{stage.row.name} did not come up: {waits}{advice}"
             return True
         if self._mission_refused:
             outcome.exit_status, outcome.state = EXIT_ENDED_OTHERWISE, "REFUSED"
@@ -164,17 +159,17 @@ class Session:
             return True
         return self._mission_ended()
 
-    def _late(self) -> bool:
+    def _is_late(self) -> bool:
         never_up = [stage for stage in self.supervisor.stalled() if stage.up_after_s is None]
         return bool(never_up)
 
     def _mission_ended(self) -> bool:
-        message, outcome = self.watch.mission, self.outcome
+        message, outcome = self.monitor.mission, self.outcome
         if not self._mission_id or message is None:
             return False
-        if time.monotonic() - self.watch.mission_heard_s > MISSION_SILENCE_S:
+        if time.monotonic() - self.monitor.mission_received_s > MISSION_SILENCE_S:
             outcome.exit_status, outcome.state = EXIT_ENDED_OTHERWISE, "LOST"
-            outcome.sentence = f"the mission has said nothing for {MISSION_SILENCE_S:.0f} s"
+            outcome.sentence = f"the mission has published no state for {MISSION_SILENCE_S:.0f} s; see: lupin logs mission"
             return True
         if message.mission_id != self._mission_id or message.lifecycle_state not in ("DONE", "FAULT"):
             return False
@@ -185,35 +180,38 @@ class Session:
         return True
 
     def state(self) -> dict[str, Any]:
-        """The whole run as plain data."""
+        """The state of the whole run as plain data."""
         return {
             **self.supervisor.snapshot(),
             "id": self.run.id,
-            "rates_hz": self.watch.rates_hz(),
-            "silent_s": self.watch.silent_s(),
-            "mission": mission_facts(self.watch.mission),
+            "rates_hz": self.monitor.rates_hz(),
+            "silent_s": self.monitor.silent_s(),
+            "alarms": list(self.monitor.alarms),
+            "mission": mission_facts(self.monitor.mission),
             "drivable_s": self.outcome.drivable_s,
             "ready_s": self.outcome.ready_s,
         }
 
-    def _tell(self) -> None:
+    def _report_state(self) -> None:
         state = self.state()
         self._observe(state)
-        if time.monotonic() >= self._state_due_s:
+        current = alarms(state)
+        if time.monotonic() >= self._state_due_s or current != self._alarms:
             self._state_due_s = time.monotonic() + STATE_PERIOD_S
+            self._alarms = current
             self.run.write_state(state)
 
     def _finish(self) -> None:
         outcome = self.outcome
         outcome.wall_time_s = round(time.monotonic() - self.supervisor.started_s, 1)
-        outcome.mission = mission_facts(self.watch.mission)
+        outcome.mission = mission_facts(self.monitor.mission)
         outcome.stages = [
             {**stage, "phase": Phase.STOPPED.value if stage["phase"] == Phase.UP.value else stage["phase"]}
             for stage in self.supervisor.snapshot()["stages"]
         ]
         outcome.deaths = [dict(death.__dict__) for death in self.supervisor.deaths]
         self.supervisor.stop()
-        self.watch.close()
+        self.monitor.close()
         outcome.memory_mb = round(self.supervisor.memory_peak_mb, 1)
         self.run.write_state({**self.state_after_end(), "outcome": asdict(outcome)})
         if self._domain is not None:
@@ -222,11 +220,3 @@ class Session:
     def state_after_end(self) -> dict[str, Any]:
         """The last state of an ended run."""
         return {"id": self.run.id, "pid": os.getpid(), "mission": self.outcome.mission, "stages": self.outcome.stages}
-
-
-def _shallow(options: Options) -> dict[str, Any]:
-    return {name: getattr(options, name) for name in options.__dataclass_fields__}
-
-
-def _plain(value: Any) -> Any:
-    return str(value) if isinstance(value, Path) else value

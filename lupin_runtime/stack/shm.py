@@ -1,23 +1,24 @@
-"""A full /dev/shm must not take the stack down.
+"""Keeps the stack running when /dev/shm is full.
 
-DDS uses none of it here (`dds.py`), but the tracing library that comes with the ROS wheels maps a page of it when it is loaded,
-and a process that touches a page for which there is no room dies of SIGBUS.
+DDS does not use shared memory here (see `dds.py`), but lttng-ust, which comes with the ROS wheels, maps a page of /dev/shm when
+it is loaded. A process that touches a mapped page for which there is no space is killed by SIGBUS.
 """
 
 from __future__ import annotations
 
 import os
+import subprocess
 from pathlib import Path
 
 _PAGE_BYTES = 4096
-# liblttng-ust 2.8's meeting points, for the system's and for the user's tracer (lttng-ust, ust-wait-shm).
+# The wait files of liblttng-ust 2.8, for the system's and the user's session daemon (lttng-ust, ust-wait-shm).
 _NAMES = ("lttng-ust-wait-6", "lttng-ust-wait-6-{uid}")
 
 
-def spare_the_tracer(folder: Path = Path("/dev/shm")) -> list[Path]:
-    """Where there is no room for the tracer's pages, make it do without: a directory of that name cannot be mapped.
+def disable_lttng_shm(folder: Path = Path("/dev/shm")) -> list[Path]:  # noqa: S108 -- LTTng's own folder
+    """Where /dev/shm is full, create directories in place of lttng-ust's wait files, which it then cannot map.
 
-    Returns what was made, to be removed when this process ends. Does nothing where the pages exist or fit.
+    Returns the created directories, which are removed when this process has ended. Does nothing where there is space.
     """
     free = os.statvfs(folder)
     if free.f_bavail * free.f_frsize >= 16 * _PAGE_BYTES:
@@ -26,8 +27,25 @@ def spare_the_tracer(folder: Path = Path("/dev/shm")) -> list[Path]:
     for name in _NAMES:
         path = folder / name.format(uid=os.getuid())
         if path.is_file() and path.stat().st_blocks == 0:
-            path.unlink()  # a file without its page: whoever made it died of that
+            path.unlink()  # a file without its page, left by a process that SIGBUS killed
         if not path.exists():
             path.mkdir()
             made.append(path)
+    _remove_after_exit(made)
     return made
+
+
+def _remove_after_exit(folders: list[Path]) -> None:
+    """Leave the removal of empty folders to a shell that waits for the end of this process.
+
+    The tracer's threads try again for as long as this process lives, also while the interpreter shuts down.
+    """
+    if not folders:
+        return
+    reading, _open_until_exit = os.pipe()
+    subprocess.Popen(
+        ["/bin/sh", "-c", 'read -r _; rmdir "$@"', "sh", *map(str, folders)],
+        stdin=reading,
+        start_new_session=True,  # an interrupt from the terminal must not terminate it early
+    )
+    os.close(reading)

@@ -1,11 +1,13 @@
-"""Starts, watches, restarts and stops the processes of a run. It never sleeps on a guess: stages wait for sentinels."""
+"""Starts, monitors, restarts and stops the processes of a run. Stages wait for readiness conditions, never for a fixed time."""
 
 from __future__ import annotations
 
 import enum
 import json
 import os
+import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,28 +18,33 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
+from lupin_runtime.stack.liveness import Liveness
+from lupin_runtime.stack.readiness import Readiness
 from lupin_runtime.stack.runs import Run
-from lupin_runtime.stack.sentinels import Sentinel
 from lupin_runtime.stack.table import Launch, Options, ProcessRow, launch, rows
-from lupin_runtime.stack.usage import cpu_time_s, memory_mb
+from lupin_runtime.stack.usage import cpu_time_s, memory_mb, start_ticks
 
 STOP_GRACE_S = 4.0
 RESTARTS_ALLOWED, RESTARTS_WITHIN_S = 3, 60.0
 USAGE_PERIOD_S = 2.0
+LOG_MAX_BYTES = 20_000_000
 
 
-class Watch(Protocol):
-    """What the supervisor asks of the graph."""
+class ReadinessMonitor(Protocol):
+    """Tests readiness conditions for the supervisor; `GraphMonitor` is the one of a real graph."""
 
-    def satisfied(self, sentinel: Sentinel) -> bool: ...
+    def satisfied(self, condition: Readiness) -> bool:
+        """Return whether the condition holds now."""
 
-    def forget(self, sentinel: Sentinel) -> None: ...
+    def forget(self, condition: Readiness) -> None:
+        """Drop what was observed of a condition, because its process has ended."""
 
-    def explain(self, sentinel: Sentinel) -> str: ...
+    def explain(self, condition: Readiness) -> str:
+        """Say what is still missing, for the operator."""
 
 
 class Phase(enum.Enum):
-    """Where a process is between being wanted and being up."""
+    """The phase of a stage."""
 
     WAITING = "waiting"
     STARTING = "starting"
@@ -48,19 +55,21 @@ class Phase(enum.Enum):
 
 @dataclass
 class Stage:
-    """One process of the run, as it stands."""
+    """One process of the run and its current state."""
 
     launch: Launch
     phase: Phase = Phase.WAITING
     since_s: float = 0.0
     up_after_s: float | None = None
     process: subprocess.Popen[bytes] | None = None
+    start_ticks: int | None = None  # identifies the process together with its PID
+    killed_why: str = ""  # why the supervisor killed the process
     restarts: deque[float] = field(default_factory=deque)
     restart_count: int = 0
     why: str = ""
     cpu_percent: float = 0.0
     memory_mb: float = 0.0
-    cpu_seen: tuple[float, float] | None = None  # when, s, and the processor time used until then, s
+    cpu_seen: tuple[float, float] | None = None  # (time, processor time used until then), seconds
 
     @property
     def row(self) -> ProcessRow:
@@ -70,7 +79,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Death:
-    """A process ended that nobody asked to end."""
+    """An unplanned end of a process."""
 
     stage: str
     status: str
@@ -78,43 +87,53 @@ class Death:
 
 
 class Supervisor:
-    """Runs the rows of `options` inside `run`, in `environment`; `step` moves it on and never blocks for long."""
+    """Runs the processes that `options` select, in `run` and `environment`. `step` is called in a loop and does not block."""
 
     def __init__(
-        self, options: Options, run: Run, environment: Mapping[str, str], watch: Watch, own_output: bool = False
+        self, options: Options, run: Run, environment: Mapping[str, str], monitor: ReadinessMonitor, own_output: bool = False
     ) -> None:
-        """With `own_output` the processes write where this one does, a journal say, and not into files of the run."""
+        """With `own_output` processes write to this process's output, such as the system journal, and not to log files."""
         self.options = options
         self._own_output = own_output
         self.run = run
         self._environment = {**environment, "PYTHONUNBUFFERED": "1", "PYTHONFAULTHANDLER": "1"}
-        # Every process computes on one thread: twelve of them share the cores, and thread pools only fight over them.
+        # One computing thread per process: twelve processes share the cores, and thread pools would compete for them.
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
             self._environment.setdefault(name, "1")
-        self._watch = watch
+        self._monitor = monitor
         self.started_s = time.monotonic()
         self.stages = [Stage(launch(row, options), since_s=self.started_s) for row in rows(options)]
         self.deaths: list[Death] = []
         self.memory_peak_mb = 0.0
+        self.liveness = Liveness()
+        self.liveness.start()
         self._usage_due_s = 0.0
         self._stopping = False
 
     def stage(self, name: str) -> Stage | None:
-        """The stage of this name, where the run has one."""
+        """The stage called `name`; None where the run has none."""
         return next((stage for stage in self.stages if stage.row.name == name), None)
 
     def step(self) -> None:
-        """Look at every stage once: start what may start, notice what is up, restart what died."""
+        """Update every stage once: start it when its needs are met, note that it is up, restart it when it has ended."""
         now = time.monotonic()
+        self.liveness.record_main_loop_iteration()
+        hung = self.liveness.hung()
         for stage in self.stages:
+            if stage.row.name in hung:
+                silence = hung[stage.row.name]
+                node = f" (node {silence.node})" if silence.node else ""
+                self._kill(stage, f"did not respond for {silence.wall_s:.1f} s{node} and was killed")
             if stage.phase is Phase.WAITING:
-                if all(self._watch.satisfied(sentinel) for sentinel in stage.row.needs):
+                if all(self._monitor.satisfied(condition) for condition in stage.row.needs):
                     self._start(stage, now)
             elif stage.phase in (Phase.STARTING, Phase.UP):
                 if stage.process is not None and stage.process.poll() is not None:
-                    self._bury(stage, now)
-                elif stage.phase is Phase.STARTING and all(self._watch.satisfied(s) for s in stage.row.ready):
+                    self._handle_exit(stage, now)
+                elif stage.phase is Phase.STARTING and all(self._monitor.satisfied(s) for s in stage.row.ready):
                     stage.phase, stage.why = Phase.UP, ""
+                    if stage.row.sends_heartbeats:
+                        self.liveness.expect_heartbeats(stage.row.name)
                     stage.up_after_s = now - self.started_s if stage.up_after_s is None else stage.up_after_s
         if now >= self._usage_due_s:
             self._usage_due_s = now + USAGE_PERIOD_S
@@ -122,65 +141,73 @@ class Supervisor:
 
     def _start(self, stage: Stage, now: float) -> None:
         stage.phase, stage.since_s, stage.cpu_seen = Phase.STARTING, now, None
-        if stage.row.elsewhere:
+        if stage.row.external:
             return
         directory = self.run.path / "processes"
         directory.mkdir(exist_ok=True)
         if stage.launch.config is not None:
             (directory / f"{stage.row.name}.json").write_text(json.dumps(stage.launch.config, indent=1))
         with self._log(stage.row.name) as log:
-            stage.process = subprocess.Popen(
-                [sys.executable, *stage.launch.arguments],
-                stdin=subprocess.PIPE,  # held open for as long as we live: its end is how a child learns of our death
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env=dict(self._environment),
-                start_new_session=True,
-            )
+            # For heartbeats; stays open while this process lives, and when it is closed the child exits.
+            channel, standard_input = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            with standard_input:
+                stage.process = subprocess.Popen(
+                    [sys.executable, *stage.launch.arguments],
+                    stdin=standard_input.fileno(),
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    env=dict(self._environment),
+                    start_new_session=True,
+                )
+        stage.start_ticks = start_ticks(stage.process.pid)
+        self.liveness.monitor(stage.row.name, stage.process.pid, channel, stage.row.commands_motion)
 
     def _log(self, name: str) -> AbstractContextManager[BinaryIO | None]:
-        """Where a process's words go: its file of the run, or with None where ours go."""
+        """The log file of a process; None where it shares this process's output."""
         return nullcontext() if self._own_output else (self.run.logs / f"{name}.log").open("ab")
 
-    def _bury(self, stage: Stage, now: float) -> None:
-        status = _describe(stage.process.returncode if stage.process else None)
-        for sentinel in stage.row.ready:
-            self._watch.forget(sentinel)
+    @staticmethod
+    def _kill(stage: Stage, why: str) -> None:
+        """Kill a process; its end is then handled like any other."""
+        if stage.process is not None and not stage.killed_why:
+            stage.killed_why = why
+            stage.process.kill()
+
+    def _handle_exit(self, stage: Stage, now: float) -> None:
+        status = stage.killed_why or _exit_text(stage.process.returncode if stage.process else None)
+        stage.killed_why = ""
+        for condition in stage.row.ready:
+            self._monitor.forget(condition)
         while stage.restarts and now - stage.restarts[0] > RESTARTS_WITHIN_S:
             stage.restarts.popleft()
-        # Without a mission nothing depends on what a process of one knew.
+        # Without a mission no other process depends on the lost state.
         repairable = stage.row.on_death == "restart" or (stage.row.on_death == "mission" and not self.options.mission)
         may_restart = repairable and len(stage.restarts) < RESTARTS_ALLOWED
         if may_restart:
             stage.restarts.append(now)
             stage.restart_count += 1
             consequence = "restarted"
-            self._close_input(stage)
             self._start(stage, now)
         else:
+            self.liveness.stop_monitoring(stage.row.name)
             stage.phase = Phase.FAILED
-            lost = f"the {stage.row.on_death} ends: what it knew is gone"
-            consequence = "given up after 3 restarts in a minute" if repairable else lost
+            lost = f"its state is lost, so the {stage.row.on_death} was stopped"
+            consequence = f"given up after {RESTARTS_ALLOWED} restarts in a minute" if repairable else lost
         log = "" if self._own_output else f"; log: {self.run.logs / (stage.row.name + '.log')}"
         stage.why = f"{status}; {consequence}{log}"
         self.deaths.append(Death(stage.row.name, status, consequence))
 
-    @staticmethod
-    def _close_input(stage: Stage) -> None:
-        if stage.process is not None and stage.process.stdin is not None:
-            stage.process.stdin.close()
-
     def waiting_for(self, stage: Stage) -> list[str]:
-        """What keeps a stage from its next phase, in words."""
-        sentinels = {Phase.WAITING: stage.row.needs, Phase.STARTING: stage.row.ready}.get(stage.phase, ())
-        return [self._watch.explain(sentinel) for sentinel in sentinels if not self._watch.satisfied(sentinel)]
+        """Why each condition for a stage's next phase does not hold."""
+        conditions = {Phase.WAITING: stage.row.needs, Phase.STARTING: stage.row.ready}.get(stage.phase, ())
+        return [self._monitor.explain(condition) for condition in conditions if not self._monitor.satisfied(condition)]
 
     def all_up(self, names: Sequence[str] | None = None) -> bool:
-        """Whether these stages, or all, are up."""
+        """Whether the stages called `names`, or all stages, are up."""
         return all(stage.phase is Phase.UP for stage in self.stages if names is None or stage.row.name in names)
 
     def stalled(self) -> list[Stage]:
-        """Stages past their bound, the roots first: those that started and never came up, then those still gated."""
+        """Stages that are late: those that failed or did not come up in time; only without such, those that still wait."""
         now = time.monotonic()
         late = [
             stage
@@ -189,8 +216,8 @@ class Supervisor:
         ]
         if late:
             return late
-        gate_s = 2.0 * max((stage.row.up_within_s for stage in self.stages), default=0.0)
-        return [s for s in self.stages if s.phase is Phase.WAITING and now - s.since_s > gate_s]
+        start_bound_s = 2.0 * max((stage.row.up_within_s for stage in self.stages), default=0.0)
+        return [s for s in self.stages if s.phase is Phase.WAITING and now - s.since_s > start_bound_s]
 
     def _measure(self) -> None:
         total = memory_mb("self") or 0.0
@@ -206,22 +233,27 @@ class Supervisor:
                 since_s, before_s = stage.cpu_seen
                 stage.cpu_percent = 100.0 * (used_s - before_s) / (now - since_s)
             stage.cpu_seen, stage.memory_mb = (now, used_s), memory
+            if memory > stage.row.memory_max_mb:
+                self._kill(stage, f"used {memory:.0f} MB, its limit is {stage.row.memory_max_mb} MB, and was killed")
+            if not self._own_output:
+                shorten_log(self.run.logs / f"{stage.row.name}.log")
             total += memory
         self.memory_peak_mb = max(self.memory_peak_mb, total)
 
     def stop(self) -> None:
-        """End every process: commanders first, the drive bus after them, the robot last. Bounded by the grace of each rank."""
+        """Stop every process in the order of `stop_rank`; each rank gets STOP_GRACE_S, then it is killed."""
         self._stopping = True
         for rank in sorted({stage.row.stop_rank for stage in self.stages}):
-            ending = [stage for stage in self.stages if stage.row.stop_rank == rank and stage.process is not None]
-            for stage in ending:
+            stopping = [stage for stage in self.stages if stage.row.stop_rank == rank and stage.process is not None]
+            for stage in stopping:
                 if stage.process is not None and stage.process.poll() is None:
                     stage.process.send_signal(signal.SIGTERM)
-                    # A stopped process cannot act on SIGTERM before it is continued.
+                    # A process that SIGSTOP suspended handles SIGTERM only after SIGCONT.
                     stage.process.send_signal(signal.SIGCONT)
             deadline = time.monotonic() + STOP_GRACE_S
-            for stage in ending:
+            for stage in stopping:
                 self._reap(stage, deadline)
+        self.liveness.close()
 
     def _reap(self, stage: Stage, deadline: float) -> None:
         process = stage.process
@@ -232,14 +264,16 @@ class Supervisor:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait(STOP_GRACE_S)
-            stage.why = "had to be killed"
-        self._close_input(stage)
+            stage.why = "killed: it did not stop in time"
+        self.liveness.stop_monitoring(stage.row.name)
         if stage.phase is not Phase.FAILED:
             stage.phase = Phase.STOPPED
 
     def snapshot(self) -> dict[str, Any]:
-        """The state of the run as plain data, for `state.json` and for views."""
+        """The state of the run as plain data, for `state.json` and the live view."""
+        reasons = self.liveness.motion_block_reasons()
         return {
+            "monotonic_s": round(time.monotonic(), 2),  # a reader sees by it whether the supervisor still responds
             "pid": os.getpid(),
             "age_s": round(time.monotonic() - self.started_s, 2),
             "stages": [
@@ -247,6 +281,8 @@ class Supervisor:
                     "name": stage.row.name,
                     "phase": stage.phase.value,
                     "pid": stage.process.pid if stage.process is not None else None,
+                    "start_ticks": stage.start_ticks,
+                    "trouble": reasons.get(stage.row.name, ""),
                     "up_after_s": stage.up_after_s,
                     "waiting_for": self.waiting_for(stage),
                     "waiting_s": round(time.monotonic() - stage.since_s, 1)
@@ -264,7 +300,7 @@ class Supervisor:
         }
 
 
-def _describe(returncode: int | None) -> str:
+def _exit_text(returncode: int | None) -> str:
     if returncode is None:
         return "ended"
     if returncode < 0:
@@ -272,8 +308,18 @@ def _describe(returncode: int | None) -> str:
     return f"ended with status {returncode}"
 
 
+def shorten_log(path: Path) -> None:
+    """Move a log that exceeds LOG_MAX_BYTES to NAME.log.1; its process, which appends, continues with an empty one."""
+    try:
+        if path.stat().st_size > LOG_MAX_BYTES:
+            shutil.copyfile(path, path.with_name(path.name + ".1"))
+            os.truncate(path, 0)
+    except OSError:
+        pass  # a full disk: the log stays as it is
+
+
 def log_tail(path: Path, lines: int = 5) -> list[str]:
-    """The last lines of a log, for an error message."""
+    """The last lines of a log file; empty where it cannot be read."""
     try:
         return path.read_text(errors="replace").splitlines()[-lines:]
     except OSError:

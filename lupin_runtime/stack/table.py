@@ -1,4 +1,7 @@
-"""The whole runtime on a page: every process, what it waits for, what shows that it is up, and what its death means."""
+"""The table of processes: what each one runs, waits for, and shows when it is up, and what follows when it dies.
+
+Adding a process is adding one row to TABLE.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from lupin_runtime import graph
-from lupin_runtime.stack.sentinels import Acts, Chain, Heard, Lifecycle, Sentinel, Serves
+from lupin_runtime.stack.readiness import ActionReady, MissionReady, Port, Readiness, ServiceReady, TopicSample, TransformReady
 
-ONBOARD = "onboard"  # the robot's own half; `lupin up --target robot` is the laptop's
-ALL_TAGS = 65535  # discovery goal "all that can be found": the largest count that StartMission can carry
+ONBOARD = "onboard"  # the target of the processes on the robot; `lupin up --target robot` starts those of the laptop
+ROSBRIDGE_PORT = 9090  # where every client of rosbridge looks for it
+ALL_TAGS = 65535  # discovery goal "all": the largest count that fits into StartMission
 
 
 @dataclass(frozen=True)
 class Options:
-    """What one `lupin up` asked for. Defaults are those of a run against the simulator without a mission."""
+    """The options of one `lupin up`. The defaults are those of a simulated run without a mission."""
 
     target: str = "sim"
     world: str = "demo"
@@ -24,17 +28,18 @@ class Options:
     speed: float = 1.0
     cameras: bool = True
     slam: bool = True
-    nav2: bool = True
+    navigation: bool = True
     twin: bool = True
     perception: bool = True
-    yolo: bool = True
+    flowers: bool = True
     mission: bool = False
     record: bool = True
+    console: bool = False
     rviz: bool = False
     map_file: Path | None = None
     initial_pose: tuple[float, float, float] | None = None  # on the map: x m, y m, yaw rad
     discovery_goal: int = 5
-    sweeps: int = 0
+    monitoring_rounds: int = 0  # 0 repeats them without end
     dependency_timeout_s: float = 120.0
     approach_overrides: Path | None = None
     layout: Path | None = None
@@ -45,8 +50,14 @@ class Options:
         """Whether the robot is the simulator."""
         return self.target == "sim"
 
+    def as_json(self) -> dict[str, Any]:
+        """The options as `run.json` and `report.json` hold them: some are named like their flags."""
+        names = {"navigation": "nav2", "flowers": "yolo", "console": "web", "monitoring_rounds": "sweeps"}
+        plain = {names.get(key, key): value for key, value in vars(self).items()}
+        return {key: str(value) if isinstance(value, Path) else value for key, value in plain.items()}
+
     def in_folder(self, path: Path) -> Options:
-        """The same, for the run that keeps its files at `path`."""
+        """A copy for the run whose directory is `path`."""
         return replace(self, run_path=path)
 
 
@@ -59,7 +70,7 @@ def _none(_: Options) -> Parameters:
 
 @dataclass(frozen=True)
 class NodeRow:
-    """A node: its class as `module:Class`, and its parameters for a run."""
+    """A node: its class as `module:Class`, its parameters for a run, and the condition under which it is part of a run."""
 
     path: str
     parameters: Callable[[Options], Parameters] = _none
@@ -68,28 +79,31 @@ class NodeRow:
 
 @dataclass(frozen=True)
 class ProcessRow:
-    """A process of the stack; without nodes and a command one that somebody else runs, which is only waited for.
+    """A process of the stack. A row without nodes and without a command is external: it is waited for, not started.
 
-    `needs` gates its start and `ready` shows that it is up; `up_within_s` bounds the second. `on_death` is what its
-    unplanned end means: "restart" it, or end the "mission" or the "run" with it, since what it knew is gone.
+    It starts when all of `needs` hold, and is up when all of `ready` hold, which must happen within `up_within_s`. `on_death`
+    says what follows an unplanned end: "restart" starts it again; "mission" or "run" stops that, because the state that the
+    process held is lost. `next_command` is what an operator should type when it does not come up.
     """
 
     name: str
     nodes: tuple[NodeRow, ...]
     when: Callable[[Options], bool]
-    needs: tuple[Sentinel, ...] = ()
-    ready: tuple[Sentinel, ...] = ()
+    needs: tuple[Readiness, ...] = ()
+    ready: tuple[Readiness, ...] = ()
     on_death: str = "restart"
     up_within_s: float = 30.0
-    # Stopped after all others, in this order: the drive bus says its zero while the wheels still listen.
+    # Ranks stop in ascending order, so that the drive bus publishes its last zero while the base still receives it.
     stop_rank: int = 0
     command: Callable[[Options], list[str]] | None = None
     memory_max_mb: int = 384
-    next_command: str = ""  # what to type where it never comes up
+    sends_heartbeats: bool = True
+    commands_motion: bool = False  # the supervisor tells it to stop while another process does not respond
+    next_command: str = ""
 
     @property
-    def elsewhere(self) -> bool:
-        """Whether it is somebody else's to start."""
+    def external(self) -> bool:
+        """Whether the supervisor only waits for it."""
         return self.command is None and not self.nodes
 
 
@@ -97,12 +111,12 @@ def _simulated(options: Options) -> bool:
     return options.simulated
 
 
-def _on_the_robot(options: Options) -> bool:
+def _on_robot(options: Options) -> bool:
     return options.target == ONBOARD
 
 
 def _close_to_hardware(options: Options) -> bool:
-    return options.simulated or _on_the_robot(options)
+    return options.simulated or _on_robot(options)
 
 
 def _simulator_command(options: Options) -> list[str]:
@@ -117,7 +131,7 @@ def _rviz_command(options: Options) -> list[str]:
 
 
 def _drive(options: Options) -> Parameters:
-    # Twelve processes share the cores: the bus and the e-stop are asked to be served before the rest of them.
+    # Twelve processes share the cores: the drive bus and the e-stop ask for a higher priority than the others.
     return {"sink": "sim" if options.simulated else "robot", "serve_first": True}
 
 
@@ -125,15 +139,15 @@ def _estop(_: Options) -> Parameters:
     return {"serve_first": True}
 
 
-def _strip(options: Options) -> Parameters:
-    # The robot's strip was wired with its colours in another order.
+def _light_strip(options: Options) -> Parameters:
+    # The robot's strip expects its colors in the order blue, red, green.
     return {"drive_topic": graph.CMD_VEL_SINK_SIM.name} if options.simulated else {"color_order": "BRG"}
 
 
 def _slam(options: Options) -> Parameters:
     parameters: dict[str, Any] = {"session_file": str(options.run_path / "slam_session.npz")}
     if options.simulated:
-        # The frontier planner looks at the map once a second: no need to wait for the five that spare a WiFi link.
+        # The frontier planner reads the map once a second; the default of 5 s saves bandwidth on WiFi, which is not used here.
         parameters["map_update_interval"] = 1.0
     return parameters
 
@@ -145,7 +159,7 @@ def _map(options: Options) -> Parameters:
 def _amcl(options: Options) -> Parameters:
     pose = options.initial_pose
     if pose is None and options.simulated:
-        # Every run begins at the world's start, and so did the run that made the map: there is its origin.
+        # Every simulated run starts at the same pose, which is the origin of a map that was made in such a run.
         pose = (0.0, 0.0, 0.0)
     return {} if pose is None else {f"initial_pose.{name}": value for name, value in zip(("x", "y", "yaw"), pose)}
 
@@ -153,7 +167,7 @@ def _amcl(options: Options) -> Parameters:
 def _annotator(options: Options) -> Parameters:
     if options.simulated:
         return {"image_topic": graph.BODY_IMAGE_SIM.name}
-    # Raw pictures never cross the WiFi link.
+    # Raw images are too large for the WiFi link.
     return {"image_topic": graph.BODY_IMAGE_ROBOT.name, "compressed": True}
 
 
@@ -165,7 +179,7 @@ def _mission(options: Options) -> Parameters:
     parameters: dict[str, Any] = {
         "dependency_timeout_s": options.dependency_timeout_s,
         "discovery_goal": options.discovery_goal,
-        "monitoring_sweeps": options.sweeps,
+        "monitoring_sweeps": options.monitoring_rounds,
         "approach_overrides_file": str(options.approach_overrides or ""),
         "require_visual_confirmation": not options.simulated,
     }
@@ -181,8 +195,13 @@ TABLE: tuple[ProcessRow, ...] = (
         "robot",
         (),
         when=lambda o: o.target == "robot",
-        # The vendor's half and ours; one that still boots is waited for.
-        ready=(Heard(graph.SCAN), Heard(graph.ODOM), Heard(graph.ESTOP_STATE), Heard(graph.DRIVE_STATUS)),
+        # The vendor's software and the onboard service of a robot that may still be booting.
+        ready=(
+            TopicSample(graph.SCAN),
+            TopicSample(graph.ODOM),
+            TopicSample(graph.ESTOP_STATE),
+            TopicSample(graph.DRIVE_STATUS),
+        ),
         up_within_s=120.0,
         next_command="lupin doctor",
     ),
@@ -191,7 +210,7 @@ TABLE: tuple[ProcessRow, ...] = (
         (),
         when=_simulated,
         command=_simulator_command,
-        ready=(Heard(graph.CLOCK), Heard(graph.ODOM), Heard(graph.SCAN)),
+        ready=(TopicSample(graph.CLOCK), TopicSample(graph.ODOM), TopicSample(graph.SCAN)),
         on_death="run",
         stop_rank=3,
         memory_max_mb=512,
@@ -200,7 +219,7 @@ TABLE: tuple[ProcessRow, ...] = (
         "estop",
         (NodeRow("lupin_runtime.safety.node:EstopBridge", _estop),),
         when=_close_to_hardware,
-        ready=(Heard(graph.ESTOP_STATE),),
+        ready=(TopicSample(graph.ESTOP_STATE),),
         stop_rank=2,
     ),
     ProcessRow(
@@ -210,8 +229,9 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.drive.node:IdleStop", when=_simulated),
         ),
         when=_close_to_hardware,
-        ready=(Heard(graph.DRIVE_STATUS),),
+        ready=(TopicSample(graph.DRIVE_STATUS),),
         stop_rank=1,
+        commands_motion=True,
     ),
     ProcessRow(
         "slam",
@@ -220,8 +240,8 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.slam.node:SlamResetNode"),
         ),
         when=lambda o: o.slam and o.map_file is None,
-        needs=(Heard(graph.SCAN),),
-        ready=(Heard(graph.MAP),),
+        needs=(TopicSample(graph.SCAN),),
+        ready=(TopicSample(graph.MAP),),
     ),
     ProcessRow(
         "localization",
@@ -230,8 +250,8 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.slam.node:AmclNode", _amcl),
         ),
         when=lambda o: o.slam and o.map_file is not None,
-        needs=(Heard(graph.SCAN),),
-        ready=(Heard(graph.MAP), Heard(graph.AMCL_POSE)),
+        needs=(TopicSample(graph.SCAN),),
+        ready=(TopicSample(graph.MAP), TopicSample(graph.AMCL_POSE)),
     ),
     ProcessRow(
         "nav",
@@ -239,49 +259,50 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.navigation.node:Navigator"),
             NodeRow("lupin_runtime.drive.smoother_node:VelocitySmoother"),
         ),
-        when=lambda o: o.nav2,
-        needs=(Heard(graph.MAP), Chain(graph.ODOM_FRAME, graph.BASE_FRAME)),
-        ready=(Acts(graph.NAVIGATE_TO_POSE),),
+        when=lambda o: o.navigation,
+        needs=(TopicSample(graph.MAP), TransformReady(graph.ODOM_FRAME, graph.BASE_FRAME)),
+        ready=(ActionReady(graph.NAVIGATE_TO_POSE),),
+        commands_motion=True,
     ),
     ProcessRow(
         "body",
         (
             NodeRow("lupin_runtime.arm.node:ArmPresetServer"),
-            NodeRow("lupin_runtime.arm.calibrate_server:ArmCalibrateServer", when=_on_the_robot),
+            NodeRow("lupin_runtime.arm.calibrate_server:ArmCalibrateServer", when=_on_robot),
             NodeRow("lupin_runtime.arm.node:GripperActionBridge"),
             NodeRow("lupin_runtime.arm.node:ArmLibraryServer"),
-            NodeRow("lupin_runtime.lights.node:LightStripBridge", _strip),
+            NodeRow("lupin_runtime.lights.node:LightStripBridge", _light_strip),
         ),
         when=_close_to_hardware,
-        needs=(Heard(graph.JOINT_STATES),),
-        ready=(Serves(graph.ARM_PRESET),),
+        needs=(TopicSample(graph.JOINT_STATES),),
+        ready=(ServiceReady(graph.ARM_PRESET),),
     ),
     ProcessRow(
         "perception",
         (
             NodeRow("lupin_runtime.perception.annotator:TagAnnotator", _annotator),
-            NodeRow("lupin_runtime.perception.flower_nodes:SimFlowerDetector", when=lambda o: o.yolo and o.simulated),
-            NodeRow("lupin_runtime.perception.flower_nodes:YoloDetector", when=lambda o: o.yolo and not o.simulated),
+            NodeRow("lupin_runtime.perception.flower_nodes:SimFlowerDetector", when=lambda o: o.flowers and o.simulated),
+            NodeRow("lupin_runtime.perception.flower_nodes:YoloDetector", when=lambda o: o.flowers and not o.simulated),
             NodeRow("lupin_runtime.perception.aggregator:PerceptionAggregator"),
         ),
         when=lambda o: o.perception,
-        ready=(Heard(graph.DISCOVERED_TAGS),),
+        ready=(TopicSample(graph.DISCOVERED_TAGS),),
     ),
     ProcessRow(
         "twin",
         (NodeRow("lupin_runtime.twin.node:TwinNode"),),
         when=lambda o: o.twin,
-        ready=(Heard(graph.TWIN_STATE),),
+        ready=(TopicSample(graph.TWIN_STATE),),
     ),
     ProcessRow(
         "mission",
         (
             NodeRow("lupin_runtime.greenhouse.node:GreenhouseBridge", _bridge),
-            NodeRow("lupin_runtime.mission.node:PoseSeed", when=lambda o: o.map_file is None),
+            NodeRow("lupin_runtime.mission.pose_seed:PoseSeed", when=lambda o: o.map_file is None),
             NodeRow("lupin_runtime.mission.node:MissionOrchestrator", _mission),
         ),
         when=lambda o: o.mission,
-        ready=(Lifecycle(),),
+        ready=(MissionReady(),),
         on_death="mission",
         up_within_s=150.0,
     ),
@@ -290,13 +311,21 @@ TABLE: tuple[ProcessRow, ...] = (
         (NodeRow("lupin_runtime.record.node:Recorder", lambda o: {"output": str(o.run_path / "recording.mcap")}),),
         when=lambda o: o.record,
     ),
-    ProcessRow("rviz", (), when=lambda o: o.rviz, command=_rviz_command),
+    ProcessRow(
+        "console",
+        (NodeRow("lupin_runtime.console.node:Console"),),
+        when=lambda o: o.console and not _on_robot(o),
+        ready=(Port(ROSBRIDGE_PORT),),
+        memory_max_mb=256,
+        next_command="lupin logs console",
+    ),
+    ProcessRow("rviz", (), when=lambda o: o.rviz, command=_rviz_command, sends_heartbeats=False),
 )
 
 
 @dataclass(frozen=True)
 class Launch:
-    """A row made concrete for a run: what to execute and the configuration it reads."""
+    """How to start a row in a run: the interpreter's arguments, and the configuration that it reads from a file."""
 
     row: ProcessRow
     arguments: list[str]
@@ -304,16 +333,17 @@ class Launch:
 
 
 def rows(options: Options) -> tuple[ProcessRow, ...]:
-    """The rows that a run consists of, each with only the nodes it asks for."""
-    chosen = (replace(row, nodes=tuple(n for n in row.nodes if n.when(options))) for row in TABLE if row.when(options))
-    if _on_the_robot(options):
-        # What heals the vendor's controllers starts after this half is up, so nothing of it may wait for what they publish.
-        return tuple(replace(row, needs=()) for row in chosen)
-    return tuple(chosen)
+    """The rows that a run with these options starts, each with the nodes that the options select."""
+    selected = (replace(row, nodes=tuple(n for n in row.nodes if n.when(options))) for row in TABLE if row.when(options))
+    if _on_robot(options):
+        # `lupin-auto-home` repairs the vendor's controllers, and starts after these processes: they must not wait for topics
+        # that the controllers publish.
+        return tuple(replace(row, needs=()) for row in selected)
+    return tuple(selected)
 
 
 def launch(row: ProcessRow, options: Options) -> Launch:
-    """How to start a row: arguments for the Python interpreter, and the file they name where there is one."""
+    """How to start a row: the interpreter's arguments and, for a row of nodes, the configuration file that they name."""
     if row.command is not None:
         return Launch(row, row.command(options))
     config = {

@@ -1,1 +1,1 @@
-"""The digital twin: what is known of each tag, and fields interpolated between them."""
+"""The digital twin: the latest data of each tag, and sensor fields interpolated between tags."""

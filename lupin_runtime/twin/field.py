@@ -1,4 +1,4 @@
-"""A sensor's field over a rectangle of the map, by inverse distance weighting (Shepard 1968)."""
+"""Interpolates a sensor's values over a rectangle of the map by inverse distance weighting (Shepard 1968)."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 COINCIDENT_M = 0.001
 CACHE_ENTRIES = 64
-# 25 million numbers are 100 MB and half a minute; no map of ours has as many cells.
+# 25 million cells would take 100 MB and half a minute; maps of a greenhouse have far fewer.
 MAX_CELLS = 4_000_000
 
 
 class FieldError(ValueError):
-    """A request that has no answer; the message says why."""
+    """A request that cannot be answered; the message says why."""
 
 
 @dataclass(frozen=True)
 class FieldRequest:
-    """A sensor over a rectangle, in cells of `resolution` metres."""
+    """A sensor and a rectangle of the map, metres, in cells of `resolution` metres."""
 
     sensor: str
     resolution: float
@@ -32,41 +32,46 @@ class FieldRequest:
     max_y: float
 
     def check(self) -> None:
-        """Raise FieldError where it makes no sense."""
+        """Raise FieldError if the request is invalid."""
         bounds = (self.min_x, self.min_y, self.max_x, self.max_y)
         if not self.sensor:
             raise FieldError("sensor_type is empty; name a sensor, such as temperature")
         if not math.isfinite(self.resolution) or self.resolution <= 0.0:
-            raise FieldError(f"resolution is {self.resolution:g} m; it must be positive")
+            raise FieldError(f"resolution is {self.resolution:g} m; expected a positive number")
         if not all(map(math.isfinite, bounds)):
-            raise FieldError("the rectangle has a bound that is no number")
+            raise FieldError("a bound of the rectangle is not a finite number")
         if self.max_x < self.min_x or self.max_y < self.min_y:
             raise FieldError(
-                f"the rectangle's maximum ({self.max_x:g}, {self.max_y:g}) lies below its minimum "
+                f"the rectangle's maximum ({self.max_x:g}, {self.max_y:g}) is below its minimum "
                 f"({self.min_x:g}, {self.min_y:g})"
             )
         if self.width * self.height > MAX_CELLS:
-            raise FieldError(f"{self.width} x {self.height} cells are more than {MAX_CELLS}; ask for a coarser resolution")
+            raise FieldError(
+                f"{self.width} x {self.height} cells, at most {MAX_CELLS} are possible; request a coarser resolution"
+            )
 
     @property
     def width(self) -> int:
-        """Cells along x, at least one."""
+        """Number of cells along x, at least 1."""
         return _cells(self.max_x - self.min_x, self.resolution)
 
     @property
     def height(self) -> int:
-        """Cells along y, at least one."""
+        """Number of cells along y, at least 1."""
         return _cells(self.max_y - self.min_y, self.resolution)
 
 
 def _cells(length: float, resolution: float) -> int:
-    # The sides come as float32: 1.0 / 0.1 is then a hair more than 10.
+    # Bounds arrive as float32, which makes 1.0 / 0.1 slightly more than 10.
     return max(1, math.ceil(length / resolution - 1e-5))
 
 
 @dataclass(frozen=True)
 class IdwOptions:
-    """Power of the distance, and the radii: of what counts in a weighted mean, and beyond which nothing is known."""
+    """Options of the interpolation.
+
+    Samples within `falloff_radius_m` count in a cell's mean; a cell farther than `max_distance_m` from every sample is unknown.
+    """
 
     power: float = 2.0
     falloff_radius_m: float = 1.5
@@ -75,7 +80,7 @@ class IdwOptions:
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """values (height, width) float32, NaN where nothing is known; extremes over the known cells, 0 without any."""
+    """`values` (height, width) float32, NaN in unknown cells; minimum and maximum of the known cells, 0 without any."""
 
     values: NDArray[np.float32]
     minimum: float
@@ -84,10 +89,11 @@ class Field:
 
 
 def interpolate(request: FieldRequest, samples: Sequence[tuple[float, float, float]], options: IdwOptions) -> Field:
-    """The field of (x, y, value) samples at the cells' centres. Raises FieldError.
+    """Interpolate (x, y, value) samples at the cells' centres. Raises FieldError for an invalid request.
 
-    A cell further than max_distance from the nearest sample is unknown; one within a millimetre of a sample has its value;
-    the others the weighted mean of the samples within the falloff radius, or the nearest value if there is none.
+    A cell farther than `max_distance_m` from the nearest sample is unknown. A cell within a millimetre of a sample has its
+    value. Every other cell has the weighted mean of the samples within the falloff radius, or the nearest value if there are
+    none.
     """
     request.check()
     width, height = request.width, request.height
@@ -99,7 +105,7 @@ def interpolate(request: FieldRequest, samples: Sequence[tuple[float, float, flo
     nearest2 = np.full((height, width), np.inf)
     nearest_value = np.zeros((height, width))
     total, weights = np.zeros((height, width)), np.zeros((height, width))
-    # One pass a sample: a few dozen of them over many cells, and never a cube of both in memory.
+    # One pass per sample: there are few samples and many cells, and an array of both would not fit in memory.
     for sx, sy, value in data:
         distance2 = ((y - sy) ** 2)[:, None] + ((x - sx) ** 2)[None, :]
         closer = distance2 < nearest2
@@ -110,7 +116,7 @@ def interpolate(request: FieldRequest, samples: Sequence[tuple[float, float, flo
         total += weight * value
         weights += weight
     mean = np.divide(total, weights, out=nearest_value.copy(), where=weights > 0.0)
-    # Rounding may carry a weighted mean past its own extremes.
+    # Rounding errors may move a weighted mean beyond its samples' extremes.
     mean = np.clip(mean, data[:, 2].min(), data[:, 2].max())
     values = np.where(nearest2 < COINCIDENT_M**2, nearest_value, mean).astype(np.float32)
     values[nearest2 > options.max_distance_m**2] = np.nan
@@ -120,21 +126,21 @@ def interpolate(request: FieldRequest, samples: Sequence[tuple[float, float, flo
 
 
 class FieldCache:
-    """The fields asked for last, by request and the store's observation count."""
+    """The most recently used fields, by request and the store's observation count."""
 
     def __init__(self, entries: int = CACHE_ENTRIES) -> None:
         self._entries = entries
         self._fields: OrderedDict[tuple[FieldRequest, int], Field] = OrderedDict()
 
     def get(self, request: FieldRequest, count: int) -> Field | None:
-        """The field of a request at that count, if kept; it becomes the most recent."""
+        """Return a cached field, which becomes the most recently used; None if it is not cached."""
         key = (request, count)
         if key in self._fields:
             self._fields.move_to_end(key)
         return self._fields.get(key)
 
     def put(self, request: FieldRequest, count: int, field: Field) -> None:
-        """Keep a field, dropping the one longest unused."""
+        """Store a field, and drop the least recently used one if the cache is full."""
         self._fields[request, count] = field
         self._fields.move_to_end((request, count))
         while len(self._fields) > self._entries:

@@ -1,4 +1,4 @@
-"""How well the plants are doing: readings against the ranges they like."""
+"""The health of plants: readings compared with ideal ranges."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 MAX_DEVIATION = 2.0
-# A state holds below its limit.
+# Each state applies to deviations below its limit.
 STATES = ((0.3, "healthy"), (0.7, "stressed"), (math.inf, "critical"))
 
 
 @dataclass(frozen=True)
 class IdealRange:
-    """Bounds of a sensor in its natural unit."""
+    """The ideal range of a sensor, in its natural unit."""
 
     minimum: float
     maximum: float
@@ -30,8 +30,8 @@ IDEAL_RANGES: Mapping[str, IdealRange] = {
 
 
 @dataclass(frozen=True)
-class Driver:
-    """The reading that decides the health."""
+class WorstReading:
+    """The reading with the largest deviation, which decides the health."""
 
     tag_id: str
     sensor: str
@@ -42,20 +42,24 @@ class Driver:
 
 @dataclass(frozen=True)
 class Health:
-    """`state` is healthy, stressed, critical or no_data; `score` the worst deviation, which `driver` explains."""
+    """`state` is healthy, stressed, critical or no_data; `score` the worst deviation; `worst` is its reading."""
 
     state: str
     score: float
-    driver: Driver | None
+    worst: WorstReading | None
 
 
 def in_natural_unit(sensor: str, value: float) -> float:
-    """The greenhouse package gives soil moisture as a fraction, others in per cent: no living soil has 1 % of it."""
+    """Return a value in the sensor's natural unit.
+
+    The greenhouse package gives soil moisture as a fraction, other sources in percent. Values up to 1 are fractions: no soil
+    with plants has a moisture of 1 %.
+    """
     return value * 100.0 if sensor == "soil_moisture" and 0.0 <= value <= 1.0 else value
 
 
 def deviation(value: float, ideal: IdealRange) -> float:
-    """0 within the range, else the distance to the nearer bound in widths of the range, at most 2; 0 for no number."""
+    """Return the distance to the nearer bound in widths of the range, at most 2; 0 within the range and for NaN."""
     if not math.isfinite(value):
         return 0.0
     outside = max(ideal.minimum - value, value - ideal.maximum, 0.0)
@@ -63,15 +67,15 @@ def deviation(value: float, ideal: IdealRange) -> float:
 
 
 def assess(readings: Iterable[tuple[str, Mapping[str, float]]], ranges: Mapping[str, IdealRange] = IDEAL_RANGES) -> Health:
-    """The worst over all tags and sensors of (tag id, sensor -> value); sensors without a range don't count."""
-    worst: Driver | None = None
+    """Return the health by the worst of all (tag id, {sensor: value}). Sensors without a range are ignored."""
+    worst: WorstReading | None = None
     for tag_id, values in readings:
         for sensor, value in values.items():
             ideal = ranges.get(sensor)
             if ideal is None or not math.isfinite(value):
                 continue
             natural = in_natural_unit(sensor, value)
-            found = Driver(tag_id, sensor, natural, ideal, deviation(natural, ideal))
+            found = WorstReading(tag_id, sensor, natural, ideal, deviation(natural, ideal))
             if worst is None or found.deviation > worst.deviation:
                 worst = found
     if worst is None:

@@ -1,4 +1,4 @@
-"""Node `lupin_twin`: observations in, the state of the world and its fields out."""
+"""The node `lupin_twin`: receives observations, publishes the twin's state and serves fields."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from lupin_runtime import graph
 from lupin_runtime.perception.box_geometry import MalformedBoxes, read_boxes
 from lupin_runtime.ros import LupinNode, stamp_from_ns, stamp_ns
 from lupin_runtime.twin.field import FieldCache, FieldError, FieldRequest, IdwOptions, interpolate
-from lupin_runtime.twin.store import Bloom, Flowers, TagPose, TagRecord, TwinStore
+from lupin_runtime.twin.store import PotFlowers, TagRecord, TwinFlower, TwinPose, TwinStore
 
 DROP_WARNING_S = 30.0
 
 
 class TwinNode(LupinNode):
-    """Keeps a record per tag, publishes all of them at 1 Hz, and answers for fields between them."""
+    """Publishes the records of all tags at 1 Hz, and interpolates fields between them on request."""
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("lupin_twin", parameters)
@@ -60,28 +60,28 @@ class TwinNode(LupinNode):
             return
         pose = None
         if message.status == Observation.STATUS_OK:
-            pose = _tag_pose(message.tag_pose_in_map)
+            pose = _twin_pose(message.tag_pose_in_map)
         time_ns = self._time_ns(message)
         if message.kind == Observation.KIND_TAG_READING:
             reading = message.tag_reading
             if message.status == Observation.STATUS_OK:
                 values = [(item.name, item.value) for item in reading.readings if item.name]
-                taken = self._store.add_reading(reading.tag_id, time_ns, values, pose)
+                accepted = self._store.add_reading(reading.tag_id, time_ns, values, pose)
             else:
-                taken = self._store.add_failure(reading.tag_id, time_ns, message.status_detail)
+                accepted = self._store.add_failure(reading.tag_id, time_ns, message.status_detail)
         elif message.kind == Observation.KIND_FLOWER:
-            taken = self._store.add_flowers(message.flower.tag_id, time_ns, _flowers(message.flower), pose)
+            accepted = self._store.add_flowers(message.flower.tag_id, time_ns, _pot_flowers(message.flower), pose)
         else:
-            self._drop(f"kind {message.kind} is none that the twin models")
+            self._drop(f"kind {message.kind} is unknown to the twin")
             return
-        if not taken:
+        if not accepted:
             self._drop("its tag id is empty")
 
     def _drop(self, reason: str) -> None:
         self.get_logger().warning(f"observation dropped: {reason}", throttle_duration_sec=DROP_WARNING_S)
 
     def _time_ns(self, message: Observation) -> int:
-        """When it was observed, which for a replayed one is not now; a stamp that is missing or lies ahead counts as now."""
+        """Return the observation's stamp, or the current time if the stamp is missing or in the future."""
         now_ns, observed_ns = self.now_ns(), stamp_ns(message.header.stamp)
         return observed_ns if 0 < observed_ns <= now_ns else now_ns
 
@@ -93,7 +93,7 @@ class TwinNode(LupinNode):
             )
             return
         for tag in message.tags:
-            self._store.add_discovered(tag.tag_id, _tag_pose(tag.pose_in_map))
+            self._store.add_discovered(tag.tag_id, _twin_pose(tag.pose_in_map))
 
     def _on_boxes(self, message: String) -> None:
         try:
@@ -113,7 +113,7 @@ class TwinNode(LupinNode):
         self._state.publish(message)
 
     def _get_field(self, request: GetField.Request, response: GetField.Response) -> GetField.Response:
-        asked = FieldRequest(
+        field_request = FieldRequest(
             request.sensor_type,
             request.resolution,
             request.bbox_min_x,
@@ -122,10 +122,10 @@ class TwinNode(LupinNode):
             request.bbox_max_y,
         )
         try:
-            field = self._fields.get(asked, self._store.observation_count)
+            field = self._fields.get(field_request, self._store.observation_count)
             if field is None:
-                field = interpolate(asked, self._store.samples(asked.sensor), self._idw)
-                self._fields.put(asked, self._store.observation_count, field)
+                field = interpolate(field_request, self._store.samples(field_request.sensor), self._idw)
+                self._fields.put(field_request, self._store.observation_count, field)
         except FieldError as error:
             response.ok, response.error_message = False, str(error)
             return response
@@ -133,28 +133,28 @@ class TwinNode(LupinNode):
         values = array("f")
         values.frombytes(np.ascontiguousarray(field.values).tobytes())
         response.values = values
-        response.width, response.height = asked.width, asked.height
-        response.origin_x, response.origin_y = asked.min_x, asked.min_y
-        response.resolution_used = asked.resolution
+        response.width, response.height = field_request.width, field_request.height
+        response.origin_x, response.origin_y = field_request.min_x, field_request.min_y
+        response.resolution_used = field_request.resolution
         response.value_min, response.value_max = field.minimum, field.maximum
         response.sample_count = field.samples
         return response
 
 
-def _tag_pose(pose: Pose) -> TagPose:
+def _twin_pose(pose: Pose) -> TwinPose:
     p, q = pose.position, pose.orientation
-    return TagPose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+    return TwinPose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
 
 
-def _flowers(message: FlowerObservation) -> Flowers:
-    return Flowers(
+def _pot_flowers(message: FlowerObservation) -> PotFlowers:
+    return PotFlowers(
         message.species,
         message.confidence,
         message.anomaly,
         message.flower_count,
         message.bug_count,
         tuple(
-            Bloom((b.position.x, b.position.y, b.position.z), b.height_m, b.species, b.confidence, b.anomaly)
+            TwinFlower((b.position.x, b.position.y, b.position.z), b.height_m, b.species, b.confidence, b.anomaly)
             for b in message.flowers
             if all(map(math.isfinite, (b.position.x, b.position.y, b.position.z)))
         ),
@@ -164,7 +164,7 @@ def _flowers(message: FlowerObservation) -> Flowers:
 
 def _tag_state(record: TagRecord, now_ns: int) -> TwinTagState:
     state = TwinTagState(tag_id=record.tag_id)
-    # The default of a Pose has w = 1, which would draw a pin at the origin.
+    # The default Pose has w = 1, which would mean a known pose at the origin.
     state.pose.orientation.w = 0.0
     if record.pose is not None:
         p, q = state.pose.position, state.pose.orientation
@@ -185,7 +185,7 @@ def _tag_state(record: TagRecord, now_ns: int) -> TwinTagState:
             confidence=b.confidence,
             anomaly=b.anomaly,
         )
-        for b in flowers.blooms
+        for b in flowers.flowers
     ]
     state.box_footprint = Polygon(points=[Point32(x=x, y=y, z=0.0) for x, y in record.footprint])
     return state

@@ -1,4 +1,4 @@
-"""This checkout in the place of a release on a robot: it is mounted there, so units run without a deploy."""
+"""Runs Lupin's units from this checkout, without a deploy: its environment takes the place of the current release."""
 
 from __future__ import annotations
 
@@ -8,33 +8,35 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from lupin_sim.host.host import Robot
 
-RELEASE = "/opt/lupin/current"
+CURRENT_RELEASE = "/opt/lupin/current"
 UNITS = ("lupin-onboard.service", "lupin-auto-home.service")
-# What is sourced there before anything of Lupin's; it has no ROS beside the vendor's.
-SET_UP = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
-LOGIND = "/etc/systemd/logind.conf.d/60-lupin.conf"
-READ_AGAIN = "systemctl kill -s HUP systemd-logind"
-KEEP_MEMORY = f"mkdir -p {LOGIND.rpartition('/')[0]}; printf '[Login]\\nRemoveIPC=no\\n' > {LOGIND}; {READ_AGAIN}"
-LOSE_MEMORY = f"rm -f {LOGIND}; {READ_AGAIN}"
+# Sourced on the robot before Lupin's programs. The simulated computer has no ROS except the vendor's workspace.
+SETUP_LINES = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
+LOGIND_CONFIG = "/etc/systemd/logind.conf.d/60-lupin.conf"
+RELOAD_LOGIND = "systemctl kill -s HUP systemd-logind"
+MAKE_LOGIND_KEEP_SHM = (
+    f"mkdir -p {LOGIND_CONFIG.rpartition('/')[0]}; printf '[Login]\\nRemoveIPC=no\\n' > {LOGIND_CONFIG}; {RELOAD_LOGIND}"
+)
+LET_LOGIND_REMOVE_SHM = f"rm -f {LOGIND_CONFIG}; {RELOAD_LOGIND}"
 
 
-def keep_memory(robot: Robot) -> None:
-    """Let shared memory outlive the operator's logins, as a deploy does. Raises RuntimeError where that fails."""
-    done = robot.inside("sh", "-ec", KEEP_MEMORY)
+def keep_shared_memory(robot: Robot) -> None:
+    """Configure logind as a deploy does, so shared memory outlives the operator's logins. Raises RuntimeError on failure."""
+    done = robot.inside("sh", "-ec", MAKE_LOGIND_KEEP_SHM)
     if done.status != 0:
-        raise RuntimeError(f"logind of {robot.name} was not told to keep shared memory: {done.stderr}")
+        raise RuntimeError(f"logind of {robot.name} was not configured to keep shared memory: {done.stderr}")
 
 
-def lend(robot: Robot) -> None:
-    """Let `/opt/lupin/current` be this checkout's environment. Raises RuntimeError where that fails.
+def link_checkout(robot: Robot) -> None:
+    """Make `/opt/lupin/current/venv` on the robot a link to this checkout's environment. Raises RuntimeError on failure.
 
-    Units have a /tmp of their own, so a checkout below it would be out of their sight: then they share the robot's.
+    The units have a private /tmp, which would hide a checkout below /tmp; in that case they use the robot's /tmp instead.
     """
-    script = f"mkdir -p {RELEASE}; ln -sfn {sys.prefix} {RELEASE}/venv\n"
+    script = f"mkdir -p {CURRENT_RELEASE}; ln -sfn {sys.prefix} {CURRENT_RELEASE}/venv\n"
     if sys.prefix.startswith(("/tmp/", "/var/tmp/")):
         for unit in UNITS:
             folder = f"/etc/systemd/system/{unit}.d"
             script += f"mkdir -p {folder}; printf '[Service]\\nPrivateTmp=no\\n' > {folder}/checkout.conf\n"
-    made = robot.inside("sh", "-ec", script)
-    if made.status != 0:
-        raise RuntimeError(f"the checkout could not be lent to {robot.name}: {made.stderr}")
+    done = robot.inside("sh", "-ec", script)
+    if done.status != 0:
+        raise RuntimeError(f"the checkout could not be linked on {robot.name}: {done.stderr}")

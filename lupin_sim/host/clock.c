@@ -1,9 +1,10 @@
-/* A wall clock for one booted robot, preloaded into every program there.
+/* The wall clock of one simulated computer, as a library that is preloaded into every program on it.
  *
- * All programs map one page. It says what the wall clock showed at some instant of the machine's own clock, how wrong the
- * crystal is, and what a clock discipline made of it since: a time is read from it, and set in it, without a system call that
- * could touch the machine's clock. What it covers is what goes through libc: static programs, file times and the kernel's timers
- * on the real-time clock keep the machine's. A page that cannot be opened for writing is a clock that this user may not set.
+ * All programs map one page. It holds what the wall clock showed at some instant of the machine's clock (that of the machine that
+ * runs the simulation), the error of the crystal, and the corrections of a clock discipline. The functions below read and set the
+ * time in this page, without a system call that could change the machine's clock. They cover calls through libc only: static
+ * programs, file times and the kernel's timers on the real-time clock use the machine's clock. A user who cannot open the page for
+ * writing may not set the clock.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -24,18 +25,18 @@
 #define PAGE_PATH "/run/lupin-clock"
 #define MAGIC 0x4b434f4c /* "LOCK" */
 #define NS 1000000000LL
-#define MODE_ADJTIME 0x8000 /* the bit that makes a call an old adjtime() and its other bits no fields */
+#define MODE_ADJTIME 0x8000 /* ADJ_ADJTIME: the call is an old adjtime(), and the other bits of `modes` select no fields */
 
-/* Kept in step with PAGE in clock.py. */
+/* Must match PAGE in clock.py. */
 struct page {
-  uint32_t sequence; /* odd while someone writes */
+  uint32_t sequence; /* odd during a write */
   uint32_t magic;
-  int64_t wall_ns, machine_ns; /* an instant on both clocks */
-  int64_t crystal_ppb;         /* what a fault or a cheap oscillator adds */
-  int64_t frequency;           /* of the discipline, 2^-16 ppm as in adjtimex */
+  int64_t wall_ns, machine_ns; /* the same instant on both clocks */
+  int64_t crystal_ppb;         /* rate error of the oscillator */
+  int64_t frequency;           /* rate correction by the discipline, 2^-16 ppm as in adjtimex */
   int64_t tick_us;
   int64_t status, maxerror_us, esterror_us, constant;
-  int64_t steps; /* how often the clock was set or jumped */
+  int64_t steps; /* how often the clock was set or stepped */
 };
 
 static struct page *page;
@@ -61,8 +62,8 @@ static int64_t machine_now(void) {
 
 static int64_t wall_at(const struct page *p, int64_t machine_ns) {
   int64_t rate_ppb = p->crystal_ppb + p->frequency * 1000 / 65536 + (p->tick_us - 10000) * 100000;
-  int64_t passed = machine_ns - p->machine_ns;
-  return p->wall_ns + passed + (int64_t)((__int128)passed * rate_ppb / NS);
+  int64_t elapsed = machine_ns - p->machine_ns;
+  return p->wall_ns + elapsed + (int64_t)((__int128)elapsed * rate_ppb / NS);
 }
 
 static int64_t wall_now(void) {
@@ -75,8 +76,8 @@ static int64_t wall_now(void) {
   }
 }
 
-/* Begin a change: what the clock shows now becomes its new instant, so that a new rate counts from here on. */
-static void begin(void) {
+/* Begin a change. The present time becomes the page's instant, so that a new rate applies from now on. */
+static void begin_change(void) {
   uint32_t even;
   do even = __atomic_load_n(&page->sequence, __ATOMIC_RELAXED) & ~1u;
   while (!__atomic_compare_exchange_n(&page->sequence, &even, even + 1, 0, __ATOMIC_ACQ_REL, __ATOMIC_RELAXED));
@@ -85,10 +86,10 @@ static void begin(void) {
   page->machine_ns = now;
 }
 
-static void end(void) { __atomic_add_fetch(&page->sequence, 1, __ATOMIC_RELEASE); }
+static void end_change(void) { __atomic_add_fetch(&page->sequence, 1, __ATOMIC_RELEASE); }
 
-/* As the kernel does after a jump: nobody vouches for this clock any more. */
-static void jumped(void) {
+/* As the kernel does after a step: the clock counts as unsynchronized. */
+static void mark_stepped(void) {
   page->status |= STA_UNSYNC;
   page->maxerror_us = page->esterror_us = 16000000;
   page->steps++;
@@ -96,10 +97,10 @@ static void jumped(void) {
 
 static int set_wall(int64_t value_ns) {
   if (!writable) return errno = EPERM, -1;
-  begin();
+  begin_change();
   page->wall_ns = value_ns;
-  jumped();
-  end();
+  mark_stepped();
+  end_change();
   return 0;
 }
 
@@ -141,21 +142,21 @@ int settimeofday(const struct timeval *value, const struct timezone *zone) {
   return value ? set_wall(value->tv_sec * NS + value->tv_usec * 1000LL) : 0;
 }
 
-static void change(const struct timex *x) {
+static void apply_timex(const struct timex *x) {
   unsigned modes = x->modes;
   int64_t unit_ns = (modes & ADJ_NANO) || (page->status & STA_NANO) ? 1 : 1000;
-  if (modes & MODE_ADJTIME) { /* adjtime(): the whole offset at once; no clock discipline of today uses it */
+  if (modes & MODE_ADJTIME) { /* adjtime(): apply the whole offset at once; no present clock discipline uses it */
     page->wall_ns += x->offset * 1000LL;
     return;
   }
   if (modes & ADJ_SETOFFSET) {
     page->wall_ns += x->time.tv_sec * NS + x->time.tv_usec * (modes & ADJ_NANO ? 1 : 1000LL);
-    jumped();
+    mark_stepped();
   }
   if (modes & ADJ_OFFSET) page->wall_ns += x->offset * unit_ns;
   if (modes & ADJ_FREQUENCY) {
-    int64_t most = 500LL << 16;
-    page->frequency = x->freq > most ? most : x->freq < -most ? -most : x->freq;
+    int64_t limit = 500LL << 16;
+    page->frequency = x->freq > limit ? limit : x->freq < -limit ? -limit : x->freq;
   }
   if (modes & ADJ_MAXERROR) page->maxerror_us = x->maxerror;
   if (modes & ADJ_ESTERROR) page->esterror_us = x->esterror;
@@ -171,9 +172,9 @@ int adjtimex(struct timex *x) {
   if (x->modes && x->modes != ADJ_OFFSET_SS_READ) {
     if (!writable) return errno = EPERM, -1;
     if (!(x->modes & MODE_ADJTIME) && (x->modes & ADJ_TICK) && (x->tick < 9000 || x->tick > 11000)) return errno = EINVAL, -1;
-    begin();
-    change(x);
-    end();
+    begin_change();
+    apply_timex(x);
+    end_change();
   }
   int64_t now = wall_now();
   unsigned modes = x->modes;
@@ -198,15 +199,15 @@ int clock_adjtime(clockid_t id, struct timex *x) {
   return page && id == CLOCK_REALTIME ? adjtimex(x) : (int)syscall(SYS_clock_adjtime, id, x);
 }
 
-/* A wait until a time of this clock is one until another time of the machine's, as things stand when it begins. Unchanged, it
- * would end at once under a clock that is behind, and its caller would spin. */
-static struct timespec on_machine(const struct timespec *wall) {
+/* Convert a deadline on this clock to the machine's clock, as of now. Without this, a wait under a clock that is behind would end
+ * at once, and its caller would spin. */
+static struct timespec to_machine_clock(const struct timespec *wall) {
   int64_t at = nanoseconds(*wall) - wall_now() + machine_now();
   if (at < 0) at = 0;
   return (struct timespec){at / NS, at % NS};
 }
 
-/* By its version, since the plain name leads to the one of the oldest programs; on other machines there is only one. */
+/* Look libc's function up by version: on x86-64 the plain name may return the oldest one. Other architectures have only one. */
 #define REAL(name, version) \
   static __typeof__(name) *real; \
   if (!real && !(real = (__typeof__(name) *)dlvsym(RTLD_NEXT, #name, version))) real = (__typeof__(name) *)dlsym(RTLD_NEXT, #name)
@@ -215,7 +216,7 @@ static struct timespec on_machine(const struct timespec *wall) {
 int pthread_cond_timedwait(pthread_cond_t *restrict cond, pthread_mutex_t *restrict mutex, const struct timespec *restrict until) {
   REAL(pthread_cond_timedwait, "GLIBC_2.3.2");
   if (!page || cond->__data.__wrefs & ON_MONOTONIC_CLOCK) return real(cond, mutex, until);
-  struct timespec at = on_machine(until);
+  struct timespec at = to_machine_clock(until);
   return real(cond, mutex, &at);
 }
 
@@ -223,32 +224,32 @@ int pthread_cond_clockwait(pthread_cond_t *restrict cond, pthread_mutex_t *restr
                            const struct timespec *restrict until) {
   REAL(pthread_cond_clockwait, "GLIBC_2.34");
   if (!page || id != CLOCK_REALTIME) return real(cond, mutex, id, until);
-  struct timespec at = on_machine(until);
+  struct timespec at = to_machine_clock(until);
   return real(cond, mutex, id, &at);
 }
 
 int pthread_mutex_timedlock(pthread_mutex_t *restrict mutex, const struct timespec *restrict until) {
   REAL(pthread_mutex_timedlock, "GLIBC_2.34");
   if (!page) return real(mutex, until);
-  struct timespec at = on_machine(until);
+  struct timespec at = to_machine_clock(until);
   return real(mutex, &at);
 }
 
 int sem_timedwait(sem_t *restrict sem, const struct timespec *restrict until) {
   REAL(sem_timedwait, "GLIBC_2.34");
   if (!page) return real(sem, until);
-  struct timespec at = on_machine(until);
+  struct timespec at = to_machine_clock(until);
   return real(sem, &at);
 }
 
 int sem_clockwait(sem_t *restrict sem, clockid_t id, const struct timespec *restrict until) {
   REAL(sem_clockwait, "GLIBC_2.34");
   if (!page || id != CLOCK_REALTIME) return real(sem, id, until);
-  struct timespec at = on_machine(until);
+  struct timespec at = to_machine_clock(until);
   return real(sem, id, &at);
 }
 
-/* The kernel stamps packets by the machine's clock. Programs that get no stamps take the time themselves. */
+/* The kernel timestamps packets with the machine's clock, so no program may get these: without them it reads the clock itself. */
 int setsockopt(int fd, int level, int name, const void *value, socklen_t size) {
   if (page && level == SOL_SOCKET) {
     if (name == SO_TIMESTAMP_OLD || name == SO_TIMESTAMP_NEW || name == SO_TIMESTAMPNS_OLD || name == SO_TIMESTAMPNS_NEW) return 0;

@@ -1,4 +1,4 @@
-"""The robot's wall clock, seen from outside: one page shared with every program in there (clock.c)."""
+"""The simulated computer's wall clock: a memory page that this module shares with every program on the computer (clock.c)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from lupin_sim.host.rootfs import RootError, cache_directory
 
-PAGE = struct.Struct("<IIqqqqqqqqqq")  # kept in step with `struct page` in clock.c
+PAGE = struct.Struct("<IIqqqqqqqqqq")  # must match `struct page` in clock.c
 MAGIC = 0x4B434F4C
 STA_UNSYNC = 64
 SOURCE = Path(__file__).with_name("clock.c")
@@ -37,45 +37,45 @@ class _Page:
     steps: int
 
     def wall_at(self, machine_ns: int) -> int:
-        """What the clock shows at an instant of the machine's clock, ns."""
+        """What the clock shows when this machine's clock shows `machine_ns`, ns."""
         rate_ppb = self.crystal_ppb + self.frequency * 1000 // 65536 + (self.tick_us - 10000) * 100000
-        passed = machine_ns - self.machine_ns
-        return self.wall_ns + passed + passed * rate_ppb // 10**9
+        elapsed = machine_ns - self.machine_ns
+        return self.wall_ns + elapsed + elapsed * rate_ppb // 10**9
 
 
 class Clock:
-    """A page at `path`, made anew: right, and with a perfect crystal."""
+    """The clock in a new page at `path`: correct, with a perfect crystal."""
 
     def __init__(self, path: Path) -> None:
         path.write_bytes(bytes(mmap.PAGESIZE))
-        path.chmod(0o644)  # who may write the page may set the clock: root
+        path.chmod(0o644)  # a user who may write the page may set the clock: only root
         with path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), mmap.PAGESIZE)
         self.reset()
 
     def reset(self) -> None:
-        """As it is on a new robot: right, a perfect crystal, disciplined by nobody."""
+        """Set the state of a new robot's clock: correct, with a perfect crystal, not disciplined by any program."""
         now = time.time_ns()
         self._write(_Page(0, MAGIC, now, now, 0, 0, 10000, STA_UNSYNC, 16_000_000, 16_000_000, 7, 0))
 
     @property
     def offset_s(self) -> float:
-        """How far it is ahead of this machine's clock."""
+        """How far the clock is ahead of this machine's."""
         page, now = self._read(), time.time_ns()
         return (page.wall_at(now) - now) / 1e9
 
     @property
     def crystal_ppm(self) -> float:
-        """How much too fast its crystal runs."""
+        """How much too fast the crystal runs."""
         return self._read().crystal_ppb / 1e3
 
     @property
     def steps(self) -> int:
-        """How often a program in the robot set it or made it jump."""
+        """How often a program on the robot set or stepped the clock."""
         return self._read().steps
 
-    def make_wrong(self, offset_s: float | None = None, crystal_ppm: float | None = None) -> None:
-        """Put it ahead of this machine's clock, or give it another crystal, without a program in the robot noticing."""
+    def disturb(self, offset_s: float | None = None, crystal_ppm: float | None = None) -> None:
+        """Change the clock's offset to this machine's clock, or its crystal, without counting a step."""
         page, now = self._read(), time.time_ns()
         wall_ns = page.wall_at(now) if offset_s is None else now + round(offset_s * 1e9)
         crystal_ppb = page.crystal_ppb if crystal_ppm is None else round(crystal_ppm * 1e3)
@@ -91,16 +91,16 @@ class Clock:
         PAGE.pack_into(self._map, 0, *astuple(page))
 
 
-def library() -> Path:
-    """The compiled clock.c, from the cache where it is there. Raises RootError."""
+def clock_library() -> Path:
+    """The compiled clock.c, from the cache if it is there. Raises RootError."""
     name = hashlib.sha256(SOURCE.read_bytes()).hexdigest()[:16]
     built = cache_directory() / f"clock-{name}.so"
     if not built.exists():
         built.parent.mkdir(parents=True, exist_ok=True)
-        draft = built.with_suffix(f".{secrets.token_hex(4)}")  # by chance: every keeper is process 1 of its own
+        draft = built.with_suffix(f".{secrets.token_hex(4)}")  # random: every daemon has PID 1 in its own namespace
         command = ["gcc", "-O2", "-Wall", "-shared", "-fPIC", "-o", str(draft), str(SOURCE)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
         if done.returncode:
-            raise RootError(f"the robot's clock does not compile: {done.stderr.strip()[-500:]}")
+            raise RootError(f"the simulated computer's clock does not compile: {done.stderr.strip()[-500:]}")
         draft.rename(built)
     return built

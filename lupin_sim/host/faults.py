@@ -1,225 +1,299 @@
-"""Everything that can be broken, as a table."""
+"""The faults of a simulated computer, its network and its laptop, as one table."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from lupin_sim.host import damage
-from lupin_sim.host.bench import Act, Bench, Fault, FaultError, Settings
-from lupin_sim.host.damage import script
-from lupin_sim.host.machine import Machine
+from lupin_sim.host import fault_scripts as scripts
+from lupin_sim.host.computer import Computer
+from lupin_sim.host.fault_injector import Fault, FaultAction, FaultError, FaultInjector, Settings
+from lupin_sim.host.fault_scripts import script
 
-__all__ = ["FAULTS", "FaultError", "listing", "parse"]
+__all__ = ["FAULTS", "FaultError", "list_faults", "parse_settings"]
 
 WIRED, WIRELESS = {"link": "eth0"}, {"link": "wlan0"}
-# Where Fast DDS's unicast user data goes: 7411 and the odd ports after it (RTPS 2.2, 9.6.1.1); 7410 and the even are discovery.
+# Fast DDS sends unicast user data to 7411 and the odd ports after it (RTPS 2.2, 9.6.1.1); the even ones are for discovery.
 USER_DATA_PORTS = (7411, 7447)
 
 
-def _cable(is_cut: bool) -> Act:
-    return lambda bench, machine, settings: bench.wire.cut(machine.identity, settings["link"], is_cut)
+def _set_cable_cut(cut: bool) -> FaultAction:
+    return lambda injector, computer, settings: injector.network.set_cable_cut(computer.identity, settings["link"], cut)
 
 
-def _switch(dead: bool) -> Act:
-    return lambda bench, _, settings: bench.wire.switch(settings["link"], dead)
+def _set_switch_dead(dead: bool) -> FaultAction:
+    return lambda injector, _, settings: injector.network.set_switch_dead(settings["link"], dead)
 
 
-def _laptop(away: bool) -> Act:
-    return lambda bench, _, settings: bench.wire.laptop_link(settings["link"], away)
+def _set_laptop_away(away: bool) -> FaultAction:
+    return lambda injector, _, settings: injector.network.set_laptop_away(settings["link"], away)
 
 
-def _pump(bench: Bench, machine: Machine, settings: Settings) -> None:
-    bench.pump(machine, settings["link"])
+def _update_link(injector: FaultInjector, computer: Computer, settings: Settings) -> None:
+    injector.update_link(computer, settings["link"])
 
 
-def _dual_home(away: bool) -> Act:
-    def act(bench: Bench, machine: Machine, settings: Settings) -> None:
-        bench.wire.laptop_link("wlan0", away)
-        bench.pump(machine, settings["link"])
+def _set_dual_homed(away: bool) -> FaultAction:
+    def action(injector: FaultInjector, computer: Computer, settings: Settings) -> None:
+        injector.network.set_laptop_away("wlan0", away)
+        injector.update_link(computer, settings["link"])
 
-    return act
-
-
-def _clock(offset_s: bool, crystal: bool) -> Act:
-    def act(_: Bench, machine: Machine, settings: Settings) -> None:
-        machine.clock.make_wrong(settings["offset_s"] if offset_s else None, settings["ppm"] if crystal else None)
-
-    return act
+    return action
 
 
-def _right_clock(_: Bench, machine: Machine, __: Settings) -> None:
-    machine.clock.make_wrong(0.0, 0.0)
+def _set_clock_offset(_: FaultInjector, computer: Computer, settings: Settings) -> None:
+    computer.clock.disturb(offset_s=settings["offset_s"])
 
 
-def _ntp(mode: str) -> Act:
-    return lambda bench, _, __: bench.serve_ntp(mode)
+def _set_crystal(_: FaultInjector, computer: Computer, settings: Settings) -> None:
+    computer.clock.disturb(crystal_ppm=settings["ppm"])
 
 
-def _reboot(_: Bench, machine: Machine, __: Settings) -> None:
-    machine.inside(["systemctl", "--no-block", "reboot"])
+def _correct_clock(_: FaultInjector, computer: Computer, __: Settings) -> None:
+    computer.clock.disturb(offset_s=0.0, crystal_ppm=0.0)
+
+
+def _serve_ntp(mode: str) -> FaultAction:
+    return lambda injector, _, __: injector.serve_ntp(mode)
+
+
+def _reboot(_: FaultInjector, computer: Computer, __: Settings) -> None:
+    computer.inside(["systemctl", "--no-block", "reboot"])
+
+
+def _activate_controllers(injector: FaultInjector, computer: Computer, _: Settings) -> None:
+    script(scripts.SET_CONTROLLERS, "state")(injector, computer, {"state": "active"})
 
 
 FAULTS: dict[str, Fault] = {
-    # -- the wire
-    "cable-cut": Fault("the cable is pulled: both ends lose their carrier", _cable(True), _cable(False), WIRED, True),
+    # -- the network
+    "cable-cut": Fault(
+        "the cable is unplugged: both ends lose their carrier",
+        inject=_set_cable_cut(True),
+        undo=_set_cable_cut(False),
+        settings=WIRED,
+        external=True,
+    ),
     "switch-dead": Fault(
-        "the switch died, or WiFi is out of range: carrier stays, nothing passes", _switch(True), _switch(False), WIRED, True
+        "the switch is dead, or WiFi is out of range: both ends keep their carrier, no frame passes",
+        inject=_set_switch_dead(True),
+        undo=_set_switch_dead(False),
+        settings=WIRED,
+        external=True,
     ),
     "slow-link": Fault(
-        *("latency each way, and jitter around it", _pump, _pump),
-        *({**WIRED, "delay_ms": 60.0, "jitter_ms": 10.0}, True),
-        lambda s: {"delay_ms": s["delay_ms"], "jitter_ms": s["jitter_ms"]},
+        "the link has latency in each direction, with jitter",
+        inject=_update_link,
+        undo=_update_link,
+        settings={**WIRED, "delay_ms": 60.0, "jitter_ms": 10.0},
+        external=True,
+        link_settings=lambda settings: {"delay_ms": settings["delay_ms"], "jitter_ms": settings["jitter_ms"]},
     ),
     "lossy-link": Fault(
-        *("a share of all frames is lost", _pump, _pump, {**WIRED, "loss": 0.2}, True), lambda s: {"loss": s["loss"]}
+        "the link loses a fraction of all frames",
+        inject=_update_link,
+        undo=_update_link,
+        settings={**WIRED, "loss": 0.2},
+        external=True,
+        link_settings=lambda settings: {"loss": settings["loss"]},
     ),
     "no-multicast": Fault(
-        *("multicast is dropped, as many access points do", _pump, _pump, WIRED, True), lambda _: {"multicast": False}
+        "the link drops multicast, as many access points do",
+        inject=_update_link,
+        undo=_update_link,
+        settings=WIRED,
+        external=True,
+        link_settings=lambda _: {"multicast": False},
     ),
     "wifi-roam": Fault(
-        "the laptop's WiFi went elsewhere: no address and no route there", _laptop(True), _laptop(False), WIRELESS, True
+        "the laptop's WiFi joined another network: it has no address and no route on the robot's",
+        inject=_set_laptop_away(True),
+        undo=_set_laptop_away(False),
+        settings=WIRELESS,
+        external=True,
     ),
     "dual-homed": Fault(
-        "the laptop has no route to the robot's AP, which the robot still announces; data to the robot doesn't arrive",
-        *(_dual_home(True), _dual_home(False), WIRED, True),
-        lambda _: {"deaf_ports": USER_DATA_PORTS},
+        "the laptop has no route to the robot's access point, which the robot still announces; DDS data to the robot is lost",
+        inject=_set_dual_homed(True),
+        undo=_set_dual_homed(False),
+        settings=WIRED,
+        external=True,
+        link_settings=lambda _: {"blocked_ports": USER_DATA_PORTS},
     ),
     # -- the computer
     "power-cut": Fault(
-        "the plug is pulled; undone, it is switched on",
-        lambda _, machine, __: machine.power_cut(),
-        lambda _, machine, __: machine.power_on(),
+        "the robot loses its power; --undo switches it on",
+        inject=lambda _, computer, __: computer.power_cut(),
+        undo=lambda _, computer, __: computer.power_on(),
     ),
-    "reboot": Fault("it reboots in good order", _reboot, None),
+    "reboot": Fault("the robot reboots cleanly", inject=_reboot, undo=None),
     "frozen": Fault(
-        "it hangs: the network takes connections, nothing in there answers",
-        lambda _, machine, __: machine.freeze(True),
-        lambda _, machine, __: machine.freeze(False),
-        outside=True,
+        "the robot hangs: its network accepts connections, no process answers",
+        inject=lambda _, computer, __: computer.freeze(True),
+        undo=lambda _, computer, __: computer.freeze(False),
+        external=True,
     ),
     "sshd-hung": Fault(
-        "sshd hangs: the port accepts, no banner comes",
-        script(damage.SSHD.format(signal="STOP")),
-        script(damage.SSHD.format(signal="CONT")),
+        "sshd hangs: the port accepts connections and sends no banner",
+        inject=script(scripts.SIGNAL_SSHD.format(signal="STOP")),
+        undo=script(scripts.SIGNAL_SSHD.format(signal="CONT")),
     ),
     "sshd-down": Fault(
-        "sshd is off: the port refuses",
-        script("systemctl stop ssh"),
-        script("systemctl start ssh"),
+        "sshd is stopped: the port refuses connections",
+        inject=script("systemctl stop ssh"),
+        undo=script("systemctl start ssh"),
     ),
-    "host-key-changed": Fault("it shows other host keys", script(damage.NEW_HOST_KEYS), script(damage.OLD_HOST_KEYS)),
-    "sudo-password": Fault("sudo asks for mirte's password", script(damage.ASK_PASSWORD), script(damage.ALLOW_SUDO)),
-    "sudo-refused": Fault("mirte may not sudo", script(damage.REFUSE_SUDO), script(damage.ALLOW_SUDO)),
+    "host-key-changed": Fault(
+        "the robot has new SSH host keys", inject=script(scripts.NEW_HOST_KEYS), undo=script(scripts.OLD_HOST_KEYS)
+    ),
+    "sudo-password": Fault(
+        "sudo asks for mirte's password", inject=script(scripts.ASK_PASSWORD), undo=script(scripts.ALLOW_SUDO)
+    ),
+    "sudo-refused": Fault("mirte may not use sudo", inject=script(scripts.REFUSE_SUDO), undo=script(scripts.ALLOW_SUDO)),
     "program-missing": Fault(
-        "a program isn't there",
-        script(damage.HIDE_PROGRAM, "program"),
-        script(damage.SHOW_PROGRAM, "program"),
-        {"program": "python3"},
+        "a program is missing from the robot",
+        inject=script(scripts.HIDE_PROGRAM, "program"),
+        undo=script(scripts.SHOW_PROGRAM, "program"),
+        settings={"program": "python3"},
     ),
     "disk-full": Fault(
-        "nothing more fits on the disk",
-        lambda _, machine, __: machine.limit_disk(machine.disk_used_mb()),
-        lambda _, machine, __: machine.limit_disk(None),
+        "the disk is full",
+        inject=lambda _, computer, __: computer.limit_disk(computer.disk_used_mb()),
+        undo=lambda _, computer, __: computer.limit_disk(None),
     ),
-    "disk-read-only": Fault("the file systems went read-only", script(damage.MAKE_READ_ONLY), script(damage.MAKE_WRITABLE)),
+    "disk-read-only": Fault(
+        "the file systems became read-only", inject=script(scripts.MAKE_READ_ONLY), undo=script(scripts.MAKE_WRITABLE)
+    ),
     "port-taken": Fault(
-        "another program listens there", script(damage.TAKE_PORT, "port"), script(damage.GIVE_PORT, "port"), {"port": 8091}
+        "another program listens on a TCP port",
+        inject=script(scripts.TAKE_PORT, "port"),
+        undo=script(scripts.FREE_PORT, "port"),
+        settings={"port": 8091},
     ),
     # -- clocks
     "clock-wrong": Fault(
-        "its clock is off, as of a board without an RTC", _clock(True, False), _right_clock, {"offset_s": -287.5}
+        "the robot's clock is wrong, as on a board without an RTC",
+        inject=_set_clock_offset,
+        undo=_correct_clock,
+        settings={"offset_s": -287.5},
     ),
-    "clock-drifts": Fault("its crystal runs too fast", _clock(False, True), _right_clock, {"ppm": 120.0}),
+    "clock-drifts": Fault(
+        "the crystal of the robot's clock runs too fast", inject=_set_crystal, undo=_correct_clock, settings={"ppm": 120.0}
+    ),
     "chrony-not-serving": Fault(
-        "the laptop's chronyd runs and answers nobody; undone, it serves", _ntp("refusing"), _ntp("serving"), outside=True
+        "the laptop's chronyd runs and answers no one; --undo makes it serve",
+        inject=_serve_ntp("silent"),
+        undo=_serve_ntp("serving"),
+        external=True,
     ),
-    "chrony-stopped": Fault("the robot's chronyd is off", script("systemctl stop chrony"), script("systemctl start chrony")),
+    "chrony-stopped": Fault(
+        "the robot's chronyd is stopped", inject=script("systemctl stop chrony"), undo=script("systemctl start chrony")
+    ),
     "stock-makestep": Fault(
-        "chrony may step the clock under a live stack, as the distribution has it",
-        script(damage.STEPPING),
-        script(damage.SLEWING),
+        "chrony may step the clock under a live stack, as the distribution configures it",
+        inject=script(scripts.ALLOW_STEPS),
+        undo=script(scripts.FORBID_STEPS),
     ),
     # -- DDS
     "server-not-started": Fault(
-        "the cold-boot race is lost: mirte-ros is active, nothing is bound to 11811; cause is port or path",
-        damage.lose_race,
-        script(damage.RESTART_ROS),
-        {"cause": "port"},
+        "mirte-ros lost the race at boot: it is active, nothing listens on port 11811; cause is port or path",
+        inject=scripts.lose_boot_race,
+        undo=script(scripts.RESTART_ROS),
+        settings={"cause": "port"},
     ),
     "server-killed": Fault(
-        "the discovery server is killed", script("pkill -KILL -x fast-discovery-"), damage.sweep(damage.RESTART_ROS)
+        "the discovery server was killed",
+        inject=script("pkill -KILL -x fast-discovery-"),
+        undo=scripts.remove_segments(scripts.RESTART_ROS),
     ),
     "server-pinned": Fault(
         "the discovery server answers on one address only",
-        *(script(damage.PIN_SERVER, "address"), damage.sweep(damage.UNPIN_SERVER), {"address": "192.168.42.1"}),
+        inject=script(scripts.PIN_SERVER, "address"),
+        undo=scripts.remove_segments(scripts.UNPIN_SERVER),
+        settings={"address": "192.168.42.1"},
     ),
     "server-stopped": Fault(
-        "the discovery server hangs: it holds its port and answers nobody",
-        script(damage.SERVER_SIGNAL.format(signal="STOP")),
-        script(damage.SERVER_SIGNAL.format(signal="CONT")),
+        "the discovery server hangs: it holds its port and answers no one",
+        inject=script(scripts.SIGNAL_SERVER.format(signal="STOP")),
+        undo=script(scripts.SIGNAL_SERVER.format(signal="CONT")),
     ),
     "server-port-taken": Fault(
         "another program holds the discovery server's port",
-        script(damage.TAKE_SERVER_PORT),
-        damage.sweep(damage.UNPIN_SERVER),
+        inject=script(scripts.TAKE_SERVER_PORT),
+        undo=scripts.remove_segments(scripts.UNPIN_SERVER),
     ),
     "dds-off": Fault(
-        "mirte's settings say multicast: MIRTE_FASTDDS=false", script(damage.SETTINGS_FALSE), script(damage.SETTINGS_TRUE)
+        "mirte's settings disable the discovery server: MIRTE_FASTDDS=false",
+        inject=script(scripts.DISABLE_DISCOVERY_SERVER),
+        undo=script(scripts.ENABLE_DISCOVERY_SERVER),
     ),
     "interface-late": Fault(
-        "wlan0 came up after mirte-ros, which doesn't know it", script(damage.LATE_INTERFACE), script(damage.RESTART_ROS)
+        "wlan0 came up after mirte-ros, which does not use it",
+        inject=script(scripts.RAISE_INTERFACE_LATE),
+        undo=script(scripts.RESTART_ROS),
     ),
     "zombies": Fault(
-        "stopped participants hold DDS ports",
-        damage.zombie,
-        damage.sweep("systemctl kill --signal=KILL 'lupin-fault-zombie-*'; sleep 0.2"),
-        {"count": 2},
+        "stopped DDS participants hold ports",
+        inject=scripts.start_stopped_participants,
+        undo=scripts.remove_segments("systemctl kill --signal=KILL 'lupin-fault-zombie-*'; sleep 0.2"),
+        settings={"count": 2},
     ),
-    "shm-orphans": Fault("segments of killed participants", damage.orphan, damage.sweep(), {"user": "mirte", "count": 2}),
+    "shm-orphans": Fault(
+        "killed DDS participants left shared-memory segments",
+        inject=scripts.leave_segments,
+        undo=scripts.remove_segments(),
+        settings={"user": "mirte", "count": 2},
+    ),
     "shm-foreign": Fault(
-        "segments that root's killed participants left are in the way of mirte's",
-        *(damage.orphan, damage.sweep("systemctl stop mirte-ros", "systemctl start mirte-ros"), {"user": "root", "count": 1}),
+        "killed participants of root left segments that block mirte's",
+        inject=scripts.leave_segments,
+        undo=scripts.remove_segments("systemctl stop mirte-ros", "systemctl start mirte-ros"),
+        settings={"user": "root", "count": 1},
     ),
-    "shm-full": Fault("nothing more fits in /dev/shm", script(damage.FILL_SHM), script("mount -o remount,size=256M /dev/shm")),
+    "shm-full": Fault("/dev/shm is full", inject=script(scripts.FILL_SHM), undo=script("mount -o remount,size=256M /dev/shm")),
     # -- services
     "oneshot-failed": Fault(
-        "a oneshot failed, and nothing retries it",
-        script(damage.FAIL_ONESHOT, "unit"),
-        script(damage.MEND_ONESHOT, "unit"),
-        {"unit": "lupin-auto-home"},
+        "a oneshot unit failed, and nothing retries it",
+        inject=script(scripts.FAIL_ONESHOT, "unit"),
+        undo=script(scripts.RESTORE_ONESHOT, "unit"),
+        settings={"unit": "lupin-auto-home"},
     ),
     "unit": Fault(
         "a unit is stopped, disabled, masked, or failing until systemd gives up",
-        script(damage.UNIT_STATE, "state", "unit"),
-        script(damage.MEND_UNIT, "state", "unit"),
-        {"state": "stopped", "unit": "lupin-onboard"},
+        inject=script(scripts.UNIT_STATE, "state", "unit"),
+        undo=script(scripts.RESTORE_UNIT, "state", "unit"),
+        settings={"state": "stopped", "unit": "lupin-onboard"},
     ),
-    "camera-held": Fault("a stray process holds a camera", script(damage.HOLD_CAMERA), script(damage.FREE_CAMERA)),
-    "home-locked": Fault("mirte may not write to his home", script(damage.LOCK_HOME), script(damage.UNLOCK_HOME)),
+    "camera-held": Fault(
+        "another process holds a camera", inject=script(scripts.HOLD_CAMERA), undo=script(scripts.FREE_CAMERA)
+    ),
+    "home-locked": Fault(
+        "mirte may not write to its home folder", inject=script(scripts.LOCK_HOME), undo=script(scripts.UNLOCK_HOME)
+    ),
     "not-in-group": Fault(
-        "mirte lost a group",
-        *(script('gpasswd --delete mirte "$1" >/dev/null', "group"), script('usermod --append --groups "$1" mirte', "group")),
-        {"group": "input"},
+        "mirte is no longer in a group",
+        inject=script('gpasswd --delete mirte "$1" >/dev/null', "group"),
+        undo=script('usermod --append --groups "$1" mirte', "group"),
+        settings={"group": "input"},
     ),
     "controllers-stuck": Fault(
-        "the vendor's controllers boot into another state: unloaded, unconfigured or inactive",
-        script(damage.CONTROLLERS, "state"),
-        lambda bench, machine, _: script(damage.CONTROLLERS, "state")(bench, machine, {"state": "active"}),
-        {"state": "unconfigured"},
+        "the vendor's controllers start in another state: unloaded, unconfigured or inactive",
+        inject=script(scripts.SET_CONTROLLERS, "state"),
+        undo=_activate_controllers,
+        settings={"state": "unconfigured"},
     ),
 }
 
 
-def listing() -> list[dict[str, Any]]:
-    """All faults, for those who choose one: name, summary, settings with their defaults, whether it can be taken back."""
+def list_faults() -> list[dict[str, Any]]:
+    """All faults: name, summary, settings with their defaults, and whether the fault can be undone."""
     return [
         {"name": name, "summary": fault.summary, "settings": dict(fault.settings), "undo": fault.undo is not None}
         for name, fault in FAULTS.items()
     ]
 
 
-def parse(name: str, assignments: list[str]) -> dict[str, Any]:
-    """Settings out of SETTING=VALUE, each of the kind of its default. Raises FaultError."""
+def parse_settings(name: str, assignments: list[str]) -> dict[str, Any]:
+    """The settings of fault `name` from words of the form SETTING=VALUE, in the types of the defaults. Raises FaultError."""
     fault = FAULTS.get(name)
     if fault is None:
         raise FaultError(f"there is no fault {name!r}; there are: {', '.join(sorted(FAULTS))}")
@@ -227,10 +301,10 @@ def parse(name: str, assignments: list[str]) -> dict[str, Any]:
     for assignment in assignments:
         key, _, text = assignment.partition("=")
         if key not in fault.settings:
-            raise FaultError(f"{name} knows no {key!r}; it takes {', '.join(fault.settings) or 'no settings'}")
+            raise FaultError(f"{name} has no setting {key!r}; it has: {', '.join(fault.settings) or 'none'}")
         default = fault.settings[key]
         try:
             chosen[key] = type(default)(text)
         except ValueError:
-            raise FaultError(f"{key} of {name} is a number like {default}, and {text!r} is not") from None
+            raise FaultError(f"{key} of {name}: expected a number like {default}, found {text!r}") from None
     return chosen

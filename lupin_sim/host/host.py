@@ -1,4 +1,4 @@
-"""A host to work with: start one, attach to one, run programs on the laptop, break the robot, give it back healthy."""
+"""A host: simulated robots and a laptop on one network. Starts or attaches to one, runs programs on it, injects faults."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from lupin_sim.host import state
-from lupin_sim.host.layer import keys
-from lupin_sim.host.machine import Done
-from lupin_sim.host.missing import what_is_missing
-from lupin_sim.host.namespaces import NEW_FLAGS, popen_in, standing_in
+from lupin_sim.host.computer import CommandResult
+from lupin_sim.host.namespaces import NEW_FLAGS, inside_namespace, popen_in
+from lupin_sim.host.overlay import ssh_keys
+from lupin_sim.host.prerequisites import missing_prerequisite
 from lupin_sim.host.rootfs import Progress, RootError, root_directory
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -29,12 +29,12 @@ END_LIMIT_S = 30.0
 READY_LIMIT_S = 60.0
 PER_ROBOT_LIMIT_S = 10.0
 USER = "mirte"
-# Drawing pictures would take a core from everything else, and a robot stamps by its own clock.
+# Rendering the cameras would use up one core. A robot stamps messages with its own clock.
 ROBOT_ARGUMENTS = "--wall-clock --no-cameras"
 
 
 class HostError(Exception):
-    """What was expected of a host, what was found, what to type."""
+    """A request to a host failed; the message says what was found and what to type."""
 
 
 class HostUnavailable(HostError):
@@ -43,7 +43,7 @@ class HostUnavailable(HostError):
 
 @dataclass(frozen=True)
 class Robot:
-    """One robot of a host. `number` counts from 0."""
+    """One simulated robot of a host. `number` counts from 0."""
 
     host: Host
     number: int
@@ -51,49 +51,49 @@ class Robot:
     eth0: str
     wlan0: str
 
-    def inside(self, *command: str, stdin: str = "", timeout_s: float = 20.0) -> Done:
-        """Run a command in there as root, without a network between: to arrange things and to look at them."""
-        value = self.host.ask("inside", robot=self.number, command=command, stdin=stdin, timeout_s=timeout_s)
-        return Done(*value)
+    def inside(self, *command: str, stdin: str = "", timeout_s: float = 20.0) -> CommandResult:
+        """Run a command on the robot as root, without using its network: to prepare and to inspect it."""
+        value = self.host.request("inside", robot=self.number, command=command, stdin=stdin, timeout_s=timeout_s)
+        return CommandResult(*value)
 
-    def fault(self, name: str, **settings: Any) -> None:
-        """Break something; `lupin sim host fault` lists what there is."""
-        self.host.ask("fault", robot=self.number, name=name, settings=settings)
+    def inject_fault(self, name: str, **settings: Any) -> None:
+        """Inject a fault; `lupin sim host fault` lists them with their settings."""
+        self.host.request("fault", robot=self.number, name=name, settings=settings)
 
-    def mend(self, name: str, **settings: Any) -> None:
-        """Take a fault back."""
-        self.host.ask("fault", robot=self.number, name=name, settings=settings, undo=True)
+    def undo_fault(self, name: str, **settings: Any) -> None:
+        """Undo a fault."""
+        self.host.request("fault", robot=self.number, name=name, settings=settings, undo=True)
 
     @contextmanager
-    def broken(self, name: str, **settings: Any) -> Iterator[None]:
-        """A fault that stands inside the block."""
-        self.fault(name, **settings)
+    def with_fault(self, name: str, **settings: Any) -> Iterator[None]:
+        """Inject a fault for the duration of the block."""
+        self.inject_fault(name, **settings)
         try:
             yield
         finally:
-            self.mend(name, **settings)
+            self.undo_fault(name, **settings)
 
     def power_on(self) -> None:
         """Switch it on; `wait_ready` waits until it can be logged into."""
-        self.host.ask("on", robot=self.number)
+        self.host.request("on", robot=self.number)
 
     def power_off(self) -> None:
-        """Shut it down in good order."""
-        self.host.ask("off", robot=self.number)
+        """Shut it down cleanly."""
+        self.host.request("off", robot=self.number)
 
     def power_cut(self) -> None:
-        """Pull the plug."""
-        self.host.ask("cut", robot=self.number)
+        """Cut its power."""
+        self.host.request("cut", robot=self.number)
 
-    def renew(self) -> None:
-        """A new disk, a right clock, no faults, freshly booted, and ready."""
-        self.host.ask("renew", robot=self.number)
+    def factory_reset(self) -> None:
+        """Reboot it with a new disk, a correct clock and no faults, and wait until it is ready."""
+        self.host.request("reset", robot=self.number)
         self.wait_ready()
 
     @property
     def state(self) -> dict[str, Any]:
-        """What `lupin sim host status --json` says of it."""
-        robots: list[dict[str, Any]] = self.host.ask("status")["robots"]
+        """Its entry in `lupin sim host status --json`."""
+        robots: list[dict[str, Any]] = self.host.request("status")["robots"]
         return robots[self.number]
 
     def wait_ready(self, limit_s: float = READY_LIMIT_S, link: str = "eth0") -> None:
@@ -108,24 +108,26 @@ class Robot:
             except OSError as error:
                 found = str(error)
             else:
-                found = "no banner"
+                found = "it sent no banner"
             if time.monotonic() > deadline:
-                raise HostError(f"{self.name} has no sshd on {address} after {limit_s:g} s ({found}); {self.host.last_words()}")
+                raise HostError(
+                    f"{self.name} did not answer SSH on {address} within {limit_s:g} s ({found}); {self.host.console_tails()}"
+                )
             if not self.state["running"]:
-                raise HostError(f"{self.name} is off; {self.host.last_words()}")
+                raise HostError(f"{self.name} is off; {self.host.console_tails()}")
             time.sleep(0.02)
 
 
 class Host:
-    """A laptop, cables, and robots. Use `Host.start` as a context manager, or `Host.attach` to one that is up."""
+    """A laptop, a network, and robots. Use `Host.start` as a context manager, or `Host.attach` for a host that is up."""
 
     def __init__(self, name: str, process: subprocess.Popen[str] | None = None) -> None:
         self.name, self.folder, self._process = name, state.STATE / name, process
-        self._laptop = self._ask_for_laptop()
-        self.key, self.known_hosts = keys() / "id_ed25519", self.folder / "known_hosts"
+        self._laptop = self._receive_laptop()
+        self.key, self.known_hosts = ssh_keys() / "id_ed25519", self.folder / "known_hosts"
         self.robots = [
             Robot(self, number, robot["name"], robot["eth0"], robot["wlan0"])
-            for number, robot in enumerate(self.ask("status")["robots"])
+            for number, robot in enumerate(self.request("status")["robots"])
         ]
 
     @classmethod
@@ -140,14 +142,15 @@ class Host:
         progress: Progress = lambda _: None,
         **hardware: Any,
     ) -> Host:
-        """Boot robots and return once all can be logged into.
+        """Boot robots and return when SSH answers on all of them.
 
-        With `lifeline` everything ends with this process; without, it stays up until `Host.end`. `hardware` is that of
-        machine.Hardware. Raises HostError with what is missing.
+        With `lifeline` the host ends with this process; without, it stays up until `Host.end`. With `vendor_robot`,
+        mirte-ros.service runs the simulated robot with `robot_arguments`. `hardware` are fields of computer.Hardware.
+        Raises HostError; HostUnavailable names what this machine lacks.
         """
-        if missing := what_is_missing():
+        if missing := missing_prerequisite():
             raise HostUnavailable(missing)
-        state.sweep()
+        state.remove_stale()
         try:
             root = root_directory(progress)
         except RootError as error:
@@ -157,8 +160,8 @@ class Host:
         try:
             folder.mkdir(parents=True)
         except FileExistsError:
-            raise HostError(f"there is a host {chosen!r} already: lupin sim host down --name {chosen}") from None
-        # The project is there, read-only, with the Pythons that it runs on, so that anything of it can run on the robot.
+            raise HostError(f"host {chosen!r} is already up: lupin sim host down --name {chosen}") from None
+        # The robot sees the project and its Python installations, read-only, so that all of the project can run on it.
         binds = sorted({str(PROJECT), str(Path(sys.prefix).resolve()), str(Path(sys.base_prefix).resolve())} - {"/usr"})
         robot = f"ROBOT_PROJECT={PROJECT}\nROBOT_PYTHON={sys.executable}\nROBOT_ARGUMENTS={robot_arguments!r}\n"
         settings = {
@@ -168,7 +171,7 @@ class Host:
         }
         host = None
         try:
-            process = _start_keeper(folder, root, settings)
+            process = _start_daemon(folder, root, settings)
             host = cls(chosen, process)
             host._write_known_hosts()
             for each in host.robots:
@@ -176,13 +179,13 @@ class Host:
         except BaseException:
             if host is not None:
                 host.end()
-            state.sweep()
+            state.remove_stale()
             raise
         return host
 
     @classmethod
     def attach(cls, name: str) -> Host:
-        """A host that another process started. Raises HostError."""
+        """A host that is up, started by another process. Raises HostError."""
         if name not in state.running():
             others = ", ".join(state.running()) or "none"
             raise HostError(f"no host {name!r} is up (up: {others}): lupin sim host up --name {name}")
@@ -193,28 +196,29 @@ class Host:
         """The first robot."""
         return self.robots[0]
 
-    # -- the laptop
-
     @contextmanager
     def on_laptop(self) -> Iterator[None]:
-        """Inside the block this thread, with the threads and programs it starts, is on the laptop's network: 10.42.0.2 and
-        192.168.42.2. Sockets made in there stay there."""
-        with standing_in(self._laptop["net"], "net"):
+        """Inside the block, this thread and the threads and programs it starts use the laptop's network: 10.42.0.2 and
+        192.168.42.2. Sockets opened in the block stay on that network."""
+        with inside_namespace(self._laptop["net"], "net"):
             yield
 
     def popen(self, command: Sequence[str], env: Mapping[str, str] | None = None, **options: Any) -> subprocess.Popen[Any]:
-        """Start a program on the laptop: its network, its processes, its /dev/shm, this machine's files. It is a child of this
-        process, so signals reach it as they would any."""
+        """Start a program on the laptop, which has its own network, processes and /dev/shm, and this machine's files.
+
+        The program is a child of this process and receives its signals.
+        """
         return popen_in(self._laptop, command, env, **options)
 
     def run(self, command: Sequence[str], timeout_s: float = 60.0, **options: Any) -> subprocess.CompletedProcess[str]:
-        """Run a program on the laptop to its end; text, captured unless told otherwise. Raises subprocess.TimeoutExpired."""
+        """Run a program on the laptop until it exits. Its output is captured as text, unless `options` (those of Popen) say
+        otherwise. Raises subprocess.TimeoutExpired."""
         options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | options
-        text_in = options.pop("input", None)
-        options.setdefault("stdin", subprocess.DEVNULL if text_in is None else subprocess.PIPE)
+        stdin = options.pop("input", None)
+        options.setdefault("stdin", subprocess.DEVNULL if stdin is None else subprocess.PIPE)
         process = self.popen(command, **options)
         try:
-            stdout, stderr = process.communicate(text_in, timeout=timeout_s)
+            stdout, stderr = process.communicate(stdin, timeout=timeout_s)
         except BaseException:
             process.kill()
             process.communicate()
@@ -222,7 +226,7 @@ class Host:
         return subprocess.CompletedProcess(command, process.returncode, stdout, stderr)
 
     def ssh_command(self, *command: str, robot: Robot | None = None, link: str = "eth0") -> list[str]:
-        """OpenSSH's command line for a robot, to be run on the laptop."""
+        """The OpenSSH command line that logs in to a robot from the laptop; without `robot`, the first one."""
         chosen = robot or self.robot
         address = chosen.eth0 if link == "eth0" else chosen.wlan0
         options = [
@@ -235,32 +239,30 @@ class Host:
         return ["ssh", "-F", "none", "-i", str(self.key), *flags, f"{USER}@{address}", *command]
 
     def ssh(self, command: str, robot: Robot | None = None, **options: Any) -> subprocess.CompletedProcess[str]:
-        """Run a shell command as mirte on a robot, the first one where none is named, over SSH."""
+        """Run a shell command over SSH as mirte; without `robot`, on the first one."""
         return self.run(self.ssh_command("-o", "BatchMode=yes", command, robot=robot), **options)
 
     def serve_ntp(self, mode: str = "serving") -> None:
-        """The laptop's clock server: "serving", "refusing", or "off" as a host starts. It never touches a clock itself."""
-        self.ask("ntp", mode=mode)
+        """Switch the laptop's NTP server: "serving", "silent", or "off" as at the start. It never sets a clock itself."""
+        self.request("ntp", mode=mode)
 
-    # -- its life
-
-    def ask(self, verb: str, **details: Any) -> Any:
-        """One request to the keeper. Raises HostError."""
+    def request(self, verb: str, **details: Any) -> Any:
+        """Send one request to the daemon and return its value. Raises HostError."""
         with self._connection() as connection:
             connection.sendall(json.dumps({"do": verb, **details}).encode() + b"\n")
             line = connection.makefile("rb").readline()
         if not line:
-            raise HostError(f"the keeper of host {self.name!r} ended: {self.last_words()}")
+            raise HostError(f"the daemon of host {self.name!r} has ended: {self.console_tails()}")
         reply = json.loads(line)
         if "error" in reply:
             raise HostError(reply["error"])
         return reply.get("value")
 
     def end(self) -> None:
-        """Pull every plug, and leave nothing behind."""
-        keeping = state.read(self.folder)
-        with suppress(HostError, OSError):  # it is gone already, or will be by force
-            self.ask("end")
+        """Cut the power of all robots, and remove everything of the host."""
+        daemon = state.read(self.folder)
+        with suppress(HostError, OSError):  # it has ended already, or is killed below
+            self.request("end")
         deadline = time.monotonic() + END_LIMIT_S
         if self._process is not None:
             try:
@@ -271,9 +273,9 @@ class Host:
             for pipe in (self._process.stdin, self._process.stdout):
                 if pipe is not None:
                     pipe.close()
-        while keeping is not None and keeping.alive:
+        while daemon is not None and daemon.alive:
             if time.monotonic() > deadline:
-                os.kill(keeping.pid, 9)
+                os.kill(daemon.pid, 9)
             time.sleep(0.01)
         for fd in self._laptop.values():
             os.close(fd)
@@ -281,12 +283,12 @@ class Host:
         state.remove_cgroups(self.name)
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def last_words(self) -> str:
-        """The end of what robots and keeper printed."""
+    def console_tails(self) -> str:
+        """The last output of the robots and of the daemon."""
         texts = []
         for path in sorted(self.folder.glob("*.console")) if self.folder.is_dir() else ():
             texts.append(f"{path.name}: {path.read_text(errors='replace')[-500:].strip()}")
-        return "; ".join(texts) or "it said nothing"
+        return "; ".join(texts) or "the consoles are empty"
 
     def __enter__(self) -> Host:
         return self
@@ -302,11 +304,12 @@ class Host:
         except OSError as error:
             connection.close()
             raise HostError(
-                f"the keeper of host {self.name!r} does not answer ({error.strerror}): lupin sim host status"
+                f"the daemon of host {self.name!r} does not answer ({error.strerror}): lupin sim host status"
             ) from None
         return connection
 
-    def _ask_for_laptop(self) -> dict[str, int]:
+    def _receive_laptop(self) -> dict[str, int]:
+        """The laptop's namespaces by kind, as open descriptors."""
         with self._connection() as connection:
             connection.sendall(b'{"do": "laptop"}\n')
             message, fds, _, _ = socket.recv_fds(connection, 4096, len(NEW_FLAGS))
@@ -317,16 +320,16 @@ class Host:
     def _write_known_hosts(self) -> None:
         lines = []
         for robot in self.robots:
-            for public in sorted(keys().glob("ssh_host_*_key.pub")):
+            for public in sorted(ssh_keys().glob("ssh_host_*_key.pub")):
                 lines.append(f"{robot.eth0},{robot.wlan0} {' '.join(public.read_text().split()[:2])}\n")
         self.known_hosts.write_text("".join(lines))
 
 
-def _start_keeper(folder: Path, root: Path, settings: dict[str, Any]) -> subprocess.Popen[str]:
-    """Start the keeper as the first process of its own namespaces, and wait until it holds the control socket."""
+def _start_daemon(folder: Path, root: Path, settings: dict[str, Any]) -> subprocess.Popen[str]:
+    """Start the daemon as the first process of its own namespaces, and wait until it listens. Raises HostError."""
     command = ["unshare", "--mount", "--propagation", "private", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc"]
-    command += [sys.executable, "-m", "lupin_sim.host.keeper", str(folder), str(root), json.dumps(settings)]
-    with (folder / "keeper.console").open("w") as log:
+    command += [sys.executable, "-m", "lupin_sim.host.daemon", str(folder), str(root), json.dumps(settings)]
+    with (folder / "daemon.console").open("w") as log:
         process = subprocess.Popen(
             command,
             cwd=PROJECT,
@@ -334,17 +337,17 @@ def _start_keeper(folder: Path, root: Path, settings: dict[str, Any]) -> subproc
             stdout=subprocess.PIPE,
             stderr=log,
             text=True,
-            start_new_session=True,  # a Ctrl-C in the terminal is this process's matter
+            start_new_session=True,  # a Ctrl-C in the terminal is for this process only
         )
     state.write(folder, process.pid)
     assert process.stdout is not None
-    patient_s = START_LIMIT_S + PER_ROBOT_LIMIT_S * settings["robots"]
-    said, _, _ = select.select([process.stdout], [], [], patient_s)
-    line = process.stdout.readline().strip() if said else f"the keeper said nothing for {patient_s:g} s"
+    limit_s = START_LIMIT_S + PER_ROBOT_LIMIT_S * settings["robots"]
+    readable, _, _ = select.select([process.stdout], [], [], limit_s)
+    line = process.stdout.readline().strip() if readable else f"its daemon was not ready within {limit_s:g} s"
     if line != "up":
         process.kill()
-        with process:  # closes its pipes, and waits for its end
+        with process:  # closes its pipes and waits for its exit
             pass
-        log_text = (folder / "keeper.console").read_text()[-800:].strip()
+        log_text = (folder / "daemon.console").read_text()[-800:].strip()
         raise HostError(f"the host did not start: {line or log_text}")
     return process

@@ -1,4 +1,4 @@
-"""An operator's home on the laptop of a booted host: keys, accepted host keys, and the inventory with its robot."""
+"""The operator's home directory on the simulated laptop: SSH key, known host keys, and an inventory with the robot."""
 
 from __future__ import annotations
 
@@ -10,20 +10,23 @@ if TYPE_CHECKING:
     from lupin_sim.host.host import Host
 
 
-def off_graph() -> dict[str, str]:
-    """This process's environment without what would put a program of the laptop on this process's own graph."""
+def environment_without_ros() -> dict[str, str]:
+    """This process's environment without the ROS and DDS variables, which would put a program on this process's own graph."""
     prefixes = ("ROS_", "RMW_", "FASTRTPS_", "FASTDDS_")
     return {name: value for name, value in os.environ.items() if not name.startswith(prefixes)}
 
 
-def furnish(host: Host, home: Path, set_up: tuple[str, ...] = ()) -> dict[str, str]:
-    """Fill `home`; the environment that makes lupin use it. The robot is called `mirte`."""
+def create_home(host: Host, home: Path, setup_lines: tuple[str, ...] = ()) -> dict[str, str]:
+    """Create the home directory `home` with one robot, named `mirte`. Returns the environment variables that select it.
+
+    `setup_lines` become the robot's `ros_setup` in the inventory.
+    """
     ssh, config = home / ".ssh", home / ".config" / "lupin"
     ssh.mkdir(parents=True, mode=0o700)
     config.mkdir(parents=True)
     (ssh / "config").write_text(f"Host *\n  IdentityFile {host.key}\n  IdentitiesOnly yes\n")
     (ssh / "known_hosts").write_text(host.known_hosts.read_text())
-    lines = ", ".join(f'"{line}"' for line in set_up)
+    lines = ", ".join(f'"{line}"' for line in setup_lines)
     inventory = (
         f'[robots.mirte]\nuser = "mirte"\nros_setup = [{lines}]\n\n[robots.mirte.addresses]\nwired = "{host.robot.eth0}"\n'
     )

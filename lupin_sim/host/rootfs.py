@@ -1,4 +1,4 @@
-"""The robot's root file system: built once by mmdebstrap, packed, and kept under the hash of its recipe."""
+"""The root file system of simulated computers: built once by mmdebstrap, packed, and cached under the hash of its recipe."""
 
 from __future__ import annotations
 
@@ -18,52 +18,52 @@ PACKAGES = (
     *("openssh-server", "sudo", "chrony", "python3", "procps", "netbase", "zstd"),
     *("iproute2", "iputils-ping", "nftables", "tcpdump", "iw", "ethtool"),
 )
-# No languages and no manuals: a fifth of the size.
+# Without languages and manuals the root has a fifth of the size.
 OPTIONS = (
     *('--aptopt=Acquire::Languages "none"', '--aptopt=APT::Install-Recommends "false"'),
     *("--dpkgopt=path-exclude=/usr/share/man/*", "--dpkgopt=path-exclude=/usr/share/locale/*"),
     *("--dpkgopt=path-exclude=/usr/share/doc/*", "--dpkgopt=path-include=/usr/share/doc/*/copyright"),
 )
-TAR = ("tar", "--numeric-owner", "--xattrs", "--xattrs-include=*")  # without them ping loses its capability
+TAR = ("tar", "--numeric-owner", "--xattrs", "--xattrs-include=*")  # without extended attributes ping loses its capability
 BUILD_LIMIT_S = 900.0
 
 Progress = Callable[[str], None]
 
 
 class RootError(Exception):
-    """The root file system cannot be had; the message says what to do."""
+    """The root file system cannot be built; the message says what to do."""
 
 
 def cache_directory() -> Path:
-    """Where roots and keys are kept: $XDG_CACHE_HOME/lupin-host, or /var/cache/lupin-host."""
+    """The folder of roots and keys: $XDG_CACHE_HOME/lupin-host, or /var/cache/lupin-host."""
     return Path(os.environ.get("XDG_CACHE_HOME") or "/var/cache") / "lupin-host"
 
 
-def release() -> dict[str, str]:
+def os_release() -> dict[str, str]:
     """This machine's /etc/os-release."""
     lines = Path("/etc/os-release").read_text().splitlines()
     return dict(line.replace('"', "").split("=", 1) for line in lines if "=" in line)
 
 
 def suite() -> str:
-    """The robot gets the machine's own release, so that the machine's Python runs in there too."""
-    return os.environ.get("LUPIN_HOST_SUITE") or release().get("VERSION_CODENAME", "bookworm")
+    """The Debian suite of the root: this machine's own, so that this machine's Python runs on the robot too."""
+    return os.environ.get("LUPIN_HOST_SUITE") or os_release().get("VERSION_CODENAME", "bookworm")
 
 
-def key() -> str:
-    """The hash of all that decides what the root is."""
+def recipe_hash() -> str:
+    """The hash of everything that the content of the root depends on."""
     recipe = "\n".join((suite(), *PACKAGES, *OPTIONS, (HERE / "recipe.sh").read_text()))
     return hashlib.sha256(recipe.encode()).hexdigest()[:16]
 
 
 def cached_root() -> Path | None:
-    """The unpacked root of the current recipe, where there is one."""
-    root = cache_directory() / f"root-{key()}"
+    """The unpacked root of the current recipe, or None."""
+    root = cache_directory() / f"root-{recipe_hash()}"
     return root if root.is_dir() else None
 
 
 def root_directory(progress: Progress = lambda _: None) -> Path:
-    """The unpacked root, built or unpacked first where it has to be. Raises RootError."""
+    """The unpacked root; it is unpacked or built first if necessary. Raises RootError."""
     if found := cached_root():
         return found
     cache = cache_directory()
@@ -71,20 +71,20 @@ def root_directory(progress: Progress = lambda _: None) -> Path:
     with _locked(cache, progress):
         if found := cached_root():
             return found
-        _sweep(cache)
-        # Everything happens in a folder that no one looks into; the rename at the end is what makes it a root.
+        _remove_stale_builds(cache)
+        # Built in a folder that nothing else reads; the rename at the end publishes it.
         work = cache / f".building-{os.getpid()}"
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir()
         try:
-            packed = cache / f"root-{key()}.tar.zst"
+            packed = cache / f"root-{recipe_hash()}.tar.zst"
             if not (packed.exists() and _unpack(packed, work / "root", progress)):
                 _build(work / "root", progress)
-                progress("packing it for the next time")
+                progress("packing it into the cache")
                 _call([*TAR, "-I", "zstd -T0 -3", "-C", str(work / "root"), "-cf", str(work / "packed"), "."], progress)
                 os.sync()
                 (work / "packed").rename(packed)
-            root = cache / f"root-{key()}"
+            root = cache / f"root-{recipe_hash()}"
             (work / "root").rename(root)
             return root
         finally:
@@ -92,13 +92,13 @@ def root_directory(progress: Progress = lambda _: None) -> Path:
 
 
 def _unpack(packed: Path, root: Path, progress: Progress) -> bool:
-    """Whether the packed root was whole; what is left of a damaged one is removed."""
+    """Unpack into `root`. Returns False for a damaged archive, after removing it and what was unpacked."""
     progress(f"unpacking the robot's root ({packed.stat().st_size >> 20} MB)")
     root.mkdir()
     try:
         _call([*TAR, "--zstd", "-C", str(root), "-xf", str(packed)], progress)
     except RootError as error:
-        progress(f"the packed root is damaged and will be built anew: {str(error).splitlines()[-1].strip()}")
+        progress(f"the packed root is damaged and will be rebuilt: {str(error).splitlines()[-1].strip()}")
         packed.unlink()
         shutil.rmtree(root)
         return False
@@ -106,9 +106,10 @@ def _unpack(packed: Path, root: Path, progress: Progress) -> bool:
 
 
 def _build(root: Path, progress: Progress) -> None:
-    if release().get("ID") != "debian" and "LUPIN_HOST_MIRROR" not in os.environ:
+    if os_release().get("ID") != "debian" and "LUPIN_HOST_MIRROR" not in os.environ:
         raise RootError(
-            f"the robot's root is a Debian like this machine, and this is {release().get('PRETTY_NAME', 'another')}: set "
+            "the root has this machine's Debian release, and this machine runs "
+            f"{os_release().get('PRETTY_NAME', 'something else')}: set "
             "LUPIN_HOST_SUITE (bookworm) and LUPIN_HOST_MIRROR (a Debian mirror)"
         )
     progress(f"building the robot's root, Debian {suite()}, {len(PACKAGES)} packages and what they need: about a minute, once")
@@ -118,24 +119,24 @@ def _build(root: Path, progress: Progress) -> None:
 
 
 def _mirror() -> str:
-    """The mirror that this machine itself uses."""
+    """The Debian mirror of this machine. Raises RootError."""
     if mirror := os.environ.get("LUPIN_HOST_MIRROR"):
         return mirror
-    # What an update would fetch: known before the first one, too.
+    # The URIs that an update would fetch; apt knows them before the first update, too.
     uris = subprocess.run(["apt-get", "--print-uris", "update"], capture_output=True, text=True, timeout=60, check=False).stdout
     found = re.search(rf"'(\S+)/dists/{re.escape(suite())}/", uris)
     if found is None:
         raise RootError(
-            f"this machine's apt knows no mirror of {suite()}: set LUPIN_HOST_MIRROR, or look into /etc/apt/sources.list"
+            f"apt on this machine has no mirror of {suite()}: set LUPIN_HOST_MIRROR, or check /etc/apt/sources.list"
         )
     return found[1]
 
 
 def _call(command: list[str], progress: Progress) -> None:
-    """Run a step, pass its headlines on, and say how it ended if badly."""
+    """Run a command and pass its progress lines on. Raises RootError with its last lines if it fails."""
     environment = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "LC_ALL": "C.UTF-8", "TMPDIR": str(cache_directory())}
     environment |= {name: value for name, value in os.environ.items() if name.lower().endswith("_proxy")}
-    last: list[str] = []
+    last_lines: list[str] = []
     with subprocess.Popen(
         ["timeout", f"{BUILD_LIMIT_S:g}", *command],
         env=environment,
@@ -147,26 +148,26 @@ def _call(command: list[str], progress: Progress) -> None:
     ) as process:
         assert process.stdout is not None
         for line in process.stdout:
-            last = [*last[-14:], line.rstrip()]
+            last_lines = [*last_lines[-14:], line.rstrip()]
             if line.startswith("I: "):
                 progress("  " + line[3:].rstrip())
     if process.returncode:
-        raise RootError(f"{command[0]} ended with {process.returncode}; its last words:\n  " + "\n  ".join(last))
+        raise RootError(f"{command[0]} exited with status {process.returncode}; its last lines:\n  " + "\n  ".join(last_lines))
 
 
 @contextmanager
 def _locked(cache: Path, progress: Progress) -> Iterator[None]:
-    """One builder at a time; others wait and then find the root."""
+    """Hold the lock of the cache: only one process builds, and the others wait."""
     with (cache / "lock").open("w") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            progress("another process builds the robot's root: waiting for it")
+            progress("another process builds the root: waiting for it")
             fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 
 
-def _sweep(cache: Path) -> None:
-    """What builders left that were killed: only one holds the lock, so none of it is in use."""
-    for left in cache.glob(".building-*"):
-        shutil.rmtree(left, ignore_errors=True)
+def _remove_stale_builds(cache: Path) -> None:
+    """Remove the folders of killed builders. The caller holds the lock, so none of them is in use."""
+    for folder in cache.glob(".building-*"):
+        shutil.rmtree(folder, ignore_errors=True)

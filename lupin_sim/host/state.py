@@ -1,4 +1,4 @@
-"""What is up on this machine: a folder of each host in /run/lupin-host, and cgroups of its name; the sweep of leftovers."""
+"""The hosts on this machine: each has a folder in /run/lupin-host and cgroups of its name. Removes what ended hosts left."""
 
 from __future__ import annotations
 
@@ -9,27 +9,30 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from lupin_sim.host.missing import cgroup_roots
+from lupin_sim.host.prerequisites import cgroup_roots
 
 STATE = Path("/run/lupin-host")
 CGROUP = "lupin-host"
+DAEMON_FILE = "keeper"  # names the daemon of a host; hosts of earlier versions have it too
+NEW_FOLDER_GRACE_S = 60.0
 REMOVAL_LIMIT_S = 2.0
 
 
 @dataclass(frozen=True)
-class Keeping:
-    """Which process keeps a host, so surely that a PID used again isn't taken for it."""
+class DaemonProcess:
+    """A host's daemon: its PID, and its start in clock ticks after boot, which distinguishes it from a reuse of the PID."""
 
     pid: int
-    started: int  # clock ticks after boot
+    started: int
 
     @property
     def alive(self) -> bool:
-        return started(self.pid) == self.started
+        """Whether it still runs."""
+        return start_time(self.pid) == self.started
 
 
-def started(pid: int) -> int | None:
-    """When a process started, in clock ticks after boot (proc(5), field 22); None where there is none."""
+def start_time(pid: int) -> int | None:
+    """When a process started, in clock ticks after boot (proc(5), field 22); None if there is no such process."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     except OSError:
@@ -38,14 +41,14 @@ def started(pid: int) -> int | None:
 
 
 def write(folder: Path, pid: int) -> None:
-    """Note who keeps the host in this folder."""
-    (folder / "keeper").write_text(json.dumps({"pid": pid, "started": started(pid)}))
+    """Record the daemon of the host in this folder."""
+    (folder / DAEMON_FILE).write_text(json.dumps({"pid": pid, "started": start_time(pid)}))
 
 
-def read(folder: Path) -> Keeping | None:
-    """Who keeps the host in this folder; None where nobody could say."""
+def read(folder: Path) -> DaemonProcess | None:
+    """The daemon of the host in this folder; None if it is not recorded."""
     try:
-        return Keeping(**json.loads((folder / "keeper").read_text()))
+        return DaemonProcess(**json.loads((folder / DAEMON_FILE).read_text()))
     except (OSError, ValueError, TypeError):
         return None
 
@@ -54,40 +57,40 @@ def running() -> list[str]:
     """The names of all hosts that are up."""
     if not STATE.is_dir():
         return []
-    return sorted(folder.name for folder in STATE.iterdir() if (keeping := read(folder)) is not None and keeping.alive)
+    return sorted(folder.name for folder in STATE.iterdir() if (daemon := read(folder)) is not None and daemon.alive)
 
 
-def sweep() -> list[str]:
-    """Remove what hosts left whose keeper is gone: the kernel ended their processes, mounts and namespaces with it, so only
-    folders and empty cgroups are left. Returns their names."""
-    swept = []
+def remove_stale() -> list[str]:
+    """Remove what hosts with a dead daemon left; returns their names.
+
+    The kernel removed their processes, mounts and namespaces with the daemon, so only folders and empty cgroups are left.
+    """
+    removed = []
     for folder in sorted(STATE.iterdir()) if STATE.is_dir() else ():
-        keeping = read(folder)
-        # A folder without a note is being made right now, or its maker was killed over it.
-        if keeping is None and time.time() - folder.stat().st_mtime < 60.0:
+        daemon = read(folder)
+        # Without a record, the host is being started right now, or its starter was killed.
+        if daemon is None and time.time() - folder.stat().st_mtime < NEW_FOLDER_GRACE_S:
             continue
-        if keeping is None or not keeping.alive:
+        if daemon is None or not daemon.alive:
             remove_cgroups(folder.name)
             shutil.rmtree(folder, ignore_errors=True)
-            swept.append(folder.name)
-    return swept
+            removed.append(folder.name)
+    return removed
 
 
 def remove_cgroups(name: str) -> None:
-    """Remove a host's cgroups; the last processes in them may take a moment to be gone."""
+    """Remove a host's cgroups. Waits for the last processes in them to end, at most REMOVAL_LIMIT_S."""
     deadline = time.monotonic() + REMOVAL_LIMIT_S
     for base in cgroup_roots():
         top = base / f"{CGROUP}-{name}"
-        folders = [Path(path) for path, _, _ in os.walk(top, topdown=False)]
-        for folder in folders:
+        for folder in [Path(path) for path, _, _ in os.walk(top, topdown=False)]:
             while True:
                 try:
                     folder.rmdir()
+                    break
                 except FileNotFoundError:
                     break
                 except OSError:
                     if time.monotonic() > deadline:
                         break
                     time.sleep(0.02)
-                else:
-                    break

@@ -1,24 +1,25 @@
-"""The table of worlds, and how a name on a command line becomes one."""
+"""The table of worlds, and the parser of world names."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from lupin_runtime.layout import LayoutError
 from lupin_sim.world import World
 from lupin_sim.worlds.demo import demo
-from lupin_sim.worlds.layout import LayoutError, course, layout_file
+from lupin_sim.worlds.layout import course, layout_file
 from lupin_sim.worlds.random_world import random_world
 from lupin_sim.worlds.walled import walled
 
 
 class WorldError(ValueError):
-    """A world that cannot be made; the message says what was expected and what was found."""
+    """A world cannot be built; the message says what was expected and found."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One kind of world: `make` takes what stands behind the colon of its name ("" for nothing) and the seed."""
+    """One kind of world. `make` takes the argument after the colon of the name ("" if there is none) and the seed."""
 
     name: str
     argument: str
@@ -26,13 +27,13 @@ class Entry:
     make: Callable[[str, int], World]
 
 
-def _plain(make: Callable[[int], World]) -> Callable[[str, int], World]:
-    def without_argument(argument: str, seed: int) -> World:
+def _without_argument(make: Callable[[int], World]) -> Callable[[str, int], World]:
+    def make_world(argument: str, seed: int) -> World:
         if argument:
-            raise WorldError(f"this world takes nothing after a colon, found {argument!r}")
+            raise WorldError(f"this world takes no argument, found {argument!r}")
         return make(seed)
 
-    return without_argument
+    return make_world
 
 
 def _random(argument: str, seed: int) -> World:
@@ -42,10 +43,20 @@ def _random(argument: str, seed: int) -> World:
 
 
 CATALOGUE: tuple[Entry, ...] = (
-    Entry("demo", "", "three rows of planters with wide aisles and a loop to close; the default", _plain(demo)),
-    Entry("course", "STRETCH", "the packaged layout of mdp-greenhouse, spread so that the robot fits (1.8)", course),
-    Entry("random", "SEED", "a fresh greenhouse for every seed, always solvable", _random),
-    Entry("walled", "", "a small one with a tag behind a fence: seen, and not to be reached", _plain(walled)),
+    Entry(
+        "demo",
+        "",
+        "the default: three rows of planters, wide aisles, a loop for the map to close",
+        _without_argument(demo),
+    ),
+    Entry(
+        "course",
+        "STRETCH",
+        "the packaged layout of mdp-greenhouse, stretched so that the robot fits (1.8)",
+        course,
+    ),
+    Entry("random", "SEED", "another greenhouse for every seed; all tags can be reached", _random),
+    Entry("walled", "", "a small greenhouse with a tag behind a fence: visible, not reachable", _without_argument(walled)),
 )
 
 
@@ -61,4 +72,4 @@ def load_world(name: str, seed: int = 0) -> World:
     except LayoutError as error:
         raise WorldError(str(error)) from None
     kinds = ", ".join(f"{e.name}:{e.argument}" if e.argument else e.name for e in CATALOGUE)
-    raise WorldError(f"no world {name!r}; there are {kinds}, or the path of a layout file (*.json)")
+    raise WorldError(f"there is no world {name!r}; there are {kinds}, or the path of a layout file (*.json)")

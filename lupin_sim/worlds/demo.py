@@ -1,4 +1,4 @@
-"""The default greenhouse: three rows of planters with wide aisles and a loop around them that a map has to close."""
+"""The default greenhouse: three rows of planters with wide aisles and a loop around them for the map to close."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from lupin_runtime.geometry import Pose2
 from lupin_sim.world import Box, Flower, Pillar, Tag, World
-from lupin_sim.worlds.hanging import on_side
-from lupin_sim.worlds.planting import plant
+from lupin_sim.worlds.flower_placement import place_flowers
+from lupin_sim.worlds.tag_placement import place_tag
 
 SOUTH, NORTH, WEST, EAST = -math.pi / 2, math.pi / 2, math.pi, 0.0
 
-# name, x, y, front, width, depth. Lengths differ on purpose: equal aisles would look alike to a scan matcher.
+# name, x, y, front, width, depth. The lengths differ because a scan matcher could confuse equal aisles.
 _PLANTERS = (
     ("south_west", 3.0, 2.0, SOUTH, 2.0, 0.5),
     ("south_east", 6.2, 2.0, SOUTH, 2.4, 0.5),
@@ -30,8 +30,8 @@ _CRATES = (
 )
 _PILLARS = (Pillar("post_south", 8.4, 0.55, 0.10), Pillar("post_north", 0.6, 6.3, 0.14))
 
-# id, planter, side, metres along the side from its middle (to the left of one who looks out of it), species, flowers, bugs.
-# Tags of opposite sides stand apart: a camera sees blooms of both sides across a planter.
+# id, planter, side, offset along the side from its middle (m, positive is left when facing outwards), species, flowers, bugs.
+# Tags on opposite sides have different offsets, because a camera sees the flowers of both sides across a planter.
 _TAGS = (
     (1, "south_west", SOUTH, -0.6, "tulip_red", 3, 0),
     (2, "south_west", NORTH, -0.6, "tulip_white", 2, 0),
@@ -49,16 +49,16 @@ _TAGS = (
 
 
 def demo(seed: int = 0) -> World:
-    """The greenhouse `demo`. The seed moves each bloom by a centimetre or so and changes nothing else."""
+    """The greenhouse `demo`. The seed only moves each flower by about a centimetre."""
     rng = np.random.default_rng(np.random.SeedSequence((seed, 0xDE30)))
     boxes = [Box(*row) for row in _PLANTERS] + [Box(*row, kind="crate") for row in _CRATES]
     named = {box.name: box for box in boxes}
     tags: list[Tag] = []
     flowers: list[Flower] = []
     for tag_id, name, side, along, species, count, bugs in _TAGS:
-        tag = on_side(named[name], side, along, tag_id)
+        tag = place_tag(named[name], side, along, tag_id)
         tags.append(tag)
-        flowers += plant(named[name], tag, species, count, bugs, rng)
+        flowers += place_flowers(named[name], tag, species, count, bugs, rng)
     return World(
         name="demo",
         seed=seed,

@@ -1,4 +1,4 @@
-"""A fresh greenhouse for every seed, always solvable: each tag has a place in front of it that the robot can drive to."""
+"""A random greenhouse for every seed. The robot can drive to a pose in front of each of its tags."""
 
 from __future__ import annotations
 
@@ -7,49 +7,49 @@ import math
 import numpy as np
 
 from lupin_runtime.geometry import Pose2
-from lupin_sim.reach import FreeSpace
-from lupin_sim.tag_family import KNOWN_IDS
+from lupin_sim.reachability import FreeSpace
 from lupin_sim.world import TAG_PLATE_M, Box, Pillar, Tag, World
-from lupin_sim.worlds.hanging import on_side
-from lupin_sim.worlds.planting import plant_all
+from lupin_sim.worlds.flower_placement import place_all_flowers
+from lupin_sim.worlds.tag_placement import place_tag
 
 AISLE_M = 1.0
-TAGS = (6, 12)
+# The ids for which the packaged greenhouse has readings.
+KNOWN_IDS = tuple(tag_id for tag_id in range(1, 31) if tag_id != 8)
+TAG_COUNT = (6, 12)
 ROOM_M = ((6.5, 9.5), (5.5, 7.5))
-PLANTERS = (4, 8)
+PLANTER_COUNT = (4, 8)
 WIDTH_M, DEPTH_M = (0.9, 2.4), (0.40, 0.60)
-# Tags closer than this on one planter would share blooms in one picture, also across the planter.
-APART_M = 0.80
-# Where a robot may come to stand in front of a tag: all of these must be free and connected.
-APPROACH = ((0.5, 0.0), (0.4, 0.0), (0.65, 0.0), (0.5, 0.1), (0.5, -0.1))
+# Minimum distance of tags on one planter, so that no image shows the flowers of both, also across the planter.
+MIN_TAG_DISTANCE_M = 0.80
+# Poses of the robot in front of a tag (forward and left, m); all of them must be reachable.
+APPROACHES = ((0.5, 0.0), (0.4, 0.0), (0.65, 0.0), (0.5, 0.1), (0.5, -0.1))
 ATTEMPTS = 500
-_PLACE_TRIES = 300
-_QUARTERS = (-math.pi / 2, 0.0, math.pi / 2, math.pi)
+_PLACEMENT_ATTEMPTS = 300
+_DIRECTIONS = (-math.pi / 2, 0.0, math.pi / 2, math.pi)
 
 
 def random_world(seed: int) -> World:
-    """The greenhouse of a seed. Attempts that come out too small are thrown away and drawn anew, so that a seed always
-    names the same world."""
+    """The greenhouse of a seed; always the same one. Draws that have too few planters or tags are discarded and repeated."""
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng(np.random.SeedSequence((seed, attempt, 0x6A2D)))
         world = _draw(rng, seed)
         if world is not None:
             return world
-    raise RuntimeError(f"seed {seed} made no solvable greenhouse in {ATTEMPTS} attempts")
+    raise RuntimeError(f"no valid greenhouse for seed {seed} in {ATTEMPTS} attempts")
 
 
 def _draw(rng: np.random.Generator, seed: int) -> World | None:
     length, breadth = (round(float(rng.uniform(*side)), 2) for side in ROOM_M)
     start = Pose2(0.9, 0.9, 0.0)
     boxes = _planters(rng, length, breadth, start)
-    if len(boxes) < PLANTERS[0]:
+    if len(boxes) < PLANTER_COUNT[0]:
         return None
     pillars = _pillars(rng, length, breadth, start, boxes)
     empty = World("random", (0.0, 0.0, length, breadth), boxes, (), start, pillars=pillars, seed=seed)
     tags = _tags(rng, empty)
-    if len(tags) < TAGS[0]:
+    if len(tags) < TAG_COUNT[0]:
         return None
-    flowers = plant_all({box.name: box for box in boxes}, tags, rng)
+    flowers = place_all_flowers({box.name: box for box in boxes}, tags, rng)
     return World(
         name=f"random:{seed}",
         bounds=empty.bounds,
@@ -63,13 +63,13 @@ def _draw(rng: np.random.Generator, seed: int) -> World | None:
 
 
 def _planters(rng: np.random.Generator, length: float, breadth: float, start: Pose2) -> tuple[Box, ...]:
-    wanted = int(rng.integers(PLANTERS[0], PLANTERS[1] + 1))
+    count = int(rng.integers(PLANTER_COUNT[0], PLANTER_COUNT[1] + 1))
     boxes: list[Box] = []
-    for _ in range(_PLACE_TRIES):
-        if len(boxes) == wanted:
+    for _ in range(_PLACEMENT_ATTEMPTS):
+        if len(boxes) == count:
             break
         width, depth = (round(float(rng.uniform(*span)), 2) for span in (WIDTH_M, DEPTH_M))
-        yaw = float(rng.choice(_QUARTERS))
+        yaw = float(rng.choice(_DIRECTIONS))
         half_x, half_y = (depth, width) if abs(math.cos(yaw)) > 0.5 else (width, depth)
         half_x, half_y = half_x / 2, half_y / 2
         x, y = _along(rng, length, half_x), _along(rng, breadth, half_y)
@@ -81,7 +81,7 @@ def _planters(rng: np.random.Generator, length: float, breadth: float, start: Po
 
 
 def _along(rng: np.random.Generator, side: float, half: float) -> float:
-    """A middle between two walls: an aisle away from both, or flush with one of them."""
+    """A coordinate for the middle of an object of half width `half`: an aisle away from both walls, or touching one of them."""
     if rng.random() < 0.2:
         return half if rng.random() < 0.5 else side - half
     low, high = AISLE_M + half, side - AISLE_M - half
@@ -89,7 +89,7 @@ def _along(rng: np.random.Generator, side: float, half: float) -> float:
 
 
 def _gap(one: Box, other: Box) -> float:
-    """Metres between two axis-aligned footprints."""
+    """The distance between two axis-aligned footprints, m."""
     spans = []
     for axis in (0, 1):
         a, b = [c[axis] for c in one.corners()], [c[axis] for c in other.corners()]
@@ -100,7 +100,7 @@ def _gap(one: Box, other: Box) -> float:
 def _pillars(
     rng: np.random.Generator, length: float, breadth: float, start: Pose2, boxes: tuple[Box, ...]
 ) -> tuple[Pillar, ...]:
-    """Up to two posts that break the room's symmetry and narrow nothing below an aisle."""
+    """Up to two posts that break the symmetry of the room and leave at least an aisle free."""
     found: list[Pillar] = []
     for _ in range(60):
         if len(found) == 2:
@@ -118,7 +118,7 @@ def _pillars(
 
 def _tags(rng: np.random.Generator, world: World) -> tuple[Tag, ...]:
     space = FreeSpace(world)
-    wanted = int(rng.integers(TAGS[0], TAGS[1] + 1))
+    count = int(rng.integers(TAG_COUNT[0], TAG_COUNT[1] + 1))
     ids = iter(int(i) for i in rng.permutation(KNOWN_IDS))
     sides = [
         (box, face.yaw, along)
@@ -128,21 +128,21 @@ def _tags(rng: np.random.Generator, world: World) -> tuple[Tag, ...]:
     ]
     tags: list[Tag] = []
     for index in rng.permutation(len(sides)):
-        if len(tags) == wanted:
+        if len(tags) == count:
             break
         box, side, along = sides[int(index)]
-        tag = on_side(box, side, float(along), 0)
-        if not any(_share_a_picture(tag, other) for other in tags) and all(
-            space.reaches(*tag.pose.apply(*place)) for place in APPROACH
+        tag = place_tag(box, side, float(along), 0)
+        if not any(_visible_together(tag, other) for other in tags) and all(
+            space.reaches(*tag.pose.apply(*place)) for place in APPROACHES
         ):
             tags.append(Tag(next(ids), tag.x, tag.y, tag.yaw, box=box.name))
     return tuple(sorted(tags, key=lambda tag: tag.id))
 
 
-def _share_a_picture(tag: Tag, other: Tag) -> bool:
-    """Whether a camera in front of one tag has the blooms of the other near them."""
+def _visible_together(tag: Tag, other: Tag) -> bool:
+    """Whether a camera in front of one tag would see the flowers of the other beside its own."""
     if tag.box != other.box:
         return False
     across = abs(tag.pose.inverse().apply(other.x, other.y)[1])
     opposite = math.cos(tag.yaw - other.yaw) < -0.5
-    return math.hypot(tag.x - other.x, tag.y - other.y) < APART_M or (opposite and across < APART_M)
+    return math.hypot(tag.x - other.x, tag.y - other.y) < MIN_TAG_DISTANCE_M or (opposite and across < MIN_TAG_DISTANCE_M)

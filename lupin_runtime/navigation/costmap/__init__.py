@@ -2,7 +2,7 @@
 
 from lupin_runtime.navigation.costmap.costmaps import Costmap, GlobalCostmap, LocalCostmap
 from lupin_runtime.navigation.costmap.costs import FREE, INSCRIBED, LETHAL, UNKNOWN, Inflation
-from lupin_runtime.navigation.costmap.scans import BeamPoses, Scan, ScanLimits
+from lupin_runtime.navigation.costmap.scans import BeamPoses, RangeScan, ScanLimits
 
 __all__ = [
     "FREE",
@@ -14,6 +14,6 @@ __all__ = [
     "GlobalCostmap",
     "Inflation",
     "LocalCostmap",
-    "Scan",
+    "RangeScan",
     "ScanLimits",
 ]

@@ -12,12 +12,12 @@ from lupin_runtime.geometry import Pose2
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.navigation.costmap import kernels
 from lupin_runtime.navigation.costmap.costs import FREE, LETHAL, Inflation, costs_of_occupancy
-from lupin_runtime.navigation.costmap.scans import BeamPoses, ObstacleLayer, Scan, ScanLimits
+from lupin_runtime.navigation.costmap.scans import BeamPoses, ObstacleLayer, RangeScan, ScanLimits
 
 LOCAL_LIMITS = ScanLimits(mark_max_m=2.5, clear_max_m=3.0)
 GLOBAL_LIMITS = ScanLimits(mark_max_m=5.0, clear_max_m=12.0)
 
-# What surely is the robot itself: less than half its width (0.157 m), so that a box it touches stays on the map.
+# Cells this near are certainly the robot itself: less than half its width (0.157 m), so that a box it touches stays marked.
 SELF_RADIUS_M = 0.13
 
 
@@ -47,7 +47,7 @@ class Costmap:
         return bool(0 <= row < height and 0 <= column < width)
 
     def distance_at(self, x: float, y: float) -> float:
-        """Metres from a point's cell to the nearest lethal one; infinity outside, where nothing is known."""
+        """Metres from a point's cell to the nearest lethal one; infinity outside the costmap."""
         row, column = self.cell_of(x, y)
         return float(self.distance_m[row, column]) if self.contains(row, column) else math.inf
 
@@ -65,7 +65,7 @@ class _Layers:
     def geometry(self) -> NDArray[np.float64]:
         return np.array([self.origin_x, self.origin_y, self.resolution_m])
 
-    def observe(self, scan: Scan, poses: BeamPoses, limits: ScanLimits) -> int:
+    def observe(self, scan: RangeScan, poses: BeamPoses, limits: ScanLimits) -> int:
         return self.obstacles.observe(scan, poses, limits, self.geometry())
 
     def clear_under_robot(self, x: float, y: float) -> None:
@@ -91,7 +91,7 @@ class _Layers:
 
 
 class LocalCostmap:
-    """What the lidar sees around the robot: a square that rolls with it through the odometry frame, in whole cells."""
+    """The obstacles around the robot: a square in the odometry frame that moves with it, by whole cells."""
 
     def __init__(
         self,
@@ -115,7 +115,7 @@ class LocalCostmap:
         self._anchor = anchor
         self._layers.origin_y, self._layers.origin_x = anchor[0] * resolution, anchor[1] * resolution
 
-    def observe(self, scan: Scan, poses: BeamPoses) -> int:
+    def observe(self, scan: RangeScan, poses: BeamPoses) -> int:
         """Mark and clear with a scan, poses in the odometry frame; returns the number of usable beams."""
         return self._layers.observe(scan, poses, self._limits)
 
@@ -124,16 +124,16 @@ class LocalCostmap:
         self._layers.obstacles.clear()
 
     def snapshot(self, robot: Pose2) -> Costmap:
-        """The inflated costmap, without the cells that the robot itself stands on."""
+        """The inflated costmap, without obstacles under the robot."""
         self._layers.clear_under_robot(robot.x, robot.y)
         return self._layers.snapshot(None)
 
 
 class GlobalCostmap:
-    """The map, what the lidar saw beyond it, and the inflation around both; it grows with the map.
+    """The map, obstacles that only the lidar saw, and the inflation around both; it grows with the map.
 
-    Marks fade after `memory_updates` updates without a new hit: what stands still is in the map by then, and a mark that a
-    correction of the pose has put beside the true wall must not narrow an aisle for ever.
+    Marks fade after `memory_updates` updates without a new hit: static obstacles are in the map by then, and a mark that a
+    pose correction has put beside the true wall must not narrow an aisle for ever.
     """
 
     def __init__(
@@ -147,11 +147,11 @@ class GlobalCostmap:
 
     @property
     def ready(self) -> bool:
-        """Whether a map has come."""
+        """Whether a map was set."""
         return self._static is not None
 
     def set_map(self, grid: GridMap) -> None:
-        """Take a new map; obstacles keep their places in the world when its size or origin changes."""
+        """Set a new map; obstacles keep their positions when its size or origin changes."""
         self._static = costs_of_occupancy(grid.cells)
         layers = self._layers
         if layers is None or layers.resolution_m != grid.resolution_m:
@@ -166,7 +166,7 @@ class GlobalCostmap:
             )
         layers.origin_x, layers.origin_y = grid.origin_x, grid.origin_y
 
-    def observe(self, scan: Scan, poses: BeamPoses) -> int:
+    def observe(self, scan: RangeScan, poses: BeamPoses) -> int:
         """Mark and clear with a scan, poses in the map frame; returns the number of usable beams, 0 without a map."""
         if self._layers is None:
             return 0

@@ -9,13 +9,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-# Nav2's nav2_costmap_2d/cost_values.hpp: other parts of the graph read these numbers.
+# Nav2's nav2_costmap_2d/cost_values.hpp: other nodes rely on these numbers.
 FREE = 0
 INSCRIBED = 253
 LETHAL = 254
 UNKNOWN = 255
 
-# map_server's default occupied_thresh: what a SLAM that publishes probabilities means by a wall.
+# map_server's default occupied_thresh: for a SLAM that publishes probabilities, the threshold of a wall.
 OCCUPIED_PERCENT = 65
 
 
@@ -23,8 +23,8 @@ OCCUPIED_PERCENT = 65
 class Inflation:
     """How cost falls off around an obstacle.
 
-    `reach_m` is how far distances stay exact; beyond, they read `reach_m` plus a cell. It is larger than `radius_m`,
-    since the planner and the controller use metres, not costs.
+    Distances are exact up to `reach_m`, and `reach_m` plus a cell beyond. It is larger than `radius_m`, since the planner
+    and the controller use metres, not costs.
     """
 
     robot_radius_m: float = 0.22

@@ -1,4 +1,4 @@
-"""A lidar scan as the costmaps take it, and the evidence that scans leave in a grid."""
+"""Lidar scans as ranges, and the evidence of obstacles that they leave in a grid."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lupin_runtime.navigation.costmap import kernels
 
 
 @dataclass(frozen=True)
-class Scan:
+class RangeScan:
     """Ranges (m, float32, one per beam); beam i looks along `angle_min_rad + i * angle_increment_rad` of the laser frame.
 
     `stamp_ns` is the first beam's time, `duration_s` the time from it to the last one's.
@@ -37,7 +37,7 @@ class BeamPoses:
 
 @dataclass(frozen=True)
 class ScanLimits:
-    """Ranges at which beams mark and clear. A return nearer than `nearest_m` says nothing: it may be the robot itself."""
+    """Ranges at which beams mark and clear. A return nearer than `nearest_m` is ignored: it may be the robot itself."""
 
     mark_max_m: float
     clear_max_m: float
@@ -45,10 +45,10 @@ class ScanLimits:
 
 
 class ObstacleLayer:
-    """Evidence of obstacles in a grid: one hit marks a cell, `misses_to_clear` scans with beams through it free it again.
+    """Evidence of obstacles in a grid: one hit marks a cell, `misses_to_clear` scans with beams through it clear it.
 
-    Nav2 clears with a single ray. With it, a beam that grazes a wall by its noise opens holes in it; here it takes several
-    scans in a row that see through the cell and none that hits it.
+    Nav2 clears with a single ray, so a noisy beam that grazes a wall opens holes in it. Here a cell is cleared by several
+    consecutive scans whose beams cross it while none hits it.
     """
 
     HIT = 240
@@ -58,8 +58,8 @@ class ObstacleLayer:
         self._touched: NDArray[np.uint8] = np.zeros((height, width), np.uint8)
         self._miss = -(-self.HIT // misses_to_clear)
 
-    def observe(self, scan: Scan, poses: BeamPoses, limits: ScanLimits, geometry: NDArray[np.float64]) -> int:
-        """Take a scan in; `geometry` is (origin x, origin y, resolution) in metres. Returns the number of usable beams."""
+    def observe(self, scan: RangeScan, poses: BeamPoses, limits: ScanLimits, geometry: NDArray[np.float64]) -> int:
+        """Mark and clear with a scan; `geometry`: origin x and y, resolution, metres. Returns the number of usable beams."""
         if not np.isfinite([scan.angle_min_rad, scan.angle_increment_rad]).all():
             return 0
         ranges = scan.ranges_m
@@ -79,15 +79,15 @@ class ObstacleLayer:
         )
 
     def age(self, amount: int) -> None:
-        """Let evidence fade: without a new hit a cell is forgotten after HIT / amount calls."""
+        """Reduce all evidence: without a new hit a cell is cleared after HIT / amount calls."""
         np.subtract(self.evidence, np.minimum(self.evidence, np.uint8(amount)), out=self.evidence)
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Clear all evidence."""
         self.evidence[:] = 0
 
     def clear_disc(self, row: float, column: float, radius_cells: float) -> None:
-        """Forget what lies under the robot: where it stands, nothing else does."""
+        """Clear the cells under the robot, where no obstacle can be."""
         height, width = self.evidence.shape
         low_r, high_r = max(0, int(row - radius_cells)), min(height, int(row + radius_cells) + 1)
         low_c, high_c = max(0, int(column - radius_cells)), min(width, int(column + radius_cells) + 1)
@@ -99,17 +99,17 @@ class ObstacleLayer:
         window[rows * rows + columns * columns < radius_cells * radius_cells] = 0
 
     def shift(self, rows: int, columns: int) -> None:
-        """Move the window over the world by whole cells; what enters is free of evidence."""
+        """Move the window over the world by whole cells; new cells have no evidence."""
         self.evidence = moved(self.evidence, rows, columns, self.evidence.shape)
 
     def reshape(self, rows: int, columns: int, shape: tuple[int, int]) -> None:
-        """A window of another shape whose first cell is (rows, columns) of the present one."""
+        """Change the window to `shape`; its first cell is (rows, columns) of the present one."""
         self.evidence = moved(self.evidence, rows, columns, shape)
         self._touched = np.zeros(shape, np.uint8)
 
 
 def moved(grid: NDArray[np.uint8], rows: int, columns: int, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """`grid[rows:, columns:]` in a zeroed window of `shape`; the offsets may be negative."""
+    """Copy `grid[rows:, columns:]` into a zeroed window of `shape`; the offsets may be negative."""
     out = np.zeros(shape, np.uint8)
     height, width = grid.shape
     low_r, high_r = max(0, rows), min(height, rows + shape[0])

@@ -1,4 +1,4 @@
-"""The controller: one optimisation a cycle, warm-started from the last one."""
+"""The MPPI controller: one optimisation per cycle, warm-started from the last one."""
 
 from __future__ import annotations
 
@@ -16,35 +16,39 @@ from lupin_runtime.navigation.mppi.parameters import MppiParameters
 
 # Savitzky-Golay, window 9, order 2 (Savitzky & Golay 1964, table I).
 _SMOOTHING = np.array([-21, 14, 39, 54, 59, 54, 39, 14, -21], np.float32) / 231.0
-_HALF = len(_SMOOTHING) // 2
+_HALF_WINDOW = len(_SMOOTHING) // 2
 
-# With the batch's own noise drawn from another place of a larger pool each cycle, no two cycles see the same samples, and
-# none pays for drawing them.
-_POOL_SLACK = 1 << 16
+# The noise is drawn once. Each cycle reads a slice of this pool at a pseudo-random offset below this number of values, so that
+# consecutive cycles rarely reuse the same noise.
+_NOISE_OFFSET_RANGE = 1 << 16
 
 _ALIGNMENT = 64
 
 
 class NoValidControl(Exception):
-    """Every sampled trajectory meets an obstacle."""
+    """No collision-free command was found: all samples collide, or both the mean and the best one collide within a second."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """A body-frame velocity (m/s, m/s, rad/s) and what the optimiser saw."""
+    """A body-frame velocity (m/s, m/s, rad/s) and statistics of the optimisation.
+
+    `collision_free_count` is the number of samples that do not collide, `furthest_path_index` the index of the
+    furthest point of the local path next to which one of these ends.
+    """
 
     vx: float
     vy: float
     wz: float
-    free_trajectories: int = 0
-    furthest_point: int = 0
+    collision_free_count: int = 0
+    furthest_path_index: int = 0
 
 
 @dataclass(frozen=True)
 class LocalPath:
-    """The part of the path to follow now, in the odometry frame: evenly spaced points, and which of them are free.
+    """The part of the path to follow now, in the odometry frame: evenly spaced points, and which of them are free of obstacles.
 
-    `remaining_m` is the way along it, and beyond it, to the goal: a goal behind a table is far, however near it looks.
+    `remaining_m` is the path length to the goal, also beyond this part: a goal behind a table is far by path.
     """
 
     x: NDArray[np.float64]
@@ -55,67 +59,68 @@ class LocalPath:
 
 
 class MppiController:
-    """Deterministic for a seed and a sequence of inputs. Not thread-safe."""
+    """A sampling controller, deterministic for a seed and a sequence of inputs. Not thread-safe."""
 
     def __init__(self, parameters: MppiParameters | None = None) -> None:
         p = self.parameters = parameters or MppiParameters()
+        # The kernels simulate LANES trajectories side by side. Each such group is a tile; the last one may be partly unused.
         self._tiles = -(-p.batch_size // kernels.LANES)
         lanes = self._tiles * kernels.LANES
-        self._settings = _settings(p, self._tiles)
-        self._pool = _aligned(lanes * p.time_steps * 3 + _POOL_SLACK)
-        self._pool[:] = kernels.unit_normals(p.seed, len(self._pool))
+        self._kernel_parameters = _make_kernel_parameters(p, self._tiles)
+        self._noise_pool = _aligned(lanes * p.time_steps * 3 + _NOISE_OFFSET_RANGE)
+        self._noise_pool[:] = kernels.unit_normals(p.seed, len(self._noise_pool))
         points = -(-p.time_steps // p.path_align.trajectory_point_step)
         self._costs = _aligned(lanes)
         self._reached = _aligned(lanes)
         self._tracks = _aligned(lanes * 2 * points)
         self._tile_memory = _aligned(self._tiles * kernels.TILE_BYTES // 4)
         self._best = np.zeros((3, p.time_steps), np.float32)
-        self._outcome = kernels.Outcome()
+        self._outcome = kernels.CycleResult()
         self._lower = np.array([p.vx_min, -p.vy_max, -p.wz_max], np.float32)[:, None]
         self._upper = np.array([p.vx_max, p.vy_max, p.wz_max], np.float32)[:, None]
         self._padded: tuple[Costmap, NDArray[np.float32]] | None = None
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last cycle: for a new goal, or after a pause."""
+        """Forget the warm start and the command history, and restart the noise sequence: for a new goal, or after a pause."""
         self._controls = np.zeros((3, self.parameters.time_steps), np.float32)
-        self._history = np.zeros((3, _HALF), np.float32)
+        self._history = np.zeros((3, _HALF_WINDOW), np.float32)
         self._random = np.random.default_rng(self.parameters.seed)
 
     def compute(
         self, robot: Pose2, velocity: tuple[float, float, float], path: LocalPath, goal: Pose2, costmap: Costmap
     ) -> Command:
-        """The velocity to drive now.
+        """Compute the velocity to drive now.
 
-        `robot` and `goal` are in the odometry frame, `velocity` is of the body. Raises NoValidControl, ValueError for
+        `robot` and `goal` are in the odometry frame, `velocity` is of the body. Raises NoValidControl, and ValueError for
         numbers that are not finite.
         """
         p = self.parameters
         if not all(map(math.isfinite, (robot.x, robot.y, robot.yaw, goal.x, goal.y, goal.yaw, *velocity))):
             raise ValueError(f"not finite: robot {robot}, goal {goal}, velocity {velocity}")
         grid = self._grid(costmap)
-        scene = self._scene(robot, velocity, path, goal, costmap, grid.shape)
+        inputs = self._make_cycle_inputs(robot, velocity, path, goal, costmap, grid.shape)
         path_x = (path.x - robot.x).astype(np.float32)
         path_y = (path.y - robot.y).astype(np.float32)
         free = path.free.astype(np.float32)
         for _ in range(p.iteration_count):
-            offset = int(self._random.integers(0, _POOL_SLACK // 16)) * 16
+            offset = int(self._random.integers(0, _NOISE_OFFSET_RANGE // 16)) * 16
             failed = kernels.optimise(
-                *(byref(self._settings), byref(scene), self._controls, self._pool[offset:].ctypes.data, grid),
+                *(byref(self._kernel_parameters), byref(inputs), self._controls, self._noise_pool[offset:].ctypes.data, grid),
                 *(path_x, path_y, free, self._costs, self._reached, self._tracks, self._tile_memory.ctypes.data),
                 *(self._best, byref(self._outcome)),
             )
             if failed:
                 self.reset()
-                raise NoValidControl(f"each of {p.batch_size} trajectories meets an obstacle")
+                raise NoValidControl(f"all {p.batch_size} sampled trajectories collide with an obstacle")
             np.clip(self._controls, self._lower, self._upper, out=self._controls)
         self._smooth()
-        self._keep_clear(scene, grid)
+        self._fall_back_to_best_sample(inputs, grid)
         command = self._controls[:, 1].copy()
-        self._shift(command)
+        self._shift_horizon(command)
         outcome = self._outcome
         vx, vy, wz = map(float, command)
-        return Command(vx, vy, wz, int(outcome.free_trajectories), int(outcome.furthest))
+        return Command(vx, vy, wz, int(outcome.collision_free_count), int(outcome.furthest_path_index))
 
     def _grid(self, costmap: Costmap) -> NDArray[np.float32]:
         if self._padded is None or self._padded[0] is not costmap:
@@ -123,7 +128,7 @@ class MppiController:
             self._padded = costmap, np.pad(costmap.distance_m, 1, constant_values=rim)
         return self._padded[1]
 
-    def _scene(
+    def _make_cycle_inputs(
         self,
         robot: Pose2,
         velocity: tuple[float, float, float],
@@ -131,13 +136,13 @@ class MppiController:
         goal: Pose2,
         costmap: Costmap,
         shape: tuple[int, ...],
-    ) -> kernels.Scene:
+    ) -> kernels.CycleInputs:
         p = self.parameters
         remaining = path.remaining_m
-        here = costmap.distance_at(robot.x, robot.y)
-        # Half a cell less than here, so that staying and leaving are both free where the robot already stands too near.
-        nearest = max(p.least_radius, min(p.robot_radius, here - 0.5 * costmap.resolution_m))
-        scene = kernels.Scene(
+        obstacle_distance_m = costmap.distance_at(robot.x, robot.y)
+        # At most half a cell less than the present distance, so that a robot that is too near to an obstacle may stay or leave.
+        collision_radius_m = max(p.least_radius, min(p.robot_radius, obstacle_distance_m - 0.5 * costmap.resolution_m))
+        inputs = kernels.CycleInputs(
             velocity=(c_float * 3)(*velocity),
             yaw=robot.yaw,
             goal_x=goal.x - robot.x,
@@ -148,41 +153,45 @@ class MppiController:
             cells_per_metre=1.0 / costmap.resolution_m,
             grid_height=shape[0],
             grid_width=shape[1],
-            collision_distance=nearest,
-            # As in Nav2, where a point without inflated cost costs nothing: a wider margin would outweigh, by the mere spread
-            # of the samples, all progress through an aisle narrower than itself.
-            margin_reach=p.obstacles.inflation_radius - nearest + 0.5 * costmap.resolution_m,
+            collision_distance=collision_radius_m,
+            # As in Nav2, the margin costs nothing outside the inflated cells. Otherwise, in a narrow aisle, the spread of the
+            # samples alone would cost more than any progress saves.
+            margin_reach=p.obstacles.inflation_radius - collision_radius_m + 0.5 * costmap.resolution_m,
             path_points_per_metre=1.0 / path.spacing_m,
             path_size=len(path.x),
         )
-        scene.use_repulsion = remaining > p.obstacles.near_goal_distance
-        scene.use_goal = remaining <= p.goal.threshold_to_consider
-        scene.use_goal_angle = remaining <= p.goal_angle.threshold_to_consider
-        scene.use_align = remaining > p.path_align.threshold_to_consider
-        scene.use_follow = remaining > p.path_follow.threshold_to_consider
-        scene.use_angle = remaining > p.path_angle.threshold_to_consider
-        scene.use_forward = remaining > p.prefer_forward.threshold_to_consider
-        return scene
+        inputs.use_repulsion = remaining > p.obstacles.near_goal_distance
+        inputs.use_goal = remaining <= p.goal.threshold_to_consider
+        inputs.use_goal_angle = remaining <= p.goal_angle.threshold_to_consider
+        inputs.use_align = remaining > p.path_align.threshold_to_consider
+        inputs.use_follow = remaining > p.path_follow.threshold_to_consider
+        inputs.use_angle = remaining > p.path_angle.threshold_to_consider
+        inputs.use_forward = remaining > p.prefer_forward.threshold_to_consider
+        return inputs
 
     def _smooth(self) -> None:
         last = self._controls[:, -1:]
-        padded = np.concatenate((self._history, self._controls, np.repeat(last, _HALF, axis=1)), axis=1)
+        padded = np.concatenate((self._history, self._controls, np.repeat(last, _HALF_WINDOW, axis=1)), axis=1)
         for row, out in zip(padded, self._controls):
             out[:] = np.convolve(row, _SMOOTHING, mode="valid")
         np.clip(self._controls, self._lower, self._upper, out=self._controls)
 
-    def _keep_clear(self, scene: kernels.Scene, grid: NDArray[np.float32]) -> None:
-        """The mean of trajectories left and right of a post goes through the post: then take the best single one."""
+    def _fall_back_to_best_sample(self, inputs: kernels.CycleInputs, grid: NDArray[np.float32]) -> None:
+        """Use the best sample if the mean collides within a second.
+
+        Trajectories left and right of a post average to one through it.
+        """
         p = self.parameters
-        soon = min(p.time_steps, round(1.0 / p.model_dt))
-        if kernels.first_contact(byref(self._settings), byref(scene), self._controls, grid) >= soon:
+        steps_per_second = round(1.0 / p.model_dt)
+        checked_steps = min(p.time_steps, steps_per_second)
+        if kernels.first_contact(byref(self._kernel_parameters), byref(inputs), self._controls, grid) >= checked_steps:
             return
         np.clip(self._best, self._lower, self._upper, out=self._controls)
-        if kernels.first_contact(byref(self._settings), byref(scene), self._controls, grid) < soon:
+        if kernels.first_contact(byref(self._kernel_parameters), byref(inputs), self._controls, grid) < checked_steps:
             self.reset()
-            raise NoValidControl("neither the mean nor the best trajectory stays clear for a second")
+            raise NoValidControl("both the mean and the best sampled trajectory collide within a second")
 
-    def _shift(self, command: NDArray[np.float32]) -> None:
+    def _shift_horizon(self, command: NDArray[np.float32]) -> None:
         self._history = np.concatenate((self._history[:, 1:], command[:, None]), axis=1)
         self._controls[:, :-1] = self._controls[:, 1:].copy()
 
@@ -193,8 +202,8 @@ def _aligned(count: int) -> NDArray[np.float32]:
     return raw[start : start + count]
 
 
-def _settings(p: MppiParameters, tiles: int) -> kernels.Settings:
-    return kernels.Settings(
+def _make_kernel_parameters(p: MppiParameters, tiles: int) -> kernels.KernelParameters:
+    return kernels.KernelParameters(
         tiles=tiles,
         batch=p.batch_size,
         steps=p.time_steps,

@@ -1,4 +1,4 @@
-"""The C kernels of this folder: their structures, and the memory that a controller hands them."""
+"""The C kernels of this folder: their structures, and the memory that a controller passes to them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ _F32 = ndpointer(np.float32, 1, flags="C_CONTIGUOUS")
 _F32_2D = ndpointer(np.float32, 2, flags="C_CONTIGUOUS")
 
 
-class Settings(Structure):
-    """What stays the same from cycle to cycle."""
+class KernelParameters(Structure):
+    """`Settings` of _kernels.c: the parameters that are constant over all cycles."""
 
     _fields_ = (
         *((name, c_int32) for name in ("tiles", "batch", "steps", "align_step")),
@@ -32,8 +32,8 @@ class Settings(Structure):
     )
 
 
-class Scene(Structure):
-    """What changes with every cycle."""
+class CycleInputs(Structure):
+    """`Scene` of _kernels.c: the inputs that change with every cycle."""
 
     _fields_ = (
         ("velocity", c_float * 3),
@@ -45,12 +45,12 @@ class Scene(Structure):
     )
 
 
-class Outcome(Structure):
-    """What a cycle says of itself."""
+class CycleResult(Structure):
+    """`Outcome` of _kernels.c: statistics of one cycle."""
 
     _fields_ = (
         ("best_cost", c_float),
-        *((name, c_int32) for name in ("best", "furthest", "free_trajectories", "mean_contact_step")),
+        *((name, c_int32) for name in ("best", "furthest_path_index", "collision_free_count", "mean_contact_step")),
         ("best_contact_step", c_int32),
     )
 
@@ -65,13 +65,13 @@ TILE_BYTES = int(_library.tile_bytes())
 optimise = _library.optimise
 optimise.restype = c_int64
 optimise.argtypes = [
-    *(POINTER(Settings), POINTER(Scene), _F32_2D, c_void_p, _F32_2D),
-    *(_F32, _F32, _F32, _F32, _F32, _F32, c_void_p, _F32_2D, POINTER(Outcome)),
+    *(POINTER(KernelParameters), POINTER(CycleInputs), _F32_2D, c_void_p, _F32_2D),
+    *(_F32, _F32, _F32, _F32, _F32, _F32, c_void_p, _F32_2D, POINTER(CycleResult)),
 ]
 
 first_contact = _library.first_contact
 first_contact.restype = c_int64
-first_contact.argtypes = [POINTER(Settings), POINTER(Scene), _F32_2D, _F32_2D]
+first_contact.argtypes = [POINTER(KernelParameters), POINTER(CycleInputs), _F32_2D, _F32_2D]
 
 _fill_normal = _library.fill_normal
 _fill_normal.restype = None
@@ -79,7 +79,7 @@ _fill_normal.argtypes = [c_uint64, _F32, c_int64]
 
 
 def unit_normals(seed: int, count: int) -> np.ndarray:
-    """`count` float32 draws of a unit normal, the same for the same seed."""
+    """Draw `count` float32 samples of a unit normal; the seed determines them."""
     out = np.empty(count, np.float32)
     _fill_normal(seed & 0xFFFFFFFFFFFFFFFF, out, count)
     return out

@@ -1,4 +1,7 @@
-"""The controller's parameters, under the names that Nav2's MPPI controller gives them."""
+"""The controller's parameters.
+
+Their names follow Nav2's MPPI controller; `seed`, `robot_radius` and `least_radius` are Lupin's own.
+"""
 
 from __future__ import annotations
 
@@ -7,26 +10,30 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class ConstraintCritic:
-    """Punishes speeds beyond the limits."""
+    """Penalises planar speeds beyond the limits."""
 
     cost_weight: float = 4.0
 
 
 @dataclass(frozen=True)
 class ObstaclesCritic:
-    """Collisions, nearness, and a general liking for room. Clearances are from the robot's hull, in metres."""
+    """Penalises collisions, poses near obstacles (the margin), and any lack of room (the repulsion).
+
+    Distances are in metres from the circle of the collision radius around the robot's centre. The margin's cost moreover
+    applies only within `inflation_radius` of the centre.
+    """
 
     repulsion_weight: float = 1.5
-    critical_weight: float = 20.0
+    critical_weight: float = 20.0  # of a collision's cost and of the margin's
     collision_cost: float = 10000.0
-    collision_margin_distance: float = 0.1
-    near_goal_distance: float = 0.5
-    inflation_radius: float = 0.25
+    collision_margin_distance: float = 0.1  # nearer obstacles cost the difference to it
+    near_goal_distance: float = 0.5  # there is no repulsion once the rest of the path is this short, m
+    inflation_radius: float = 0.25  # nearer obstacles repel by the difference to it
 
 
 @dataclass(frozen=True)
 class GoalCritic:
-    """Mean distance to the goal, once the rest of the path is shorter than the threshold."""
+    """Penalises the mean distance to the goal, once the rest of the path is as short as the threshold (m)."""
 
     cost_weight: float = 5.0
     threshold_to_consider: float = 1.4
@@ -34,7 +41,7 @@ class GoalCritic:
 
 @dataclass(frozen=True)
 class GoalAngleCritic:
-    """Mean turn away from the goal's heading, near the goal."""
+    """Penalises the mean angle to the goal's heading, once the rest of the path is as short as the threshold (m)."""
 
     cost_weight: float = 3.0
     threshold_to_consider: float = 0.5
@@ -42,37 +49,43 @@ class GoalAngleCritic:
 
 @dataclass(frozen=True)
 class PathAlignCritic:
-    """Distance to the path at equal arc lengths."""
+    """Penalises the distance to the path at equal arc lengths, while the rest of the path is longer than the threshold (m)."""
 
     cost_weight: float = 14.0
-    max_path_occupancy_ratio: float = 0.05
-    trajectory_point_step: int = 4
+    max_path_occupancy_ratio: float = 0.05  # a path with a larger share of points in obstacles is not followed closely
+    trajectory_point_step: int = 4  # compares every fourth point of a trajectory
     threshold_to_consider: float = 0.5
-    offset_from_furthest: int = 20
+    offset_from_furthest: int = 20  # applies once a trajectory reaches this many points of the path
 
 
 @dataclass(frozen=True)
 class PathFollowCritic:
-    """Distance of a trajectory's end to a point a little beyond what any trajectory reaches: what drives forward."""
+    """Penalises the distance of a trajectory's end to a point a little beyond what any trajectory reaches.
+
+    This drives the robot forward, while the rest of the path is longer than the threshold (m).
+    """
 
     cost_weight: float = 5.0
-    offset_from_furthest: int = 5
+    offset_from_furthest: int = 5  # points of the path
     threshold_to_consider: float = 1.4
 
 
 @dataclass(frozen=True)
 class PathAngleCritic:
-    """Turns the robot towards the path when it looks away by more than the maximum."""
+    """Penalises facing away from the path, while the robot does so by more than the maximum (rad).
+
+    Applies while the rest of the path is longer than the threshold (m).
+    """
 
     cost_weight: float = 2.0
-    offset_from_furthest: int = 4
+    offset_from_furthest: int = 4  # points of the path
     threshold_to_consider: float = 0.5
     max_angle_to_furthest: float = 1.2
 
 
 @dataclass(frozen=True)
 class PreferForwardCritic:
-    """Punishes driving backwards, where no camera looks."""
+    """Penalises driving backwards, where no camera faces, while the rest of the path is longer than the threshold (m)."""
 
     cost_weight: float = 1.0
     threshold_to_consider: float = 0.5
@@ -80,11 +93,11 @@ class PreferForwardCritic:
 
 @dataclass(frozen=True)
 class MppiParameters:
-    """Sampling, limits (m/s, rad/s and their derivatives) and critics."""
+    """Sampling, limits (m/s and rad/s for v and w; m/s^2 and rad/s^2 for a) and critics."""
 
-    controller_frequency: float = 20.0
+    controller_frequency: float = 20.0  # Hz
     time_steps: int = 56
-    model_dt: float = 0.05
+    model_dt: float = 0.05  # s
     batch_size: int = 2000
     vx_std: float = 0.2
     vy_std: float = 0.2
@@ -100,10 +113,11 @@ class MppiParameters:
     iteration_count: int = 1
     temperature: float = 0.3
     gamma: float = 0.015
-    prune_distance: float = 1.7
-    seed: int = 1
-    robot_radius: float = 0.22
-    # A robot that already stands nearer to something than its radius must be able to leave, but never to touch: half its width.
+    prune_distance: float = 1.7  # length of the path that a cycle considers, m
+    seed: int = 1  # of the noise
+    robot_radius: float = 0.22  # m; a pose collides where its centre is this near to an obstacle
+    # The smallest collision radius (m), half the robot's width: a robot that already stands nearer to an obstacle than its
+    # radius must be able to leave, but never to touch it.
     least_radius: float = 0.17
     constraint: ConstraintCritic = field(default_factory=ConstraintCritic)
     obstacles: ObstaclesCritic = field(default_factory=ObstaclesCritic)

@@ -1,4 +1,4 @@
-/* A grid of cells as blocks of 8 x 8, one 64-bit word each, and what a search asks of it: who is beside whom, who sees whom. */
+/* A grid of cells as blocks of 8 x 8, one 64-bit word each, with the queries of a search: neighbours and lines of sight. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>

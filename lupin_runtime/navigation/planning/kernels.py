@@ -38,7 +38,7 @@ Cell = tuple[int, int]
 def march(slowness: NDArray[np.float32], start: Cell, goal: Cell | None) -> tuple[NDArray[np.float32], bool]:
     """Arrival times (height, width) of a front from the cell `start`, and whether it reached `goal`.
 
-    `slowness`: 0 blocked, else at least 1. Times are in cells; infinity where the front did not come before the goal.
+    `slowness`: 0 blocked, else at least 1. Times are in cells; infinity where the front did not arrive.
     """
     height, width = slowness.shape
     times = np.empty((height, width), np.float32)
@@ -51,9 +51,9 @@ def march(slowness: NDArray[np.float32], start: Cell, goal: Cell | None) -> tupl
 
 
 def descend(times: NDArray[np.float32], origin: tuple[float, float], to: Cell) -> NDArray[np.float64]:
-    """Points (n, 2) as (x, y) in cells from `origin` (a cell's centre is at .5) down to the cell `to`, both included.
+    """Descend `times`: points (n, 2) as (x, y) in cells from `origin` (centres at .5) to the cell `to`, both included.
 
-    Raises ArithmeticError where the times do not lead there.
+    Raises ArithmeticError if the times do not lead there.
     """
     height, width = times.shape
     capacity = 8 * (height + width) + times.size // 2

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Plan:
-    """A path (n, 2) of points (x, y) in metres from the start to `goal`, which may lie beside the goal asked for."""
+    """A path (n, 2) of points (x, y) in metres from the start to `goal`, which may be beside the requested goal."""
 
     points: NDArray[np.float64]
 
@@ -32,7 +32,7 @@ def arc_lengths(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def evenly_spaced(points: NDArray[np.float64], spacing_m: float) -> NDArray[np.float64]:
-    """The polyline with points every `spacing_m` along it; the last step may be shorter, the ends stay."""
+    """Resample a polyline every `spacing_m`; the last step may be shorter, the ends stay."""
     along = arc_lengths(points)
     total = along[-1]
     if total < 1e-9:
@@ -45,7 +45,7 @@ def evenly_spaced(points: NDArray[np.float64], spacing_m: float) -> NDArray[np.f
 
 
 def smoothed(points: NDArray[np.float64], passes: int = 3) -> NDArray[np.float64]:
-    """The polyline with the kinks of a grid rubbed off: each inner point moves towards its neighbours' middle."""
+    """Smooth the kinks of a grid: each inner point moves towards its neighbours' midpoint."""
     out = points.copy()
     for _ in range(passes):
         out[1:-1] = 0.25 * out[:-2] + 0.5 * out[1:-1] + 0.25 * out[2:]

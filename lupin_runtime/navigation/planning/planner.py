@@ -1,4 +1,4 @@
-"""A path for driving: short, but with room to both sides where there is some."""
+"""Plans paths to drive: short, but with clearance on both sides where there is room."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from lupin_runtime.navigation.planning.paths import Plan, evenly_spaced, smoothe
 
 Point = tuple[float, float]
 
-# What surely is under the robot's own hull; walls there are errors of the map, not walls.
+# This area is certainly under the robot's hull; walls in it are errors of the map.
 _HULL_M = 0.13
 
-# A map of more cells than this (50 x 50 m) is marched over only near its shortest path.
+# On a map of more cells (50 x 50 m) fast marching covers only the surroundings of the shortest path.
 _WHOLE_CELLS = 1_000_000
 _CORRIDOR_M = 2.5
 _BLOCK = 8
@@ -36,7 +36,7 @@ class PlanFailure(Enum):
 
 
 class NoPath(Exception):
-    """There is no path; `failure` says why in the graph's terms."""
+    """There is no path; `failure` is the reason as an error constant of the action."""
 
     def __init__(self, failure: PlanFailure, message: str) -> None:
         super().__init__(message)
@@ -45,11 +45,11 @@ class NoPath(Exception):
 
 @dataclass(frozen=True)
 class PlannerParameters:
-    """`tolerance`: how far from the goal a path may end when the goal itself can't be reached (m).
+    """`tolerance`: how far from the goal a path may end if the goal cannot be reached (m).
 
     Within `preferred_clearance_m` of an obstacle a metre costs up to `1 + clearance_weight` times as much, so that a path
     runs in the middle of an aisle and takes corners wide; within `tight_m` of the robot's hull it costs `tight_cost` times as
-    much, since there a controller that samples its way gets on slowly or not at all. Unknown space costs `unknown_cost` times
+    much, since a sampling controller drives there slowly or not at all. Unknown space costs `unknown_cost` times
     as much as free space.
     """
 
@@ -67,10 +67,10 @@ class PlannerParameters:
 
 
 def plan(costmap: Costmap, start: Point, goal: Point, parameters: PlannerParameters | None = None) -> Plan:
-    """A path over the costmap's frame from `start` to `goal`, or to the nearest reachable place within the tolerance.
+    """Plan a path in the costmap's frame from `start` to `goal`, or to the nearest reachable point within the tolerance.
 
-    Never nearer to a lethal cell's centre than the robot's radius, except out of a place that is: a robot that already
-    stands too near may leave. Raises NoPath.
+    It keeps the robot's radius from the centres of lethal cells, except near a start that is nearer: a robot that is
+    already too near to an obstacle may leave. Raises NoPath.
     """
     p = parameters or PlannerParameters()
     start_cell, goal_cell = _inside(costmap, start, goal)
@@ -108,7 +108,7 @@ def _inside(costmap: Costmap, start: Point, goal: Point) -> tuple[kernels.Cell, 
 
 
 def _corridor(costmap: Costmap, start: Point, goal: Point, p: PlannerParameters) -> NDArray[np.bool_] | None:
-    """On a map too large to march over, the cells near the shortest path; None for all cells."""
+    """The cells near the shortest path of a map too large for fast marching; None for all cells."""
     if costmap.cost.size <= _WHOLE_CELLS:
         return None
     blocked = costmap.distance_m <= p.robot_radius_m
@@ -156,7 +156,7 @@ def _slowness_of(distance: NDArray[np.float32], cost: NDArray[np.uint8], p: Plan
 
 
 def _let_out(slowness: NDArray[np.float32], costmap: Costmap, start: kernels.Cell, p: PlannerParameters) -> None:
-    """Open the robot's surroundings, at a price, so that a path can leave a place where the robot does not fit."""
+    """Make the robot's surroundings passable at a higher cost, so that a robot too near to an obstacle can leave."""
     reach = math.ceil(p.escape_m / costmap.resolution_m)
     rows = slice(max(0, start[0] - reach), start[0] + reach + 1)
     columns = slice(max(0, start[1] - reach), start[1] + reach + 1)
@@ -190,7 +190,7 @@ def _failure(
     if np.isfinite(times).sum() <= 1:
         return NoPath(
             PlanFailure.START_OCCUPIED,
-            f"the robot at ({start[0]:.2f}, {start[1]:.2f}) is shut in: nothing within {p.escape_m} m is free",
+            f"the robot at ({start[0]:.2f}, {start[1]:.2f}) is enclosed: nothing within {p.escape_m} m is free",
         )
     if costmap.distance_m[cell] <= p.robot_radius_m:
         return NoPath(
@@ -216,7 +216,7 @@ def _in_cells(costmap: Costmap, point: Point) -> Point:
 
 
 def _without_kinks(points: NDArray[np.float64], costmap: Costmap, slowness: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Smooth the path, but take back every point that would leave free space for it."""
+    """Smooth the path, but restore every point that smoothing would move out of free space."""
     soft = smoothed(points)
     columns = ((soft[:, 0] - costmap.origin_x) / costmap.resolution_m).astype(np.int64)
     rows = ((soft[:, 1] - costmap.origin_y) / costmap.resolution_m).astype(np.int64)

@@ -2,7 +2,7 @@
  *
  * The grid is cut into blocks of 8 x 8 cells, one 64-bit word each. What is connected within a block is one node, so that no
  * wall is lost, however thin, while a map of four million cells has some ten thousands of nodes. Lazy Theta* (Nash, Koenig &
- * Tovey 2010) finds the way round the obstacles over these nodes; its line-of-sight checks run on the cells and jump over free
+ * Tovey 2010) finds the path around the obstacles over these nodes; its line-of-sight checks run on the cells and jump over free
  * blocks. Then the string is pulled tight on the cells, exactly, in integers. */
 #include <math.h>
 #include <stdint.h>
@@ -10,7 +10,7 @@
 #include <string.h>
 
 #include "blocks.h"
-#include "tightening.h"
+#include "path_shortening.h"
 
 enum { OPEN = 1, CLOSED = 2 };
 
@@ -64,7 +64,7 @@ typedef struct {
     float *cost;      /* from the start, in cells */
     int32_t *parent;
     uint8_t *state;
-    uint8_t *bent;    /* the way from the parent is no straight line; the parent is a neighbour then */
+    uint8_t *bent;    /* no straight line leads from the parent, which is a neighbour then */
     Heap heap;
 } Search;
 
@@ -140,7 +140,7 @@ static int search_run(const Field *field, Search *search, int32_t start, int32_t
             const float key = search->cost[node] + apart(field, node, goal);
             if (search->heap.count && key > search->heap.entries[0].key) {
                 if (!heap_push(&search->heap, key, node)) return -1;
-                /* Its parent is in sight now; on its return the check is quick, or another one has come to be better. */
+                /* Its parent is in sight now; when the node is expanded again, the check is quick or a better parent is known. */
                 continue;
             }
         }
@@ -310,7 +310,7 @@ int64_t shortest_path(const uint8_t *blocked, const uint8_t *occupied, int64_t h
     }
     free(chain);
     if (goal == start && whole) {
-        /* Within one component the way may still bend: let the two cells stand for it in turn. */
+        /* Within one component the path may still bend: use each of the two cells as its representative in turn. */
         field.x[start] = (int32_t)start_x;
         field.y[start] = (int32_t)start_y;
         if (!sees(&field, (int32_t)start_x, (int32_t)start_y, (int32_t)goal_cell[0], (int32_t)goal_cell[1])) {
@@ -335,24 +335,24 @@ int64_t shortest_path(const uint8_t *blocked, const uint8_t *occupied, int64_t h
     const int32_t end = (int32_t)(string.count - 1);
     if (!tighten(&string, blocked, height, width, 0, end)) goto done;
     int64_t count = 0;
-    Place *places = (Place *)path;
+    Vec2 *places = (Vec2 *)path;
     for (int32_t i = 0; i >= 0; i = string.knots[i].after) {
         if (count == capacity) {
             result = NO_ROOM;
             goto done;
         }
-        places[count++] = (Place){(double)string.knots[i].at.x / UNIT, (double)string.knots[i].at.y / UNIT};
+        places[count++] = (Vec2){(double)string.knots[i].at.x / UNIT, (double)string.knots[i].at.y / UNIT};
     }
-    places[0] = (Place){ends[0], ends[1]};
-    places[count - 1] = (Place){ends[2], ends[3]};
+    places[0] = (Vec2){ends[0], ends[1]};
+    places[count - 1] = (Vec2){ends[2], ends[3]};
     result = count;
     if (radius > 0.0) {
-        Place *moved = malloc((size_t)capacity * sizeof(Place));
+        Vec2 *moved = malloc((size_t)capacity * sizeof(Vec2));
         if (moved) {
-            memcpy(moved, places, (size_t)count * sizeof(Place));
+            memcpy(moved, places, (size_t)count * sizeof(Vec2));
             const int64_t pushed = lay_round(occupied, height, width, moved, count, capacity, radius);
             if (pushed > 0) {
-                memcpy(places, moved, (size_t)pushed * sizeof(Place));
+                memcpy(places, moved, (size_t)pushed * sizeof(Vec2));
                 result = pushed;
             }
             free(moved);

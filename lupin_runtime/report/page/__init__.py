@@ -1,5 +1,5 @@
-"""The report as one HTML page that fetches nothing: styles, script, pictures and data are inside it."""
+"""The report as one HTML page that fetches nothing: it contains its styles, script, images and data."""
 
-from lupin_runtime.report.page.assemble import page
+from lupin_runtime.report.page.render import render_page
 
-__all__ = ["page"]
+__all__ = ["render_page"]

@@ -1,5 +1,5 @@
 "use strict";
-// The page is whole without this; here is what moves: the time slider, the layers, the zoom.
+// The page is complete without scripts; this adds the time slider, the map's layers and its zoom.
 (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
   const $ = (id) => document.getElementById(id);
@@ -15,8 +15,8 @@
     const two = (n) => String(n).padStart(2, "0");
     return h ? `${h}:${two(m)}:${two(s % 60)}` : `${m}:${two(s % 60)}`;
   };
-  // The last row whose first entry is not after t, or -1.
-  const last = (rows, t, key = (row) => row[0]) => {
+  // Index of the last row whose time is at or before t, or -1.
+  const lastIndexAt = (rows, t, key = (row) => row[0]) => {
     let low = 0, high = rows.length;
     while (low < high) {
       const middle = (low + high) >> 1;
@@ -24,21 +24,21 @@
     }
     return low - 1;
   };
-  const during = (bands, t) => bands.filter(([from, to]) => from <= t && t < to + 1e-6);
+  const bandsAt = (bands, t) => bands.filter(([from, to]) => from <= t && t < to + 1e-6);
 
-  // -- the chosen moment ---------------------------------------------------------------------------------------------
+  // -- the chosen time --------------------------------------------------------------------------------------------------
   const pose = data.pose;
   const poseAt = (t) => {
     if (!pose.t.length) return null;
-    const i = Math.max(0, last(pose.t, t * 10, (v) => v));
+    const i = Math.max(0, lastIndexAt(pose.t, t * 10, (v) => v));
     return { x: pose.x[i], y: pose.y[i], yaw: pose.yaw[i] / 1000, share: pose.t.length > 1 ? i / (pose.t.length - 1) : 1 };
   };
-  const unpacked = (text) => new Uint16Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+  const unpackRanges = (text) => new Uint16Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
   const drawScan = (t) => {
     const scans = data.scans, line = $("scan");
-    const i = scans && line ? last(scans.rows, t) : -1;
+    const i = scans && line ? lastIndexAt(scans.rows, t) : -1;
     if (i < 0 || t - scans.rows[i][0] > 3 || t >= data.end) { if (line) line.setAttribute("d", "M0 0"); return; }
-    const [at, packed] = scans.rows[i], place = poseAt(at), ranges = unpacked(packed);
+    const [at, packed] = scans.rows[i], place = poseAt(at), ranges = unpackRanges(packed);
     const [lx, ly, lyaw] = scans.laser, c = Math.cos(place.yaw), s = Math.sin(place.yaw);
     const x = place.x + c * lx - s * ly, y = place.y - (s * lx + c * ly);
     let d = "";
@@ -50,7 +50,7 @@
     line.setAttribute("d", d || "M0 0");
   };
   const text = (id, words) => { $(id).textContent = words; };
-  let listed = -1, shown = null;
+  let listedCount = -1, shownPicture = null;
   const show = (t) => {
     slider.value = t;
     text("clock", clock(t));
@@ -64,18 +64,18 @@
     }
     tags.forEach((tag) => tag.classList.toggle("unknown-yet", !whole && (seenAt.get(tag.dataset.tag) ?? 0) > t));
     drawScan(t);
-    const state = during(data.states, t).pop() || data.states[data.states.length - 1];
-    const flags = during(data.flags, t).map((band) => band[2]);
+    const state = bandsAt(data.states, t).pop() || data.states[data.states.length - 1];
+    const flags = bandsAt(data.flags, t).map((band) => band[2]);
     text("state", state ? [state[2], ...flags].join(" · ") : "");
-    const leg = during(data.legs, t).pop();
+    const leg = bandsAt(data.legs, t).pop();
     text("leg", leg ? `tag ${leg[2]}, ${leg[3].toLowerCase()}` : "–");
-    const speed = data.speed[last(data.speed, t)], battery = data.battery[Math.max(0, last(data.battery, t))];
+    const speed = data.speed[lastIndexAt(data.speed, t)], battery = data.battery[Math.max(0, lastIndexAt(data.battery, t))];
     text("speed", speed ? `${speed[1].toFixed(2)} m/s` : "–");
     text("battery", battery ? `${Math.round(battery[1] * 100)} %` : "–");
     text("known", String(data.tags.filter(([at]) => at <= t).length));
-    const read = last(data.readings, t) + 1;
-    if (read !== listed) {
-      listed = read;
+    const read = lastIndexAt(data.readings, t) + 1;
+    if (read !== listedCount) {
+      listedCount = read;
       $("so-far").replaceChildren(...data.readings.slice(0, read).reverse().map(([at, id, words]) => {
         const item = document.createElement("li"), when = document.createElement("time"), what = document.createElement("span"), name = document.createElement("b");
         when.textContent = clock(at);
@@ -85,9 +85,9 @@
         return item;
       }));
     }
-    const p = last(data.pictures, t), picture = p >= 0 && t - data.pictures[p][0] < 15 ? data.pictures[p][1] : null;
-    if (picture !== shown) {
-      shown = picture;
+    const p = lastIndexAt(data.pictures, t), picture = p >= 0 && t - data.pictures[p][0] < 15 ? data.pictures[p][1] : null;
+    if (picture !== shownPicture) {
+      shownPicture = picture;
       $("picture").hidden = !picture;
       if (picture) $("picture").src = picture;
     }
@@ -96,15 +96,15 @@
     const track = document.querySelector("#timeline .row-track"), head = $("playhead");
     if (track && head) { head.hidden = whole; head.style.left = `${track.offsetLeft + share * track.offsetWidth}px`; }
   };
-  // Where the map frame's origin is on the canvas.
+  // The map frame's origin in canvas units.
   const origin = { x: data.origin[0], y: data.origin[1] };
 
   // -- playing -------------------------------------------------------------------------------------------------------
-  let playing = 0, before = 0;
+  let playing = 0, previousMs = 0;
   const step = (now) => {
     if (!playing) return;
-    const t = Math.min(data.end, Number(slider.value) + (now - before) / 1000 * Number($("pace").value));
-    before = now;
+    const t = Math.min(data.end, Number(slider.value) + (now - previousMs) / 1000 * Number($("pace").value));
+    previousMs = now;
     show(t);
     if (t >= data.end) stop(); else playing = requestAnimationFrame(step);
   };
@@ -114,7 +114,7 @@
     if (Number(slider.value) >= data.end - 0.05) show(0);
     text("play", "❚❚");
     $("play").setAttribute("aria-label", "Pause");
-    before = performance.now();
+    previousMs = performance.now();
     playing = requestAnimationFrame(step);
   });
   slider.addEventListener("input", () => show(Number(slider.value)));
@@ -150,7 +150,7 @@
   // -- zoom ----------------------------------------------------------------------------------------------------------
   const [, , fullWidth, fullHeight] = map.getAttribute("viewBox").split(" ").map(Number);
   let view = { x: 0, y: 0, k: 1 };
-  const look = () => {
+  const applyView = () => {
     const w = fullWidth / view.k, h = fullHeight / view.k;
     view.x = Math.min(fullWidth - w, Math.max(0, view.x));
     view.y = Math.min(fullHeight - h, Math.max(0, view.y));
@@ -162,11 +162,11 @@
     view.x += px * fullWidth * (1 / view.k - 1 / k);
     view.y += py * fullHeight * (1 / view.k - 1 / k);
     view.k = k;
-    look();
+    applyView();
   };
   $("zoom-in").addEventListener("click", () => zoom(1.5));
   $("zoom-out").addEventListener("click", () => zoom(1 / 1.5));
-  $("zoom-reset").addEventListener("click", () => { view = { x: 0, y: 0, k: 1 }; look(); });
+  $("zoom-reset").addEventListener("click", () => { view = { x: 0, y: 0, k: 1 }; applyView(); });
   frame.addEventListener("wheel", (event) => {
     if (!event.ctrlKey && view.k === 1) return;
     event.preventDefault();
@@ -181,10 +181,10 @@
     view.x -= (event.clientX - drag.x) * scale;
     view.y -= (event.clientY - drag.y) * scale;
     drag = { x: event.clientX, y: event.clientY };
-    look();
+    applyView();
   });
   addEventListener("pointerup", () => { drag = null; });
 
-  const asked = new URLSearchParams(location.hash.slice(1)).get("t");
-  show(asked === null ? data.end : Math.min(data.end, Math.max(0, Number(asked) || 0)));
+  const requested = new URLSearchParams(location.hash.slice(1)).get("t");
+  show(requested === null ? data.end : Math.min(data.end, Math.max(0, Number(requested) || 0)));
 })();

@@ -1,4 +1,4 @@
-"""The data behind the page's time slider: where the robot was, what it saw and knew at any moment, in few bytes."""
+"""The data of the page's time slider: the robot's pose, scans, images and readings over time, in a compact form."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from typing import Any
 
 import numpy as np
 
-from lupin_runtime.report.content import Material, thin
 from lupin_runtime.report.health import SENSORS
-from lupin_runtime.report.log import Scan
-from lupin_runtime.report.page.map_svg import Canvas
-from lupin_runtime.report.raster import data_uri, thumbnail
+from lupin_runtime.report.images import data_uri, thumbnail
+from lupin_runtime.report.page.canvas import Canvas
+from lupin_runtime.report.report_json import ReportInput, thin
+from lupin_runtime.report.run_log import LidarScan
 
 _POSE_PERIOD_S = 0.2
 _SPEED_PERIOD_S = 1.0
-_MOST_POSES, _MOST_SCANS, _MOST_PICTURES = 9000, 600, 150
+_MAX_POSES, _MAX_SCANS, _MAX_IMAGES = 9000, 600, 150
 _BEAMS = 120
-_PICTURE_PX = 240
+_IMAGE_PX = 240
 
 
-def replay_data(material: Material, canvas: Canvas) -> dict[str, Any]:
-    """Plain data for the script: times in tenths of a second, places in centimetres of the canvas, angles in milliradians."""
-    log = material.log
-    bands = material.timeline
+def replay_data(report: ReportInput, canvas: Canvas) -> dict[str, Any]:
+    """Return plain data for the script. Poses are in tenths of a second, centimetres of the canvas and milliradians."""
+    log = report.log
+    bands = report.timeline
     return {
         "end": round(log.end_s, 1),
         "origin": [round(v, 1) for v in canvas.at(0.0, 0.0)],
-        "pose": _poses(material, canvas),
+        "pose": _poses(report, canvas),
         "states": [[round(b.from_s, 1), round(b.to_s, 1), b.label] for b in bands.states],
         "legs": [[round(b.from_s, 1), round(b.to_s, 1), b.label, b.detail] for b in bands.legs],
         "flags": [[round(b.from_s, 1), round(b.to_s, 1), b.label] for b in bands.flags],
@@ -36,20 +36,20 @@ def replay_data(material: Material, canvas: Canvas) -> dict[str, Any]:
         "battery": _thin(log.battery, 3),
         "tags": sorted([round(d.first_t_s, 1), tag_id] for tag_id, d in log.discovered.items()),
         "readings": [
-            [round(seen.t_s, 1), seen.tag_id, _words(seen.readings)]
-            for seen in log.seen
-            if seen.kind == "tag_reading" and seen.status == "ok"
+            [round(entry.t_s, 1), entry.tag_id, _summary(entry.readings)]
+            for entry in log.observations
+            if entry.kind == "tag_reading" and entry.status == "ok"
         ],
-        "pictures": _pictures(material),
-        "scans": _scans(material),
+        "pictures": _images(report),
+        "scans": _scans(report),
     }
 
 
-def _poses(material: Material, canvas: Canvas) -> dict[str, list[int]]:
-    path = material.log.trajectory
+def _poses(report: ReportInput, canvas: Canvas) -> dict[str, list[int]]:
+    path = report.log.trajectory
     if not len(path):
         return {"t": [], "x": [], "y": [], "yaw": []}
-    keep = thin(path.t_s, max(_POSE_PERIOD_S, material.log.end_s / _MOST_POSES))
+    keep = thin(path.t_s, max(_POSE_PERIOD_S, report.log.end_s / _MAX_POSES))
     x, y = canvas.at(path.x[keep], path.y[keep])  # type: ignore[arg-type]
     return {
         "t": np.round(path.t_s[keep] * 10).astype(int).tolist(),
@@ -64,7 +64,7 @@ def _thin(points: list[tuple[float, float]], digits: int) -> list[list[float]]:
     return [[round(points[i][0], 1), round(points[i][1], digits)] for i in keep]
 
 
-def _words(readings: tuple[tuple[str, float], ...]) -> str:
+def _summary(readings: tuple[tuple[str, float], ...]) -> str:
     parts = []
     for sensor, value in readings:
         ideal = SENSORS.get(sensor)
@@ -72,34 +72,34 @@ def _words(readings: tuple[tuple[str, float], ...]) -> str:
     return " · ".join(parts)
 
 
-def _pictures(material: Material) -> list[list[Any]]:
-    pictures = material.log.body_pictures
-    step = max(1, math.ceil(len(pictures) / _MOST_PICTURES))
+def _images(report: ReportInput) -> list[list[Any]]:
+    images = report.log.body_images
+    step = max(1, math.ceil(len(images) / _MAX_IMAGES))
     found: list[list[Any]] = []
-    for picture in pictures[::step]:
-        small = thumbnail(picture.jpeg, _PICTURE_PX, quality=50)
-        if small is not None:
-            found.append([round(picture.t_s, 1), data_uri(small, "jpeg")])
+    for image in images[::step]:
+        jpeg = thumbnail(image.jpeg, _IMAGE_PX, quality=50)
+        if jpeg is not None:
+            found.append([round(image.t_s, 1), data_uri(jpeg, "jpeg")])
     return found
 
 
-def _scans(material: Material) -> dict[str, Any] | None:
-    scans = material.log.scans
+def _scans(report: ReportInput) -> dict[str, Any] | None:
+    scans = report.log.scans
     if not scans:
         return None
-    scans = scans[:: max(1, math.ceil(len(scans) / _MOST_SCANS))]
+    scans = scans[:: max(1, math.ceil(len(scans) / _MAX_SCANS))]
     beams = scans[0].ranges.size
     every = max(1, beams // _BEAMS)
-    laser = material.log.laser_in_base
+    laser = report.log.laser_in_base
     return {
         "first": round(scans[0].angle_min, 5),
         "step": round(scans[0].angle_step * every, 6),
         "laser": [round(laser.x * 100.0, 1), round(laser.y * 100.0, 1), round(laser.yaw, 5)],
-        "rows": [[round(scan.t_s, 1), _packed(scan, every)] for scan in scans if scan.ranges.size == beams],
+        "rows": [[round(scan.t_s, 1), _pack(scan, every)] for scan in scans if scan.ranges.size == beams],
     }
 
 
-def _packed(scan: Scan, every: int) -> str:
-    """Ranges in whole centimetres as base64 of little-endian uint16; 0 is no echo."""
+def _pack(scan: LidarScan, every: int) -> str:
+    """Encode ranges in whole centimetres as base64 of little-endian uint16; 0 means no echo."""
     centimetres = np.nan_to_num(scan.ranges[::every] * 100.0, nan=0.0).clip(0, 65535).astype("<u2")
     return base64.b64encode(centimetres.tobytes()).decode("ascii")

@@ -1,5 +1,5 @@
 #!/bin/bash
-# As the vendor's: the discovery server is started once, nobody looks whether it came up, and the robot is launched.
+# Does what the vendor's script does: starts the discovery server once, without a check that it came up, and launches the robot.
 source /home/mirte/.mirte_settings.sh
 
 if [ "$MIRTE_FASTDDS" = "true" ]; then

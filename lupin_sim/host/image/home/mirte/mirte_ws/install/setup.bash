@@ -1,4 +1,4 @@
-# As the vendor's colcon hook: it owns the DDS settings, and whatever stood there before is lost.
+# Does what the vendor's colcon hook does: it sets the DDS variables and overwrites any values they had.
 case "${MIRTE_FASTDDS:-false}" in
   false) unset ROS_DISCOVERY_SERVER FASTRTPS_DEFAULT_PROFILES_FILE ;;
   true) export ROS_DISCOVERY_SERVER=127.0.0.1 ;;

@@ -1,0 +1,130 @@
+"""The publisher of arm trajectories, and the subscriptions to `/joint_states` and the e-stop, that the arm nodes of a process
+share.
+
+Each node has its own thread, so shared data is either locked (ArmMotion) or replaced as a whole (the last message).
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from lupin_runtime import graph
+from lupin_runtime.arm.joint_state import arm_state
+from lupin_runtime.arm.motion import ArmMotion, ArmState
+from lupin_runtime.arm.trajectory import VELOCITY_HINT, Point
+from lupin_runtime.ros import LupinNode
+from lupin_runtime.safety.estop_subscription import subscribe_estop
+
+# Contained in serialized messages with the arm's joints; the wheels may be published in messages of their own.
+_MARK = graph.ARM_JOINTS[0].encode()
+
+
+class _SharedArm:
+    """What the arm nodes of a process share. Its publisher and subscription belong to the first node that joined."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._members: list[LupinNode] = []
+        self._publisher: Publisher | None = None
+        self._subscriptions: tuple[Subscription, ...] = ()
+        self._received: tuple[bytes, int] | None = None
+        self._decoded: tuple[bytes, ArmState | None] | None = None
+        self.motion: ArmMotion | None = None
+
+    def join(self, node: LupinNode) -> ArmMotion:
+        with self._lock:
+            self._members.append(node)
+            if self.motion is None:
+                self.motion = ArmMotion(self._state, self._send, self._clock_ns, self._listeners)
+                self._move_to(node)
+            return self.motion
+
+    def leave(self, node: LupinNode) -> None:
+        with self._lock:
+            if node not in self._members:
+                return
+            was_host = self._members[0] is node
+            self._members.remove(node)
+            if was_host:
+                node.destroy_publisher(self._publisher)
+                for subscription in self._subscriptions:
+                    node.destroy_subscription(subscription)
+                if self._members:
+                    self._move_to(self._members[0])
+                else:
+                    self.motion = self._received = self._decoded = None
+
+    def _move_to(self, node: LupinNode) -> None:
+        self._publisher = node.publisher(graph.ARM_TRAJECTORY)
+        self._subscriptions = (
+            subscribe_estop(node, self._on_estop),
+            node.subscription(graph.JOINT_STATES, self._receive, raw=True),
+            node.subscription(graph.ARM_TRAJECTORY, self._on_trajectory),
+        )
+
+    def _on_estop(self, engaged: bool) -> None:
+        motion = self.motion
+        if motion is not None:
+            motion.set_estop(engaged)
+
+    def _on_trajectory(self, message: Any) -> None:
+        motion = self.motion
+        if motion is not None:
+            motion.counter([tuple(point.positions) for point in message.points])
+
+    def _receive(self, data: Any) -> None:
+        # 50 messages arrive per second and few are read, so they are deserialized on reading.
+        if _MARK in data:
+            self._received = (data, self._clock_ns())
+
+    def _clock_ns(self) -> int:
+        return self._members[0].elapsed_clock_ns()
+
+    def _listeners(self) -> int:
+        # Without this process's own subscription.
+        return 0 if self._publisher is None else int(self._publisher.get_subscription_count()) - 1
+
+    def _state(self) -> ArmState | None:
+        received = self._received
+        if received is None:
+            return None
+        data, received_ns = received
+        decoded = self._decoded
+        if decoded is None or decoded[0] is not data:
+            message = deserialize_message(data, JointState)
+            decoded = (data, arm_state(message.name, message.position, received_ns))
+            self._decoded = decoded
+        return decoded[1]
+
+    def _send(self, path: tuple[Point, ...]) -> None:
+        message = JointTrajectory(joint_names=list(graph.ARM_JOINTS))
+        for point in path:
+            row = JointTrajectoryPoint(positions=list(point.arm), velocities=[VELOCITY_HINT] * len(point.arm))
+            row.time_from_start.sec = int(point.t_s)
+            row.time_from_start.nanosec = min(999_999_999, round((point.t_s - int(point.t_s)) * 1e9))
+            message.points.append(row)
+        if self._publisher is not None:
+            self._publisher.publish(message)
+
+
+_SHARED_ARM = _SharedArm()
+
+
+class ArmNode(LupinNode):
+    """A node that commands the arm through the shared `motion`."""
+
+    def __init__(self, name: str, parameters: dict[str, Any] | None = None) -> None:
+        super().__init__(name, parameters)
+        self.motion = _SHARED_ARM.join(self)
+
+    def destroy_node(self) -> None:
+        """Leave the shared arm and destroy the node."""
+        _SHARED_ARM.leave(self)
+        super().destroy_node()

@@ -1,0 +1,142 @@
+"""Layout files: the tables and tags of a greenhouse, known before the first drive.
+
+The format: `{"units": "m", "tables": {NAME: {"x0", "x1", "y0", "y1"}}, "tags": {ID: {"x", "y", "sensors": [...]}}}`, units m
+(the default), cm or mm. Other keys are ignored here; `sensors` is for the greenhouse's climate.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+_METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+_MAX_NUMBER = 1e9  # no greenhouse is larger in any unit; a whole number may be too large to be a float at all
+
+
+class LayoutError(ValueError):
+    """A layout file that cannot be used; the message names the file, the line where that is known, and the problem."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """The footprint of a table: metres, sides along the axes."""
+
+    x0: float
+    x1: float
+    y0: float
+    y1: float
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """The middle of the footprint."""
+        return (self.x0 + self.x1) / 2, (self.y0 + self.y1) / 2
+
+    def contains(self, x: float, y: float) -> bool:
+        """Whether a point lies on the table, edges included."""
+        return self.x0 <= x <= self.x1 and self.y0 <= y <= self.y1
+
+    def upright(self) -> Table:
+        """The same footprint with x0 <= x1 and y0 <= y1."""
+        return Table(min(self.x0, self.x1), max(self.x0, self.x1), min(self.y0, self.y1), max(self.y0, self.y1))
+
+
+@dataclass(frozen=True)
+class TagLocation:
+    """Where a layout puts a tag, metres."""
+
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Tables by name and tags by id, in the layout's own frame."""
+
+    tables: Mapping[str, Table] = field(default_factory=dict)
+    tags: Mapping[str, TagLocation] = field(default_factory=dict)
+
+
+def packaged_layout_path() -> Path:
+    """Locate the layout inside the greenhouse simulator's package. Raises LayoutError if it is not installed."""
+    spec = find_spec("greenhouse_sim")
+    if spec is None or not spec.submodule_search_locations:
+        raise LayoutError("package greenhouse_sim is not installed; expected its configs/tag_locations.json; run: make setup")
+    return Path(next(iter(spec.submodule_search_locations))) / "configs" / "tag_locations.json"
+
+
+def load_layout(path: Path | None = None) -> Layout:
+    """Read a layout file (None: the packaged one); a table's corners may be swapped. Raises LayoutError."""
+    layout = LayoutText.read(path or packaged_layout_path()).parse()
+    return Layout({name: table.upright() for name, table in layout.tables.items()}, layout.tags)
+
+
+class LayoutText:
+    """The text of a layout file; `error` finds the line of a problem in it."""
+
+    def __init__(self, text: str, source: str) -> None:
+        """`source` names the file in error messages."""
+        self._text, self._source = text, source
+
+    @classmethod
+    def read(cls, path: Path) -> LayoutText:
+        """Read a file as UTF-8. Raises LayoutError."""
+        try:
+            return cls(path.read_text(encoding="utf-8"), str(path))
+        except (OSError, UnicodeDecodeError) as error:
+            raise LayoutError(f"{path}: the layout cannot be read: {error}") from error
+
+    def parse(self) -> Layout:
+        """Parse the layout, corners as they are written. Raises LayoutError."""
+        try:
+            document = json.loads(self._text)
+        except json.JSONDecodeError as error:
+            raise LayoutError(f"{self._source}:{error.lineno}: not JSON: {error.msg}") from error
+        except (ValueError, RecursionError) as error:  # numbers of thousands of digits, brackets of thousands of levels
+            raise LayoutError(f"{self._source}: not JSON that can be read: {error}") from error
+        root = self._object(document, "the file", "")
+        unit = root.get("units", "m")
+        if not isinstance(unit, str) or unit not in _METERS:
+            raise self.error("units", f"units must be one of {', '.join(_METERS)}, found {_found(unit)}")
+        scale = _METERS[unit]
+        tables = {
+            name: Table(*self._numbers(f"tables.{name}", name, value, ("x0", "x1", "y0", "y1"), scale))
+            for name, value in self._object(root.get("tables", {}), "tables", "tables").items()
+        }
+        tags = {
+            name: TagLocation(*self._numbers(f"tags.{name}", name, value, ("x", "y"), scale))
+            for name, value in self._object(root.get("tags", {}), "tags", "tags").items()
+        }
+        return Layout(tables, tags)
+
+    def error(self, key: str, problem: str) -> LayoutError:
+        """Make the error of a problem with the value of `key`.
+
+        json keeps no positions, so the line is the first one that holds the quoted key: where a person would look.
+        """
+        for number, line in enumerate(self._text.splitlines(), 1):
+            if key and f'"{key}"' in line:
+                return LayoutError(f"{self._source}:{number}: {problem}")
+        return LayoutError(f"{self._source}: {problem}")
+
+    def _object(self, value: Any, name: str, key: str) -> Mapping[str, Any]:
+        if not isinstance(value, dict):
+            raise self.error(key, f"{name} must be an object, found {_found(value)}")
+        return value
+
+    def _numbers(self, name: str, key: str, value: Any, parts: tuple[str, ...], scale: float) -> list[float]:
+        entry = self._object(value, name, key)
+        numbers = []
+        for part in parts:
+            number = entry.get(part)
+            if isinstance(number, bool) or not isinstance(number, (int, float)) or not abs(number) <= _MAX_NUMBER:
+                raise self.error(key, f"{name}.{part} must be a number, found {_found(number)}")
+            numbers.append(number * scale)
+        return numbers
+
+
+def _found(value: Any) -> str:
+    return "nothing" if value is None else f"{value!r:.40}"

@@ -1,0 +1,277 @@
+"""INSPECTING and MONITORING: drive to each tag, confirm it, read it, publish the result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from lupin_runtime.geometry import Pose2
+from lupin_runtime.mission.activity import Activity
+from lupin_runtime.mission.approach import Approach, compute_approach, compute_discovered_approach
+from lupin_runtime.mission.approach_fitting import fit_approach
+from lupin_runtime.mission.clearance import ClearanceMap
+from lupin_runtime.mission.context import INSPECTION, Context
+from lupin_runtime.mission.driving import BLIND_WAIT_S, MAX_BLIND
+from lupin_runtime.mission.goal_runner import DriveResult
+from lupin_runtime.mission.hsm_spec import NAVIGATING, PUBLISHING, SCANNING, Trigger
+from lupin_runtime.mission.missions import OK, SCAN_FAILED, SKIPPED, UNREACHABLE, VisitPlan
+from lupin_runtime.mission.records import ClimateReading, Confirmation
+
+MAX_REFUNDS = 3  # per visit: attempts that do not count, since another client cancelled them or the server disappeared
+FOREIGN_CANCEL_WAIT_S = 1.0  # a console cancels the goal a moment before its e-stop is received
+
+
+@dataclass
+class _Visit:
+    """One visit to a tag. `tag_id` is None when nothing is left to visit; `tried` are the goals (x, y) of past attempts."""
+
+    tag_id: str | None
+    attempts: int = 0
+    refunds: int = 0
+    blind: int = 0
+    tried: list[tuple[float, float]] = field(default_factory=list)
+    detail: str = ""
+    not_before_s: float = 0.0
+    unready_since_s: float | None = None
+    arm_moved: bool = False
+    confirm_sent_s: float | None = None
+    confirmation: Confirmation | None = None
+    read_sent_s: float | None = None
+    reading: ClimateReading | None = None
+    status: int = OK
+    closed: bool = False
+
+
+class Inspecting(Activity):
+    """Visits the tags of the mission's plan. One instance serves both states, which differ only in their plan."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._visit = _Visit(None)
+        self._leaf = ""
+        self._tick_leaf = {NAVIGATING: self._navigate, SCANNING: self._scan, PUBLISHING: self._advance}
+
+    @property
+    def target(self) -> str:
+        """The tag being visited; "" if none."""
+        return self._visit.tag_id or ""
+
+    @property
+    def confirming(self) -> bool:
+        """Whether the visit waits for the visual confirmation."""
+        visit = self._visit
+        return self._leaf == SCANNING and visit.confirm_sent_s is not None and visit.confirmation is None
+
+    def enter(self, leaf: str) -> None:
+        self._leaf = leaf
+        if leaf == NAVIGATING:
+            plan = self._plan
+            self._visit = _Visit(None if plan.is_complete else plan.current)
+        elif leaf == PUBLISHING:
+            self._publish()
+
+    def leave(self) -> None:
+        self._context.driver.stop()
+        self._leaf = ""
+        self._visit = _Visit(None)
+
+    def stop_motion(self) -> None:
+        """Stop moving. Completed steps of the visit stay completed; an interrupted drive does not count as an attempt.
+
+        The arm's move to its inspection pose is repeated, because the e-stop may have interrupted it.
+        """
+        self._visit.arm_moved = False
+        if self._context.driver.busy:
+            self._context.driver.stop()
+            self._refund_attempt()
+
+    def tick(self) -> None:
+        self._tick_leaf[self._leaf]()
+
+    def skip(self) -> bool:
+        """Close the current tag as skipped; return False if it is closed already."""
+        if self._visit.closed or self._visit.tag_id is None:
+            return False
+        self._context.driver.stop()
+        self._close(SKIPPED, "skipped_by_operator")
+        return True
+
+    # -- navigating ----------------------------------------------------------------------------------------------------
+
+    @property
+    def _plan(self) -> VisitPlan:
+        mission = self._context.mission
+        assert mission is not None and mission.visits is not None, "INSPECTING and MONITORING need a plan of visits"
+        return mission.visits
+
+    def _navigate(self) -> None:
+        context, visit, now = self._context, self._visit, self._context.now_s
+        if visit.tag_id is None:  # resumed at the dock after the last tag: PUBLISHING decides what comes next
+            context.fire("nav_unreachable")
+            return
+        if context.driver.busy:
+            if context.driver.age_s >= context.config.nav_timeout_s:
+                context.driver.stop()
+                self._attempt_failed("nav_timeout")
+            return
+        if now < visit.not_before_s:
+            return
+        if visit.attempts >= context.config.nav_max_attempts:
+            self._close(UNREACHABLE, visit.detail)
+            return
+        refusal = self._navigation_refusal()
+        if refusal:
+            self._close(UNREACHABLE, refusal)
+            return
+        if not context.ports.navigation.is_ready():
+            self._wait_for_navigation(now)
+            return
+        approach = self._approach(visit.tag_id)
+        if approach is None:
+            self._close(UNREACHABLE, "unknown_tag")
+            return
+        visit.unready_since_s = None
+        visit.attempts += 1
+        visit.tried.append((approach.goal_x, approach.goal_y))
+        context.ports.publisher.log(
+            f"tag {visit.tag_id}: to ({approach.goal_x:.2f}, {approach.goal_y:.2f}), {approach.derived_from},"
+            f" attempt {visit.attempts} of {context.config.nav_max_attempts}"
+        )
+        context.driver.drive(Pose2(approach.goal_x, approach.goal_y, approach.goal_yaw), self._on_drive_end)
+
+    def _wait_for_navigation(self, now: float) -> None:
+        visit = self._visit
+        if visit.unready_since_s is None:
+            visit.unready_since_s = now
+        elif now - visit.unready_since_s >= self._context.config.nav_timeout_s:
+            visit.unready_since_s = None
+            visit.attempts += 1
+            visit.tried.append((float("nan"), float("nan")))
+            self._attempt_failed("nav_unavailable")
+
+    def _navigation_refusal(self) -> str:
+        """Return why no goal may be sent now; "" if one may."""
+        world_model, mission = self._context.world_model, self._context.mission
+        if mission is not None and mission.kind == INSPECTION:
+            if world_model.covariance is None:
+                return "amcl_drift_var=unknown"
+            if world_model.covariance > self._context.config.nav_localization_cov_threshold:
+                return f"amcl_drift_var={world_model.covariance:.4f}"
+            return ""
+        # While SLAM localizes, no drift is measured: the only requirement is that a pose was received.
+        return "" if world_model.has_pose else "no_pose"
+
+    def _approach(self, tag_id: str) -> Approach | None:
+        context, config = self._context, self._context.config
+        discovered = context.world_model.discovered.get(tag_id)
+        override = context.overrides.get(tag_id)
+        robot = context.ports.map_source.robot_pose()
+        if discovered is not None:  # preferred: every sighting on the way has improved its pose
+            tag_xy = (discovered.x, discovered.y)
+            robot_xy = (robot.x, robot.y) if robot is not None else None
+            approach = compute_discovered_approach(
+                tag_id, discovered, robot_xy, config.approach_standoff_m, config.approach_yaw, override
+            )
+        elif tag_id in context.layout.tags:
+            tag_xy = (context.layout.tags[tag_id].x, context.layout.tags[tag_id].y)
+            approach = compute_approach(tag_id, context.layout, config.approach_standoff_m, config.approach_yaw, override)
+        else:
+            return None
+        newest = context.ports.map_source.map()
+        if newest is None or config.approach_room_m <= 0.0:
+            return approach
+        clearance = ClearanceMap.from_grid(newest[1], config.frontier_free_thresh, config.frontier_occupied_thresh)
+        return fit_approach(approach, tag_xy, clearance, config.approach_room_m, tuple(self._visit.tried))
+
+    def _on_drive_end(self, result: DriveResult) -> None:
+        if result.end == "succeeded":
+            self._context.fire("nav_succeeded")
+        elif result.end in ("canceled", "lost") and self._visit.refunds < MAX_REFUNDS:
+            self._refund_attempt()
+            self._visit.refunds += 1
+            self._visit.not_before_s = self._context.now_s + FOREIGN_CANCEL_WAIT_S
+        elif result.end == "blind" and self._visit.blind < MAX_BLIND:
+            self._attempt_failed(result.detail)
+            self._refund_attempt()
+            self._visit.blind += 1
+            self._visit.not_before_s = self._context.now_s + BLIND_WAIT_S
+        else:
+            self._attempt_failed(result.detail)
+
+    def _refund_attempt(self) -> None:
+        if self._leaf == NAVIGATING and self._visit.attempts > 0:
+            self._visit.attempts -= 1
+            self._visit.tried.pop()
+
+    def _attempt_failed(self, detail: str) -> None:
+        self._visit.detail = detail
+        self._context.last_error = detail
+        self._context.ports.publisher.log(f"tag {self._visit.tag_id}: {detail}", warning=True)
+
+    # -- scanning ------------------------------------------------------------------------------------------------------
+
+    def _scan(self) -> None:
+        context, visit, config = self._context, self._visit, self._context.config
+        assert visit.tag_id is not None, "SCANNING needs a tag"
+        if not visit.arm_moved:
+            visit.arm_moved = True
+            context.driver.move_arm(config.arm_inspect_preset)
+        if config.require_visual_confirmation and not self._is_confirmed(visit, visit.tag_id):
+            return
+        if visit.read_sent_s is None:
+            visit.read_sent_s = context.now_s
+            context.ports.greenhouse.read(visit.tag_id, lambda reply: self._on_reading(visit, reply))
+        elif visit.reading is None:
+            if context.now_s - visit.read_sent_s >= config.scan_timeout_s:
+                self._close(SCAN_FAILED, "scan_timeout")
+        elif visit.reading.status != 0:
+            self._close(SCAN_FAILED, visit.reading.error or f"bridge_status_{visit.reading.status}")
+        elif context.now_s - visit.read_sent_s >= config.flower_scan_dwell_s:
+            self._close(OK, "")
+
+    def _is_confirmed(self, visit: _Visit, tag_id: str) -> bool:
+        context = self._context
+        if visit.confirm_sent_s is None:
+            visit.confirm_sent_s = context.now_s
+            context.ports.confirmer.confirm(tag_id, lambda answer: self._on_confirmation(visit, answer))
+            context.ports.publisher.state_changed()
+        elif visit.confirmation is None:
+            if context.now_s - visit.confirm_sent_s >= context.config.visual_confirmation_timeout_s:
+                self._close(SCAN_FAILED, "confirm_timeout")
+        elif visit.confirmation.detected:
+            return True
+        else:
+            self._close(SCAN_FAILED, visit.confirmation.error or "visual_confirm_missed")
+        return False
+
+    # Answers that arrive while the mission is paused are stored and used after it, so nothing is requested twice.
+
+    def _on_confirmation(self, visit: _Visit, answer: Confirmation) -> None:
+        if visit is self._visit and not visit.closed:
+            visit.confirmation = answer
+
+    def _on_reading(self, visit: _Visit, reply: ClimateReading) -> None:
+        if visit is self._visit and not visit.closed:
+            visit.reading = reply
+
+    # -- publishing ----------------------------------------------------------------------------------------------------
+
+    def _close(self, status: int, detail: str) -> None:
+        self._visit.status, self._visit.detail = status, detail
+        if status == SCAN_FAILED:
+            self._context.last_error = f"scan_failed: {detail}"
+        elif status == UNREACHABLE:
+            self._context.last_error = detail
+        trigger: Trigger = "nav_unreachable" if self._leaf == NAVIGATING else "scan_done"
+        self._context.fire(trigger)
+
+    def _publish(self) -> None:
+        visit = self._visit
+        if visit.tag_id is None or visit.closed:
+            return
+        visit.closed = True
+        reading = visit.reading if visit.status == OK else None
+        self._context.publish_observation(self._plan.source, visit.tag_id, visit.status, visit.detail, reading)
+        self._plan.record(visit.status)
+
+    def _advance(self) -> None:
+        self._context.fire("inspection_complete" if self._plan.is_complete else "next_tag")

@@ -1,0 +1,162 @@
+"""Runs nodes in one process, each with its own single-threaded executor and thread.
+
+The MultiThreadedExecutor of the wheels busy-loops and their EventsExecutor never calls a callback, so neither is used.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import rclpy
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from lupin_runtime.heartbeat import PROCESS_PERIOD_S
+from lupin_runtime.ros.node import LupinNode
+
+if TYPE_CHECKING:
+    from lupin_runtime.ros.clock import ClockFollower
+    from lupin_runtime.ros.supervision import Supervision
+
+STOP_GRACE_S = 2.0
+IDLE_S = 0.5  # waking an idle executor more often would cost more than it finds
+
+NodeFactory = Callable[[], Node]
+
+
+class _Spinner:
+    """A node with its executor and thread."""
+
+    def __init__(self, node: Node, on_failure: Callable[[], None]) -> None:
+        self.node = node
+        self._on_failure = on_failure
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(node)
+        self._stopping = False
+        self._turned_ns = time.monotonic_ns()  # when the executor last handled an event
+        self._woken_ns = 0
+        # In a group of its own, because a callback that awaits something keeps its group busy.
+        self._wake = node.create_guard_condition(lambda: None, callback_group=ReentrantCallbackGroup())
+        self.thread = threading.Thread(target=self._spin, name=node.get_name(), daemon=True)
+
+    def _spin(self) -> None:
+        try:
+            while rclpy.ok() and not self._stopping:
+                self._executor.spin_once()
+                self._turned_ns = time.monotonic_ns()
+        except ExternalShutdownException:
+            pass
+        except BaseException:
+            # A callback that raises must terminate the process: with one dead node it would look healthy from outside.
+            traceback.print_exc()
+            self._on_failure()
+
+    def responded_ns(self) -> int:
+        """Up to when the executor responds: now, or the time since which it leaves an event unhandled.
+
+        An executor that has been idle for IDLE_S gets an event to handle.
+        """
+        now_ns, turned_ns = time.monotonic_ns(), self._turned_ns
+        if turned_ns < self._woken_ns:
+            return self._woken_ns
+        if now_ns - turned_ns > IDLE_S * 1e9:
+            self._woken_ns = now_ns
+            self._wake.trigger()
+        return now_ns
+
+    def stop(self) -> None:
+        self._stopping = True
+        self._executor.shutdown(timeout_sec=STOP_GRACE_S)
+        if self.thread.is_alive():
+            # The shutdown of an executor does not wait for the thread inside it, and the interpreter aborts (status 134)
+            # if it exits while that thread is still in a wait set.
+            self.thread.join(STOP_GRACE_S)
+
+    def destroy_node(self) -> None:
+        """Destroy the node, which others would else see until its lease of 20 s ends. Call it after `stop` of every spinner."""
+        if not self.thread.is_alive():
+            self.node.destroy_node()
+
+
+def run(
+    factories: Sequence[NodeFactory],
+    simulated_time: bool = False,
+    ready: Callable[[Sequence[Node]], None] | None = None,
+    supervision: Supervision | None = None,
+) -> int:
+    """Create the nodes and run them until SIGTERM, SIGINT, SIGHUP or a failure; returns 0, or 1 after a failure.
+
+    `before_shutdown()` of a LupinNode is called while the graph still works, so that it can stop motion. With `simulated_time`
+    one subscription to `/clock` serves all nodes of the process. `ready` is called with the nodes once they spin. `supervision`
+    gets heartbeats, and forbids motion.
+    """
+    stop = threading.Event()
+    failed = threading.Event()
+
+    def fail() -> None:
+        failed.set()
+        stop.set()
+
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, lambda *_: stop.set())
+    rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    spinners: list[_Spinner] = []
+    follower: ClockFollower | None = None
+    if supervision is not None:
+        LupinNode.motion_hold = staticmethod(supervision.motion_hold)
+    try:
+        if simulated_time:
+            # Imported only here: the robot's older rclpy lacks what it needs, and the robot has no simulated time.
+            from lupin_runtime.ros.clock import ClockFollower
+
+            LupinNode.simulated_time = True
+            follower = ClockFollower(fail)
+            follower.start()
+        nodes = []
+        for factory in factories:
+            node = factory()
+            if follower is not None:
+                follower.attach(node)
+            nodes.append(node)
+        spinners += [_Spinner(node, fail) for node in nodes]
+        for spinner in spinners[-len(nodes) :]:
+            spinner.thread.start()
+        if ready is not None:
+            ready(nodes)
+        while not stop.wait(PROCESS_PERIOD_S):
+            if supervision is not None:
+                _beat(supervision, spinners)
+        for node in nodes:
+            if isinstance(node, LupinNode):
+                node.before_shutdown()
+    except Exception:
+        traceback.print_exc()
+        failed.set()
+    finally:
+        # A middleware that hangs must not keep this process on the graph.
+        threading.Thread(target=_exit_after, args=(2 * STOP_GRACE_S,), daemon=True).start()
+        for spinner in spinners:
+            spinner.stop()
+        for spinner in spinners:
+            spinner.destroy_node()
+        if follower is not None:
+            follower.stop()
+        rclpy.try_shutdown()
+    return 1 if failed.is_set() else 0
+
+
+def _beat(supervision: Supervision, spinners: Sequence[_Spinner]) -> None:
+    responded_ns, node = min((spinner.responded_ns(), spinner.node.get_name()) for spinner in spinners)
+    supervision.beat(responded_ns, node)
+
+
+def _exit_after(seconds: float) -> None:
+    time.sleep(seconds)
+    os._exit(1)

@@ -1,0 +1,49 @@
+"""Watches who publishes on a topic that only one node may publish on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from rclpy.node import Node
+
+# A node that was killed stays in the graph until its lease of 20 s ends, and its successor has the same name.
+SUCCESSION_S = 25.0
+# A node's endpoints are discovered before its name. A participant that is no ROS node never gets one.
+NAMING_S = 3.0
+_UNNAMED = "_NODE_NAME_UNKNOWN_"  # rmw's text
+
+
+@dataclass
+class PublisherWatch:
+    """Names the publishers of `topic` other than one node called `expected`. `danger` says what they can do."""
+
+    node: Node
+    topic: str
+    expected: str
+    danger: str
+    _since_ns: dict[str, int] = field(default_factory=dict, init=False)  # when an excess was first seen
+
+    def alarms(self, now_ns: int) -> tuple[str, ...]:
+        """One sentence per intruder.
+
+        A node of another name is one at once, one without a name after NAMING_S, and a second one of the expected name after
+        SUCCESSION_S.
+        """
+        names = [endpoint.node_name for endpoint in self.node.get_publishers_info_by_topic(self.topic)]
+        found = [f"the node {_printable(name)}" for name in sorted(set(names) - {self.expected, _UNNAMED})]
+        if self._lasts(_UNNAMED, _UNNAMED in names, now_ns, NAMING_S):
+            found.append("a participant that is no ROS node")
+        if self._lasts(self.expected, names.count(self.expected) > 1, now_ns, SUCCESSION_S):
+            found.append(f"a second node {self.expected}")
+        return tuple(f"{self.topic} is also published by {intruder}, {self.danger}" for intruder in found)
+
+    def _lasts(self, what: str, seen: bool, now_ns: int, bound_s: float) -> bool:
+        if not seen:
+            self._since_ns.pop(what, None)
+            return False
+        return now_ns - self._since_ns.setdefault(what, now_ns) > bound_s * 1e9
+
+
+def _printable(name: str) -> str:
+    """A node's name as text for a log line: it comes from the network."""
+    return "".join(character if character.isprintable() else "?" for character in name)[:80]

@@ -1,0 +1,90 @@
+"""A process's side of the channel to its supervisor: it ends with it, sends heartbeats, and learns when nothing may move.
+
+The supervisor holds the other end of the standard input of its processes, and the kernel closes it when the supervisor dies.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import stat
+import threading
+import time
+
+from lupin_runtime.heartbeat import MAX_BYTES, SUPERVISOR_TIMEOUT_S, Beat, decode, encode
+
+ORPHAN_GRACE_S = 5.0
+SUPERVISOR_SILENT = "the supervisor does not respond"
+
+
+class Supervision:
+    """The channel at descriptor `stream`. Without a supervisor nothing is sent, and nothing forbids motion."""
+
+    def __init__(self, stream: int = 0) -> None:
+        self._stream = stream
+        self._socket = _beat_socket(stream)
+        self._received: Beat | None = None
+
+    def start(self) -> None:
+        """Terminate this process when the stream ends: stop it, and kill it where stopping takes longer than ORPHAN_GRACE_S.
+
+        A stream that is neither a pipe nor a socket, such as a terminal, is ignored.
+        """
+        mode = _mode(self._stream)
+        if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode):
+            threading.Thread(target=self._follow, name="supervision", daemon=True).start()
+
+    def beat(self, responded_ns: int, node: str) -> None:
+        """Send a heartbeat: `node`, the slowest one, handled its events up to `responded_ns` of CLOCK_MONOTONIC."""
+        if self._socket is None:
+            return
+        # Where the supervisor has ended or does not read, it judges by what it has received.
+        with contextlib.suppress(OSError):
+            self._socket.send(encode(Beat(responded_ns, node)), socket.MSG_DONTWAIT)
+
+    def motion_hold(self) -> str:
+        """Why nothing may move now, by the supervisor or because it is silent; empty where motion is allowed."""
+        received = self._received
+        if received is None:
+            return ""
+        silent_ns = time.monotonic_ns() - received.time_ns
+        return SUPERVISOR_SILENT if silent_ns > SUPERVISOR_TIMEOUT_S * 1e9 else received.text
+
+    def _follow(self) -> None:
+        while packet := self._read():
+            self._received = decode(packet) or self._received
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(ORPHAN_GRACE_S)
+        os._exit(1)
+
+    def _read(self) -> bytes:
+        try:
+            return os.read(self._stream, MAX_BYTES)
+        except OSError:
+            return b""  # the supervisor was killed before it read the last heartbeats: the end is then a reset
+
+
+def end_with_parent() -> None:
+    """Terminate this process when its standard input ends, see `Supervision.start`."""
+    Supervision().start()
+
+
+def _mode(stream: int) -> int:
+    """The file mode of a descriptor; 0 where it is closed."""
+    try:
+        return os.fstat(stream).st_mode
+    except OSError:
+        return 0
+
+
+def _beat_socket(stream: int) -> socket.socket | None:
+    """The stream as a socket for heartbeats. A remote shell's input is a socket too, but of another type."""
+    if not stat.S_ISSOCK(_mode(stream)):
+        return None
+    channel = socket.socket(fileno=os.dup(stream))
+    if (channel.family, channel.type) != (socket.AF_UNIX, socket.SOCK_SEQPACKET):
+        channel.close()
+        return None
+    return channel

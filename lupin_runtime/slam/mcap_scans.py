@@ -1,0 +1,103 @@
+"""Reads scans and odometry from an MCAP recording of the robot's graph.
+
+Recorded messages are serialized by the middleware: reading them needs its type support, and so rclpy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lupin_runtime import graph
+from lupin_runtime.atomic_file import MalformedFile
+from lupin_runtime.record.reader import NotARecording, Recording
+from lupin_runtime.slam.offline import OfflineScan
+from lupin_runtime.slam.scan import Beams
+from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable
+
+# The tree keeps the transforms of the whole recording, since poses are looked up after all of it is read.
+_WHOLE_RECORDING_S = 1e8
+
+
+@dataclass(frozen=True)
+class RecordedScans:
+    """Scans with the odometry at their time, and the problems of those that could not be used."""
+
+    scans: list[OfflineScan]
+    problems: list[str]
+
+
+def read_recording(path: Path, range_min_m: float = 0.25, range_max_m: float = 12.0) -> RecordedScans:
+    """Read `/scan`, `/tf_static` and the odometry (its topic, or `/tf`) of a recording; a damaged one as far as it is readable.
+
+    Raises OSError, and MalformedFile if the file is no MCAP or lacks one of the topics.
+    """
+    tree = TransformTree(keep_s=_WHOLE_RECORDING_S)
+    scans: list[Any] = []
+    problems: list[str] = []
+    has_odometry = False
+    try:
+        recording = Recording(path)
+    except NotARecording as error:
+        raise MalformedFile(path, None, str(error)) from None
+    for topic, _, message in recording.messages((graph.SCAN.name, graph.TF.name, graph.TF_STATIC.name, graph.ODOM.name)):
+        if topic == graph.SCAN.name:
+            scans.append(message)
+            continue
+        try:
+            if topic == graph.ODOM.name:
+                has_odometry = True
+                pose = message.pose.pose
+                _insert(tree, graph.ODOM_FRAME, graph.BASE_FRAME, message.header.stamp, pose.position, pose.orientation)
+                continue
+            static = topic == graph.TF_STATIC.name
+            for item in message.transforms:
+                t, parent = item.transform, item.header.frame_id
+                # The odometry is the only moving transform needed; its own topic takes precedence over /tf.
+                if static or (parent == graph.ODOM_FRAME and not has_odometry):
+                    _insert(tree, parent, item.child_frame_id, item.header.stamp, t.translation, t.rotation, static)
+        except ValueError as error:
+            problems.append(str(error))
+    problems = recording.damage + problems
+    if not scans:
+        raise MalformedFile(path, None, f"the recording has no {graph.SCAN.name}{_summary(problems)}")
+    result = []
+    for message in scans:
+        try:
+            result.append(_scan(tree, message, range_min_m, range_max_m))
+        except (TransformUnavailable, ValueError) as error:
+            problems.append(str(error))
+    if not result:
+        raise MalformedFile(path, None, f"no scan can be placed{_summary(problems)}")
+    return RecordedScans(result, problems)
+
+
+def _summary(problems: list[str]) -> str:
+    return f": {problems[0]}" if problems else ""
+
+
+def _ns(stamp: Any) -> int:
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _insert(tree: TransformTree, parent: str, child: str, stamp: Any, t: Any, q: Any, static: bool = False) -> None:
+    tree.insert(parent, child, _ns(stamp), Transform((t.x, t.y, t.z), (q.x, q.y, q.z, q.w)), static)
+
+
+def _scan(tree: TransformTree, message: Any, range_min_m: float, range_max_m: float) -> OfflineScan:
+    stamp = _ns(message.header.stamp)
+    odom = tree.lookup(graph.ODOM_FRAME, graph.BASE_FRAME, stamp)
+    mount = tree.lookup(graph.BASE_FRAME, message.header.frame_id)
+    beams = Beams(
+        float(message.angle_min),
+        float(message.angle_increment),
+        len(message.ranges),
+        mount.to_pose2(),
+        max(range_min_m, float(message.range_min)),
+        min(range_max_m, float(message.range_max)),
+    )
+    seconds, rest = divmod(stamp, 1_000_000_000)
+    return OfflineScan(f"{seconds}.{rest:09d}", stamp / 1e9, odom.to_pose2(), np.asarray(message.ranges, dtype=float), beams)
