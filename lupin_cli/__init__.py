@@ -1,3 +1,3 @@
-"""What an operator types: one file per verb, each thin over the cores and the runtime's processes."""
+"""The operator's toolkit: commands, and the packages behind them (connection, facts, checks, playbook, ...)."""
 
 __version__ = "0.1.0"

@@ -1,54 +1,60 @@
-"""The table of commands. Nothing of a command is imported until it runs: `lupin --help` is typed all day."""
+"""The `lupin` command. A command's module is imported only when it runs, so that `lupin --help` stays fast."""
 
 from __future__ import annotations
 
-import atexit
 import importlib
 import io
 import os
 import sys
 from contextlib import suppress
-from typing import Any, NoReturn
+from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
 from lupin_cli import __version__
+from lupin_cli.exit_codes import INTERNAL_ERROR, INTERRUPTED
+from lupin_cli.terminal import echo
 
 # verb: (section, one line of help). The module is lupin_cli.commands.<verb>, with dashes as underscores.
 COMMANDS: dict[str, tuple[str, str]] = {
-    "up": ("Run", "Bring the whole stack up; with --mission, explore, read every tag and report."),
-    "status": ("Run", "What runs: stages, processes, mission."),
-    "logs": ("Run", "What the processes of a run have said."),
-    "down": ("Run", "Stop a run and leave nothing behind."),
+    "up": ("Run", "Start the stack; with --mission, explore, read every tag and report."),
+    "status": ("Run", "Show the stages, the processes and the mission of a run."),
+    "logs": ("Run", "Show the logs of a run's processes."),
+    "down": ("Run", "Stop a run and everything that it started."),
+    "runs": ("Run", "List, keep and remove the runs on the disk."),
     "run": ("Run", "Run one process of the stack in the foreground."),
     "mission": ("Mission", "Start, pause, resume or abort a mission; draw its state machine."),
-    "deploy": ("Robot", "Put Lupin onto a robot, or this machine's half of the link in place."),
-    "doctor": ("Robot", "What is wrong with robot, laptop and link, why, and what mends it."),
-    "robots": ("Robot", "The robots that Lupin knows, and whether they answer."),
-    "dds": ("Robot", "How this machine joins the robot's graph: set up, check, remove."),
-    "transport": ("Robot", "What carries the link, how good it is, which to take."),
-    "sim": ("Simulator", "The simulated robot: worlds, pictures, the red button."),
-    "home": ("Robot", "Controllers active, arm at rest."),
-    "play": ("Robot", "Play a playbook: dry run, diff, resume, undo."),
-    "journal": ("Robot", "What playbooks did: runs, steps, outputs."),
+    "deploy": ("Robot", "Install Lupin on a robot, or this machine's half of the link."),
+    "doctor": ("Robot", "Diagnose robot, laptop and link; show each root cause, its evidence and its fix."),
+    "robots": ("Robot", "List, add, forget and check the robots of the inventory."),
+    "dds": ("Robot", "Set up, check or remove this machine's access to the robot's ROS graph."),
+    "transport": ("Robot", "Show and measure the link to the robot; switch its transport."),
+    "home": ("Robot", "Activate the controllers and move the arm to its home pose."),
+    "play": ("Robot", "Run a playbook; preview, resume or undo it."),
+    "journal": ("Robot", "Show earlier playbook runs: their steps, changes and outputs."),
     "sync-clock": ("Robot", "Measure the robot's clock; set it while its stack is stopped."),
-    "sweep": ("Robot", "End zombie ROS processes, remove shared memory that nobody holds."),
-    "bundle": ("Robot", "A redacted support archive: facts, findings, logs, for somebody else to look at."),
-    "replay": ("Results", "Look at a recorded run again."),
+    "sweep": ("Robot", "Terminate stale ROS processes and remove shared memory that no process uses."),
+    "bundle": ("Robot", "Pack facts, findings and logs into one archive for support, with secrets masked."),
+    "sim": ("Simulator", "List simulated worlds, render pictures, press the e-stop, boot a simulated computer."),
+    "replay": ("Results", "Play back a recorded run."),
     "report": ("Results", "Build the report of a recorded run."),
-    "map": ("Tools", "Build, plan on and optimise maps, without a robot."),
+    "map": ("Tools", "Build and optimise maps and plan paths on them, without a robot."),
     "tags": ("Tools", "Find AprilTags in pictures."),
 }
 
 
 class LazyGroup(TyperGroup):
-    """A group that knows its commands from the table and imports one only when it is called."""
+    """Takes the commands' names and help from the table, and imports a command only when it is called."""
 
-    def list_commands(self, ctx: Any) -> list[str]:
+    # Any: Typer bundles click privately, so the types of contexts, commands and formatters have no public name.
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 -- click's signature
+        """Return the names of all commands."""
         return list(COMMANDS)
 
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002 -- click's signature
+        """Import and return a command; None if there is none of that name."""
         if cmd_name not in COMMANDS:
             return None
         module = importlib.import_module(f"lupin_cli.commands.{cmd_name.replace('-', '_')}")
@@ -60,7 +66,8 @@ class LazyGroup(TyperGroup):
         command.name = cmd_name
         return command
 
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002 -- click's signature
+        """Write the commands into the help, by section."""
         sections: dict[str, list[tuple[str, str]]] = {}
         for verb, (section, text) in COMMANDS.items():
             sections.setdefault(section, []).append((verb, text))
@@ -69,7 +76,7 @@ class LazyGroup(TyperGroup):
                 formatter.write_dl(rows)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        # The base class looks for near misses among loaded commands; ours are the table's.
+        """Return the command of `args`; for an unknown one, name the nearest in the table."""
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
             from difflib import get_close_matches
 
@@ -91,7 +98,7 @@ app = typer.Typer(
 
 def _print_version(value: bool) -> None:
     if value:
-        typer.echo(f"lupin {__version__}")
+        echo(f"lupin {__version__}")
         raise typer.Exit()
 
 
@@ -100,51 +107,63 @@ def root(
     version: bool = typer.Option(
         False, "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
     ),
-    debug: bool = typer.Option(False, "--debug", help="Show the whole stack of an error."),
+    debug: bool = typer.Option(False, "--debug", help="Show the stack trace of an unexpected error."),
 ) -> None:
-    """Options that every command shares."""
+    """Options of `lupin` itself."""
 
 
-def _speak_utf8() -> None:
-    """Playbooks, journals and the names of files are UTF-8, whatever the terminal's language: where Python would read and write
-    something else, it is started again in its UTF-8 mode (PEP 540). What no encoding can show is shown by its number."""
+def _use_utf8() -> None:
+    """Restart Python in its UTF-8 mode (PEP 540) if the locale has another encoding.
+
+    Playbooks, journals and file names are UTF-8 whatever the locale. A terminal shows characters it lacks by their numbers.
+    """
     if sys.getfilesystemencoding() != "utf-8" and "PYTHONUTF8" not in os.environ:
         os.environ["PYTHONUTF8"] = "1"
-        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 -- this very command again
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
 
 
 def main() -> None:
-    """The `lupin` command: an expected error ends in one line and a status, a defect keeps its stack with --debug."""
-    _speak_utf8()
-    status: object = 0
+    """Run `lupin`. An expected error ends in one line, the next command and an exit code; an unexpected one names --debug."""
+    _use_utf8()
     try:
         app()
-    except SystemExit as end:
-        status = end.code
     except KeyboardInterrupt:
-        status = 130
-    except Exception as error:
+        sys.exit(INTERRUPTED)
+    except Exception as error:  # the last resort of every command
         if "--debug" in sys.argv:
             raise
-        print(f"lupin: {type(error).__name__}: {error}", file=sys.stderr)
-        print("lupin: this is a defect; the whole stack: lupin --debug ...", file=sys.stderr)
-        status = 70
-    _end(status)
+        sys.exit(_report(error))
+    finally:
+        _flush_output()
 
 
-def _end(status: object) -> NoReturn:
-    """End at once: with the exit functions, without the 30 ms in which Python takes its modules apart, or a wait for a thread
-    that nobody needs any more."""
-    if not isinstance(status, int | None):
-        sys.exit(status)  # type: ignore[arg-type]  # a word to print, as sys.exit takes it
-    atexit._run_exitfuncs()
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # whoever read it is gone, or it is closed
+def _report(error: Exception) -> int:
+    """Print an error that no command handled; return the exit code."""
+    from lupin_cli.connection.base import TargetError
+    from lupin_cli.connection.options import exit_code_of, print_error
+
+    if isinstance(error, TargetError):
+        print_error(sys.argv[1], error)
+        return exit_code_of(error)
+    if isinstance(error, OSError):  # the disk is full, a file may not be written: not Lupin's defect
+        echo(f"lupin: {error}; for the stack trace: lupin --debug ...", err=True)
+    else:
+        echo(f"lupin: {type(error).__name__}: {error}", err=True)
+        echo("lupin: this is a defect of Lupin; for the stack trace: lupin --debug ...", err=True)
+    return INTERNAL_ERROR
+
+
+def _flush_output() -> None:
+    """Flush both streams. If the reader of one is gone, drop its text: the interpreter would report a broken pipe at exit."""
+    for stream in filter(None, (sys.stdout, sys.stderr)):  # None: the descriptor was closed before Python started
+        try:
             stream.flush()
-    os._exit(status or 0)
+        except (OSError, ValueError):  # ValueError: the stream is closed
+            with suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
 #!/bin/sh
-# Sets the robot's clock once from the laptop's chrony, before the robot's stack starts. It has no clock chip and may be hours off.
-# Usage: lupin-clock-sync.sh LAPTOP. Takes 25 s at the most and always exits 0: a wrong clock is no reason not to boot.
+# Sets the robot's clock once from the laptop's chrony, before the robot's stack starts. Without a clock chip it may be hours off.
+# Usage: lupin-clock-sync.sh LAPTOP. Takes at most 25 s and always exits 0, because a wrong clock must not stop the boot.
 PATH=/usr/sbin:/usr/bin:/sbin:/bin
 LC_ALL=C
 export PATH LC_ALL
 laptop=$1
 budget_s=25
 
-# Seconds since power-on: the one clock here that nobody sets.
+# Seconds since power-on; no program sets this clock.
 now_s() { read -r up rest </proc/uptime && echo "${up%%.*}"; }
 end_s=$(($(now_s) + budget_s))
 left_s() { echo $((end_s - $(now_s))); }
@@ -16,44 +16,44 @@ leave() {
   exit 0
 }
 
-# A step under ros2_control kills it: everything expires in one tick and the wheels go dead.
-unless_live() {
+# A clock step breaks a running ros2_control: all its timeouts expire in one tick, and the wheels no longer react.
+leave_if_live() {
   state=$(systemctl show --property=ActiveState --value mirte-ros.service 2>/dev/null)
   case $state in inactive | failed | '') ;; *) leave "mirte-ros is $state" ;; esac
   if pgrep -x ros2_control_no >/dev/null; then leave "ros2_control_node runs"; fi
 }
 
-reach() { chronyc -c -n sources 2>/dev/null | awk -F, -v laptop="$laptop" '$3 == laptop { print $6 }'; }
+reachability() { chronyc -c -n sources 2>/dev/null | awk -F, -v laptop="$laptop" '$3 == laptop { print $6 }'; }
 offset_s() { chronyc -c tracking 2>/dev/null | awk -F, '{ print $5 }'; }
 
 [ -n "$laptop" ] || leave "no laptop was named"
 command -v chronyc >/dev/null || leave "chronyc is not installed"
-unless_live
+leave_if_live
 until ping -c 1 -W 1 "$laptop" >/dev/null 2>&1; do
   [ "$(left_s)" -gt 0 ] || leave "$laptop did not answer within $budget_s s"
   sleep 1
 done
 
-chronyc -n add server "$laptop" iburst >/dev/null 2>&1 # already there where chrony's own files name it
+chronyc -n add server "$laptop" iburst >/dev/null 2>&1 # fails if chrony's configuration already has this server
 chronyc -n online "$laptop" >/dev/null 2>&1
 chronyc -n burst 4/4 "$laptop" >/dev/null 2>&1
-asked_s=$(now_s)
-# Octal 7: the last three questions were answered. One sample alone has set clocks six seconds wrong.
-until [ "$(reach || echo 0)" -ge 7 ] 2>/dev/null; do
+burst_s=$(now_s)
+# Reachability register, octal 7: the last three requests were answered. A single sample has set clocks six seconds wrong.
+until [ "$(reachability || echo 0)" -ge 7 ] 2>/dev/null; do
   [ "$(left_s)" -gt 0 ] || leave "$laptop answers, but its chrony doesn't (allow and local stratum there?)"
-  if [ $(($(now_s) - asked_s)) -ge 4 ]; then
+  if [ $(($(now_s) - burst_s)) -ge 4 ]; then
     chronyc -n burst 2/2 "$laptop" >/dev/null 2>&1
-    asked_s=$(now_s)
+    burst_s=$(now_s)
   fi
   sleep 1
 done
-# Without a source selected, makestep says 200 OK and does nothing.
+# Without a selected source, makestep reports 200 OK and does nothing.
 tries=$(left_s)
 [ "$tries" -ge 1 ] || tries=1
 [ "$tries" -le 15 ] || tries=15
 chronyc waitsync "$tries" 0 0 1 >/dev/null 2>&1 || leave "chrony did not select $laptop"
 
-unless_live
+leave_if_live
 before=$(offset_s)
 chronyc makestep >/dev/null || leave "chrony refused to step"
 tries=$(left_s)

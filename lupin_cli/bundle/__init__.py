@@ -1,1 +1,1 @@
-"""Support archives: what goes in, what is masked in it, and how it gets onto the disk whole or not at all."""
+"""Support archives: what is collected, what is masked in it, and how the archive is written to disk."""

@@ -1,7 +1,8 @@
-"""Other names for what tells of a place or a person: the same for the same thing within an archive, so that relations stay.
+"""Pseudonyms for what identifies a place or a person: addresses, network names, keys, users.
 
-A pseudonym has the shape of what it stands for, so that whatever reads a probe's output reads the masked one too. It is told by
-its shape as well: what was masked once is left alone. Private addresses stay: they are the evidence.
+Equal values get equal pseudonyms within an archive, so that relations stay visible. A pseudonym has the format of the original,
+so that parsers read the masked output of a probe as well. It is recognized by its format: masking is idempotent. Private
+addresses are kept, since a diagnosis needs them.
 """
 
 from __future__ import annotations
@@ -9,11 +10,9 @@ from __future__ import annotations
 import ipaddress
 import re
 from collections import Counter
-from dataclasses import field
+from dataclasses import dataclass, field
 
-from lupin_cli.quick_dataclass import dataclass
-
-MAC_PREFIX = "02:6d:61:63"  # locally administered, so nobody's card
+MAC_PREFIX = "02:6d:61:63"  # locally administered: no network card has it
 PUBLIC_IPV4 = ipaddress.IPv4Network("198.18.0.0/15")  # for benchmarks, RFC 2544: never routed
 PUBLIC_IPV6 = ipaddress.IPv6Network("2001:db8::/32")  # for documentation, RFC 3849
 LINK_LOCAL = "fe80::6d61:"
@@ -31,7 +30,8 @@ _PUBLIC_KEY = re.compile(
 _FINGERPRINT = re.compile(r"(?P<type>SHA256:)(?P<hash>[0-9A-Za-z+/]{43})=?(?![0-9A-Za-z+/])")
 _MD5 = re.compile(r"(?P<type>MD5:)(?P<hash>(?:[0-9A-Fa-f]{2}:){15}[0-9A-Fa-f]{2})")
 _HOME = re.compile(r"(?P<lead>/home/|/Users/|\b(?:USER|LOGNAME|SUDO_USER)=)(?P<name>[A-Za-z_][\w.-]{0,62})")
-# Where names of wireless networks stand. A group a place can have: quoted (`q`), up to the end of the line (`l`), a word (`w`).
+# Where network names appear. A pattern has one of these groups: quoted (`q`), to the end of the line (`l`), a word (`w`), or a
+# field of terse nmcli output (`t`).
 _SSIDS = tuple(
     re.compile(pattern, re.M)
     for pattern in (
@@ -44,28 +44,28 @@ _SSIDS = tuple(
         r"(?:(?P<mark>[\"'])(?P<q>[^\"'\r\n]{1,64})(?P=mark)|(?P<w>[^\s\"'-]\S{0,63}))",
         r"^(?P<t>(?:[^:\\\r\n]|\\.){1,128}):802-11-wireless:",  # nmcli -t connection show
         r"^[\w.-]{1,32}:wifi:[^:\r\n]{0,60}:(?P<t>(?:[^:\\\r\n]|\\.){1,128})$",  # nmcli -t device status
-        r"(?m)^id=(?P<l>[^\r\n]{1,64})$(?=[^\[]{0,400}^type=(?:wifi|802-11-wireless)$)",  # the profile, in its own file
+        r"(?m)^id=(?P<l>[^\r\n]{1,64})$(?=[^\[]{0,400}^type=(?:wifi|802-11-wireless)$)",  # the keyfile of a profile
     )
 )
-# Nothing, everything, a variable's or a template's place.
+# Values that are not a network name: pseudonyms, variables, templates, masks, keywords.
 _NO_SSID = re.compile(
     r"(?i)(?:ssid-\d+|[{$%<\[].*|.*\*\*\*.*|[\W_]*|off|any|off/any|none|null|true|false|yes|no|hidden|auto|\d{1,3})\Z"
 )
-# A plain small word may be anything elsewhere: `greenhouse`. One of these shapes is a name.
+# A name with one of these characters is masked everywhere; a lowercase word such as `greenhouse` may mean something else.
 _DISTINCT = re.compile(r"[^a-z]")
 
 
 @dataclass
 class Pseudonyms:
-    """What has been given another name, by kind; `counts` says how often one was put in."""
+    """The pseudonyms given so far, by kind; `counts` is how often each kind was inserted."""
 
-    users: bool = False  # names in home paths too
+    users: bool = False  # whether user names in home paths get pseudonyms
     counts: Counter[str] = field(default_factory=Counter)
     _names: dict[str, dict[str, str]] = field(default_factory=dict)
-    _ssids: tuple[re.Pattern[str], ...] | None = None
+    _ssid_patterns: tuple[re.Pattern[str], ...] | None = None
 
     def learn(self, text: str) -> None:
-        """Take note of the wireless networks that `text` names as such, to know them where they are only mentioned."""
+        """Learn the names of wireless networks that are recognizable in `text`, to find them in other places."""
         lowered = text.lower()
         if not ("ssid" in lowered or "wifi" in lowered or "wireless" in lowered or "wi-fi" in lowered):
             return
@@ -76,13 +76,13 @@ class Pseudonyms:
                 self.learn_ssid(name.strip())
 
     def learn_ssid(self, name: str) -> None:
-        """Take note of one wireless network."""
+        """Learn the name of one wireless network."""
         if not _NO_SSID.match(name) and name.lower() not in STOCK_USERS and name not in self._names.get("ssid", {}):
             self._name("ssid", name, "ssid-{}")
-            self._ssids = None
+            self._ssid_patterns = None
 
     def __call__(self, text: str) -> str:
-        """`text` with the other names in it."""
+        """Replace everything that identifies a place or person in `text`."""
         text = _PUBLIC_KEY.sub(lambda m: f"{m['type']} {self._put('ssh-key', m['key'], 'ssh-key-{}')}", text)
         text = _FINGERPRINT.sub(lambda m: m["type"] + self._put("fingerprint", m["hash"], "fingerprint-{}"), text)
         text = _MD5.sub(lambda m: m["type"] + self._put("fingerprint", m["hash"].lower(), "fingerprint-{}"), text)
@@ -93,13 +93,15 @@ class Pseudonyms:
         text = _IPV6.sub(self._ipv6, text)
         return _HOME.sub(self._home, text) if self.users else text
 
-    def _name(self, kind: str, value: str, shape: str) -> str:
+    def _name(self, kind: str, value: str, template: str) -> str:
+        """The pseudonym of `value`; a new one is numbered within its kind."""
         names = self._names.setdefault(kind, {})
-        return names.setdefault(value, shape.format(len(names) + 1))
+        return names.setdefault(value, template.format(len(names) + 1))
 
-    def _put(self, kind: str, value: str, shape: str) -> str:
+    def _put(self, kind: str, value: str, template: str) -> str:
+        """As `_name`, and count it."""
         self.counts[kind] += 1
-        return self._name(kind, value, shape)
+        return self._name(kind, value, template)
 
     # -- wireless networks
 
@@ -107,25 +109,25 @@ class Pseudonyms:
         names = self._names.get("ssid")
         if not names:
             return text
-        if self._ssids is None:
+        if self._ssid_patterns is None:
             longest_first = sorted(names, key=len, reverse=True)
             distinct = [name for name in longest_first if _DISTINCT.search(name) and len(name) > 2]
-            # Within quotes, alone between colons or behind `=`, or on a line of its own, a plain word is the network too.
+            # A plain word is the network's name if it is quoted, a whole field, or a whole line.
             places = (r"(?<=[:='\"])(?:{})(?=[:'\"\\\s]|$)", r"(?<=ssid )(?:{})$", r"\A(?:{})\Z", r"^(?:{})(?=:802)")
-            self._ssids = (_any_of(distinct, r"(?<!\w)(?:{})(?!\w)"), _any_of(longest_first, "|".join(places)))
+            self._ssid_patterns = (_any_of(distinct, r"(?<!\w)(?:{})(?!\w)"), _any_of(longest_first, "|".join(places)))
 
-        def put(match: re.Match[str]) -> str:
+        def replace(match: re.Match[str]) -> str:
             return self._put("ssid", _unescaped(match[0], names), "ssid-{}")
 
-        for pattern in self._ssids:
-            text = pattern.sub(put, text)
+        for pattern in self._ssid_patterns:
+            text = pattern.sub(replace, text)
         return text
 
     # -- hardware addresses
 
     def _mac(self, pairs: list[str], separator: str) -> str:
         plain = ":".join(pairs).lower()
-        # Nobody's, everybody's and groups' addresses tell nothing; ours are masked already.
+        # Null, broadcast and multicast addresses identify nothing; pseudonyms stay.
         if plain == "00:00:00:00:00:00" or int(pairs[0], 16) & 1 or plain.startswith(MAC_PREFIX):
             return separator.join(pairs)
         self.counts["mac"] += 1
@@ -137,7 +139,7 @@ class Pseudonyms:
         pairs = match[0].split(separator)
         if len(pairs) == 6:
             return self._mac(pairs, separator)
-        if len(pairs) in (7, 14, 18):  # DHCP's client identifiers (RFC 2132, RFC 4361) end in the address
+        if len(pairs) in (7, 14, 18):  # DHCP client identifiers (RFC 2132, RFC 4361) end with the hardware address
             return separator.join([*pairs[:-6], self._mac(pairs[-6:], separator)])
         return match[0]
 
@@ -165,7 +167,7 @@ class Pseudonyms:
         if address in _IPV6_GLOBAL and address not in PUBLIC_IPV6:
             self.counts["public-ip"] += 1
             return str(PUBLIC_IPV6[int(self._name("ipv6", str(address), "{}"))])
-        # These end in the card's address, or in a number made for this machine alone.
+        # Its host part is derived from the hardware address, or is a stable random number.
         if address.is_link_local and not str(address).startswith(LINK_LOCAL) and int(address) & (2**64 - 1) > 0xFFFF:
             self.counts["mac"] += 1
             return LINK_LOCAL + f"{int(self._name('link-local', str(address), '{}')):x}"
@@ -177,13 +179,13 @@ class Pseudonyms:
         return match["lead"] + self._put("user", match["name"], "user-{}")
 
 
-def _any_of(names: list[str], shape: str) -> re.Pattern[str]:
+def _any_of(names: list[str], template: str) -> re.Pattern[str]:
     if not names:
         return re.compile(r"(?!)")
-    # nmcli puts a backslash before a colon or a backslash.
+    # nmcli escapes colons and backslashes.
     both = {spelling for name in names for spelling in (name, re.sub(r"([:\\])", r"\\\1", name))}
     alternatives = "|".join(re.escape(name) for name in sorted(both, key=len, reverse=True))
-    return re.compile(shape.replace("{}", alternatives), re.M)
+    return re.compile(template.replace("{}", alternatives), re.M)
 
 
 def _unescaped(found: str, names: dict[str, str]) -> str:

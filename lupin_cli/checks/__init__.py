@@ -1,5 +1,7 @@
-"""Facts of both ends → findings."""
+"""Pure checks: facts of both machines → findings."""
 
-from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
+from lupin_cli.checks.base import Check, Finding, Fix, Severity, Snapshot
 
-__all__ = ["Check", "Evidence", "Finding", "Fix", "Severity"]
+Evidence = Snapshot  # the name under which plug-ins of earlier versions import it
+
+__all__ = ["Check", "Evidence", "Finding", "Fix", "Severity", "Snapshot"]

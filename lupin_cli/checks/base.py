@@ -1,18 +1,20 @@
-"""A check and what it finds."""
+"""A check, the snapshot it judges, and the findings it returns."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import field
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import Any, TypeVar
 
 from lupin_cli.facts.base import Fact, Facts
-from lupin_cli.quick_dataclass import dataclass
+from lupin_cli.facts.link import Link
+
+Value = TypeVar("Value")
 
 
 class Severity(str, Enum):
-    """A problem keeps the robot from its work; a warning will, some day."""
+    """A problem keeps the robot from working now; a warning will do so later."""
 
     PROBLEM = "problem"
     WARNING = "warning"
@@ -20,55 +22,64 @@ class Severity(str, Enum):
 
 @dataclass(frozen=True)
 class Fix:
-    """What mends a finding. `command` is what a person types; `playbook` with `variables` is what `--fix` plays."""
+    """What removes a finding's cause: the command a person types, and the playbook that `lupin doctor --fix` plays."""
 
     command: str
     playbook: str = ""  # empty: only a person can do it
-    variables: dict[str, Any] = field(default_factory=dict)
-    safe: bool = False  # may be done unasked: stops nothing that works and loses nothing
+    variables: dict[str, Any] = field(default_factory=dict)  # of the playbook
+    safe: bool = False  # `--fix` plays it without asking: it stops nothing that works and loses no data
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One cause, with what shows it."""
+    """One problem: what the operator sees, its cause, the lines that show it, and its fix."""
 
-    id: str  # kebab-case, stable: scripts and `explains` name it
+    id: str  # kebab-case and stable: scripts and `explains` refer to it
     severity: Severity
     where: str  # "robot", "laptop" or "link"
-    symptom: str  # what a person sees
+    symptom: str  # what the operator sees
     cause: str
-    evidence: tuple[str, ...]  # the lines that show it, as the machine printed them
+    evidence: tuple[str, ...]  # lines as the machine printed them
     fix: Fix
-    # What goes away with this one: ids of findings, or `id:about` where only that one does.
+    # Findings that disappear together with this one: an id, or `id:about` for a single subject.
     explains: frozenset[str] = frozenset()
-    about: str = ""  # what it is about, where there may be several of one id: a topic, a machine
-    hinders: frozenset[str] = frozenset()  # playbooks that can't succeed on its machine while it stands: none is safe then
+    about: str = ""  # the subject where one id can occur several times: a topic, a machine
+    blocks_playbooks: frozenset[str] = frozenset()  # playbooks that fail on this machine until this finding is fixed
 
     def accounts_for(self, other: Finding) -> bool:
-        """Whether `other` goes away with this one."""
+        """Whether `other` is a consequence of this finding."""
         return bool(self.explains & {other.id, f"{other.id}:{other.about}"}) and other.id != self.id
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """What checks look at: both machines, and how the robot could (not) be reached."""
+class Snapshot:
+    """The input of every check: the facts of both machines and the link between them, at one time."""
 
     laptop: Facts
-    robot: Facts | None  # None where no robot was asked for or reached
-    link: Any = None  # what is known of the way between them
+    robot: Facts | None  # None where no robot was selected or reached
+    link: Link | None = None  # None where no robot was selected
+
+    @property
+    def machines(self) -> tuple[Facts, ...]:
+        """The facts of the laptop and, where it was reached, of the robot."""
+        return (self.laptop,) if self.robot is None else (self.laptop, self.robot)
+
+    def robot_fact(self, fact: Fact[Value]) -> Value | None:
+        """The value of a fact of the robot; None where the robot was not reached or the fact is unknown."""
+        return None if self.robot is None else self.robot.get(fact)
 
 
 @dataclass(frozen=True)
 class Check:
-    """A pure function from evidence to findings, with the facts it needs.
+    """A pure function from a snapshot to findings, with the facts that it needs of each machine.
 
-    `closer_*` are facts that cost too much to be asked for every time: they are asked for where the check found something, and
-    then all checks judge anew.
+    `followup_*` are facts that are too expensive to gather every time. The doctor gathers them after this check returned a
+    finding, and then runs all checks again.
     """
 
     name: str
-    find: Callable[[Evidence], Iterable[Finding]]
+    find: Callable[[Snapshot], Iterable[Finding]]
     laptop: tuple[Fact[Any], ...] = ()
     robot: tuple[Fact[Any], ...] = ()
-    closer_laptop: tuple[Fact[Any], ...] = ()
-    closer_robot: tuple[Fact[Any], ...] = ()
+    followup_laptop: tuple[Fact[Any], ...] = ()
+    followup_robot: tuple[Fact[Any], ...] = ()

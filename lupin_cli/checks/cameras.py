@@ -1,38 +1,35 @@
-"""Cameras held by another process than the one that should have them."""
+"""Cameras held by another process than their owner."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
-from lupin_cli.checks.typed import on_robot
+from lupin_cli.checks.base import Check, Finding, Snapshot
+from lupin_cli.checks.findings import make_finding
+from lupin_cli.checks.remote_command import command_on_robot
 from lupin_cli.facts.devices import DEVICES
 from lupin_cli.facts.units import CAMERAS, UNIT_STATES, VENDOR
 
 
-def held(evidence: Evidence) -> Iterator[Finding]:
-    """Lupin's camera unit takes the cameras over from the vendor's nodes; where it isn't used they are the vendor's."""
-    robot = evidence.robot
-    devices, units = (robot.get(DEVICES), robot.get(UNIT_STATES)) if robot else (None, None)
+def find_held_cameras(snapshot: Snapshot) -> Iterator[Finding]:
+    """A camera is open in a process of another unit than Lupin's camera unit or, without that, the vendor's."""
+    devices, units = snapshot.robot_fact(DEVICES), snapshot.robot_fact(UNIT_STATES)
     if devices is None or units is None:
         return
-    ours, vendor = units.get(CAMERAS), units.get(VENDOR)
-    owner = CAMERAS if ours and (ours.running or ours.active == "failed") else VENDOR if vendor and vendor.running else ""
+    lupin, vendor = units.get(CAMERAS), units.get(VENDOR)
+    owner = CAMERAS if lupin and (lupin.running or lupin.active == "failed") else VENDOR if vendor and vendor.running else ""
     wrong = [holder for holder in devices.holders_of("/dev/video") if owner and holder.unit != owner]
     if not wrong:
         return
-    who = ", ".join(
-        sorted({f"{holder.program} ({holder.unit if holder.unit != '-' else 'started by hand'})" for holder in wrong})
-    )
-    yield Finding(
-        id="camera-held",
-        severity=Severity.PROBLEM,
+    programs = sorted({f"{holder.program} ({holder.unit if holder.unit != '-' else 'started by hand'})" for holder in wrong})
+    pids = " ".join(sorted({str(holder.pid) for holder in wrong}))
+    yield make_finding(
+        "camera-held",
         where="robot",
-        symptom="black or missing camera pictures; 'Device or resource busy' in the journal",
-        cause=f"{who} holds the cameras, which belong to {owner}",
-        evidence=(*(holder.line() for holder in wrong), *((ours.line(),) if ours else ())),
-        fix=Fix(on_robot(evidence, f"kill {' '.join(sorted({str(h.pid) for h in wrong}))}; sudo systemctl restart {owner}")),
+        cause=f"{', '.join(programs)} holds the cameras, which belong to {owner}",
+        evidence=(*(holder.line() for holder in wrong), *((lupin.line(),) if lupin else ())),
+        command=command_on_robot(snapshot, f"kill {pids}; sudo systemctl restart {owner}"),
     )
 
 
-CHECKS = (Check("cameras", held, robot=(DEVICES, UNIT_STATES)),)
+CHECKS = (Check("cameras", find_held_cameras, robot=(DEVICES, UNIT_STATES)),)

@@ -1,159 +1,146 @@
-"""The robot's clock against this machine's, and whether anything keeps them together.
+"""The robot's clock against the laptop's, and the time daemons that keep them together.
 
-The robot has no hardware clock: it boots with the time of its last shutdown. A step under a live ros2_control stack kills the
-controllers and leaves shared memory behind that no restart clears, so the cure for drift depends on what runs.
+The robot has no hardware clock: it boots with the time of its last shutdown. A clock step under a running ros2_control stack
+kills the controllers and leaves shared memory behind that no restart clears, so the fix for drift depends on what runs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
-from lupin_cli.checks.typed import on_robot
+from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
+from lupin_cli.checks.findings import make_finding
+from lupin_cli.checks.remote_command import command_on_robot
 from lupin_cli.facts.chrony import CHRONY
 from lupin_cli.facts.clock import CLOCK, Offset, offset
 from lupin_cli.facts.units import CLOCK_SYNC, UNIT_STATES, VENDOR
 
-DRIFT_LIMIT_S = 3.0  # below this a restart of the stack costs more than it mends
+DRIFT_LIMIT_S = 3.0  # below this, restarting the stack costs more than the correction gains
 
 
-def measured(evidence: Evidence) -> Offset | None:
-    """The robot's clock against this machine's, or None where it could not be asked."""
-    if evidence.robot is None:
+def measured_offset(snapshot: Snapshot) -> Offset | None:
+    """The robot's clock against the laptop's; None where it was not measured.
+
+    The exchange over the link is more precise than the times of the batch, and is preferred.
+    """
+    if snapshot.robot is None:
         return None
-    exchanged: Offset | None = getattr(evidence.link, "clock", None)
-    clock = evidence.robot.get(CLOCK)
-    if exchanged is not None or clock is None or evidence.robot.asked_ns is None:
+    exchanged = snapshot.link.clock if snapshot.link else None
+    clock = snapshot.robot.get(CLOCK)
+    if exchanged is not None or clock is None or snapshot.robot.probed_ns is None:
         return exchanged
-    return offset(clock, evidence.robot.asked_ns)
+    return offset(clock, snapshot.robot.probed_ns)
 
 
-def drift(evidence: Evidence) -> Iterator[Finding]:
-    """A clock that is off for certain: the offset less its uncertainty is beyond the limit."""
-    found = measured(evidence)
-    if found is None or found.at_least_s <= DRIFT_LIMIT_S or evidence.robot is None:
+def find_clock_drift(snapshot: Snapshot) -> Iterator[Finding]:
+    """The robot's clock is off for certain: the offset less its uncertainty exceeds the limit."""
+    drift = measured_offset(snapshot)
+    if drift is None or drift.at_least_s <= DRIFT_LIMIT_S or snapshot.robot is None:
         return
-    units = evidence.robot.get(UNIT_STATES)
+    units = snapshot.robot.get(UNIT_STATES)
     vendor = units.get(VENDOR) if units else None
-    live = vendor is not None and vendor.running
-    clock, asked_ns = evidence.robot.get(CLOCK), evidence.robot.asked_ns
+    stack_runs = vendor is not None and vendor.running
+    clock, probed_ns = snapshot.robot.get(CLOCK), snapshot.robot.probed_ns
     lines = []
-    if clock is not None and asked_ns is not None:
-        lines.append(f"robot: date +%s%N said {clock.before_ns} .. {clock.after_ns}")
-        lines.append(f"laptop: asked at {asked_ns[0]}, answered by {asked_ns[1]}")
-    yield Finding(
-        id="clock-drift",
-        severity=Severity.PROBLEM,
+    if clock is not None and probed_ns is not None:
+        lines.append(f"robot: date +%s%N printed {clock.before_ns} .. {clock.after_ns}")
+        lines.append(f"laptop: asked at {probed_ns[0]}, answered by {probed_ns[1]}")
+    yield make_finding(
+        "clock-drift",
         where="robot",
-        symptom="the map stops (Message Filter dropping message); transforms are too old, or from the future",
-        cause=f"the robot's clock is {found} against this machine's"
-        + ("; its stack is up, so the clock must not be stepped as it is" if live else ""),
-        evidence=(
-            f"robot's clock less this machine's: {found}",
-            *lines,
-            *((vendor.line(),) if vendor else ()),
-        ),
-        fix=Fix("lupin sync-clock", playbook="sync-clock", safe=not live),
+        cause=f"the robot's clock is {drift} against the laptop's"
+        + ("; its stack runs, so the clock must not be stepped without stopping it" if stack_runs else ""),
+        evidence=(f"robot's clock less the laptop's: {drift}", *lines, *((vendor.line(),) if vendor else ())),
+        command="lupin sync-clock",
+        safe=not stack_runs,
     )
 
 
-def stock_makestep(evidence: Evidence) -> Iterator[Finding]:
-    """Ubuntu's `makestep 1 3` steps the clock of a live stack at the first far-off source that answers."""
-    chrony = evidence.robot.get(CHRONY) if evidence.robot else None
+def find_stock_makestep(snapshot: Snapshot) -> Iterator[Finding]:
+    """chrony may step the clock of a running stack: Ubuntu's stock `makestep 1 3` is still configured."""
+    chrony = snapshot.robot_fact(CHRONY)
     if chrony is None or not chrony.directives("makestep"):
         return
-    yield Finding(
-        id="chrony-stock-makestep",
-        severity=Severity.WARNING,
+    yield make_finding(
+        "chrony-stock-makestep",
         where="robot",
-        symptom="controllers die without a cause minutes after boot, as soon as a time source comes into reach",
         cause="chrony may step the clock while the stack runs: its configuration still has a makestep directive",
         evidence=chrony.directives("makestep"),
-        # The laptop's half of that is another finding's.
-        fix=Fix("lupin sync-clock --install", playbook="install-clock-sync", variables={"laptop_serves": False}, safe=True),
+        command="lupin sync-clock --install",
+        variables={"laptop_serves": False},  # whether the laptop serves time is another finding
     )
 
 
-def robots_chrony(evidence: Evidence) -> Iterator[Finding]:
-    """chrony of the robot: there, running, and with a source that answers."""
-    if evidence.robot is None:
-        return
-    chrony, units = evidence.robot.get(CHRONY), evidence.robot.get(UNIT_STATES)
+def find_robot_chrony_faults(snapshot: Snapshot) -> Iterator[Finding]:
+    """chrony of the robot is missing, stopped, or has no source that answers."""
+    chrony, units = snapshot.robot_fact(CHRONY), snapshot.robot_fact(UNIT_STATES)
     sync = units.get(CLOCK_SYNC) if units else None
     if chrony is None or chrony.others:
-        return  # another program looks after the clock
-    wanted = sync is not None
-    install = Fix("lupin sync-clock --install", playbook="install-clock-sync")
+        return  # another time daemon runs
     if not chrony.installed:
-        if wanted:
-            yield Finding(
-                id="chrony-missing",
-                severity=Severity.PROBLEM,
+        if sync is not None:
+            yield make_finding(
+                "chrony-missing",
                 where="robot",
-                symptom="the clock is as wrong after every boot as it was at the last shutdown",
-                cause=f"{CLOCK_SYNC} is installed and chrony, which it gives its orders to, is not",
-                evidence=("command -v chronyd: nothing", sync.line() if sync else ""),
-                fix=Fix(on_robot(evidence, "sudo apt install chrony")),
+                cause=f"{CLOCK_SYNC} is installed, but chrony, which it controls, is not",
+                evidence=("command -v chronyd: nothing", sync.line()),
+                command=command_on_robot(snapshot, "sudo apt install chrony"),
             )
     elif not chrony.running:
         unit = units.get("chrony.service") if units else None
-        yield Finding(
-            id="chrony-not-running",
-            severity=Severity.PROBLEM if wanted else Severity.WARNING,
+        # With makestep configured, a chrony that is only started would step the clock under the running stack.
+        may_step = bool(chrony.directives("makestep"))
+        yield make_finding(
+            "chrony-not-running",
+            severity=Severity.WARNING if sync is None else Severity.PROBLEM,
             where="robot",
-            symptom="the clock drifts by seconds a day, and by hours after a power-off: there is no hardware clock",
-            cause="chrony is installed on the robot and doesn't run",
+            cause="chrony is installed on the robot and does not run",
             evidence=("pidof chronyd: nothing", *((unit.line(),) if unit else ())),
-            # A chrony that may step would do so under the live stack as soon as it runs.
-            fix=install if chrony.directives("makestep") else Fix(on_robot(evidence, "sudo systemctl restart chrony")),
-            explains=frozenset({"chrony-sources-silent"}),
+            command="lupin sync-clock --install" if may_step else command_on_robot(snapshot, "sudo systemctl restart chrony"),
+            playbook="install-clock-sync" if may_step else "",
+            explains={"chrony-sources-silent"},
         )
-    elif wanted and not any(source.reach for source in chrony.sources):
-        yield Finding(
-            id="chrony-sources-silent",
-            severity=Severity.WARNING,
+    elif sync is not None and not any(source.reach for source in chrony.sources):
+        yield make_finding(
+            "chrony-sources-silent",
             where="robot",
-            symptom="the robot's clock follows nobody",
-            cause="none of chrony's sources has ever answered" if chrony.sources else "chrony knows no source",
+            cause="none of chrony's sources has ever answered" if chrony.sources else "chrony has no source",
             evidence=tuple(source.raw for source in chrony.sources) or ("chronyc sources: none",),
-            fix=Fix("lupin play serve-clock", playbook="serve-clock"),
+            command="lupin play serve-clock",
         )
 
 
-def laptop_serves(evidence: Evidence) -> Iterator[Finding]:
-    """chrony installed is not chrony serving: the robot takes its time from this machine."""
-    if evidence.robot is None:
-        return
-    chrony, robots, units = evidence.laptop.get(CHRONY), evidence.robot.get(CHRONY), evidence.robot.get(UNIT_STATES)
+def find_laptop_not_serving(snapshot: Snapshot) -> Iterator[Finding]:
+    """The laptop serves no time, although the robot takes its time from the laptop."""
+    chrony, units = snapshot.laptop.get(CHRONY), snapshot.robot_fact(UNIT_STATES)
     if chrony is None or chrony.serves or not units or units.get(CLOCK_SYNC) is None:
         return
-    if robots is not None and any(source.reach and source.state in "*+" for source in robots.sources):
-        return  # it has the time from elsewhere
+    robot_chrony = snapshot.robot_fact(CHRONY)
+    if robot_chrony is not None and any(source.reach and source.state in "*+" for source in robot_chrony.sources):
+        return  # the robot follows another source
     if not chrony.installed:
-        cause, line = "chrony isn't installed here", "command -v chronyd: nothing"
+        cause, line = "chrony is not installed on the laptop", "command -v chronyd: nothing"
     elif not chrony.running:
-        cause, line = "chrony is installed here and doesn't run", "pidof chronyd: nothing"
+        cause, line = "chrony is installed on the laptop and does not run", "pidof chronyd: nothing"
     else:
-        cause, line = "chrony runs here and serves nobody: nothing listens on port 123", "ss -lnu: no listener on :123"
-    yield Finding(
-        id="chrony-not-serving",
-        severity=Severity.WARNING,
+        cause, line = (
+            "chrony runs on the laptop and does not serve: nothing listens on port 123",
+            "ss -lnu: no listener on :123",
+        )
+    allowed = chrony.directives("allow") or ("no `allow` in chrony's configuration",)
+    yield make_finding(
+        "chrony-not-serving",
         where="laptop",
-        symptom="the robot's clock stays wrong after a boot, although its clock-sync unit is installed",
         cause=cause,
-        evidence=(
-            line,
-            *(chrony.directives("allow") or ("no `allow` in chrony's configuration",)),
-            *chrony.directives("local"),
-        ),
-        fix=Fix("lupin play serve-clock", playbook="serve-clock"),
-        explains=frozenset({"chrony-sources-silent"}),
+        evidence=(line, *allowed, *chrony.directives("local")),
+        command="lupin play serve-clock",
+        explains={"chrony-sources-silent"},
     )
 
 
 CHECKS = (
-    Check("clock.drift", drift, robot=(CLOCK, UNIT_STATES)),
-    Check("clock.makestep", stock_makestep, robot=(CHRONY,)),
-    Check("clock.robot", robots_chrony, robot=(CHRONY, UNIT_STATES)),
-    Check("clock.laptop", laptop_serves, laptop=(CHRONY,), robot=(CHRONY, UNIT_STATES)),
+    Check("clock.drift", find_clock_drift, robot=(CLOCK, UNIT_STATES)),
+    Check("clock.makestep", find_stock_makestep, robot=(CHRONY,)),
+    Check("clock.robot", find_robot_chrony_faults, robot=(CHRONY, UNIT_STATES)),
+    Check("clock.laptop", find_laptop_not_serving, laptop=(CHRONY,), robot=(CHRONY, UNIT_STATES)),
 )

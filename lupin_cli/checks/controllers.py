@@ -1,10 +1,11 @@
-"""The five controllers: each must be there and active."""
+"""The five controllers of ros2_control, each of which must be loaded and active."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
+from lupin_cli.checks.base import Check, Finding, Snapshot
+from lupin_cli.checks.findings import make_finding
 from lupin_cli.facts.graph import GRAPH, Graph
 from lupin_runtime.graph import (
     CMD_VEL_SINK_ROBOT,
@@ -17,91 +18,85 @@ from lupin_runtime.graph import (
     TF,
 )
 
-# A graph on which none of these is published has no robot on it: that is another fault.
-OF_A_ROBOT = (SCAN.name, ODOM.name, TF.name)
-# What controllers say and hear; a lidar that is silent beside them has a cause of its own.
-THEIRS = frozenset(
+# A graph on which none of these is published contains no robot; other checks report that.
+ROBOT_TOPICS = (SCAN.name, ODOM.name, TF.name)
+# Silence and missing subscribers that dead controllers explain. A silent lidar has a cause of its own.
+CONTROLLER_CONSEQUENCES = frozenset(
     {
         *(f"topic-silent:{row.name}" for row in (ODOM, JOINT_STATES, TF)),
         *(f"drive-sink-unheard:{row.name}" for row in (CMD_VEL_SINK_ROBOT, CMD_VEL_SINK_SIM)),
     }
 )
-HEAL = Fix("lupin play heal", playbook="heal")  # moves the arm home: a person says so
 
 
 def has_robot(graph: Graph) -> bool:
-    """Whether the robot's side of the graph is there at all."""
-    return any(topic and topic.publishers for topic in map(graph.topic, OF_A_ROBOT))
+    """Whether a robot publishes on the graph."""
+    return any(topic and topic.publishers for topic in map(graph.topic, ROBOT_TOPICS))
 
 
-def graphs(evidence: Evidence) -> tuple[Graph, ...]:
-    """Every graph that was visited and has somebody on it."""
-    seen = evidence.laptop.get(GRAPH)
+def visited_graphs(snapshot: Snapshot) -> tuple[Graph, ...]:
+    """Every graph that the doctor joined and that has nodes."""
+    seen = snapshot.laptop.get(GRAPH)
     return seen.alive if seen else ()
 
 
-def stuck(evidence: Evidence) -> Iterator[Finding]:
-    """Controllers that are missing from the list or in another state than active."""
-    for graph in graphs(evidence):
+def find_inactive_controllers(snapshot: Snapshot) -> Iterator[Finding]:
+    """A controller is not loaded, or in another state than active."""
+    for graph in visited_graphs(snapshot):
         if graph.controllers is None:
             continue
         states = {controller.name: controller.state for controller in graph.controllers}
-        bad: dict[str, list[str]] = {}
+        by_state: dict[str, list[str]] = {}
         for name in CONTROLLERS:
             if (state := states.get(name, "not loaded")) != "active":
-                bad.setdefault(state, []).append(name)
-        if not bad:
+                by_state.setdefault(state, []).append(name)
+        if not by_state:
             continue
-        count = sum(map(len, bad.values()))
-        said = [f"{_names(names)} {state}" for state, names in bad.items()]
-        yield Finding(
-            id="controllers-not-active",
-            severity=Severity.PROBLEM,
-            where=graph.where,
-            symptom="the base doesn't drive, or arm and gripper don't move, and nobody says why",
-            cause=f"{count} of {len(CONTROLLERS)} controllers do not work: {'; '.join(said)}",
+        count = sum(map(len, by_state.values()))
+        groups = [f"{_subject(names)} {state}" for state, names in by_state.items()]
+        yield make_finding(
+            "controllers-not-active",
+            where=graph.machine,
+            cause=f"{count} of {len(CONTROLLERS)} controllers do not work: {'; '.join(groups)}",
             evidence=(f"{LIST_CONTROLLERS.name} on {graph.name}:", *(controller.line() for controller in graph.controllers)),
-            fix=HEAL,
-            explains=THEIRS,
+            command="lupin play heal",
+            explains=CONTROLLER_CONSEQUENCES,
         )
 
 
-def _names(names: list[str]) -> str:
+def _subject(names: list[str]) -> str:
     if len(names) == len(CONTROLLERS):
         return "all are"
     return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
 
 
-def manager(evidence: Evidence) -> Iterator[Finding]:
-    """A robot without a controller manager, or with one that doesn't answer."""
-    for graph in graphs(evidence):
+def find_controller_manager_faults(snapshot: Snapshot) -> Iterator[Finding]:
+    """The controller manager is missing, or does not answer while other services do."""
+    for graph in visited_graphs(snapshot):
         call = next((call for call in graph.calls if call.service == LIST_CONTROLLERS.name), None)
         if call is None and has_robot(graph):
-            published = [f"{name}: published" for name in OF_A_ROBOT if (topic := graph.topic(name)) and topic.publishers]
-            yield Finding(
-                id="controller-manager-missing",
-                severity=Severity.PROBLEM,
-                where=graph.where,
-                symptom="wheels, arm and gripper are dead; the lidar may go on",
-                cause="nobody serves the controllers: controller_manager died or never came up",
+            published = [f"{name}: published" for name in ROBOT_TOPICS if (topic := graph.topic(name)) and topic.publishers]
+            yield make_finding(
+                "controller-manager-missing",
+                where=graph.machine,
+                cause="no node serves the controllers: controller_manager died or never started",
                 evidence=(f"{LIST_CONTROLLERS.name}: no server on {graph.name}", *published),
-                fix=Fix("lupin sync-clock", playbook="sync-clock"),
-                explains=THEIRS | {"controllers-not-active", "oneshot-failed"},
+                command="lupin sync-clock",
+                explains=CONTROLLER_CONSEQUENCES | {"controllers-not-active", "oneshot-failed"},
             )
         elif call is not None and call.round_trip_s is None and any(other.round_trip_s is not None for other in graph.calls):
-            yield Finding(
-                id="controller-manager-silent",
-                severity=Severity.PROBLEM,
-                where=graph.where,
-                symptom="wheels, arm and gripper are dead although every topic is listed",
-                cause="controller_manager is there and does not answer, while others do: it hangs, as after a clock step",
-                evidence=tuple(each.line() for each in graph.calls),
-                fix=Fix("lupin sync-clock", playbook="sync-clock"),
-                explains=THEIRS | {"oneshot-failed"},
+            yield make_finding(
+                "controller-manager-silent",
+                where=graph.machine,
+                cause="controller_manager runs and does not answer, while other services do: it hangs, as after a clock step",
+                evidence=(each.line() for each in graph.calls),
+                command="lupin sync-clock",
+                explains=CONTROLLER_CONSEQUENCES | {"oneshot-failed"},
             )
 
 
 CHECKS = (
-    Check("controllers.states", stuck, laptop=(GRAPH,)),
-    Check("controllers.manager", manager, (GRAPH,), closer_laptop=(GRAPH,)),  # silence is believed at the second visit
+    Check("controllers.states", find_inactive_controllers, laptop=(GRAPH,)),
+    # One unanswered call may be a busy moment: the second visit decides.
+    Check("controllers.manager", find_controller_manager_faults, laptop=(GRAPH,), followup_laptop=(GRAPH,)),
 )

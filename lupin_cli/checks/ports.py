@@ -1,51 +1,52 @@
-"""Ports that Lupin or its clock server needs, held by something else."""
+"""Ports of the laptop that Lupin or its NTP server needs, held by another program."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
-from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
+from lupin_cli.checks.base import Check, Finding, Snapshot
+from lupin_cli.checks.findings import make_finding
 from lupin_cli.facts.sockets import SOCKETS, Socket
-from lupin_cli.quick_dataclass import dataclass
 
 
 @dataclass(frozen=True)
-class Reserved:
-    """A port of the laptop, what it is for, and words in the command line or name of its rightful owner."""
+class ReservedPort:
+    """A port of the laptop, the finding if it is taken, and a word in the name or command line of its owner."""
 
+    finding: str
     protocol: str
     port: int
-    purpose: str
-    owners: tuple[str, ...]
+    owner: str
 
 
 RESERVED = (
-    Reserved("tcp", 8090, "the operator's page", ("lupin",)),
-    Reserved("tcp", 9090, "the page's way into the graph (rosbridge)", ("lupin",)),
-    Reserved("udp", 123, "the clock that the robot follows", ("chronyd",)),
+    ReservedPort("port-8090-taken", "tcp", 8090, "lupin"),  # the operator's page
+    ReservedPort("port-9090-taken", "tcp", 9090, "lupin"),  # rosbridge, over which the page reaches the graph
+    ReservedPort("port-123-taken", "udp", 123, "chronyd"),  # the clock that the robot follows
 )
 
 
-def find_taken(evidence: Evidence) -> Iterator[Finding]:
-    """Ports of this machine that another program holds. Owners that this user may not see are left alone."""
-    sockets = evidence.laptop.get(SOCKETS)
-    for reserved in RESERVED if sockets is not None else ():
-        for socket in sockets.on(reserved.protocol, reserved.port) if sockets else ():
-            if socket.pid and not _rightful(socket, reserved):
-                yield Finding(
-                    id=f"port-{reserved.port}-taken",
-                    severity=Severity.PROBLEM,
+def find_taken_ports(snapshot: Snapshot) -> Iterator[Finding]:
+    """Another program holds a port of the laptop. A process that this user may not see is not reported."""
+    sockets = snapshot.laptop.get(SOCKETS)
+    if sockets is None:
+        return
+    for reserved in RESERVED:
+        for socket in sockets.on(reserved.protocol, reserved.port):
+            if socket.pid and not _is_owner(socket, reserved):
+                yield make_finding(
+                    reserved.finding,
                     where="laptop",
-                    symptom=f"{reserved.purpose} does not come up: Address already in use",
                     cause=f"{socket.process} (process {socket.pid}) holds {reserved.protocol.upper()} {reserved.port}",
                     evidence=(socket.line(), socket.command),
-                    fix=Fix(f"kill {socket.pid}"),
+                    command=f"kill {socket.pid}",
                 )
                 break
 
 
-def _rightful(socket: Socket, reserved: Reserved) -> bool:
-    return any(owner in socket.process or owner in socket.command for owner in reserved.owners)
+def _is_owner(socket: Socket, reserved: ReservedPort) -> bool:
+    return reserved.owner in socket.process or reserved.owner in socket.command
 
 
-CHECKS = (Check("ports", find_taken, laptop=(SOCKETS,)),)
+CHECKS = (Check("ports", find_taken_ports, laptop=(SOCKETS,)),)

@@ -1,226 +1,221 @@
-"""systemd units of Lupin and of the vendor: there, enabled, running, and restarted together."""
+"""systemd units of Lupin and of the vendor: whether they are installed, enabled, running, and restarted together."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
-from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
-from lupin_cli.checks.typed import on_robot
-from lupin_cli.facts.journal import JOURNAL
-from lupin_cli.facts.units import AUTO_HOME, CAMERAS, CLOCK_SYNC, ONBOARD, OURS, UNIT_STATES, VENDOR, Unit
+from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
+from lupin_cli.checks.findings import make_finding
+from lupin_cli.checks.remote_command import command_on_robot
+from lupin_cli.facts.system_journal import SYSTEM_JOURNAL
+from lupin_cli.facts.units import AUTO_HOME, CAMERAS, CLOCK_SYNC, LUPIN_UNITS, ONBOARD, UNIT_STATES, VENDOR, Unit
 from lupin_cli.facts.versions import VERSIONS
 
 JOURNAL_LINES = 4
-# A service that came back so often in one boot comes back again.
-MANY_RESTARTS = 3
-HEAL = Fix("lupin play heal", playbook="heal")  # moves the arm: a person says so
-# Drive bus and e-stop without the arm: nothing moves that was not asked to.
-START_ONBOARD = Fix("lupin play start-onboard", playbook="start-onboard", safe=True)
-DEPLOYED = (ONBOARD, AUTO_HOME)  # what a deployed robot has; cameras and clock sync are installed by choice
-
-
-def _last_words(evidence: Evidence, unit: str) -> tuple[str, ...]:
-    journal = evidence.robot.get(JOURNAL) if evidence.robot else None
-    name = unit.removesuffix(".service")
-    lines = [line for line in (journal.units if journal else ()) if name in line.raw]
-    return tuple(line.raw for line in lines[-JOURNAL_LINES:])
-
-
-def vendor(evidence: Evidence) -> Iterator[Finding]:
-    """Without the vendor's service there are no controllers, no lidar and no discovery server."""
-    units = evidence.robot.get(UNIT_STATES) if evidence.robot else None
-    unit = units.get(VENDOR) if units else None
-    if unit is None or (unit.running and not _looping(unit)):
-        return
-    yield Finding(
-        id="vendor-service-down",
-        severity=Severity.PROBLEM,
-        where="robot",
-        symptom="nothing of the robot answers: no controllers, no lidar, no battery",
-        cause=f"{VENDOR} is {unit.active} ({unit.sub}, {unit.result})",
-        evidence=(unit.line(), *_last_words(evidence, VENDOR)),
-        fix=HEAL,
-        explains=frozenset(
-            {
-                "unit-not-running", "unit-failed", "oneshot-failed", "unit-restarting", "controller-manager-missing",
-                "controller-manager-silent", "controllers-not-active", "drive-sink-unheard", "board-wedged", "topic-silent",
-                "discovery-server-missing",
-            }
-        ),
-    )  # fmt: skip
-
-
-def ours(evidence: Evidence) -> Iterator[Finding]:
-    """Lupin's own units: what is wrong with each, the gravest thing only."""
-    if evidence.robot is None:
-        return
-    units, versions = evidence.robot.get(UNIT_STATES), evidence.robot.get(VERSIONS)
-    if units is None or not units.systemd:
-        return
-    deployed = versions is not None and versions.release is not None and bool(versions.release.current)
-    for name in OURS:
-        unit = units.get(name)
-        if unit is None:
-            if name in DEPLOYED and deployed:
-                yield Finding(
-                    id="unit-missing",
-                    severity=Severity.PROBLEM,
-                    where="robot",
-                    symptom="manual drive, e-stop, arm and lights are gone after a boot"
-                    if name == ONBOARD
-                    else "the arm never homes",
-                    cause=f"a release is deployed and {name} is not installed",
-                    evidence=(f"{name}: LoadState=not-found",),
-                    fix=Fix("lupin deploy robot", playbook="deploy-robot"),
-                )
-            continue
-        yield from _of_unit(evidence, unit)
-
-
-def _of_unit(evidence: Evidence, unit: Unit) -> Iterator[Finding]:
-    name = unit.name
-    words = (unit.line(), *_last_words(evidence, name))
-    if unit.enabled in ("masked", "masked-runtime") or unit.load == "masked":
-        yield _finding(
-            "unit-not-enabled",
-            unit,
-            f"{name} is masked: nothing can start it",
-            words,
-            f"sudo systemctl unmask {name}",
-            evidence,
-        )
-    elif unit.type == "oneshot":
-        if unit.active == "failed":
-            again = "systemd gave up after so many tries" if _gave_up(evidence, unit) else "its last try failed"
-            cause = (
-                f"{name} failed ({unit.result}, exit status {unit.exit_status}): {again}, and nothing tries again in this boot"
-            )
-            if name == AUTO_HOME:
-                yield Finding(
-                    id="oneshot-failed",
-                    severity=Severity.PROBLEM,
-                    where="robot",
-                    symptom="controllers are stuck and the arm is not at home",
-                    cause=cause,
-                    evidence=words,
-                    fix=HEAL,
-                    explains=frozenset({"controllers-not-active"}),
-                )
-            else:
-                command = f"sudo systemctl reset-failed {name}"
-                yield _finding(
-                    "oneshot-failed", unit, cause, words, command, evidence, "the clock was not set before the stack started"
-                )
-    elif unit.active == "failed" and _gave_up(evidence, unit):
-        command = f"sudo systemctl reset-failed {name}; sudo systemctl start {name}"
-        yield _finding(
-            "unit-start-limit",
-            unit,
-            f"{name} failed too often in a row; systemd won't start it again",
-            words,
-            command,
-            evidence,
-        )
-    elif unit.active == "failed":
-        command = f"sudo systemctl restart {name}"
-        yield _finding(
-            "unit-failed", unit, f"{name} failed: {unit.result}, exit status {unit.exit_status}", words, command, evidence
-        )
-    elif _looping(unit):
-        cause = f"{name} dies and is started again, {unit.restarts} times so far"
-        yield _finding("unit-restarting", unit, cause, words, f"sudo journalctl -b -u {name} -n 50", evidence)
-    elif unit.active == "inactive":
-        cause = f"{name} is installed and not running"
-        command = f"sudo systemctl start {name}"
-        yield _finding("unit-not-running", unit, cause, words, command, evidence)
-    if unit.enabled == "disabled" and unit.active != "failed" and not _looping(unit):
-        command = f"sudo systemctl enable {name}"
-        yield _finding("unit-not-enabled", unit, f"{name} will not start at the next boot", (unit.line(),), command, evidence)
-
-
-def _gave_up(evidence: Evidence, unit: Unit) -> bool:
-    """Whether the start limit was hit. Result keeps what the last run ended with where the restarts were systemd's own."""
-    journal = evidence.robot.get(JOURNAL) if evidence.robot else None
-    lines = [line.text for line in (journal.units if journal else ()) if line.text.startswith(f"{unit.name}:")]
-    return unit.result == "start-limit-hit" or any("repeated too quickly" in text for text in lines)
-
-
-def _looping(unit: Unit) -> bool:
-    return unit.sub == "auto-restart" or (unit.active == "activating" and unit.restarts >= MANY_RESTARTS)
-
-
+MANY_RESTARTS = 3  # a service that was restarted this often since boot will fail again
+DEPLOYED = (ONBOARD, AUTO_HOME)  # every deploy installs these; cameras and clock sync are optional
+# What the operator misses while a unit is down.
 SYMPTOMS = {
     ONBOARD: "no drive bus, no e-stop, no arm presets, no lights",
-    CAMERAS: "no camera pictures",
-    AUTO_HOME: "controllers stay stuck after a boot and the arm never homes",
+    CAMERAS: "no camera images",
+    AUTO_HOME: "controllers stay stuck after a boot, and the arm never moves to its home pose",
     CLOCK_SYNC: "the clock is wrong after a boot",
 }
 
 
-def _finding(
-    id: str, unit: Unit, cause: str, words: tuple[str, ...], command: str, evidence: Evidence, symptom: str = ""
-) -> Finding:
-    later = id == "unit-not-enabled"
-    down = id in ("unit-not-running", "unit-failed", "unit-start-limit")
-    return Finding(
-        id=id,
-        severity=Severity.WARNING if later or unit.name == CLOCK_SYNC else Severity.PROBLEM,
+def _unit_evidence(snapshot: Snapshot, unit: Unit) -> tuple[str, ...]:
+    """The unit's state and its last lines in the system journal."""
+    journal = snapshot.robot_fact(SYSTEM_JOURNAL)
+    name = unit.name.removesuffix(".service")
+    lines = [line.raw for line in (journal.units if journal else ()) if name in line.raw]
+    return unit.line(), *lines[-JOURNAL_LINES:]
+
+
+def find_vendor_down(snapshot: Snapshot) -> Iterator[Finding]:
+    """The vendor's service, which starts controllers, lidar and discovery server, does not run."""
+    units = snapshot.robot_fact(UNIT_STATES)
+    unit = units.get(VENDOR) if units else None
+    if unit is None or (unit.running and not _is_restarting(unit)):
+        return
+    yield make_finding(
+        "vendor-service-down",
         where="robot",
-        symptom=symptom or SYMPTOMS[unit.name] + (", after the next boot" if later else ""),
+        cause=f"{VENDOR} is {unit.active} ({unit.sub}, {unit.result})",
+        evidence=_unit_evidence(snapshot, unit),
+        command="lupin play heal",
+        explains={
+            "unit-not-running", "unit-failed", "oneshot-failed", "unit-restarting", "controller-manager-missing",
+            "controller-manager-silent", "controllers-not-active", "drive-sink-unheard", "board-wedged", "topic-silent",
+            "discovery-server-missing",
+        },
+    )  # fmt: skip
+
+
+def find_unit_faults(snapshot: Snapshot) -> Iterator[Finding]:
+    """A unit of Lupin is missing, masked, disabled, failed or stopped; only its most serious fault is reported."""
+    units, versions = snapshot.robot_fact(UNIT_STATES), snapshot.robot_fact(VERSIONS)
+    if units is None or not units.systemd:
+        return
+    deployed = versions is not None and versions.release is not None and bool(versions.release.current)
+    for name in LUPIN_UNITS:
+        unit = units.get(name)
+        if unit is not None:
+            yield from _unit_faults(snapshot, unit)
+        elif name in DEPLOYED and deployed:
+            onboard = name == ONBOARD
+            yield make_finding(
+                "unit-missing",
+                where="robot",
+                symptom="after a boot, manual drive, e-stop, arm and lights do not work"
+                if onboard
+                else "the arm never moves to its home pose",
+                cause=f"a release is deployed, but {name} is not installed",
+                evidence=(f"{name}: LoadState=not-found",),
+                command="lupin deploy robot",
+            )
+
+
+def _unit_faults(snapshot: Snapshot, unit: Unit) -> Iterator[Finding]:
+    name = unit.name
+    if unit.enabled in ("masked", "masked-runtime") or unit.load == "masked":
+        cause, command = f"{name} is masked: systemd cannot start it", f"sudo systemctl unmask {name}"
+        yield _not_enabled(snapshot, unit, cause, _unit_evidence(snapshot, unit), command)
+    elif unit.type == "oneshot":
+        if unit.active == "failed":
+            yield _failed_oneshot(snapshot, unit)
+    elif unit.active == "failed" and _reached_start_limit(snapshot, unit):
+        cause = f"{name} failed too often in a row, and systemd will not start it again"
+        yield _down(
+            snapshot, "unit-start-limit", unit, cause, f"sudo systemctl reset-failed {name}; sudo systemctl start {name}"
+        )
+    elif unit.active == "failed":
+        cause = f"{name} failed: {unit.result}, exit status {unit.exit_status}"
+        yield _down(snapshot, "unit-failed", unit, cause, f"sudo systemctl restart {name}")
+    elif _is_restarting(unit):
+        cause = f"{name} fails and is restarted, {unit.restarts} times so far"
+        yield _down(snapshot, "unit-restarting", unit, cause, f"sudo journalctl -b -u {name} -n 50")
+    elif unit.active == "inactive":
+        yield _down(snapshot, "unit-not-running", unit, f"{name} is installed and not running", f"sudo systemctl start {name}")
+    if unit.enabled == "disabled" and unit.active != "failed" and not _is_restarting(unit):
+        cause, command = f"{name} will not start at the next boot", f"sudo systemctl enable {name}"
+        yield _not_enabled(snapshot, unit, cause, (unit.line(),), command)
+
+
+def _failed_oneshot(snapshot: Snapshot, unit: Unit) -> Finding:
+    last = "systemd gave up after repeated tries" if _reached_start_limit(snapshot, unit) else "its last try failed"
+    status = f"{unit.result}, exit status {unit.exit_status}"
+    cause = f"{unit.name} failed ({status}): {last}, and nothing retries it before the next boot"
+    if unit.name == AUTO_HOME:
+        return make_finding(
+            "oneshot-failed",
+            where="robot",
+            cause=cause,
+            evidence=_unit_evidence(snapshot, unit),
+            command="lupin play heal",  # it moves the arm, so `--fix` asks first
+            explains={"controllers-not-active"},
+        )
+    return make_finding(
+        "oneshot-failed",
+        severity=_severity(unit),
+        where="robot",
+        symptom="the clock was not set before the stack started",
         cause=cause,
-        evidence=words,
-        fix=START_ONBOARD if down and unit.name == ONBOARD else Fix(on_robot(evidence, command)),
-        # Without the bus nobody publishes, and nobody says that the stop is released.
-        explains=frozenset({"bus-locked"}) if unit.name == ONBOARD and not later else frozenset(),
+        evidence=_unit_evidence(snapshot, unit),
+        command=command_on_robot(snapshot, f"sudo systemctl reset-failed {unit.name}"),
+        playbook="",
     )
 
 
-def together(evidence: Evidence) -> Iterator[Finding]:
-    """What holds on to the vendor's old controllers and discovery server must restart with the vendor's service."""
-    units = evidence.robot.get(UNIT_STATES) if evidence.robot else None
-    vendors = units.get(VENDOR) if units else None
-    if units is None or vendors is None or vendors.active != "active":
+def _not_enabled(snapshot: Snapshot, unit: Unit, cause: str, evidence: tuple[str, ...], command: str) -> Finding:
+    return make_finding(
+        "unit-not-enabled",
+        where="robot",
+        symptom=f"{SYMPTOMS[unit.name]}, after the next boot",
+        cause=cause,
+        evidence=evidence,
+        command=command_on_robot(snapshot, command),
+    )
+
+
+def _down(snapshot: Snapshot, id: str, unit: Unit, cause: str, command: str) -> Finding:
+    """A unit that does not run, or not for long."""
+    onboard = unit.name == ONBOARD
+    # start-onboard starts drive bus and e-stop without the arm: nothing moves, so `--fix` need not ask.
+    by_playbook = onboard and id != "unit-restarting"
+    return make_finding(
+        id,
+        severity=_severity(unit),
+        where="robot",
+        symptom=SYMPTOMS[unit.name],
+        cause=cause,
+        evidence=_unit_evidence(snapshot, unit),
+        command="lupin play start-onboard" if by_playbook else command_on_robot(snapshot, command),
+        playbook=None if by_playbook else "",
+        # Without the onboard unit, no node publishes that the stop is released.
+        explains={"bus-locked"} if onboard else (),
+    )
+
+
+def _severity(unit: Unit) -> Severity:
+    return Severity.WARNING if unit.name == CLOCK_SYNC else Severity.PROBLEM
+
+
+def _reached_start_limit(snapshot: Snapshot, unit: Unit) -> bool:
+    """Whether systemd's start limit was hit. After systemd's own restarts, Result keeps the result of the last run instead."""
+    journal = snapshot.robot_fact(SYSTEM_JOURNAL)
+    lines = [line.text for line in (journal.units if journal else ()) if line.text.startswith(f"{unit.name}:")]
+    return unit.result == "start-limit-hit" or any("repeated too quickly" in text for text in lines)
+
+
+def _is_restarting(unit: Unit) -> bool:
+    return unit.sub == "auto-restart" or (unit.active == "activating" and unit.restarts >= MANY_RESTARTS)
+
+
+def find_uncoupled_restarts(snapshot: Snapshot) -> Iterator[Finding]:
+    """A unit of Lupin did not restart with the vendor's service, and still uses the old controllers and discovery server."""
+    units = snapshot.robot_fact(UNIT_STATES)
+    vendor = units.get(VENDOR) if units else None
+    if units is None or vendor is None or vendor.active != "active":
         return
     for name in (ONBOARD, CAMERAS):
         unit = units.get(name)
-        if unit is None or unit.active != "active" or unit.active_since_s >= vendors.started_s:
+        if unit is None or unit.active != "active" or unit.active_since_s >= vendor.started_s:
             continue
-        missing = VENDOR not in unit.part_of
-        yield Finding(
-            id="unit-outlived-vendor",
-            severity=Severity.PROBLEM,
+        uncoupled = VENDOR not in unit.part_of
+        yield make_finding(
+            "unit-outlived-vendor",
             where="robot",
-            symptom="after a restart of the robot's stack, commands go nowhere while everything looks alive",
-            cause=f"{name} did not restart with {VENDOR}" + (f": it has no PartOf={VENDOR}" if missing else ""),
+            cause=f"{name} did not restart with {VENDOR}" + (f": it has no PartOf={VENDOR}" if uncoupled else ""),
             evidence=(
                 f"{name}: active since {unit.active_since_s:.1f} s after boot, PartOf={' '.join(unit.part_of) or '-'}",
-                f"{VENDOR}: started {vendors.started_s:.1f} s after boot",
+                f"{VENDOR}: started {vendor.started_s:.1f} s after boot",
             ),
-            fix=Fix("lupin deploy robot", playbook="deploy-robot")
-            if missing
-            else Fix(on_robot(evidence, f"sudo systemctl restart {name}")),
+            command="lupin deploy robot" if uncoupled else command_on_robot(snapshot, f"sudo systemctl restart {name}"),
+            playbook=None if uncoupled else "",
         )
 
 
-def reload(evidence: Evidence) -> Iterator[Finding]:
-    """Unit files that changed on disk after systemd read them."""
-    units = evidence.robot.get(UNIT_STATES) if evidence.robot else None
-    stale = [unit for unit in (units.units if units else ()) if unit.needs_reload and unit.name in (*OURS, VENDOR)]
+def find_unread_unit_files(snapshot: Snapshot) -> Iterator[Finding]:
+    """A unit file changed on disk after systemd read it."""
+    units = snapshot.robot_fact(UNIT_STATES)
+    stale = [unit for unit in (units.units if units else ()) if unit.needs_reload and unit.name in (*LUPIN_UNITS, VENDOR)]
     if stale:
-        yield Finding(
-            id="units-need-reload",
-            severity=Severity.WARNING,
+        yield make_finding(
+            "units-need-reload",
             where="robot",
-            symptom="a change to a unit has no effect",
-            cause=f"systemd runs an older version of {', '.join(unit.name for unit in stale)} than lies on disk",
-            evidence=tuple(f"{unit.name}: NeedDaemonReload=yes FragmentPath={unit.path}" for unit in stale),
-            fix=Fix(on_robot(evidence, "sudo systemctl daemon-reload")),
+            cause=f"systemd uses an older version of {_join_names(stale)} than the one on disk",
+            evidence=(f"{unit.name}: NeedDaemonReload=yes FragmentPath={unit.path}" for unit in stale),
+            command=command_on_robot(snapshot, "sudo systemctl daemon-reload"),
         )
+
+
+def _join_names(units: Iterable[Unit]) -> str:
+    return ", ".join(unit.name for unit in units)
 
 
 CHECKS = (
-    Check("units.vendor", vendor, robot=(UNIT_STATES, JOURNAL)),
-    Check("units.lupin", ours, robot=(UNIT_STATES, JOURNAL, VERSIONS)),
-    Check("units.together", together, robot=(UNIT_STATES,)),
-    Check("units.reload", reload, robot=(UNIT_STATES,)),
+    Check("units.vendor", find_vendor_down, robot=(UNIT_STATES, SYSTEM_JOURNAL)),
+    Check("units.lupin", find_unit_faults, robot=(UNIT_STATES, SYSTEM_JOURNAL, VERSIONS)),
+    Check("units.together", find_uncoupled_restarts, robot=(UNIT_STATES,)),
+    Check("units.reload", find_unread_unit_files, robot=(UNIT_STATES,)),
 )

@@ -1,124 +1,108 @@
-"""What is installed: a release that runs, of the same version as here, for the Python that is there, under a user who may."""
+"""What is installed on the robot: a release that can run, Python, and the rights of the user."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from lupin_cli import __version__
-from lupin_cli.checks.base import Check, Evidence, Finding, Fix, Severity
-from lupin_cli.checks.typed import on_robot
+from lupin_cli.checks.base import Check, Finding, Snapshot
+from lupin_cli.checks.findings import make_finding
+from lupin_cli.checks.remote_command import command_on_robot
 from lupin_cli.facts.account import ACCOUNT
 from lupin_cli.facts.devices import DEVICES
 from lupin_cli.facts.versions import VERSIONS
-from lupin_cli.onboard import ROOT
+from lupin_cli.release.paths import ROOT
 
-DEPLOY = Fix("lupin deploy robot", playbook="deploy-robot")
-# What each group opens; the pad's group is only asked for once Lupin is there.
+DEPLOY = "lupin deploy robot"
+# Unix group → devices that it may open. The gamepad's group `input` is required only where Lupin is deployed.
 DEVICE_GROUPS = {"dialout": ("/dev/ttyACM", "/dev/ttyUSB"), "video": ("/dev/video",)}
+_FAILING_UNITS = frozenset({"unit-failed", "oneshot-failed", "unit-restarting", "unit-start-limit"})
 
 
-def release(evidence: Evidence) -> Iterator[Finding]:
-    """The robot's release: there, whole, and the same as here."""
-    versions = evidence.robot.get(VERSIONS) if evidence.robot else None
+def find_release_faults(snapshot: Snapshot) -> Iterator[Finding]:
+    """The robot has no release, a broken one, one for another Python, or another version than the laptop."""
+    versions = snapshot.robot_fact(VERSIONS)
     if versions is None:
         return
-    here = f"laptop: lupin {__version__}"
     if not versions.python:
-        yield Finding(
-            id="python-missing",
-            severity=Severity.PROBLEM,
+        yield make_finding(
+            "python-missing",
             where="robot",
-            symptom="nothing of Lupin can run on the robot",
             cause="the robot has no python3",
             evidence=("command -v python3: nothing", versions.system),
-            fix=Fix(on_robot(evidence, "sudo apt install python3")),
-            explains=frozenset({"not-deployed", "unit-failed", "oneshot-failed", "unit-restarting"}),
+            command=command_on_robot(snapshot, "sudo apt install python3"),
+            explains={"not-deployed", "unit-failed", "oneshot-failed", "unit-restarting"},
         )
-    found = versions.release
-    if found is None or not (found.current or found.releases):
-        yield Finding(
-            id="not-deployed",
-            severity=Severity.WARNING,
+    release = versions.release
+    if release is None or not (release.current or release.releases):
+        yield make_finding(
+            "not-deployed",
             where="robot",
-            symptom="without the laptop there is no drive bus, no e-stop and no home pose",
             cause="Lupin was never deployed to this robot",
             evidence=(f"{ROOT}: no release",),
-            fix=DEPLOY,
+            command=DEPLOY,
         )
-    elif not found.current or not found.complete:
-        target = f"-> releases/{found.current}" if found.current else "missing"
-        yield Finding(
-            id="release-broken",
-            severity=Severity.PROBLEM,
+    elif not release.current or not release.complete:
+        target = f"-> releases/{release.current}" if release.current else "missing"
+        yield make_finding(
+            "release-broken",
             where="robot",
-            symptom="Lupin's units fail at start",
-            cause=f"{ROOT}/current leads nowhere",
-            evidence=(f"{ROOT}/current: {target}", f"releases: {' '.join(found.releases) or 'none'}"),
-            fix=DEPLOY,
-            explains=frozenset({"unit-failed", "oneshot-failed", "unit-restarting", "unit-start-limit"}),
+            cause=f"{ROOT}/current does not lead to a complete release",
+            evidence=(f"{ROOT}/current: {target}", f"releases: {' '.join(release.releases) or 'none'}"),
+            command=DEPLOY,
+            explains=_FAILING_UNITS,
         )
-    elif versions.python and found.python and versions.python[:2] != found.python[:2]:
-        yield Finding(
-            id="python-changed",
-            severity=Severity.PROBLEM,
+    elif versions.python and release.python and versions.python[:2] != release.python[:2]:
+        built, present = _dotted(release.python), _dotted(versions.python)
+        yield make_finding(
+            "python-changed",
             where="robot",
-            symptom="Lupin's units fail at start with ModuleNotFoundError",
-            cause=f"the release was built for Python {_dotted(found.python)}, the robot has {_dotted(versions.python)} now",
-            evidence=(
-                f"release {found.current}: python {_dotted(found.python)}",
-                f"python3 --version: {_dotted(versions.python)}",
-            ),
-            fix=DEPLOY,
-            explains=frozenset({"unit-failed", "oneshot-failed", "unit-restarting", "unit-start-limit"}),
+            cause=f"the release was built for Python {built}, but the robot now has {present}",
+            evidence=(f"release {release.current}: python {built}", f"python3 --version: {present}"),
+            command=DEPLOY,
+            explains=_FAILING_UNITS,
         )
-    elif found.version and found.version != __version__:
-        yield Finding(
-            id="version-skew",
-            severity=Severity.WARNING,
+    elif release.version and release.version != __version__:
+        yield make_finding(
+            "version-skew",
             where="link",
-            symptom="services and topics of the two halves may not fit",
-            cause=f"the robot runs Lupin {found.version}, this machine {__version__}",
-            evidence=(here, f"robot: lupin {found.version} (release {found.current})"),
-            fix=DEPLOY,
+            cause=f"the robot runs Lupin {release.version}, the laptop {__version__}",
+            evidence=(f"laptop: lupin {__version__}", f"robot: lupin {release.version} (release {release.current})"),
+            command=DEPLOY,
         )
 
 
-def groups(evidence: Evidence) -> Iterator[Finding]:
-    """A user who may not open the robot's devices."""
-    robot = evidence.robot
-    account = robot.get(ACCOUNT) if robot else None
-    devices, versions = (robot.get(DEVICES), robot.get(VERSIONS)) if robot else (None, None)
+def find_missing_groups(snapshot: Snapshot) -> Iterator[Finding]:
+    """The robot's user is not in the groups that may open its devices."""
+    account = snapshot.robot_fact(ACCOUNT)
+    devices, versions = snapshot.robot_fact(DEVICES), snapshot.robot_fact(VERSIONS)
     if account is None or account.uid == 0:
         return
-    there = [*(devices.serials if devices else ()), *(video.device for video in (devices.videos if devices else ()))]
-    wanted = {group for group, paths in DEVICE_GROUPS.items() if any(path.startswith(paths) for path in there)}
+    present = [*devices.serials, *(video.device for video in devices.videos)] if devices else []
+    wanted = {group for group, paths in DEVICE_GROUPS.items() if any(path.startswith(paths) for path in present)}
     if versions and versions.release and versions.release.current:
         wanted.add("input")
     lacking = sorted(group for group in wanted if group in account.known_groups and group not in account.groups)
     if lacking:
-        yield Finding(
-            id="groups-missing",
-            severity=Severity.WARNING,
+        yield make_finding(
+            "groups-missing",
             where="robot",
-            symptom="'Permission denied' on cameras, motor board or gamepad",
             cause=f"{account.user} is not in {', '.join(lacking)}",
             evidence=(f"id -Gn: {' '.join(account.groups)}",),
-            fix=Fix(on_robot(evidence, f"sudo usermod -aG {','.join(lacking)} {account.user}")),
+            command=command_on_robot(snapshot, f"sudo usermod -aG {','.join(lacking)} {account.user}"),
         )
 
 
-def home(evidence: Evidence) -> Iterator[Finding]:
-    """A home folder that its user may not write to."""
-    account = evidence.robot.get(ACCOUNT) if evidence.robot else None
+def find_unwritable_home(snapshot: Snapshot) -> Iterator[Finding]:
+    """The robot's user may not write to its home folder."""
+    account = snapshot.robot_fact(ACCOUNT)
     if account is not None and not account.home_writable:
-        yield Finding(
-            id="home-not-writable",
-            severity=Severity.PROBLEM,
+        yield make_finding(
+            "home-not-writable",
             where="robot",
-            symptom="the vendor's environment script and every ROS log fail",
             cause=f"{account.user} may not write to {account.home}",
             evidence=(f"[ -w {account.home} ]: no",),
-            fix=Fix(on_robot(evidence, f"sudo chown -R {account.user}: {account.home}")),
+            command=command_on_robot(snapshot, f"sudo chown -R {account.user}: {account.home}"),
         )
 
 
@@ -127,7 +111,7 @@ def _dotted(version: tuple[int, ...]) -> str:
 
 
 CHECKS = (
-    Check("software.release", release, robot=(VERSIONS,)),
-    Check("software.groups", groups, robot=(ACCOUNT, DEVICES, VERSIONS)),
-    Check("software.home", home, robot=(ACCOUNT,)),
+    Check("software.release", find_release_faults, robot=(VERSIONS,)),
+    Check("software.groups", find_missing_groups, robot=(ACCOUNT, DEVICES, VERSIONS)),
+    Check("software.home", find_unwritable_home, robot=(ACCOUNT,)),
 )

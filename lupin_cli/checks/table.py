@@ -1,7 +1,8 @@
-"""The table of checks, in the order in which a person would ask: the way there, the phone book, the processes, the rest.
+"""The checks that can run: Lupin's own, those of plug-ins, and the selection by `--only` and `--skip`.
 
-A module of this list exports `CHECKS`, a tuple. Others add theirs by an entry point of the group `lupin.checks` that names a
-Check or a sequence of them; one that can't be loaded is named in the diagnosis and stops nothing else.
+A module that `findings.FINDINGS` names exports `CHECKS`, a tuple. Other packages add checks by an entry point of the group
+`lupin.checks` that names a Check or a sequence of them. A plug-in that cannot be loaded is listed in the diagnosis and stops
+nothing else.
 """
 
 from __future__ import annotations
@@ -12,69 +13,58 @@ from collections.abc import Iterable
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from lupin_cli.checks.base import Check
+from lupin_cli.checks.findings import modules
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 ENTRY_POINT_GROUP = "lupin.checks"
 
-MODULES: tuple[str, ...] = (
-    "lupin_cli.checks.link",
-    "lupin_cli.checks.discovery",
-    "lupin_cli.checks.homing",
-    "lupin_cli.checks.environment",
-    "lupin_cli.checks.profiles",
-    "lupin_cli.checks.leftovers",
-    "lupin_cli.checks.ports",
-    "lupin_cli.checks.software",
-    "lupin_cli.checks.services",
-    "lupin_cli.checks.clocks",
-    "lupin_cli.checks.samples",
-    "lupin_cli.checks.controllers",
-    "lupin_cli.checks.drive",
-    "lupin_cli.checks.board",
-    "lupin_cli.checks.cameras",
-    "lupin_cli.checks.resources",
-)
-
 
 class UnknownCheck(ValueError):
-    """A pattern of --only or --skip that no check answers to."""
+    """A pattern of --only or --skip matches no check."""
 
 
 def built_in() -> tuple[Check, ...]:
-    """Lupin's own checks, in the table's order."""
-    return tuple(check for module in MODULES for check in importlib.import_module(module).CHECKS)
+    """Lupin's own checks, in the order of the table of findings."""
+    return tuple(check for module in modules() for check in importlib.import_module(module).CHECKS)
 
 
-def plugged_in(entry_points: Iterable[Any] | None = None) -> tuple[tuple[Check, ...], tuple[str, ...]]:
-    """Checks of other packages, and one line for each plug-in that could not be loaded."""
+def plugged_in(entry_points: Iterable[EntryPoint] | None = None) -> tuple[tuple[Check, ...], tuple[str, ...]]:
+    """Load the checks of other packages. Returns them, and one line for each plug-in that could not be loaded."""
     if entry_points is None:
-        entry_points = _installed()
+        entry_points = _installed_entry_points()
     checks: list[Check] = []
-    broken: list[str] = []
+    failed: list[str] = []
     for entry in entry_points:
+        plugin = f"plug-in {entry.name} ({entry.value})"
         try:
             loaded = entry.load()
             found = (loaded,) if isinstance(loaded, Check) else tuple(loaded)
-        except Exception as error:  # somebody else's code: whatever it raises, it must not cost the diagnosis
-            broken.append(f"plug-in {entry.name} ({entry.value}): {type(error).__name__}: {error}")
+        except Exception as error:  # foreign code may raise anything, and must not abort the diagnosis
+            failed.append(f"{plugin}: {type(error).__name__}: {error}")
             continue
         if strays := [each for each in found if not isinstance(each, Check)]:
-            broken.append(f"plug-in {entry.name} ({entry.value}): {strays[0]!r} is not a lupin_cli.checks.Check")
+            failed.append(f"{plugin}: {strays[0]!r} is not a lupin_cli.checks.Check")
             continue
         checks += found
-    return tuple(checks), tuple(broken)
+    return tuple(checks), tuple(failed)
 
 
-def _installed() -> Iterable[Any]:
-    """The installed entry points of the group. `importlib.metadata` reads those of every group, which takes it longer than all
-    checks: it is asked only where a distribution's file names ours."""
+def _installed_entry_points() -> Iterable[EntryPoint]:
+    """The installed entry points of the group.
+
+    `importlib.metadata` parses the entry points of every group, which takes longer than all checks together. It is used only
+    where the file of an installed distribution contains this group.
+    """
     group = f"[{ENTRY_POINT_GROUP}]".encode()
     for folder in map(Path, sys.path):
-        for told in folder.glob("*.*-info/entry_points.txt"):
+        for file in folder.glob("*.*-info/entry_points.txt"):
             with suppress(OSError):
-                if group in told.read_bytes():
+                if group in file.read_bytes():
                     from importlib.metadata import entry_points
 
                     return entry_points(group=ENTRY_POINT_GROUP)
@@ -82,12 +72,12 @@ def _installed() -> Iterable[Any]:
 
 
 def select(checks: Iterable[Check], only: Iterable[str] = (), skip: Iterable[str] = ()) -> tuple[Check, ...]:
-    """The checks whose name matches a pattern of `only` (all, where there is none) and none of `skip`. Raises UnknownCheck."""
+    """Select the checks whose name matches a pattern of `only` (all if it is empty) and none of `skip`. Raises UnknownCheck."""
     checks, only, skip = tuple(checks), tuple(only), tuple(skip)
     names = [check.name for check in checks]
     for pattern in (*only, *skip):
         if not any(fnmatchcase(name, pattern) for name in names):
-            raise UnknownCheck(_no_such(pattern, names))
+            raise UnknownCheck(_unknown_message(pattern, names))
     return tuple(
         check
         for check in checks
@@ -96,8 +86,9 @@ def select(checks: Iterable[Check], only: Iterable[str] = (), skip: Iterable[str
     )
 
 
-def _no_such(pattern: str, names: list[str]) -> str:
+def _unknown_message(pattern: str, names: list[str]) -> str:
     from difflib import get_close_matches
 
     near = get_close_matches(pattern, names, n=1)
-    return f"no check is called {pattern!r}; " + (f"did you mean {near[0]}?" if near else "list them with: lupin doctor --list")
+    hint = f"did you mean {near[0]}?" if near else "list the checks with: lupin doctor --list"
+    return f"no check is called {pattern!r}; {hint}"

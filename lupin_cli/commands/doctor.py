@@ -1,4 +1,4 @@
-"""`lupin doctor`: what is wrong, why, and what mends it."""
+"""`lupin doctor`: diagnose the laptop, the robot and the link between them."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from lupin_cli.robot_options import ALL, ASK_SUDO, CONFIG, LIMIT
+from lupin_cli.connection.options import ALL, ASK_SUDO, CONFIG, LIMIT
+from lupin_cli.exit_codes import INTERRUPTED, NO_RESULT, SUCCESS, USAGE_ERROR
+from lupin_cli.terminal import echo
 
 if TYPE_CHECKING:
     from lupin_cli.checks.base import Check, Finding
-    from lupin_cli.config import Config, Robot
-    from lupin_cli.diagnosis import Diagnosis
-    from lupin_cli.examination import Examination, Treatment
+    from lupin_cli.connection.inventory import Config, Robot
+    from lupin_cli.doctor.session import DoctorResult, DoctorScope, DoctorSession, FixResult
 
-HEALTHY, ATTENTION, USAGE, UNREACHABLE, FAILED = 0, 1, 2, 3, 4
-INTERRUPTED = 130  # at a question
 WATCH_PERIOD_S = 2.0
 
 
@@ -31,26 +31,26 @@ def command(
     host: Annotated[str, typer.Option("--host", help="The robot at this address, whatever lupin.toml says.")] = "",
     every: ALL = False,
     limit: LIMIT = None,
-    fix: Annotated[bool, typer.Option("--fix", help="Mend what may be mended unasked; ask for the rest.")] = False,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="With --fix: mend without asking.")] = False,
+    fix: Annotated[bool, typer.Option("--fix", help="Play the safe fixes; ask before the others.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="With --fix: play all fixes without asking.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="With --fix: show what would be changed.")] = False,
     only: Annotated[list[str] | None, typer.Option("--only", help="Only this check; a name or a pattern, as in dds.*.")] = None,
     skip: Annotated[list[str] | None, typer.Option("--skip", help="Not this check; a name or a pattern.")] = None,
-    watch: Annotated[bool, typer.Option("--watch", "-w", help="Keep looking; say what changes.")] = False,
+    watch: Annotated[bool, typer.Option("--watch", "-w", help="Examine repeatedly and print changes.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, alone on standard output.")] = False,
     junit: Annotated[Path | None, typer.Option("--junit", help="Write a JUnit report to this file.")] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Show all lines of evidence.")] = False,
-    list_checks: Annotated[bool, typer.Option("--list", help="List the checks and end.")] = False,
+    list_checks: Annotated[bool, typer.Option("--list", help="List the checks and exit.")] = False,
     config: CONFIG = None,
     ask_sudo: ASK_SUDO = False,
 ) -> None:
-    """Find out what is wrong with this machine, the robot and the way between them: cause, evidence and cure.
+    """Diagnose this machine, the robot and the link between them: cause, evidence and fix of each problem.
 
-    Without --robot it examines this machine and whatever graph runs on it. Nothing is changed without --fix.
+    Without --robot, it examines this machine and any ROS graph that runs on it. It changes nothing without --fix.
 
-    Exit status: 0 healthy, 1 something needs attention, 2 usage, 3 the robot can't be reached, 4 the doctor could not look.
-    With --fix it tells the state afterwards.
+    Exit status: 0 healthy, 1 something needs attention, 2 usage, 3 the robot cannot be reached, 4 the doctor failed or could
+    not examine everything. With --fix, the status describes the state afterwards.
     """
     if robot and host:
         _usage("--robot and --host exclude each other")
@@ -65,119 +65,140 @@ def command(
     patterns = only or (), skip or ()
     if list_checks:
         for check in _checks(*patterns)[0]:
-            typer.echo(f"{check.name:28}{(check.find.__doc__ or '').strip().splitlines()[0] if check.find.__doc__ else ''}")
-        raise typer.Exit(HEALTHY)
-    robots = _robots(robot, host, every, limit, config, ask_sudo)
-    examinations: list[Examination] = []
+            first_line = (check.find.__doc__ or "").strip().partition("\n")[0]
+            echo(f"{check.name:28}{first_line}")
+        raise typer.Exit(SUCCESS)
+    logins = _logins(robot, host, every, limit, config, ask_sudo)
+    options = _Options(fix, yes, dry_run, watch, as_json, junit, markdown, verbose)
+    sessions: list[DoctorSession] = []
     try:
-        with _asking([each.name for each, *_ in robots], shown=sys.stderr.isatty() and not (as_json or markdown)):
-            examinations = _set_out(robots)
-            _examine(examinations, *patterns)
-        status = _run(examinations, fix, yes, dry_run, watch, as_json, junit, markdown, verbose)
+        from lupin_cli.doctor.session import DoctorSession, examine_all
+
+        with _progress([each.name for each, *_ in logins], shown=sys.stderr.isatty() and not (as_json or markdown)):
+            sessions = [DoctorSession(scope) for scope in _scopes(logins, *patterns)]
+            examined = [_Examined(each, result) for each, result in zip(sessions, examine_all(sessions))]
+        status = _run(examined, options)
     except (typer.Exit, KeyboardInterrupt):
         raise
-    except typer.Abort:
+    except typer.Abort:  # Ctrl-C at a question
         status = INTERRUPTED
     except Exception as error:
-        # Scripts tell by the status whether robot or doctor is ill, so no defect may leave with another one.
+        # Scripts distinguish a sick robot from a broken doctor by the status, so every defect exits with NO_RESULT.
         if "--debug" in sys.argv:
             raise
-        typer.echo(f"lupin doctor: {type(error).__name__}: {error}; the whole stack: lupin --debug doctor ...", err=True)
-        status = FAILED
+        echo(f"lupin doctor: {type(error).__name__}: {error}; for the traceback: lupin --debug doctor ...", err=True)
+        status = NO_RESULT
     finally:
-        for examination in examinations:
-            examination.close()
+        for session in sessions:
+            session.close()
     raise typer.Exit(status)
 
 
-def _usage(message: str) -> None:
-    typer.echo(f"lupin doctor: {message}; see: lupin doctor --help", err=True)
-    raise typer.Exit(USAGE)
+@dataclass(frozen=True)
+class _Options:
+    """What to do with the first examination, and how to print it."""
+
+    fix: bool
+    yes: bool
+    dry_run: bool
+    watch: bool
+    as_json: bool
+    junit: Path | None
+    markdown: bool
+    verbose: bool
+
+
+@dataclass
+class _Examined:
+    """A session, its latest result, and the fixes that were played in it."""
+
+    session: DoctorSession
+    result: DoctorResult
+    fixes: list[FixResult] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        return self.session.scope.name
+
+
+def _usage(message: str) -> NoReturn:
+    echo(f"lupin doctor: {message}; see: lupin doctor --help", err=True)
+    raise typer.Exit(USAGE_ERROR)
 
 
 def _checks(only: Sequence[str], skip: Sequence[str]) -> tuple[tuple[Check, ...], tuple[str, ...]]:
+    """The selected checks, and one line for each plug-in that could not be loaded."""
     from lupin_cli.checks.table import UnknownCheck, built_in, plugged_in, select
 
-    added, broken = plugged_in()
+    added, plugin_errors = plugged_in()
     try:
-        return select((*built_in(), *added), only, skip), broken
+        return select((*built_in(), *added), only, skip), plugin_errors
     except UnknownCheck as error:
-        typer.echo(f"lupin doctor: {error}", err=True)
-        raise typer.Exit(USAGE) from error
+        echo(f"lupin doctor: {error}", err=True)
+        raise typer.Exit(USAGE_ERROR) from error
 
 
-def _robots(
-    robot: str, host: str, every: bool, limit: str | None, config_path: Path | None, ask_sudo: bool
-) -> list[tuple[Robot, Config, str | None]]:
-    """Those that were meant, each with its inventory and sudo's password; none for this machine alone."""
-    from lupin_cli.config import Config, load
-    from lupin_cli.robot_options import ask_sudo_password, named, reporting, select
+_Login = tuple["Robot", "Config", "str | None"]  # with the password of sudo
+
+
+def _logins(robot: str, host: str, every: bool, limit: str | None, config_path: Path | None, ask_sudo: bool) -> list[_Login]:
+    """The selected robots; none to examine this machine alone."""
+    from lupin_cli.connection.inventory import Config, load
+    from lupin_cli.connection.options import ask_sudo_password, find_robot, reporting_errors, select_robots
 
     if not (robot or host or every or limit):
         return []
-    with reporting("doctor"):
+    with reporting_errors("doctor"):
         inventory = load(config_path)
         if host:
-            inventory = Config(inventory.path)  # an address means itself, also where a robot is called the same
-        chosen = select(inventory, None, every=True, limit=limit) if every or limit else [named(inventory, host or robot)]
+            inventory = Config(inventory.path)  # --host is an address, even if a robot has the same name
+        chosen = (
+            select_robots(inventory, None, every=True, limit=limit)
+            if every or limit
+            else [find_robot(inventory, host or robot)]
+        )
         return [(each, inventory, ask_sudo_password(each.name) if ask_sudo else None) for each in chosen]
 
 
-def _set_out(robots: Sequence[tuple[Robot, Config, str | None]]) -> list[Examination]:
-    """Begin to reach the robots, and only then read how to examine them."""
-    ways = []
-    if robots:
-        from lupin_cli.robot_options import Way
+def _scopes(logins: Sequence[_Login], only: Sequence[str], skip: Sequence[str]) -> list[DoctorScope]:
+    """One scope for each robot, or one for this machine alone."""
+    from lupin_cli.connection.local import LocalTarget
+    from lupin_cli.doctor.session import DoctorScope
 
-        ways = [Way(*each) for each in robots]
-        # The way there takes longest, so what opens it is loaded first, and alone: two imports side by side take turns.
-        from lupin_cli.target import ssh  # noqa: F401
-    from lupin_cli.examination import Examination
-    from lupin_cli.target.local import LocalTarget
-
-    if not robots:
-        return [Examination((), (), LocalTarget())]
-    return [Examination((), (), LocalTarget(), *each, way) for each, way in zip(robots, ways)]
+    checks, plugin_errors = _checks(only, skip)
+    if not logins:
+        return [DoctorScope(checks, plugin_errors, LocalTarget())]
+    return [DoctorScope(checks, plugin_errors, LocalTarget(), *login) for login in logins]
 
 
-def _run(
-    examinations: list[Examination],
-    fix: bool,
-    yes: bool,
-    dry_run: bool,
-    watch: bool,
-    as_json: bool,
-    junit: Path | None,
-    markdown: bool,
-    verbose: bool,
-) -> int:
-    from lupin_cli.report import exit_status
+def _run(examined: list[_Examined], options: _Options) -> int:
+    """Play fixes, print the results, watch; returns the exit status."""
+    from lupin_cli.doctor.report import exit_status
 
-    treatments: dict[int, list[Treatment]] = {}
-    if fix:
-        for examination in examinations:
-            told = treatments.setdefault(id(examination), [])
-            accept = _Consent(yes, interactive=sys.stdin.isatty() and not (as_json or markdown))
-            for treatment in examination.treatments(accept, dry_run=dry_run):
-                told.append(treatment)
-                if not as_json:
-                    _tell(treatment)
-    _print(examinations, treatments, as_json, markdown, verbose)
-    if junit is not None:
-        _write_junit(examinations, junit)
-    if watch:
-        _watch(examinations[0], as_json, verbose)
-    return max(exit_status(_of(examination), examination.link) for examination in examinations)
+    if options.fix:
+        for each in examined:
+            _play_fixes(each, options)
+    _print(examined, options)
+    if options.junit is not None:
+        _write_junit(examined, options.junit)
+    if options.watch:
+        _watch(examined[0], options)
+    return max(exit_status(each.result.diagnosis, each.result.link) for each in examined)
 
 
-def _of(examination: Examination) -> Diagnosis:
-    assert examination.diagnosis is not None
-    return examination.diagnosis
+def _play_fixes(examined: _Examined, options: _Options) -> None:
+    def note(fix: FixResult) -> None:
+        examined.fixes.append(fix)
+        if not options.as_json:
+            _print_fix(fix)
+
+    accept = _Consent(options.yes, interactive=sys.stdin.isatty() and not (options.as_json or options.markdown))
+    examined.result = examined.session.apply_fixes(examined.result, accept, note, dry_run=options.dry_run)
 
 
 @contextlib.contextmanager
-def _asking(names: Sequence[str], shown: bool) -> Iterator[None]:
-    """A line that tells who is asked, as long as it takes."""
+def _progress(names: Sequence[str], shown: bool) -> Iterator[None]:
+    """Show which machines are being asked, until the block ends."""
     if shown:
         print(f"asking {', '.join(names) or 'this machine'} ...", end="", file=sys.stderr, flush=True)
     try:
@@ -187,21 +208,8 @@ def _asking(names: Sequence[str], shown: bool) -> Iterator[None]:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
-def _examine(examinations: list[Examination], only: Sequence[str], skip: Sequence[str]) -> None:
-    # While a robot lets us in there is time to read what to ask it.
-    checks, broken = _checks(only, skip)
-    for each in examinations:
-        each.checks, each.broken = checks, broken
-    if len(examinations) == 1:
-        examinations[0].examine()
-    else:
-        from lupin_cli.examination import examine_all
-
-        examine_all(examinations)
-
-
 class _Consent:
-    """Whether a finding's playbook may be played: the safe ones unasked, the others with a person's leave."""
+    """Whether a finding's playbook may be played: a safe one always, another one if a person agrees."""
 
     def __init__(self, yes: bool, interactive: bool) -> None:
         self._yes, self._interactive = yes, interactive
@@ -211,81 +219,75 @@ class _Consent:
             return True
         if not self._interactive:
             return False
-        typer.echo(f"{finding.where}: {finding.cause}", err=True)
+        echo(f"{finding.where}: {finding.cause}", err=True)
         return typer.confirm(f"Play {finding.fix.playbook} ({finding.fix.command})", default=False, err=True)
 
 
-def _tell(treatment: Treatment) -> None:
-    verb = "would play" if treatment.dry_run else "played"
-    ending = f"{treatment.changed} changed" if treatment.state == "done" else f"{treatment.state}: {treatment.message}"
-    typer.echo(f"{verb} {treatment.playbook} for {treatment.finding}: {ending}", err=True)
-    for line in treatment.lines if treatment.dry_run else ():
-        typer.echo(f"  {line}", err=True)
+def _print_fix(fix: FixResult) -> None:
+    verb = "would play" if fix.dry_run else "played"
+    ending = f"{fix.changed} changed" if fix.state == "done" else f"{fix.state}: {fix.message}"
+    echo(f"{verb} {fix.playbook} for {fix.finding}: {ending}", err=True)
+    for change in fix.changes if fix.dry_run else ():
+        echo(f"  {change}", err=True)
 
 
-def _print(
-    examinations: list[Examination], treatments: dict[int, list[Treatment]], as_json: bool, markdown: bool, verbose: bool
-) -> None:
-    from lupin_cli.examination import treatment_dict
-    from lupin_cli.report import print_terminal, to_dict, to_markdown
+def _print(examined: list[_Examined], options: _Options) -> None:
+    from lupin_cli.doctor.report import print_terminal, to_dict, to_markdown
 
-    if as_json:
-        told = [
-            {
-                **to_dict(_of(each), each.link),
-                "treatments": [treatment_dict(treatment) for treatment in treatments.get(id(each), [])],
-            }
-            for each in examinations
+    if options.as_json:
+        reports = [
+            {**to_dict(each.result.diagnosis, each.result.link), "treatments": [fix.to_dict() for fix in each.fixes]}
+            for each in examined
         ]
-        print(json.dumps(told[0] if len(told) == 1 else {"robots": told}, indent=2))
+        print(json.dumps(reports[0] if len(reports) == 1 else {"robots": reports}, indent=2))
         return
-    for each in examinations:
-        name = each.robot.name if each.robot else "this machine"
-        if markdown:
-            print(to_markdown(_of(each), f"Diagnosis of {name}"))
+    for each in examined:
+        if options.markdown:
+            print(to_markdown(each.result.diagnosis, f"Diagnosis of {each.name}"))
             continue
-        if len(examinations) > 1:
-            print(f"{name}:")
-        print_terminal(_of(each), verbose=verbose)
+        if len(examined) > 1:
+            print(f"{each.name}:")
+        print_terminal(each.result.diagnosis, verbose=options.verbose)
 
 
-def _write_junit(examinations: list[Examination], path: Path) -> None:
-    from lupin_cli.report import to_junit
+def _write_junit(examined: list[_Examined], path: Path) -> None:
+    from lupin_cli.doctor.report import to_junit
 
-    suites = [to_junit(_of(each), each.robot.name if each.robot else "this machine") for each in examinations]
+    suites = [to_junit(each.result.diagnosis, each.name) for each in examined]
     try:
         path.write_text('<?xml version="1.0" encoding="utf-8"?>\n<testsuites>\n' + "\n".join(suites) + "\n</testsuites>\n")
     except OSError as error:
-        typer.echo(f"lupin doctor: can't write {path}: {error.strerror}; name a file in a folder that exists", err=True)
-        raise typer.Exit(FAILED) from error
+        echo(f"lupin doctor: cannot write {path}: {error.strerror}; name a file in a folder that exists", err=True)
+        raise typer.Exit(NO_RESULT) from error
 
 
-def _watch(examination: Examination, as_json: bool, verbose: bool) -> None:
-    from lupin_cli.report import print_terminal, to_dict
+def _watch(examined: _Examined, options: _Options) -> None:
+    """Examine until SIGINT or SIGTERM, and print each change of state. The exit status is that of the last state."""
+    from lupin_cli.doctor.report import print_terminal, to_dict
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    signal.signal(signal.SIGTERM, stop)  # asked to end, it ends as by Ctrl-C: with the status of how things stand
-    told = _state(examination)
+    signal.signal(signal.SIGTERM, stop)
+    shown = _state(examined.result)
     try:
         while True:
             time.sleep(WATCH_PERIOD_S)
-            examination.examine()
-            if _state(examination) == told:
+            result = examined.result = examined.session.examine()
+            if _state(result) == shown:
                 continue
-            told = _state(examination)
-            if as_json:
-                print(json.dumps(to_dict(_of(examination), examination.link)), flush=True)
+            shown = _state(result)
+            if options.as_json:
+                print(json.dumps(to_dict(result.diagnosis, result.link)), flush=True)
             else:
                 print(f"-- {time.strftime('%H:%M:%S')}")
-                print_terminal(_of(examination), verbose=verbose)
+                print_terminal(result.diagnosis, verbose=options.verbose)
                 sys.stdout.flush()
     except KeyboardInterrupt:
         return
 
 
-def _state(examination: Examination) -> object:
-    """What counts as a change: which causes there are and what can't be looked at, not every number in their evidence."""
-    diagnosis = _of(examination)
-    return sorted((root.finding.id, root.finding.where) for root in diagnosis.roots), diagnosis.unknown, diagnosis.broken
+def _state(result: DoctorResult) -> object:
+    """What --watch compares: root causes and gaps, but not the numbers in their evidence."""
+    diagnosis = result.diagnosis
+    return sorted((root.finding.id, root.finding.where) for root in diagnosis.roots), diagnosis.unknown, diagnosis.check_errors

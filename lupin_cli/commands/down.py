@@ -1,42 +1,84 @@
-"""`lupin down`: end a run."""
+"""`lupin down`: stop a run."""
 
 from __future__ import annotations
 
-import os
 import signal
 import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import typer
 
+from lupin_cli.exit_codes import FAILURE, UNREACHABLE
+from lupin_cli.terminal import echo, is_interactive, status_line
+
+if TYPE_CHECKING:
+    from lupin_runtime.stack.recorded import RecordedProcess
+    from lupin_runtime.stack.runs import Run
+
 STOP_BOUND_S = 30.0
+HUNG_BOUND_S = 5.0  # for a supervisor that does not respond
+# The processes of a killed supervisor end by themselves within 5 s, unless they hang too.
+ORPHAN_BOUND_S = 7.0
 
 
 def command(
-    run: str = typer.Option(None, "--run", help="A part of the run's name, where several are up."),
-    everything: bool = typer.Option(False, "--all", help="End every run of this user."),
-    dry_run: bool = typer.Option(False, "--dry-run", help="Say what would be ended."),
+    run: str = typer.Option(None, "--run", help="A part of the run's id, if several runs are up."),
+    everything: bool = typer.Option(False, "--all", help="Stop every run of this user."),
+    dry_run: bool = typer.Option(False, "--dry-run", help="Only print which runs would be stopped."),
 ) -> None:
-    """Stop a run and leave nothing behind.
+    """Stop a run and all its processes. Those that do not stop are killed.
 
-    Exit status: 0 ended (or nothing was up with --all), 1 it did not end within 30 s, 3 no such run.
+    Exit status: 0 stopped (or no run was up with --all), 1 not stopped, 3 no such run.
     """
+    from lupin_runtime.stack.recorded import supervisor_of
     from lupin_runtime.stack.runs import RunError, find_live_run, live_runs
 
     try:
         found = live_runs() if everything else [find_live_run(run)]
     except RunError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(3) from error
+        echo(str(error), err=True)
+        raise typer.Exit(UNREACHABLE) from error
+    stopped = True
     for one in found:
-        pid = one.info().get("pid")
-        if dry_run or not isinstance(pid, int):
-            typer.echo(f"would end run {one.id} (supervisor {pid})")
-            continue
-        os.kill(pid, signal.SIGTERM)
-        deadline = time.monotonic() + STOP_BOUND_S
-        while one.alive():
-            if time.monotonic() > deadline:
-                typer.echo(f"run {one.id} did not end within {STOP_BOUND_S:.0f} s; its supervisor is {pid}", err=True)
-                raise typer.Exit(1)
-            time.sleep(0.05)
-        typer.echo(f"run {one.id} ended")
+        supervisor = supervisor_of(one)
+        if dry_run:
+            echo(f"would stop run {one.id} (supervisor {supervisor.pid})")
+        else:
+            with status_line(f"stopping run {one.id}", shown=is_interactive()):
+                stopped = _stop(one, supervisor) and stopped
+    if not stopped:
+        raise typer.Exit(FAILURE)
+
+
+def _stop(run: Run, supervisor: RecordedProcess) -> bool:
+    from lupin_runtime.stack.alarms import supervisor_silent_s
+    from lupin_runtime.stack.recorded import processes_of
+
+    if not supervisor.signal(signal.SIGTERM):
+        echo(f"run {run.id}: its files name no supervisor that exists; find it with: fuser {run.path / 'lock'}", err=True)
+        return False
+    hung = supervisor_silent_s(run.state()) > 0.0
+    supervisor.signal(signal.SIGCONT)  # a process that SIGSTOP suspended handles SIGTERM only after SIGCONT
+    processes = processes_of(run)
+    if _until(lambda: not run.alive(), HUNG_BOUND_S if hung else STOP_BOUND_S):
+        echo(f"run {run.id} stopped")
+        return True
+    killed = [supervisor] if supervisor.signal(signal.SIGKILL) else []
+    _until(lambda: not any(process.exists() for process in processes), ORPHAN_BOUND_S)
+    killed += [process for process in processes if process.signal(signal.SIGKILL)]
+    names = ", ".join(process.name for process in killed)
+    if not _until(lambda: not run.alive() and not any(process.exists() for process in killed), HUNG_BOUND_S):
+        echo(f"run {run.id} did not stop, although these were killed: {names}; restart this computer", err=True)
+        return False
+    echo(f"run {run.id} stopped; killed, because they did not stop: {names}")
+    return True
+
+
+def _until(condition: Callable[[], bool], bound_s: float) -> bool:
+    deadline = time.monotonic() + bound_s
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True

@@ -1,4 +1,4 @@
-"""`lupin home`: controllers active, arm at rest."""
+"""`lupin home`: activate the controllers and send the arm home."""
 
 from __future__ import annotations
 
@@ -8,61 +8,63 @@ import sys
 
 import typer
 
-from lupin_cli.config import load
-from lupin_cli.robot_options import CONFIG, ROBOT, connect, reporting, select
+from lupin_cli.connection.inventory import load
+from lupin_cli.connection.options import CONFIG, ROBOT, connect, reporting_errors, select_robots
+from lupin_cli.exit_codes import FAILURE, SUCCESS, UNREACHABLE
+from lupin_cli.terminal import echo
 
 MODULE = "lupin_runtime.arm.auto_home"
 BOUND_S = 240.0
-AT_REST, NOT_AT_REST, NOTHING_THERE = 0, 1, 3
 
 
 def command(
     robot: ROBOT = None,
-    run: str = typer.Option(None, "--run", help="A part of a simulated run's name, where several are up."),
-    patience_s: float = typer.Option(5.0, "--patience", min=0.0, help="Seconds for the vendor to load a missing controller."),
+    run: str = typer.Option(None, "--run", help="Part of a simulated run's name, if several are up."),
+    patience_s: float = typer.Option(5.0, "--patience", min=0.0, help="Seconds to wait for a missing controller."),
     config: CONFIG = None,
 ) -> None:
-    """Bring the controllers to active, then send the arm to its home pose; say what was found and what was done.
+    """Activate the controllers, then send the arm to its home pose; report what was found and done.
 
-    Acts on the run that is up on this machine, or on a robot with --robot: there it is the program that its boot runs.
-    Exit status: 0 the arm was sent home, 1 it was not, with the reason; 2 usage, 3 no run is up or the robot can't be reached.
+    Acts on the run on this machine, or with --robot on a robot, where it runs the same program as the robot's boot.
+    Exit status: 0 the arm was sent home, 1 it was not (with the reason), 2 usage, 3 no run is up or the robot cannot be
+    reached.
     """
     arguments = ("--patience", str(patience_s))
     if robot is None:
-        raise typer.Exit(_here(run, arguments))
+        raise typer.Exit(_home_local_run(run, arguments))
     if run is not None:
-        raise typer.BadParameter("a run is on this machine; leave --robot out", param_hint="--run")
-    from lupin_cli.onboard import NOT_DEPLOYED, RELEASE, run_program
+        raise typer.BadParameter("--run selects a run on this machine; it cannot be combined with --robot", param_hint="--run")
+    from lupin_cli.release.paths import NOT_DEPLOYED, RELEASE, run_module
 
-    status = AT_REST
-    with reporting("home"):
+    status = SUCCESS
+    with reporting_errors("home"):
         inventory = load(config)
-        for one in select(inventory, robot):
+        for one in select_robots(inventory, robot):
             with connect(one, inventory) as target:
-                output = run_program(target, one, MODULE, *arguments, bound_s=BOUND_S, on_line=typer.echo)
+                output = run_module(target, one, MODULE, *arguments, bound_s=BOUND_S, on_line=echo)
             if output.status == NOT_DEPLOYED:
-                typer.echo(f"{one.name} has no release of Lupin under {RELEASE}; next: lupin deploy robot", err=True)
+                echo(f"{one.name} has no release of Lupin under {RELEASE}; next: lupin deploy robot", err=True)
             elif output.status is None:
-                typer.echo(f"{one.name}: {output.stderr.strip()}; next: lupin doctor --robot {one.name}", err=True)
-            status = AT_REST if output.status == 0 and status == AT_REST else NOT_AT_REST
+                echo(f"{one.name}: {output.stderr.strip()}; next: lupin doctor --robot {one.name}", err=True)
+            status = SUCCESS if output.status == 0 and status == SUCCESS else FAILURE
     raise typer.Exit(status)
 
 
-def _here(run: str | None, arguments: tuple[str, ...]) -> int:
-    """The same program on the graph of a live run."""
+def _home_local_run(run: str | None, arguments: tuple[str, ...]) -> int:
+    """Run the program in the environment of a live run on this machine; return the exit status."""
     from lupin_runtime.stack.runs import RunError, find_live_run
 
     try:
         environment = find_live_run(run).info()["environment"]
     except RunError as error:
-        typer.echo(f"{error}; for a robot: lupin home --robot NAME", err=True)
-        return NOTHING_THERE
+        echo(f"{error}; for a robot: lupin home --robot NAME", err=True)
+        return UNREACHABLE
     process = subprocess.Popen([sys.executable, "-u", "-m", MODULE, *arguments], env={**os.environ, **environment})
     try:
-        return AT_REST if process.wait(BOUND_S) == 0 else NOT_AT_REST
+        return SUCCESS if process.wait(BOUND_S) == 0 else FAILURE
     except subprocess.TimeoutExpired:
-        typer.echo(f"no end within {BOUND_S:g} s; what runs: lupin status", err=True)
-        return NOT_AT_REST
+        echo(f"did not finish within {BOUND_S:g} s; see: lupin status", err=True)
+        return FAILURE
     finally:
         if process.poll() is None:
             process.terminate()

@@ -1,4 +1,4 @@
-"""`lupin map`: maps from logs, pose graphs to their optimum, plans on maps; without a robot."""
+"""`lupin map`: builds maps from logs, optimises pose graphs and plans on maps, without a robot."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lupin_cli.commands.map_plan import plan
+from lupin_cli.exit_codes import FAILURE, USAGE_ERROR
+from lupin_cli.terminal import echo
 
 if TYPE_CHECKING:
     from lupin_runtime.slam.offline import OfflineScan
@@ -27,34 +29,34 @@ def build(
     out: Path = typer.Option(..., "--out", help="Folder for map.yaml, map.pgm, trajectory.tum and graph.g2o."),
     resolution: float = typer.Option(0.05, "--resolution", help="Metres per cell.", min=0.01, max=1.0),
     max_range: float = typer.Option(
-        None, "--max-range", help="Longest reading to use, m (default: 40, or 12 for a recording).", min=0.5
+        None, "--max-range", help="Largest range to use, m (default: 40, or 12 for a recording).", min=0.5
     ),
-    refine: bool = typer.Option(True, "--refine/--no-refine", help="Match every keyframe once more when loops are closed."),
+    refine: bool = typer.Option(True, "--refine/--no-refine", help="Match every keyframe again after loops are closed."),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON object, alone on standard output."),
 ) -> None:
-    """Make a map of a log: scans are matched, loops closed, and every scan gets a pose under the log's own stamp.
+    """Build a map from a log: match scans, close loops, and write each scan's pose with the log's own stamp.
 
-    Exit status: 0 built, 1 nothing in the log can be mapped or the folder cannot be written, 2 usage or no such log.
+    Exit status: 0 built, 1 nothing in the log can be mapped or the folder cannot be written, 2 usage error or no such log.
     """
     import time
 
-    from lupin_runtime.slam.files import MalformedFile
+    from lupin_runtime.atomic_file import MalformedFile
     from lupin_runtime.slam.g2o import write_g2o
     from lupin_runtime.slam.map_io import save_map
     from lupin_runtime.slam.offline import NothingToMap, build_map
     from lupin_runtime.slam.tum import write_tum
 
     if not log.is_file():
-        typer.echo(f"{log}: no such file; expected a CARMEN log or an MCAP recording", err=True)
-        raise typer.Exit(2)
+        echo(f"{log}: no such file; expected a CARMEN log or an MCAP recording", err=True)
+        raise typer.Exit(USAGE_ERROR)
     if out.exists() and not out.is_dir():
-        typer.echo(f"{out}: is a file; --out takes a folder", err=True)
-        raise typer.Exit(2)
+        echo(f"{out}: is a file; --out takes a folder", err=True)
+        raise typer.Exit(USAGE_ERROR)
     started = time.perf_counter()
     try:
         scans, problems = _read(log, max_range)
         for problem in problems:
-            typer.echo(f"{log}: {problem}", err=True)
+            echo(f"{log}: {problem}", err=True)
         with _Progress() as progress:
             built = build_map(scans, resolution, refine=refine, progress=progress.show)
         out.mkdir(parents=True, exist_ok=True)
@@ -62,11 +64,11 @@ def build(
         write_tum(out / "trajectory.tum", built.stamps, built.poses)
         write_g2o(out / "graph.g2o", built.graph)
     except (MalformedFile, NothingToMap) as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(2 if isinstance(error, MalformedFile) else 1) from error
+        echo(str(error), err=True)
+        raise typer.Exit(USAGE_ERROR if isinstance(error, MalformedFile) else FAILURE) from error
     except OSError as error:
-        typer.echo(f"{error.filename or out}: {error.strerror or error}", err=True)
-        raise typer.Exit(1) from error
+        echo(f"{error.filename or out}: {error.strerror or error}", err=True)
+        raise typer.Exit(FAILURE) from error
     result = {
         "scans": len(scans),
         "keyframes": built.keyframes,
@@ -87,16 +89,16 @@ def build(
     if as_json:
         print(json.dumps(result))
         return
-    typer.echo(
+    echo(
         f"{len(scans)} scans, {built.keyframes} keyframes, {built.closures} closures: "
         f"{built.grid.width * resolution:.1f} x {built.grid.height * resolution:.1f} m in {result['seconds']:.1f} s"
     )
     if built.unmatched or built.unusable or built.odometry_jumps:
-        typer.echo(
+        echo(
             f"{built.unmatched} scans did not match, {built.unusable} were unusable, "
-            f"the odometry leapt {built.odometry_jumps} times"
+            f"the odometry jumped {built.odometry_jumps} times"
         )
-    typer.echo(str(out / "map.yaml"))
+    echo(str(out / "map.yaml"))
 
 
 app.command("plan")(plan)
@@ -108,32 +110,32 @@ def optimize(
     out: Path = typer.Option(None, "--out", help="Where to write the optimised graph."),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON object, alone on standard output."),
 ) -> None:
-    """Find the poses that fit a graph's edges best.
+    """Find the poses that fit a pose graph's edges best.
 
-    chi2 is g2o's: the sum over edges of e' Omega e. Exit status: 0 optimised, 1 it can't be or can't be
-    written, 2 usage or a file that is no such graph.
+    chi2 is g2o's: the sum over edges of e' Omega e. Exit status: 0 optimised, 1 it cannot be optimised or
+    written, 2 usage error or a malformed file.
     """
     from dataclasses import replace
 
-    from lupin_runtime.slam.files import MalformedFile
+    from lupin_runtime.atomic_file import MalformedFile
     from lupin_runtime.slam.g2o import read_g2o, write_g2o
     from lupin_runtime.slam.pose_graph import GraphError
     from lupin_runtime.slam.pose_graph import optimise as solve
 
     if not graph.is_file():
-        typer.echo(f"{graph}: no such file; expected a g2o graph", err=True)
-        raise typer.Exit(2)
+        echo(f"{graph}: no such file; expected a g2o graph", err=True)
+        raise typer.Exit(USAGE_ERROR)
     try:
         read = read_g2o(graph)
         solution = solve(read.poses, read.edges, read.fixed)
         if out is not None:
             write_g2o(out, replace(read, poses=solution.poses))
     except (MalformedFile, GraphError) as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(2 if isinstance(error, MalformedFile) else 1) from error
+        echo(str(error), err=True)
+        raise typer.Exit(USAGE_ERROR if isinstance(error, MalformedFile) else FAILURE) from error
     except OSError as error:
-        typer.echo(f"{error.filename or graph}: {error.strerror or error}", err=True)
-        raise typer.Exit(1) from error
+        echo(f"{error.filename or graph}: {error.strerror or error}", err=True)
+        raise typer.Exit(FAILURE) from error
     result = {
         "vertices": len(read.poses),
         "edges": len(read.edges),
@@ -148,30 +150,30 @@ def optimize(
     if as_json:
         print(json.dumps(result))
         return
-    typer.echo(
+    echo(
         f"{result['vertices']} vertices, {result['edges']} edges: chi2 {solution.chi2_before:.6g} -> {solution.chi2_after:.6g} "
         f"in {solution.iterations} iterations, {solution.seconds:.2f} s" + ("" if solution.converged else " (not converged)")
     )
 
 
 def _read(log: Path, max_range: float | None) -> tuple[list[OfflineScan], list[str]]:
-    """The scans of a log of either kind, and what in it could not be used."""
+    """Read the scans of a log of either kind, and the problems of unusable ones."""
     with log.open("rb") as stream:
         is_recording = stream.read(5) == b"\x89MCAP"
     if is_recording:
-        from lupin_runtime.slam.bag import read_recording
+        from lupin_runtime.slam.mcap_scans import read_recording
 
         recording = read_recording(log, range_max_m=max_range or 12.0)
         return recording.scans, recording.problems[:20]
     from lupin_runtime.slam.carmen import read_carmen
-    from lupin_runtime.slam.offline import USABLE_RANGE_M, scans_of_carmen
+    from lupin_runtime.slam.offline import USABLE_RANGE_M, scans_from_carmen
 
     text = read_carmen(log)
-    return scans_of_carmen(text, max_range or USABLE_RANGE_M), text.problems
+    return scans_from_carmen(text, max_range or USABLE_RANGE_M), text.problems
 
 
 class _Progress:
-    """A bar on standard error; nothing where that is no terminal."""
+    """A progress bar on standard error, if that is a terminal."""
 
     def __enter__(self) -> _Progress:
         from rich.console import Console
@@ -183,7 +185,7 @@ class _Progress:
         return self
 
     def show(self, stage: str, share: float) -> None:
-        """Where a stage stands, 0 to 1."""
+        """Show a stage's progress, 0 to 1."""
         if stage not in self._tasks:
             self._tasks[stage] = self._bar.add_task(stage, total=1.0)
         self._bar.update(self._tasks[stage], completed=share)

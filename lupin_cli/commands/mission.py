@@ -1,4 +1,4 @@
-"""The mission of a run: start, hold and end it, and draw its state machine."""
+"""`lupin mission`: control the mission of a run, and draw the mission's state machine."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-from lupin_cli.mission_calls import register
+from lupin_cli.exit_codes import FAILURE, USAGE_ERROR
+from lupin_cli.run.mission_client import register
+from lupin_cli.terminal import echo
 
 app = typer.Typer(
     help="Start, pause, resume or abort a mission; draw its state machine.",
@@ -17,31 +19,29 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-USAGE_ERROR, FAILED = 2, 1
-
 
 @app.command()
 def diagram(
     form: Annotated[str, typer.Option("--format", "-f", help="mermaid, dot, svg or ascii.")] = "mermaid",
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; else standard output.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file instead of standard output.")] = None,
 ) -> None:
-    """Draw the mission's state machine from its definition. Needs no run and no ROS."""
-    from lupin_runtime.mission.diagram import FORMATS
-    from lupin_runtime.mission.hsm import build_hsm_spec
+    """Draw the mission's state machine. Needs neither a run nor ROS."""
+    from lupin_runtime.mission.diagram import FORMATS, draw
+    from lupin_runtime.mission.hsm_spec import build_hsm_spec
 
     if form not in FORMATS:
-        typer.echo(f"there is no format {form!r}; there are: {', '.join(FORMATS)}", err=True)
+        echo(f"unknown format {form!r}, expected one of: {', '.join(FORMATS)}", err=True)
         raise typer.Exit(USAGE_ERROR)
-    text = FORMATS[form](build_hsm_spec())
+    text = draw(build_hsm_spec(), form)
     if out is None:
-        typer.echo(text, nl=False)
+        echo(text, nl=False)
         return
     try:
         out.write_text(text, encoding="utf-8")
     except OSError as error:
-        typer.echo(f"cannot write {out}: {error.strerror}", err=True)
-        raise typer.Exit(FAILED) from error
-    typer.echo(f"wrote {out}")
+        echo(f"cannot write {out}: {error.strerror}", err=True)
+        raise typer.Exit(FAILURE) from error
+    echo(f"wrote {out}")
 
 
 register(app)

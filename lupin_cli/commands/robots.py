@@ -1,40 +1,40 @@
-"""`lupin robots`: the inventory, and whether its robots answer."""
+"""`lupin robots`: list, add, forget and check the robots of the inventory."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from lupin_cli.config import TRANSPORTS, Config, ConfigError, Robot, load
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.robot_options import (
+from lupin_cli.connection.base import ROOT_REFUSED, Output, Script, TargetError
+from lupin_cli.connection.inventory import TRANSPORTS, Config, ConfigError, Robot, load, parse
+from lupin_cli.connection.options import (
     ALL,
     ASK_SUDO,
     CONFIG,
     LIMIT,
-    STOCK,
+    STOCK_ROBOT,
     ask_sudo_password,
     destinations,
-    named,
-    on_each,
+    exit_code_of,
+    find_robot,
+    for_each_robot,
+    known_hosts_of,
     open_target,
-    reporting,
-    say,
-    select,
-    status_of,
-    trust_of,
+    print_error,
+    reporting_errors,
+    select_robots,
 )
-from lupin_cli.target.base import Script, TargetError
-
-if TYPE_CHECKING:
-    from rich.table import Table
+from lupin_cli.exit_codes import SUCCESS
+from lupin_cli.terminal import echo, printable
 
 app = typer.Typer(
-    help="The robots that Lupin knows: list, add, forget, check.",
+    help="List, add, forget and check the robots of the inventory.",
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -52,81 +52,80 @@ def _list_by_default(context: typer.Context) -> None:
 
 @app.command("list")
 def list_robots(config: CONFIG = None, as_json: _JSON = False) -> None:
-    """List the inventory: names, addresses, and whose host key is accepted."""
-    with reporting("robots"):
-        found = load(config)
-        robots = list(found.robots.values()) or [STOCK]
-        trust = trust_of(found)
+    """List the robots, their addresses, and whether their host keys are accepted."""
+    with reporting_errors("robots"):
+        inventory = load(config)
+        robots = list(inventory.robots.values()) or [STOCK_ROBOT]
+        known_hosts = known_hosts_of(inventory)
         rows: list[dict[str, Any]] = []
         for robot in robots:
             places = destinations(robot)
-            known = any(trust.known(robot.name, place)[0] for place in places.values())
             rows.append(
                 {
                     "name": robot.name,
                     "user": next(iter(places.values())).user,
                     "addresses": dict(robot.addresses),
-                    "default": robot.name == found.default_robot or len(robots) == 1,
-                    "host_key_accepted": known,
+                    "default": robot.name == inventory.default_robot or len(robots) == 1,
+                    "host_key_accepted": any(known_hosts.accepted_keys(robot.name, place)[0] for place in places.values()),
                 }
             )
     if as_json:
-        typer.echo(json.dumps({"path": str(found.path), "robots": rows}))
+        echo(json.dumps({"path": str(inventory.path), "robots": rows}))
         return
-    table = _table("robot", "user", "addresses", "host key")
+    cells = []
     for row in rows:
         addresses = ", ".join(f"{transport} {address}" for transport, address in row["addresses"].items())
-        accepted = "accepted" if row["host_key_accepted"] else "not seen yet"
-        table.add_row(f"{row['name']}{' *' if row['default'] else ''}", row["user"], addresses, accepted)
-    _print(table)
-    if not found.robots:
-        typer.echo(f"{found.path} has no robots: this is the one as it comes. lupin robots add NAME ADDRESS")
+        accepted = "accepted" if row["host_key_accepted"] else "not accepted yet"
+        cells.append((f"{row['name']}{' *' if row['default'] else ''}", row["user"], addresses, accepted))
+    _print_table(("robot", "user", "addresses", "host key"), cells)
+    if not inventory.robots:
+        echo(f"{inventory.path} has no robots; this is a robot as it is delivered. Add one: lupin robots add NAME ADDRESS")
 
 
 @app.command()
 def add(
     name: _NAME,
     address: Annotated[str, typer.Argument(help="[user@]host[:port]; the host may be an alias of ~/.ssh/config.")],
-    transport: Annotated[str, typer.Option("--transport", help="What the address stands on: wired, router or ap.")] = "wired",
+    transport: Annotated[str, typer.Option("--transport", help="The address belongs to: wired, router or ap.")] = "wired",
     config: CONFIG = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Show the file as it would be, and write nothing.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the new lupin.toml and write nothing.")] = False,
 ) -> None:
-    """Add a robot, or another address of one, to lupin.toml."""
-    with reporting("robots"):
-        path, before = _inventory_text(config)
+    """Add a robot, or another address of a robot, to lupin.toml."""
+    with reporting_errors("robots"):
+        path, before = _read_inventory(config)
         after = _with_address(before, path, name, address, transport)
         if dry_run:
-            typer.echo(after, nl=False)
+            echo(after, nl=False)
             return
         _write(path, after)
-        typer.echo(f"{path}: {name} by {transport} at {address.split('@')[-1]}. Next: lupin robots check {name}")
+        echo(f"added {name} to {path}: {transport} at {address.split('@')[-1]}. Next: lupin robots check {name}")
 
 
 @app.command()
 def forget(
     name: _NAME,
-    from_inventory: Annotated[bool, typer.Option("--remove", help="Take the robot out of lupin.toml as well.")] = False,
+    from_inventory: Annotated[bool, typer.Option("--remove", help="Also remove the robot from lupin.toml.")] = False,
     config: CONFIG = None,
 ) -> None:
-    """Forget the accepted host key of a robot, as after it was installed anew."""
-    with reporting("robots"):
-        found = load(config)
-        robot = named(found, name)
-        dropped = trust_of(found).forget(name, list(destinations(robot).values()))
-        if from_inventory and name in found.robots:
-            from lupin_cli.config import without_robot
+    """Forget the accepted host key of a robot, for example after it was reinstalled."""
+    with reporting_errors("robots"):
+        inventory = load(config)
+        robot = find_robot(inventory, name)
+        removed = known_hosts_of(inventory).forget(name, list(destinations(robot).values()))
+        if from_inventory and name in inventory.robots:
+            from lupin_cli.connection.inventory_text import without_robot
 
-            _write(found.path, without_robot(found.path.read_text(), name))
-            dropped.append(f"[robots.{name}] in {found.path}")
-    for what in dropped:
-        typer.echo(f"forgot {what}")
-    if not dropped:
-        typer.echo(f"no key of {name} was accepted; there is nothing to forget")
+            _write(inventory.path, without_robot(inventory.path.read_text(), name))
+            removed.append(f"[robots.{name}] in {inventory.path}")
+    for entry in removed:
+        echo(f"forgot {entry}")
+    if not removed:
+        echo(f"nothing to forget: no host key of {name} is accepted")
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What a robot said when it was asked."""
+class CheckResult:
+    """What `check` found out about one robot; its fields are the keys of `--json`."""
 
     robot: str
     reached: bool
@@ -134,7 +133,7 @@ class Answer:
     address: str = ""
     system: str = ""
     python: str = ""
-    root: str = ""  # without a password, with one, or why not
+    root: str = ""  # "yes", "with a password", or the reason why not
     rtt_ms: float | None = None
     error: str = ""
     next_command: str = ""
@@ -142,7 +141,7 @@ class Answer:
 
 @app.command()
 def check(
-    names: Annotated[list[str] | None, typer.Argument(help="Robots; none for the one that goes without saying.")] = None,
+    names: Annotated[list[str] | None, typer.Argument(help="Robots [the default robot].")] = None,
     every: ALL = False,
     limit: LIMIT = None,
     accept: Annotated[str, typer.Option("--accept", help="Accept the host key with this SHA256 fingerprint.")] = "",
@@ -150,39 +149,37 @@ def check(
     as_json: _JSON = False,
     ask_sudo: ASK_SUDO = False,
 ) -> None:
-    """Connect, and say who answers over which transport and whether root can be had.
+    """Connect to robots; show the transport, the system, and whether root is available.
 
-    Exit status: 0 every robot answered, 1 one did but something in it failed, 3 one can't be reached.
+    Exit status: 0 every robot answered, 1 one answered but a later request failed, 3 one cannot be reached.
     """
-    with reporting("robots"):
-        found = load(config)
-        chosen = select(found, names, every=every, limit=limit)
+    with reporting_errors("robots"):
+        inventory = load(config)
+        chosen = select_robots(inventory, names, every=every, limit=limit)
         if accept and len(chosen) > 1:
-            raise ConfigError("--accept is for one robot: each has a key of its own")
+            raise ConfigError("--accept is for one robot, because each has its own host key")
         password = ask_sudo_password(chosen[0].name) if ask_sudo else None
-        answers = on_each(chosen, lambda robot: _ask(robot, found, accept, password))
+        found = for_each_robot(chosen, lambda robot: _check(robot, inventory, accept, password))
+    errors = {name: result for name, result in found.items() if isinstance(result, TargetError)}
+    results = [result for result in found.values() if isinstance(result, CheckResult)]
     if as_json:
-        typer.echo(json.dumps([asdict(_answer(name, answer)) for name, answer in answers.items()]))
+        echo(
+            json.dumps([asdict(_failed(name, each) if isinstance(each, TargetError) else each) for name, each in found.items()])
+        )
     else:
-        table = _table("robot", "by", "address", "system", "python3", "root", "round trip")
-        for answer in answers.values():
-            if isinstance(answer, Answer):
-                rtt = f"{answer.rtt_ms:.1f} ms"
-                table.add_row(answer.robot, answer.transport, answer.address, answer.system, answer.python, answer.root, rtt)
-        if table.row_count:
-            _print(table)
-        for answer in answers.values():
-            if isinstance(answer, TargetError):
-                say("robots", answer)
-    raise typer.Exit(max((status_of(answer) for answer in answers.values() if isinstance(answer, TargetError)), default=0))
+        if results:
+            _print_table(
+                ("robot", "transport", "address", "system", "python3", "root", "round trip"),
+                [(r.robot, r.transport, r.address, r.system, r.python, r.root, f"{r.rtt_ms:.1f} ms") for r in results],
+            )
+        for error in errors.values():
+            print_error("robots", error)
+    raise typer.Exit(max(map(exit_code_of, errors.values()), default=SUCCESS))
 
 
-def _ask(robot: Robot, config: Config, accept: str, sudo_password: str | None) -> Answer:
-    import time
-
+def _check(robot: Robot, config: Config, accept: str, sudo_password: str | None) -> CheckResult:
     target = open_target(robot, config, sudo_password=sudo_password, accept=accept)
     try:
-        target.connect()
         outputs = target.batch(
             [
                 Script("system", '. /etc/os-release; echo "$PRETTY_NAME, $(uname -m)"'),
@@ -195,28 +192,30 @@ def _ask(robot: Robot, config: Config, accept: str, sudo_password: str | None) -
         rtt_ms = (time.monotonic() - start) * 1e3
     finally:
         target.close()
-    root = outputs["root"]
-    granted = "with a password" if sudo_password is not None else "yes"
-    return Answer(
+    return CheckResult(
         robot.name,
         True,
         target.transport_name,
         str(target.destination),
         outputs["system"].stdout.strip() or "unknown",
         outputs["python"].stdout.strip() or "none",
-        granted if root.stdout.strip() == "0" else root.stderr.removeprefix("root refused: "),
+        _root_access(outputs["root"], sudo_password),
         rtt_ms,
     )
 
 
-def _answer(name: str, answer: Answer | TargetError) -> Answer:
-    if isinstance(answer, Answer):
-        return answer
-    return Answer(name, False, error=str(answer), next_command=answer.next_command)
+def _root_access(output: Output, sudo_password: str | None) -> str:
+    if output.stdout.strip() != "0":
+        return output.stderr.removeprefix(ROOT_REFUSED)
+    return "yes" if sudo_password is None else "with a password"
 
 
-def _inventory_text(config: Path | None) -> tuple[Path, str]:
-    """The file that will be written, and what is in it; a named file need not exist yet."""
+def _failed(name: str, error: TargetError) -> CheckResult:
+    return CheckResult(name, False, error=str(error), next_command=error.next_command)
+
+
+def _read_inventory(config: Path | None) -> tuple[Path, str]:
+    """Return the path and the text of the file to edit. A file named with --config need not exist yet."""
     if config is not None and not config.exists():
         return config, ""
     path = load(config).path
@@ -224,8 +223,9 @@ def _inventory_text(config: Path | None) -> tuple[Path, str]:
 
 
 def _with_address(text: str, path: Path, name: str, address: str, transport: str) -> str:
-    from lupin_cli.config import parse, with_robot
-    from lupin_cli.target.destination import parse_destination
+    """Return the inventory's text with the address added to the robot `name`. Raises ConfigError."""
+    from lupin_cli.connection.destination import parse_destination
+    from lupin_cli.connection.inventory_text import with_robot, without_robot
 
     if transport not in TRANSPORTS:
         raise ConfigError(f"--transport must be one of {', '.join(TRANSPORTS)}")
@@ -233,45 +233,37 @@ def _with_address(text: str, path: Path, name: str, address: str, transport: str
         user, host, port = parse_destination(address)
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    bare = f"[{host}]" if ":" in host else host
-    bare += f":{port}" if port else ""
-    robots = parse(text, path).robots
-    robot = Robot(name, {transport: bare}, user)
-    if name in robots:
-        known = robots[name]
+    host_and_port = (f"[{host}]" if ":" in host else host) + (f":{port}" if port else "")
+    robot = Robot(name, {transport: host_and_port}, user)
+    known = parse(text, path).robots.get(name)
+    if known is not None:
         if transport in known.addresses:
-            raise ConfigError(
-                f"{name} has the address {known.addresses[transport]} for {transport} already; change it in {path}"
-            )
-        from lupin_cli.config import without_robot
-
-        both = {
-            kind: {**known.addresses, transport: bare}[kind] for kind in TRANSPORTS if kind in {*known.addresses, transport}
-        }
-        robot = replace(known, addresses=both, user=user or known.user)
+            existing = known.addresses[transport]
+            raise ConfigError(f"{name} has the {transport} address {existing} already; change it in {path}")
+        addresses = {**known.addresses, transport: host_and_port}
+        ranked = {each: addresses[each] for each in TRANSPORTS if each in addresses}
+        robot = replace(known, addresses=ranked, user=user or known.user)
         text = without_robot(text, name)
     after = with_robot(text, robot)
-    parse(after, path)  # nothing is written that could not be read
+    parse(after, path)  # raises before a file is written that cannot be read
     return after
 
 
 def _write(path: Path, text: str) -> None:
-    from lupin_cli.target.local import LocalTarget
+    from lupin_cli.connection.local import LocalTarget
 
     path.parent.mkdir(parents=True, exist_ok=True)
     LocalTarget().put(str(path), text.encode())
 
 
-def _table(*columns: str) -> Table:
+def _print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in columns:
         table.add_column(column, overflow="fold")
-    return table
-
-
-def _print(table: Table) -> None:
-    from rich.console import Console
-
+    for row in rows:
+        table.add_row(*(Text(printable(cell)) for cell in row))
     Console().print(table)

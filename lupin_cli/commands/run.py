@@ -1,4 +1,4 @@
-"""`lupin run NODE`: one process of the stack in the foreground, on the graph of the live run."""
+"""`lupin run PROCESS`: run one process of the stack in the foreground, on the graph of the live run."""
 
 from __future__ import annotations
 
@@ -12,27 +12,30 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lupin_cli.exit_codes import UNREACHABLE, USAGE_ERROR
+from lupin_cli.terminal import echo
+
 if TYPE_CHECKING:
     from lupin_runtime.stack.table import ProcessRow
 
 
 def command(
-    process: str = typer.Argument(None, help="A process of the stack; without one, the table of them."),
-    run: str = typer.Option(None, "--run", help="Join the graph of this run, where several are up."),
-    parameter: list[str] = typer.Option([], "--parameter", "-p", help="Override NODE.NAME=VALUE (VALUE as JSON)."),
+    process: str = typer.Argument(None, help="A process of the stack; without one, list the processes."),
+    run: str = typer.Option(None, "--run", help="A part of the run's id, if several runs are up."),
+    parameter: list[str] = typer.Option([], "--parameter", "-p", help="Override a parameter: NODE.NAME=VALUE, VALUE as JSON."),
 ) -> None:
-    """Run one process of the stack in the foreground, on the graph of the live run where there is one."""
+    """Run one process of the stack in the foreground, on the graph of the live run if there is one."""
     from lupin_runtime.stack.runs import RunError, find_live_run
     from lupin_runtime.stack.table import TABLE, Options, launch
 
-    rows = {row.name: row for row in TABLE if not row.elsewhere}
+    rows = {row.name: row for row in TABLE if not row.external}
     if process is None:
         for row in rows.values():
-            typer.echo(f"{row.name:13s} {', '.join(node.path.split(':')[1] for node in row.nodes) or _program(row)}")
+            echo(f"{row.name:13s} {', '.join(node.path.split(':')[1] for node in row.nodes) or _program(row)}")
         return
     if process not in rows:
-        typer.echo(f"there is no process {process!r}; there are: {', '.join(rows)}", err=True)
-        raise typer.Exit(2)
+        echo(f"there is no process {process!r}; the processes are: {', '.join(rows)}", err=True)
+        raise typer.Exit(USAGE_ERROR)
     environment = dict(os.environ)
     try:
         found = find_live_run(run)
@@ -40,9 +43,9 @@ def command(
         folder = found.path
     except RunError as error:
         if run is not None:
-            typer.echo(str(error), err=True)
-            raise typer.Exit(3) from error
-        typer.echo("no run is up: the process joins the graph of this shell", err=True)
+            echo(str(error), err=True)
+            raise typer.Exit(UNREACHABLE) from error
+        echo("no run is up: the process joins the graph of this shell", err=True)
         folder = Path(tempfile.mkdtemp(prefix="lupin-"))
     made = launch(rows[process], Options(run_path=folder, mission=True))
     arguments = made.arguments
@@ -51,17 +54,17 @@ def command(
         path = folder / f"{process}-foreground.json"
         path.write_text(json.dumps(made.config))
         arguments = [*arguments[:-1], str(path)]
-    # The child ends at the end of its input; a terminal's end of input would be Ctrl-D, so it gets a pipe of ours.
+    # The child ends at the end of its input. It gets a pipe, so that Ctrl-D in the terminal does not terminate it.
     child = subprocess.Popen([sys.executable, *arguments], env=environment, stdin=subprocess.PIPE)
     while True:
         try:
             raise typer.Exit(child.wait())
         except KeyboardInterrupt:
-            continue  # the terminal sent it to the child too, which stops in its own order
+            continue  # the terminal sent SIGINT to the child too, which stops in its own order
 
 
 def _program(row: ProcessRow) -> str:
-    """What a row without nodes of ours runs."""
+    """The program of a row without nodes."""
     from lupin_runtime.stack.table import Options
 
     command = row.command(Options()) if row.command is not None else [sys.executable]

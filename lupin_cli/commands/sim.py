@@ -1,4 +1,4 @@
-"""The simulated robot: its worlds, pictures and films of them."""
+"""`lupin sim`: worlds of the simulated robot, pictures and videos of them, its e-stop button, and the simulated computer."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lupin_cli.commands import sim_host
+from lupin_cli.exit_codes import FAILURE, SUCCESS, USAGE_ERROR
+from lupin_cli.terminal import echo
 
 if TYPE_CHECKING:
-    from lupin_sim.tour import Frame
+    from lupin_sim.flythrough import Frame
     from lupin_sim.world import World
 
 app = typer.Typer(
-    help="The simulated robot: worlds, pictures, films.",
+    help="The simulated robot: worlds, pictures, videos, its e-stop button, and the simulated computer.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -25,22 +27,21 @@ app = typer.Typer(
 
 app.add_typer(sim_host.app, name="host")
 
-USAGE_ERROR, FAILED = 2, 1
 _WORLD = typer.Option("--world", help="demo, course[:STRETCH], random:SEED, walled, or a layout file.")
-_SEED = typer.Option("--seed", help="Which random world, and how its flowers stand.")
-_TRAJECTORY = typer.Option("--trajectory", help="A drive to show: a TUM file in the world frame.", dir_okay=False)
+_SEED = typer.Option("--seed", help="Selects the random world and the random placement of flowers.")
+_TRAJECTORY = typer.Option("--trajectory", help="The drive to show: a TUM file in the world frame.", dir_okay=False)
 _CAMERA = "overview, top, follow, front or gripper."
-_LISTED = ("demo", "course", "random:1", "walled")
+_LISTED_WORLDS = ("demo", "course", "random:1", "walled")
 
 
 @app.command()
 def worlds(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
-    """List the greenhouses: size, tags, flowers, and how many tags can be reached."""
-    from lupin_sim.reach import reachable_tags
+    """List the greenhouses: size, tags, flowers, and how many tags the robot can reach."""
+    from lupin_sim.reachability import reachable_tags
     from lupin_sim.worlds import CATALOGUE, load_world
 
     rows = []
-    for entry, name in zip(CATALOGUE, _LISTED):
+    for entry, name in zip(CATALOGUE, _LISTED_WORLDS):
         world = load_world(name)
         length, breadth = world.size_m
         rows.append(
@@ -58,14 +59,14 @@ def worlds(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] 
             }
         )
     if as_json:
-        typer.echo(json.dumps(rows))
+        echo(json.dumps(rows))
         return
-    typer.echo(f"{'WORLD':16}{'SIZE':14}{'TAGS':>5}{'REACHABLE':>11}{'FLOWERS':>9}{'BUGS':>6}  ")
+    echo(f"{'WORLD':16}{'SIZE':14}{'TAGS':>5}{'REACHABLE':>11}{'FLOWERS':>9}{'BUGS':>6}  ")
     for row in rows:
         size = f"{row['length_m']:.1f} x {row['breadth_m']:.1f} m"
         counts = f"{row['tags']:>5}{row['tags_reachable']:>11}{row['flowers']:>9}{row['bugs']:>6}"
-        typer.echo(f"{row['name']:16}{size:14}{counts}  {row['summary']}")
-    typer.echo("FILE.json       a layout of your own: lupin up --world FILE.json")
+        echo(f"{row['name']:16}{size:14}{counts}  {row['summary']}")
+    echo("FILE.json       your own layout: lupin up --world FILE.json")
 
 
 @app.command()
@@ -76,12 +77,12 @@ def picture(
     out: Annotated[Path, typer.Option("--out", help="PNG or JPEG to write.", dir_okay=False)] = Path("picture.png"),
     trajectory: Annotated[Path | None, _TRAJECTORY] = None,
 ) -> None:
-    """Draw a picture of a world, with the way the robot drove if a trajectory is given."""
-    from lupin_sim.picture import picture as draw
+    """Draw a picture of a world, with the robot's path if a trajectory is given."""
+    from lupin_sim.rendering import picture as draw
 
     frames = _recorded(trajectory, 10.0) if trajectory is not None else []
-    _drawing(lambda: draw(_load(world, seed), out, camera, frames))
-    typer.echo(f"wrote {out}")
+    _report_drawing_errors(lambda: draw(_load(world, seed), out, camera, frames))
+    echo(f"wrote {out}")
 
 
 @app.command()
@@ -91,45 +92,47 @@ def video(
     camera: Annotated[str, typer.Option("--camera", help=_CAMERA)] = "follow",
     out: Annotated[Path, typer.Option("--out", help="MP4 or GIF to write.", dir_okay=False)] = Path("drive.mp4"),
     trajectory: Annotated[Path | None, _TRAJECTORY] = None,
-    rate_hz: Annotated[float, typer.Option("--rate", min=1.0, max=60.0, help="Pictures per second of film.")] = 10.0,
+    rate_hz: Annotated[float, typer.Option("--rate", min=1.0, max=60.0, help="Frames per second of film.")] = 10.0,
     speed: Annotated[float, typer.Option("--speed", min=0.1, max=100.0, help="Seconds of drive per second of film.")] = 1.0,
-    limit_s: Annotated[float, typer.Option("--limit", min=0.0, help="Seconds of film; 0 for all.")] = 0.0,
+    limit_s: Annotated[
+        float, typer.Option("--limit", min=0.0, help="Maximum length of the film in seconds; 0 for no limit.")
+    ] = 0.0,
 ) -> None:
-    """Film a drive: along a trajectory, or past every tag that can be reached."""
-    from lupin_sim.picture import film
-    from lupin_sim.tour import tour
+    """Film a drive: along a trajectory, or past every tag that the robot can reach."""
+    from lupin_sim.flythrough import flythrough
+    from lupin_sim.rendering import film
 
     greenhouse = _load(world, seed)
     per_s = rate_hz / speed
-    frames = _recorded(trajectory, per_s) if trajectory is not None else tour(greenhouse, per_s)
+    frames = _recorded(trajectory, per_s) if trajectory is not None else flythrough(greenhouse, per_s)
     if limit_s > 0.0:
         frames = frames[: max(1, round(limit_s * rate_hz))]
-    _drawing(lambda: film(greenhouse, out, frames, rate_hz, camera))
-    typer.echo(f"wrote {out}: {len(frames)} pictures, {len(frames) / rate_hz:.0f} s")
+    _report_drawing_errors(lambda: film(greenhouse, out, frames, rate_hz, camera))
+    echo(f"wrote {out}: {len(frames)} frames, {len(frames) / rate_hz:.0f} s")
 
 
 @app.command()
 def press(
-    button: Annotated[str, typer.Argument(help="The button: estop.")] = "estop",
-    release: Annotated[bool, typer.Option("--release", help="Let it go again; nothing starts by that.")] = False,
-    run: Annotated[str | None, typer.Option("--run", help="A part of the run's name, where several are up.")] = None,
+    button: Annotated[str, typer.Argument(help="The button to press: estop.")] = "estop",
+    release: Annotated[bool, typer.Option("--release", help="Release the button; this alone starts no motion.")] = False,
+    run: Annotated[str | None, typer.Option("--run", help="Part of the run's name, if several are up.")] = None,
 ) -> None:
-    """Press the simulated robot's red button, or let it go.
+    """Press the simulated robot's e-stop button, or release it.
 
-    Exit status: 0 done, 1 the simulator did not answer, 2 no such button, 3 no run is up.
+    Exit status: 0 done, 1 the simulator did not answer, 2 there is no such button, 3 no run is up.
     """
     if button != "estop":
-        typer.echo(f"lupin sim: the robot has no button {button!r}; it has: estop", err=True)
+        echo(f"lupin sim: there is no button {button!r}; there is: estop", err=True)
         raise typer.Exit(USAGE_ERROR)
-    from lupin_cli.graph_session import visit
+    from lupin_cli.run.ros_client import join_run
     from lupin_runtime import graph
 
-    with visit(run) as here:
+    with join_run(run) as session:
         from std_srvs.srv import SetBool
 
-        answer = here.call(graph.SIM_PRESS_ESTOP, SetBool.Request(data=not release))
-    typer.echo(answer.message or f"the e-stop is {'released' if release else 'pressed'}")
-    raise typer.Exit(0 if answer.success else FAILED)
+        answer = session.call(graph.SIM_PRESS_ESTOP, SetBool.Request(data=not release))
+    echo(answer.message or f"the e-stop is {'released' if release else 'pressed'}")
+    raise typer.Exit(SUCCESS if answer.success else FAILURE)
 
 
 def _load(name: str, seed: int) -> World:
@@ -138,33 +141,33 @@ def _load(name: str, seed: int) -> World:
     try:
         return load_world(name, seed)
     except WorldError as error:
-        typer.echo(f"lupin sim: {error}", err=True)
+        echo(f"lupin sim: {error}", err=True)
         raise typer.Exit(USAGE_ERROR) from None
 
 
 def _recorded(path: Path, rate_hz: float) -> list[Frame]:
+    from lupin_sim.flythrough import from_trajectory
     from lupin_sim.scoring import read_tum
-    from lupin_sim.tour import from_trajectory
 
     try:
         trajectory = read_tum(path)
     except (OSError, ValueError) as error:
-        typer.echo(f"lupin sim: {error}", err=True)
+        echo(f"lupin sim: {error}", err=True)
         raise typer.Exit(USAGE_ERROR) from None
     if len(trajectory) == 0:
-        typer.echo(f"lupin sim: {path} holds no poses", err=True)
+        echo(f"lupin sim: {path} holds no poses", err=True)
         raise typer.Exit(USAGE_ERROR)
     return from_trajectory(trajectory, rate_hz)
 
 
-def _drawing(draw: Callable[[], None]) -> None:
+def _report_drawing_errors(draw: Callable[[], None]) -> None:
     from lupin_sim.cameras import GraphicsUnavailable
 
     try:
         draw()
     except ValueError as error:
-        typer.echo(f"lupin sim: {error}", err=True)
+        echo(f"lupin sim: {error}", err=True)
         raise typer.Exit(USAGE_ERROR) from None
     except (GraphicsUnavailable, OSError) as error:
-        typer.echo(f"lupin sim: {error}", err=True)
-        raise typer.Exit(FAILED) from None
+        echo(f"lupin sim: {error}", err=True)
+        raise typer.Exit(FAILURE) from None

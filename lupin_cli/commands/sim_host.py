@@ -1,4 +1,4 @@
-"""The robot's computer on this machine: boot it, log into it, break it."""
+"""`lupin sim host`: boot a simulated computer of a robot, log in to it, inject faults."""
 
 from __future__ import annotations
 
@@ -11,35 +11,37 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from lupin_cli.exit_codes import FAILURE, USAGE_ERROR
+from lupin_cli.terminal import echo
+
 if TYPE_CHECKING:
     from lupin_sim.host import Host
 
 app = typer.Typer(
-    help="The robot's computer: a Linux that boots on this machine, with a laptop's network beside it, and faults on demand.",
+    help="The robot's computer: a Linux that boots on this machine, with a laptop on its network and faults on demand.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
-USAGE_ERROR, FAILED = 2, 1
-_NAME = typer.Option("--name", help="Which host, where several are up.")
-_ROBOT = typer.Option("--robot", min=1, help="Which robot of it, from 1 on.")
+_NAME = typer.Option("--name", help="The host, if several are up.")
+_ROBOT = typer.Option("--robot", min=1, help="The robot of the host, counted from 1.")
 _JSON = typer.Option("--json", help="Print JSON.")
 
 
 @app.command()
 def up(
     name: Annotated[str, _NAME] = "host",
-    robots: Annotated[int, typer.Option("--robots", min=1, max=32, help="How many, all on one wire.")] = 1,
+    robots: Annotated[int, typer.Option("--robots", min=1, max=32, help="How many robots, all on one network.")] = 1,
     vendor_robot: Annotated[
-        bool, typer.Option("--vendor-robot", help="mirte-ros.service runs the simulated robot, so the graph is whole.")
+        bool, typer.Option("--vendor-robot", help="Run the simulated robot as mirte-ros.service, so the ROS graph is complete.")
     ] = False,
-    world: Annotated[str, typer.Option("--world", help="The greenhouse that robot stands in.")] = "demo",
+    world: Annotated[str, typer.Option("--world", help="The greenhouse of that robot.")] = "demo",
 ) -> None:
-    """Boot it, and leave it up until `lupin sim host down`.
+    """Boot a host, and leave it up until `lupin sim host down`.
 
-    Exit status: 0 up, 1 it did not come up or this machine lacks something for it.
+    Exit status: 0 it is up, 1 it did not start, or this machine lacks something that it needs.
     """
     from lupin_sim.host import Host
     from lupin_sim.host.host import ROBOT_ARGUMENTS
@@ -47,26 +49,26 @@ def up(
     arguments = f"{ROBOT_ARGUMENTS} --world {world}"
     with _reporting():
         host = Host.start(
-            name, robots=robots, vendor_robot=vendor_robot, robot_arguments=arguments, lifeline=False, progress=_say
+            name, robots=robots, vendor_robot=vendor_robot, robot_arguments=arguments, lifeline=False, progress=_print_progress
         )
     for robot in host.robots:
-        typer.echo(f"{robot.name} is up: eth0 {robot.eth0}, wlan0 {robot.wlan0}, user mirte, password mirte_mirte")
+        echo(f"{robot.name} is up: eth0 {robot.eth0}, wlan0 {robot.wlan0}, user mirte, password mirte_mirte")
     option = "" if name == "host" else f" --name {name}"
-    typer.echo(f"log in: lupin sim host ssh{option}    on the laptop: lupin sim host laptop{option} -- ping {host.robot.eth0}")
-    typer.echo(f"key: {host.key}    known hosts: {host.known_hosts}")
+    echo(f"log in: lupin sim host ssh{option}    on the laptop: lupin sim host laptop{option} -- ping {host.robot.eth0}")
+    echo(f"key: {host.key}    known hosts: {host.known_hosts}")
 
 
 @app.command()
 def down(name: Annotated[str, _NAME] = "host") -> None:
-    """Pull every plug; nothing of it is left."""
+    """Switch a host off and remove everything of it."""
     from lupin_sim.host import state
 
     if name not in state.running():
-        swept = state.sweep()
-        typer.echo(f"no host {name!r} is up" + (f"; swept what was left of {', '.join(swept)}" if swept else ""))
+        removed = state.remove_stale()
+        echo(f"no host {name!r} is up" + (f"; removed what these left: {', '.join(removed)}" if removed else ""))
         return
     _attach(name).end()
-    typer.echo(f"host {name!r} is down")
+    echo(f"host {name!r} is down")
 
 
 @app.command()
@@ -74,21 +76,21 @@ def status(
     name: Annotated[str | None, _NAME] = None,
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
-    """What is up: robots, their addresses, their clocks, the faults that stand."""
-    from lupin_sim.host import state, what_is_missing
+    """Show the hosts that are up: robots, addresses, clocks, active faults."""
+    from lupin_sim.host import missing_prerequisite, state
 
     names = state.running() if name is None else [name]
-    rows: dict[str, Any] = {each: _attach(each).ask("status")["robots"] for each in names}
+    rows: dict[str, Any] = {each: _attach(each).request("status")["robots"] for each in names}
     if as_json:
-        typer.echo(json.dumps(rows))
+        echo(json.dumps(rows))
         return
     if not rows:
-        typer.echo(what_is_missing() or "no host is up: lupin sim host up")
+        echo(missing_prerequisite() or "no host is up: lupin sim host up")
         return
     for each, robots in rows.items():
         for robot in robots:
             power = "on" if robot["running"] else "off"
-            typer.echo(
+            echo(
                 f"{each}: {robot['name']} {power}, eth0 {robot['eth0']}, wlan0 {robot['wlan0']}, boot {robot['boots']}, "
                 f"clock {robot['clock_offset_s']:+.3f} s {robot['clock_crystal_ppm']:+.0f} ppm, "
                 f"disk {robot['disk_used_mb']} MB, faults: {', '.join(robot['faults']) or 'none'}"
@@ -97,62 +99,60 @@ def status(
 
 @app.command()
 def ssh(
-    command: Annotated[list[str] | None, typer.Argument(help="What to run there; without it a shell.")] = None,
+    command: Annotated[list[str] | None, typer.Argument(help="Command to run on the robot; a shell if omitted.")] = None,
     name: Annotated[str, _NAME] = "host",
     robot: Annotated[int, _ROBOT] = 1,
-    link: Annotated[str, typer.Option("--link", help="Over eth0 or wlan0.")] = "eth0",
+    link: Annotated[str, typer.Option("--link", help="Interface to use: eth0 or wlan0.")] = "eth0",
 ) -> None:
-    """Log in as mirte, from the laptop, over the wire. The exit status is the command's."""
+    """Log in as mirte from the laptop. The exit status is the command's."""
     host = _attach(name)
-    chosen = _robot(host, robot)
-    _become(host, host.ssh_command(*(command or ()), robot=host.robots[chosen], link=link))
+    index = _robot_index(host, robot)
+    _run_and_exit(host, host.ssh_command(*(command or ()), robot=host.robots[index], link=link))
 
 
 @app.command(context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False})
 def laptop(
-    command: Annotated[list[str] | None, typer.Argument(help="What to run; without it a shell.")] = None,
+    command: Annotated[list[str] | None, typer.Argument(help="Program to run; a shell if omitted.")] = None,
     name: Annotated[str, _NAME] = "host",
 ) -> None:
-    """Run a program on the laptop: 10.42.0.2 and 192.168.42.2, its own processes, this machine's files."""
-    _become(_attach(name), command or [os.environ.get("SHELL", "/bin/sh")])
+    """Run a program on the laptop: addresses 10.42.0.2 and 192.168.42.2, its own processes, this machine's files."""
+    _run_and_exit(_attach(name), command or [os.environ.get("SHELL", "/bin/sh")])
 
 
 @app.command()
 def fault(
-    fault_name: Annotated[str | None, typer.Argument(metavar="[FAULT]", help="Without it, list them all.")] = None,
-    settings: Annotated[list[str] | None, typer.Argument(metavar="[SETTING=VALUE]...", help="As listed.")] = None,
-    undo: Annotated[bool, typer.Option("--undo", help="Take it back.")] = False,
+    fault_name: Annotated[str | None, typer.Argument(metavar="[FAULT]", help="The fault; all are listed if omitted.")] = None,
+    settings: Annotated[list[str] | None, typer.Argument(metavar="[SETTING=VALUE]...", help="Its settings, as listed.")] = None,
+    undo: Annotated[bool, typer.Option("--undo", help="Undo the fault.")] = False,
     name: Annotated[str, _NAME] = "host",
     robot: Annotated[int, _ROBOT] = 1,
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
-    """Break the robot or its cables, or list what can be broken.
+    """Inject a fault into the robot or its network, or list all faults.
 
-    Exit status: 0 done, 1 it could not be done, 2 no such fault or setting.
+    Exit status: 0 done, 1 the fault could not be injected or undone, 2 there is no such fault or setting.
     """
     from lupin_sim.host import faults
 
     if fault_name is None:
         if as_json:
-            typer.echo(json.dumps(faults.listing()))
+            echo(json.dumps(faults.list_faults()))
             return
-        for row in faults.listing():
-            typer.echo(f"{row['name']:20}{row['summary']}{'' if row['undo'] else ' (nothing to undo)'}")
+        for row in faults.list_faults():
+            echo(f"{row['name']:20}{row['summary']}{'' if row['undo'] else ' (nothing to undo)'}")
             if row["settings"]:
-                typer.echo(f"{'':20}  " + "  ".join(f"{key}={value}" for key, value in row["settings"].items()))
+                echo(f"{'':20}  " + "  ".join(f"{key}={value}" for key, value in row["settings"].items()))
         return
     try:
-        chosen = faults.parse(fault_name, settings or [])
+        chosen = faults.parse_settings(fault_name, settings or [])
     except faults.FaultError as error:
-        typer.echo(f"lupin sim host: {error}", err=True)
+        echo(f"lupin sim host: {error}", err=True)
         raise typer.Exit(USAGE_ERROR) from None
     host = _attach(name)
-    target = host.robots[_robot(host, robot)]
+    target = host.robots[_robot_index(host, robot)]
     with _reporting():
-        (target.mend if undo else target.fault)(fault_name, **chosen)
-    typer.echo(
-        json.dumps({"fault": fault_name, "undone": undo}) if as_json else f"{fault_name}: {'taken back' if undo else 'done'}"
-    )
+        (target.undo_fault if undo else target.inject_fault)(fault_name, **chosen)
+    echo(json.dumps({"fault": fault_name, "undone": undo}) if as_json else f"{fault_name}: {'undone' if undo else 'done'}")
 
 
 def _attach(name: str) -> Host:
@@ -162,15 +162,15 @@ def _attach(name: str) -> Host:
         return Host.attach(name)
 
 
-def _robot(host: Host, number: int) -> int:
+def _robot_index(host: Host, number: int) -> int:
     if number > len(host.robots):
-        typer.echo(f"lupin sim host: there is no robot {number}, only {len(host.robots)}", err=True)
+        echo(f"lupin sim host: there is no robot {number}; the host has {len(host.robots)}", err=True)
         raise typer.Exit(USAGE_ERROR)
     return number - 1
 
 
-def _become(host: Host, command: list[str]) -> NoReturn:
-    """Run it with this terminal, and end as it does. Its interrupts are its own."""
+def _run_and_exit(host: Host, command: list[str]) -> NoReturn:
+    """Run a program in this terminal and exit with its status. Ctrl-C interrupts only the program."""
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -179,17 +179,17 @@ def _become(host: Host, command: list[str]) -> NoReturn:
     raise typer.Exit(code if code >= 0 else 128 - code)
 
 
-def _say(text: str) -> None:
+def _print_progress(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
 @contextmanager
 def _reporting() -> Generator[None, None, None]:
-    """What a host cannot do is one line, and exit status 1."""
+    """Report a HostError as one line, and exit with status 1."""
     from lupin_sim.host import HostError
 
     try:
         yield
     except HostError as error:
-        typer.echo(f"lupin sim host: {error}", err=True)
-        raise typer.Exit(FAILED) from None
+        echo(f"lupin sim host: {error}", err=True)
+        raise typer.Exit(FAILURE) from None

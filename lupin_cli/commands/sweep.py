@@ -4,106 +4,112 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterable
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lupin_cli.config import load
-from lupin_cli.robot_options import ASK_SUDO, CONFIG, ROBOT, ask_sudo_password, connect, reporting, select
+from lupin_cli.connection.inventory import load
+from lupin_cli.connection.options import ASK_SUDO, CONFIG, ROBOT, ask_sudo_password, connect, reporting_errors, select_robots
+from lupin_cli.exit_codes import FAILURE, SUCCESS
+from lupin_cli.terminal import echo
 
 if TYPE_CHECKING:
-    from lupin_cli.sweep import Kept, Plan, Result
-    from lupin_cli.target import Target
-
-CLEAN, LEFT = 0, 1
+    from lupin_cli.cleanup import CleanupPlan, CleanupResult, Kept, StaleProcess, StaleSegment
+    from lupin_cli.connection import Target
 
 
 def command(
     robot: ROBOT = None,
-    dry_run: bool = typer.Option(False, "--dry-run", help="Only say what would be ended and removed."),
+    dry_run: bool = typer.Option(False, "--dry-run", help="Only list what would be terminated and removed."),
     as_json: bool = typer.Option(False, "--json", help="Print JSON, alone on standard output."),
     config: CONFIG = None,
     ask_sudo: ASK_SUDO = False,
 ) -> None:
-    """End zombie ROS processes on DDS ports, by number and after a look at each; remove shared memory that nobody holds.
+    """Terminate stale ROS processes that hold DDS ports, and remove shared memory that no process uses.
 
-    Sweeps this machine, or a robot with --robot. What a live run, a service or an operator's terminal owns is named and left
-    alone. Exit status: 0 nothing is left over, 1 something is (with --dry-run: would be removed), 2 usage, 3 the robot can't
-    be reached.
+    Cleans up this machine, or a robot with --robot. Processes of a live run, of a service or of a terminal that is still open
+    are listed and left alone; each process is checked again before it is terminated. Exit status: 0 nothing stale is
+    left, 1 something is (with --dry-run: would be removed), 2 usage, 3 the robot cannot be reached.
     """
-    from lupin_cli.target.local import LocalTarget
+    from lupin_cli.cleanup.live_runs import live_run_processes
+    from lupin_cli.connection.local import LocalTarget
 
-    with reporting("sweep"):
+    with reporting_errors("sweep"):
         if robot is None:
-            who = {"user_id": os.geteuid(), "runs": live_run_processes(), "ourselves": frozenset({os.getpid()})}
-            raise typer.Exit(_sweep(LocalTarget(), who, dry_run, as_json))
-        inventory, status = load(config), CLEAN
-        for one in select(inventory, robot):
+            rights = {"user_id": os.geteuid(), "runs": live_run_processes(), "ourselves": frozenset({os.getpid()})}
+            raise typer.Exit(_clean_up(LocalTarget(), rights, dry_run, as_json))
+        inventory, status = load(config), SUCCESS
+        for one in select_robots(inventory, robot):
             with connect(one, inventory, sudo_password=ask_sudo_password(one.name) if ask_sudo else None) as target:
-                status = max(status, _sweep(target, {"user_id": 0}, dry_run, as_json))
+                status = max(status, _clean_up(target, {"user_id": 0}, dry_run, as_json))
     raise typer.Exit(status)
 
 
-def _sweep(target: Target, who: dict[str, Any], dry_run: bool, as_json: bool) -> int:
-    from lupin_cli.sweep import look, sweep
+def _clean_up(target: Target, rights: dict[str, Any], dry_run: bool, as_json: bool) -> int:
+    from lupin_cli.cleanup import clean_up, find_stale
 
     if dry_run:
-        plan = look(target, **who)
-        _tell_plan(plan, as_json)
-        return CLEAN if plan.clean else LEFT
-    result = sweep(target, **who)
-    _tell_result(result, as_json)
-    return LEFT if result.failed or any(kept.blocks for kept in result.kept) else CLEAN
+        plan = find_stale(target, **rights)
+        _print_plan(plan, as_json)
+        return SUCCESS if plan.is_empty else FAILURE
+    result = clean_up(target, **rights)
+    _print_result(result, as_json)
+    return FAILURE if result.failed or any(kept.needs_root for kept in result.kept) else SUCCESS
 
 
-def live_run_processes() -> dict[int, str]:
-    """The processes of this user's live runs, with the run's name; their children are found by whose children they are."""
-    from lupin_runtime.stack.runs import live_runs
-
-    found = {}
-    for run in live_runs():
-        pids = [run.info().get("pid"), *(stage.get("pid") for stage in run.state().get("stages", []))]
-        found.update({pid: run.id for pid in pids if isinstance(pid, int)})
-    return found
-
-
-def _tell_plan(plan: Plan, as_json: bool) -> None:
-    from dataclasses import asdict
-
+def _print_plan(plan: CleanupPlan, as_json: bool) -> None:
     if as_json:
-        print(json.dumps(asdict(plan)))
+        processes, segments = _processes_json(plan.processes), _segments_json(plan.segments)
+        print(json.dumps({"culprits": processes, "orphans": segments, "kept": _kept_json(plan.kept)}))
         return
-    for culprit in plan.culprits:
-        typer.echo(f"would end {culprit.name} ({culprit.pid}){_ports(culprit.ports)}: {culprit.why}")
-    for orphan in plan.orphans:
-        typer.echo(f"would remove {', '.join(orphan.files)}")
-    _tell_kept(plan.kept)
-    if plan.clean:
-        typer.echo("nothing is left over")
+    for process in plan.processes:
+        echo(f"would terminate {process.name} ({process.pid}){_ports(process.ports)}: {process.reason}")
+    for segment in plan.segments:
+        echo(f"would remove {', '.join(segment.files)}")
+    _print_kept(plan.kept)
+    if plan.is_empty:
+        echo("nothing is left over")
 
 
-def _tell_result(result: Result, as_json: bool) -> None:
-    from dataclasses import asdict
-
+def _print_result(result: CleanupResult, as_json: bool) -> None:
     if as_json:
-        print(json.dumps(asdict(result)))
+        ended, removed = _processes_json(result.ended), _segments_json(result.removed)
+        print(json.dumps({"ended": ended, "removed": removed, "kept": _kept_json(result.kept), "failed": result.failed}))
         return
-    for culprit in result.ended:
-        typer.echo(f"ended {culprit.name} ({culprit.pid}){_ports(culprit.ports)}: {culprit.why}")
+    for process in result.ended:
+        echo(f"terminated {process.name} ({process.pid}){_ports(process.ports)}: {process.reason}")
     if result.removed:
-        files = [name for orphan in result.removed for name in orphan.files]
-        size_kb = sum(orphan.size_bytes for orphan in result.removed) / 1000
-        typer.echo(f"removed {len(files)} files of shared memory, {size_kb:.0f} kB: {', '.join(files)}")
-    _tell_kept(result.kept)
+        files = [name for segment in result.removed for name in segment.files]
+        size_kb = sum(segment.size_bytes for segment in result.removed) / 1000
+        echo(f"removed {len(files)} files of shared memory, {size_kb:.0f} kB: {', '.join(files)}")
+    _print_kept(result.kept)
     for line in result.failed:
-        typer.echo(f"failed: {line}", err=True)
+        echo(f"failed: {line}", err=True)
     if not (result.ended or result.removed or result.failed):
-        typer.echo("nothing is left over")
+        echo("nothing is left over")
 
 
-def _tell_kept(kept: tuple[Kept, ...]) -> None:
+def _print_kept(kept: tuple[Kept, ...]) -> None:
     for each in kept:
-        typer.echo(f"left {each.what}: {each.why}", err=each.blocks)
+        echo(f"left {each.subject}: {each.reason}", err=each.needs_root)
+
+
+# The keys of the JSON output are stable; the classes' field names need not be.
+
+
+def _processes_json(processes: Iterable[StaleProcess]) -> list[dict[str, Any]]:
+    rows = [asdict(process) for process in processes]
+    return [{("why" if key == "reason" else key): value for key, value in row.items()} for row in rows]
+
+
+def _segments_json(segments: Iterable[StaleSegment]) -> list[dict[str, Any]]:
+    return [asdict(segment) for segment in segments]
+
+
+def _kept_json(kept: Iterable[Kept]) -> list[dict[str, Any]]:
+    return [{"what": each.subject, "why": each.reason, "blocks": each.needs_root} for each in kept]
 
 
 def _ports(ports: tuple[int, ...]) -> str:

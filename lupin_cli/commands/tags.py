@@ -1,4 +1,4 @@
-"""`lupin tags`: AprilTags in pictures, without a robot."""
+"""`lupin tags`: AprilTags in images, without a robot."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ from typing import Any
 
 import typer
 
-app = typer.Typer(help="Find AprilTags in pictures.", add_completion=False, rich_markup_mode=None, no_args_is_help=True)
+from lupin_cli.exit_codes import FAILURE, SUCCESS, USAGE_ERROR
+from lupin_cli.terminal import echo
+
+app = typer.Typer(help="Find AprilTags in images.", add_completion=False, rich_markup_mode=None, no_args_is_help=True)
 
 
 @app.callback()
 def tags() -> None:
-    """Find AprilTags in pictures."""
+    """Find AprilTags in images."""
 
 
 @app.command()
 def detect(
-    images: list[Path] = typer.Argument(..., help="Pictures: PNG, JPEG or whatever OpenCV reads."),
-    engine: str = typer.Option("auto", "--engine", help="auto, apriltag or aruco; auto takes apriltag where installed."),
+    images: list[Path] = typer.Argument(..., help="Images: PNG, JPEG or any format of OpenCV."),
+    engine: str = typer.Option("auto", "--engine", help="auto, apriltag or aruco; auto: apriltag if installed."),
     as_json: bool = typer.Option(False, "--json", help="Print JSON, alone on standard output."),
 ) -> None:
     """Find the tags of family 36h11: ids and corners.
@@ -27,27 +30,27 @@ def detect(
     Corners are those of the black square as an upright print shows them - top-left, top-right, bottom-right, bottom-left - in
     pixels, x to the right and y down, the centre of the first pixel being 0, 0.
 
-    Exit status: 0 all pictures were read, with or without tags in them; 1 one could not be read; 2 usage.
+    Exit status: 0 all images were read, with or without tags in them; 1 one could not be read; 2 usage.
     """
     from lupin_runtime.perception.tags import EngineMissing, make_engine
 
     try:
         tag_engine = make_engine(engine)
     except (ValueError, EngineMissing) as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(2) from error
-    results = [_look(path, tag_engine) for path in images]
+        echo(str(error), err=True)
+        raise typer.Exit(USAGE_ERROR) from error
+    results = [_detect_in_file(path, tag_engine) for path in images]
     if as_json:
         print(json.dumps(results))
     for result in results:
         if "error" in result:
-            typer.echo(f"{result['image']}: {result['error']}", err=True)
+            echo(f"{result['image']}: {result['error']}", err=True)
         elif not as_json:
             _show(result)
-    raise typer.Exit(1 if any("error" in result for result in results) else 0)
+    raise typer.Exit(FAILURE if any("error" in result for result in results) else SUCCESS)
 
 
-def _look(path: Path, engine: Any) -> dict[str, Any]:
+def _detect_in_file(path: Path, engine: Any) -> dict[str, Any]:
     import cv2
     import numpy as np
 
@@ -60,7 +63,7 @@ def _look(path: Path, engine: Any) -> dict[str, Any]:
         return {**result, "error": f"cannot be read: {error.strerror or error}"}
     grey = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
     if grey is None:
-        return {**result, "error": f"is no picture that OpenCV can read ({data.size} bytes)"}
+        return {**result, "error": f"is not an image that OpenCV can read ({data.size} bytes)"}
     result["height"], result["width"] = grey.shape[:2]
     for found in detect_tags(np.asarray(grey, np.uint8), engine):
         corners = [[round(float(x), 3), round(float(y), 3)] for x, y in found.corners]

@@ -1,24 +1,30 @@
-"""`lupin transport`: what carries the link to the robot, and which transport to take."""
+"""`lupin transport`: the transport in use, how good its link is, and which transport to take."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lupin_cli.config import TRANSPORTS, Config, ConfigError, Robot, load
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.robot_options import ASK_SUDO, CONFIG, ROBOT, connect, destinations, reporting, select
-from lupin_cli.target.base import Script, Unreachable
+from lupin_cli.connection.base import Output, Script, Unreachable
+from lupin_cli.connection.inventory import TRANSPORTS, Config, ConfigError, Robot, load
+from lupin_cli.connection.options import ASK_SUDO, CONFIG, ROBOT, connect, destinations, reporting_errors, select_robots
+from lupin_cli.exit_codes import SUCCESS, UNREACHABLE
+from lupin_cli.terminal import echo
 
 if TYPE_CHECKING:
-    from lupin_cli.target.ssh import SshTarget
-    from lupin_cli.transport import Choice, Quality, Way
+    from lupin_cli.connection.base import Target
+    from lupin_cli.connection.ssh import SshTarget
+    from lupin_cli.facts.networkmanager import NetworkManager
+    from lupin_cli.link.quality import Quality
+    from lupin_cli.link.ranking import RankedTransport
+    from lupin_cli.link.route import Route
 
 app = typer.Typer(
-    help="What carries the link to the robot, how good it is, and which transport to take.",
+    help="The transport in use, how good its link is, and which transport to take.",
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -26,21 +32,43 @@ app = typer.Typer(
 
 PLAYBOOKS = {"wired": "demo-wired", "router": "demo-router", "ap": "demo-access-point"}
 _JSON = Annotated[bool, typer.Option("--json", help="Print JSON, alone on standard output.")]
-_QUICK = Annotated[bool, typer.Option("--quick", help="Don't measure: only what the two machines say.")]
+_QUICK = Annotated[bool, typer.Option("--quick", help="Skip the measurements; only read the routes of both machines.")]
 
 
 @dataclass
-class Seen:
-    """All that is known of a robot's link."""
+class LinkStatus:
+    """What was learned about the link to a robot."""
 
     robot: str
-    transport: str = ""  # the one in use; empty where none answers
+    transport: str = ""  # the one in use; empty if none answers
     address: str = ""
-    laptop: Way | None = None
-    far: Way | None = None
+    laptop_route: Route | None = None
+    robot_route: Route | None = None
     quality: Quality | None = None
-    unknown: list[str] = field(default_factory=list)  # what could not be learnt, and why
-    ranking: list[Choice] = field(default_factory=list)
+    unknown: list[str] = field(default_factory=list)  # what could not be learned, and why
+    ranking: list[RankedTransport] = field(default_factory=list)
+
+    def as_json(self) -> dict[str, Any]:
+        """The status as JSON-able data; its keys are stable."""
+        return {
+            "robot": self.robot,
+            "transport": self.transport,
+            "address": self.address,
+            "laptop": asdict(self.laptop_route) if self.laptop_route else None,
+            "far": asdict(self.robot_route) if self.robot_route else None,
+            "quality": asdict(self.quality) if self.quality else None,
+            "unknown": self.unknown,
+            "ranking": [
+                {
+                    "transport": each.transport,
+                    "address": each.address,
+                    "answers": each.answers,
+                    "why": each.reason,
+                    "troubles": each.problems,
+                }
+                for each in self.ranking
+            ],
+        }
 
 
 @app.callback(invoke_without_command=True)
@@ -51,23 +79,23 @@ def _show_by_default(context: typer.Context) -> None:
 
 @app.command()
 def show(robot: ROBOT = None, config: CONFIG = None, quick: _QUICK = False, as_json: _JSON = False) -> None:
-    """What carries the link now, how good it is, and how the transports rank on this machine today.
+    """Show the transport in use, how good its link is, and how all transports rank today.
 
-    Measures for about ten seconds. Exit status: 0 the robot answers, 3 it answers over none of its transports.
+    Measuring takes about ten seconds. Exit status: 0 the robot answers, 3 it answers over none of its transports.
     """
-    with reporting("transport"):
-        found = load(config)
-        chosen = select(found, robot)
+    with reporting_errors("transport"):
+        inventory = load(config)
+        chosen = select_robots(inventory, robot)
         if len(chosen) != 1:
-            raise ConfigError("one robot at a time")
+            raise ConfigError("name exactly one robot with --robot")
         if not (quick or as_json):
-            typer.echo("measuring the link, about ten seconds...", err=True)
-        seen = _look(chosen[0], found, quick)
+            echo("measuring the link, about ten seconds...", err=True)
+        status = _inspect(chosen[0], inventory, quick)
     if as_json:
-        typer.echo(json.dumps(asdict(seen)))
+        print(json.dumps(status.as_json()))
     else:
-        _tell(seen)
-    raise typer.Exit(0 if seen.transport else 3)
+        _print(status)
+    raise typer.Exit(SUCCESS if status.transport else UNREACHABLE)
 
 
 @app.command()
@@ -81,20 +109,20 @@ def use(
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Answer every question with yes.")] = False,
     ask_sudo: ASK_SUDO = False,
 ) -> None:
-    """Put robot and laptop on a transport: plays demo-wired, demo-router or demo-access-point.
+    """Move robot and laptop to a transport: plays demo-wired, demo-router or demo-access-point.
 
-    It is a run of `lupin play`: in the journal, resumable, and undone with lupin play --undo.
+    This is a playbook run: journaled, resumable, and undone with lupin play --undo.
     """
-    with reporting("transport"):
+    with reporting_errors("transport"):
         if transport not in TRANSPORTS:
-            raise ConfigError(f"{transport!r} is no transport; there are {', '.join(TRANSPORTS)}")
-        chosen = select(load(config), robot)
-        given = list(variables or [])
+            raise ConfigError(f"{transport!r} is not a transport; choose one of {', '.join(TRANSPORTS)}")
+        chosen = select_robots(load(config), robot)
+        assignments = list(variables or [])
         address = chosen[0].addresses.get(transport)
-        if address and not any(word.startswith("robot_ip=") for word in given):
-            from lupin_cli.target.destination import parse_destination
+        if address and not any(word.startswith("robot_ip=") for word in assignments):
+            from lupin_cli.connection.destination import parse_destination
 
-            given.append(f"robot_ip={parse_destination(address)[1]}")
+            assignments.append(f"robot_ip={parse_destination(address)[1]}")
     from lupin_cli.commands import play
 
     play.command(
@@ -106,7 +134,7 @@ def use(
         resume=False,
         undo="",
         yes=yes,
-        variables=given,
+        variables=assignments,
         robot=[each.name for each in chosen] if robot else None,
         every=False,
         limit=None,
@@ -116,101 +144,105 @@ def use(
     )
 
 
-def _look(robot: Robot, config: Config, quick: bool) -> Seen:
-    from lupin_cli.target.reach import which_answer
-    from lupin_cli.transport import homing_trouble, rank, roam_risk, troubles_of
+def _inspect(robot: Robot, config: Config, quick: bool) -> LinkStatus:
+    """Find the transport that answers, read the routes of both machines, measure the link unless `quick`, and rank."""
+    from lupin_cli.connection.connect import reachability
+    from lupin_cli.link.ranking import link_problems, multihoming_problems, rank, roaming_risks
 
-    seen = Seen(robot.name)
+    status = LinkStatus(robot.name)
     places = destinations(robot)
-    answering = which_answer(places)
-    troubles: dict[str, list[str]] = {}
+    answering = reachability(places)
+    problems: dict[str, list[str]] = {}
     if any(answering.values()):
         try:
             with connect(robot, config) as target:
-                announced, manager = _machines(target, seen)
-                if not quick and seen.laptop is not None:
-                    from lupin_cli.link_quality import measure
-                    from lupin_cli.target.local import LocalTarget
+                announced, manager = _read_machines(target, status)
+                if not quick and status.laptop_route is not None:
+                    from lupin_cli.connection.local import LocalTarget
+                    from lupin_cli.link.quality import measure
 
-                    seen.quality = measure(target, LocalTarget(), target.peer[0], seen.laptop.source)
+                    status.quality = measure(target, LocalTarget(), target.peer[0], status.laptop_route.source)
         except Unreachable as error:
-            seen.unknown.append(str(error))
+            status.unknown.append(str(error))
         else:
-            seen.transport = target.transport_name or "this address"
-            seen.address = str(target.destination)
-            risks = roam_risk(manager, seen.laptop.interface if seen.laptop else "")
-            troubles[seen.transport] = [
-                *troubles_of(seen.laptop, seen.far, seen.quality, risks),
-                *homing_trouble(seen.transport, announced),
+            status.transport = target.transport_name or "this address"
+            status.address = str(target.destination)
+            risks = roaming_risks(manager, status.laptop_route.interface if status.laptop_route else "")
+            problems[status.transport] = [
+                *link_problems(status.laptop_route, status.robot_route, status.quality, risks),
+                *multihoming_problems(status.transport, announced),
             ]
-    seen.ranking = rank({name: str(place) for name, place in places.items()}, answering, troubles)
-    return seen
+    status.ranking = rank({name: str(place) for name, place in places.items()}, answering, problems)
+    return status
 
 
-def _machines(target: SshTarget, seen: Seen) -> tuple[list[str], Any]:
-    """Both ends' interfaces into `seen`; the robot's announced addresses, and this machine's NetworkManager."""
+def _read_machines(target: SshTarget, status: LinkStatus) -> tuple[list[str], NetworkManager | None]:
+    """Store the routes of both machines in `status`; return the robot's announced addresses and the laptop's NetworkManager."""
+    from lupin_cli.connection.local import LocalTarget
     from lupin_cli.facts import addresses, networkmanager
-    from lupin_cli.target.local import LocalTarget
-    from lupin_cli.transport import parse_way, way_probe
 
-    peer, own = target.peer
-    here = LocalTarget().batch(
-        [Script("way", way_probe(peer)), Script("manager", networkmanager.PROBE)],
-    )
-    # As the robot sees this machine: behind a gateway that is another address than ours.
-    there = target.batch([Script("way", way_probe(own)), Script("addresses", addresses.PROBE)])
+    robot_ip, laptop_ip = target.peer  # behind a NAT gateway, the robot sees another address than the laptop's own
+    here = _probe(LocalTarget(), robot_ip, Script("manager", networkmanager.PROBE))
+    there = _probe(target, laptop_ip, Script("addresses", addresses.PROBE))
+    status.laptop_route = _route(here["route"], "this machine", status)
+    status.robot_route = _route(there["route"], "the robot", status)
     announced: list[str] = []
     manager = None
-    for name, output in (("this machine", here["way"]), ("the robot", there["way"])):
-        try:
-            way = parse_way(output)
-        except ValueError as error:
-            seen.unknown.append(f"{name}: {error}")
-            continue
-        if name == "the robot":
-            seen.far = way
-        else:
-            seen.laptop = way
     try:
         announced = [each.address for each in addresses.parse(there["addresses"]).announced]
         manager = networkmanager.parse(here["manager"])
     except ValueError as error:
-        seen.unknown.append(str(error))
+        status.unknown.append(str(error))
     return announced, manager
 
 
-def _tell(seen: Seen) -> None:
-    if seen.transport:
-        typer.echo(f"{seen.robot} by {seen.transport}: {seen.address}")
-    for name, way in (("this machine", seen.laptop), ("the robot", seen.far)):
-        if way is not None:
-            typer.echo(f"  {name}: {_way(way)}")
-    if seen.quality is not None:
-        typer.echo(f"  {_quality(seen.quality)}")
-    for why in seen.unknown:
-        typer.echo(f"  unknown: {why}")
-    typer.echo("transports, best first today:")
-    for number, choice in enumerate(seen.ranking, 1):
-        state = "answers" if choice.answers else "does not answer" if choice.address else "has no address in the inventory"
-        if choice.answers and choice.transport == seen.transport:
-            state = "answers, in use"
-        elif choice.answers:
-            state = "answers, not measured"
-        typer.echo(f"{number}. {choice.transport:7} {choice.address or '-':28} {state}")
-        typer.echo(f"     {choice.why}")
-        for trouble in choice.troubles:
-            typer.echo(f"     but {trouble}")
+def _probe(target: Target, other_ip: str, script: Script) -> Mapping[str, Output]:
+    from lupin_cli.link.route import route_probe
+
+    return target.batch([Script("route", route_probe(other_ip)), script])
 
 
-def _way(way: Way) -> str:
-    words = [way.interface, way.source, "cable" if way.radio is None else "radio", f"MTU {way.mtu}"]
-    words.append("multicast" if way.multicast else "no multicast")
-    if way.gateway:
-        words.append(f"through {way.gateway}")
-    if way.errors:
-        words.append(f"{way.errors} frames lost or spoilt since it came up")
-    if way.radio is not None:
-        radio = way.radio
+def _route(output: Output, machine: str, status: LinkStatus) -> Route | None:
+    from lupin_cli.link.route import parse_route
+
+    try:
+        return parse_route(output)
+    except ValueError as error:
+        status.unknown.append(f"{machine}: {error}")
+        return None
+
+
+def _print(status: LinkStatus) -> None:
+    if status.transport:
+        echo(f"{status.robot} by {status.transport}: {status.address}")
+    for machine, route in (("this machine", status.laptop_route), ("the robot", status.robot_route)):
+        if route is not None:
+            echo(f"  {machine}: {_route_text(route)}")
+    if status.quality is not None:
+        echo(f"  {_quality_text(status.quality)}")
+    for reason in status.unknown:
+        echo(f"  unknown: {reason}")
+    echo("transports, best first today:")
+    for number, ranked in enumerate(status.ranking, 1):
+        if not ranked.answers:
+            state = "does not answer" if ranked.address else "has no address in the inventory"
+        else:
+            state = "answers, in use" if ranked.transport == status.transport else "answers, not measured"
+        echo(f"{number}. {ranked.transport:7} {ranked.address or '-':28} {state}")
+        echo(f"     {ranked.reason}")
+        for problem in ranked.problems:
+            echo(f"     but {problem}")
+
+
+def _route_text(route: Route) -> str:
+    words = [route.interface, route.source, "cable" if route.radio is None else "radio", f"MTU {route.mtu}"]
+    words.append("multicast" if route.multicast else "no multicast")
+    if route.gateway:
+        words.append(f"through {route.gateway}")
+    if route.errors:
+        words.append(f"{route.errors} frames lost or corrupt since it came up")
+    if route.radio is not None:
+        radio = route.radio
         words += [radio.ssid] if radio.ssid else []
         words += [f"{radio.signal_dbm:g} dBm"] if radio.signal_dbm is not None else []
         words += [f"{radio.rate_mbps:g} Mbit/s"] if radio.rate_mbps is not None else []
@@ -218,7 +250,7 @@ def _way(way: Way) -> str:
     return ", ".join(words)
 
 
-def _quality(quality: Quality) -> str:
+def _quality_text(quality: Quality) -> str:
     def shown(value: float | None, form: str) -> str:
         return "unknown" if value is None else form.format(value)
 

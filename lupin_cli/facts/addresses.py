@@ -1,21 +1,22 @@
-"""Which addresses a machine has, on which interfaces, and whether anything is plugged in there."""
+"""The IPv4 addresses of a machine, with their interfaces and whether these have a carrier."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from ipaddress import ip_address, ip_interface
+from typing import Any
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
 
 PROBE = PRELUDE + "ip -j -4 address show\n"
 
 
 @dataclass(frozen=True)
 class Address:
-    """An IPv4 address of an interface. DDS announces it where the interface is up and carries."""
+    """An IPv4 address of an interface. DDS announces it if the interface is up and has a carrier."""
 
     interface: str
     address: str
@@ -25,12 +26,12 @@ class Address:
     carrier: bool
 
     def line(self) -> str:
-        """As `ip -brief` would say it."""
+        """The address as `ip -brief address` prints it."""
         state = "UP" if self.up and self.carrier else "NO-CARRIER" if self.up else "DOWN"
         return f"{self.interface} {state} {self.address}/{self.prefix_length}"
 
     def has_neighbour(self, address: str) -> bool:
-        """Whether `address` lies in this interface's network. Raises ValueError where it is no address."""
+        """Whether `address` is in this interface's network. Raises ValueError if it is not an address."""
         return ip_address(address) in ip_interface(f"{self.address}/{self.prefix_length}").network
 
 
@@ -42,11 +43,11 @@ class Addresses:
 
     @property
     def announced(self) -> tuple[Address, ...]:
-        """Those that a DDS participant started now would announce to other machines."""
+        """The addresses that a DDS participant started now would announce to other machines."""
         return tuple(each for each in self.every if each.scope == "global" and each.up and each.carrier)
 
     def has(self, address: str) -> bool:
-        """Whether `address` is one of them."""
+        """Whether `address` is one of the machine's."""
         return any(each.address == address for each in self.every)
 
 
@@ -70,14 +71,14 @@ def parse(output: Output) -> Addresses:
     return Addresses(tuple(found))
 
 
-def _documents(output: Output) -> list[dict]:
+def _documents(output: Output) -> list[dict[str, Any]]:
     try:
         found = json.loads(output.stdout)
     except ValueError:
         found = None
     if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
-        raise ValueError(f"expected JSON of ip(8), found {output.stdout[:80]!r}; it said {output.stderr.strip()[:120]!r}")
-    return [each for each in found if each]  # some versions leave empty objects in place of filtered links
+        raise ValueError(f"expected JSON of ip(8), found {output.stdout[:80]!r}; stderr: {output.stderr.strip()[:120]!r}")
+    return [each for each in found if each]  # some versions print empty objects for links that were filtered out
 
 
-ADDRESSES = Fact("addresses", PROBE, parse, at_once=True)
+ADDRESSES = Fact("addresses", PROBE, parse, shares_shell=True)

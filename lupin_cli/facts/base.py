@@ -1,37 +1,36 @@
-"""A fact, and the facts of one machine."""
+"""Fact (a probe with its parser), Facts (the values of one machine) and Unknown (a value that is missing)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.connection.base import Output
 
 Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
 class Fact(Generic[Value]):
-    """A question that both ends are asked.
+    """A probe and the parser of its output. The same fact can be gathered from robot and laptop.
 
-    `probe` is POSIX sh that needs no more than a base Debian and changes nothing. `parse` is pure: it turns the probe's output
-    into a frozen value, and raises ValueError with what it could not read. `at_once` says that it reads what the kernel has at
-    hand: nothing keeps such a probe waiting, so it shares a shell of the user's with others.
+    `probe` is a POSIX sh script that changes nothing and needs only a base Debian. `parse` is a pure function from the probe's
+    output to a frozen value; it raises ValueError for output that it cannot read. Set `shares_shell` for probes that only read
+    what the kernel has in memory: they never block, so one shell (of the user, not of root) runs all of them.
     """
 
     name: str
     probe: str
     parse: Callable[[Output], Value]
-    timeout_s: float = 12.0  # a bound: a robot at load 8 to 12, as it is normal for one, answers in seconds
+    timeout_s: float = 12.0  # a robot's load is often 8 to 12, and its probes then take seconds
     root: bool = False
-    at_once: bool = False
+    shares_shell: bool = False
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """In a value's place where the machine could not be asked, did not answer in time, or answered what nobody can read."""
+    """Stands for a value where the machine could not run the probe, timed out, or printed something unreadable."""
 
     reason: str
 
@@ -42,15 +41,15 @@ class Facts:
 
     machine: str  # "robot" or "laptop"
     values: Mapping[str, Any]
-    asked_ns: tuple[int, int] | None = None  # this machine's wall clock before the question left and after the answer came
-    outputs: Mapping[str, Output] = field(default_factory=dict, repr=False)  # what the probes printed, by the fact's name
+    probed_ns: tuple[int, int] | None = None  # the laptop's wall clock before the batch was sent and after its output arrived
+    outputs: Mapping[str, Output] = field(default_factory=dict, repr=False)  # raw output of each probe, by the fact's name
 
     def get(self, fact: Fact[Value]) -> Value | None:
-        """The value, or None where it is unknown."""
+        """The value of `fact`, or None if it is unknown."""
         value = self.values.get(fact.name)
         return None if isinstance(value, Unknown) else value
 
     def why_unknown(self, fact: Fact[Any]) -> str:
-        """Why `fact` has no value here; empty where it has one."""
-        value = self.values.get(fact.name, Unknown("was not asked"))
+        """Why `fact` has no value; empty if it has one."""
+        value = self.values.get(fact.name, Unknown("was not probed"))
         return value.reason if isinstance(value, Unknown) else ""

@@ -1,11 +1,12 @@
-"""Which boot this is, how long ago it began, and how busy the machine is."""
+"""The current boot: its ID, uptime, load, kernel and host name."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers, integer, number
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, integer, number, parse_sections
 
 PROBE = (
     PRELUDE
@@ -25,7 +26,7 @@ class Boot:
 
     boot_id: str
     uptime_s: float
-    load: tuple[float, float, float]  # of the last 1, 5 and 15 minutes: processes that run or wait for a disk
+    load: tuple[float, float, float]  # over 1, 5 and 15 minutes: processes that run or wait for a disk
     cores: int
     kernel: str
     hostname: str
@@ -34,21 +35,21 @@ class Boot:
 
 def parse(output: Output) -> Boot:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    line = said.text("loadavg")
+    sections = parse_sections(output)
+    line = sections.text("loadavg")
     load = [number(word, "a load average") for word in line.split()[:3]]
     if len(load) != 3:
         raise ValueError(f"expected three load averages, found {line!r}")
-    cores = integer(said.text("cores"), "the number of cores")
+    cores = integer(sections.text("cores"), "the number of cores")
     if cores < 1:
         raise ValueError(f"expected at least one core, found {cores}")
     return Boot(
-        boot_id=said.text("boot-id"),
-        uptime_s=said.number("uptime"),
+        boot_id=sections.text("boot-id"),
+        uptime_s=sections.number("uptime"),
         load=(load[0], load[1], load[2]),
         cores=cores,
-        kernel=said.text("kernel"),
-        hostname=said.text("hostname"),
+        kernel=sections.text("kernel"),
+        hostname=sections.text("hostname"),
         load_line=line,
     )
 

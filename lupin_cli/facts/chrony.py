@@ -1,20 +1,20 @@
-"""chrony: installed, running, serving, disciplined by whom, and what its configuration says of steps."""
+"""chrony: whether it is installed, running and serving, its sources, and the relevant lines of its configuration."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, Answers, answers
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, Sections, parse_sections
 
 NTP_PORT = 123
-# Local address and port of `ss`: 0.0.0.0:123, [::]:123, *:123.
+# Local address and port as ss(8) prints them: 0.0.0.0:123, [::]:123, *:123.
 _LISTENS = re.compile(rf":{NTP_PORT}\s")
 DIRECTIVES = "makestep|allow|deny|local|server|pool|peer|confdir|sourcedir|include|port|rtcsync"
 
-# chronyc waits for a daemon that isn't there up to seven seconds, so its own words are asked for only where one runs.
+# Without a daemon, chronyc blocks for up to seven seconds, so it is only called if chronyd runs.
 PROBE = (
     PRELUDE
     + f"""running=$(pidof -s chronyd)
@@ -36,19 +36,19 @@ echo '@@ end'
 
 @dataclass(frozen=True)
 class Source:
-    """One source of time as `chronyc -c sources` prints it."""
+    """A time source, a line of `chronyc -c sources`."""
 
     address: str
     state: str  # * selected, + combined, - not combined, ? unusable, x falseticker, ~ too variable
     stratum: int
-    reach: int  # octal as chrony prints it, read as a number: 377 is the last eight polls answered
+    reach: int  # bit mask of the last eight polls, in octal digits: 377 means that all were answered
     offset_s: float
     raw: str
 
 
 @dataclass(frozen=True)
 class Tracking:
-    """What the clock is disciplined by, as `chronyc -c tracking` prints it."""
+    """The reference of the clock, from `chronyc -c tracking`."""
 
     reference: str
     stratum: int
@@ -58,13 +58,13 @@ class Tracking:
 
     @property
     def synchronised(self) -> bool:
-        """Whether chrony holds the clock to anything."""
+        """Whether chrony is synchronized to a reference."""
         return self.leap != "Not synchronised" and self.stratum > 0
 
 
 @dataclass(frozen=True)
 class Chrony:
-    """chrony on one machine. `conf` holds the lines that matter as `file:number:text`."""
+    """chrony on one machine. `conf` has the relevant lines of its configuration as `file:number:text`."""
 
     installed: bool
     running: bool
@@ -80,35 +80,35 @@ class Chrony:
 
     @property
     def serves(self) -> bool:
-        """Whether anybody else can ask it: chrony opens port 123 only where `allow` lets somebody in."""
+        """Whether it serves time to other machines: chrony opens port 123 only if an `allow` directive admits one."""
         return self.running and bool(self.listeners)
 
 
 def parse(output: Output) -> Chrony:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    said.lines("end")
+    sections = parse_sections(output)
+    sections.lines("end")
     return Chrony(
-        installed=bool(said.lines("chronyd")),
-        running=bool(said.lines("running")),
-        conf=said.lines("files"),
-        listeners=tuple(line for line in said.lines("listeners") if _LISTENS.search(line)),
-        tracking=_tracking(said),
-        sources=_sources(said),
-        others=said.lines("other"),
+        installed=bool(sections.lines("chronyd")),
+        running=bool(sections.lines("running")),
+        conf=sections.lines("files"),
+        listeners=tuple(line for line in sections.lines("listeners") if _LISTENS.search(line)),
+        tracking=_tracking(sections),
+        sources=_sources(sections),
+        others=sections.lines("other"),
     )
 
 
-def _tracking(said: Answers) -> Tracking | None:
-    raw = next(iter(said.lines("tracking")), "") if said.maybe("tracking") else ""
+def _tracking(sections: Sections) -> Tracking | None:
+    raw = next(iter(sections.lines("tracking")), "") if sections.get("tracking") else ""
     fields = raw.split(",")
     if len(fields) < 14:  # e.g. `506 Cannot talk to daemon`
         return None
     return Tracking(fields[1], int(fields[2] or 0), float(fields[4]), fields[13], raw)
 
 
-def _sources(said: Answers) -> tuple[Source, ...]:
-    lines = said.lines("sources") if said.maybe("sources") else ()
+def _sources(sections: Sections) -> tuple[Source, ...]:
+    lines = sections.lines("sources") if sections.get("sources") else ()
     rows = [(line, line.split(",")) for line in lines]
     return tuple(
         Source(fields[2], fields[1], int(fields[3]), int(fields[5]), float(fields[7]), line)

@@ -1,13 +1,13 @@
-"""The machine's wall clock, and between which two instants of its own it was read."""
+"""The wall clock of a machine, read twice, and its offset from this machine's clock."""
 
 from __future__ import annotations
 
-from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers, integer
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from dataclasses import dataclass
 
-# The monotonic clock before and after a reading bounds it even while the wall clock is being slewed or stepped.
+from lupin_cli.connection.base import Output
+from lupin_cli.facts.base import Fact
+from lupin_cli.facts.sections import PRELUDE, integer, parse_sections
+
 PROBE = (
     PRELUDE
     + """echo '@@ before'; date +%s%N
@@ -19,21 +19,21 @@ echo '@@ rtc'; cat /sys/class/rtc/rtc0/since_epoch 2>/dev/null
 
 @dataclass(frozen=True)
 class Clock:
-    """The wall clock in nanoseconds since 1970, read twice around one instant."""
+    """Two consecutive readings of the wall clock, in nanoseconds since 1970."""
 
     before_ns: int
     after_ns: int
-    rtc_s: int | None  # the hardware clock, where there is one
+    rtc_s: int | None  # the hardware clock; None if there is none
 
     @property
     def epoch_ns(self) -> int:
-        """The middle of the two readings."""
+        """The mean of the two readings."""
         return (self.before_ns + self.after_ns) // 2
 
 
 @dataclass(frozen=True)
 class Offset:
-    """How far a clock is ahead of this machine's: the truth lies within offset_s ± bound_s."""
+    """How far a clock is ahead of this machine's: the true offset is within offset_s ± bound_s."""
 
     offset_s: float
     bound_s: float
@@ -45,30 +45,30 @@ class Offset:
 
     @property
     def at_least_s(self) -> float:
-        """The smallest amount by which the clocks may differ."""
+        """The smallest possible absolute offset."""
         return max(0.0, abs(self.offset_s) - self.bound_s)
 
     @property
     def at_most_s(self) -> float:
-        """The largest amount by which the clocks may differ."""
+        """The largest possible absolute offset."""
         return abs(self.offset_s) + self.bound_s
 
 
-def offset(clock: Clock, asked_ns: tuple[int, int]) -> Offset:
-    """The offset of `clock` against the clock that read `asked_ns` before the question left and after its answer came.
+def offset(clock: Clock, probed_ns: tuple[int, int]) -> Offset:
+    """The offset of `clock` from the clock that showed `probed_ns` before the probe was sent and after its output arrived.
 
-    Cristian's algorithm with nothing assumed of the way: the reading happened somewhere in between.
+    This is Cristian's algorithm without assumptions about the path: the reading happened at some time in between.
     """
-    earliest, latest = clock.before_ns - asked_ns[1], clock.after_ns - asked_ns[0]
+    earliest, latest = clock.before_ns - probed_ns[1], clock.after_ns - probed_ns[0]
     return Offset((earliest + latest) / 2e9, (latest - earliest) / 2e9)
 
 
 def parse(output: Output) -> Clock:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    before, after = (integer(said.text(name), "nanoseconds since 1970") for name in ("before", "after"))
-    rtc = said.maybe("rtc")
+    sections = parse_sections(output)
+    before, after = (integer(sections.text(name), "nanoseconds since 1970") for name in ("before", "after"))
+    rtc = sections.get("rtc")
     return Clock(before, after, int(rtc.text) if rtc and rtc.text.isdigit() else None)
 
 
-CLOCK = Fact("clock", PROBE, parse, at_once=True)
+CLOCK = Fact("clock", PROBE, parse, shares_shell=True)

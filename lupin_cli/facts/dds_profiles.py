@@ -1,26 +1,26 @@
-"""The XML profiles that Fast DDS reads: those that running processes and this shell name, and Lupin's own."""
+"""The XML profiles of Fast DDS that running processes and this shell use, and the one that `lupin dds setup` writes."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from xml.etree import ElementTree
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.ros_processes import SAME_NETWORK
-from lupin_cli.facts.sections import PRELUDE, answers
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.ros_processes import FILTER_NETWORK_NAMESPACE
+from lupin_cli.facts.sections import PRELUDE, Section, parse_sections
 
-# The prefix of discovery server 0, which the vendor's super clients and ours name: its bytes spell DS_PROSIMA.
+# The GUID prefix of discovery server 0 in the vendor's profiles and in ours; its bytes spell DS_EPROSIMA.
 SERVER_PREFIX = "44.53.00.5f.45.50.52.4f.53.49.4d.41"
 DISCOVERY_PORT = 11811
-OWN_PROFILE = "fastdds_super_client.xml"  # of `lupin dds setup`, beside ros-env.sh
+OWN_PROFILE = "fastdds_super_client.xml"  # written by `lupin dds setup`, in the folder of ros-env.sh
 
 PROBE = (
     PRELUDE
     + rf"""names='FASTRTPS_DEFAULT_PROFILES_FILE|FASTDDS_DEFAULT_PROFILES_FILE'
 pids=$(grep -zlasE "^($names)=" /proc/[0-9]*/environ | cut -d/ -f3)
-{SAME_NETWORK}
+{FILTER_NETWORK_NAMESPACE}
 {{ [ -z "$pids" ] || grep -zHasE "^($names)=" $(for pid in $pids; do echo "/proc/$pid/environ"; done) /dev/null |
     tr '\n\0' ' \n' | sed -E 's#^(/proc/[0-9]+)/environ:[^=]*=#\1/root #'
   env | sed -nE "s#^($names)=#/ #p"
@@ -32,7 +32,7 @@ pids=$(grep -zlasE "^($names)=" /proc/[0-9]*/environ | cut -d/ -f3)
     [ -n "$path" ] || continue
     [ "$path" = "$last" ] || {{ missing; last=$path found=; }}
     case $path in /*) file="${{root%/}}$path" ;; *) file="${{root%root}}cwd/$path" ;; esac
-    # A process may end before its root is looked at: any other that names the path will do.
+    # A process may end before its root folder is read; any other process with the same path will do.
     [ -z "$found" ] && [ -r "$file" ] || continue
     found=yes; echo "@@ file $path"; head -c 20000 "$file" | sed 's/^/ /'; echo
   done
@@ -45,7 +45,7 @@ echo '@@ end'
 
 @dataclass(frozen=True)
 class Server:
-    """A discovery server that a profile points to."""
+    """A discovery server in a profile."""
 
     prefix: str
     address: str
@@ -54,22 +54,22 @@ class Server:
 
 @dataclass(frozen=True)
 class Profile:
-    """What Fast DDS makes of a file. `error` says why it makes nothing of it."""
+    """A profile as Fast DDS reads it; `error` says why it cannot be used."""
 
     path: str
     error: str = ""
-    default: bool = False  # whether its participant profile is the default one: another is ignored in silence
+    default: bool = False  # whether its participant profile is the default one; Fast DDS silently ignores others
     protocol: str = ""  # SIMPLE, CLIENT, SUPER_CLIENT, SERVER
     servers: tuple[Server, ...] = ()
-    whitelist: tuple[str, ...] = ()  # the only addresses that participants use and announce
+    whitelist: tuple[str, ...] = ()  # interfaceWhiteList: the only addresses that participants use and announce
 
     @property
     def for_server(self) -> bool:
-        """Whether it is meant to join a discovery server's graph."""
+        """Whether it is for participants of a discovery server."""
         return bool(self.protocol not in ("", "SIMPLE") or self.servers)
 
     def line(self) -> str:
-        """What matters of it."""
+        """A summary in one line."""
         if self.error:
             return f"{self.path}: {self.error}"
         servers = ", ".join(f"{server.prefix} at {server.address}:{server.port}" for server in self.servers) or "none"
@@ -79,23 +79,28 @@ class Profile:
 
 def parse(output: Output) -> tuple[Profile, ...]:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    if not said.every("end"):
+    sections = parse_sections(output)
+    if not sections.all("end"):
         raise ValueError("the probe ended before its last line")
-    return tuple(_profile(section.argument, section.lines) for section in said.every("file"))
+    return tuple(_from_section(section) for section in sections.all("file"))
 
 
-def _profile(path: str, lines: tuple[str, ...]) -> Profile:
-    if lines and lines[0] == "missing":
-        return Profile(path, error="there is no readable file")
-    text = "\n".join(line[1:] for line in lines).strip()
+def _from_section(section: Section) -> Profile:
+    if section.lines[:1] == ("missing",):
+        return Profile(section.argument, error="the file is missing or not readable")
+    return parse_profile(section.argument, "\n".join(line[1:] for line in section.lines))  # each line has a space before it
+
+
+def parse_profile(path: str, text: str) -> Profile:
+    """Parse the XML text of the profile at `path`. Errors in it are part of the result."""
+    text = text.strip()
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        return Profile(path, error="it declares a document type; Fast DDS profiles have none")
+        return Profile(path, error="it declares a document type, which Fast DDS profiles don't have")
     try:
         root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, UnicodeEncodeError) as error:  # the second for bytes that are not UTF-8
         return Profile(path, error=f"it is not well-formed XML: {error}")
-    for element in root.iter():  # eProsima's namespace differs between versions and is often left out
+    for element in root.iter():  # eProsima's namespace differs between versions and is often missing
         element.tag = re.sub(r"^\{[^}]*\}", "", element.tag)
     participants = [e for e in root.iter("participant") if e.get("profile_name")]
     chosen = next((e for e in participants if e.get("is_default_profile", "").lower() == "true"), None)

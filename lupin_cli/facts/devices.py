@@ -1,13 +1,14 @@
-"""USB devices, cameras and serial ports, and which processes hold them open."""
+"""USB devices, cameras and serial ports, and the processes that hold them open."""
 
 from __future__ import annotations
 
-from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers, as_root_if_allowed
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from dataclasses import dataclass
 
-# Only root sees what other users' processes hold open.
+from lupin_cli.connection.base import Output
+from lupin_cli.facts.base import Fact
+from lupin_cli.facts.sections import PRELUDE, as_root_if_allowed, parse_sections
+
+# Only root can read the open files of other users' processes.
 _HELD = """find /proc/[0-9]*/fd -maxdepth 1 \\( -lname '/dev/video*' -o -lname '/dev/ttyACM*' -o -lname '/dev/ttyUSB*' \\
   -o -lname '/dev/bus/usb/*' -o -lname '/dev/media*' \\) -printf '%p %l\\n'"""
 PROBE = (
@@ -52,63 +53,63 @@ class Holder:
     command: str
 
     def line(self) -> str:
-        """As a person would write it down."""
+        """A summary in one line."""
         return f"{self.device} held by {self.program} (pid {self.pid}, {self.unit}): {self.command}"
 
 
 @dataclass(frozen=True)
 class Video:
-    """A video device and the name that its driver gives it."""
+    """A video device, with the name that its driver reports."""
 
     device: str
     name: str
 
 
 @dataclass(frozen=True)
-class Process:
-    """A process of interest."""
+class TelemetrixProcess:
+    """A process of Telemetrix, the vendor's driver of the motor board."""
 
     pid: int
-    state: str  # R, S, D, Z, T as the kernel says
+    state: str  # R, S, D, Z or T, as in /proc/PID/status
     command: str
 
 
 @dataclass(frozen=True)
 class Devices:
-    """What is plugged in."""
+    """The devices of a machine and who uses them."""
 
     usb: tuple[str, ...]  # `1-1.2 1a86:7523 USB Serial`
     videos: tuple[Video, ...]
     serials: tuple[str, ...]  # `/dev/ttyACM0 root:dialout 660`
     by_id: tuple[str, ...]  # `/dev/ttyACM0 usb-Raspberry_Pi_Pico_...`
     holders: tuple[Holder, ...]
-    telemetrix: tuple[Process, ...]
+    telemetrix: tuple[TelemetrixProcess, ...]
 
     def holders_of(self, prefix: str) -> tuple[Holder, ...]:
-        """Who holds devices of that kind."""
+        """The processes that hold devices whose path starts with `prefix`."""
         return tuple(holder for holder in self.holders if holder.device.startswith(prefix))
 
 
 def parse(output: Output) -> Devices:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    said.lines("end")
+    sections = parse_sections(output)
+    sections.lines("end")
     holders = []
-    for line in said.lines("holders"):
+    for line in sections.lines("holders"):
         words = line.split(" ", 4)
         if len(words) >= 4 and words[0].isdigit():
             holders.append(Holder(int(words[0]), words[1], words[2], words[3], words[4].strip() if len(words) > 4 else ""))
     processes = []
-    for line in said.lines("board"):
+    for line in sections.lines("board"):
         words = line.split(" ", 2)
         if len(words) == 3 and words[0].isdigit():
-            processes.append(Process(int(words[0]), words[1], words[2].strip()))
-    videos = [line.partition(" ") for line in said.lines("video")]
+            processes.append(TelemetrixProcess(int(words[0]), words[1], words[2].strip()))
+    videos = [line.partition(" ") for line in sections.lines("video")]
     return Devices(
-        usb=said.lines("usb"),
+        usb=sections.lines("usb"),
         videos=tuple(Video(device, name.strip()) for device, _, name in videos),
-        serials=said.lines("serial"),
-        by_id=said.lines("by-id"),
+        serials=sections.lines("serial"),
+        by_id=sections.lines("by-id"),
         holders=tuple(holders),
         telemetrix=tuple(processes),
     )

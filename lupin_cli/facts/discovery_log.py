@@ -1,15 +1,15 @@
-"""How the vendor's discovery server came up at this boot: the vendor's switch, its unit, and what the journal says."""
+"""How the vendor's discovery server started in this boot: the vendor's switch, its unit, and lines of the system journal."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers, as_root_if_allowed
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, as_root_if_allowed, parse_sections
 
-# The words of Fast DDS and of its tool.
+# Messages of Fast DDS and of its fast-discovery-server.
 _WORDS = "allocate the specified listening port|fast-discovery-server.*not found|couldn.t allocate port|Discovery Server"
 _READ = f"""journalctl -b -q --no-pager -o short -u mirte-ros.service -n 20000 |
   grep -E "{_WORDS}" | {{ head -n 10; tail -n 5; }}"""
@@ -33,34 +33,34 @@ _SWITCH = re.compile(r"^\s*(?:export\s+)?MIRTE_FASTDDS=[\"']?([^\"'\s]*)")
 
 @dataclass(frozen=True)
 class DiscoveryLog:
-    """The vendor's side of discovery. States are systemd's; "" where it isn't PID 1."""
+    """The vendor's discovery settings. Unit states are systemd's; empty if systemd is not PID 1."""
 
-    switch: str  # last value of MIRTE_FASTDDS in the settings file; "" unset
+    switch: str  # last value of MIRTE_FASTDDS in the settings file; empty if unset
     vendor: str = ""
     access_point: str = ""
     watchdog: str = ""
-    journal: tuple[str, ...] = ()  # of this boot
-    vendor_age_s: float | None = None  # how long ago its unit became active; None where it never did
+    journal: tuple[str, ...] = ()  # lines of the system journal, of this boot
+    vendor_age_s: float | None = None  # time since its unit became active; None if it never did
 
     @property
     def wanted(self) -> bool:
-        """Whether the vendor's side is told to use a discovery server."""
+        """Whether the vendor's stack is configured to use a discovery server."""
         return self.switch not in ("", "false")
 
 
 def parse(output: Output) -> DiscoveryLog:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    switches = [match[1] for line in said.lines("settings") if (match := _SWITCH.match(line))]
-    states = [*said.lines("unit"), "", "", ""]
-    since_us = said.text("since")
-    age_s = said.number("uptime") - int(since_us) / 1e6 if since_us.isdigit() and since_us != "0" else None
+    sections = parse_sections(output)
+    switches = [match[1] for line in sections.lines("settings") if (match := _SWITCH.match(line))]
+    states = [*sections.lines("unit"), "", "", ""]
+    since_us = sections.text("since")
+    age_s = sections.number("uptime") - int(since_us) / 1e6 if since_us.isdigit() and since_us != "0" else None
     return DiscoveryLog(
         switches[-1] if switches else "",
         vendor=states[0],
         access_point=states[1],
         watchdog=states[2],
-        journal=said.lines("journal"),
+        journal=sections.lines("journal"),
         vendor_age_s=None if age_s is None else round(age_s, 1),
     )
 

@@ -1,7 +1,7 @@
-"""What a visitor sees on the graphs of this machine: names, ends with their QoS, samples, controllers, round trips.
+"""The ROS graphs that this machine can join: nodes, endpoints with their QoS, samples, controllers, service round trips.
 
-The visit runs in processes of its own (`lupin_runtime.stack.probe`), since a process's DDS mode is fixed when it starts and
-this one must not carry any.
+The probe runs in its own processes (`lupin_runtime.stack.graph_probe`): a process's DDS mode is fixed when it starts, and this
+process must stay without one.
 """
 
 from __future__ import annotations
@@ -10,19 +10,19 @@ import json
 import shlex
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
 
-GHOST = "_NODE_NAME_UNKNOWN_"  # as rmw has it
-PROBE = f"exec {shlex.quote(sys.executable)} -m lupin_runtime.stack.probe"
+GHOST = "_NODE_NAME_UNKNOWN_"  # the name that rmw reports for an unknown node
+PROBE = f"exec {shlex.quote(sys.executable)} -m lupin_runtime.stack.graph_probe"
 
 
 @dataclass(frozen=True)
-class End:
-    """A publisher or a subscriber."""
+class Endpoint:
+    """A publisher or subscription of a topic."""
 
     node: str
     type: str
@@ -31,22 +31,22 @@ class End:
 
     @property
     def is_ghost(self) -> bool:
-        """Whether its node is not, or no longer, there: what is left of a process that ended stays on the server's list."""
+        """Whether its node is unknown: the discovery server still lists endpoints of processes that ended."""
         return self.node.endswith(GHOST)
 
     @property
     def qos(self) -> str:
-        """In the field's words."""
+        """Reliability and durability, in DDS terms."""
         return f"{'RELIABLE' if self.reliable else 'BEST_EFFORT'} {'TRANSIENT_LOCAL' if self.latched else 'VOLATILE'}"
 
 
 @dataclass(frozen=True)
-class SeenTopic:
-    """A topic with its ends."""
+class ObservedTopic:
+    """A topic with its endpoints."""
 
     name: str
-    publishers: tuple[End, ...]
-    subscribers: tuple[End, ...]
+    publishers: tuple[Endpoint, ...]
+    subscribers: tuple[Endpoint, ...]
 
 
 @dataclass(frozen=True)
@@ -57,35 +57,35 @@ class Controller:
     state: str
 
     def line(self) -> str:
-        """As `ros2 control list_controllers` would say it."""
+        """The controller as `ros2 control list_controllers` prints it."""
         return f"{self.name} {self.state}"
 
 
 @dataclass(frozen=True)
-class Call:
-    """A call of a service that the graph shows a server of. `round_trip_s` is None where no answer came."""
+class ServiceCall:
+    """A call of a service that has a server in the graph. `round_trip_s` is None if no answer came."""
 
     service: str
     round_trip_s: float | None
 
     def line(self) -> str:
-        """What came of it."""
+        """The result in one line."""
         took = "no answer" if self.round_trip_s is None else f"answered after {self.round_trip_s * 1e3:.1f} ms"
         return f"{self.service}: {took}"
 
 
 @dataclass(frozen=True)
-class Input:
-    """What came in on an input of the drive bus while the visitor listened."""
+class DriveInput:
+    """The messages on an input of the drive bus while the probe listened."""
 
     topic: str
     count: int
-    moving: int  # how many of them were not zero
+    moving: int  # number of messages with a non-zero command
 
 
 @dataclass(frozen=True)
 class Graph:
-    """One graph. `error` says why it could not be visited; then nothing else is known."""
+    """One graph. If it could not be joined, `error` says why, and nothing else is known."""
 
     name: str  # a run's id, or `robot`
     kind: str  # sim or robot
@@ -93,90 +93,93 @@ class Graph:
     error: str = ""
     joined_s: float = 0.0
     nodes: tuple[str, ...] = ()
-    topics: tuple[SeenTopic, ...] = ()
-    samples: tuple[tuple[str, int], ...] = ()  # of the topics that have a publisher: how many arrived
-    inputs: tuple[Input, ...] = ()
-    controllers: tuple[Controller, ...] | None = None  # None where nobody answered
-    calls: tuple[Call, ...] = ()
-    battery: tuple[float | None, float | None] | None = None  # percentage and voltage; None within: not a number
+    topics: tuple[ObservedTopic, ...] = ()
+    samples: tuple[tuple[str, int], ...] = ()  # number of samples received, for each topic with a publisher
+    inputs: tuple[DriveInput, ...] = ()
+    controllers: tuple[Controller, ...] | None = None  # None if the controller manager did not answer
+    calls: tuple[ServiceCall, ...] = ()
+    battery: tuple[float | None, float | None] | None = None  # percentage and voltage; None for a value that is not a number
     estop: bool | None = None
     estop_reasons: tuple[str, ...] = ()
-    bus_winner: str = ""  # input that holds the drive bus; empty where our bus isn't there
+    bus_winner: str = ""  # the input that controls the drive bus; empty without Lupin's drive bus
     bus_locks: tuple[str, ...] = ()
-    bus_listeners: tuple[tuple[str, int], ...] = ()  # the topic of the bus's sink, and how many it knows to listen there
-    udp_heard: int | None = None  # topics with samples for a second visitor without shared memory, where the first heard none
+    bus_listeners: tuple[tuple[str, int], ...] = ()  # the drive bus's output topic, and how many subscriptions it discovered
+    # If no sample was received on any topic: the number of topics that a second probe received without shared memory.
+    udp_heard: int | None = None
 
-    def topic(self, name: str) -> SeenTopic | None:
-        """A topic with its ends, or None."""
+    def topic(self, name: str) -> ObservedTopic | None:
+        """The topic of that name, or None."""
         return next((topic for topic in self.topics if topic.name == name), None)
 
-    def heard(self, name: str) -> int | None:
-        """How many samples of a topic arrived; None where it has no publisher or wasn't listened to."""
+    def sample_count(self, name: str) -> int | None:
+        """The number of samples received on a topic; None if it has no publisher or the probe does not subscribe to it."""
         return dict(self.samples).get(name)
 
     @property
-    def where(self) -> str:
-        """For findings: the simulator's graph is this machine's."""
+    def machine(self) -> str:
+        """The machine that findings about this graph name: the simulator's graph is the laptop's."""
         return "robot" if self.kind == "robot" else "laptop"
 
 
 @dataclass(frozen=True)
 class Graphs:
-    """Every graph that this machine has to do with; none where nothing runs and no robot is set up."""
+    """All graphs that this machine can join; none if no run is up and no robot is set up."""
 
     graphs: tuple[Graph, ...] = ()
 
     @property
     def alive(self) -> tuple[Graph, ...]:
-        """Those that could be visited and have somebody on them."""
-        # Where data reaches nobody, names of topics are there and those of nodes, which are data, are not.
+        """The graphs that could be joined and are not empty."""
+        # If data does not arrive, topic names are known but node names, which are sent as data, are not.
         return tuple(graph for graph in self.graphs if not graph.error and (graph.nodes or graph.topics))
 
 
 def parse(output: Output) -> Graphs:
-    """Pure parser of the visit's JSON. Raises ValueError."""
+    """Pure parser of the probe's JSON. Raises ValueError."""
     try:
-        told = json.loads(output.stdout)
-        return Graphs(tuple(_graph(each) for each in told["graphs"]))
+        document = json.loads(output.stdout)
+        return Graphs(tuple(_graph(each) for each in document["graphs"]))
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         last = (output.stderr.strip().splitlines() or ["nothing on stderr"])[-1]
-        raise ValueError(f"expected the visit's JSON, found {output.stdout[:60]!r} ({error}); {last[:200]}") from error
+        raise ValueError(f"expected JSON of the graph probe, found {output.stdout[:60]!r} ({error}); {last[:200]}") from error
 
 
-def _graph(told: Mapping[str, Any]) -> Graph:
-    environment = tuple(sorted((str(key), str(value)) for key, value in told.get("environment", {}).items()))
-    if told.get("error"):
-        return Graph(str(told["name"]), str(told["kind"]), environment, error=str(told["error"]))
-    said = told.get("said", {})
-    battery = said.get("/io/power/power_watcher")
-    estop_status = said.get("/lupin/estop/status") or {}
-    drive = said.get("/lupin/drive/status") or {}
+def _graph(document: Mapping[str, Any]) -> Graph:
+    environment = tuple(sorted((str(key), str(value)) for key, value in document.get("environment", {}).items()))
+    if document.get("error"):
+        return Graph(str(document["name"]), str(document["kind"]), environment, error=str(document["error"]))
+    messages = document.get("said", {})
+    battery = messages.get("/io/power/power_watcher")
+    estop_status = messages.get("/lupin/estop/status") or {}
+    drive = messages.get("/lupin/drive/status") or {}
     sink = drive.get("sink")
-    controllers = told.get("controllers")
+    controllers = document.get("controllers")
     return Graph(
-        name=str(told["name"]),
-        kind=str(told["kind"]),
+        name=str(document["name"]),
+        kind=str(document["kind"]),
         environment=environment,
-        joined_s=float(told["joined_s"]),
-        nodes=tuple(told["nodes"]),
-        topics=tuple(SeenTopic(t["name"], _ends(t["publishers"]), _ends(t["subscribers"])) for t in told["topics"]),
-        samples=tuple((name, int(sample["count"])) for name, sample in told["samples"].items()),
-        inputs=tuple(Input(name, seen["count"], seen["moving"]) for name, seen in told["inputs"].items()),
+        joined_s=float(document["joined_s"]),
+        nodes=tuple(document["nodes"]),
+        topics=tuple(
+            ObservedTopic(t["name"], _endpoints(t["publishers"]), _endpoints(t["subscribers"])) for t in document["topics"]
+        ),
+        samples=tuple((name, int(sample["count"])) for name, sample in document["samples"].items()),
+        inputs=tuple(DriveInput(name, seen["count"], seen["moving"]) for name, seen in document["inputs"].items()),
         controllers=None if controllers is None else tuple(Controller(c["name"], c["state"]) for c in controllers),
-        calls=tuple(Call(name, call["round_trip_s"]) for name, call in told["calls"].items()),
+        calls=tuple(ServiceCall(name, call["round_trip_s"]) for name, call in document["calls"].items()),
         battery=(battery["percentage"], battery["voltage"]) if battery else None,
-        estop=estop_status.get("engaged", said.get("/e_stop_state")),
+        estop=estop_status.get("engaged", messages.get("/e_stop_state")),
         estop_reasons=tuple(estop_status.get("reasons", ())),
         bus_winner=str(drive.get("winner") or ""),
         bus_locks=tuple(drive.get("locks", ())),
         bus_listeners=((str(sink["topic"]), int(sink["listeners"])),) if sink else (),
-        udp_heard=told.get("udp_heard"),
+        udp_heard=document.get("udp_heard"),
     )
 
 
-def _ends(told: list[dict[str, Any]]) -> tuple[End, ...]:
-    return tuple(End(end["node"], end["type"], end["reliable"], end["latched"]) for end in told)
+def _endpoints(endpoints: list[dict[str, Any]]) -> tuple[Endpoint, ...]:
+    return tuple(Endpoint(end["node"], end["type"], end["reliable"], end["latched"]) for end in endpoints)
 
 
-# The visit bounds itself; on two busy cores its processes take seconds to start.
+# The probe limits its own duration; on two busy cores its processes take seconds to start.
 GRAPH = Fact("graph", PROBE, parse, timeout_s=40.0)

@@ -1,22 +1,26 @@
-"""What is known of the way from this machine to the robot, whether or not it could be gone."""
+"""The link from this machine to a robot: the address that was tried, and why it failed if it did."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from lupin_cli.facts.clock import Offset
-from lupin_cli.quick_dataclass import dataclass
 
 
 @dataclass(frozen=True)
 class Link:
-    """One try to reach a robot. `kind` is empty where the robot answered; otherwise it is `Unreachable.kind`, or one of
-    host-key-unknown, host-key-changed, authentication and target for the other ways to fail."""
+    """The result of one attempt to connect to a robot.
 
-    robot: str  # the inventory's name, or the address as it was typed
+    `kind` is empty if the robot answered. Otherwise it is `Unreachable.kind`, or for other failures one of host-key-unknown,
+    host-key-changed, authentication, root and target.
+    """
+
+    robot: str  # name in the inventory, or the address as it was typed
     address: str  # host name or IP address that was tried
     kind: str = ""
     message: str = ""
     next_command: str = ""
-    clock: Offset | None = None  # the robot's against this machine's, None where it wasn't measured
+    clock: Offset | None = None  # offset of the robot's clock from this machine's; None if it was not measured
 
     @property
     def reachable(self) -> bool:

@@ -1,11 +1,12 @@
-"""Memory, swap, pressure, and what was killed for want of memory."""
+"""Memory, swap, memory pressure, and the number of processes killed because memory ran out."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, parse_sections
 
 PROBE = (
     PRELUDE
@@ -25,11 +26,11 @@ echo '@@ end'
 
 @dataclass(frozen=True)
 class UnitMemory:
-    """What the cgroup of a unit has counted since the unit started."""
+    """Counters of a unit's control group since the unit started."""
 
     unit: str
     oom_kills: int
-    limit_kb: int | None  # None where it has no limit
+    limit_kb: int | None  # None without a limit
     current_kb: int | None
 
 
@@ -41,24 +42,24 @@ class Memory:
     available_kb: int
     swap_total_kb: int
     swap_free_kb: int
-    oom_kills: int  # since boot, of anything
+    oom_kills: int  # since boot, of any process
     units: tuple[UnitMemory, ...]
-    stalled_fraction: float | None  # share of the last minute in which something waited for memory
-    lines: tuple[str, ...]  # the lines of /proc/meminfo behind the figures
+    stalled_fraction: float | None  # share of the last minute in which some process waited for memory
+    lines: tuple[str, ...]  # the lines of /proc/meminfo with these values
 
     @property
     def available_fraction(self) -> float:
-        """Share of the memory that can be had without swapping."""
+        """Share of the memory that is available without swapping."""
         return self.available_kb / self.total_kb
 
 
 def parse(output: Output) -> Memory:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    said.lines("end")
+    sections = parse_sections(output)
+    sections.lines("end")
     info = {}
     kept = []
-    for line in said.lines("meminfo"):
+    for line in sections.lines("meminfo"):
         name, _, rest = line.partition(":")
         words = rest.split()
         if words and words[0].isdigit():
@@ -73,9 +74,9 @@ def parse(output: Output) -> Memory:
         available_kb=info["MemAvailable"],
         swap_total_kb=info.get("SwapTotal", 0),
         swap_free_kb=info.get("SwapFree", 0),
-        oom_kills=_pairs(said.lines("vmstat")).get("oom_kill", 0),
-        units=tuple(_unit(section.argument, section.lines) for section in said.every("unit")),
-        stalled_fraction=_stalled(said.lines("pressure")),
+        oom_kills=_pairs(sections.lines("vmstat")).get("oom_kill", 0),
+        units=tuple(_unit(section.argument, section.lines) for section in sections.all("unit")),
+        stalled_fraction=_stalled(sections.lines("pressure")),
         lines=tuple(kept),
     )
 
@@ -86,7 +87,7 @@ def _pairs(lines: tuple[str, ...]) -> dict[str, int]:
 
 
 def _unit(name: str, lines: tuple[str, ...]) -> UnitMemory:
-    counts = _pairs(lines)  # `max_bytes max` is no number: no limit
+    counts = _pairs(lines)  # `max_bytes max` means no limit
 
     def kilobytes(key: str) -> int | None:
         return counts[key] // 1024 if key in counts else None
@@ -103,4 +104,4 @@ def _stalled(lines: tuple[str, ...]) -> float | None:
     return None
 
 
-MEMORY = Fact("memory", PROBE, parse, at_once=True)
+MEMORY = Fact("memory", PROBE, parse, shares_shell=True)

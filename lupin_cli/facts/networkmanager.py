@@ -1,13 +1,13 @@
-"""What NetworkManager does with the radios: which profile is up on which device, and which it would rather have."""
+"""NetworkManager: its devices, its saved profiles, their autoconnect priorities, and which profile is active."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, parse_sections
 
 PROBE = (
     PRELUDE
@@ -21,7 +21,7 @@ echo '@@ profiles'; nmcli -t -f NAME,TYPE,AUTOCONNECT,AUTOCONNECT-PRIORITY,ACTIV
 
 @dataclass(frozen=True)
 class Device:
-    """An interface as NetworkManager sees it."""
+    """An interface that NetworkManager knows."""
 
     name: str
     type: str  # wifi, ethernet, ...
@@ -32,7 +32,7 @@ class Device:
 
 @dataclass(frozen=True)
 class Profile:
-    """A saved connection."""
+    """A saved connection profile."""
 
     name: str
     wireless: bool
@@ -44,7 +44,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class NetworkManager:
-    """Devices and profiles; `running` is False where there is no NetworkManager at work."""
+    """Devices and profiles; `running` is False if NetworkManager is not running."""
 
     running: bool
     devices: tuple[Device, ...] = ()
@@ -53,15 +53,15 @@ class NetworkManager:
 
 def parse(output: Output) -> NetworkManager:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    if said.maybe("absent"):
+    sections = parse_sections(output)
+    if sections.get("absent"):
         return NetworkManager(running=False)
     devices = []
-    for line in said.lines("devices"):
+    for line in sections.lines("devices"):
         name, kind, state, connection = _fields(line, 4)
         devices.append(Device(name, kind, state, connection, line))
     profiles = []
-    for line in said.lines("profiles"):
+    for line in sections.lines("profiles"):
         name, kind, autoconnect, priority, active = _fields(line, 5)
         if not re.fullmatch(r"-?\d+", priority):
             raise ValueError(f"expected a whole number for the priority, found {line[:80]!r}")
@@ -70,7 +70,7 @@ def parse(output: Output) -> NetworkManager:
 
 
 def _fields(line: str, count: int) -> list[str]:
-    """Fields of terse output: separated by colons, and a colon or backslash inside is escaped by a backslash."""
+    """Split a line of terse output at colons; a colon or backslash in a field is escaped by a backslash."""
     fields = [re.sub(r"\\(.)", r"\1", field) for field in re.findall(r"(?:^|:)((?:[^:\\]|\\.)*)", line)]
     if len(fields) != count:
         raise ValueError(f"expected {count} fields of nmcli(1), found {line[:80]!r}")

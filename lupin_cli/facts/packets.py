@@ -1,44 +1,44 @@
-"""DDS packets that come and go at a machine, counted for a few seconds: what really left, and what really arrived.
+"""DDS packets that a machine sends and receives, counted for a few seconds.
 
-Dear, and only root may: no check asks for it but for a closer look at a way that is open in one direction only. Packets are
-counted and not kept, and nothing but their addresses and ports is read. Loopback and other traffic are left out.
+The probe is slow and needs root, so checks use it only to follow up a link that passes data in one direction. It reads only the
+addresses and ports of packets, and stores none of them. Loopback and other traffic are ignored.
 """
 
 from __future__ import annotations
 
 import re
 import shlex
+from dataclasses import dataclass
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.dds_profiles import DISCOVERY_PORT
-from lupin_cli.facts.sections import PRELUDE, answers, integer
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, integer, parse_sections
 
-CAPTURE_S = 6.0  # a visit to the graph, which makes the packets, takes a second or two to join, and calls for three
-MOST_PACKETS = 20_000
-# RTPS 2.2, 9.6.1.1: domain d has 7400 + 250 d and the ports after it; there, from 10 on, even ones are for discovery and odd
-# ones for data. Beyond the 40th port no participant of this project comes.
+CAPTURE_S = 6.0  # the graph probe, which causes the packets, joins within two seconds and calls services for three
+MAX_PACKETS = 20_000
+# RTPS 2.2, 9.6.1.1: the ports of domain d start at 7400 + 250 d. From the tenth on, even offsets are for discovery and odd ones
+# for data, two ports per participant; 80 ports are enough for the participants of this project.
 FIRST_PORT, _PER_DOMAIN, _UNICAST, _USED = 7400, 250, 10, 80
 LAST_PORT = FIRST_PORT + _PER_DOMAIN * 101 + _USED
 
-# A raw socket of the kernel's own, since few robots have tcpdump. ETH_P_ALL: packets that leave are shown to nobody else.
+# A packet socket, since few robots have tcpdump. Only ETH_P_ALL (3) delivers outgoing packets, too.
 _COUNT = f"""
 import collections, socket, struct, time
 raw = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(3))
 raw.settimeout(0.2)
-seen, left, end = collections.Counter(), {MOST_PACKETS}, time.monotonic() + {CAPTURE_S}
+seen, left, end = collections.Counter(), {MAX_PACKETS}, time.monotonic() + {CAPTURE_S}
 while left and time.monotonic() < end:
     try:
-        data, where = raw.recvfrom(64)
+        data, sender = raw.recvfrom(64)
     except OSError:
         continue
-    if where[1] != 0x0800 or where[0] == "lo" or len(data) < 28 or data[9] != 17:
+    if sender[1] != 0x0800 or sender[0] == "lo" or len(data) < 28 or data[9] != 17:
         continue
-    head = (data[0] & 15) * 4
-    if struct.unpack_from("!H", data, 6)[0] & 0x1FFF or len(data) < head + 4:
+    header = (data[0] & 15) * 4
+    if struct.unpack_from("!H", data, 6)[0] & 0x1FFF or len(data) < header + 4:
         continue
-    port = struct.unpack_from("!H", data, head + 2)[0]
+    port = struct.unpack_from("!H", data, header + 2)[0]
     if port == {DISCOVERY_PORT} or {FIRST_PORT} <= port <= {LAST_PORT}:
         seen[socket.inet_ntoa(data[12:16]), socket.inet_ntoa(data[16:20]), port] += 1
         left -= 1
@@ -51,14 +51,14 @@ PROBE = (
     PRELUDE
     + f"""as=; [ "$(id -u)" = 0 ] || {{ command -v sudo >/dev/null && sudo -n true 2>/dev/null && as='sudo -n' || as=nobody; }}
 echo '@@ own'; ip -4 -o address show scope global | awk '{{ split($4, part, "/"); print part[1] }}'
-if [ "$as" = nobody ]; then echo '@@ refused'; echo "$(id -un) may not capture: that takes root, or sudo without a password"
+if [ "$as" = nobody ]; then echo '@@ refused'; echo "$(id -un) may not capture packets: needs root, or sudo without password"
 elif command -v python3 >/dev/null 2>&1; then
   said=$($as timeout {CAPTURE_S + 2:.0f} python3 -c {shlex.quote(_COUNT)} 2>&1) && printf '%s\\n' "$said" ||
     {{ echo '@@ refused'; printf '%s\\n' "$said" | tail -n 1; }}
 elif command -v tcpdump >/dev/null 2>&1; then
   echo '@@ tcpdump'
-  $as timeout {CAPTURE_S:.0f} tcpdump -nn -q -t -l -i any -c {MOST_PACKETS} {shlex.quote(_FILTER)} 2>/dev/null || true
-else echo '@@ refused'; echo 'there is neither python3 nor tcpdump'; fi
+  $as timeout {CAPTURE_S:.0f} tcpdump -nn -q -t -l -i any -c {MAX_PACKETS} {shlex.quote(_FILTER)} 2>/dev/null || true
+else echo '@@ refused'; echo 'the machine has neither python3 nor tcpdump'; fi
 echo '@@ end'
 """
 )
@@ -67,7 +67,7 @@ _TCPDUMP = re.compile(r"\bIP (\d+\.\d+\.\d+\.\d+)\.\d+ > (\d+\.\d+\.\d+\.\d+)\.(
 
 @dataclass(frozen=True)
 class Flow:
-    """Packets of one sender to one address and port."""
+    """Packets from one address to another address and port."""
 
     source: str
     destination: str
@@ -76,43 +76,43 @@ class Flow:
 
     @property
     def is_data(self) -> bool:
-        """Whether the port is one that samples, requests and answers go to; discovery goes to others."""
-        above = (self.port - FIRST_PORT) % _PER_DOMAIN - _UNICAST
-        return FIRST_PORT <= self.port <= LAST_PORT and 0 <= above < _USED and above % 2 == 1
+        """Whether the port is for data: samples, requests and answers. Discovery uses other ports."""
+        offset = (self.port - FIRST_PORT) % _PER_DOMAIN - _UNICAST
+        return FIRST_PORT <= self.port <= LAST_PORT and 0 <= offset < _USED and offset % 2 == 1
 
 
 @dataclass(frozen=True)
 class Packets:
-    """What was counted, or why nothing was."""
+    """The packet counts, or the reason why packets could not be captured."""
 
-    own: tuple[str, ...]  # addresses of the machine
+    own: tuple[str, ...]  # the machine's addresses
     flows: tuple[Flow, ...] = ()
     refused: str = ""
 
     def sent(self) -> tuple[Flow, ...]:
-        """What left for other machines."""
+        """Packets to other machines."""
         return tuple(flow for flow in self.flows if flow.source in self.own and flow.destination not in self.own)
 
     def arrived(self) -> tuple[Flow, ...]:
-        """What came in for one of its addresses."""
+        """Packets from other machines to one of its addresses."""
         return tuple(flow for flow in self.flows if flow.destination in self.own and flow.source not in self.own)
 
 
 def parse(output: Output) -> Packets:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    said.lines("end")
-    own = tuple(line.strip() for line in said.lines("own"))
-    if refused := said.maybe("refused"):
-        return Packets(own, refused=refused.text or "it was not said why")
-    if dumped := said.maybe("tcpdump"):
+    sections = parse_sections(output)
+    sections.lines("end")
+    own = tuple(line.strip() for line in sections.lines("own"))
+    if refused := sections.get("refused"):
+        return Packets(own, refused=refused.text or "no reason was given")
+    if dumped := sections.get("tcpdump"):
         counts: dict[tuple[str, str, int], int] = {}
         for source, destination, port in _TCPDUMP.findall("\n".join(dumped.lines)):
             key = (source, destination, int(port))
             counts[key] = counts.get(key, 0) + 1
         return Packets(own, tuple(Flow(*key, count) for key, count in counts.items()))
     flows = []
-    for line in said.lines("flows"):
+    for line in sections.lines("flows"):
         words = line.split()
         if len(words) != 4:
             raise ValueError(f"expected source, destination, port and count, found {line[:80]!r}")

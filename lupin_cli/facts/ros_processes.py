@@ -1,30 +1,29 @@
-"""Every running ROS process, with the environment that it was started in: a node's DDS mode is fixed there, and nowhere else.
+"""The running ROS processes, with the environment that each was started in: it alone decides a node's DDS mode.
 
-A process counts as one where a ROS client library, Fast DDS or Cyclone DDS is mapped into it, whatever it is called.
+A ROS process is one that has mapped a ROS client library, Fast DDS or Cyclone DDS, whatever its name is.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers, integer, number
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, integer, number, parse_sections
 
 _LIBRARIES = r"lib(rcl|fastrtps|fastdds|ddsc|rmw_[a-z_]+_cpp)\.so"
-# Containers with a network of their own are other machines, though their processes show in /proc here.
-SAME_NETWORK = """near=
+# Processes in containers with their own network namespace are visible in /proc, but count as other machines.
+FILTER_NETWORK_NAMESPACE = """near=
 for pid in $pids; do [ "/proc/$pid/ns/net" -ef /proc/self/ns/net ] && near="$near $pid"; done
 pids=$near"""
 _VARIABLES = "(ROS_|RMW_|FASTRTPS_|FASTDDS_|CYCLONEDDS_|MIRTE_|LUPIN_|VIRTUAL_ENV=)"
 PROBE = (
     PRELUDE
     + rf"""pids=$(grep -lsE '{_LIBRARIES}' /proc/[0-9]*/maps | cut -d/ -f3)
-{SAME_NETWORK}
+{FILTER_NETWORK_NAMESPACE}
 files() {{ for pid in $pids; do echo "/proc/$pid/$1"; done; }}
 echo '@@ uptime'; cat /proc/uptime
 echo '@@ ticks'; getconf CLK_TCK
@@ -43,18 +42,18 @@ exit 0
 
 @dataclass(frozen=True)
 class RosProcess:
-    """One process that takes part in a graph."""
+    """One process that participates in a ROS graph."""
 
     pid: int
     parent: int
     user_id: int
     state: str  # R running, S and D waiting, T stopped
     age_s: float
-    group: str  # its control group: a unit of systemd, a session
+    group: str  # its control group, which names its systemd unit or session
     arguments: tuple[str, ...]
-    environment: Mapping[str, str] = field(default_factory=dict)  # of ROS and DDS only
+    environment: Mapping[str, str] = field(default_factory=dict)  # only variables of ROS, DDS and Lupin
     libraries: frozenset[str] = frozenset()
-    shared_memory: str = ""  # the file system that it sees as /dev/shm
+    shared_memory: str = ""  # device number of the file system that it has at /dev/shm
 
     @property
     def command(self) -> str:
@@ -63,7 +62,7 @@ class RosProcess:
 
     @property
     def name(self) -> str:
-        """The node it was told to be, or else the shortest name that tells it from others."""
+        """The node name from its arguments, or else a short name for its program."""
         for argument in self.arguments:
             if "__node:=" in argument:
                 return argument.partition("__node:=")[2]
@@ -71,30 +70,30 @@ class RosProcess:
         if words and re.fullmatch(r"(python|ruby|node|bash|sh)[0-9.]*", words[0]):
             script = [word for word in words[1:] if word and not word.startswith("-")]
             if script[:1] == ["lupin_runtime.stack.process"] and len(script) > 1:
-                return PurePosixPath(script[1]).stem  # one process of the stack's table, by its name there
+                return PurePosixPath(script[1]).stem  # a row of the stack's process table
             return " ".join(script[:2])[:40].strip() or words[0]
         return words[0] if words else f"process {self.pid}"
 
     @property
     def domain(self) -> int:
-        """Its DDS domain; 0 where the variable is no number, as rcl would refuse it."""
+        """Its DDS domain; 0 if the variable is not a number, which rcl would reject."""
         text = self.environment.get("ROS_DOMAIN_ID", "")
         return int(text) if text.isdigit() else 0
 
     @property
     def server(self) -> str:
-        """The discovery server that it was told of; empty: multicast only."""
+        """Its ROS_DISCOVERY_SERVER; empty for discovery by multicast only."""
         return self.environment.get("ROS_DISCOVERY_SERVER", "").strip()
 
     @property
     def profile(self) -> str:
-        """The XML profile that it was started with."""
+        """The path of the Fast DDS profile in its environment; empty if it has none."""
         names = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
         return next((self.environment[name] for name in names if self.environment.get(name)), "")
 
     @property
     def rmw(self) -> str:
-        """The middleware that is loaded; `rmw_fastrtps_cpp` also where only its library is there."""
+        """The RMW implementation that it has loaded, judged by the DDS library if no RMW library is mapped."""
         for library, name in _MIDDLEWARE:
             if library in self.libraries:
                 return name
@@ -106,9 +105,9 @@ class RosProcess:
         return any("ros2cli.daemon" in argument or "_ros2_daemon" in argument for argument in self.arguments)
 
     @property
-    def is_visitor(self) -> bool:
-        """Whether it is some doctor's visit to a graph: it comes and goes while others look."""
-        return "lupin_runtime.stack.probe" in self.arguments
+    def is_graph_probe(self) -> bool:
+        """Whether it is the graph probe of a `lupin doctor`, which runs only for seconds."""
+        return "lupin_runtime.stack.graph_probe" in self.arguments
 
     @property
     def is_server(self) -> bool:
@@ -119,23 +118,23 @@ class RosProcess:
 
     @property
     def is_lupin(self) -> bool:
-        """Whether it is a `lupin` command: a run may go on without the terminal that it was typed in."""
+        """Whether it is a `lupin` command: a run may outlive the terminal that it was started in."""
         return any(argument == "lupin_cli.app" or argument.endswith("/lupin") for argument in self.arguments[:3])
 
     @property
-    def outlived(self) -> str:
-        """Why it must be taken for left over by a launch that died; empty where it need not.
+    def stale_reason(self) -> str:
+        """Why the process counts as stale, left over by a launch that died; empty if it does not.
 
-        A stopped process answers nobody, whoever owns it. Services, daemons and runs of Lupin have no parent by design.
+        A stopped process does not respond, whatever started it. Services, daemons and runs of Lupin have no parent by design.
         """
         if self.state in ("T", "t"):
-            return "it is stopped (as by Ctrl-Z), and answers nobody"
+            return "it is stopped (as by Ctrl-Z) and does not respond"
         if self.parent != 1 or self.is_daemon or self.is_server or self.is_lupin or self.group.endswith(".service"):
             return ""
         return "its parent is gone"
 
     def line(self, *variables: str) -> str:
-        """The process with the variables that matter, as `/proc/PID/environ` has them."""
+        """The process with some of its environment variables, or with its command if none are given."""
         shown = " ".join(f"{name}={self.environment.get(name, '')}" for name in variables)
         return f"/proc/{self.pid}/environ ({self.name}): {shown}" if variables else f"{self.pid} {self.command}"
 
@@ -154,23 +153,23 @@ _MIDDLEWARE = (
 
 def parse(output: Output) -> tuple[RosProcess, ...]:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    uptime_s, ticks = said.number("uptime"), said.number("ticks")
-    said.lines("memory")  # a probe that was cut has not said all
-    users, groups = _by_pid(said.lines("user")), _by_pid(said.lines("group"))
-    commands, variables = _by_pid(said.lines("command")), _by_pid(said.lines("environment"))
-    libraries, memory = _by_pid(said.lines("libraries")), _by_pid(said.lines("memory"))
+    sections = parse_sections(output)
+    uptime_s, ticks = sections.number("uptime"), sections.number("ticks")
+    sections.lines("memory")  # missing if the probe was cut off
+    users, groups = _by_pid(sections.lines("user")), _by_pid(sections.lines("group"))
+    commands, variables = _by_pid(sections.lines("command")), _by_pid(sections.lines("environment"))
+    libraries, memory = _by_pid(sections.lines("libraries")), _by_pid(sections.lines("memory"))
     found = []
-    for pid, (line, *_) in _by_pid(said.lines("stat")).items():
-        # The name may hold spaces and parentheses; what follows the last one may not (proc(5)).
+    for pid, (line, *_) in _by_pid(sections.lines("stat")).items():
+        # The name may contain spaces and parentheses; the fields after the last parenthesis may not (proc(5)).
         words = line.rpartition(")")[2].split()
         if len(words) < 20:
             raise ValueError(f"expected a line of /proc/{pid}/stat, found {line[:80]!r}")
         found.append(
             RosProcess(
                 pid=pid,
-                parent=integer(words[1], "a parent"),
-                user_id=integer((users.get(pid) or ["Uid: -1"])[0].split()[1], "a user"),
+                parent=integer(words[1], "a parent PID"),
+                user_id=integer((users.get(pid) or ["Uid: -1"])[0].split()[1], "a user ID"),
                 state=words[0],
                 age_s=round(uptime_s - number(words[19], "a start time") / ticks, 2),
                 group=(groups.get(pid) or [""])[-1].split(":", 2)[-1],

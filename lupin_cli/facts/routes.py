@@ -1,19 +1,18 @@
-"""Where this machine's packets go: its routes, and the one that leads to the robot."""
+"""The routing table of a machine, its wireless interfaces, and the route to each address of the robot."""
 
 from __future__ import annotations
 
 import functools
 import json
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, parse_sections
 
-# The doctor sets the variable where a robot was asked for, to all of its addresses; names are looked up here.
+# The doctor sets this variable to all addresses of the robot that it examines; the probe resolves host names.
 ROBOT_ADDRESSES = "LUPIN_ROBOT_ADDRESSES"
 PROBE = (
     PRELUDE
@@ -30,23 +29,23 @@ exit 0
 
 
 @dataclass(frozen=True)
-class Route:
-    """One line of the main table."""
+class RouteEntry:
+    """One line of the main routing table."""
 
     destination: str  # a network, an address, or "default"
     device: str
     gateway: str = ""
-    source: str = ""  # the address that packets leave with
+    source: str = ""  # source address of the packets
     dead: bool = False  # no carrier
 
     def line(self) -> str:
-        """As `ip route` would say it."""
+        """The entry as `ip route` prints it."""
         via = f" via {self.gateway}" if self.gateway else ""
         source = f" src {self.source}" if self.source else ""
         return f"{self.destination}{via} dev {self.device}{source}{' linkdown' if self.dead else ''}"
 
     def covers(self, address: str) -> int | None:
-        """The prefix length with which it covers `address`; None where it doesn't."""
+        """The prefix length with which it matches `address`; None if it does not match."""
         if self.destination == "default":
             return 0
         network = _network(self.destination)
@@ -56,7 +55,7 @@ class Route:
             return None
 
 
-@functools.cache  # a fleet asks of every address which of the same few routes lead there
+@functools.cache  # with a fleet, every address is matched against the same few entries
 def _network(text: str) -> IPv4Network | IPv6Network | None:
     try:
         return ip_network(text, strict=False)
@@ -65,35 +64,35 @@ def _network(text: str) -> IPv4Network | IPv6Network | None:
 
 
 @dataclass(frozen=True)
-class Routes:
-    """The main table, which interfaces are radios, and what `ip route get` said of the robot."""
+class RoutingTable:
+    """The main routing table, the wireless interfaces, and the output of `ip route get` for the robot's addresses."""
 
-    main: tuple[Route, ...]
+    main: tuple[RouteEntry, ...]
     wireless: frozenset[str] = frozenset()
     to_robot: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # by address
-    names: Mapping[str, str] = field(default_factory=dict)  # the addresses that names of the robot stand for
+    names: Mapping[str, str] = field(default_factory=dict)  # addresses that the robot's host names resolve to, by name
 
-    def best(self, address: str) -> Route | None:
-        """The live route of the longest prefix to `address`."""
+    def best(self, address: str) -> RouteEntry | None:
+        """The entry with carrier that matches `address` with the longest prefix, or None."""
         found = [(length, route) for route in self.main if (length := route.covers(address)) is not None and not route.dead]
         return max(found, key=lambda pair: pair[0])[1] if found else None
 
     def leads_to(self, address: str) -> bool:
-        """Whether a route of its own leads to `address`: the default route of a laptop ends in the internet."""
+        """Whether a specific route leads to `address`. The default route does not count: it leads to the Internet."""
         route = self.best(address)
         return route is not None and route.destination != "default"
 
 
-def parse(output: Output) -> Routes:
+def parse(output: Output) -> RoutingTable:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    text = "\n".join(said.lines("routes"))
+    sections = parse_sections(output)
+    text = "\n".join(sections.lines("routes"))
     try:
         rows = json.loads(text or "[]")
     except ValueError:
-        raise ValueError(f"expected JSON of ip(8), found {text[:80]!r}; it said {output.stderr.strip()[:120]!r}") from None
+        raise ValueError(f"expected JSON of ip(8), found {text[:80]!r}; stderr: {output.stderr.strip()[:120]!r}") from None
     main = tuple(
-        Route(
+        RouteEntry(
             str(row["dst"]),
             str(row["dev"]),
             str(row.get("gateway", "")),
@@ -103,15 +102,15 @@ def parse(output: Output) -> Routes:
         for row in rows
         if isinstance(row, dict) and "dst" in row and "dev" in row
     )
-    asked = {section.argument: section.lines for section in said.every("robot") if " " in section.argument}
-    return Routes(
+    lookups = {section.argument: section.lines for section in sections.all("robot") if " " in section.argument}
+    return RoutingTable(
         main=main,
-        wireless=frozenset(said.lines("wireless")),
+        wireless=frozenset(sections.lines("wireless")),
         to_robot={
             name.split()[1]: tuple(line.strip() for line in lines if line.strip() not in ("", "cache"))
-            for name, lines in asked.items()
+            for name, lines in lookups.items()
         },
-        names=dict(name.split() for name in asked),
+        names=dict(name.split() for name in lookups),
     )
 
 

@@ -1,27 +1,30 @@
-"""How probes of several questions separate their answers: a line `@@ name argument` opens a section."""
+"""The output format of probes: sections, each started by a line `@@ name argument`."""
 
 from __future__ import annotations
 
 import shlex
+from dataclasses import dataclass
 
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.connection.base import Output
 
 MARK = "@@ "
-# A shell without a login finds no /usr/sbin on Debian, and messages are only known in the C locale.
+# On Debian, a non-login shell has no /usr/sbin in its PATH; parsers know the messages of the C locale.
 PRELUDE = 'LC_ALL=C; export LC_ALL; PATH="$PATH:/usr/sbin:/sbin"\n'
 
 
 def as_root_if_allowed(script: str) -> str:
-    """sh that runs `script` as root where sudo wants no password, else as the user. It goes to a shell of its own, once: every
-    sudo is a session of its own to set up. What it says on standard error goes nowhere, since sudo's refusal does."""
+    """sh that runs `script` as root if sudo needs no password, otherwise as the user.
+
+    The whole script runs in one call of sudo, since each call sets up a session. Standard error is discarded along with sudo's
+    refusal.
+    """
     text = shlex.quote(f"{PRELUDE}{script}\nexit 0")
     return f'as_root={text}\n{{ [ "$(id -u)" != 0 ] && sudo -n sh -c "$as_root" || sh -c "$as_root"; }} 2>/dev/null\n'
 
 
 @dataclass(frozen=True)
 class Section:
-    """One answer: what was asked, about what, and the lines."""
+    """A section of a probe's output: its name, its argument, and its lines."""
 
     name: str
     argument: str
@@ -29,33 +32,33 @@ class Section:
 
     @property
     def text(self) -> str:
-        """The first line without surrounding space; empty where there is none."""
+        """The first line without surrounding space; empty if there is none."""
         return self.lines[0].strip() if self.lines else ""
 
 
 @dataclass(frozen=True)
-class Answers:
-    """The sections of one output, in their order."""
+class Sections:
+    """The sections of one output, in order."""
 
     sections: tuple[Section, ...]
 
-    def every(self, name: str) -> tuple[Section, ...]:
+    def all(self, name: str) -> tuple[Section, ...]:
         """All sections of that name."""
         return tuple(section for section in self.sections if section.name == name)
 
-    def maybe(self, name: str) -> Section | None:
+    def get(self, name: str) -> Section | None:
         """The first section of that name, or None."""
-        return next(iter(self.every(name)), None)
+        return next(iter(self.all(name)), None)
 
     def lines(self, name: str) -> tuple[str, ...]:
-        """The lines of the first section of that name that aren't blank. Raises ValueError where the probe never got there."""
-        section = self.maybe(name)
+        """The non-blank lines of the first section of that name. Raises ValueError if the probe ended before it."""
+        section = self.get(name)
         if section is None:
             raise ValueError(f"expected a section {name!r}, found {[s.name for s in self.sections] or 'nothing'}")
         return tuple(line for line in section.lines if line.strip())
 
     def text(self, name: str) -> str:
-        """The first line of a section that must be there; empty where it says nothing. Raises ValueError."""
+        """The first non-blank line of a required section; empty if it has none. Raises ValueError if the section is missing."""
         return next(iter(self.lines(name)), "").strip()
 
     def number(self, name: str) -> float:
@@ -63,8 +66,8 @@ class Answers:
         return number(self.text(name).split()[0] if self.text(name) else "", name)
 
 
-def answers(output: Output) -> Answers:
-    """Split an output at its marks. Raises ValueError where it has none."""
+def parse_sections(output: Output) -> Sections:
+    """Split an output into its sections. Raises ValueError if it has none."""
     found: list[tuple[str, str, list[str]]] = []
     for line in output.stdout.splitlines():
         if line.startswith(MARK):
@@ -73,12 +76,12 @@ def answers(output: Output) -> Answers:
         elif found:
             found[-1][2].append(line)
     if not found:
-        raise ValueError(f"no answer in {output.stdout[:80]!r}; it said {output.stderr.strip()[:120]!r}")
-    return Answers(tuple(Section(name, argument, tuple(lines)) for name, argument, lines in found))
+        raise ValueError(f"expected sections, found {output.stdout[:80]!r}; stderr: {output.stderr.strip()[:120]!r}")
+    return Sections(tuple(Section(name, argument, tuple(lines)) for name, argument, lines in found))
 
 
 def number(text: str, what: str) -> float:
-    """A finite number. Raises ValueError that says what it should have been."""
+    """Parse a finite number; `what` names it in the ValueError."""
     try:
         value = float(text)
     except ValueError:
@@ -89,7 +92,7 @@ def number(text: str, what: str) -> float:
 
 
 def integer(text: str, what: str) -> int:
-    """A whole number. Raises ValueError that says what it should have been."""
+    """Parse a whole number; `what` names it in the ValueError."""
     try:
         return int(text)
     except ValueError:

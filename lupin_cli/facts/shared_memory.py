@@ -1,21 +1,21 @@
-"""Fast DDS's files in /dev/shm, and whether a live process holds them.
+"""The files of Fast DDS in /dev/shm, and whether a live process holds them.
 
-Fast DDS locks `<segment>_el` and `<port>_el` with flock(2) for as long as their owner lives (measured with 2.14: WRITE locks in
-/proc/locks). A file whose lock nobody holds is an orphan, however young; one that is held is in use, however old.
+Fast DDS locks `<segment>_el` and `<port>_el` with flock(2) as long as their owner lives (measured with 2.14: WRITE locks in
+/proc/locks). A file with a free lock is stale and one with a held lock is in use, whatever their age.
 """
 
 from __future__ import annotations
 
 import os
 import re
+from dataclasses import dataclass
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers, integer
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, integer, parse_sections
 
-# Locks of processes in other PID namespaces (containers) are not in /proc/locks, but flock(1) runs into them. It opens without
-# creating and tries without waiting; whoever meets the probe in that instant sees a file in use and leaves it alone.
+# Locks of processes in other PID namespaces (containers) are not in /proc/locks, but flock(1) fails on them. It opens files
+# without creating them and does not wait. A process that checks the lock at that moment sees a file in use and keeps it.
 PROBE = (
     PRELUDE
     + r"""cd /dev/shm 2>/dev/null || { echo '@@ files'; echo '@@ end'; exit 0; }
@@ -37,20 +37,20 @@ exit 0
 
 @dataclass(frozen=True)
 class SharedFile:
-    """One file. `held` says whether a live process holds the lock of the segment or port it belongs to."""
+    """One file. `held` is whether a live process holds the lock of its segment or port."""
 
     name: str
     user_id: int
     size_bytes: int
     changed_s: int  # epoch seconds
-    lockable: bool  # whether its lock file is there; without one nobody can tell whose it is
+    lockable: bool  # whether its lock file exists; without one, its owner is unknown
     held: bool
-    holder: int = 0  # the process in /proc/locks, where it is visible
-    removed: bool = False  # its holder holds it still, but nobody else can open it any more; it has no name, size nor owner
+    holder: int = 0  # PID of the holder in /proc/locks; 0 if it is not visible
+    removed: bool = False  # deleted while held: others can no longer open it, and its name, size and owner are unknown
 
     @property
     def is_segment(self) -> bool:
-        """Whether it is a participant's own segment: each has one, beside the ports that it opens."""
+        """Whether it is a participant's own segment. Each participant has one, besides its ports."""
         return re.fullmatch(r"fast(rtps|dds)_[0-9a-f]+", self.name) is not None
 
 
@@ -59,25 +59,25 @@ _NAME = re.compile(r"(?:sem\.)?(fast(?:rtps|dds)_(?:port\d+|[0-9a-f]+))(?:_(?:el
 
 def parse(output: Output) -> tuple[SharedFile, ...]:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    if not said.every("end"):
+    sections = parse_sections(output)
+    if not sections.all("end"):
         raise ValueError("the probe ended before its last line")
     rows: list[tuple[int, int, int, int, str]] = []
-    for line in said.lines("files"):
+    for line in sections.lines("files"):
         words = line.split(None, 4)
         if len(words) != 5:
             raise ValueError(f"expected inode, user, size, time and name, found {line[:80]!r}")
         inode, user, size, changed = (integer(word, "a field of stat(1)") for word in words[:4])
         rows.append((inode, user, size, changed, words[4]))
-    device = said.maybe("device")
-    place = _device(device.text) if device is not None and device.text else None
-    taken = _locks(said.lines("locks")) if said.maybe("locks") else []
-    locks = {inode: holder for inode, holder, _ in taken}
+    device = sections.get("device")
+    shm_device = _device(device.text) if device is not None and device.text else None
+    flocks = _locks(sections.lines("locks")) if sections.get("locks") else []
+    locks = {inode: holder for inode, holder, _ in flocks}
     held: dict[str, int] = {}
     for inode, *_, name in rows:
         if name.endswith(("_el", "_sl")) and inode in locks:
             held[_owner(name)] = locks[inode]
-    for line in said.lines("tried") if said.maybe("tried") else ():
+    for line in sections.lines("tried") if sections.get("tried") else ():
         state, _, name = line.partition(" ")
         if state == "held":
             held.setdefault(_owner(name), 0)
@@ -90,26 +90,26 @@ def parse(output: Output) -> tuple[SharedFile, ...]:
         ),
         *(
             SharedFile("", -1, 0, 0, lockable=True, held=True, holder=holder, removed=True)
-            for inode, holder, where in taken
-            if where == place and inode not in named
+            for inode, holder, device_number in flocks
+            if device_number == shm_device and inode not in named
         ),
     )
 
 
 def _owner(name: str) -> str:
+    """The segment or port that a file belongs to."""
     found = _NAME.fullmatch(name)
     return found[1] if found else name
 
 
 def _device(text: str) -> tuple[int, int]:
-    """Major and minor of what stat(1) prints as one hexadecimal number. Raises ValueError."""
+    """Major and minor number of a device that stat(1) printed in hexadecimal. Raises ValueError."""
     number = int(text, 16)
     return os.major(number), os.minor(number)
 
 
 def _locks(lines: tuple[str, ...]) -> list[tuple[int, int, tuple[int, int]]]:
-    """Inode, process and device of every flock in /proc/locks (proc(5)):
-    `1: FLOCK ADVISORY WRITE 4242 00:1b:1679 0 EOF`."""
+    """Inode, PID and device of each flock in /proc/locks (proc(5)), such as `1: FLOCK ADVISORY WRITE 4242 00:1b:1679 0 EOF`."""
     found = []
     for line in lines:
         words = line.split()
@@ -120,4 +120,4 @@ def _locks(lines: tuple[str, ...]) -> list[tuple[int, int, tuple[int, int]]]:
     return found
 
 
-SHARED_MEMORY = Fact("shared-memory", PROBE, parse, at_once=True)
+SHARED_MEMORY = Fact("shared-memory", PROBE, parse, shares_shell=True)

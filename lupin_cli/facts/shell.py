@@ -1,17 +1,16 @@
-"""What a shell of this user gets to know of the graph: its variables, Lupin's three exports, and what the start files source in
-which order."""
+"""The ROS environment of this user's shells: variables, exports of ros-env.sh, and what start files source in which order."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, parse_sections
 
-# A vendor's hook that unsets the server lies in a package's folder of the workspace whose setup file is sourced.
+# The vendor's hook that unsets ROS_DISCOVERY_SERVER is in a package of the workspace whose setup file is sourced.
 PROBE = (
     PRELUDE
     + r"""echo "@@ home $HOME"; echo '@@ environment'; env | grep -E '^(ROS_|RMW_|FASTRTPS_|FASTDDS_)'
@@ -38,47 +37,47 @@ _EXPORT = re.compile(r"^\s*export\s+([A-Za-z_][A-Za-z0-9_]*)=(.*?)\s*$")
 
 @dataclass(frozen=True)
 class StartFile:
-    """A shell's start file: its lines that matter, numbered as grep does, and the sourced files that wipe the server."""
+    """A shell's start file: its relevant lines with line numbers, and the sourced files that unset ROS_DISCOVERY_SERVER."""
 
     path: str
     lines: tuple[str, ...]
-    wipes: Mapping[str, str]  # a sourced setup file → the hook of it that unsets the server
+    wipes: Mapping[str, str]  # hook that unsets the variable, by the sourced setup file
 
 
 @dataclass(frozen=True)
 class Shell:
-    """The environment of the shell that asks, and what new ones will get."""
+    """The environment of the probe's shell, and what new shells will get."""
 
     environment: Mapping[str, str]
-    exports_path: str  # where ros-env.sh is or would be
-    exports: Mapping[str, str]  # what it exports; empty where it isn't there
+    exports_path: str  # path of ros-env.sh, whether it exists or not
+    exports: Mapping[str, str]  # variables that it exports; empty if it is missing
     home: str = ""
     start_files: tuple[StartFile, ...] = ()
 
     @property
     def server(self) -> str:
-        """The discovery server of the shell that asks."""
+        """The discovery server of the probe's shell."""
         return self.environment.get("ROS_DISCOVERY_SERVER", "").strip()
 
 
 def parse(output: Output) -> Shell:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    environment = dict(line.split("=", 1) for line in said.lines("environment") if "=" in line)
-    exports = said.maybe("exports")
+    sections = parse_sections(output)
+    environment = dict(line.split("=", 1) for line in sections.lines("environment") if "=" in line)
+    exports = sections.get("exports")
     if exports is None:
         raise ValueError("expected a section 'exports'")
     found = {match[1]: match[2].strip("\"'") for line in exports.lines if (match := _EXPORT.match(line))}
-    wipes = {section.argument: section.lines for section in said.every("wipes")}
+    wipes = {section.argument: section.lines for section in sections.all("wipes")}
     start_files = tuple(
         StartFile(
             section.argument,
             tuple(line for line in section.lines if line.strip()),
             dict(line.split(" ", 1) for line in wipes.get(section.argument, ()) if " " in line),
         )
-        for section in said.every("start")
+        for section in sections.all("start")
     )
-    home = said.maybe("home")
+    home = sections.get("home")
     return Shell(environment, exports.argument, found, home.argument if home else "", start_files)
 
 

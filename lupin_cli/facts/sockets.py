@@ -1,16 +1,16 @@
-"""Who listens where. Owners are known of this user's processes, and of all where root asks."""
+"""Listening sockets and their owners. The owners of other users' sockets are only known to root."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers, integer
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, integer, parse_sections
 
-# ss may leave out the owner of a socket that was only just opened, so owners that are missing are asked for again. Who holds
-# the discovery server's port is asked as root where he is another user: that one matters, whoever it is.
+# ss may omit the owner of a socket that was just opened, so it runs again if all owners are missing. If another user owns the
+# discovery server's port, it runs as root, since that owner is always needed.
 PROBE = (
     PRELUDE
     + r"""found=$(ss -H -lntup) || exit 1
@@ -29,12 +29,12 @@ _OWNER = re.compile(r'\("((?:[^"\\]|\\.)*)",pid=(\d+),fd=\d+\)')
 
 @dataclass(frozen=True)
 class Socket:
-    """A socket that waits for packets or connections. `pid` is 0 where the owner isn't known."""
+    """A listening or bound socket. `pid` is 0 if the owner is unknown."""
 
     protocol: str  # tcp or udp
-    address: str  # 0.0.0.0, [::], * or one address; without its interface
+    address: str  # 0.0.0.0, [::], * or one address, without the interface
     port: int
-    process: str = ""  # the kernel's name of it, cut to 15 characters
+    process: str = ""  # name of the process, cut to 15 characters by the kernel
     pid: int = 0
     command: str = ""
     raw: str = ""
@@ -45,13 +45,13 @@ class Socket:
         return self.address in ("0.0.0.0", "*", "[::]")
 
     def line(self) -> str:
-        """As `ss` printed it, without its padding."""
+        """The line of ss(8) without padding."""
         return " ".join(self.raw.split())
 
 
 @dataclass(frozen=True)
 class Sockets:
-    """All listening sockets, and with UDP all that are bound."""
+    """All listening TCP sockets and all bound UDP sockets."""
 
     every: tuple[Socket, ...]
 
@@ -66,10 +66,10 @@ class Sockets:
 
 def parse(output: Output) -> Sockets:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    commands = _commands(said.lines("commands"))
+    sections = parse_sections(output)
+    commands = _commands(sections.lines("commands"))
     found = []
-    for line in said.lines("sockets"):
+    for line in sections.lines("sockets"):
         words = line.split(None, 6)
         if len(words) < 6 or words[0] not in ("tcp", "udp"):
             raise ValueError(f"expected a line of ss(8), found {line[:80]!r}")
@@ -94,7 +94,7 @@ _COMMAND = re.compile(r"/proc/(\d+)/cmdline:(.*)")
 
 
 def _commands(lines: tuple[str, ...]) -> dict[int, str]:
-    """Arguments by process; each argument is a line of its own, with the file it was read from."""
+    """Command lines by PID, from lines with one argument each and the file that it was read from."""
     commands: dict[int, list[str]] = {}
     for line in lines:
         if found := _COMMAND.match(line):

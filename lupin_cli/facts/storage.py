@@ -1,19 +1,20 @@
-"""Space, inodes and read-only mounts of the places that Lupin writes to."""
+"""Free space, free inodes and read-only state of the file systems that Lupin writes to."""
 
 from __future__ import annotations
 
-from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from dataclasses import dataclass
 
-# Named places only: a df of everything hangs on a network mount whose server has gone.
-PLACES = "/ /home /tmp /var /var/log /dev/shm /run /boot"
+from lupin_cli.connection.base import Output
+from lupin_cli.facts.base import Fact
+from lupin_cli.facts.sections import PRELUDE, parse_sections
+
+# Only these folders: df without arguments hangs on a network mount whose server is gone.
+FOLDERS = "/ /home /tmp /var /var/log /dev/shm /run /boot"
 
 PROBE = (
     PRELUDE
     + f"""set --
-for p in {PLACES} "$HOME"; do [ -d "$p" ] && set -- "$@" "$p"; done
+for p in {FOLDERS} "$HOME"; do [ -d "$p" ] && set -- "$@" "$p"; done
 echo '@@ blocks'; df -Pk "$@"
 echo '@@ inodes'; df -Pi "$@"
 echo '@@ mounts'; cat /proc/self/mounts
@@ -24,20 +25,20 @@ echo '@@ end'
 
 @dataclass(frozen=True)
 class Mount:
-    """A file system that one of the places lies on."""
+    """A file system with one of the folders."""
 
     path: str
     device: str
     size_kb: int
     available_kb: int
-    inodes: int  # 0 where the file system does not count them
+    inodes: int  # 0 if the file system has no fixed number
     inodes_free: int
     read_only: bool
     raw: str  # df's line
 
     @property
     def used_fraction(self) -> float:
-        """Share of the space that an ordinary user can no longer have."""
+        """Share of the space that is not available to an ordinary user."""
         return 1.0 - self.available_kb / self.size_kb if self.size_kb else 0.0
 
 
@@ -50,16 +51,16 @@ class Storage:
 
 def parse(output: Output) -> Storage:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    said.lines("end")
+    sections = parse_sections(output)
+    sections.lines("end")
     options = {}
-    for line in said.lines("mounts"):
+    for line in sections.lines("mounts"):
         words = line.split()
         if len(words) >= 4:
-            options[words[1].replace("\\040", " ")] = words[3].split(",")  # the last mount over a place is the one in force
-    inodes = {row[-1]: row for row in map(_row, said.lines("inodes")[1:]) if row}
+            options[words[1].replace("\\040", " ")] = words[3].split(",")  # the last mount on a path is the visible one
+    inodes = {row[-1]: row for row in map(_row, sections.lines("inodes")[1:]) if row}
     mounts: dict[str, Mount] = {}
-    for line in said.lines("blocks")[1:]:
+    for line in sections.lines("blocks")[1:]:
         row = _row(line)
         if not row:
             continue
@@ -81,7 +82,7 @@ def parse(output: Output) -> Storage:
 
 
 def _row(line: str) -> list[str] | None:
-    """The six columns of a POSIX df line; a mount point may hold spaces, a device may too."""
+    """The six columns of a POSIX df line; device and mount point may contain spaces."""
     words = line.split()
     at = next(
         (i for i, word in enumerate(words) if i >= 4 and (word.endswith("%") or word == "-") and i + 1 < len(words)), None

@@ -1,11 +1,12 @@
-"""How hot the machine is, and whether it slows itself down for it."""
+"""Temperatures, and whether the processor is throttled because of them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, parse_sections
 
 PROBE = (
     PRELUDE
@@ -29,42 +30,42 @@ echo '@@ end'
 """
 )
 
-# Firmware's bits of get_throttled (Raspberry Pi documentation, `vcgencmd`): now, and since boot.
+# Bits of `vcgencmd get_throttled` that describe the current state (Raspberry Pi documentation).
 THROTTLED_NOW = {0: "under-voltage", 1: "arm frequency capped", 2: "throttled", 3: "soft temperature limit"}
 
 
 @dataclass(frozen=True)
 class Zone:
-    """One sensor and the temperatures at which the kernel acts, degrees Celsius."""
+    """A sensor and the temperatures at which the kernel acts, in degrees Celsius."""
 
     name: str
     kind: str
     temperature_c: float
-    passive_c: float | None  # where it begins to slow down
-    critical_c: float | None  # where it switches off
+    passive_c: float | None  # the processor is throttled from this temperature on
+    critical_c: float | None  # the machine shuts down
 
 
 @dataclass(frozen=True)
 class Thermal:
-    """The heat of one machine; empty where it has no sensors, as a container has none."""
+    """The thermal state of a machine; empty if it has no sensors, like a container."""
 
     zones: tuple[Zone, ...]
-    slowed: tuple[str, ...]  # cooling devices of the processor that are at work, as lines
-    capped: tuple[str, ...]  # frequency policies below what the hardware can, as lines
-    firmware: tuple[str, ...]  # what the firmware says of now, in words
+    slowed: tuple[str, ...]  # active cooling devices that throttle the processor, as lines
+    capped: tuple[str, ...]  # frequency policies below the hardware's maximum, as lines
+    firmware: tuple[str, ...]  # throttling that the firmware reports, as lines
 
 
 def parse(output: Output) -> Thermal:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    said.lines("end")
+    sections = parse_sections(output)
+    sections.lines("end")
     zones = []
-    for section in said.every("zone"):
+    for section in sections.all("zone"):
         name, _, kind = section.argument.partition(" ")
         readings = [line.split() for line in section.lines if len(line.split()) == 2]
         values = [(key, int(text) / 1000.0) for key, text in readings if text.lstrip("-").isdigit()]
         temperature = next((value for key, value in values if key == "temp"), None)
-        # Kernels say -274 for a sensor that isn't read yet, and trips of 0 for those that aren't set.
+        # The kernel reports -274 for a sensor that was not read yet, and 0 for a trip point that is not set.
         if temperature is None or not -60.0 < temperature < 250.0:
             continue
         trips = [(key, value) for key, value in values if key != "temp" and value > 0.0]
@@ -72,18 +73,18 @@ def parse(output: Output) -> Thermal:
         critical = [value for key, value in trips if key == "critical"]
         zones.append(Zone(name, kind, temperature, min(passive, default=None), min(critical, default=None)))
     slowed = []
-    for section in said.every("cooling"):
+    for section in sections.all("cooling"):
         words = section.text.split()
         kind = section.argument.partition(" ")[2].lower()
-        # A fan that turns is no trouble, a processor that is held back is.
+        # A running fan is normal; only throttling of the processor matters.
         if words[:1] and words[0].isdigit() and int(words[0]) > 0 and ("cpu" in kind or "processor" in kind):
             slowed.append(f"{section.argument}: cur_state {section.text}")
     capped = []
-    for section in said.every("cpufreq"):
+    for section in sections.all("cpufreq"):
         words = section.text.split()
         if len(words) >= 3 and all(word.isdigit() for word in words[:3]) and int(words[1]) < int(words[2]):
             capped.append(f"{section.argument}: scaling_max_freq {words[1]} of cpuinfo_max_freq {words[2]}")
-    firmware = said.maybe("vcgencmd")
+    firmware = sections.get("vcgencmd")
     return Thermal(tuple(zones), tuple(slowed), tuple(capped), _firmware(firmware.text if firmware else ""))
 
 

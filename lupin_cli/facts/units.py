@@ -1,17 +1,18 @@
-"""What systemd says of Lupin's units, of the vendor's, and of whatever else failed."""
+"""The states of Lupin's and the vendor's systemd units, and all failed units."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, answers
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, parse_sections
 
 VENDOR = "mirte-ros.service"
 ONBOARD, CAMERAS, AUTO_HOME = "lupin-onboard.service", "lupin-cameras.service", "lupin-auto-home.service"
 CLOCK_SYNC = "lupin-clock-sync.service"
-OURS = (ONBOARD, CAMERAS, AUTO_HOME, CLOCK_SYNC)
-UNITS = (VENDOR, *OURS, "mirte-ap.service", "mirte-wifi-watchdog.service", "chrony.service")
+LUPIN_UNITS = (ONBOARD, CAMERAS, AUTO_HOME, CLOCK_SYNC)
+UNITS = (VENDOR, *LUPIN_UNITS, "mirte-ap.service", "mirte-wifi-watchdog.service", "chrony.service")
 
 PROPERTIES = (
     "Id,LoadState,ActiveState,SubState,Result,Type,NRestarts,UnitFileState,PartOf,MainPID,ExecMainStatus,"
@@ -29,7 +30,7 @@ echo '@@ failed'; systemctl list-units --failed --plain --no-legend --no-pager
 
 @dataclass(frozen=True)
 class Unit:
-    """One unit as `systemctl show` prints it. Times are seconds of the monotonic clock since boot; 0.0 for never."""
+    """A unit as `systemctl show` prints it. Times are seconds since boot (monotonic clock); 0.0 for never."""
 
     name: str
     load: str  # loaded, not-found, masked, bad-setting, error
@@ -43,22 +44,22 @@ class Unit:
     main_pid: int
     exit_status: int
     active_since_s: float
-    started_s: float  # last time it began to start
+    started_s: float  # when it last began to start
     needs_reload: bool
     path: str
 
     @property
-    def there(self) -> bool:
-        """Whether a unit file was found."""
+    def installed(self) -> bool:
+        """Whether systemd found a unit file."""
         return self.load not in ("not-found", "")
 
     @property
     def running(self) -> bool:
-        """Whether it is up or on its way."""
+        """Whether it is active or starting."""
         return self.active in ("active", "activating", "reloading")
 
     def line(self) -> str:
-        """The properties that a person would look at first, as systemd names them."""
+        """The most important properties, under systemd's names."""
         return (
             f"{self.name}: LoadState={self.load} ActiveState={self.active} SubState={self.sub} Result={self.result} "
             f"UnitFileState={self.enabled or '-'} NRestarts={self.restarts} ExecMainStatus={self.exit_status}"
@@ -67,24 +68,24 @@ class Unit:
 
 @dataclass(frozen=True)
 class Units:
-    """What systemd knows. `systemd` is False where another program is PID 1, which `pid1` names."""
+    """All units. `systemd` is False if another program, named by `pid1`, is PID 1."""
 
     systemd: bool
     units: tuple[Unit, ...] = ()
-    failed: tuple[str, ...] = ()  # names of all failed units of the machine
+    failed: tuple[str, ...] = ()  # names of all failed units
     pid1: str = "systemd"
 
     def get(self, name: str) -> Unit | None:
-        """A unit that has a file, or None."""
-        return next((unit for unit in self.units if unit.name == name and unit.there), None)
+        """The unit of that name, or None if it is not installed."""
+        return next((unit for unit in self.units if unit.name == name and unit.installed), None)
 
 
 def parse(output: Output) -> Units:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    if said.maybe("no-systemd"):
-        return Units(systemd=False, pid1=said.text("no-systemd"))
-    section = said.maybe("show")
+    sections = parse_sections(output)
+    if sections.get("no-systemd"):
+        return Units(systemd=False, pid1=sections.text("no-systemd"))
+    section = sections.get("show")
     blocks: list[dict[str, str]] = [{}]
     for line in section.lines if section else ():
         key, equals, value = line.partition("=")
@@ -97,8 +98,8 @@ def parse(output: Output) -> Units:
         raise ValueError(
             f"expected blocks of systemctl show, found {output.stdout[:80]!r}; stderr {output.stderr.strip()[:120]!r}"
         )
-    # Older systemd marks failed units with a dot even in plain mode.
-    failed = tuple(line.lstrip("●* ").split()[0] for line in said.lines("failed") if line.strip("●* "))
+    # Older versions of systemd mark failed units with a dot even in plain mode.
+    failed = tuple(line.lstrip("●* ").split()[0] for line in sections.lines("failed") if line.strip("●* "))
     return Units(True, units, failed)
 
 

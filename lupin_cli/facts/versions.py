@@ -1,15 +1,15 @@
-"""What a machine runs: operating system, Python, ROS, Fast DDS, and which release of Lupin, with how its folders lie."""
+"""Versions of operating system, Python, ROS and Fast DDS, and the deployed release of Lupin with its folders."""
 
 from __future__ import annotations
 
 import json
 import re
+from dataclasses import dataclass
 
+from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, Answers, answers
-from lupin_cli.onboard import ROOT
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Output
+from lupin_cli.facts.sections import PRELUDE, Sections, parse_sections
+from lupin_cli.release.paths import ROOT
 
 PROBE = (
     PRELUDE
@@ -36,24 +36,24 @@ echo '@@ end'
 
 @dataclass(frozen=True)
 class Release:
-    """The release that a robot runs from, and the folders around it."""
+    """The deployed release and the folders of the other releases."""
 
-    current: str  # id; empty where none is
-    complete: bool  # what `current` points at is there
+    current: str  # its ID; empty if there is none
+    complete: bool  # the folder that `current` points to exists
     previous: str
     releases: tuple[str, ...]
     incoming: tuple[str, ...]
-    version: str  # of Lupin in it
-    python: tuple[int, ...]  # it was built for
+    version: str  # of Lupin
+    python: tuple[int, ...]  # version that it was built for
 
 
 @dataclass(frozen=True)
 class Versions:
-    """What runs here. `release` is None where nothing was ever deployed."""
+    """The versions on a machine. `release` is None if Lupin was never deployed to it."""
 
     system: str
     machine: str
-    python: tuple[int, ...]  # empty: no python3
+    python: tuple[int, ...]  # empty without python3
     ros: tuple[str, ...]  # distributions below /opt/ros
     fast_dds: tuple[str, ...]  # versions of the libraries found
     fast_dds_files: tuple[str, ...]
@@ -62,39 +62,39 @@ class Versions:
 
 def parse(output: Output) -> Versions:
     """Pure parser of PROBE. Raises ValueError."""
-    said = answers(output)
-    said.lines("end")
-    files = said.lines("fast-dds")
-    found = re.search(r"Python (\d+)\.(\d+)(?:\.(\d+))?", said.text("python3"))
+    sections = parse_sections(output)
+    sections.lines("end")
+    files = sections.lines("fast-dds")
+    found = re.search(r"Python (\d+)\.(\d+)(?:\.(\d+))?", sections.text("python3"))
     return Versions(
-        system=said.text("os"),
-        machine=said.text("machine"),
+        system=sections.text("os"),
+        machine=sections.text("machine"),
         python=tuple(int(digits) for digits in found.groups() if digits) if found else (),
-        ros=said.lines("ros"),
+        ros=sections.lines("ros"),
         fast_dds=tuple(dict.fromkeys(_version(path) for path in files if _version(path))),
         fast_dds_files=files,
-        release=_release(said) if said.lines("root") else None,
+        release=_release(sections) if sections.lines("root") else None,
     )
 
 
 def _version(path: str) -> str:
-    # Wheels put a hash into the name: libfastrtps-1a2b3c4d.so.2.14.5
+    # Libraries from wheels have a hash in their name: libfastrtps-1a2b3c4d.so.2.14.5
     found = re.search(r"\.so\.(\d+\.\d+\.\d+)$", path)
     return found[1] if found else ""
 
 
-def _release(said: Answers) -> Release:
+def _release(sections: Sections) -> Release:
     try:
-        description = json.loads("\n".join(said.lines("release.json")) or "{}")
+        description = json.loads("\n".join(sections.lines("release.json")) or "{}")
         version, python = str(description.get("version", "")), tuple(int(part) for part in description.get("python", ()))
     except (ValueError, AttributeError, TypeError):
         version, python = "", ()
     return Release(
-        current=said.text("current").rstrip("/").rpartition("/")[2],
-        complete=said.text("reachable") == "yes",
-        previous=said.text("previous").rstrip("/").rpartition("/")[2],
-        releases=said.lines("releases"),
-        incoming=said.lines("incoming"),
+        current=sections.text("current").rstrip("/").rpartition("/")[2],
+        complete=sections.text("reachable") == "yes",
+        previous=sections.text("previous").rstrip("/").rpartition("/")[2],
+        releases=sections.lines("releases"),
+        incoming=sections.lines("incoming"),
         version=version,
         python=python,
     )

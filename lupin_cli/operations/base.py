@@ -1,16 +1,27 @@
-"""What an operation is. A playbook's step names one and gives its arguments; the runner calls it in this order."""
+"""The base class of operations: idempotent changes that a playbook's steps name.
+
+Examine first, change only what differs, then examine again::
+
+    output = observe(operation, target)      # lupin_cli.operations.shell: runs operation.probe() on the target
+    difference = operation.judge(output)     # pure
+    if difference is not None:
+        operation.change(target, difference)
+"""
 
 from __future__ import annotations
 
-from dataclasses import field
-from typing import Any, ClassVar, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
+from lupin_cli.connection.base import Output, Script, Target
+
+PROBE_TIMEOUT_S = 10.0
 
 
 class OperationError(Exception):
-    """A change that could not be made or did not hold, and the next command to type."""
+    """A target could not be examined or changed. `next_command` is what the operator should type next, or empty."""
 
     def __init__(self, message: str, next_command: str = "") -> None:
         super().__init__(message)
@@ -19,35 +30,68 @@ class OperationError(Exception):
 
 @dataclass(frozen=True)
 class Difference:
-    """How a machine differs from what is asked of it."""
+    """What an operation would change, with the state before."""
 
-    summary: str  # one line: what will change
-    diff: str = ""  # unified diff of a file, where there is one
-    before: dict[str, Any] = field(default_factory=dict)  # JSON-able; what `undo` needs to take the change back
+    summary: str  # one line, imperative: "create /etc/x"
+    diff: str = ""  # a unified diff, or lines that begin with + and -
+    before: dict[str, Any] = field(default_factory=dict)  # JSON values that `undo` needs; the journal keeps them
 
 
-class Operation(Protocol):
-    """A frozen dataclass whose fields are the step's arguments. Its __post_init__ raises ValueError for unfit ones.
+@dataclass(frozen=True, kw_only=True)
+class Operation(ABC):
+    """A frozen dataclass whose fields are the arguments of a step; `__post_init__` raises ValueError for invalid ones.
 
-    Optional, where an operation has use for it:
-      settle_s: ClassVar[float]    how long after `change` a difference may remain; the step's time-out ends it too (default 0)
-      read_only: ClassVar[bool]    it never differs, only reports: asked also where its step is not reached
-      stands: ClassVar[bool]       what it looks at stays as it is until somebody changes it: it may be asked before its turn
-      prepare() -> None            work of this machine that the look will need, done while the robot answers; may do nothing
-      reports: ClassVar[tuple]     the values of `report(target) -> dict`, read only, for later steps' conditions; JSON-able
-      begun(before) -> Operation   the same, knowing what it found before it began; verification and resume ask that
-      undo_last: ClassVar[bool]    taken back after all others, since it makes effective what they did
-      look_command: property       what a person types to look at it where it would not settle
+    A subclass must define `name`, `effect`, `probe` and `judge`, and usually `change` and `undo`. Everything else has a
+    default.
     """
 
-    name: ClassVar[str]  # as a playbook writes it, kebab-case
-    machine: str  # "robot" or "laptop"
+    name: ClassVar[str]  # the word in playbooks, kebab-case
+    effect: ClassVar[str]  # for docs/playbooks.md: what is true after the step
+    undo_effect: ClassVar[str] = "–"  # for docs/playbooks.md: what --undo does
 
-    def differs(self, target: Target) -> Difference | None:
-        """Read only; None where nothing is to do."""
+    prefetchable: ClassVar[bool] = False  # what it examines changes only by a step, so its probe may run before its turn
+    read_only: ClassVar[bool] = False  # it only reports, so a run that begins at a later step runs it too
+    undo_last: ClassVar[bool] = False  # its undo activates what the other undone steps restored
+    settle_s: ClassVar[float] = 0.0  # how long a difference may remain after `change`; the step's timeout limits it too
+    result_keys: ClassVar[tuple[str, ...]] = ()  # the keys of `report`, for the conditions of later steps
 
-    def change(self, target: Target, difference: Difference) -> None:
-        """Make it so; raises OperationError."""
+    machine: str = "robot"  # or "laptop": where the step runs
 
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
-        """Take the change back, also one that was cut off half-way; doing it twice is doing it once. Raises OperationError."""
+    @abstractmethod
+    def probe(self) -> Script | None:
+        """Return the read-only script whose output `judge` needs; None if there is nothing to ask or `complete` asks it all."""
+
+    def complete(self, target: Target, output: Output) -> Output:
+        """Add to the probe's output what one script cannot fetch, such as a large file. Read-only; raises OperationError."""
+        return output
+
+    @abstractmethod
+    def judge(self, output: Output) -> Difference | None:
+        """Return what differs from the arguments, or None. Pure; raises OperationError for output that it cannot interpret."""
+
+    def change(self, target: Target, difference: Difference) -> None:  # noqa: B027 -- the default does nothing
+        """Remove the difference. Raises OperationError."""
+
+    def undo(self, target: Target, before: Mapping[str, Any]) -> None:  # noqa: B027 -- the default does nothing
+        """Restore the state `before` a change, even one that was interrupted. Idempotent; raises OperationError."""
+
+    def report(self, output: Output) -> dict[str, Any]:
+        """Return the JSON values of `result_keys` for later steps' conditions. Pure; raises OperationError."""
+        return {}
+
+    def with_baseline(self, before: Mapping[str, Any]) -> Operation:
+        """Return the operation that judges against the state when the step began, e.g. "was restarted since"."""
+        return self
+
+    def prepare(self) -> None:  # noqa: B027 -- the default does nothing
+        """Do slow local work that `complete` and `judge` will need, while the robot answers. Raises OperationError."""
+
+    @property
+    def inspect_command(self) -> str:
+        """The command that an operator types to see why the change did not hold; empty if there is none."""
+        return ""
+
+
+def probe_script(text: str, *, root: bool = False, timeout_s: float = PROBE_TIMEOUT_S) -> Script:
+    """Return a probe: a script that reads and changes nothing."""
+    return Script("probe", text, timeout_s, root)

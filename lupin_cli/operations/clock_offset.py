@@ -1,36 +1,35 @@
-"""`clock-offset`: how far a robot's wall clock is off this machine's. It changes nothing."""
+"""`clock-offset`: how far a robot's wall clock is from this machine's. Changes nothing."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference
-from lupin_cli.operations.clock_step import offset
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
+from lupin_cli.connection.base import Output, Target
+from lupin_cli.operations.base import Difference, Operation
+from lupin_cli.operations.clock_samples import offset_values, parse_offset, take_samples
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClockOffset:
-    """`offset_s` (positive: ahead) with its `bound_s`; `drifted` where it is surely more than `tolerance_s`."""
+class ClockOffset(Operation):
+    """`drifted` is true if the offset is certainly more than `tolerance_s`, bound included."""
 
     name: ClassVar[str] = "clock-offset"
+    effect: ClassVar[str] = "read only: how far the robot's clock is from the laptop's"
     read_only: ClassVar[bool] = True
-    reports: ClassVar[tuple[str, ...]] = ("offset_s", "bound_s", "drifted")
+    result_keys: ClassVar[tuple[str, ...]] = ("offset_s", "bound_s", "drifted")
 
     tolerance_s: float = 3.0
-    machine: str = "robot"
 
-    def differs(self, target: Target) -> Difference | None:
+    def probe(self) -> None:
+        """Return None: the samples need this machine's clock too, so `complete` takes them."""
+
+    def complete(self, target: Target, output: Output) -> Output:
+        return take_samples(target)
+
+    def judge(self, output: Output) -> Difference | None:
         return None
 
-    def change(self, target: Target, difference: Difference) -> None:
-        raise AssertionError("it never differs")
-
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
-        raise AssertionError("it never differs")
-
-    def report(self, target: Target) -> dict[str, Any]:
-        found = offset(target)
-        drifted = found.at_least_s > self.tolerance_s
-        return {"offset_s": round(found.offset_s, 3), "bound_s": round(found.bound_s, 3), "drifted": drifted}
+    def report(self, output: Output) -> dict[str, Any]:
+        offset = parse_offset(output)
+        return {**offset_values(offset), "drifted": offset.at_least_s > self.tolerance_s}

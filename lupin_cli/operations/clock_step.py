@@ -1,21 +1,21 @@
-"""`clock-step`: the target's wall clock, set from this machine's in one step - with nothing there that watches it."""
+"""`clock-step`: set the robot's wall clock from this machine's in one step, never while a ROS stack runs there."""
 
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from lupin_cli.clock import ClockError, Sample, estimate, read_answer
-from lupin_cli.facts.clock import Offset
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.operations.shell import change, look, read
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Script, Target
+from lupin_cli.connection.base import Output, Target
+from lupin_cli.operations.base import Difference, Operation, OperationError
+from lupin_cli.operations.clock_samples import offset_values, parse_offset, take_samples
+from lupin_cli.operations.shell import change, query
 
-LIVE_STACK = 43
+_STACK_RUNS = 43
 
-# A step under ros2_control kills it: everything expires in one tick and the wheels go dead. It is looked for by the service
-# that starts it and by its libraries in any process, whoever started that. A discovery server may stay: it keeps no wall time.
+# A step under ros2_control kills it: everything expires in one tick and the wheels stop responding. A running stack is found by
+# the service that starts it, and by its libraries in any process, however it was started. A discovery server may stay: it
+# stores no wall time.
 _GUARD = r"""
 state=$(systemctl show -p ActiveState --value mirte-ros.service 2>/dev/null)
 case $state in inactive | failed | '') ;; *) echo "mirte-ros.service is $state"; exit 43 ;; esac
@@ -27,80 +27,57 @@ done
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClockStep:
-    """Within `tolerance_s` of this machine's clock; nothing is done where it is. Refuses while the stack runs, by any path.
-
-    A clock isn't set back by undo: the wrong time is nobody's.
-    """
+class ClockStep(Operation):
+    """Sets the clock only if it is certainly more than `tolerance_s` off. Undo does not restore the wrong time."""
 
     name: ClassVar[str] = "clock-step"
-    reports: ClassVar[tuple[str, ...]] = ("offset_s", "bound_s")
+    effect: ClassVar[str] = "the robot has the laptop's time; refuses while any part of a ROS stack runs"
+    result_keys: ClassVar[tuple[str, ...]] = ("offset_s", "bound_s")
 
     tolerance_s: float = 3.0
-    machine: str = "robot"
 
     def __post_init__(self) -> None:
         if self.machine == "laptop":
             raise ValueError("it sets the robot's clock from the laptop's, never the laptop's")
         if not 0.2 <= self.tolerance_s <= 3600:
             raise ValueError(
-                f"a tolerance lies between 0.2 s, which this measurement can tell, and 3600 s, unlike {self.tolerance_s}"
+                f"the tolerance must be from 0.2 s, the precision of this measurement, to 3600 s: {self.tolerance_s}"
             )
 
-    def differs(self, target: Target) -> Difference | None:
-        found = offset(target)
-        if found.at_least_s <= self.tolerance_s:
+    def probe(self) -> None:
+        """Return None: the samples need this machine's clock too, so `complete` takes them."""
+
+    def complete(self, target: Target, output: Output) -> Output:
+        return take_samples(target)
+
+    def judge(self, output: Output) -> Difference | None:
+        offset = parse_offset(output)
+        if offset.at_least_s <= self.tolerance_s:
             return None
-        where = "ahead of" if found.offset_s > 0 else "behind"
-        amount = f"{abs(found.offset_s):.1f} s (± {found.bound_s:.1f} s)"
-        summary = f"the clock of {target.name}, {amount} {where} this machine's, is set"
-        return Difference(summary, "", {"offset_s": round(found.offset_s, 3)})
+        direction = "ahead of" if offset.offset_s > 0 else "behind"
+        amount = f"{abs(offset.offset_s):.1f} s (± {offset.bound_s:.1f} s)"
+        summary = f"set the robot's clock, which is {amount} {direction} this machine's"
+        return Difference(summary, "", {"offset_s": round(offset.offset_s, 3)})
 
     def change(self, target: Target, difference: Difference) -> None:
-        guard = look(target, _GUARD, root=True)
-        if guard.status == LIVE_STACK:
+        guard = query(target, _GUARD, root=True)
+        if guard.status == _STACK_RUNS:
             raise OperationError(
                 f"the clock of {target.name} is not stepped under a running stack: {guard.stdout.strip()}", "lupin sync-clock"
             )
-        # One short round trip first: half of it is what the command will need to get there.
+        # One short round trip: half of it is how long the command will take to arrive.
         sent = time.monotonic()
-        read(target, "true", "nothing")
-        way_s = (time.monotonic() - sent) / 2
-        # The guard again, in the same breath: what was started meanwhile is live too.
+        query(target, "true")
+        delay_s = (time.monotonic() - sent) / 2
+        # The guard runs again in the same script: a stack may have been started meanwhile.
         script = f"""
 read -r begun rest </proc/uptime
 {_GUARD}
 read -r now rest </proc/uptime
-date -s "@$(awk -v t={time.time() + way_s:.3f} -v a="$begun" -v b="$now" 'BEGIN {{ printf "%.2f", t + b - a }}')" >/dev/null
+date -s "@$(awk -v t={time.time() + delay_s:.3f} -v a="$begun" -v b="$now" 'BEGIN {{ printf "%.2f", t + b - a }}')" >/dev/null
 """
-        change(
-            target,
-            script,
-            "set the clock (not under a running stack)",
-            root=True,
-            bound_s=10.0,
-            next_command="lupin sync-clock",
-        )
+        what = "set the clock (not under a running stack)"
+        change(target, script, what, root=True, bound_s=10.0, next_command="lupin sync-clock")
 
-    def report(self, target: Target) -> dict[str, Any]:
-        found = offset(target)
-        return {"offset_s": round(found.offset_s, 3), "bound_s": round(found.bound_s, 3)}
-
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
-        """Nothing: see the class."""
-
-
-def offset(target: Target, tries: int = 3) -> Offset:
-    """The target's wall clock against this machine's, from a few batches: every target has those, not every one a channel."""
-    samples = []
-    for _ in range(tries):
-        sent_ns, before_ns = time.time_ns(), time.monotonic_ns()
-        output = target.batch([Script("clock", "date +%s.%N", 5.0)], 8.0)["clock"]
-        received_ns = sent_ns + time.monotonic_ns() - before_ns
-        try:
-            samples.append(Sample(sent_ns, read_answer(output.stdout), received_ns))
-        except ClockError as error:
-            raise OperationError(
-                f"{target.name} did not tell its time: {output.stderr.strip() or output.stdout.strip()}"
-            ) from error
-    return estimate(samples).offset
+    def report(self, output: Output) -> dict[str, Any]:
+        return offset_values(parse_offset(output))

@@ -1,50 +1,56 @@
-"""`command`: a shell script, where no operation knows what is wanted; its guard says when it has nothing to do."""
+"""`command`: a shell script for what no other operation does; its guard says whether there is anything to do."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.operations.shell import change, look, quote
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
+from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+from lupin_cli.operations.shell import change, quote
 
 
 @dataclass(frozen=True, kw_only=True)
-class Command:
-    """`run` is done unless `unless` succeeds or `creates` exists, and then one of them must hold. `reverse` takes it back."""
+class Command(Operation):
+    """Runs `run` unless `unless` succeeds or `creates` exists; afterwards one of them must hold. `reverse` undoes it."""
 
     name: ClassVar[str] = "command"
-    stands: ClassVar[bool] = True
+    effect: ClassVar[str] = "the condition of its guard, `unless` or `creates`"
+    undo_effect: ClassVar[str] = "by `reverse`"
+    prefetchable: ClassVar[bool] = True
 
     run: str
-    unless: str = ""  # a script that succeeds where nothing is to do; it changes nothing
-    creates: str = ""  # a path that is there where nothing is to do
-    reverse: str = ""  # a script for undo; without it, undo says that it can't
+    unless: str = ""  # a read-only script that succeeds if there is nothing to do
+    creates: str = ""  # a path that exists if there is nothing to do
+    reverse: str = ""  # the script for undo; without it, undo fails
     root: bool = False
     timeout_s: float = 60.0
-    machine: str = "robot"
 
     def __post_init__(self) -> None:
         if not (self.unless or self.creates):
             raise ValueError("it needs a guard, or a second run would do it again: unless: SCRIPT or creates: PATH")
 
-    def _guard(self) -> str:
-        parts = ([f"( {self.unless}\n) >/dev/null"] if self.unless else []) + (
-            [f"[ -e {quote(self.creates)} ]"] if self.creates else []
-        )
-        return " || ".join(parts)
+    def probe(self) -> Script:
+        guards = [f"( {self.unless}\n) >/dev/null"] if self.unless else []
+        guards += [f"[ -e {quote(self.creates)} ]"] if self.creates else []
+        return probe_script(" || ".join(guards), root=self.root)
 
-    def differs(self, target: Target) -> Difference | None:
-        if look(target, self._guard(), root=self.root).ok:
+    def judge(self, output: Output) -> Difference | None:
+        if output.ok:
             return None
-        first = self.run.strip().splitlines()[0]
-        return Difference(f"runs: {first}", f"+{self.run.strip()}".replace("\n", "\n+"), {"ran": True})
+        return Difference(f"run: {_first_line(self.run)}", f"+{self.run.strip()}".replace("\n", "\n+"), {"ran": True})
 
     def change(self, target: Target, difference: Difference) -> None:
-        change(target, self.run, f"run {self.run.strip().splitlines()[0]!r}", root=self.root, bound_s=self.timeout_s)
+        change(target, self.run, f"run {_first_line(self.run)!r}", root=self.root, bound_s=self.timeout_s)
 
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
+    def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         if not self.reverse:
-            raise OperationError(f"nobody said how to take back {self.run.strip().splitlines()[0]!r}: reverse: SCRIPT")
-        change(target, self.reverse, f"run {self.reverse.strip().splitlines()[0]!r}", root=self.root, bound_s=self.timeout_s)
+            raise OperationError(
+                f"the step has no script that undoes {_first_line(self.run)!r}; give it one with reverse: SCRIPT"
+            )
+        change(target, self.reverse, f"run {_first_line(self.reverse)!r}", root=self.root, bound_s=self.timeout_s)
+
+
+def _first_line(script: str) -> str:
+    return (script.strip() or "nothing").splitlines()[0]

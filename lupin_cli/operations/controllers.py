@@ -1,41 +1,42 @@
-"""`controllers`: all five are active; where they aren't, auto-home heals them and sends the arm home."""
+"""`controllers`: all five controllers are active; if not, auto-home restores them and moves the arm home."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
-from lupin_cli.operations.base import Difference
-from lupin_cli.operations.controller_list import complaints, controller_states
+from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.operations.base import Difference, Operation
+from lupin_cli.operations.controller_states import controllers_probe, find_inactive, parse_controllers
 from lupin_cli.operations.shell import change
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
 
 AUTO_HOME = "lupin-auto-home.service"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Controllers:
-    """The arm moves. Healing a healthy robot does nothing, and there is nothing to take back."""
+class Controllers(Operation):
+    """A change moves the arm; there is nothing to undo."""
 
     name: ClassVar[str] = "controllers"
+    effect: ClassVar[str] = "all five controllers are active; a change moves the arm home"
     settle_s: ClassVar[float] = 30.0
 
-    machine: str = "robot"
-
     @property
-    def look_command(self) -> str:
+    def inspect_command(self) -> str:
         return f"journalctl -u {AUTO_HOME} -u mirte-ros -n 50 --no-pager"
 
-    def differs(self, target: Target) -> Difference | None:
-        wrong = complaints(controller_states(target))
-        return (
-            Difference(f"controllers are healed: {'; '.join(wrong)}", "\n".join(f"-{w}" for w in wrong), {}) if wrong else None
-        )
+    def probe(self) -> Script:
+        return controllers_probe()
+
+    def judge(self, output: Output) -> Difference | None:
+        inactive = find_inactive(parse_controllers(output))
+        return Difference(f"activate the controllers: {'; '.join(inactive)}", _removed(inactive)) if inactive else None
 
     def change(self, target: Target, difference: Difference) -> None:
-        # A failed oneshot isn't started again by itself, and one that has ended well counts as running.
+        # systemd does not restart a failed oneshot by itself, and counts one that has ended well as running.
         script = f"systemctl reset-failed {AUTO_HOME} 2>/dev/null\nsystemctl restart {AUTO_HOME}"
-        change(target, script, "heal the controllers", root=True, bound_s=300.0, next_command=self.look_command)
+        change(target, script, "activate the controllers", root=True, bound_s=300.0, next_command=self.inspect_command)
 
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
-        """Nothing."""
+
+def _removed(lines: list[str]) -> str:
+    return "\n".join(f"-{line}" for line in lines)

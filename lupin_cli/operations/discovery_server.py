@@ -1,17 +1,18 @@
-"""`discovery-server`: the robot's discovery server listens, on every address."""
+"""`discovery-server`: the robot's discovery server listens on every address."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.operations.shell import change, look, read
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
+from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+from lupin_cli.operations.shell import change, observe, query, text_of
 
-# The profile must not be in its environment: it would make a server of the vendor's client profile, whose port it can't take.
-# The shell that starts it is gone at once, so it needs a session of its own. Its number lies beside its log.
+# The vendor's client profile must not be in the server's environment: the server would use it and try to take its port.
+# The shell that starts the server exits at once, so the server needs a session of its own. Its PID is stored beside its log.
 _START = r"""
 tool=$(command -v fast-discovery-server || ls /opt/ros/*/bin/fast-discovery-server 2>/dev/null | head -n 1)
 [ -n "$tool" ] || { echo 'there is no fast-discovery-server, neither in PATH nor in /opt/ros/*/bin' >&2; exit 1; }
@@ -32,63 +33,68 @@ n=0
 while [ "$n" -lt 50 ] && [ -d "/proc/$pid" ]; do sleep 0.1; n=$((n + 1)); done
 [ ! -d "/proc/$pid" ] && rm -f LOG.pid
 """
-
-
 _PAUSE_S = 0.5
+_EVERY_ADDRESS = ("0.0.0.0", "*", "[::]")  # as ss(8) prints it
 
 
 @dataclass(frozen=True, kw_only=True)
-class DiscoveryServer:
-    """Nodes ask 127.0.0.1 for ever: once a server is bound, they attach within seconds; nothing else is restarted.
+class DiscoveryServer(Operation):
+    """Nodes retry 127.0.0.1 for ever, so they attach within seconds once a server listens; nothing else is restarted.
 
-    The vendor's own server is left alone where it listens. One that is bound to a single address is an error: it would answer
-    on one link and not on the other, and it is the vendor's service that has to be told.
+    A vendor's server that listens on every address is left alone. One that listens on a single address is an error, since it
+    would answer on one link and not on the other; restarting the vendor's service is the operator's decision.
     """
 
     name: ClassVar[str] = "discovery-server"
+    effect: ClassVar[str] = "a discovery server listens on UDP `port` (default 11811), on every address"
+    undo_effect: ClassVar[str] = "the server that the step started is terminated by PID"
     settle_s: ClassVar[float] = 10.0
-    reports: ClassVar[tuple[str, ...]] = ("listens",)
+    result_keys: ClassVar[tuple[str, ...]] = ("listens",)
 
     port: int = 11811
-    patience_s: float = 0.0  # the vendor's service was only just started: its own server may still come
+    patience_s: float = 0.0  # how long to wait for the vendor's own server after its service was started
     log: str = "/tmp/lupin-disc.log"
-    machine: str = "robot"
 
     def __post_init__(self) -> None:
         if not 1 <= self.port <= 65535:
-            raise ValueError(f"a port lies between 1 and 65535, unlike {self.port}")
+            raise ValueError(f"a port is from 1 to 65535, not {self.port}")
 
     @property
-    def look_command(self) -> str:
+    def inspect_command(self) -> str:
         return f"cat {self.log}"
 
-    def _addresses(self, target: Target) -> list[str]:
-        text = read(target, f"ss -H -lnu 'sport = :{self.port}'", "the listening sockets")
-        return [line.split()[3].rpartition(":")[0].partition("%")[0] for line in text.splitlines() if len(line.split()) > 3]
+    def probe(self) -> Script:
+        return probe_script(f"ss -H -lnu 'sport = :{self.port}'")
 
-    def differs(self, target: Target) -> Difference | None:
-        addresses = self._addresses(target)
-        if any(address in ("0.0.0.0", "*", "[::]") for address in addresses):
+    def _addresses(self, output: Output) -> list[str]:
+        lines = [line.split() for line in text_of(output, "the listening sockets").splitlines()]
+        if any(len(words) < 4 or not words[3].endswith(f":{self.port}") for words in lines):
+            raise OperationError(f"could not read the listening sockets: found {output.stdout[:80]!r}", "ss -lnu")
+        return [words[3].rpartition(":")[0].partition("%")[0] for words in lines]
+
+    def judge(self, output: Output) -> Difference | None:
+        addresses = self._addresses(output)
+        if any(address in _EVERY_ADDRESS for address in addresses):
             return None
         if addresses:
             raise OperationError(
-                f"the discovery server of {target.name} listens on {', '.join(addresses)} only, not on every address",
+                f"the {self.machine}'s discovery server listens on {', '.join(addresses)} only, not on every address",
                 "sudo systemctl restart mirte-ros",
             )
-        return Difference(f"a discovery server is started on UDP {self.port}: nobody listens there", "", {"listened": False})
+        return Difference(f"start a discovery server on UDP {self.port}, where nothing listens", "", {"listened": False})
 
     def change(self, target: Target, difference: Difference) -> None:
         deadline = time.monotonic() + self.patience_s
         while time.monotonic() < deadline:
-            if self._addresses(target):
+            if self._addresses(observe(self, target)):
                 return
             time.sleep(_PAUSE_S)
         script = _START.replace("PORT", str(self.port)).replace("LOG", self.log)
-        change(target, script, "start the discovery server", bound_s=20.0, next_command=self.look_command)
+        change(target, script, "start the discovery server", bound_s=20.0, next_command=self.inspect_command)
 
-    def report(self, target: Target) -> dict[str, Any]:
-        return {"listens": bool(self._addresses(target))}
+    def report(self, output: Output) -> dict[str, Any]:
+        return {"listens": bool(self._addresses(output))}
 
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
-        change(target, _STOP.replace("LOG", self.log), "end the discovery server", bound_s=20.0)
-        look(target, "true")
+    def undo(self, target: Target, before: Mapping[str, Any]) -> None:
+        change(target, _STOP.replace("LOG", self.log), "terminate the discovery server", bound_s=20.0)
+        query(target, "true")

@@ -2,51 +2,59 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.operations.shell import change, look, quote
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
+from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+from lupin_cli.operations.shell import change, quote, text_of
+
+_NO_GROUP, _NO_USER = 41, 42
 
 
 @dataclass(frozen=True, kw_only=True)
-class GroupMembership:
-    """The group must be there; it is the distribution's to make."""
+class GroupMembership(Operation):
+    """The group must exist; the distribution creates it."""
 
     name: ClassVar[str] = "group-membership"
-    stands: ClassVar[bool] = True
+    effect: ClassVar[str] = "a user is in a group, or is not"
+    undo_effect: ClassVar[str] = "yes"
+    prefetchable: ClassVar[bool] = True
 
     user: str
     group: str
     member: bool = True
-    machine: str = "robot"
 
-    def differs(self, target: Target) -> Difference | None:
-        script = f"getent group -- {quote(self.group)} >/dev/null || exit 41\nid -nG -- {quote(self.user)} || exit 42"
-        output = look(target, script)
-        if output.status == 41:
+    def probe(self) -> Script:
+        group, user = quote(self.group), quote(self.user)
+        return probe_script(f"getent group -- {group} >/dev/null || exit {_NO_GROUP}\nid -nG -- {user} || exit {_NO_USER}")
+
+    def judge(self, output: Output) -> Difference | None:
+        if output.status == _NO_GROUP:
             if not self.member:
                 return None
-            raise OperationError(f"{target.name} has no group {self.group!r}", "getent group")
-        if not output.ok:
-            raise OperationError(f"{target.name} has no user {self.user!r}", "getent passwd")
-        is_member = self.group in output.stdout.split()
+            raise OperationError(f"the {self.machine} has no group {self.group!r}", "getent group")
+        if output.status == _NO_USER:
+            raise OperationError(f"the {self.machine} has no user {self.user!r}", "getent passwd")
+        is_member = self.group in text_of(output, f"the groups of {self.user}").split()
         if is_member == self.member:
             return None
-        what = "joins" if self.member else "leaves"
-        return Difference(f"{self.user} {what} the group {self.group}", "", {"member": is_member})
+        summary = (
+            f"add {self.user} to the group {self.group}" if self.member else f"remove {self.user} from the group {self.group}"
+        )
+        return Difference(summary, "", {"member": is_member})
 
     def change(self, target: Target, difference: Difference) -> None:
         self._set(target, self.member)
 
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
+    def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         self._set(target, bool(before["member"]))
 
     def _set(self, target: Target, member: bool) -> None:
         user, group = quote(self.user), quote(self.group)
         if member:
-            change(target, f"usermod -aG {group} -- {user}", f"put {self.user} into {self.group}", root=True)
+            change(target, f"usermod -aG {group} -- {user}", f"add {self.user} to {self.group}", root=True)
         else:
             script = f"id -nG -- {user} | tr ' ' '\\n' | grep -qxF -- {group} || exit 0\ngpasswd -d {user} {group}"
-            change(target, script, f"take {self.user} out of {self.group}", root=True)
+            change(target, script, f"remove {self.user} from {self.group}", root=True)

@@ -1,68 +1,95 @@
-"""`laptop-dds`: the laptop joins the robot's graph in every new terminal, or no longer does."""
+"""`laptop-dds`: new terminals on the laptop join the robot's graph, or no longer do."""
 
 from __future__ import annotations
 
 import base64
+import binascii
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from lupin_cli import dds_setup
-from lupin_cli.config import config_directory
-from lupin_cli.operations.base import Difference
-from lupin_cli.operations.paths import read_entry, unified_diff
-from lupin_cli.operations.shell import change, quote
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
+from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.connection.inventory import config_directory
+from lupin_cli.link import dds_setup
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+from lupin_cli.operations.path_state import unified_diff
+from lupin_cli.operations.shell import change, query, quote, text_of
+
+_ABSENT = "absent"
 
 
 @dataclass(frozen=True, kw_only=True)
-class LaptopDds:
-    """What `lupin dds setup ADDRESS` writes: profile, exports and the hook in the shell's start file."""
+class LaptopDds(Operation):
+    """The same as `lupin dds setup ADDRESS` writes: the profile, the exports, and the hook in the shell's start file."""
 
     name: ClassVar[str] = "laptop-dds"
+    effect: ClassVar[str] = "new terminals join the robot's graph, as after `lupin dds setup`, or no longer do"
+    undo_effect: ClassVar[str] = "byte for byte"
 
+    machine: str = "laptop"
     address: str = ""
     present: bool = True
-    machine: str = "laptop"
 
     def __post_init__(self) -> None:
         if self.machine != "laptop":
             raise ValueError("it is for the laptop: on: laptop")
         if self.present:
-            dds_setup.valid_ip(self.address)
+            dds_setup.parse_robot_ip(self.address)
 
-    def _wanted(self, target: Target) -> dict[Path, tuple[bytes | None, bytes | None]]:
-        """What is and what should be of each file; None where there is or should be none."""
-        places = dds_setup.Places(Path(os.environ.get("HOME") or Path.home()), config_directory())
+    def _files(self) -> tuple[dds_setup.SetupPaths, Path]:
+        """Return where profile and exports are, and the start file of the user's shell."""
+        paths = dds_setup.SetupPaths(Path(os.environ.get("HOME") or Path.home()), config_directory())
         shell = Path(os.environ.get("SHELL") or "bash").name
-        start = places.start_file(shell if shell in dds_setup.START_FILES else "bash", os.environ)
-        old = {path: target.get(str(path)) for path in (places.profile, places.exports, start)}
-        text = None if old[start] is None else (old[start] or b"").decode("utf-8", "surrogateescape")
+        return paths, paths.start_file(shell if shell in dds_setup.START_FILES else "bash", os.environ)
+
+    def probe(self) -> Script:
+        paths, start = self._files()
+        lines = [
+            f"if [ -e {name} ]; then base64 -w 0 <{name} || exit 1; echo; else echo {_ABSENT}; fi"
+            for name in (quote(str(path)) for path in (paths.profile, paths.exports, start))
+        ]
+        return probe_script("\n".join(lines))
+
+    def _contents(self, output: Output) -> dict[Path, tuple[bytes | None, bytes | None]]:
+        """Return each file's present and wanted content; None is no file."""
+        paths, start = self._files()
+        lines = text_of(output, "the DDS environment").splitlines()
+        if len(lines) != 3:
+            raise OperationError(f"could not read the DDS environment: found {output.stdout[:80]!r}", "lupin dds check")
+        try:
+            found = [None if line == _ABSENT else base64.b64decode(line, validate=True) for line in lines]
+        except (binascii.Error, ValueError) as error:
+            raise OperationError(f"could not read the DDS environment: {error}", "lupin dds check") from error
+        old = dict(zip((paths.profile, paths.exports, start), found, strict=True))
+        old_start = old[start]
+        text = None if old_start is None else old_start.decode("utf-8", "surrogateescape")
         new: dict[Path, str | None]
         if self.present:
-            profile, lines = dds_setup.profile_xml(self.address), dds_setup.exports(self.address, places)
-            new = {places.profile: profile, places.exports: lines, start: dds_setup.with_hook(text, places)}
+            profile, exports = dds_setup.profile_xml(self.address), dds_setup.exports_text(self.address, paths)
+            new = {paths.profile: profile, paths.exports: exports, start: dds_setup.add_hook(text, paths)}
         else:
-            hooked = text is not None and bool(dds_setup.hooks(text))
-            new = {places.profile: None, places.exports: None, start: dds_setup.without_hook(text or "") if hooked else text}
+            hooked = text is not None and bool(dds_setup.find_hooks(text))
+            new = {paths.profile: None, paths.exports: None, start: dds_setup.remove_hook(text or "") if hooked else text}
         return {path: (old[path], None if t is None else t.encode("utf-8", "surrogateescape")) for path, t in new.items()}
 
-    def differs(self, target: Target) -> Difference | None:
-        changed = {path: pair for path, pair in self._wanted(target).items() if pair[0] != pair[1]}
+    def judge(self, output: Output) -> Difference | None:
+        changed = {path: pair for path, pair in self._contents(output).items() if pair[0] != pair[1]}
         if not changed:
             return None
-        what = f"joins the robot at {self.address}" if self.present else "no longer joins a robot"
+        action = f"join the robot at {self.address}" if self.present else "leave the robot's graph"
         diff = "\n".join(unified_diff(str(path), old, new) for path, (old, new) in changed.items())
         before = {str(path): None if old is None else base64.b64encode(old).decode() for path, (old, _) in changed.items()}
-        return Difference(f"this machine {what}: {', '.join(path.name for path in changed)}", diff, {"files": before})
+        return Difference(f"{action}: change {', '.join(path.name for path in changed)}", diff, {"files": before})
 
     def change(self, target: Target, difference: Difference) -> None:
-        for path, (old, new) in self._wanted(target).items():
+        script = self.probe()
+        for path, (old, new) in self._contents(query(target, script.text)).items():
             if old != new:
                 _write(target, path, new)
 
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
+    def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         for path, text in before["files"].items():
             _write(target, Path(path), None if text is None else base64.b64decode(text))
 
@@ -73,5 +100,5 @@ def _write(target: Target, path: Path, data: bytes | None) -> None:
         change(target, f"rm -f -- {quote(str(real))}", f"remove {path}")
         return
     change(target, f"mkdir -p -- {quote(str(real.parent))}", f"make {path.parent}")
-    entry = read_entry(target, str(real), False)
-    target.put(str(real), data, mode=int(entry.mode, 8) if entry.mode else 0o644)
+    mode = query(target, f"stat -c %a -- {quote(str(real))} 2>/dev/null").stdout.strip()
+    target.put(str(real), data, mode=int(mode, 8) if mode else 0o644)

@@ -1,40 +1,44 @@
-"""`line-in-file`: one line in a file that others write too."""
+"""`line-in-file`: one line in a file that other programs or people edit too."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.operations.paths import describe, own, read_file, restore, unified_diff
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
+from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+from lupin_cli.operations.path_state import chown, complete_file, file_script, parse_file, restore, state_before, unified_diff
+
+_STATES = ("present", "absent", "commented")
 
 
 @dataclass(frozen=True, kw_only=True)
-class LineInFile:
-    """`line` stands in the file once, in place of what `matches`; or nothing that `matches` does.
+class LineInFile(Operation):
+    """The file contains `line` once, in place of the lines that match `matches`; or no line that matches.
 
-    `state: present` puts the line where the last match stands, else at the end; further matches go, since the last of two
-    settings often wins. `absent` removes matches, `commented` puts `# ` before them. `matches` is a regular expression that is
-    looked for within a line; without it, the line itself.
+    `state: present` puts the line in place of the last match, else at the end, and removes the other matches, since the last of
+    two settings often wins. `absent` removes matches, `commented` puts `# ` before them. `matches` is a regular expression that
+    is searched for in each line; without it, a line that equals `line` matches.
     """
 
     name: ClassVar[str] = "line-in-file"
-    stands: ClassVar[bool] = True
+    effect: ClassVar[str] = "a file contains a line once, does not contain it, or has it commented out"
+    undo_effect: ClassVar[str] = "byte for byte"
+    prefetchable: ClassVar[bool] = True
 
     path: str
     line: str = ""
     matches: str = ""
     state: str = "present"  # present | absent | commented
     root: bool = False
-    machine: str = "robot"
 
     def __post_init__(self) -> None:
-        if self.state not in ("present", "absent", "commented"):
+        if self.state not in _STATES:
             raise ValueError(f"a line's state is present, absent or commented, not {self.state!r}")
         if self.state == "present" and not self.line:
-            raise ValueError("which 'line' is to be present?")
+            raise ValueError("it needs 'line', the line to be present")
         if not self.line and not self.matches:
             raise ValueError("it needs 'line' or 'matches'")
         if "\n" in self.line:
@@ -45,14 +49,14 @@ class LineInFile:
             raise ValueError(f"'matches' is not a regular expression: {error}") from error
 
     def edited(self, text: str) -> str:
-        """The text as it should be. Its own output stays as it is."""
+        """Return the text as it should be. Idempotent."""
         pattern = re.compile(self.matches) if self.matches else None
         ending = "\r\n" if "\r\n" in text else "\n"
         lines = text.split(ending)
         closed = lines[-1] == ""
         if closed:
             lines.pop()
-        # Without a `line` nothing is equal to it, an empty line least of all.
+        # Without a `line`, no line equals it, not even an empty one.
         hits = [
             i
             for i, line in enumerate(lines)
@@ -63,6 +67,7 @@ class LineInFile:
             for i in hits:
                 lines[i] = f"# {lines[i]}"
         elif self.state == "absent":
+            closed = closed or len(lines) - 1 in hits  # the line before an unclosed last one has its line break
             lines = [line for i, line in enumerate(lines) if i not in set(hits)]
         elif hits:
             lines[hits[-1]] = self.line
@@ -72,23 +77,32 @@ class LineInFile:
             closed = True
         return ending.join(lines) + (ending if closed and lines else "")
 
-    def differs(self, target: Target) -> Difference | None:
-        entry, old, _ = read_file(target, self.path, self.root)
-        if entry.kind not in ("file", "absent", "link"):
-            raise OperationError(f"{self.path} on {target.name} is a {entry.kind}, not a file")
-        if entry.kind == "link":
-            old = target.get(self.path, root=self.root)
+    def probe(self) -> Script:
+        return probe_script(file_script(self.path), root=self.root)
+
+    def complete(self, target: Target, output: Output) -> Output:
+        return complete_file(target, output, self.path, self.root, follow_link=True)
+
+    def judge(self, output: Output) -> Difference | None:
+        state = parse_file(output, self.path)
+        if state.kind not in ("file", "absent", "link"):
+            raise OperationError(f"{self.path} is a {state.kind}, not a file", f"ls -ld {self.path}")
+        old = state.content
         if old is None and self.state != "present":
             return None
         try:
             new = self.edited((old or b"").decode()).encode()
         except UnicodeDecodeError as error:
-            raise OperationError(f"{self.path} on {target.name} is not UTF-8 text") from error
+            raise OperationError(f"{self.path} is not UTF-8 text") from error
         if new == old:
             return None
-        what = {"present": f"gets the line {self.line!r}", "absent": "loses", "commented": "has commented out"}[self.state]
-        summary = f"{self.path} {what}" + ("" if self.state == "present" else f" what matches {self.matches or self.line}")
-        return Difference(summary, unified_diff(self.path, old, new), describe(entry, old))
+        pattern = repr(self.matches or self.line)
+        summary = {
+            "present": f"set the line {self.line!r} in {self.path}",
+            "absent": f"remove lines that match {pattern} from {self.path}",
+            "commented": f"comment out lines that match {pattern} in {self.path}",
+        }[self.state]
+        return Difference(summary, unified_diff(self.path, old, new), state_before(state))
 
     def change(self, target: Target, difference: Difference) -> None:
         if difference.before["kind"] == "link":
@@ -97,7 +111,7 @@ class LineInFile:
         mode = int(difference.before.get("mode", "644"), 8)
         target.put(self.path, self.edited(old.decode()).encode(), mode=mode, root=self.root)
         if "owner" in difference.before:
-            own(target, self.path, difference.before["owner"], self.root)
+            chown(target, self.path, difference.before["owner"], self.root)
 
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
+    def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         restore(target, self.path, before, self.root)

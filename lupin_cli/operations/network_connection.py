@@ -1,87 +1,90 @@
-"""`network-connection`: a saved connection of NetworkManager, and what it says."""
+"""`network-connection`: a saved connection of NetworkManager and its settings."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import field
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.operations.shell import change, look, quote
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
+from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+from lupin_cli.operations.shell import change, key_values, quote
 
 _PROPERTY = re.compile(r"[a-z0-9-]+\.[a-z0-9-]+\Z")
 _ABSENT = 10  # nmcli(1): connection, device, or access point does not exist
 _NOT_RUNNING = 8
+_NO_NMCLI = 127
+_STATE = "GENERAL.STATE"
 
 
 @dataclass(frozen=True, kw_only=True)
-class NetworkConnection:
-    """`connection` exists and its properties are `settings`, as `nmcli` names them: connection.autoconnect-priority: "100".
+class NetworkConnection(Operation):
+    """`connection` exists and has these `settings`, named as in nmcli: connection.autoconnect-priority: "100".
 
-    One that isn't there is made where `type` and `interface` are given. `up: true` brings it up where it isn't. Of a property
-    that is a secret nothing is read: it is only written, where the connection is made.
+    A connection that does not exist is created if `type` and `interface` are given. `up: true` activates it. A secret setting
+    is never read, only written when the connection is created.
     """
 
     name: ClassVar[str] = "network-connection"
-    stands: ClassVar[bool] = True
+    effect: ClassVar[str] = "a saved connection of NetworkManager has these settings, and is up or down"
+    undo_effect: ClassVar[str] = "yes; secrets are never read"
+    prefetchable: ClassVar[bool] = True
     settle_s: ClassVar[float] = 15.0
-    reports: ClassVar[tuple[str, ...]] = ("present",)
+    result_keys: ClassVar[tuple[str, ...]] = ("present",)
 
+    machine: str = "laptop"
     connection: str
     settings: dict[str, str] = field(default_factory=dict)
     type: str = ""  # ethernet, wifi
     interface: str = ""
     up: bool | None = None
-    machine: str = "laptop"
 
     def __post_init__(self) -> None:
         for name in self.settings:
             if not _PROPERTY.match(name):
-                raise ValueError(f"a setting is named like ipv4.never-default, unlike {name!r}")
+                raise ValueError(f"a setting must be named like ipv4.never-default: {name!r}")
 
-    def _read(self, target: Target) -> dict[str, str] | None:
-        """The values by property, and the state; None where there is no such connection."""
-        names = ["GENERAL.STATE", *(name for name in self.settings if not _secret(name))]
-        lines = [
-            f'printf "%s=%s\\n" {quote(n)} "$(nmcli -g {quote(n)} connection show id {quote(self.connection)})"' for n in names
-        ]
-        script = f"nmcli -g connection.id connection show id {quote(self.connection)} >/dev/null || exit $?\n" + "\n".join(
-            lines
-        )
-        output = look(target, script)
+    def _readable(self) -> dict[str, str]:
+        return {name: value for name, value in self.settings.items() if not _is_secret(name)}
+
+    def probe(self) -> Script:
+        connection = quote(self.connection)
+        lines = [f"nmcli -g connection.id connection show id {connection} >/dev/null || exit $?"]
+        for name in map(quote, [_STATE, *self._readable()]):
+            lines.append(f'printf "%s=%s\\n" {name} "$(nmcli -g {name} connection show id {connection})"')
+        return probe_script("\n".join(lines))
+
+    def _values(self, output: Output) -> dict[str, str] | None:
+        """Return the present values by setting, and the state; None if there is no such connection."""
         if output.status == _ABSENT:
             return None
-        if not output.ok:
-            if output.status == 127:
-                raise OperationError(f"{target.name} has no NetworkManager (nmcli)", "ip -br address")
-            reason = "NetworkManager does not run" if output.status == _NOT_RUNNING else output.stderr.strip()
-            raise OperationError(f"{target.name}: {reason}", "systemctl status NetworkManager")
-        return dict(line.split("=", 1) for line in output.stdout.splitlines() if "=" in line)
+        if output.status == _NO_NMCLI:
+            raise OperationError(f"the {self.machine} has no NetworkManager (nmcli)", "ip -br address")
+        if output.status == _NOT_RUNNING:
+            raise OperationError(f"NetworkManager does not run on the {self.machine}", "systemctl status NetworkManager")
+        values = key_values(output, f"the connection {self.connection}")
+        if missing := {_STATE, *self._readable()} - values.keys():
+            raise OperationError(f"could not read {', '.join(sorted(missing))} of {self.connection}", "nmcli connection show")
+        return values
 
-    def differs(self, target: Target) -> Difference | None:
-        now = self._read(target)
-        if now is None:
+    def judge(self, output: Output) -> Difference | None:
+        values, wanted = self._values(output), self._readable()
+        if values is None:
             if not (self.type and self.interface):
-                raise OperationError(f"{target.name} has no saved connection {self.connection!r}", "nmcli connection show")
-            return Difference(
-                f"the connection {self.connection} is made",
-                _lines({}, {n: v for n, v in self.settings.items() if not _secret(n)}),
-                {"present": False},
-            )
-        wanted = {name: value for name, value in self.settings.items() if not _secret(name)}
-        old = {name: now.get(name, "") for name in wanted}
-        changed = {name: value for name, value in wanted.items() if not _same(old[name], value)}
-        is_up = "activated" in now.get("GENERAL.STATE", "")
-        wants = self.up is not None and is_up != self.up
-        if not changed and not wants:
+                raise OperationError(f"the {self.machine} has no saved connection {self.connection!r}", "nmcli connection show")
+            return Difference(f"create the connection {self.connection}", _diff({}, wanted), {"present": False})
+        old = {name: values[name] for name in wanted}
+        changed = {name: value for name, value in wanted.items() if not _is_same(old[name], value)}
+        is_up = "activated" in values[_STATE]
+        switches = self.up is not None and is_up != self.up
+        if not changed and not switches:
             return None
-        what = [f"{name} becomes {value}" for name, value in changed.items()] + (
-            ["goes up" if self.up else "goes down"] if wants else []
-        )
+        changes = [f"{name} = {value}" for name, value in changed.items()]
+        if switches:
+            changes.append("bring it up" if self.up else "take it down")
         before = {"present": True, "settings": {name: old[name] for name in changed}, "up": is_up}
-        return Difference(f"{self.connection}: {', '.join(what)}", _lines(old, wanted), before)
+        return Difference(f"change the connection {self.connection}: {', '.join(changes)}", _diff(old, wanted), before)
 
     def change(self, target: Target, difference: Difference) -> None:
         name = quote(self.connection)
@@ -97,10 +100,10 @@ class NetworkConnection:
             target, "\n".join(lines), f"set the connection {self.connection}", root=True, next_command="nmcli connection show"
         )
 
-    def report(self, target: Target) -> dict[str, Any]:
-        return {"present": self._read(target) is not None}
+    def report(self, output: Output) -> dict[str, Any]:
+        return {"present": self._values(output) is not None}
 
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
+    def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         name = quote(self.connection)
         if not before["present"]:
             script = f"nmcli connection delete id {name} || [ $? -eq {_ABSENT} ]"
@@ -111,23 +114,23 @@ class NetworkConnection:
         if self.up is not None and before["up"] != self.up:
             lines.append(f"nmcli --wait 20 connection {'up' if before['up'] else 'down'} id {name}")
         if lines:
-            change(target, "set -e\n" + "\n".join(lines), f"put the connection {self.connection} back", root=True)
+            change(target, "set -e\n" + "\n".join(lines), f"restore the connection {self.connection}", root=True)
 
 
-def _secret(name: str) -> bool:
+def _is_secret(name: str) -> bool:
     return name.rpartition(".")[2] in ("psk", "password", "pin", "leap-password", "wep-key0", "private-key-password")
 
 
-def _same(old: str, new: str) -> bool:
-    # nmcli says yes and no, and takes true and false as well; a list may come with blanks.
+def _is_same(old: str, new: str) -> bool:
+    # nmcli prints yes and no, and accepts true and false too; a list may contain blanks.
     plain = {"true": "yes", "false": "no"}
     return plain.get(old, old).replace(" ", "") == plain.get(new, new).replace(" ", "")
 
 
-def _lines(old: dict[str, str], new: dict[str, str]) -> str:
+def _diff(old: dict[str, str], new: dict[str, str]) -> str:
     lines = []
     for name, value in new.items():
-        if name in old and _same(old[name], value):
+        if name in old and _is_same(old[name], value):
             continue
         lines += ([f"-{name} {old[name]}"] if old.get(name) else []) + [f"+{name} {value}"]
     return "\n".join(lines)

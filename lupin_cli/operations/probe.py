@@ -1,43 +1,38 @@
-"""`probe`: a question whose answer later steps' conditions look at. It changes nothing."""
+"""`probe`: a read-only script whose output the conditions of later steps use."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.operations.shell import look
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
+from lupin_cli.connection.base import Output, Script
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
 
 
 @dataclass(frozen=True, kw_only=True)
-class Probe:
-    """`status` and `stdout` (without the last line break) of a script; `number` where it printed one."""
+class Probe(Operation):
+    """Reports the script's `status` and `stdout` without trailing line breaks, and `number` if it printed one, else none."""
 
     name: ClassVar[str] = "probe"
-    stands: ClassVar[bool] = True
+    effect: ClassVar[str] = "read only: a script's `status`, `stdout` and `number`"
+    prefetchable: ClassVar[bool] = True
     read_only: ClassVar[bool] = True
-    reports: ClassVar[tuple[str, ...]] = ("status", "stdout", "number")
+    result_keys: ClassVar[tuple[str, ...]] = ("status", "stdout", "number")
 
     run: str
     root: bool = False
     timeout_s: float = 5.0
-    machine: str = "robot"
 
-    def differs(self, target: Target) -> Difference | None:
+    def probe(self) -> Script:
+        return probe_script(self.run, root=self.root, timeout_s=self.timeout_s)
+
+    def judge(self, output: Output) -> Difference | None:
         return None
 
-    def change(self, target: Target, difference: Difference) -> None:
-        raise AssertionError("a probe never differs")
-
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
-        raise AssertionError("a probe never differs")
-
-    def report(self, target: Target) -> dict[str, Any]:
-        output = look(target, self.run, root=self.root, bound_s=self.timeout_s)
+    def report(self, output: Output) -> dict[str, Any]:
         if output.truncated:
-            first = self.run.strip().splitlines()[0]
-            raise OperationError(f"{first!r} on {target.name} printed more than {len(output.stdout)} characters: ask for less")
+            first = (self.run.strip() or "nothing").splitlines()[0]
+            raise OperationError(f"{first!r} printed more than {len(output.stdout)} characters; let it print less")
         text = output.stdout.rstrip("\n")
         try:
             number: float | None = float(text)

@@ -1,68 +1,73 @@
-"""`reboot`: the robot starts anew, and is there again."""
+"""`reboot`: reboot the robot and wait until it is back."""
 
 from __future__ import annotations
 
 import contextlib
+import re
 import time
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.operations.shell import look
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target, TargetError
+from lupin_cli.connection.base import Output, Script, Target, TargetError
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+from lupin_cli.operations.shell import observe, text_of
 
 _PAUSE_S = 0.5
+_BOOT_ID = re.compile(r"[0-9a-f-]{36}\Z")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reboot:
-    """Always differs until the robot has been started anew since this step began: its `when` says whether it is needed.
+class Reboot(Operation):
+    """Differs until the robot was rebooted since the step began; the step's `when` says whether that is needed.
 
-    `back_within_s` bounds the wait for its return; the step's `timeout` must not be shorter.
+    `back_within_s` bounds the wait for its return; the step's `timeout` must not be shorter. Undo does nothing: the undo of
+    other steps restores what they changed, and another reboot activates it.
     """
 
     name: ClassVar[str] = "reboot"
+    effect: ClassVar[str] = "the robot was rebooted in this step and is reachable again"
 
     back_within_s: float = 120.0
-    machine: str = "robot"
-    _old: str = ""  # the boot in which the step began
+    _boot_before: str = ""  # the boot id when the step began
 
     def __post_init__(self) -> None:
         if self.machine == "laptop":
-            raise ValueError("the laptop is not rebooted under the one who plays")
+            raise ValueError("it reboots the robot; the laptop runs the playbook")
 
-    def begun(self, before: dict[str, Any]) -> Reboot:
-        return replace(self, _old=before["boot_id"])
+    def with_baseline(self, before: Mapping[str, Any]) -> Reboot:
+        return replace(self, _boot_before=before["boot_id"])
 
-    def _boot(self, target: Target) -> str:
-        output = look(target, "cat /proc/sys/kernel/random/boot_id")
-        if not output.ok or not output.stdout.strip():
-            raise OperationError(f"{target.name} did not tell which boot this is: {output.stderr.strip()}")
-        return output.stdout.strip()
+    def probe(self) -> Script:
+        return probe_script("cat /proc/sys/kernel/random/boot_id")
 
-    def differs(self, target: Target) -> Difference | None:
-        boot_id = self._boot(target)
-        if self._old and boot_id != self._old:
+    def _boot_id(self, output: Output) -> str:
+        boot_id = text_of(output, "the boot id").strip()
+        if not _BOOT_ID.match(boot_id):
+            raise OperationError(f"could not read the boot id: found {boot_id[:80]!r}", "lupin doctor")
+        return boot_id
+
+    def judge(self, output: Output) -> Difference | None:
+        boot_id = self._boot_id(output)
+        if self._boot_before and boot_id != self._boot_before:
             return None
-        return Difference(f"{target.name} is rebooted", "", {"boot_id": boot_id})
+        return Difference("reboot the robot", "", {"boot_id": boot_id})
 
     def change(self, target: Target, difference: Difference) -> None:
         old = difference.before["boot_id"]
-        with contextlib.suppress(TargetError):  # it takes the connection down with it, sometimes before it has answered
+        with contextlib.suppress(TargetError):  # the reboot closes the connection, sometimes before the command has returned
             target.run("sync; systemctl reboot", root=True, bound_s=15.0)
         deadline = time.monotonic() + self.back_within_s
         while True:
             target.close()
             try:
-                if self._boot(target) != old:
+                if self._boot_id(observe(self, target)) != old:
                     return
-                seen = f"{target.name} is still up"
+                reason = f"{target.name} is still up"
             except (TargetError, OperationError) as error:
-                seen = str(error)
+                reason = str(error)
             if time.monotonic() + _PAUSE_S > deadline:
-                raise OperationError(f"{target.name} did not come back within {self.back_within_s:g} s: {seen}", "lupin doctor")
+                raise OperationError(
+                    f"{target.name} did not come back within {self.back_within_s:g} s: {reason}", "lupin doctor"
+                )
             time.sleep(_PAUSE_S)
-
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
-        """Nothing: what the boot brought about is taken back by the steps before it, and another boot."""

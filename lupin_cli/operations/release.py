@@ -1,4 +1,4 @@
-"""The release that a robot runs: the one made here, or one that it has kept."""
+"""`release`: the release that a robot runs: the one of this checkout, or one that the robot has kept."""
 
 from __future__ import annotations
 
@@ -6,81 +6,104 @@ import os
 import platform
 import sys
 import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-from lupin_cli.onboard import ROOT
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.release.contents import CannotBuild, Robot, files
-from lupin_cli.release.manifest import Hashes, Manifest, manifest_of
-from lupin_cli.release.transfer import Installed, activate, changes, installed, upload
-from lupin_cli.target.base import Target
+from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+from lupin_cli.operations.release_transfer import (
+    InstalledReleases,
+    activate,
+    changed_files,
+    current_manifest,
+    installed_script,
+    parse_installed,
+    read_installed,
+    upload,
+)
+from lupin_cli.release.contents import ReleaseError, RobotPlatform, release_files
+from lupin_cli.release.manifest import HashCache, Manifest, build_manifest
+from lupin_cli.release.paths import ROOT
 
-_turn = threading.Lock()
+_build_lock = threading.Lock()
+_MANIFEST = "@ manifest\n"
 
 
 @cache
-def built(robot: Robot) -> Manifest:
-    """The release of this checkout for `robot`; made once a process."""
+def built(robot: RobotPlatform) -> Manifest:
+    """Return the release of this checkout for `robot`, built once a process. Raises OperationError."""
     folder = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     try:
-        return manifest_of(files(robot), Hashes(Path(folder) / "lupin" / "release-hashes.json"))
-    except CannotBuild as error:
-        raise OperationError(f"no release can be made for the robot: {error}", "make setup") from error
+        return build_manifest(release_files(robot), HashCache(Path(folder) / "lupin" / "release-hashes.json"))
+    except ReleaseError as error:
+        raise OperationError(f"no release can be built for the robot: {error}", "make setup") from error
 
 
-def _built_once(robot: Robot) -> Manifest:
-    """Several robots want it at the same time: the first one's is everybody's."""
-    with _turn:
+def _built_once(robot: RobotPlatform) -> Manifest:
+    """Return `built(robot)`; several playbook runs that need it at the same time wait for the first."""
+    with _build_lock:
         return built(robot)
 
 
-@dataclass(frozen=True)
-class Release:
-    """`release` is the id of one that the robot has kept; empty: what this machine has."""
+@dataclass(frozen=True, kw_only=True)
+class Release(Operation):
+    """`release` is the id of a release that the robot has kept; empty: the one of this checkout."""
 
     name: ClassVar[str] = "release"
-    stands: ClassVar[bool] = True
+    effect: ClassVar[str] = "the robot has this machine's release, or one that it kept, and it is current"
+    undo_effect: ClassVar[str] = "the release before is current"
+    prefetchable: ClassVar[bool] = True
 
-    machine: str = "robot"
     release: str = ""
     root: str = ROOT
 
     def prepare(self) -> None:
-        """Make the release that takes longest to make: for a robot like this machine, which has no ROS of its own."""
+        """Build the release that takes longest: for a robot like this machine, which has no ROS of its own."""
         if not self.release:
-            _built_once(Robot(platform.machine(), (sys.version_info.major, sys.version_info.minor), ""))
+            _built_once(RobotPlatform(platform.machine(), (sys.version_info.major, sys.version_info.minor), ""))
 
-    def differs(self, target: Target) -> Difference | None:
-        state = installed(target, self.root)
+    def probe(self) -> Script:
+        return probe_script(installed_script(self.root))
+
+    def complete(self, target: Target, output: Output) -> Output:
+        """Add the manifest of the current release if another one is to be installed."""
+        state = parse_installed(output)
+        if self.release or not state.current or _built_once(state.robot).id == state.current:
+            return output
+        return replace(output, stdout=f"{output.stdout}{_MANIFEST}{current_manifest(target, state, self.root)}")
+
+    def judge(self, output: Output) -> Difference | None:
+        text, _, old_manifest = output.stdout.partition(_MANIFEST)
+        state = parse_installed(replace(output, stdout=text))
         if (self.release or _built_once(state.robot).id) == state.current:
             return None
         before = {"current": state.current}
-        there = f"replaces {state.current}" if state.current else "is the first"
+        replaces = f"replacing {state.current}" if state.current else "the first one"
         if self.release:
-            self._kept(target, state)
-            return Difference(f"release {self.release} {there}", before=before)
+            self._require_kept(state)
+            return Difference(f"switch to release {self.release}, {replaces}", before=before)
         manifest = built(state.robot)
-        lines, size = changes(target, state, manifest, self.root)
-        summary = f"release {manifest.id} {there}: {len(manifest.entries)} files, {size / 1e6:.1f} MB of them new"
+        lines, size = changed_files(old_manifest, manifest)
+        summary = f"install release {manifest.id}, {replaces}: {len(manifest.entries)} files, {size / 1e6:.1f} MB of them new"
         return Difference(summary, "\n".join(lines) + "\n", before)
 
     def change(self, target: Target, difference: Difference) -> None:
-        state = installed(target, self.root)
+        state = read_installed(target, self.root)
         if self.release:
-            self._kept(target, state)
+            self._require_kept(state)
             activate(target, self.release, self.root)
             return
         manifest = built(state.robot)
         upload(target, state, manifest, self.root)
         activate(target, manifest.id, self.root)
 
-    def _kept(self, target: Target, state: Installed) -> None:
+    def _require_kept(self, state: InstalledReleases) -> None:
         if self.release not in state.releases:
             kept = ", ".join(state.releases) or "none"
-            raise OperationError(f"{target.name} has no release {self.release}; it has: {kept}", "lupin deploy robot")
+            raise OperationError(f"the robot has no release {self.release}; it has: {kept}", "lupin deploy robot")
 
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
+    def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         activate(target, str(before["current"]), self.root)

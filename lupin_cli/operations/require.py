@@ -1,32 +1,29 @@
-"""`require`: something that must hold, or the playbook ends here with a reason."""
+"""`require`: a condition that must hold, or the run ends with a reason."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
+from lupin_cli.connection.base import Output
+from lupin_cli.operations.base import Difference, Operation, OperationError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Require:
-    """`holds` is a condition in {{ }}; `otherwise` says what is wrong where it doesn't, `next` what to type."""
+class Require(Operation):
+    """`holds` is a condition in {{ }}. If it is false, `otherwise` says what is wrong and `next` what to type."""
 
     name: ClassVar[str] = "require"
+    effect: ClassVar[str] = "read only: a condition holds, or the run ends here with a reason"
 
     holds: Any
     otherwise: str
     next: str = ""
-    machine: str = "robot"
 
-    def differs(self, target: Target) -> Difference | None:
+    def probe(self) -> None:
+        """Return None: the condition uses the results of earlier steps."""
+
+    def judge(self, output: Output) -> Difference | None:
         if not self.holds:
             raise OperationError(self.otherwise, self.next)
         return None
-
-    def change(self, target: Target, difference: Difference) -> None:
-        raise AssertionError("a requirement never differs")
-
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
-        raise AssertionError("a requirement never differs")

@@ -1,59 +1,65 @@
-"""`restart`: a unit is started anew, so that it reads what changed."""
+"""`restart`: restart a unit, so that it reads what changed."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference
-from lupin_cli.operations.shell import change, quote, read
+from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+from lupin_cli.operations.shell import change, key_values, quote
 from lupin_cli.operations.unit import check_unit_name
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
+
+_NEVER_STARTED = "none"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Restart:
-    """Always differs until it was restarted since this step began: its `when` says whether that is needed.
+class Restart(Operation):
+    """Differs until the unit was restarted since the step began; the step's `when` says whether that is needed.
 
-    A unit that doesn't run isn't started, unless `start` says so.
+    A unit that does not run is not started, unless `start` is true.
     """
 
     name: ClassVar[str] = "restart"
+    effect: ClassVar[str] = "a unit was restarted in this step"
+    undo_effect: ClassVar[str] = "restarted again, after all other steps are undone"
     settle_s: ClassVar[float] = 20.0
     undo_last: ClassVar[bool] = True
 
     unit: str
     start: bool = False
-    machine: str = "robot"
-    _old: str = ""  # its invocation when the step began
+    _invocation_before: str = ""  # systemd's id of the unit's run when the step began
 
     def __post_init__(self) -> None:
         check_unit_name(self.unit)
 
     @property
-    def look_command(self) -> str:
+    def inspect_command(self) -> str:
         return f"journalctl -u {self.unit} -n 50 --no-pager"
 
-    def begun(self, before: dict[str, Any]) -> Restart:
-        return replace(self, _old=before["invocation"] or "none")
+    def with_baseline(self, before: Mapping[str, Any]) -> Restart:
+        return replace(self, _invocation_before=before["invocation"] or _NEVER_STARTED)
 
-    def differs(self, target: Target) -> Difference | None:
-        script = f"systemctl show -p ActiveState,InvocationID -- {quote(self.unit)}"
-        lines = read(target, script, f"the state of {self.unit}").splitlines()
-        now = dict(line.split("=", 1) for line in lines if "=" in line)
-        active, invocation = now.get("ActiveState", ""), now.get("InvocationID", "")
+    def probe(self) -> Script:
+        return probe_script(f"systemctl show -p ActiveState,InvocationID -- {quote(self.unit)}")
+
+    def judge(self, output: Output) -> Difference | None:
+        values = key_values(output, f"the state of {self.unit}")
+        if "ActiveState" not in values:
+            raise OperationError(f"could not read the state of {self.unit}: found {output.stdout[:80]!r}", self.inspect_command)
+        active, invocation = values["ActiveState"], values.get("InvocationID", "")
         if active in ("inactive", "failed") and not self.start:
             return None
-        if self._old and active == "active" and invocation != self._old:
+        if self._invocation_before and active == "active" and invocation != self._invocation_before:
             return None
-        return Difference(f"{self.unit} is restarted ({active})", "", {"invocation": invocation})
+        return Difference(f"restart {self.unit} ({active})", "", {"invocation": invocation})
 
     def change(self, target: Target, difference: Difference) -> None:
         unit = quote(self.unit)
         script = f"systemctl reset-failed -- {unit} 2>/dev/null\nsystemctl restart -- {unit}"
-        change(target, script, f"restart {self.unit}", root=True, bound_s=300.0, next_command=self.look_command)
+        change(target, script, f"restart {self.unit}", root=True, bound_s=300.0, next_command=self.inspect_command)
 
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
-        """Once more: what it read has been taken back, and it has to read that too."""
+    def undo(self, target: Target, before: Mapping[str, Any]) -> None:
+        """Restart again, so that the unit reads what the other steps' undo restored."""
         change(target, f"systemctl try-restart -- {quote(self.unit)}", f"restart {self.unit}", root=True, bound_s=300.0)

@@ -1,44 +1,67 @@
-"""How operations ask and tell a shell: bounded, and an error that says what was wanted and what was said."""
+"""Run an operation's scripts on a target: bounded, and with errors that say what was attempted and what the script printed."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
 
-from lupin_cli.operations.base import OperationError
-from lupin_cli.target.base import ROOT_REFUSED, Output, RootRefused, Script, Target, Unreachable
+from lupin_cli.connection.base import ROOT_REFUSED, Output, RootRefused, Script, Target, Unreachable
+from lupin_cli.operations.base import PROBE_TIMEOUT_S, Operation, OperationError, probe_script
+from lupin_cli.operations.step_target import StepTarget
+
+_NOTHING_ASKED = Output(0, "")
+_BATCH_SLACK_S = 5.0
 
 
 def quote(word: str) -> str:
-    """A word for a shell; a leading `~/` is the home of whoever runs it."""
+    """Quote a word for a shell. A leading `~/` stays the home of the user who runs the script."""
     return '"$HOME"/' + shlex.quote(word[2:]) if word.startswith("~/") else shlex.quote(word)
 
 
 def quote_all(words: Sequence[str]) -> str:
-    """Words for a shell, one after another."""
+    """Quote several words for a shell."""
     return " ".join(quote(word) for word in words)
 
 
-def look(target: Target, script: str, *, root: bool = False, bound_s: float = 10.0) -> Output:
-    """Ask something, change nothing. The status is the script's; raises OperationError where it didn't end in time."""
-    output = target.batch([Script("look", script, bound_s, root)], bound_s + 5.0)["look"]
+def observe(operation: Operation, target: Target, prefetched: Output | None = None) -> Output:
+    """Return what the operation judges: its probe's output, completed.
+
+    `prefetched` is the probe's output where it ran already. Raises OperationError, or TargetError from the target.
+    """
+    script = operation.probe()
+    output = prefetched or (_NOTHING_ASKED if script is None else run_probe(target, script))
+    return operation.complete(target, output)
+
+
+def query(target: Target, script: str, *, root: bool = False, timeout_s: float = PROBE_TIMEOUT_S) -> Output:
+    """Run a read-only script. Any exit status is fine; raises OperationError if the script did not end in time."""
+    return run_probe(target, probe_script(script, root=root, timeout_s=timeout_s))
+
+
+def run_probe(target: Target, script: Script) -> Output:
+    """Run one probe; see `query`."""
+    output = target.batch([script], script.timeout_s + _BATCH_SLACK_S)[script.name]
     if output.status is None:
-        if root and output.stderr.startswith(ROOT_REFUSED):
+        if script.root and output.stderr.startswith(ROOT_REFUSED):
             raise RootRefused(f"{target.name}: {output.stderr.strip()}", "--ask-sudo-password")
-        _still_there(target)
-        said = output.stderr.strip().splitlines()
-        raise OperationError(f"{target.name} did not answer within {bound_s:g} s{': ' + said[-1] if said else ''}")
+        _require_reachable(target)
+        lines = output.stderr.strip().splitlines()
+        raise OperationError(f"{target.name} did not answer within {script.timeout_s:g} s{': ' + lines[-1] if lines else ''}")
     return output
 
 
-def read(target: Target, script: str, what: str, *, root: bool = False, bound_s: float = 10.0) -> str:
-    """What a script prints; raises OperationError where it fails, with `what` was to be read."""
-    output = look(target, script, root=root, bound_s=bound_s)
+def text_of(output: Output, what: str) -> str:
+    """Return what a probe printed; raises OperationError, naming `what` it should read, if it failed or was cut off."""
     if not output.ok:
-        raise OperationError(f"could not read {what} on {target.name}: {_reason(output)}")
+        raise OperationError(f"could not read {what}: {_reason(output)}")
     if output.truncated:
-        raise OperationError(f"could not read {what} on {target.name}: only {len(output.stdout)} characters of it came")
+        raise OperationError(f"could not read {what}: the output was cut off after {len(output.stdout)} characters")
     return output.stdout
+
+
+def key_values(output: Output, what: str) -> dict[str, str]:
+    """Return the `KEY=VALUE` lines that a probe printed; raises OperationError as `text_of` does."""
+    return dict(line.split("=", 1) for line in text_of(output, what).splitlines() if "=" in line)
 
 
 def change(
@@ -51,18 +74,19 @@ def change(
     stdin: bytes = b"",
     next_command: str = "",
 ) -> Output:
-    """Change something; raises OperationError with `what` was to be done and what was said."""
+    """Run a script that changes something; raises OperationError that names `what` it should do and what it printed."""
     output = target.run(script, root=root, stdin=stdin, bound_s=bound_s)
     if output.status is None:
-        _still_there(target)
+        _require_reachable(target)
     if not output.ok:
         raise OperationError(f"could not {what} on {target.name}: {_reason(output)}", next_command)
     return output
 
 
-def _still_there(target: Target) -> None:
-    """Raises Unreachable where a script has no end because its machine is gone: a long script and a cut link look the same."""
-    target = getattr(target, "beyond_the_step", target)  # its time may be what ended the script
+def _require_reachable(target: Target) -> None:
+    """Raise Unreachable if a script did not end because its machine is gone: a slow script and a cut link look the same."""
+    if isinstance(target, StepTarget):
+        target = target.unlimited  # the step's time may be what ended the script
     alive = target.batch([Script("alive", "true", 3.0)], 5.0)["alive"]
     if not alive.ok:
         raise Unreachable(f"{target.name} no longer answers: {alive.stderr.strip()}", "lost", "lupin doctor")
@@ -70,5 +94,5 @@ def _still_there(target: Target) -> None:
 
 def _reason(output: Output) -> str:
     lines = [line for line in (output.stderr or output.stdout).strip().splitlines() if line.strip()]
-    ended = "it did not end in time" if output.status is None else f"status {output.status}"
-    return f"{lines[-1].strip()} ({ended})" if lines else ended
+    ending = "it did not end in time" if output.status is None else f"status {output.status}"
+    return f"{lines[-1].strip()} ({ending})" if lines else ending

@@ -1,55 +1,76 @@
-"""`sweep`: what dead ROS processes left behind is gone: the zombies themselves, and shared memory that nobody holds."""
+"""`sweep`: remove what dead ROS processes left behind: stale processes, and shared memory that no process uses."""
 
 from __future__ import annotations
 
 import os
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypedDict
 
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
+from lupin_cli.cleanup.execute import clean_up
+from lupin_cli.cleanup.live_runs import live_run_processes
+from lupin_cli.cleanup.plan import CleanupPlan, make_plan
+from lupin_cli.cleanup.process_tree import PROCESS_TREE
+from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.facts.ros_processes import ROS_PROCESSES
+from lupin_cli.facts.shared_memory import SHARED_MEMORY
+from lupin_cli.facts.shared_shell import join_probes, split_outputs
+from lupin_cli.facts.sockets import SOCKETS
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+
+_PROBES = tuple(fact.probe for fact in (ROS_PROCESSES, SOCKETS, SHARED_MEMORY, PROCESS_TREE))
+_TIMEOUT_S = 15.0
 
 
-def _who(machine: str) -> dict[str, Any]:
-    """As whom to look: root on a robot, ourselves here."""
-    if machine == "robot":
-        return {"user_id": 0}
-    from lupin_cli.commands.sweep import live_run_processes
+class _Owner(TypedDict, total=False):
+    """On whose behalf to clean up: root on a robot; on the laptop this user, whose live runs and own process are spared."""
 
-    return {"user_id": os.geteuid(), "runs": live_run_processes(), "ourselves": frozenset({os.getpid()})}
+    user_id: int
+    runs: dict[int, str]
+    ourselves: frozenset[int]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sweep:
-    """What lives, is a service's, or belongs to someone at a terminal is left alone. There is nothing to take back."""
+class Sweep(Operation):
+    """Spares what is alive, belongs to a service, or was started from a terminal. There is nothing to undo."""
 
     name: ClassVar[str] = "sweep"
-    reports: ClassVar[tuple[str, ...]] = ("blocked",)
+    effect: ClassVar[str] = "there are no stale ROS processes and no shared memory that no process uses"
+    result_keys: ClassVar[tuple[str, ...]] = ("blocked",)
 
-    machine: str = "robot"
+    def _owner(self) -> _Owner:
+        if self.machine == "robot":
+            return {"user_id": 0}
+        return {"user_id": os.geteuid(), "runs": live_run_processes(), "ourselves": frozenset({os.getpid()})}
 
-    def differs(self, target: Target) -> Difference | None:
-        from lupin_cli.sweep import look
+    def probe(self) -> Script:
+        return probe_script(join_probes(_PROBES), root=self.machine == "robot" or os.geteuid() == 0, timeout_s=_TIMEOUT_S)
 
-        plan = look(target, **_who(self.machine))
-        if plan.clean:
+    def _plan(self, output: Output) -> CleanupPlan:
+        processes, sockets, files, tree = split_outputs(output, _PROBES)
+        try:
+            return make_plan(
+                ROS_PROCESSES.parse(processes),
+                SOCKETS.parse(sockets),
+                SHARED_MEMORY.parse(files),
+                PROCESS_TREE.parse(tree),
+                **self._owner(),
+            )
+        except ValueError as error:
+            raise OperationError(f"could not read the processes and shared memory: {error}", "lupin doctor") from error
+
+    def judge(self, output: Output) -> Difference | None:
+        plan = self._plan(output)
+        if plan.is_empty:
             return None
-        lines = [f"-process {culprit.pid} {culprit.name}: {culprit.why}" for culprit in plan.culprits]
-        lines += [f"-/dev/shm/{file}" for orphan in plan.orphans for file in orphan.files]
-        summary = f"{len(plan.culprits)} processes are ended, {len(plan.orphans)} segments removed that nobody holds"
+        lines = [f"-process {process.pid} {process.name}: {process.reason}" for process in plan.processes]
+        lines += [f"-/dev/shm/{file}" for segment in plan.segments for file in segment.files]
+        summary = f"terminate {len(plan.processes)} stale processes, remove {len(plan.segments)} unused segments"
         return Difference(summary, "\n".join(lines), {"swept": lines})
 
     def change(self, target: Target, difference: Difference) -> None:
-        from lupin_cli.sweep import sweep
-
-        result = sweep(target, **_who(self.machine))
+        result = clean_up(target, **self._owner())
         if result.failed:
             raise OperationError(f"{target.name}: {'; '.join(result.failed)}", "lupin sweep --dry-run")
 
-    def report(self, target: Target) -> dict[str, Any]:
-        from lupin_cli.sweep import look
-
-        return {"blocked": [f"{kept.what}: {kept.why}" for kept in look(target, **_who(self.machine)).kept if kept.blocks]}
-
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
-        """Nothing: what was swept was nobody's."""
+    def report(self, output: Output) -> dict[str, Any]:
+        return {"blocked": [f"{each.subject}: {each.reason}" for each in self._plan(output).kept if each.needs_root]}

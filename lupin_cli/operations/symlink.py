@@ -1,46 +1,49 @@
-"""`symlink`: a symbolic link, turned in one rename."""
+"""`symlink`: a symbolic link, replaced in one rename."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.operations.paths import describe, link_atomically, read_entry, restore
+from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+from lupin_cli.operations.path_state import link_atomically, parse_state, restore, state_script
 from lupin_cli.operations.shell import change, quote
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target
 
 
 @dataclass(frozen=True, kw_only=True)
-class Symlink:
-    """`path` is a link to `to`, or there is no link. A file or directory in its place is never removed."""
+class Symlink(Operation):
+    """`path` is a link to `to`, or there is no link. Never removes a file or directory at `path`."""
 
     name: ClassVar[str] = "symlink"
-    stands: ClassVar[bool] = True
+    effect: ClassVar[str] = "a symbolic link points there, or does not exist; it is replaced in one rename"
+    undo_effect: ClassVar[str] = "yes"
+    prefetchable: ClassVar[bool] = True
 
     path: str
     to: str = ""
     present: bool = True
     root: bool = False
-    machine: str = "robot"
 
     def __post_init__(self) -> None:
         if self.present and not self.to:
-            raise ValueError("where 'to' does the link point?")
+            raise ValueError("it needs 'to', the path that the link points to")
 
-    def differs(self, target: Target) -> Difference | None:
-        entry = read_entry(target, self.path, self.root)
-        if entry.kind not in ("absent", "link"):
-            raise OperationError(
-                f"{self.path} on {target.name} is a {entry.kind}; a link won't replace it", f"ls -ld {self.path}"
-            )
-        before = describe(entry, None)
+    def probe(self) -> Script:
+        return probe_script(state_script(self.path), root=self.root)
+
+    def judge(self, output: Output) -> Difference | None:
+        state = parse_state(output, self.path)
+        if state.kind not in ("absent", "link"):
+            raise OperationError(f"{self.path} is a {state.kind}; a link won't replace it", f"ls -ld {self.path}")
+        before = {"kind": "link", "points_to": state.points_to} if state.kind == "link" else {"kind": "absent"}
         if not self.present:
-            return None if entry.kind == "absent" else Difference(f"the link {self.path} goes away", "", before)
-        if entry.points_to == self.to:
+            return None if state.kind == "absent" else Difference(f"remove the link {self.path}", "", before)
+        if state.points_to == self.to:
             return None
-        old = f"-{self.path} -> {entry.points_to}\n" if entry.kind == "link" else ""
-        return Difference(f"{self.path} points to {self.to}", f"{old}+{self.path} -> {self.to}", before)
+        old = f"-{self.path} -> {state.points_to}\n" if state.kind == "link" else ""
+        return Difference(f"point {self.path} to {self.to}", f"{old}+{self.path} -> {self.to}", before)
 
     def change(self, target: Target, difference: Difference) -> None:
         if self.present:
@@ -48,5 +51,5 @@ class Symlink:
         else:
             change(target, f"rm -f -- {quote(self.path)}", f"remove {self.path}", root=self.root)
 
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
+    def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         restore(target, self.path, before, self.root)

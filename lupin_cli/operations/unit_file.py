@@ -1,36 +1,36 @@
-"""`unit-file`: the text of a systemd unit, and a systemd that has read it."""
+"""`unit-file`: the text of a systemd unit, loaded by systemd."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from lupin_cli.operations.base import Difference, OperationError
-from lupin_cli.operations.paths import describe, read_file, restore, unified_diff
+from lupin_cli.connection.base import Output, Script, Target, TargetError
+from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+from lupin_cli.operations.path_state import complete_file, file_script, parse_file, restore, state_before, unified_diff
 from lupin_cli.operations.shell import change, quote
 from lupin_cli.operations.unit import check_unit_name
-from lupin_cli.quick_dataclass import dataclass
-from lupin_cli.target.base import Target, TargetError
 
-FOLDER = "/etc/systemd/system"
+_FOLDER = "/etc/systemd/system"
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnitFile:
-    """A shipped template of that name with its holes filled (`fill`), or `content`; `present: false` removes it.
+class UnitFile(Operation):
+    """The shipped template of that name with its placeholders filled (`fill`), or `content`; `present: false` removes it.
 
-    The text is checked by the target's own systemd before it counts as installed.
+    The target's own systemd verifies the text before it counts as installed.
     """
 
     name: ClassVar[str] = "unit-file"
-    stands: ClassVar[bool] = True
+    effect: ClassVar[str] = "a systemd unit has this text, verified and loaded by the target's own systemd, or does not exist"
+    undo_effect: ClassVar[str] = "byte for byte"
+    prefetchable: ClassVar[bool] = True
 
     unit: str
     fill: dict[str, Any] = field(default_factory=dict)
     content: str | None = None
     present: bool = True
-    machine: str = "robot"
 
     def __post_init__(self) -> None:
         check_unit_name(self.unit)
@@ -39,35 +39,40 @@ class UnitFile:
 
     @property
     def _path(self) -> str:
-        return f"{FOLDER}/{self.unit}"
+        return f"{_FOLDER}/{self.unit}"
 
     def _text(self) -> str:
         if self.content is not None:
             return self.content
-        from lupin_cli.units import render
+        from lupin_cli.systemd.units import render
 
-        filled: Mapping[str, Any] = self.fill
-        return render(self.unit, filled)  # raises UnitError, a ValueError
+        return render(self.unit, self.fill)  # raises UnitError, a ValueError
 
-    def differs(self, target: Target) -> Difference | None:
-        stale = f"systemctl show -p NeedDaemonReload --value -- {quote(self.unit)}"
-        entry, old, answer = read_file(target, self._path, True, stale)
+    def probe(self) -> Script:
+        needs_reload = f"systemctl show -p NeedDaemonReload --value -- {quote(self.unit)}"
+        return probe_script(file_script(self._path, needs_reload), root=True)
+
+    def complete(self, target: Target, output: Output) -> Output:
+        return complete_file(target, output, self._path, True)
+
+    def judge(self, output: Output) -> Difference | None:
+        state = parse_file(output, self._path)
         if not self.present:
-            if entry.kind == "absent":
+            if state.kind == "absent":
                 return None
-            return Difference(f"{self.unit} goes away", unified_diff(self._path, old, None), describe(entry, old))
+            return Difference(f"remove {self.unit}", unified_diff(self._path, state.content, None), state_before(state))
         new = self._text().encode()
-        if old != new:
-            what = "is installed" if entry.kind == "absent" else "changes"
-            return Difference(f"{self.unit} {what}", unified_diff(self._path, old, new), describe(entry, old))
-        if answer.strip() == "yes":
-            return Difference(f"systemd reads {self.unit} again", "", describe(entry, old))
+        if state.content != new:
+            verb = "install" if state.kind == "absent" else "update"
+            return Difference(f"{verb} {self.unit}", unified_diff(self._path, state.content, new), state_before(state))
+        if state.extra.strip() == "yes":
+            return Difference(f"reload systemd, which has an older text of {self.unit}", "", state_before(state))
         return None
 
     def change(self, target: Target, difference: Difference) -> None:
         if self.present:
             target.put(self._path, self._text().encode(), mode=0o644, root=True)
-            # A unit that systemd can't read is taken out again before anything loads it.
+            # A unit that systemd rejects is removed again before anything loads it.
             try:
                 change(target, f"systemd-analyze verify --man=no -- {quote(self._path)}", f"verify {self.unit}", root=True)
             except (OperationError, TargetError):
@@ -75,11 +80,12 @@ class UnitFile:
                 raise
         else:
             change(target, f"rm -f -- {quote(self._path)}", f"remove {self.unit}", root=True)
-        self._reload(target)
+        _reload_systemd(target)
 
-    def undo(self, target: Target, before: dict[str, Any]) -> None:
+    def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         restore(target, self._path, before, True)
-        self._reload(target)
+        _reload_systemd(target)
 
-    def _reload(self, target: Target) -> None:
-        change(target, "systemctl daemon-reload", "let systemd read its units", root=True)
+
+def _reload_systemd(target: Target) -> None:
+    change(target, "systemctl daemon-reload", "make systemd reload its units", root=True)

@@ -1,1 +1,1 @@
-"""A release: what travels to a robot, how it gets there whole or not at all, and which one is current."""
+"""A release: everything that a deploy puts on a robot. Its files, its transfer, and the choice of the current one."""

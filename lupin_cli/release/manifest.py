@@ -1,4 +1,4 @@
-"""What a release consists of: paths, contents, modes. Two releases with the same files have the same name."""
+"""The manifest of a release: paths, hashes and modes of its files. Releases with the same files have the same id."""
 
 from __future__ import annotations
 
@@ -6,17 +6,21 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from lupin_cli.quick_dataclass import dataclass
+from lupin_runtime.atomic_file import write_atomically
 
 ID_DIGITS = 12
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A file of a release: its path below the release, its content or where that lies here, SHA-256 of it, whether it runs."""
+    """One file of a release.
+
+    path: below the release.
+    source: the content (bytes), or the path of the file on this machine (str).
+    """
 
     path: str
     source: str | bytes = field(compare=False)
@@ -25,18 +29,19 @@ class Entry:
     executable: bool
 
     def read(self) -> bytes:
+        """The content."""
         return self.source if isinstance(self.source, bytes) else Path(self.source).read_bytes()
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """The files of a release in order of their paths."""
+    """The files of a release, sorted by path."""
 
     entries: tuple[Entry, ...]
 
     @property
     def id(self) -> str:
-        """The release's name: digits of the hash of everything in it."""
+        """The release's id: the first digits of the hash of everything in it."""
         digest = hashlib.sha256()
         for entry in self.entries:
             digest.update(f"{entry.sha256} {int(entry.executable)} {entry.path}\n".encode())
@@ -44,25 +49,27 @@ class Manifest:
 
     @property
     def size_bytes(self) -> int:
+        """The size of all files together."""
         return sum(entry.size for entry in self.entries)
 
     def text(self) -> str:
-        """As `sha256sum --check` reads it, one line a file, in C order."""
+        """The format of `sha256sum --check`: one line per file, in C order of the paths."""
         return "".join(f"{entry.sha256}  {entry.path}\n" for entry in sorted(self.entries, key=lambda e: e.path.encode()))
 
 
-class Hashes:
-    """SHA-256 of files, remembered by inode, size and time of change, so that the second deploy reads nothing again."""
+class HashCache:
+    """SHA-256 of files, cached by inode, size and modification times, so that a second deploy reads no unchanged file."""
 
     def __init__(self, cache: Path) -> None:
         self._cache = cache
         try:
             self._known: dict[str, list[str]] = json.loads(cache.read_text())
         except (OSError, ValueError):
-            self._known = {}  # a lost or torn cache costs time only
+            self._known = {}  # without a readable cache all files are hashed again
         self._changed = False
 
-    def of(self, path: str, stat: os.stat_result) -> str:
+    def sha256(self, path: str, stat: os.stat_result) -> str:
+        """The SHA-256 of a file with this stat result."""
         state = f"{stat.st_ino} {stat.st_size} {stat.st_mtime_ns} {stat.st_ctime_ns}"
         known = self._known.get(path)
         if known and known[0] == state:
@@ -74,29 +81,31 @@ class Hashes:
         return digest
 
     def save(self) -> None:
+        """Write the cache file if a hash was added."""
         if not self._changed:
             return
         self._cache.parent.mkdir(parents=True, exist_ok=True)
-        new = self._cache.with_suffix(f".{os.getpid()}")
-        new.write_text(json.dumps(self._known))
-        new.replace(self._cache)
+        write_atomically(self._cache, json.dumps(self._known))
 
 
-def manifest_of(files: Iterable[tuple[str, str | bytes]], hashes: Hashes) -> Manifest:
-    """The manifest of `(path in the release, file here or content)` pairs; raises ValueError for a path that isn't plain."""
+def build_manifest(files: Iterable[tuple[str, str | bytes]], hashes: HashCache) -> Manifest:
+    """The manifest of pairs `(path in the release, path on this machine or content)`.
+
+    Raises ValueError for a path that is absolute, leaves the release, is not printable, or occurs twice.
+    """
     entries = []
     for path, source in files:
         if path.startswith("/") or ".." in path.split("/") or "\n" in path or "\\" in path:
-            raise ValueError(f"{path!r} can't be a path of a release: it must be relative and printable")
+            raise ValueError(f"{path!r} cannot be a path in a release: expected a relative, printable path")
         if isinstance(source, bytes):
             entries.append(Entry(path, source, hashlib.sha256(source).hexdigest(), len(source), False))
             continue
         stat = os.stat(source)  # noqa: PTH116 -- four thousand Paths cost more than their files
         executable = bool(stat.st_mode & 0o100)
-        entries.append(Entry(path, source, hashes.of(source, stat), stat.st_size, executable))
+        entries.append(Entry(path, source, hashes.sha256(source, stat), stat.st_size, executable))
     hashes.save()
     paths = [entry.path for entry in entries]
     if len(set(paths)) != len(paths):
         twice = sorted({path for path in paths if paths.count(path) > 1})
-        raise ValueError(f"a release can't hold {twice[0]} twice")
+        raise ValueError(f"{twice[0]} occurs twice in the release")
     return Manifest(tuple(sorted(entries, key=lambda entry: entry.path)))

@@ -1,0 +1,231 @@
+"""What an ended launch left behind or lost: processes that still hold DDS ports, and shared memory files.
+
+Segments are writable for their owner only, and logind may remove them at the end of a login (RemoveIPC).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from lupin_cli.checks.base import Check, Finding, Snapshot
+from lupin_cli.checks.discovery import lacks_server
+from lupin_cli.checks.findings import make_finding
+from lupin_cli.checks.remote_command import robot_option
+from lupin_cli.facts.account import ACCOUNT, Account
+from lupin_cli.facts.base import Facts
+from lupin_cli.facts.discovery_log import DISCOVERY_LOG
+from lupin_cli.facts.ros_processes import ROS_PROCESSES, RosProcess
+from lupin_cli.facts.shared_memory import SHARED_MEMORY, SharedFile
+from lupin_cli.facts.sockets import SOCKETS
+
+# Unicast ports of domain 0: 7410 + 2 * participant for discovery, and the next one for data.
+FIRST_PORT, LAST_PORT = 7410, 7447
+DOMAIN_0, DOMAIN_GAIN = 7400, 250  # RTPS 9.6.2.3: where the ports of each domain begin
+_PORT_FILE = re.compile(r"fast(?:rtps|dds)_port(\d+)")
+
+
+def sweep_command(snapshot: Snapshot, machine: str) -> str:
+    """The command that cleans up one machine. The cleanup checks each owner first and stops nothing that works."""
+    return f"lupin sweep{robot_option(snapshot) if machine == 'robot' else ''}"
+
+
+def find_stale_processes(snapshot: Snapshot) -> Iterator[Finding]:
+    """A process outlived its launch and still holds DDS ports: the discovery server still announces its topics."""
+    for facts in snapshot.machines:
+        processes, sockets = facts.get(ROS_PROCESSES), facts.get(SOCKETS)
+        if processes is None or sockets is None:
+            continue
+        for process in processes:
+            held = [s for s in sockets.of(process.pid) if s.protocol == "udp" and FIRST_PORT <= s.port <= LAST_PORT]
+            reason = "" if process.is_server else process.stale_reason
+            if held and reason:
+                ports = ", ".join(str(port) for port in sorted({socket.port for socket in held}))
+                yield make_finding(
+                    "zombie-process",
+                    where=facts.machine,
+                    cause=f"{process.name} (process {process.pid}) outlived its launch and still holds UDP {ports}: {reason}",
+                    evidence=(process.line(), f"parent {process.parent}, group {process.group}", *(s.line() for s in held)),
+                    command=sweep_command(snapshot, facts.machine),
+                    variables={"machine": facts.machine},
+                )
+
+
+def find_orphaned_memory(snapshot: Snapshot) -> Iterator[Finding]:
+    """Shared memory of killed processes: new participants fail to lock it and never complete discovery."""
+    for facts in snapshot.machines:
+        files = facts.get(SHARED_MEMORY) or ()
+        orphans = [file for file in files if file.lockable and not file.held]
+        segments = [file for file in orphans if file.is_segment]
+        if not orphans or (len(segments) <= 1 and facts is snapshot.robot and lacks_server(snapshot)):
+            continue  # a single segment is the missing discovery server's, which is a finding of its own
+        total_kib = sum(file.size_bytes for file in orphans) / 1024
+        yield make_finding(
+            "shared-memory-orphans",
+            where=facts.machine,
+            cause=f"{len(orphans)} shared-memory files of Fast DDS ({total_kib:.0f} KiB) belong to processes that were killed",
+            evidence=(
+                f"/dev/shm/{file.name}: {file.size_bytes} bytes, user {file.user_id}, no process holds its lock"
+                for file in orphans[:6]
+            ),
+            command=sweep_command(snapshot, facts.machine),
+            variables={"machine": facts.machine},
+        )
+
+
+def find_unshared_memory(snapshot: Snapshot) -> Iterator[Finding]:
+    """Two processes of a graph on one machine cannot share memory, and do not notice: names arrive, samples do not."""
+    for facts in snapshot.machines:
+        processes, files = facts.get(ROS_PROCESSES) or (), facts.get(SHARED_MEMORY) or ()
+        holders = {file.holder for file in files if file.held and file.holder}
+        graphs: dict[tuple[int, str], list[RosProcess]] = {}
+        for process in processes:
+            if _uses_shared_memory(process, holders):
+                graphs.setdefault((process.domain, process.server), []).append(process)
+        for members in graphs.values():
+            other = next((each for each in members if _cannot_share(each, members[0])), None)
+            if other is not None:
+                line = other.line("FASTDDS_BUILTIN_TRANSPORTS")
+                yield _not_shared(facts, members[0], MemoryUser(other.pid, other.user_id, other.name, (line,)), files)
+        known = {process.pid for process in processes}
+        for unknown in filter(None, (_unreadable_user(pid, files) for pid in sorted(holders - known))):
+            near = (members[0] for members in graphs.values() if members[0].domain in unknown.domains)
+            one = next((process for process in near if process.user_id != unknown.user_id), None)
+            if one is not None:
+                yield _not_shared(facts, one, unknown, files)
+
+
+def find_removed_memory(snapshot: Snapshot) -> Iterator[Finding]:
+    """Shared memory was removed while processes use it."""
+    for facts in snapshot.machines:
+        if losers := _users_of_removed_memory(facts):
+            yield _removed(snapshot, facts, losers, facts.get(ACCOUNT))
+
+
+def find_memory_at_risk(snapshot: Snapshot) -> Iterator[Finding]:
+    """logind will remove the shared memory of the running stack when the next login on the robot ends."""
+    account = snapshot.robot_fact(ACCOUNT)
+    if snapshot.robot is None or account is None or not account.loses_memory or _users_of_removed_memory(snapshot.robot):
+        return
+    files = snapshot.robot.get(SHARED_MEMORY) or ()
+    at_risk = [file for file in files if file.held and file.is_segment and file.user_id == account.uid]
+    if at_risk:
+        yield make_finding(
+            "shared-memory-at-risk",
+            where="robot",
+            cause=f"logind removes the files of {account.user} in /dev/shm ten seconds after their last logout, "
+            "while the stack runs",
+            evidence=(
+                f"logind: RemoveIPC true; {account.user} (user id {account.uid}) does not linger",
+                *(f"/dev/shm/{file.name}: held by process {file.holder}" for file in at_risk[:3]),
+            ),
+            command=_keep_memory_command(snapshot, restart=False),
+            variables={"restart": False},
+        )
+
+
+def _users_of_removed_memory(facts: Facts) -> list[RosProcess]:
+    """The processes that hold memory which no other process can open any more. The doctor's own visits do not count."""
+    lost = {file.holder for file in facts.get(SHARED_MEMORY) or () if file.removed}
+    return [each for each in facts.get(ROS_PROCESSES) or () if each.pid in lost and not each.is_graph_probe]
+
+
+def _removed(snapshot: Snapshot, facts: Facts, losers: list[RosProcess], account: Account | None) -> Finding:
+    user = account.user if account is not None and account.loses_memory else ""
+    on_robot = facts.machine == "robot"
+    return make_finding(
+        "shared-memory-removed",
+        where=facts.machine,
+        cause="the shared memory of running processes was removed"
+        + (f" by logind, when the last login of {user} ended" if user else ""),
+        evidence=(
+            *(f"{p.name} (process {p.pid}) holds locks on files that are gone from /dev/shm" for p in losers[:4]),
+            *((f"logind: RemoveIPC true; {user} does not linger",) if user else ()),
+        ),
+        command=_keep_memory_command(snapshot, restart=True)
+        if on_robot
+        else "start these processes again: " + ", ".join(p.name for p in losers),
+        playbook=None if on_robot else "",
+        variables={"restart": True} if on_robot else {},
+        explains={"names-no-samples", "shared-memory-not-shared"},
+    )
+
+
+def _keep_memory_command(snapshot: Snapshot, restart: bool) -> str:
+    return f"lupin play keep-shared-memory{robot_option(snapshot)}{' -v restart=true' if restart else ''}"
+
+
+def _uses_shared_memory(process: RosProcess, holders: set[int]) -> bool:
+    if process.is_daemon or process.stale_reason or process.environment.get("FASTDDS_BUILTIN_TRANSPORTS", "").startswith("UDP"):
+        return False
+    return process.pid in holders
+
+
+@dataclass(frozen=True)
+class MemoryUser:
+    """A process that uses shared memory which another one cannot open."""
+
+    pid: int
+    user_id: int
+    name: str
+    lines: tuple[str, ...] = ()  # evidence
+    domains: frozenset[int] = frozenset()
+
+
+def _unreadable_user(pid: int, files: tuple[SharedFile, ...]) -> MemoryUser | None:
+    """A process of another user that holds a segment: its environment is not readable, but its port files show its domains."""
+    user = next((file.user_id for file in files if file.holder == pid and file.is_segment), None)
+    ports = (int(found[1]) for file in files if file.holder == pid and (found := _PORT_FILE.fullmatch(file.name)))
+    domains = frozenset((port - DOMAIN_0) // DOMAIN_GAIN for port in ports if port >= DOMAIN_0)
+    return None if user is None else MemoryUser(pid, user, f"process {pid}", domains=domains)
+
+
+def _cannot_share(one: RosProcess, other: RosProcess) -> bool:
+    different_memory = bool(one.shared_memory and other.shared_memory) and one.shared_memory != other.shared_memory
+    return different_memory or one.user_id != other.user_id
+
+
+def _not_shared(facts: Facts, one: RosProcess, other: MemoryUser, files: tuple[SharedFile, ...]) -> Finding:
+    return make_finding(
+        "shared-memory-not-shared",
+        where=facts.machine,
+        cause=f"{one.name} (user {one.user_id}) and {other.name} (user {other.user_id}) cannot share memory, "
+        "but both assume that they do",
+        evidence=(
+            one.line("FASTDDS_BUILTIN_TRANSPORTS"),
+            *other.lines,
+            *(
+                f"/dev/shm/{file.name}: user {file.user_id}, held by {file.holder}"
+                for pid in (one.pid, other.pid)
+                for file in [file for file in files if file.holder == pid and not file.removed][:2]
+            ),
+        ),
+        command=f"start {other.name} again with: export FASTDDS_BUILTIN_TRANSPORTS=UDPv4",
+    )
+
+
+_MEMORY = (SHARED_MEMORY, ROS_PROCESSES)
+# A process that is starting or ending holds no lock for a moment, or locks on files that it has removed already. Orphaned and
+# removed memory is therefore read a second time.
+CHECKS = (
+    Check("dds.zombies", find_stale_processes, laptop=(ROS_PROCESSES, SOCKETS), robot=(ROS_PROCESSES, SOCKETS)),
+    Check("dds.shared-memory", find_unshared_memory, laptop=_MEMORY, robot=_MEMORY),
+    Check("dds.memory-at-risk", find_memory_at_risk, robot=(*_MEMORY, ACCOUNT)),
+    Check(
+        "dds.removed-memory",
+        find_removed_memory,
+        laptop=_MEMORY,
+        robot=(*_MEMORY, ACCOUNT),
+        followup_laptop=(SHARED_MEMORY,),
+        followup_robot=(SHARED_MEMORY,),
+    ),
+    Check(
+        "dds.orphans",
+        find_orphaned_memory,
+        laptop=(SHARED_MEMORY,),
+        robot=(SHARED_MEMORY, SOCKETS, DISCOVERY_LOG),
+        followup_laptop=(SHARED_MEMORY,),
+        followup_robot=(SHARED_MEMORY,),
+    ),
+)

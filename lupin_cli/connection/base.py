@@ -1,0 +1,108 @@
+"""The `Target` protocol: what a command can do with a machine, and the errors it can raise. Nothing here knows SSH."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+# Prefix of the standard error of a batch's root scripts that did not run because sudo refused; sudo's reason follows.
+ROOT_REFUSED = "root refused: "
+
+
+@dataclass(frozen=True)
+class Script:
+    """One POSIX-sh script of a batch. It gets no input and is terminated after `timeout_s`."""
+
+    name: str
+    text: str
+    timeout_s: float = 5.0
+    root: bool = False  # run it through sudo unless the user is root
+
+
+@dataclass(frozen=True)
+class Output:
+    """The output of a script. `status` is None if it was terminated at its timeout or the connection was lost."""
+
+    status: int | None
+    stdout: str
+    stderr: str = ""
+    duration_s: float = 0.0
+    truncated: bool = False  # the script printed more than is kept
+
+    @property
+    def ok(self) -> bool:
+        """Whether the script ended with status 0."""
+        return self.status == 0
+
+
+@dataclass(frozen=True)
+class ClockReading:
+    """A reading of a machine's wall clock, between two instants of this machine's wall clock, in ns since 1970."""
+
+    sent_ns: int
+    text: str  # seconds since 1970 with a fraction, as the machine printed them
+    received_ns: int
+
+
+class Target(Protocol):
+    """A machine that a command acts on. Every call is bounded, and raises `TargetError` with the next command to type."""
+
+    name: str  # the robot's name in the inventory, or "laptop"
+    user: str
+    address: str  # the host name or address by which this machine reaches it
+
+    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
+        """Run all scripts in parallel in one round trip. Return one output for each, by name, also if `bound_s` ended it."""
+
+    def run(
+        self,
+        script: str,
+        *,
+        root: bool = False,
+        stdin: bytes = b"",
+        bound_s: float = 60.0,
+        on_line: Callable[[str], None] | None = None,
+    ) -> Output:
+        """Run one script with standard input. `on_line` gets each line of its output as it is printed."""
+
+    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, bound_s: float = 60.0) -> None:
+        """Write a file atomically: a temporary file in the same directory, synced, then renamed."""
+
+    def get(self, path: str, *, root: bool = False, bound_s: float = 60.0) -> bytes | None:
+        """Return the content of a file, or None if it does not exist."""
+
+    def close(self) -> None:
+        """Close the connection. A second call does nothing."""
+
+
+class TargetError(Exception):
+    """A target did not do what was asked. The message says what was expected and found; `next_command` what to type."""
+
+    def __init__(self, message: str, next_command: str = "") -> None:
+        super().__init__(message)
+        self.next_command = next_command
+
+
+class Unreachable(TargetError):
+    """There is no connection to the target. `kind` says how connecting failed, because each kind has its own causes."""
+
+    def __init__(self, message: str, kind: str, next_command: str = "") -> None:
+        super().__init__(message, next_command)
+        self.kind = kind  # no-route | refused | timeout | silent (accepts a connection, never answers) | name | lost
+
+
+class HostKeyUnknown(TargetError):
+    """The robot shows a host key that nobody has accepted, and nobody can be asked to."""
+
+
+class HostKeyChanged(TargetError):
+    """The robot shows another host key than the accepted one. Always fatal."""
+
+
+class AuthenticationFailed(TargetError):
+    """The robot accepts neither the user's keys nor a password."""
+
+
+class RootRefused(TargetError):
+    """sudo needs a password that was not given, or refuses this user."""

@@ -1,0 +1,221 @@
+"""Log in to an sshd: through jump hosts or a proxy command, after verifying its host key, with keys or a password."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import socket
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import paramiko
+
+from lupin_cli.connection.base import AuthenticationFailed
+from lupin_cli.connection.channel import CONNECTION_ERRORS
+from lupin_cli.connection.connect import CONNECT_TIMEOUT_S, open_with_banner, unreachable
+from lupin_cli.connection.destination import Destination
+from lupin_cli.connection.host_keys import KnownHosts
+
+logging.getLogger("paramiko").setLevel(logging.CRITICAL)  # its threads print the stacks of errors that Lupin reports itself
+
+AskPassword: TypeAlias = Callable[[str], str]
+Stream: TypeAlias = socket.socket | paramiko.Channel | paramiko.ProxyCommand  # what an SSH connection can run over
+
+KEEPALIVE_S = 5  # also between calls, so that a dead link is known before the next one
+HANDSHAKE_TIMEOUT_S = 10.0  # the key exchange takes seconds on a robot that is booting
+
+
+class Connection:
+    """The SSH connection to a robot: a chain of paramiko clients, those of jump hosts first.
+
+    `ask_password` is None if nobody can be asked.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        destination: Destination,
+        known_hosts: KnownHosts,
+        ask_password: AskPassword | None = None,
+        connect_timeout_s: float = CONNECT_TIMEOUT_S,
+    ) -> None:
+        self.name = name
+        self.destination = destination
+        self._known_hosts = known_hosts
+        self._ask_password = ask_password
+        self._passwords: dict[str, str] = {}  # by destination: jump hosts have passwords of their own
+        self._connect_timeout_s = connect_timeout_s
+        self._clients: list[paramiko.SSHClient] = []
+        self._proxies: list[paramiko.ProxyCommand] = []
+
+    def open(self) -> tuple[paramiko.Transport, bool]:
+        """Return the live connection, and whether it is a new one.
+
+        Raises Unreachable, HostKeyUnknown, HostKeyChanged or AuthenticationFailed.
+        """
+        if transport := self.live:
+            return transport, False
+        self.close()
+        transport = None
+        for hop in self.destination.jumps:
+            transport = self._log_in(hop.original_host or hop.host, hop, transport)  # a jump host has a host key of its own
+        return self._log_in(self.name, self.destination, transport), True
+
+    @property
+    def live(self) -> paramiko.Transport | None:
+        """The open connection to the robot, if there is one."""
+        transport = self._clients[-1].get_transport() if self._clients else None
+        return transport if transport is not None and transport.is_active() else None
+
+    @property
+    def passwords(self) -> tuple[str, ...]:
+        """All passwords that were typed, to be masked in whatever is written down."""
+        return tuple(self._passwords.values())
+
+    @property
+    def password(self) -> str | None:
+        """The password that was typed for the robot itself."""
+        return self._passwords.get(str(self.destination))
+
+    @property
+    def first_socket(self) -> socket.socket | None:
+        """This machine's own socket, which leads to the robot or the first jump host; None behind a proxy command."""
+        transport = self._clients[0].get_transport() if self._clients else None
+        found = None if transport is None else transport.sock
+        return found if isinstance(found, socket.socket) else None
+
+    def close(self) -> None:
+        """Close the whole chain. Connections that were lost are closed too."""
+        while self._clients:
+            client = self._clients.pop()
+            transport = client.get_transport()
+            if transport is not None:
+                # paramiko's thread checks only ten times a second whether it shall end, unless its socket is shut down.
+                with contextlib.suppress(OSError, EOFError, AttributeError):  # closed already; proxies have no shutdown()
+                    transport.sock.shutdown(socket.SHUT_RDWR)
+            client.close()
+            if transport is not None:
+                transport.join(1.0)  # a proxy's pipe must not be closed while the thread reads it
+        while self._proxies:
+            _terminate_proxy(self._proxies.pop())
+
+    def _log_in(self, name: str, destination: Destination, through: paramiko.Transport | None) -> paramiko.Transport:
+        """Append a client for `destination` to the chain, connected through the previous one."""
+        stream = self._open_stream(destination, through)
+        client = paramiko.SSHClient()
+        # The robot's name stands in for its address: paramiko then asks for a key type that is known, and compares.
+        for key in self._known_hosts.accepted_keys(name, destination)[0]:
+            client.get_host_keys().add(name, key.get_name(), key)
+        client.set_missing_host_key_policy(_AskKnownHosts(self._known_hosts, name, destination))
+        try:
+            self._authenticate(client, name, destination, stream)
+        except BaseException:
+            client.close()
+            stream.close()
+            raise
+        transport = client.get_transport()
+        assert transport is not None
+        transport.set_keepalive(KEEPALIVE_S)
+        self._clients.append(client)
+        return transport
+
+    def _open_stream(self, destination: Destination, through: paramiko.Transport | None) -> Stream:
+        if through is not None:
+            try:
+                return through.open_channel(
+                    "direct-tcpip", (destination.host, destination.port), ("127.0.0.1", 0), timeout=self._connect_timeout_s
+                )
+            except CONNECTION_ERRORS as error:
+                raise unreachable(str(destination), "timeout", f"the jump host reports: {error}") from error
+        if destination.proxy_command:
+            self._proxies.append(paramiko.ProxyCommand(destination.proxy_command))
+            return self._proxies[-1]
+        return open_with_banner(destination, self._connect_timeout_s)
+
+    def _authenticate(self, client: paramiko.SSHClient, name: str, destination: Destination, stream: Stream) -> None:
+        # paramiko takes a list too; its type stubs know one file only.
+        files: Any = [name for name in destination.identity_files if Path(name).is_file()]
+        try:
+            client.connect(
+                name,
+                username=destination.user,
+                password=self._passwords.get(str(destination)),
+                key_filename=files or None,
+                timeout=HANDSHAKE_TIMEOUT_S,
+                banner_timeout=self._connect_timeout_s,
+                auth_timeout=HANDSHAKE_TIMEOUT_S,
+                channel_timeout=HANDSHAKE_TIMEOUT_S,
+                allow_agent=not destination.identities_only,
+                look_for_keys=not destination.identities_only,
+                sock=stream,
+            )
+        except paramiko.BadHostKeyException as error:
+            self._known_hosts.verify(name, destination, error.key)  # raises HostKeyChanged with both keys
+            raise
+        except paramiko.AuthenticationException as error:
+            self._handle_auth_failure(client, destination, error)
+        except CONNECTION_ERRORS as error:
+            if "No authentication methods" in str(error):  # paramiko's message if the user has no key at all
+                self._handle_auth_failure(client, destination, error)
+                return
+            detail = f"{str(error) or type(error).__name__} in the SSH handshake"
+            raise unreachable(str(destination), "lost", detail) from error
+
+    def _handle_auth_failure(self, client: paramiko.SSHClient, destination: Destination, error: Exception) -> None:
+        """Log in with a password if somebody can be asked for it; otherwise raise the reason of the failure."""
+        address, transport = str(destination), client.get_transport()
+        if "timeout" in str(error).lower():
+            raise unreachable(address, "silent", "no answer to the log-in") from error
+        if transport is None or not transport.is_active():
+            detail = "it closed the connection during the log-in: it is shutting down, or was offered too many keys"
+            raise unreachable(address, "lost", detail) from error
+        if address not in self._passwords and self._ask_password is not None:
+            self._log_in_with_password(transport, destination, self._ask_password(f"Password of {address}: "))
+            return
+        port = f"-p {destination.port} " if destination.port != 22 else ""
+        raise AuthenticationFailed(
+            f"{address} accepts none of this user's keys"
+            + (", nor the password" if address in self._passwords else "")
+            + (f" ({error})" if "encrypted" in str(error) else ""),
+            f"ssh-copy-id {port}{destination.user}@{destination.host}",
+        ) from error
+
+    def _log_in_with_password(self, transport: paramiko.Transport, destination: Destination, password: str) -> None:
+        try:
+            transport.auth_password(destination.user, password)
+        except paramiko.AuthenticationException as error:
+            raise AuthenticationFailed(
+                f"{destination} accepts neither this user's keys nor the password", f"ssh-copy-id {destination}"
+            ) from error
+        except CONNECTION_ERRORS as error:
+            raise unreachable(str(destination), "lost", f"{error} during the log-in") from error
+        self._passwords[str(destination)] = password
+
+
+class _AskKnownHosts(paramiko.MissingHostKeyPolicy):
+    """Leaves a host key that paramiko does not know to `KnownHosts`; no key is accepted without it."""
+
+    def __init__(self, known_hosts: KnownHosts, name: str, destination: Destination) -> None:
+        self._known_hosts, self._name, self._destination = known_hosts, name, destination
+
+    def missing_host_key(self, _client: paramiko.SSHClient, _hostname: str, key: paramiko.PKey) -> None:
+        """See `paramiko.MissingHostKeyPolicy`."""
+        self._known_hosts.verify(self._name, self._destination, key)
+
+
+def _terminate_proxy(proxy: paramiko.ProxyCommand) -> None:
+    """Terminate a proxy command and close its pipes; paramiko only signals it."""
+    process = proxy.process
+    with contextlib.suppress(ProcessLookupError):
+        process.terminate()
+    try:
+        process.wait(1.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait(1.0)
+    for pipe in (process.stdin, process.stdout, process.stderr):
+        if pipe is not None:
+            with contextlib.suppress(OSError):  # unsent bytes cannot be written any more
+                pipe.close()

@@ -1,0 +1,195 @@
+"""The options by which every command names its robots, and how it gets from a name to an open target.
+
+def command(robot: ROBOT = None, every: ALL = False, limit: LIMIT = None, config: CONFIG = None) -> None:
+    with reporting_errors("doctor"):
+        chosen = select_robots(load(config), robot, every=every, limit=limit)
+        with connect(chosen[0]) as target: ...
+        results = for_each_robot(chosen, lambda robot: ...)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import fnmatch
+import getpass
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+import typer
+
+from lupin_cli.connection.base import AuthenticationFailed, HostKeyChanged, HostKeyUnknown, TargetError, Unreachable
+from lupin_cli.connection.inventory import DEFAULT_USER, Config, ConfigError, Robot, load
+from lupin_cli.exit_codes import FAILURE, UNREACHABLE, USAGE_ERROR
+from lupin_cli.terminal import echo, erase_status_line, is_interactive
+
+if TYPE_CHECKING:
+    from lupin_cli.connection.destination import Destination
+    from lupin_cli.connection.host_keys import KnownHosts
+    from lupin_cli.connection.ssh import SshTarget
+
+ROBOT = Annotated[
+    list[str] | None, typer.Option("--robot", "-r", help="A robot of lupin.toml, or [user@]host[:port]; may be repeated.")
+]
+ALL = Annotated[bool, typer.Option("--all", help="Every robot of lupin.toml, in parallel.")]
+LIMIT = Annotated[str | None, typer.Option("--limit", help="With --all: only robots whose name matches this pattern: pot-*.")]
+CONFIG = Annotated[
+    Path | None, typer.Option("--config", help="The inventory [$LUPIN_CONFIG, else lupin/lupin.toml in ~/.config].")
+]
+ASK_SUDO = Annotated[bool, typer.Option("--ask-sudo-password", "-K", help="Ask for the password of sudo on the robot.")]
+BREAK_LEASE = Annotated[bool, typer.Option("--break-lease", help="Change the robot although another run holds its lease.")]
+
+# Used without an inventory: a MIRTE as it is delivered, on a cable or on its own access point.
+STOCK_ROBOT = Robot("mirte", {"wired": "10.42.0.1", "ap": "192.168.42.1"})
+
+_MAX_PARALLEL = 20
+Result = TypeVar("Result")
+
+
+def select_robots(config: Config, names: Sequence[str] | None, *, every: bool = False, limit: str | None = None) -> list[Robot]:
+    """Return the chosen robots: all (that match `limit`), those named, or the default one. Raises ConfigError."""
+    if every:
+        if names:
+            raise ConfigError("--all and --robot exclude each other; for some of all robots: --all --limit PATTERN")
+        if not config.robots:
+            raise ConfigError(f"{config.path} has no robots; add one: lupin robots add NAME ADDRESS")
+        found = [robot for name, robot in config.robots.items() if limit is None or fnmatch.fnmatchcase(name, limit)]
+        if not found:
+            raise ConfigError(f"no robot matches --limit {limit}; the robots are {', '.join(config.robots)}")
+        return found
+    if limit is not None:
+        raise ConfigError("--limit needs --all")
+    if names:
+        return [find_robot(config, name) for name in dict.fromkeys(names)]
+    if config.default_robot:
+        return [config.robots[config.default_robot]]
+    if len(config.robots) > 1:
+        raise ConfigError(
+            f"which robot? name one of {', '.join(config.robots)} with --robot, or set default_robot in {config.path}"
+        )
+    return list(config.robots.values()) or [STOCK_ROBOT]
+
+
+def find_robot(config: Config, name: str) -> Robot:
+    """Return the robot `name` of the inventory, or one made from the address `name`. Raises ConfigError."""
+    if name in config.robots:
+        return config.robots[name]
+    if not config.robots and name == STOCK_ROBOT.name:
+        return STOCK_ROBOT
+    from lupin_cli.connection.destination import parse_destination
+
+    with contextlib.suppress(ValueError):
+        user, host, port = parse_destination(name)
+        if user or port or "." in host or ":" in host or not config.robots:
+            address = f"[{host}]" if ":" in host else host
+            return Robot(name, {"": f"{address}:{port}" if port else address}, user)
+    near = difflib.get_close_matches(name, config.robots, n=1)
+    hint = f"did you mean {near[0]}?" if near else f"its robots are {', '.join(config.robots)}"
+    raise ConfigError(f"{config.path} has no robot {name!r}; {hint}")
+
+
+def destinations(robot: Robot) -> dict[str, Destination]:
+    """Return the destinations of `robot` by transport, best first; if a transport is pinned, only that. Raises TargetError."""
+    from lupin_cli.connection.destination import parse_destination, resolve
+
+    found = {}
+    for transport in [robot.transport] if robot.transport else robot.addresses:
+        _, host, port = parse_destination(robot.addresses[transport])
+        found[transport] = resolve(host, robot.user, port, default_user=DEFAULT_USER)
+    return found
+
+
+def known_hosts_of(config: Config, accept: str = "") -> KnownHosts:
+    """Return the accepted host keys; a person at a terminal may accept more."""
+    from lupin_cli.connection.host_keys import KnownHosts
+
+    return KnownHosts(config.known_hosts, confirm=_confirm if is_interactive() else None, accept=accept)
+
+
+@contextlib.contextmanager
+def connect(
+    robot: Robot, config: Config | None = None, *, sudo_password: str | None = None, accept: str = ""
+) -> Iterator[SshTarget]:
+    """An open connection to `robot` over its best transport that answers; closed at the end. Raises TargetError."""
+    target = open_target(robot, config, sudo_password=sudo_password, accept=accept)
+    try:
+        target.connect()
+        yield target
+    finally:
+        target.close()
+
+
+def open_target(robot: Robot, config: Config | None = None, *, sudo_password: str | None = None, accept: str = "") -> SshTarget:
+    """Return a target for `robot` over its best transport that answers; it connects on first use. Raises TargetError."""
+    from lupin_cli.connection.connect import first_reachable
+    from lupin_cli.connection.ssh import SshTarget
+
+    choices = destinations(robot)
+    transport = first_reachable(choices)
+    return SshTarget(
+        robot.name,
+        choices[transport],
+        known_hosts_of(config or load(), accept),
+        transport_name=transport,
+        ask_password=_ask_password if is_interactive() else None,
+        sudo_password=sudo_password,
+    )
+
+
+def for_each_robot(robots: Sequence[Robot], action: Callable[[Robot], Result]) -> dict[str, Result | TargetError]:
+    """Call `action` for every robot in parallel. Return the results by name; a robot that fails has its TargetError."""
+
+    def guarded(robot: Robot) -> Result | TargetError:
+        try:
+            return action(robot)
+        except TargetError as error:
+            return error
+
+    with ThreadPoolExecutor(max_workers=min(_MAX_PARALLEL, max(1, len(robots))), thread_name_prefix="robot") as pool:
+        return dict(zip([robot.name for robot in robots], pool.map(guarded, robots)))
+
+
+@contextlib.contextmanager
+def reporting_errors(verb: str) -> Iterator[None]:
+    """Exit for an expected error of the block: one line with the error, one with the next command, and a code."""
+    try:
+        yield
+    except ConfigError as error:
+        echo(f"lupin {verb}: {error}", err=True)
+        raise typer.Exit(USAGE_ERROR) from error
+    except TargetError as error:
+        print_error(verb, error)
+        raise typer.Exit(exit_code_of(error)) from error
+
+
+def print_error(verb: str, error: TargetError) -> None:
+    """Print one line with the error and one with the next command to type."""
+    echo(f"lupin {verb}: {error}", err=True)
+    if error.next_command:
+        echo(f"  next: {error.next_command}", err=True)
+
+
+def exit_code_of(error: TargetError) -> int:
+    """Return UNREACHABLE if there was no connection, FAILURE if something failed over one."""
+    no_connection = Unreachable | HostKeyChanged | HostKeyUnknown | AuthenticationFailed
+    return UNREACHABLE if isinstance(error, no_connection) else FAILURE
+
+
+def ask_sudo_password(robot: str) -> str:
+    """Ask for the password of sudo on `robot`. Raises ConfigError without a terminal."""
+    if not is_interactive():
+        raise ConfigError("--ask-sudo-password needs a terminal")
+    return getpass.getpass(f"sudo password on {robot}: ")
+
+
+def _confirm(question: str) -> bool:
+    erase_status_line()
+    echo(question, err=True)
+    return typer.confirm("Accept it", default=False, err=True)
+
+
+def _ask_password(prompt: str) -> str:
+    erase_status_line()
+    return getpass.getpass(prompt)

@@ -1,0 +1,233 @@
+"""A robot over SSH. One connection, opened on first use and again after it was lost; every wait on it is bounded."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+import paramiko
+
+from lupin_cli.connection.base import ClockReading, Output, RootRefused, Script, TargetError
+from lupin_cli.connection.batch_protocol import batch_program
+from lupin_cli.connection.channel import CONNECTION_ERRORS, read_output, send_input
+from lupin_cli.connection.connect import CONNECT_TIMEOUT_S, unreachable
+from lupin_cli.connection.destination import Destination
+from lupin_cli.connection.exec_stream import OutputCollector, run_program
+from lupin_cli.connection.host_keys import KnownHosts
+from lupin_cli.connection.keepalive import ConnectionWatchdog
+from lupin_cli.connection.login import HANDSHAKE_TIMEOUT_S, AskPassword, Connection
+from lupin_cli.connection.sftp import Sftp
+from lupin_cli.connection.shell_file_io import decode_file, failure_reason, read_file_script, write_file_script
+
+
+class SshTarget:
+    """See `Target`. `ask_password` is None if nobody can be asked; `sudo_password` is for a user whose sudo needs one."""
+
+    def __init__(
+        self,
+        name: str,
+        destination: Destination,
+        known_hosts: KnownHosts,
+        *,
+        transport_name: str = "",
+        ask_password: AskPassword | None = None,
+        sudo_password: str | None = None,
+        connect_timeout_s: float = CONNECT_TIMEOUT_S,
+    ) -> None:
+        self.name = name
+        self.user = destination.user
+        self.address = destination.host
+        self.destination = destination
+        self.transport_name = transport_name  # in the inventory: wired, router or ap
+        self.clock_reading: ClockReading | None = None  # of the last batch
+        self._given_sudo_password = sudo_password
+        self._connection = Connection(name, destination, known_hosts, ask_password, connect_timeout_s)
+        self._sftp = Sftp()
+
+    # -- the connection
+
+    def connect(self) -> paramiko.Transport:
+        """Return the live connection. Raises Unreachable, HostKeyUnknown, HostKeyChanged or AuthenticationFailed."""
+        transport, is_new = self._connection.open()
+        if is_new:
+            self._sftp = Sftp()
+        return transport
+
+    def close(self) -> None:
+        """See `Target.close`."""
+        self._connection.close()
+
+    @property
+    def secrets(self) -> tuple[str, ...]:
+        """The passwords that were given for this robot, to be masked in whatever is written down."""
+        return tuple({*self._connection.passwords, *filter(None, [self._given_sudo_password])})
+
+    @property
+    def _sudo_password(self) -> str | None:
+        """The password for sudo; without one, that of the log-in: on every Debian it is the same."""
+        return self._connection.password if self._given_sudo_password is None else self._given_sudo_password
+
+    @property
+    def peer(self) -> tuple[str, str]:
+        """The addresses of both ends of this machine's connection: the other end's, then its own.
+
+        The other end is the robot, or the first jump host. Raises TargetError behind a proxy command.
+        """
+        self.connect()
+        link = self._connection.first_socket
+        if link is None:
+            raise TargetError(f"{self.name} is reached through a proxy command: this machine has no link to it to examine")
+        return str(link.getpeername()[0]), str(link.getsockname()[0])
+
+    # -- what a target can do
+
+    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
+        """See `Target.batch`. Raises Unreachable if the connection is lost before anything was received."""
+        program = batch_program(scripts, bound_s, self._sudo_password)
+        deadline = time.monotonic() + bound_s
+        why = f"no end within {bound_s:g} s"
+        shell_ended, last_error = False, ""
+        self.clock_reading = None
+        sent_ns = left_ns = 0
+        with ConnectionWatchdog(self.connect(), bound_s + 1.0) as watchdog:
+            try:
+                with _exec(watchdog.transport, program.command, bound_s) as channel:
+                    with contextlib.suppress(OSError):  # a shell that has ended takes no input; its output is still read
+                        channel.sendall(program.payload[:-1])
+                        sent_ns, left_ns = time.time_ns(), time.monotonic_ns()
+                        channel.sendall(program.payload[-1:])  # the program begins when its last byte has arrived
+                        channel.shutdown_write()
+                    while not program.reader.done and (left := deadline - time.monotonic()) > 0:
+                        channel.settimeout(min(left, 0.5))
+                        try:
+                            data = channel.recv(1 << 16)
+                        except TimeoutError:
+                            continue
+                        if not data:
+                            shell_ended = True
+                            break
+                        program.reader.feed(data)
+                    last_error = _last_error_line(channel)
+            except CONNECTION_ERRORS as error:
+                why = f"the link was lost: {str(error) or type(error).__name__}"
+            if not program.reader.done and time.monotonic() < deadline and _is_gone(watchdog.transport):
+                why = f"the link was lost: {watchdog.reason}"
+                if not program.reader.started:
+                    raise unreachable(str(self.destination), "lost", watchdog.reason if watchdog.timed_out else "")
+            elif shell_ended and not program.reader.started:
+                raise self._shell_refused(last_error)
+        if program.reader.clock is not None:
+            text, received_ns = program.reader.clock
+            self.clock_reading = ClockReading(sent_ns, text, sent_ns + received_ns - left_ns)
+        return program.reader.outputs(why)
+
+    def run(
+        self,
+        script: str,
+        *,
+        root: bool = False,
+        stdin: bytes = b"",
+        bound_s: float = 60.0,
+        on_line: Callable[[str], None] | None = None,
+    ) -> Output:
+        """See `Target.run`."""
+        program = run_program(script, root=root, stdin=stdin, bound_s=bound_s, sudo_password=self._sudo_password)
+        collector = OutputCollector(program.mark, on_line)
+        status, lost = None, ""
+        start = time.monotonic()
+        with ConnectionWatchdog(self.connect(), bound_s + 1.0) as watchdog:
+            try:
+                with _exec(watchdog.transport, program.command, bound_s) as channel:
+                    # On a thread of its own, because the robot may stop reading until its own output is read.
+                    send = threading.Thread(target=send_input, args=(channel, program.payload), name="lupin-stdin", daemon=True)
+                    send.start()
+                    for is_stderr, data in read_output(channel, start + bound_s):
+                        collector.feed(data, is_stderr)
+                    if channel.exit_status_ready() and channel.exit_status >= 0:
+                        status = channel.exit_status
+            except CONNECTION_ERRORS as error:
+                lost = str(error) or type(error).__name__
+            if status is None and time.monotonic() < start + bound_s and _is_gone(watchdog.transport):
+                lost = watchdog.reason if watchdog.timed_out else lost or watchdog.reason
+        if status is not None and not collector.script_started:
+            if root and collector.shell_started and collector.last_error:
+                raise RootRefused(
+                    f"{self.name}: root is refused to {self.user}: {collector.last_error}",
+                    f"lupin robots check {self.name} --ask-sudo-password",
+                )
+            raise self._shell_refused(collector.last_error)
+        return collector.output(status, time.monotonic() - start, bound_s, lost)
+
+    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, bound_s: float = 60.0) -> None:
+        """See `Target.put`."""
+        if not root:
+            with ConnectionWatchdog(self.connect(), bound_s + 1.0) as watchdog:
+                if self._sftp.put(watchdog.transport, path, data, mode):
+                    return
+        # As root, or if SFTP is not served or reports no more than "Failure": a shell writes the file or says why not.
+        output = self.run(write_file_script(path, len(data), mode), root=root, stdin=data, bound_s=bound_s)
+        if not output.ok:
+            self._require_link(output, f"{path} is unchanged or complete")
+            raise TargetError(f"{self.name}: could not write {path}: {failure_reason(output)}; it is unchanged")
+
+    def get(self, path: str, *, root: bool = False, bound_s: float = 60.0) -> bytes | None:
+        """See `Target.get`."""
+        output = self.run(read_file_script(path), root=root, bound_s=bound_s)
+        self._require_link(output, f"while {path} was read")
+        return decode_file(self.name, path, output)
+
+    def open_run(self, script: str, bound_s: float) -> paramiko.Channel:
+        """Start `script` and return its channel, for exchanges in both directions. Close it. Raises Unreachable."""
+        program = run_program(script, root=False, stdin=b"", bound_s=bound_s, sudo_password=None)
+        try:
+            channel = self.connect().open_session(timeout=min(bound_s, HANDSHAKE_TIMEOUT_S))
+            channel.settimeout(bound_s)
+            channel.exec_command(program.command)
+            channel.sendall(program.payload)
+            received = bytearray()
+            while not received.endswith(program.mark + b"\n"):  # byte by byte: what follows the mark is the caller's
+                if not (byte := channel.recv(1)):
+                    raise EOFError("the script did not start")
+                received += byte
+        except CONNECTION_ERRORS as error:
+            raise unreachable(str(self.destination), "lost", str(error)) from error
+        return channel
+
+    def _require_link(self, output: Output, detail: str) -> None:
+        """Raise Unreachable if a script did not end because the connection was lost."""
+        if output.status is None and self._connection.live is None:
+            raise unreachable(str(self.destination), "lost", detail)
+
+    def _shell_refused(self, said: str) -> TargetError:
+        """The login shell ended without running the command: a start file replaces it, or the user has no shell."""
+        return TargetError(
+            f"{self.name}: the login shell of {self.user} does not run commands; it said: {said or 'nothing'}. "
+            "A start file that ends with 'exec ...' must do so on terminals only: [ -t 0 ] && exec ...",
+            f"ssh {self.destination.user}@{self.destination.host} echo fine",
+        )
+
+
+@contextlib.contextmanager
+def _exec(transport: paramiko.Transport, command: str, bound_s: float) -> Iterator[paramiko.Channel]:
+    """A channel on which `command` runs; closed at the end."""
+    channel = transport.open_session(timeout=min(bound_s, HANDSHAKE_TIMEOUT_S))
+    try:
+        channel.settimeout(bound_s)
+        channel.exec_command(command)
+        yield channel
+    finally:
+        channel.close()
+
+
+def _is_gone(transport: paramiko.Transport, grace_s: float = 0.2) -> bool:
+    """Whether the connection has ended too, after a channel ended: paramiko closes channels a moment before it."""
+    transport.join(grace_s)
+    return not transport.is_active()
+
+
+def _last_error_line(channel: paramiko.Channel) -> str:
+    """The last line of standard error that has arrived."""
+    data = channel.recv_stderr(1 << 16) if channel.recv_stderr_ready() else b""
+    return ["", *data.decode("utf-8", "replace").strip().splitlines()][-1]

@@ -1,0 +1,159 @@
+"""Gather the facts that checks need, from both machines at the same time, into one snapshot."""
+
+from __future__ import annotations
+
+import shlex
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+from lupin_cli.checks.base import Check, Finding, Snapshot
+from lupin_cli.connection.base import (
+    AuthenticationFailed,
+    HostKeyChanged,
+    HostKeyUnknown,
+    Output,
+    RootRefused,
+    Script,
+    Target,
+    TargetError,
+    Unreachable,
+)
+from lupin_cli.facts.base import Fact, Facts, Unknown
+from lupin_cli.facts.clock import Offset
+from lupin_cli.facts.link import Link
+from lupin_cli.facts.routes import ROBOT_ADDRESSES
+from lupin_cli.facts.shared_shell import join_probes, split_outputs
+
+# How much longer than its slowest probe a batch may take: sudo, starting shells, a line of 60 ms.
+BATCH_SLACK_S = 3.0
+_SHARED = "at once"  # the script of the facts that share a shell; no fact's name contains a space
+
+
+class ConflictingFacts(ValueError):
+    """Two facts have the same name, so that one would get the other's value."""
+
+
+def needed_facts(checks: Iterable[Check], machine: str) -> tuple[Fact[Any], ...]:
+    """The facts that the checks need of `machine` ("laptop" or "robot"), each once. Raises ConflictingFacts."""
+    needed: dict[str, Fact[Any]] = {}
+    for check in checks:
+        for fact in check.robot if machine == "robot" else check.laptop:
+            known = needed.setdefault(fact.name, fact)
+            if known is not fact and known != fact:
+                raise ConflictingFacts(f"two facts are called {fact.name!r}; check {check.name} uses the second")
+    return tuple(needed.values())
+
+
+def parse_fact(fact: Fact[Any], output: Output | None) -> Any:
+    """The value of a fact, or an Unknown with the reason."""
+    if output is None:
+        return Unknown("the machine gave no answer")
+    if output.status is None:
+        return Unknown(f"did not answer within {fact.timeout_s:g} s")
+    try:
+        return fact.parse(output)
+    except ValueError as error:
+        return Unknown(f"unreadable answer: {error}")
+
+
+def gather_facts(target: Target, machine: str, facts: Sequence[Fact[Any]], robot_addresses: Sequence[str] = ()) -> Facts:
+    """Gather the facts of one machine in one batch. Raises TargetError if the machine cannot be asked at all.
+
+    Probes find the addresses by which the inventory knows the robot in $LUPIN_ROBOT_ADDRESSES.
+    """
+    if not facts:
+        return Facts(machine, {})
+    assignment = f"{ROBOT_ADDRESSES}={shlex.quote(' '.join(robot_addresses))}\n"
+    shared = [fact for fact in facts if fact.shares_shell]
+    scripts = [Script(fact.name, assignment + fact.probe, fact.timeout_s, fact.root) for fact in facts if not fact.shares_shell]
+    probes = [fact.probe for fact in shared]
+    if shared:
+        scripts.append(Script(_SHARED, assignment + join_probes(probes), max(fact.timeout_s for fact in shared)))
+    sent_ns = time.time_ns()
+    outputs = target.batch(scripts, bound_s=max(fact.timeout_s for fact in facts) + BATCH_SLACK_S)
+    if joined := outputs.pop(_SHARED, None):
+        outputs |= zip([fact.name for fact in shared], split_outputs(joined, probes))
+    values = {fact.name: parse_fact(fact, outputs.get(fact.name)) for fact in facts}
+    return Facts(machine, values, (sent_ns, time.time_ns()), outputs)
+
+
+def gather_snapshot(
+    checks: Sequence[Check],
+    laptop: Target,
+    connect: Callable[[], tuple[Target, Link]] | None = None,
+    failed_link: Link | None = None,
+    addresses: Sequence[str] = (),
+    clock_offset: Callable[[], Offset | None] = lambda: None,
+    laptop_facts: Callable[[], Facts] | None = None,
+) -> Snapshot:
+    """Gather the facts of the laptop while the robot is connected to and asked.
+
+    `connect` returns the robot and the link over which it was reached; without it, only the laptop is asked. `failed_link` is
+    completed with the error where `connect` or the batch fails; the laptop's facts, which show the reason, are kept.
+    `addresses` are those that the robot may have, `clock_offset` measures the robot's clock after it was asked, and
+    `laptop_facts` waits for facts that are gathered elsewhere, where several sessions share the laptop.
+    """
+    of_laptop, of_robot = needed_facts(checks, "laptop"), needed_facts(checks, "robot")
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="laptop") as pool:
+        pending = pool.submit(laptop_facts or (lambda: gather_facts(laptop, "laptop", of_laptop, addresses)))
+        robot_facts, link = None, failed_link
+        if connect is not None:
+            try:
+                robot, reached = connect()
+                robot_facts = gather_facts(robot, "robot", of_robot, addresses)
+                link = replace(reached, clock=clock_offset())
+            except TargetError as error:
+                link = replace(
+                    failed_link or Link("robot", ""),
+                    kind=failure_kind(error),
+                    message=str(error),
+                    next_command=error.next_command,
+                )
+        return Snapshot(pending.result(), robot_facts, link)
+
+
+def gather_followup_facts(
+    checks: Sequence[Check],
+    by_check: Mapping[str, Sequence[Finding]],
+    snapshot: Snapshot,
+    laptop: Target,
+    robot: Target | None,
+    addresses: Sequence[str] = (),
+) -> Snapshot | None:
+    """The snapshot with the follow-up facts of the checks that found something; None where they need none.
+
+    A robot that cannot be asked any more keeps the facts that it gave.
+    """
+    due = [check for check in checks if by_check.get(check.name) and (check.followup_laptop or check.followup_robot)]
+    if not due:
+        return None
+    of_laptop = needed_facts([replace(check, laptop=check.followup_laptop) for check in due], "laptop")
+    of_robot = needed_facts([replace(check, robot=check.followup_robot) for check in due], "robot")
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="laptop") as pool:
+        pending = pool.submit(gather_facts, laptop, "laptop", of_laptop, addresses)
+        robot_facts = snapshot.robot
+        if robot is not None and robot_facts is not None:
+            with suppress(TargetError):
+                robot_facts = _merge(robot_facts, gather_facts(robot, "robot", of_robot, addresses))
+        return replace(snapshot, laptop=_merge(snapshot.laptop, pending.result()), robot=robot_facts)
+
+
+def _merge(facts: Facts, more: Facts) -> Facts:
+    return replace(facts, values={**facts.values, **more.values}, outputs={**facts.outputs, **more.outputs})
+
+
+_KINDS = {
+    HostKeyUnknown: "host-key-unknown",
+    HostKeyChanged: "host-key-changed",
+    AuthenticationFailed: "authentication",
+    RootRefused: "root",
+}
+
+
+def failure_kind(error: TargetError) -> str:
+    """The `Link.kind` of an error while connecting to or asking the robot."""
+    return error.kind if isinstance(error, Unreachable) else _KINDS.get(type(error), "target")

@@ -1,0 +1,1 @@
+"""The link between laptop and robot: routes, measured quality, ranking of transports, clock offset, DDS set-up."""

@@ -1,0 +1,40 @@
+"""The part that `file` and `directory` share: a path with a mode and an owner, present or absent."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lupin_cli.operations.base import Operation
+from lupin_cli.operations.path_state import PathState
+
+_MODE = re.compile(r"0?[0-7]{3}\Z")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathOperation(Operation):
+    """Examines and sets `mode` and `owner` only if they are given. `root` runs everything as root."""
+
+    prefetchable: ClassVar[bool] = True
+
+    path: str
+    mode: str | None = None  # octal: "0644"
+    owner: str | None = None  # user:group
+    present: bool = True
+    root: bool = False
+
+    def __post_init__(self) -> None:
+        if self.mode is not None and not _MODE.match(self.mode):
+            raise ValueError(f'a mode is three octal digits in quotes, such as "0644", not {self.mode!r}')
+        if self.owner is not None and ":" not in self.owner:
+            raise ValueError(f"an owner is user:group, not {self.owner!r}")
+
+    def attribute_changes(self, state: PathState) -> list[str]:
+        """Return how mode and owner differ, in words."""
+        changes = []
+        if self.mode is not None and int(state.mode or "0", 8) != int(self.mode, 8):
+            changes.append(f"mode {state.mode} → {self.mode}")
+        if self.owner is not None and state.owner != self.owner:
+            changes.append(f"owner {state.owner} → {self.owner}")
+        return changes

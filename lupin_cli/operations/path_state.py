@@ -1,0 +1,178 @@
+"""The state of a path on a target - kind, mode, owner, content - and how to restore it.
+
+A probe made by `state_script` or `file_script` prints, on the first line: the kind, the mode, owner:group and, for a link, what
+it points to. `file_script` adds the content of a small file as one line of base64, then a marker line and what `extra` prints.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import difflib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from lupin_cli.connection.base import Output, Target
+from lupin_cli.operations.base import OperationError
+from lupin_cli.operations.shell import change, quote, text_of
+
+LARGEST_KEPT_BYTES = 1024 * 1024  # undo keeps no larger content, so a larger file is not replaced either
+_INLINE_BYTES = 512 * 1024  # as base64 it stays below what a batch returns of one script's output
+
+_STATE = """
+p={path}
+if [ -L "$p" ]; then printf 'link 0 -:- %s\\n' "$(readlink -- "$p")"
+elif [ -e "$p" ]; then
+  if [ -d "$p" ]; then k=directory; elif [ -f "$p" ]; then k=file; else k=other; fi
+  printf '%s %s\\n' "$k" "$(stat -c '%a %U:%G' -- "$p")"
+else
+  d=$(dirname -- "$p")
+  while [ ! -e "$d" ]; do d=$(dirname -- "$d"); done
+  if [ -x "$d" ]; then echo absent; else echo hidden; fi
+fi
+"""
+_CONTENT = """
+if [ -f "$p" ] && [ ! -L "$p" ] && [ "$(stat -c %s -- "$p")" -le {largest} ]; then base64 -w 0 <"$p" && echo ' whole'; fi
+"""
+_EXTRA = "@ extra\n"
+_ATTRIBUTES = re.compile(r"([0-7]{1,4}) ([^:]+:[^:]+)\Z")
+
+
+@dataclass(frozen=True)
+class PathState:
+    """What is at a path. `kind` is absent, file, directory, link or other; links are not followed."""
+
+    kind: str
+    mode: str = ""  # octal without a leading zero: 644
+    owner: str = ""  # user:group
+    points_to: str = ""
+
+
+@dataclass(frozen=True)
+class FileState(PathState):
+    """A path's state with the content, None unless it is a file whose content is known, and the output of an extra script."""
+
+    content: bytes | None = None
+    extra: str = ""
+
+
+def state_script(path: str) -> str:
+    """Return the script that prints the state of a path."""
+    return _STATE.format(path=quote(path))
+
+
+def file_script(path: str, extra: str = "") -> str:
+    """Return the script that prints a path's state, a small file's content, and what the script `extra` prints."""
+    return f"{state_script(path)}{_CONTENT.format(largest=_INLINE_BYTES)}echo '{_EXTRA.strip()}'\n{extra}\nexit 0\n"
+
+
+def parse_state(output: Output, path: str) -> PathState:
+    """Read the output of `state_script`; raises OperationError if the path may not be examined or the output is odd."""
+    kind, _, rest = text_of(output, f"the state of {path}").partition("\n")[0].partition(" ")
+    if kind == "absent" and not rest:
+        return PathState("absent")
+    if kind == "hidden":
+        raise OperationError(f"{path} cannot be examined by this user; the step needs: root: true")
+    if kind == "link" and rest.startswith("0 -:- "):
+        return PathState("link", "0", "-:-", rest.removeprefix("0 -:- "))
+    match = _ATTRIBUTES.match(rest)
+    if kind in ("file", "directory", "other") and match:
+        return PathState(kind, match[1], match[2])
+    raise OperationError(f"could not read the state of {path}: found {output.stdout[:80]!r}", f"ls -ld {path}")
+
+
+def parse_file(output: Output, path: str) -> FileState:
+    """Read the output of `file_script`; raises OperationError as `parse_state` does."""
+    state = parse_state(output, path)
+    body, found, extra = output.stdout.partition("\n")[2].partition(_EXTRA)
+    if not found:
+        raise OperationError(f"could not read {path}: the answer ends early", f"ls -ld {path}")
+    content = None
+    if state.kind in ("file", "link") and body.endswith(" whole\n"):
+        try:
+            content = base64.b64decode(body.removesuffix(" whole\n"), validate=True)
+        except binascii.Error as error:
+            raise OperationError(f"could not read the content of {path}: {error}") from error
+    return FileState(state.kind, state.mode, state.owner, state.points_to, content, extra)
+
+
+def complete_file(target: Target, output: Output, path: str, root: bool, *, follow_link: bool = False) -> Output:
+    """Add the content that `file_script` left out: of a large file, one that this user may not read, or the end of a link.
+
+    Raises TargetError, which says why, if the file cannot be read.
+    """
+    state = parse_file(output, path)
+    if state.content is not None or (state.kind != "file" and not (follow_link and state.kind == "link")):
+        return output
+    content = target.get(path, root=root)
+    if content is None:
+        return output
+    first, rest = output.stdout.split("\n", 1)
+    encoded = base64.b64encode(content).decode()
+    return replace(output, stdout=f"{first}\n{encoded} whole\n{_EXTRA}{rest.partition(_EXTRA)[2]}", truncated=False)
+
+
+def state_before(state: FileState) -> dict[str, Any]:
+    """Return a state as `restore` takes it; raises OperationError if the content is too large to be kept."""
+    before: dict[str, Any] = {"kind": state.kind}
+    if state.kind == "link":
+        before["points_to"] = state.points_to
+    elif state.kind != "absent":
+        before.update(mode=state.mode, owner=state.owner)
+    if state.kind == "file":
+        if state.content is not None and len(state.content) > LARGEST_KEPT_BYTES:
+            raise OperationError(
+                f"the present file has {len(state.content)} bytes, more than undo keeps ({LARGEST_KEPT_BYTES}); move it away"
+            )
+        before["content"] = base64.b64encode(state.content or b"").decode()
+    return before
+
+
+def restore(target: Target, path: str, before: Mapping[str, Any], root: bool) -> None:
+    """Restore a file, a link or its absence. Idempotent; raises OperationError."""
+    name = quote(path)
+    if before["kind"] == "absent":
+        change(target, f"rm -f -- {name}", f"remove {path}", root=root)
+    elif before["kind"] == "link":
+        link_atomically(target, path, before["points_to"], root)
+    elif before["kind"] == "file":
+        target.put(path, base64.b64decode(before["content"]), mode=int(before["mode"], 8), root=root)
+        chown(target, path, before["owner"], root)
+    else:
+        raise OperationError(f"{path} was a {before['kind']}, which cannot be restored")
+
+
+def link_atomically(target: Target, path: str, to: str, root: bool) -> None:
+    """Make or replace a symbolic link in one rename, so that it is never missing."""
+    script = f"""
+set -eu
+path={quote(path)}
+new="$path.lupin-$$"
+trap 'rm -f -- "$new"' EXIT
+ln -s -- {quote(to)} "$new"
+mv -fT -- "$new" "$path"
+sync -- "$(dirname -- "$path")" 2>/dev/null || :
+"""
+    change(target, script, f"link {path} to {to}", root=root)
+
+
+def chown(target: Target, path: str, owner: str, root: bool) -> None:
+    """Give a path to `owner` (user:group) unless it has that owner. Does not follow links."""
+    name = quote(path)
+    script = f'[ "$(stat -c %U:%G -- {name})" = {quote(owner)} ] || chown -h -- {quote(owner)} {name}'
+    change(target, script, f"give {path} to {owner}", root=root)
+
+
+def unified_diff(path: str, old: bytes | None, new: bytes | None) -> str:
+    """Return how a text changes, None being no file, as a unified diff; one sentence if it is not text."""
+    try:
+        before, after = (None if data is None else data.decode() for data in (old, new))
+    except UnicodeDecodeError:
+        return f"{path}: not text; {len(old or b'')} bytes before, {len(new or b'')} after"
+    lines = difflib.unified_diff(
+        (before or "").splitlines(), (after or "").splitlines(), "/dev/null" if old is None else path,
+        "/dev/null" if new is None else path, lineterm="",
+    )  # fmt: skip
+    return "\n".join(lines)

@@ -1,0 +1,92 @@
+"""A target as one step of a playbook sees it: within the step's timeout, with its output recorded."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+
+from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.operations.base import OperationError
+
+RECORDED_CHARACTERS = 64 * 1024  # of one script's output in the journal: its beginning and its end
+
+
+class StepTarget:
+    """Forwards every call to a target, bounded by `deadline`.
+
+    `reserve` keeps a target that several playbook runs share for one of them.
+    """
+
+    def __init__(self, target: Target, reserve: Callable[[], AbstractContextManager[object]] = nullcontext) -> None:
+        self._target = target
+        self._reserve = reserve
+        self.name = target.name
+        self.user = target.user
+        self.address = target.address
+        self.deadline = float("inf")  # of time.monotonic()
+        self.record: Callable[[str], None] | None = None  # receives the output of scripts that change something
+        self.on_line: Callable[[str], None] | None = None
+
+    @property
+    def unlimited(self) -> Target:
+        """The target without the step's timeout, for one short probe."""
+        return self._target
+
+    @contextmanager
+    def reserved(self) -> Iterator[None]:
+        """Keep the other runs that share the target from using it. Waiting for them does not count against the timeout."""
+        began = time.monotonic()
+        with self._reserve():
+            self.deadline += time.monotonic() - began
+            yield
+
+    def remaining(self, bound_s: float) -> float:
+        """Return the rest of the step's time, at most `bound_s`; raises OperationError if nothing is left."""
+        left = self.deadline - time.monotonic()
+        if left <= 0:
+            raise OperationError("the step's time is up; give it more with 'timeout' in the playbook")
+        return min(bound_s, left)
+
+    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
+        return self._target.batch(scripts, self.remaining(bound_s))
+
+    def run(
+        self,
+        script: str,
+        *,
+        root: bool = False,
+        stdin: bytes = b"",
+        bound_s: float = 60.0,
+        on_line: Callable[[str], None] | None = None,
+    ) -> Output:
+        def forward_line(line: str) -> None:
+            if on_line is not None:
+                on_line(line)
+            if self.on_line is not None:
+                self.on_line(line)
+
+        bound_s = self.remaining(bound_s)
+        if self.record is None:
+            return self._target.run(script, root=root, stdin=stdin, bound_s=bound_s, on_line=on_line)
+        output = self._target.run(script, root=root, stdin=stdin, bound_s=bound_s, on_line=forward_line)
+        text = output.stdout + (f"\n[errors]\n{output.stderr}" if output.stderr else "")
+        if text.strip():
+            self.record(_both_ends(text))
+        return output
+
+    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, bound_s: float = 60.0) -> None:
+        self._target.put(path, data, mode=mode, root=root, bound_s=self.remaining(bound_s))
+
+    def get(self, path: str, *, root: bool = False, bound_s: float = 60.0) -> bytes | None:
+        return self._target.get(path, root=root, bound_s=self.remaining(bound_s))
+
+    def close(self) -> None:
+        self._target.close()
+
+
+def _both_ends(text: str) -> str:
+    if len(text) <= RECORDED_CHARACTERS:
+        return text
+    half = RECORDED_CHARACTERS // 2
+    return f"{text[:half]}\n[{len(text) - 2 * half} characters left out]\n{text[-half:]}"

@@ -1,0 +1,121 @@
+"""What playing and undoing share: options, targets, journal, lease and progress events of one playbook run."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lupin_cli.connection.base import Target
+from lupin_cli.operations.step_target import StepTarget
+from lupin_cli.playbook.journal import Journal, Mask
+from lupin_cli.playbook.lease import Lease
+from lupin_cli.playbook.results import Event
+from lupin_cli.playbook.serialized_target import SerializedTarget
+
+Confirm = Callable[[str], bool]
+OnEvent = Callable[[Event], None]
+
+
+class RunStopped(Exception):
+    """Stops a run. `step_state` is the state of the step that stopped it, `run_state` the run's."""
+
+    def __init__(self, step_state: str, run_state: str, message: str, next_command: str = "") -> None:
+        super().__init__(message)
+        self.step_state = step_state
+        self.run_state = run_state
+        self.next_command = next_command
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How to run, apart from what."""
+
+    dry_run: bool = False
+    diff: bool = False  # events have the diffs
+    confirm: Confirm | None = None  # answers questions; None answers no
+    on_event: OnEvent | None = None  # receives progress, in the run's thread
+    stop: threading.Event = field(default_factory=threading.Event)  # stops the run after the current step
+    break_lease: bool = False
+    journal_folder: Path | None = None
+
+
+@dataclass
+class RunContext:
+    """The targets, journal, lease and events of one run."""
+
+    robot: str  # its name, or empty
+    options: RunOptions
+    targets: Mapping[str, StepTarget]
+    steps: int
+    mask: Mask
+    journal: Journal | None
+    lease: Lease | None
+    reachable: bool = True  # if false, the lease stays on the robot
+
+    @property
+    def run_id(self) -> str:
+        """The run's name in the journal; empty in a dry run."""
+        return self.journal.run if self.journal else ""
+
+    def write(self, event: str, **values: Any) -> None:
+        """Add a line to the journal, if the run has one. Raises JournalError."""
+        if self.journal is not None:
+            self.journal.write(event, **values)
+
+    def emit(self, kind: str, index: int = 0, step: str = "", **values: Any) -> None:
+        """Send an event to `on_event`."""
+        if self.options.on_event is not None:
+            self.options.on_event(Event(kind, self.robot, index, self.steps, step, **values))
+
+    def pause(self, seconds: float) -> None:
+        """Sleep; raises RunStopped when the run is interrupted."""
+        if self.options.stop.wait(seconds):
+            raise RunStopped("interrupted", "interrupted", "interrupted")
+
+    @contextmanager
+    def recording(self, index: int, target: StepTarget, on_line: Callable[[str], None] | None = None) -> Iterator[None]:
+        """Write the output of what changes the target into the journal, as that of a step."""
+        target.record = lambda text: self.write("output", sync=False, index=index, text=text)
+        target.on_line = on_line
+        try:
+            yield
+        finally:
+            target.record = target.on_line = None
+
+
+@contextmanager
+def open_run(
+    targets: Mapping[str, Target],
+    options: RunOptions,
+    *,
+    steps: int,
+    mask: Mask,
+    journal: Journal | None,
+    lease_purpose: str = "",
+    resumed: bool = False,
+) -> Iterator[RunContext]:
+    """Open a run's context; at the end its lease is given back and its journal closed.
+
+    `lease_purpose` tells other operators why the robot is in use; empty: the run needs no lease.
+    """
+    robot = targets["robot"].name if "robot" in targets else ""
+    lease = None
+    if lease_purpose and not options.dry_run and "robot" in targets:
+        lease = Lease(targets["robot"], lease_purpose, break_it=options.break_lease)
+    step_targets = {machine: _step_target(target) for machine, target in targets.items()}
+    context = RunContext(robot, options, step_targets, steps, mask, journal, lease)
+    try:
+        yield context
+    finally:
+        if lease is not None:
+            lease.end(reachable=context.reachable, resumed=resumed)
+        if journal is not None:
+            journal.close()
+
+
+def _step_target(target: Target) -> StepTarget:
+    return StepTarget(target, target.reserved if isinstance(target, SerializedTarget) else nullcontext)

@@ -1,0 +1,258 @@
+"""Runs one step: examine, ask, take the lease, journal, change, verify, report.
+
+The intended change and the previous state are synced to disk before the change (write-ahead).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from lupin_cli.connection.base import (
+    AuthenticationFailed,
+    HostKeyChanged,
+    HostKeyUnknown,
+    Output,
+    RootRefused,
+    TargetError,
+    Unreachable,
+)
+from lupin_cli.operations.base import Difference, Operation, OperationError
+from lupin_cli.operations.shell import observe
+from lupin_cli.playbook.binding import Binding
+from lupin_cli.playbook.expressions import ExpressionError
+from lupin_cli.playbook.lease import LeaseTaken
+from lupin_cli.playbook.model import Step
+from lupin_cli.playbook.probe_batch import ProbeBatch
+from lupin_cli.playbook.results import StepResult
+from lupin_cli.playbook.resume import play_command
+from lupin_cli.playbook.run_context import RunContext, RunStopped
+from lupin_cli.playbook.run_record import StepRecord
+from lupin_cli.playbook.yaml_source import PlaybookError
+
+_FIRST_POLL_S, _LONGEST_POLL_S = 0.1, 1.0
+_POLL_GROWTH = 1.5
+_NO_ACCESS = (Unreachable, AuthenticationFailed, HostKeyChanged, HostKeyUnknown)
+_NOT_RETRIED = (HostKeyChanged, AuthenticationFailed, RootRefused)
+_SETTLED = ("same", "changed", "skipped")
+
+
+class StepRunner:
+    """Runs the steps of one playbook run, one after another."""
+
+    def __init__(self, context: RunContext, binding: Binding, playbook: str, probes: ProbeBatch | None) -> None:
+        """`probes` are the robot's; the laptop's are not prefetched, since it is near and several runs may share it."""
+        self._context = context
+        self._binding = binding
+        self._probes = probes
+        self._dry_run = context.options.dry_run
+        self.play_command = play_command(playbook, context.robot)
+        self.resume_command = "" if self._dry_run else f"{self.play_command} --resume"
+        self.locked_out = False  # by another run's lease
+        self.results: list[StepResult] = []
+
+    def prefetch(self, steps: dict[int, Step]) -> None:
+        """Run in one batch the probes of the robot's steps, by index, that will run whatever the earlier steps find."""
+        if self._probes is None:
+            return
+        operations: dict[int, Operation] = {}
+        for index, step in steps.items():
+            if step.machine != "robot" or not step.operation.prefetchable or step.until is not None:
+                continue
+            try:
+                if self._binding.is_wanted(step):
+                    operations[index] = self._binding.operation(step)
+            except (ExpressionError, PlaybookError):
+                continue  # it needs an earlier step's result, or is invalid: its turn will show
+        probes = {index: script for index, each in operations.items() if (script := each.probe()) is not None}
+        self._probes.fetch(probes, [operations[index].prepare for index in probes])
+
+    def run(self, index: int, step: Step, *, reached: bool, prior: StepRecord | None) -> None:
+        """Run a step and add its result. Not `reached`: only a read-only step runs. `prior` is what a resumed run did of it.
+
+        Raises RunStopped, JournalError or KeyboardInterrupt.
+        """
+        blank = StepResult(index, step.name, step.operation.name, step.machine, "skipped")
+        if prior is not None and prior.state in _SETTLED:
+            self._binding.remember(step, prior.result)
+            self.results.append(dataclasses.replace(blank, state=prior.state, summary=prior.summary, result=prior.result))
+            self._context.emit("step-end", index, step.name, state=f"{prior.state} before")
+            return
+        started = time.monotonic()
+        self._context.emit("step", index, step.name)
+        ended = blank
+        try:
+            ended = self._run(index, step, blank, reached, prior)
+            self._binding.remember(step, ended.result)
+        except (ExpressionError, PlaybookError) as error:
+            ended = dataclasses.replace(blank, state="failed", error=str(error))
+            raise RunStopped("failed", "failed", f"{step.name}: {error}") from error
+        except RunStopped as stopped:
+            ended = dataclasses.replace(blank, state=stopped.step_state, error=str(stopped))
+            raise
+        except BaseException as error:  # the end of the step is reported, whatever caused it
+            ended = dataclasses.replace(blank, state="interrupted", error=type(error).__name__)
+            raise
+        finally:
+            duration_s = round(time.monotonic() - started, 3)
+            self.results.append(dataclasses.replace(ended, error=self._context.mask(ended.error), duration_s=duration_s))
+            end = {"state": ended.state, "duration_s": duration_s}
+            self._context.write("step-end", index=index, error=ended.error, result=ended.result, **end)
+            self._context.emit("step-end", index, step.name, text=ended.error or ended.summary, **end)
+
+    def _run(self, index: int, step: Step, blank: StepResult, reached: bool, prior: StepRecord | None) -> StepResult:
+        line = {"index": index, "name": step.name, "operation": step.operation.name, "machine": step.machine}
+        if not (reached or step.operation.read_only) or not self._binding.is_wanted(step):
+            self._context.write("step", **line)
+            return dataclasses.replace(blank, result={"changed": False, "skipped": True})
+        operation = self._binding.operation(step)
+        self._context.write("step", sync=False, **line, arguments=self._binding.arguments(step), undo=step.undo)
+        target = self._context.targets[step.machine]
+        target.deadline = time.monotonic() + step.timeout_s
+        touched = prior is not None and prior.before is not None  # an earlier attempt may have changed something
+        if prior is not None and prior.before is not None:
+            operation = operation.with_baseline(prior.before)
+        for number in range(step.retry.times + 1):
+            try:
+                ended = self._attempt(index, step, operation, blank, touched)
+                target.deadline = float("inf")
+                return ended
+            except (OperationError, TargetError) as error:
+                out_of_time = time.monotonic() + step.retry.pause_s >= target.deadline
+                if number == step.retry.times or out_of_time or isinstance(error, _NOT_RETRIED):
+                    raise self._stopped(step, error) from error
+                touched = True
+                text = f"{error}; trying again in {step.retry.pause_s:g} s"
+                self._context.emit("line", index, step.name, text=text)
+                self._context.pause(step.retry.pause_s)
+        raise AssertionError("the last attempt returns or raises")
+
+    def _stopped(self, step: Step, error: OperationError | TargetError) -> RunStopped:
+        no_access = isinstance(error, _NO_ACCESS)
+        next_command = error.next_command
+        if isinstance(error, RootRefused):
+            next_command = f"{self.resume_command or self.play_command} --ask-sudo-password"
+        step_state, run_state = ("lost", "unreachable") if no_access else ("failed", "failed")
+        return RunStopped(step_state, run_state, f"{step.name}: {error}", next_command)
+
+    def _attempt(self, index: int, step: Step, operation: Operation, blank: StepResult, touched: bool) -> StepResult:
+        state = "changed" if touched else "same"
+        summary = diff = ""
+        with self._context.targets[step.machine].reserved():
+            try:
+                output = self._observe(index, step, operation)
+                difference = operation.judge(output)
+            except OperationError as error:
+                if self._dry_run and any(result.state == "would-change" for result in self.results):
+                    summary = f"not known before the steps above are done: {error}"
+                    result = {"changed": True, "skipped": False}
+                    return dataclasses.replace(blank, state="would-change", summary=summary, result=result)
+                raise
+            if difference is not None:
+                summary, diff = self._context.mask(difference.summary), self._context.mask(difference.diff)
+                shown = diff if self._context.options.diff else ""
+                self._context.emit("difference", index, step.name, text=summary, diff=shown)
+                if self._dry_run:
+                    state = "would-change"
+                else:
+                    self._confirm(step)
+                    if self._take_lease(step):
+                        output = self._observe(index, step, operation)
+                        difference = operation.judge(output)
+                    if difference is not None:
+                        output = self._change(index, step, operation, difference)
+                        operation = operation.with_baseline(difference.before)
+                        state = "changed"
+        result = self._report(index, step, operation, output, state != "same")
+        return dataclasses.replace(blank, state=state, summary=summary, diff=diff, result=result)
+
+    def _observe(self, index: int, step: Step, operation: Operation) -> Output:
+        """Return what the operation judges; its probe may have been prefetched."""
+        script = operation.probe()
+        prefetched = None
+        if self._probes is not None and step.machine == "robot" and script is not None:
+            prefetched = self._probes.take(index, script)
+        return observe(operation, self._context.targets[step.machine], prefetched)
+
+    def _confirm(self, step: Step) -> None:
+        if step.confirm is None:
+            return
+        question = self._binding.text(step, step.confirm)
+        confirm = self._context.options.confirm
+        if confirm is None or not confirm(question):
+            next_command = f"{self.resume_command} --yes" if self.resume_command else ""
+            raise RunStopped("declined", "declined", f"{step.name}: not confirmed: {question}", next_command)
+
+    def _take_lease(self, step: Step) -> bool:
+        """Return whether the robot's lease was taken just now: its last holder may have changed the robot since the probe."""
+        if self._context.lease is None or self._probes is None or step.machine != "robot":
+            return False
+        try:
+            taken = self._context.lease.take()
+        except LeaseTaken:
+            self.locked_out = True
+            raise
+        if taken:
+            self._probes.clear()
+        return taken
+
+    def _change(self, index: int, step: Step, operation: Operation, difference: Difference) -> Output:
+        """Journal the intended change, make it and wait until nothing differs; returns the probe's last output."""
+        context = self._context
+        target = context.targets[step.machine]
+        context.write("change", index=index, summary=difference.summary, diff=difference.diff, before=difference.before)
+        context.emit("change", index, step.name)
+        if self._probes is not None and step.machine == "robot":
+            self._probes.clear()
+
+        def emit_line(line: str) -> None:
+            context.emit("line", index, step.name, text=context.mask(line))
+
+        with context.recording(index, target, emit_line):
+            operation.change(target, difference)
+        if context.lease is not None and operation.name == "reboot":
+            context.lease.forget()
+        operation = operation.with_baseline(difference.before)
+        limit = min(target.deadline, time.monotonic() + operation.settle_s)
+        for pause_s in poll_pauses():
+            output = observe(operation, target)
+            left = operation.judge(output)
+            if left is None:
+                return output
+            if time.monotonic() + pause_s >= limit:
+                raise OperationError(f"the change did not hold; still to do: {left.summary}", operation.inspect_command)
+            context.pause(pause_s)
+        raise AssertionError("the pauses do not end")
+
+    def _report(self, index: int, step: Step, operation: Operation, output: Output, changed: bool) -> dict[str, Any]:
+        """Return the step's result; with `until`, poll until it holds."""
+        target = self._context.targets[step.machine]
+        for pause_s in poll_pauses():
+            values = operation.report(output) if step.result or step.until is not None else {}
+            result = {"changed": changed, "skipped": False, **values}
+            if step.until is None or self._dry_run or self._binding.holds(step, result):
+                return result
+            found = ", ".join(f"{key} = {value!r}" for key, value in values.items())
+            timed_out = OperationError(f"{step.until.text!r} did not hold within {step.timeout_s:g} s; at the end: {found}")
+            if time.monotonic() + pause_s >= target.deadline:
+                raise timed_out
+            self._context.pause(pause_s)
+            self._context.emit("line", index, step.name, text=f"waiting until {step.until.text}")
+            try:
+                output = observe(operation, target)
+            except OperationError as error:
+                # The last probe of a wait is cut by the step's timeout: then the wait has failed, not the probe.
+                if time.monotonic() < target.deadline - _FIRST_POLL_S:
+                    raise
+                raise timed_out from error
+        raise AssertionError("the pauses do not end")
+
+
+def poll_pauses() -> Iterator[float]:
+    """Yield ever longer pauses between polls, s, without end."""
+    pause_s = _FIRST_POLL_S
+    while True:
+        yield pause_s
+        pause_s = min(pause_s * _POLL_GROWTH, _LONGEST_POLL_S)

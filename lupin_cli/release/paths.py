@@ -1,0 +1,46 @@
+"""The path of the current release on a robot, and how a module of it is run."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+
+from lupin_cli.connection.base import Output, Target
+from lupin_cli.connection.inventory import ROS_SETUP, Robot
+
+ROOT = "/opt/lupin"
+RELEASE = f"{ROOT}/current"
+NOT_DEPLOYED = 127
+
+
+def setup_lines(ros_setup: Sequence[str] = ROS_SETUP) -> tuple[str, ...]:
+    """Lines of bash that set up the environment of the release: the vendor's discovery settings, ROS, our interface package.
+
+    The interface package is built on the robot only if the robot has its own ROS.
+    """
+    workspace = f"{RELEASE}/ws/install/setup.bash"
+    return ("source ~/.mirte_settings.sh", *ros_setup, f"if [ -r {workspace} ]; then source {workspace}; fi")
+
+
+def remote_command(robot: Robot, module: str, *arguments: str) -> str:
+    """The shell script that runs a module of the release as the robot's units do.
+
+    Its exit status is the module's, or NOT_DEPLOYED if there is no release.
+    """
+    python = f"{RELEASE}/venv/bin/python3"
+    # UDP as in the units: over shared memory, a process that joins late sees names and receives no samples.
+    udp_only = "export FASTDDS_BUILTIN_TRANSPORTS=UDPv4"
+    lines: Sequence[str] = (
+        *setup_lines(robot.ros_setup),
+        udp_only,
+        f"exec {shlex.join([python, '-u', '-m', module, *arguments])}",
+    )
+    # The setup files need bash. -l gives the login environment that the units have.
+    return f"[ -x {python} ] || exit {NOT_DEPLOYED}\nexec bash -lc {shlex.quote('; '.join(lines))}"
+
+
+def run_module(
+    target: Target, robot: Robot, module: str, *arguments: str, bound_s: float, on_line: Callable[[str], None] | None = None
+) -> Output:
+    """Run a module of the release and wait for its exit. Raises TargetError if the robot cannot be reached."""
+    return target.run(remote_command(robot, module, *arguments), bound_s=bound_s, on_line=on_line)

@@ -1,0 +1,1 @@
+"""Following a run from the terminal: live view, mission requests, summary, recordings."""

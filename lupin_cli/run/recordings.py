@@ -1,0 +1,98 @@
+"""Opening a recorded run, building its report and showing the page: shared by `lupin replay` and `lupin report`."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lupin_cli.exit_codes import FAILURE, USAGE_ERROR
+from lupin_cli.terminal import echo
+
+if TYPE_CHECKING:
+    from lupin_runtime.record.reader import Recording
+    from lupin_runtime.record.runs import RecordedRun
+    from lupin_runtime.report import Report
+
+RUN_HELP = "A recording, a run directory, a run's id or the start of one, or: latest."
+
+
+def open_run(name: str) -> tuple[RecordedRun, list[Recording]]:
+    """The recorded run called `name` and its open recordings.
+
+    Exits with status 2 where there is no such run, and with status 1 where no recording is readable.
+    """
+    from lupin_runtime.record.reader import NotARecording
+    from lupin_runtime.record.runs import RecordingNotFound, find_recorded_run
+
+    try:
+        run = find_recorded_run(name)
+        return run, run.open()
+    except RecordingNotFound as error:
+        echo(str(error), err=True)
+        raise typer.Exit(USAGE_ERROR) from error
+    except NotARecording as error:
+        echo(str(error), err=True)
+        raise typer.Exit(FAILURE) from error
+
+
+def build_run_report(name: str, out: Path | None) -> Report:
+    """Build the report of the run called `name`, in the folder `out` or beside the recording.
+
+    Exits where the run is missing or unreadable, or where the report cannot be written.
+    """
+    from lupin_runtime.record.reader import NotARecording
+    from lupin_runtime.report import build_report
+
+    run, _ = open_run(name)
+    try:
+        return build_report(run, facts=_facts(run.folder), score=_score(run.folder), out=out)
+    except NotARecording as error:
+        echo(str(error), err=True)
+        raise typer.Exit(FAILURE) from error
+    except OSError as error:
+        echo(f"the report cannot be written: {error}; try another folder with --out", err=True)
+        raise typer.Exit(FAILURE) from error
+
+
+def _facts(folder: Path) -> dict[str, Any] | None:
+    """The supervisor's facts about an ended run; None where it left none, so that an earlier report's facts stay."""
+    from lupin_runtime.stack.runs import Run
+
+    run = Run(folder)
+    outcome = run.state().get("outcome")
+    if not outcome:
+        return None
+    try:
+        result = json.loads((folder / "result.json").read_text())
+    except (OSError, ValueError):
+        result = {}
+    result.pop("outcome", None)
+    return {**result, **outcome, "options": run.info().get("options", {})}
+
+
+def _score(folder: Path) -> Callable[[Path], dict[str, Any]] | None:
+    """The function that compares the run with the simulator's truth; None where the run has no truth."""
+    if not (folder / "truth.json").exists():
+        return None
+    from lupin_cli.run.summary import score_run
+
+    return score_run
+
+
+def show_page(page: Path) -> None:
+    """Open a page in the browser, where this terminal has a display."""
+    if has_display():
+        typer.launch(str(page))
+
+
+def has_display() -> bool:
+    """Whether a browser can open for the user of this terminal."""
+    if not sys.stdout.isatty():
+        return False
+    return sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -1,0 +1,1 @@
+"""The robot's systemd unit files, rendered from templates."""
