@@ -1,0 +1,262 @@
+"""Goals that clients send to actions of the graph."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
+from rclpy.action import ActionClient
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.task import Future
+from rclpy.timer import Timer
+from rclpy.validate_topic_name import validate_topic_name
+
+from lupin_runtime.console.providers import (
+    STEADY,
+    RequestFailed,
+    Send,
+    find_interface,
+    request_errors,
+    ros_clock,
+    to_values,
+)
+from lupin_runtime.console.values import Now, by_name, fill
+
+SERVER_WAIT_S = 1.0
+_POLL_S = 0.02
+
+_ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
+_NOT_CANCELED = (CancelGoal.Response.ERROR_NONE, CancelGoal.Response.ERROR_REJECTED)
+
+
+class OrderedActionClient(ActionClient):
+    """An action client that delivers all feedback on a goal before its result.
+
+    rclpy takes one feedback message at a time but a result at once, and then drops the feedback that still waits.
+    """
+
+    def take_data(self) -> dict[str, Any]:
+        """Take what has arrived; with a result, all feedback."""
+        taken: dict[str, Any] = super().take_data()
+        if "result" in taken:
+            taken["earlier feedback"] = list(iter(self._take_feedback, None))
+        return taken
+
+    def _take_feedback(self) -> Any:
+        return self._client_handle.take_feedback(self._action_type.Impl.FeedbackMessage)
+
+    async def execute(self, taken_data: dict[str, Any]) -> None:
+        """Handle what was taken."""
+        feedback, result = taken_data.pop("earlier feedback", []), taken_data.pop("result", None)
+        await super().execute(taken_data)
+        for message in feedback:
+            await super().execute({"feedback": message})
+        if result is not None:
+            await super().execute({"result": result})
+
+
+class ActionClientPool:
+    """The action clients of a node: one per action and type, for as long as a goal uses it."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._clients: dict[tuple[str, Any], tuple[OrderedActionClient, int]] = {}  # with the number of users
+
+    def acquire(self, action: str, action_class: Any) -> OrderedActionClient:
+        """The client of an action, to be released once per call. Raises ValueError for an invalid name."""
+        client, users = self._clients.get((action, action_class), (None, 0))
+        if client is None:
+            client = OrderedActionClient(self._node, action_class, action, callback_group=ReentrantCallbackGroup())
+        self._clients[action, action_class] = client, users + 1
+        return client
+
+    def release(self, action: str, action_class: Any) -> None:
+        """End a use; the last one destroys the client."""
+        client, users = self._clients[action, action_class]
+        if users > 1:
+            self._clients[action, action_class] = client, users - 1
+        else:
+            del self._clients[action, action_class]
+            client.destroy()
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What a client asks for; `identifier` is None for a goal that it cannot cancel."""
+
+    identifier: Any
+    action: str
+    action_class: Any
+    goal: Any
+    feedback: bool
+
+
+class _Goal:
+    """One goal, from the wait for its server to its result. `on_end` is called once, when nothing more is due."""
+
+    def __init__(
+        self, node: Node, clients: ActionClientPool, send: Send, on_end: Callable[[_Goal], None], request: _Request
+    ) -> None:
+        self.request = request
+        self._node = node
+        self._clients = clients
+        self._send = send
+        self._on_end = on_end
+        self._server_due_s = time.monotonic() + SERVER_WAIT_S
+        self._poll: Timer | None = None  # while the server is waited for
+        self._handle: Any = None  # once the server has accepted the goal
+        self._cancel_requested = False
+        self._abandoned = False
+        self._ended = False
+        self._client = clients.acquire(request.action, request.action_class)
+
+    def start(self) -> None:
+        """Send the goal as soon as there is a server."""
+        if not self._send_goal():
+            group = ReentrantCallbackGroup()
+            self._poll = self._node.create_timer(_POLL_S, self._look_for_server, callback_group=group, clock=STEADY)
+
+    def cancel(self) -> None:
+        """Cancel the goal, at the latest when the server has accepted it; one that was not sent yet ends as canceled."""
+        self._cancel_requested = True
+        if self._poll is not None:
+            self._end_with_result(self.request.action_class.Result(), GoalStatus.STATUS_CANCELED)
+        elif self._handle is not None:
+            self._handle.cancel_goal_async().add_done_callback(self._on_cancel_response)
+
+    def abandon(self) -> None:
+        """Cancel the goal of a client that has left."""
+        self._abandoned = True
+        self.cancel()
+
+    # -- towards the server -------------------------------------------------------------------------------------------
+    def _look_for_server(self) -> None:
+        if self._send_goal():
+            self._stop_poll()
+        elif time.monotonic() >= self._server_due_s:
+            self._fail("No action server available")
+
+    def _send_goal(self) -> bool:
+        if not self._client.server_is_ready():
+            return False
+        on_feedback = self._on_feedback if self.request.feedback else None
+        self._client.send_goal_async(self.request.goal, on_feedback).add_done_callback(self._on_response)
+        return True
+
+    def _stop_poll(self) -> None:
+        if self._poll is not None:
+            self._node.destroy_timer(self._poll)
+            self._poll = None
+
+    # -- from the server ----------------------------------------------------------------------------------------------
+    def _on_response(self, future: Future) -> None:
+        handle = future.result()
+        if not handle.accepted:
+            self._fail("Action goal was rejected")
+            return
+        self._handle = handle
+        handle.get_result_async().add_done_callback(self._on_result)
+        if self._cancel_requested:
+            self.cancel()
+
+    def _on_feedback(self, message: Any) -> None:
+        if not self._ended:
+            self._reply("action_feedback", values=to_values(message.feedback))
+
+    def _on_result(self, future: Future) -> None:
+        response = future.result()
+        if response.status in _ENDED:
+            self._end_with_result(response.result, response.status)
+        else:
+            self._fail("The action server does not know the goal any more")
+
+    def _on_cancel_response(self, future: Future) -> None:
+        response = future.result()
+        if not response.goals_canceling and response.return_code in _NOT_CANCELED:
+            self._warn(f"{self.request.action} refused to cancel goal {self.request.identifier}; it goes on")
+        if self._abandoned:
+            self._end()
+
+    # -- to the client ------------------------------------------------------------------------------------------------
+    def _fail(self, reason: str) -> None:
+        self._warn(f"send_action_goal to '{self.request.action}' failed: {reason}")
+        self._end(values=reason, status=GoalStatus.STATUS_UNKNOWN, result=False)
+
+    def _end_with_result(self, result: Any, status: int) -> None:
+        self._end(values=to_values(result), status=status, result=True)
+
+    def _end(self, **outcome: Any) -> None:
+        if self._ended:
+            return
+        self._ended = True
+        self._stop_poll()
+        self._reply("action_result", **outcome)
+        self._clients.release(self.request.action, self.request.action_class)
+        self._on_end(self)
+
+    def _reply(self, operation: str, **fields: Any) -> None:
+        if not self._abandoned:
+            self._send(_message(self.request.identifier, self.request.action, operation, **fields))
+
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(text)
+
+
+class GoalSender:
+    """The goals that one client sends. All methods are called on the executor's thread.
+
+    The client gets one `action_result` per goal, whatever happens to it, after the goal's feedback. `now` is what stamps and
+    times of "now" are filled with; by default the node's clock. `clients` may be shared by all senders of a node.
+    """
+
+    def __init__(self, node: Node, send: Send, now: Now | None = None, clients: ActionClientPool | None = None) -> None:
+        self._node = node
+        self._send = send
+        self._now = now or ros_clock(node)
+        self._clients = clients or ActionClientPool(node)
+        self._goals: list[_Goal] = []
+        self._closed = False
+
+    def send_goal(self, identifier: Any, action: str, action_type: str, args: Any, feedback: bool) -> None:
+        """Send a goal; `args` is a dict, or a list in the order of the goal's fields.
+
+        Raises RequestFailed for an invalid action, type or argument, after the client got the reason as its result.
+        """
+        if self._closed:
+            raise RequestFailed("the client has left")
+        try:
+            with request_errors():
+                action_class = find_interface(action_type, "action", "Result", "Feedback")
+                validate_topic_name(action)
+                message = fill(action_class.Goal, by_name(action_class.Goal, args), self._now)
+                request = _Request(identifier, action, action_class, message, feedback)
+                goal = _Goal(self._node, self._clients, self._send, self._goals.remove, request)
+        except RequestFailed as error:
+            outcome = {"values": str(error), "status": GoalStatus.STATUS_UNKNOWN, "result": False}
+            self._send(_message(identifier, action, "action_result", **outcome))
+            raise
+        self._goals.append(goal)
+        goal.start()
+
+    def cancel(self, identifier: Any) -> None:
+        """Cancel a goal by its id; its result follows. Unknown ids are ignored, and goals without id cannot be cancelled."""
+        for goal in list(self._goals):
+            if identifier is not None and goal.request.identifier == identifier:
+                goal.cancel()
+
+    def close(self) -> None:
+        """Cancel all goals, because the client has left: the robot must not go on driving for it."""
+        self._closed = True
+        for goal in list(self._goals):
+            goal.abandon()
+
+
+def _message(identifier: Any, action: str, operation: str, **fields: Any) -> dict[str, Any]:
+    """A message about a goal to its client; with the id only if the client gave one."""
+    message = {"op": operation, "action": action, **fields}
+    return message if identifier is None else {**message, "id": identifier}

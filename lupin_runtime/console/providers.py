@@ -1,0 +1,358 @@
+"""Services and actions that clients advertise: requests and goals of the graph go to the client, its answers to the graph.
+
+A client may answer late, in any order, wrongly or never. Every request gets a response and every goal a result all the same,
+since a callback that raises would end the executor.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import NameValidationException
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from rclpy.task import Future
+from rclpy.timer import Timer
+from rclpy.validate_topic_name import validate_topic_name
+
+from lupin_runtime.console import interfaces
+from lupin_runtime.console.cdr import Format, decoder
+from lupin_runtime.console.values import Now, fill
+
+ANSWER_TIMEOUT_S = 60.0  # after this the request of a service ends with an empty response
+DESTROY_DELAY_S = 1.0  # an action server is kept for this long after its last goal, so that the result can be fetched
+
+Send = Callable[[dict[str, Any]], None]  # queues a message for the client; thread-safe, never raises
+
+# Clients are outside of the simulation: waiting for them takes real time.
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+
+
+class RequestFailed(ValueError):
+    """A request of a client that cannot be carried out. The text is the protocol's where that has one."""
+
+
+@contextmanager
+def request_errors() -> Iterator[None]:
+    """Raise RequestFailed for a type, a name or values that a client has sent and that are not valid."""
+    try:
+        yield
+    except NameValidationException as error:
+        raise RequestFailed(" ".join(str(error).split("\n")[:2])) from error  # without the line that points at a character
+    except (interfaces.UnknownType, ValueError) as error:
+        raise RequestFailed(str(error)) from error
+
+
+def find_interface(type_name: str, kind: str, *parts: str) -> Any:
+    """The class of a client's type. Raises UnknownType, or UnsupportedType where a part of it cannot be sent to clients."""
+    found: Any = interfaces.find(type_name, kind)
+    for part in parts:
+        decoder(getattr(found, part), Format.JSON)
+    return found
+
+
+def to_values(message: Any) -> dict[str, Any]:
+    """A message as values for JSON."""
+    message_class: Any = type(message)
+    return decoder(message_class, Format.JSON)(serialize_message(message))
+
+
+def ros_clock(node: Node) -> Now:
+    """A function that returns the present ROS time as a message."""
+    clock = node.get_clock()
+    return lambda: clock.now().to_msg()
+
+
+def call_later(node: Node, delay_s: float, callback: Callable[[], None]) -> Timer:
+    """Call a function once, after `delay_s` of real time; `node.destroy_timer` calls it off."""
+
+    def fire() -> None:
+        node.destroy_timer(timer)
+        callback()
+
+    # In a group of its own, because the node's default group is busy while a callback of it awaits something.
+    timer = node.create_timer(delay_s, fire, callback_group=ReentrantCallbackGroup(), clock=STEADY)
+    return timer
+
+
+class _AdvertisedService:
+    """The ROS server of one advertised service, with its running requests."""
+
+    def __init__(self, node: Node, send: Send, now: Now, name: str, service_class: Any) -> None:
+        self._node = node
+        self._send = send
+        self._now = now
+        self._name = name
+        self._class = service_class
+        self._answers: dict[str, Future] = {}  # by the requests' ids
+        self._requests = 0
+        self._running = 0
+        self._closed = False
+        group = ReentrantCallbackGroup()  # several requests may run at once
+        self._server = node.create_service(service_class, name, self._handle, callback_group=group)
+
+    async def _handle(self, request: Any, empty: Any) -> Any:
+        if self._closed:
+            return empty
+        self._requests += 1
+        identifier = f"service_request:{self._name}:{self._requests}"
+        answer = self._answers[identifier] = Future()
+        timeout = call_later(self._node, ANSWER_TIMEOUT_S, lambda: self._expire(identifier))
+        self._running += 1
+        self._send({"op": "call_service", "id": identifier, "service": self._name, "args": to_values(request)})
+        response = await answer
+        self._running -= 1
+        self._node.destroy_timer(timeout)
+        if self._closed and not self._running:
+            # rclpy sends the response after this callback, and needs the server for it.
+            self._node.executor.create_task(self._node.destroy_service, self._server)
+        return empty if response is None else response
+
+    def respond(self, identifier: str, values: Any, result: bool) -> None:
+        """End a request with a client's answer. Raises RequestFailed, after an empty response if the id is valid."""
+        answer = self._answers.pop(identifier, None)
+        if answer is None:
+            raise RequestFailed(f"Received service response for unrecognized id: {identifier}")
+        response = None
+        try:
+            if result:
+                with request_errors():
+                    response = fill(self._class.Response, values, self._now)
+            else:
+                reason = f": {values[:200]}" if isinstance(values, str) else ""
+                self._warn(f"{identifier} failed at the client{reason}; its caller gets an empty response")
+        finally:
+            answer.set_result(response)
+
+    def close(self) -> None:
+        """End all requests with an empty response, and destroy the server."""
+        self._closed = True
+        if self._answers:
+            self._warn(f"{self._name} was unadvertised; callers get an empty response to {', '.join(self._answers)}")
+        for answer in self._answers.values():
+            answer.set_result(None)
+        self._answers.clear()
+        if not self._running:
+            self._node.destroy_service(self._server)
+
+    def _expire(self, identifier: str) -> None:
+        answer = self._answers.pop(identifier, None)
+        if answer is not None:
+            self._warn(f"no answer to {identifier} within {ANSWER_TIMEOUT_S:g} s; its caller gets an empty response")
+            answer.set_result(None)
+
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(text)
+
+
+class ServiceProvider:
+    """The services that one client advertises. All methods are called on the executor's thread, and raise RequestFailed.
+
+    `now` is what stamps and times of "now" are filled with; by default the node's clock.
+    """
+
+    def __init__(self, node: Node, send: Send, now: Now | None = None) -> None:
+        self._node = node
+        self._send = send
+        self._now = now or ros_clock(node)
+        self._services: dict[str, _AdvertisedService] = {}
+        self._closed = False
+
+    def advertise(self, service: str, type_name: str) -> None:
+        """Offer a service on the graph; replaces the client's earlier one of this name."""
+        _refuse_if(self._closed)
+        with request_errors():
+            service_class = find_interface(type_name, "srv", "Request")
+            validate_topic_name(service, is_service=True)
+            if service in self._services:
+                self._services.pop(service).close()
+            self._services[service] = _AdvertisedService(self._node, self._send, self._now, service, service_class)
+
+    def respond(self, service: str, identifier: str, values: Any, result: bool) -> None:
+        """Answer a request. Its caller gets an empty response where `result` is false or the values do not fit."""
+        if service not in self._services:
+            raise RequestFailed(f"Service {service} has not been advertised via rosbridge.")
+        self._services[service].respond(identifier, values, result)
+
+    def unadvertise(self, service: str) -> None:
+        """Withdraw a service; running requests end with an empty response."""
+        if service not in self._services:
+            raise RequestFailed(f"Service {service} has not been advertised via rosbridge, can't unadvertise.")
+        self._services.pop(service).close()
+
+    def close(self) -> None:
+        """Withdraw all services, because the client has left."""
+        self._closed = True
+        while self._services:
+            self._services.popitem()[1].close()
+
+
+class _AdvertisedAction:
+    """The ROS server of one advertised action, with its running goals."""
+
+    def __init__(self, node: Node, send: Send, now: Now, name: str, type_name: str, action_class: Any) -> None:
+        self._node = node
+        self._send = send
+        self._now = now
+        self._name = name
+        self._type_name = type_name
+        self._class = action_class
+        self._goals: dict[str, Any] = {}  # the handles of running goals, by the ids that the client knows
+        self._results: dict[bytes, Future] = {}  # by the goals' UUIDs
+        self._accepted = 0
+        self._ended_s: float | None = None  # when the last goal ended
+        self._closed = False
+        self._server = ActionServer(
+            node,
+            action_class,
+            name,
+            execute_callback=self._execute,
+            callback_group=ReentrantCallbackGroup(),
+            goal_callback=self._judge,
+            handle_accepted_callback=self._accept,
+            cancel_callback=self._cancel,
+        )
+
+    # -- the graph's side ---------------------------------------------------------------------------------------------
+    def _judge(self, _goal: Any) -> GoalResponse:
+        return GoalResponse.REJECT if self._closed else GoalResponse.ACCEPT
+
+    def _accept(self, handle: Any) -> None:
+        self._accepted += 1
+        identifier = f"action_goal:{self._name}:{self._accepted}"
+        self._goals[identifier] = handle
+        self._results[bytes(handle.goal_id.uuid)] = Future()
+        handle.execute()
+        self._send(
+            {
+                "op": "send_action_goal",
+                "id": identifier,
+                "action": self._name,
+                "action_type": self._type_name,
+                "args": to_values(handle.request),
+                "feedback": True,
+            }
+        )
+
+    async def _execute(self, handle: Any) -> Any:
+        uuid = bytes(handle.goal_id.uuid)
+        result = await self._results[uuid]
+        del self._results[uuid]
+        return result
+
+    def _cancel(self, handle: Any) -> CancelResponse:
+        for identifier, running in self._goals.items():
+            if running is handle:
+                self._send({"op": "cancel_action_goal", "id": identifier, "action": self._name})
+        return CancelResponse.ACCEPT
+
+    # -- the client's side --------------------------------------------------------------------------------------------
+    def feedback(self, identifier: str, values: Any) -> None:
+        """Publish a client's feedback on a goal."""
+        handle = self._goals.get(identifier)
+        if handle is None:
+            raise RequestFailed(f"Received action feedback for unrecognized id: {identifier}")
+        with request_errors():
+            handle.publish_feedback(fill(self._class.Feedback, values, self._now))
+
+    def result(self, identifier: str, values: Any, status: int, result: bool) -> None:
+        """End a goal with a client's result. Raises RequestFailed, after aborting the goal if the id is valid."""
+        handle = self._goals.get(identifier)
+        if handle is None:
+            kind = "result" if result else "abort request"
+            raise RequestFailed(f"Received action {kind} for unrecognized id: {identifier}")
+        transition, outcome = handle.abort, None
+        try:
+            if result:
+                with request_errors():
+                    outcome = fill(self._class.Result, values, self._now)
+                if status == GoalStatus.STATUS_SUCCEEDED:
+                    transition = handle.succeed
+                elif status == GoalStatus.STATUS_CANCELED:
+                    if not handle.is_cancel_requested:
+                        raise RequestFailed(f"{identifier} cannot end as canceled, nobody asked for that; it is aborted")
+                    transition = handle.canceled
+        finally:
+            self._end(identifier, transition, outcome)
+
+    def close(self) -> None:
+        """Abort all goals, reject new ones, and destroy the server as soon as results can no longer be fetched."""
+        self._closed = True
+        if self._goals:
+            self._node.get_logger().warning(f"{self._name} was unadvertised; aborted: {', '.join(self._goals)}")
+        for identifier, handle in list(self._goals.items()):
+            self._end(identifier, handle.abort, None)
+        if self._ended_s is None or time.monotonic() - self._ended_s >= DESTROY_DELAY_S:
+            self._server.destroy()
+        else:
+            call_later(self._node, DESTROY_DELAY_S, self._server.destroy)
+
+    def _end(self, identifier: str, transition: Callable[[], None], outcome: Any) -> None:
+        handle = self._goals.pop(identifier)
+        transition()
+        self._ended_s = time.monotonic()
+        self._results[bytes(handle.goal_id.uuid)].set_result(self._class.Result() if outcome is None else outcome)
+
+
+class ActionProvider:
+    """The actions that one client advertises. All methods are called on the executor's thread, and raise RequestFailed.
+
+    `now` is what stamps and times of "now" are filled with; by default the node's clock.
+    """
+
+    def __init__(self, node: Node, send: Send, now: Now | None = None) -> None:
+        self._node = node
+        self._send = send
+        self._now = now or ros_clock(node)
+        self._actions: dict[str, _AdvertisedAction] = {}
+        self._closed = False
+
+    def advertise(self, action: str, type_name: str) -> None:
+        """Offer an action on the graph; replaces the client's earlier one of this name."""
+        _refuse_if(self._closed)
+        with request_errors():
+            action_class = find_interface(type_name, "action", "Goal")
+            validate_topic_name(action)
+            if action in self._actions:
+                self._actions.pop(action).close()
+            self._actions[action] = _AdvertisedAction(self._node, self._send, self._now, action, type_name, action_class)
+
+    def feedback(self, action: str, identifier: str, values: Any) -> None:
+        """Publish feedback on a goal."""
+        self._advertised(action).feedback(identifier, values)
+
+    def result(self, action: str, identifier: str, values: Any, status: int | None, result: bool) -> None:
+        """End a goal: succeeded for status 4 or None, canceled for 5, else aborted.
+
+        A goal whose `result` is false is aborted, without values; so is one whose values do not fit.
+        """
+        self._advertised(action).result(identifier, values, GoalStatus.STATUS_SUCCEEDED if status is None else status, result)
+
+    def unadvertise(self, action: str) -> None:
+        """Withdraw an action; running goals are aborted."""
+        if action not in self._actions:
+            raise RequestFailed(f"Action {action} has not been advertised via rosbridge, can't unadvertise.")
+        self._actions.pop(action).close()
+
+    def close(self) -> None:
+        """Withdraw all actions, because the client has left."""
+        self._closed = True
+        while self._actions:
+            self._actions.popitem()[1].close()
+
+    def _advertised(self, action: str) -> _AdvertisedAction:
+        if action not in self._actions:
+            raise RequestFailed(f"Action {action} has not been advertised via rosbridge.")
+        return self._actions[action]
+
+
+def _refuse_if(closed: bool) -> None:
+    if closed:
+        raise RequestFailed("the client has left")

@@ -1,0 +1,51 @@
+"""Hands work from the event loop to the thread of a node's executor.
+
+rclpy allows entities to be created and destroyed while another thread waits for them, but has crashed doing so; everything that
+touches the graph, except publishing, therefore happens on the executor's thread.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any, TypeVar
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+
+_Result = TypeVar("_Result")
+
+
+class RosThread:
+    """Runs functions on the thread that spins the node, in the order in which they were given."""
+
+    def __init__(self, node: Node) -> None:
+        self._lock = threading.Lock()
+        self._work: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
+        # In a group of its own, because a callback that awaits something keeps its group busy.
+        self._wake = node.create_guard_condition(self._run_all, callback_group=ReentrantCallbackGroup())
+
+    def run(self, function: Callable[[], _Result]) -> Future[_Result]:
+        """Queue a function; the future gets its result or exception. Wait for it on another thread only, with a bound."""
+        future: Future[_Result] = Future()
+        with self._lock:
+            self._work.append((function, future))
+        self._wake.trigger()
+        return future
+
+    def _run_all(self) -> None:
+        while True:
+            with self._lock:
+                if not self._work:
+                    return
+                function, future = self._work.popleft()
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                result = function()
+            except Exception as error:  # reported to the caller, whose request it was
+                future.set_exception(error)
+            else:
+                future.set_result(result)

@@ -1,0 +1,220 @@
+"""rosapi's services for parameters, which call the parameter services of other nodes."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.client import Client
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import qos_profile_parameters
+from rclpy.task import Future
+
+from lupin_runtime.console import values
+from lupin_runtime.console.parameter_values import normalize_json, plain_value, typed_value
+
+TIMEOUT_S = 5.0  # of one call of a node's service, its discovery included
+MAX_CALLS = 200  # that may wait for nodes at a time: a client must not pile them up for one that hangs
+_POLL_S = 0.02
+_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+
+Done = Callable[[dict[str, Any]], None]  # is given the fields of the response
+Failed = Callable[[str], None]  # is given the reason
+
+
+@dataclass(eq=False)
+class _Call:
+    """A call of a node's service; `future` is None until the service is ready and the request sent."""
+
+    service: str
+    request: Any
+    deadline_s: float
+    answered: Callable[[Any], None]
+    failed: Failed
+    future: Future | None = None
+
+
+class RosApiParameters:
+    """All methods are called on the thread of the node's executor, and so is `done`, once per call.
+
+    The name of a parameter is `/node:parameter`. A client of a node's service is kept only while a call uses it.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._now: values.Now = lambda: node.get_clock().now().to_msg()
+        self._group = ReentrantCallbackGroup()
+        self._clients: dict[str, Client] = {}
+        self._calls: list[_Call] = []
+        self._poll = node.create_timer(_POLL_S, self._check_calls, callback_group=self._group, clock=_STEADY)
+        self._poll.cancel()
+
+    # -- rosapi's services --------------------------------------------------------------------------------------------
+    def get_param(self, name: str, default: str, done: Done) -> None:
+        """Read a parameter as JSON text; where that fails, the value is the default, which is JSON text too."""
+
+        def failed(reason: str) -> None:
+            done({"value": normalize_json(default), "successful": False, "reason": reason})
+
+        def received(value: ParameterValue | None) -> None:
+            if value is None:
+                failed(f"Parameter {name.partition(':')[2]} not found")
+            else:
+                done({"value": json.dumps(plain_value(value)), "successful": True, "reason": ""})
+
+        self._get(name, received, failed)
+
+    def has_param(self, name: str, done: Done) -> None:
+        """Find out whether a parameter is set."""
+        self._get(name, lambda value: done({"exists": value is not None}), lambda _: done({"exists": False}))
+
+    def set_param(self, name: str, text: str, done: Done) -> None:
+        """Set a parameter to a value given as JSON text."""
+        try:
+            value = typed_value(text)
+        except (ValueError, RecursionError) as error:
+            done({"successful": False, "reason": f'the value of a parameter is JSON text, e.g. 0.5 or "fast": {error}'})
+        else:
+            self._set(name, value, done)
+
+    def delete_param(self, name: str, done: Done) -> None:
+        """Unset a parameter; one that is not set is deleted already."""
+
+        def received(value: ParameterValue | None) -> None:
+            if value is None:
+                done({"successful": True, "reason": ""})
+            else:
+                self._set(name, {"type": ParameterType.PARAMETER_NOT_SET}, done)
+
+        self._get(name, received, lambda reason: done({"successful": False, "reason": reason}))
+
+    def get_param_names(self, nodes: Sequence[str], done: Done) -> None:
+        """List the parameters of those of the nodes that offer parameter services and answer."""
+        available = self._available_services()
+        asked = [node for node in nodes if f"{node}/list_parameters" in available]
+        found: dict[str, list[str]] = {}
+
+        def add(node: str, names: list[str]) -> None:
+            found[node] = names
+            if len(found) == len(asked):
+                done({"names": [f"{each}:{name}" for each in asked for name in found[each]]})
+
+        def ask(node: str) -> None:
+            self._send(
+                ListParameters,
+                f"{node}/list_parameters",
+                ListParameters.Request(),
+                lambda response: add(node, list(response.result.names)),
+                lambda _: add(node, []),
+            )
+
+        if not asked:
+            done({"names": []})
+        for node in asked:
+            ask(node)
+
+    # -- services of other nodes --------------------------------------------------------------------------------------
+    def _get(self, name: str, received: Callable[[ParameterValue | None], None], failed: Failed) -> None:
+        """Read a parameter; the value is None where it is not set."""
+
+        def answered(response: Any) -> None:
+            value = response.values[0] if response.values else None
+            known = value is not None and ParameterType.PARAMETER_NOT_SET < value.type <= ParameterType.PARAMETER_STRING_ARRAY
+            received(value if known else None)
+
+        self._call(name, GetParameters, "get_parameters", lambda parameter: {"names": [parameter]}, answered, failed)
+
+    def _set(self, name: str, value: dict[str, Any], done: Done) -> None:
+        def failed(reason: str) -> None:
+            done({"successful": False, "reason": reason})
+
+        def answered(response: Any) -> None:
+            if response.results:
+                done({"successful": response.results[0].successful, "reason": response.results[0].reason})
+            else:
+                failed("the node answered without a result")
+
+        def request(parameter: str) -> dict[str, Any]:
+            return {"parameters": [{"name": parameter, "value": value}]}
+
+        self._call(name, SetParameters, "set_parameters", request, answered, failed)
+
+    def _call(
+        self,
+        name: str,
+        service_class: Any,
+        operation: str,
+        request: Callable[[str], dict[str, Any]],
+        answered: Callable[[Any], None],
+        failed: Failed,
+    ) -> None:
+        """Call a service of the node of a parameter; `request` makes the request's values for the parameter's own name."""
+        node, _, parameter = name.partition(":")
+        if not node.strip("/") or not parameter or ":" in parameter:
+            failed(f"a parameter's name is /node:parameter, not {name!r:.200}")
+            return
+        service = f"{node if node.startswith('/') else '/' + node}/{operation}"
+        if service not in self._available_services():
+            failed(f"Service {service} is not available")
+            return
+        try:
+            message = values.fill(service_class.Request, request(parameter), self._now)
+        except values.ValueMismatch as error:
+            failed(str(error))
+        else:
+            self._send(service_class, service, message, answered, failed)
+
+    def _available_services(self) -> set[str]:
+        return {name for name, _ in self._node.get_service_names_and_types()}
+
+    def _send(self, service_class: Any, service: str, request: Any, answered: Callable[[Any], None], failed: Failed) -> None:
+        """Call a service of the graph; one of the functions is called once, at the latest after TIMEOUT_S."""
+        if len(self._calls) >= MAX_CALLS:
+            failed(f"{len(self._calls)} calls of parameter services wait for their nodes; call {service} again later")
+            return
+        if service not in self._clients:
+            self._clients[service] = self._node.create_client(
+                service_class, service, qos_profile=qos_profile_parameters, callback_group=self._group
+            )
+        if not self._calls:
+            self._poll.reset()
+        call = _Call(service, request, time.monotonic() + TIMEOUT_S, answered, failed)
+        self._calls.append(call)
+        self._send_when_ready(call)
+
+    def _send_when_ready(self, call: _Call) -> None:
+        """Send the request if the service is ready: a new client takes a moment to find it."""
+        client = self._clients[call.service]
+        if call.future is None and client.service_is_ready():
+            call.future = client.call_async(call.request)
+            call.future.add_done_callback(lambda future: self._receive(call, future))
+
+    def _receive(self, call: _Call, future: Future) -> None:
+        if call in self._calls:  # it may have ended in this turn of the executor
+            self._end(call)
+            call.answered(future.result())
+
+    def _check_calls(self) -> None:
+        now_s = time.monotonic()
+        for call in list(self._calls):
+            self._send_when_ready(call)
+            if now_s >= call.deadline_s:
+                self._end(call)
+                call.failed("Timeout occurred" if call.future else f"Service {call.service} is not available")
+        if not self._calls:
+            self._poll.cancel()
+
+    def _end(self, call: _Call) -> None:
+        self._calls.remove(call)
+        client = self._clients[call.service]
+        if call.future is not None:
+            client.remove_pending_request(call.future)
+        if not any(other.service == call.service for other in self._calls):
+            self._node.destroy_client(self._clients.pop(call.service))

@@ -1,0 +1,320 @@
+"""The rosbridge protocol, version 2, for one client: what each operation does.
+
+A request that fails is answered where the protocol has an answer, and else with a `status` message, if the client asked for
+those with `set_level`. Clients of ROS 2's rosbridge expect no other messages than those.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections.abc import Callable, Hashable
+from typing import Any
+
+import orjson
+
+from lupin_runtime import graph
+from lupin_runtime.console.authority import Refused, Session
+from lupin_runtime.console.bridge import Bridge
+from lupin_runtime.console.encoding import COMPRESSIONS, fragments, to_json
+from lupin_runtime.console.fragments import BadFragment, Defragmenter
+from lupin_runtime.console.interfaces import absolute
+from lupin_runtime.console.outbox import Frame
+from lupin_runtime.console.subscription import Request
+
+MAX_QUEUE = 1000
+LEVELS = ("none", "error", "warning", "info")
+# Substitutions (`~`, `{node}`) would resolve to names of the server's own node, past the allow-list.
+_NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+_MAX_NAME = 200
+_INVALID = "Expected a {} field but none was found."
+_LINEAR_MPS, _ANGULAR_RPS = 0.6, 1.9  # the drive bus has the same limits; a console's must not depend on it
+
+
+class InvalidRequest(ValueError):
+    """A message that the protocol does not allow; the text says why."""
+
+
+class RosbridgeClient:
+    """One client of the protocol. Its methods are called on the event loop; `deliver` may be called on any thread.
+
+    `send` queues a frame for the client, and may be called on any thread.
+    """
+
+    def __init__(self, session: Session, bridge: Bridge, send: Callable[[Frame], None]) -> None:
+        self.session = session
+        self._bridge = bridge
+        self._send = send
+        self._level = "none"
+        self._fragment_size: int | None = None
+        self._defragmenter = Defragmenter()
+        self._operations: dict[str, Callable[[dict[str, Any]], None]] = {
+            "advertise": self._advertise,
+            "unadvertise": self._unadvertise,
+            "publish": self._publish,
+            "subscribe": self._subscribe,
+            "unsubscribe": self._unsubscribe,
+            "call_service": self._call_service,
+            "advertise_service": self._advertise_service,
+            "unadvertise_service": self._unadvertise_service,
+            "service_response": self._service_response,
+            "send_action_goal": self._send_action_goal,
+            "cancel_action_goal": self._cancel_action_goal,
+            "advertise_action": self._advertise_action,
+            "unadvertise_action": self._unadvertise_action,
+            "action_feedback": self._action_feedback,
+            "action_result": self._action_result,
+            "set_level": self._set_level,
+            "fragment": self._fragment,
+        }
+        bridge.join(self)
+
+    # -- frames -------------------------------------------------------------------------------------------------------
+    def deliver(self, frame: Frame) -> None:
+        """Queue a frame of a topic."""
+        if self._fragment_size is not None and not frame.binary and len(frame.data) > self._fragment_size:
+            for part in fragments(frame.data, self._fragment_size, "0"):
+                self._send(Frame(part))
+        else:
+            self._send(frame)
+
+    def answer(self, message: dict[str, Any]) -> None:
+        """Queue a message of the protocol."""
+        data = to_json(message)
+        if self._fragment_size is not None and len(data) > self._fragment_size:
+            for part in fragments(data, self._fragment_size, str(message.get("id", "0"))):
+                self._send(Frame(part))
+        else:
+            self._send(Frame(data))
+
+    def handle(self, text: str | bytes) -> None:
+        """Handle a message of the client. Nothing that it may contain raises."""
+        try:
+            message = orjson.loads(text)
+        except orjson.JSONDecodeError as error:
+            self.status("error", f"not JSON: {error}")
+            return
+        if not isinstance(message, dict):
+            self.status("error", f"a message is a JSON object, not {type(message).__name__}")
+            return
+        identifier = message.get("id")
+        operation = message.get("op")
+        handler = self._operations.get(operation) if isinstance(operation, str) else None
+        if handler is None:
+            allowed = ", ".join(self._operations)
+            self.status("error", f"Unknown operation: {str(operation)[:100]}.  Allowed operations: {allowed}", identifier)
+            return
+        try:
+            self._note_fragment_size(message)
+            handler(message)
+        except (InvalidRequest, Refused, BadFragment) as error:
+            self.status("error", f"{operation}: {error}", identifier)
+
+    def status(self, level: str, text: str, identifier: Any = None) -> None:
+        """Report to a client that asked for messages of this level."""
+        self._bridge.log_request(self.session, level, text)
+        if LEVELS.index(level) > LEVELS.index(self._level):
+            return
+        message = {"op": "status", "level": level, "msg": text}
+        self.answer({**message, "id": identifier} if identifier is not None else message)
+
+    def close(self) -> None:
+        """Undo all that the client has set up; stop the robot if it was driving it."""
+        self._bridge.leave(self)
+
+    def _note_fragment_size(self, message: dict[str, Any]) -> None:
+        size = message.get("fragment_size")
+        if size is not None:
+            if not isinstance(size, int) or isinstance(size, bool) or size < 100:
+                raise InvalidRequest(f"fragment_size is an integer of at least 100, not {size!r:.100}")
+            self._fragment_size = size
+
+    # -- topics -------------------------------------------------------------------------------------------------------
+    def _advertise(self, message: dict[str, Any]) -> None:
+        topic = _name(message, "topic")
+        self._bridge.authority.advertise(topic)
+        queue_size = _number(message, "queue_size", 100, 1, MAX_QUEUE)
+        self._bridge.advertise(self, topic, _text(message, "type"), _id(message), bool(message.get("latch")), queue_size)
+
+    def _unadvertise(self, message: dict[str, Any]) -> None:
+        self._bridge.unadvertise(self, _name(message, "topic"), _id(message))
+
+    def _publish(self, message: dict[str, Any]) -> None:
+        topic = _name(message, "topic")
+        contents = message.get("msg", {})
+        if absolute(topic) == graph.HMI_ESTOP.name:
+            self._state_stop(contents)
+            return
+        self._bridge.authority.publish(self.session, absolute(topic), time.monotonic_ns())
+        if absolute(topic) == graph.CMD_VEL_MANUAL.name:
+            contents = _limited(contents)
+            self._bridge.note_velocity(self, any(contents[part][axis] for part, axis in _AXES))
+        latch = bool(message.get("latch"))
+        queue_size = _number(message, "queue_size", 100, 1, MAX_QUEUE)
+        self._bridge.publish(self, topic, _optional_text(message, "type"), _id(message), contents, latch, queue_size)
+
+    def _state_stop(self, contents: Any) -> None:
+        """A client's own stop: engaging is free to all, releasing needs the lease."""
+        engaged = contents.get("data") if isinstance(contents, dict) else None
+        if not isinstance(engaged, bool):
+            raise InvalidRequest("std_msgs/Bool message requires a bool for field data")
+        self._bridge.state_stop(self, engaged)
+
+    def _subscribe(self, message: dict[str, Any]) -> None:
+        compression = _optional_text(message, "compression") or "none"
+        request = Request(
+            throttle_ms=_number(message, "throttle_rate", 0, 0, 3_600_000),
+            queue_length=_number(message, "queue_length", 0, 0, MAX_QUEUE),
+            compression=compression if compression in COMPRESSIONS else "none",
+        )
+        self._bridge.subscribe(self, _name(message, "topic"), _optional_text(message, "type"), _id(message), request)
+
+    def _unsubscribe(self, message: dict[str, Any]) -> None:
+        self._bridge.unsubscribe(self, _name(message, "topic"), _id(message))
+
+    # -- services -----------------------------------------------------------------------------------------------------
+    def _call_service(self, message: dict[str, Any]) -> None:
+        asked = _text(message, "service")
+        service, _, suffix = asked.partition("#")
+        identifier = message.get("id", suffix or None)
+
+        def done(succeeded: bool, response: Any) -> None:
+            answer = {"op": "service_response", "service": asked, "values": response, "result": succeeded}
+            self.answer(answer if identifier is None else {**answer, "id": identifier})
+
+        try:
+            service = _name({"service": service}, "service")
+            timeout_s = message.get("timeout")
+            if timeout_s is not None and (isinstance(timeout_s, bool) or not isinstance(timeout_s, (int, float))):
+                raise InvalidRequest(f"timeout is a number of seconds, not {timeout_s!r:.100}")
+            self._bridge.authority.call(self.session, absolute(service), time.monotonic_ns())
+            self._bridge.call_service(self, service, message.get("args"), timeout_s, done)
+        except (InvalidRequest, Refused) as error:
+            self._bridge.log_request(self.session, "error", f"call_service: {error}")
+            done(False, str(error))
+
+    def _advertise_service(self, message: dict[str, Any]) -> None:
+        service, kind = _name(message, "service"), _text(message, "type")
+        self._bridge.authority.provide(service)
+        self._bridge.services_of(self, lambda provider: provider.advertise(service, kind))
+
+    def _unadvertise_service(self, message: dict[str, Any]) -> None:
+        service = _name(message, "service")
+        self._bridge.services_of(self, lambda provider: provider.unadvertise(service))
+
+    def _service_response(self, message: dict[str, Any]) -> None:
+        service, identifier, result = _name(message, "service"), _text(message, "id"), _flag(message, "result")
+        response = message.get("values")
+        self._bridge.services_of(self, lambda provider: provider.respond(service, identifier, response, result))
+
+    # -- actions ------------------------------------------------------------------------------------------------------
+    def _send_action_goal(self, message: dict[str, Any]) -> None:
+        action, identifier = _name(message, "action"), message.get("id")
+        kind, feedback = _text(message, "action_type"), bool(message.get("feedback"))
+        try:
+            self._bridge.authority.send_goal(self.session, action, time.monotonic_ns())
+        except Refused as error:
+            answer = {"op": "action_result", "action": action, "values": str(error), "status": 0, "result": False}
+            self.answer(answer if identifier is None else {**answer, "id": identifier})
+            return
+        arguments = message.get("args")
+        self._bridge.goals_of(self, lambda sender: sender.send_goal(identifier, action, kind, arguments, feedback))
+
+    def _cancel_action_goal(self, message: dict[str, Any]) -> None:
+        identifier = message.get("id")
+        self._bridge.goals_of(self, lambda sender: sender.cancel(identifier))
+
+    def _advertise_action(self, message: dict[str, Any]) -> None:
+        action, kind = _name(message, "action"), _text(message, "type")
+        self._bridge.authority.provide(action)
+        self._bridge.actions_of(self, lambda provider: provider.advertise(action, kind))
+
+    def _unadvertise_action(self, message: dict[str, Any]) -> None:
+        action = _name(message, "action")
+        self._bridge.actions_of(self, lambda provider: provider.unadvertise(action))
+
+    def _action_feedback(self, message: dict[str, Any]) -> None:
+        action, identifier, feedback = _name(message, "action"), _text(message, "id"), message.get("values")
+        self._bridge.actions_of(self, lambda provider: provider.feedback(action, identifier, feedback))
+
+    def _action_result(self, message: dict[str, Any]) -> None:
+        action, identifier, result = _name(message, "action"), _text(message, "id"), _flag(message, "result")
+        status = _number(message, "status", 4, 0, 6)
+        outcome = message.get("values")
+        self._bridge.actions_of(self, lambda provider: provider.result(action, identifier, outcome, status, result))
+
+    # -- the connection -----------------------------------------------------------------------------------------------
+    def _set_level(self, message: dict[str, Any]) -> None:
+        level = _text(message, "level")
+        if level not in LEVELS:
+            raise InvalidRequest(f"level is one of {', '.join(LEVELS)}, not {level[:100]}")
+        self._level = level
+
+    def _fragment(self, message: dict[str, Any]) -> None:
+        text = self._defragmenter.add(message, time.monotonic())
+        if text is not None:
+            self.handle(text)
+
+
+_AXES = tuple((part, axis) for part in ("linear", "angular") for axis in ("x", "y", "z"))
+
+
+def _limited(contents: Any) -> dict[str, dict[str, float]]:
+    """A Twist within the limits of manual driving; direction is kept. Raises InvalidRequest where it is not finite."""
+    twist = {"linear": {"x": 0.0, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}
+    if not isinstance(contents, dict) or not all(isinstance(contents.get(part, {}), dict) for part in twist):
+        raise InvalidRequest("a Twist is an object with linear and angular")
+    for part, axis in _AXES:
+        value = contents.get(part, {}).get(axis, 0.0)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            raise InvalidRequest(f"{part}.{axis} of a Twist is a finite number, not {value!r:.100}")
+        twist[part][axis] = float(value)
+    speed_mps = math.hypot(twist["linear"]["x"], twist["linear"]["y"])
+    if speed_mps > _LINEAR_MPS:
+        twist["linear"] = {axis: value * _LINEAR_MPS / speed_mps for axis, value in twist["linear"].items()}
+    twist["angular"]["z"] = max(-_ANGULAR_RPS, min(_ANGULAR_RPS, twist["angular"]["z"]))
+    return twist
+
+
+def _id(message: dict[str, Any]) -> Hashable | None:
+    identifier = message.get("id")
+    return identifier if isinstance(identifier, Hashable) else repr(identifier)
+
+
+def _text(message: dict[str, Any], key: str) -> str:
+    if key not in message:
+        raise InvalidRequest(_INVALID.format(key))
+    value = message[key]
+    if not isinstance(value, str) or not value:
+        raise InvalidRequest(f"Expected field {key} to be one of {str}. Invalid value: {value!r:.100}")
+    return value
+
+
+def _name(message: dict[str, Any], key: str) -> str:
+    """A topic's, service's or action's name, as it was sent."""
+    name = _text(message, key)
+    if len(name) > _MAX_NAME or not _NAME.fullmatch(name):
+        raise InvalidRequest(f"{name[:100]!r} is not a name: expected words of letters, digits and _, separated by /")
+    return name
+
+
+def _optional_text(message: dict[str, Any], key: str) -> str | None:
+    return _text(message, key) if message.get(key) is not None else None
+
+
+def _number(message: dict[str, Any], key: str, default: int, least: int, most: int) -> int:
+    value = message.get(key)
+    if value is None:
+        return default
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise InvalidRequest(f"Expected field {key} to be one of {int}. Invalid value: {value!r:.100}")
+    return max(least, min(most, int(value)))
+
+
+def _flag(message: dict[str, Any], key: str) -> bool:
+    if key not in message:
+        raise InvalidRequest(_INVALID.format(key))
+    if not isinstance(message[key], bool):
+        raise InvalidRequest(f"Expected field {key} to be one of {bool}. Invalid value: {message[key]!r:.100}")
+    return bool(message[key])

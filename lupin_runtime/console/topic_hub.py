@@ -1,0 +1,215 @@
+"""Topics for any number of clients: one ROS subscription per topic, and one encoding per message and format.
+
+The subscription's QoS follows the topic's publishers. A client that joins late gets a latched topic's last message at once.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from lupin_runtime import graph
+from lupin_runtime.console import interfaces
+from lupin_runtime.console.cdr import MalformedMessage, UnsupportedType
+from lupin_runtime.console.encoding import publication
+from lupin_runtime.console.outbox import SAMPLES_PER_TOPIC, Frame
+from lupin_runtime.console.subscription import ClientSubscription, Request
+from lupin_runtime.ros.node import qos_profile
+
+QUEUE_DEPTH = 100  # of topics that the graph's table does not have
+_ROWS = {row.name: row for row in graph.topics()}
+
+
+class TopicFailed(ValueError):
+    """A topic that can't be subscribed to or published on, with the reason as text."""
+
+
+class Receiver(Protocol):
+    """A client, as the hub sees it."""
+
+    def deliver(self, frame: Frame) -> None:
+        """Queue a frame; called on the executor's thread."""
+
+
+@dataclass
+class _Stream:
+    """A topic with its subscription, and the clients that it goes to."""
+
+    topic: str
+    type_name: str
+    message_class: Any
+    qos: graph.Qos
+    subscription: Subscription | None = None
+    receivers: dict[Receiver, ClientSubscription] = field(default_factory=dict)
+    kept: deque[bytes] = field(default_factory=deque)  # the last messages of a latched topic
+    failed: bool = False  # whether a message that can't be encoded has been logged
+
+    @property
+    def droppable(self) -> bool:
+        """Whether an old message may be dropped for a newer one: samples of sensors, but not changes of state."""
+        row = _ROWS.get(self.topic)
+        if row is graph.ESTOP_STATE or row is graph.ROSOUT:
+            return False
+        return not self.qos.latched and (row is None or row.rate_hz is not None)
+
+
+class TopicHub:
+    """All methods are called on the thread of the node's executor."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._streams: dict[str, _Stream] = {}
+
+    # -- clients ------------------------------------------------------------------------------------------------------
+    def subscribe(self, receiver: Receiver, topic: str, type_name: str | None, identifier: Hashable, request: Request) -> None:
+        """Add a client's request for a topic; without a type, the graph's is taken. Raises TopicFailed."""
+        stream = self._streams.get(topic)
+        if stream is None:
+            stream = self._streams[topic] = self._open(topic, type_name)
+        elif type_name is not None and interfaces.full_name(type_name, "msg") != stream.type_name:
+            raise TopicFailed(type_conflict(topic, interfaces.full_name(type_name, "msg"), stream.type_name))
+        known = receiver in stream.receivers
+        merged = stream.receivers.setdefault(receiver, ClientSubscription())
+        merged.add(identifier, request)
+        if not known:
+            for data in stream.kept:
+                self._send(stream, data, {receiver: merged})
+
+    def unsubscribe(self, receiver: Receiver, topic: str, identifier: Hashable | None) -> None:
+        """Remove a client's request of that id; all of its requests for the topic where the id is None."""
+        stream = self._streams.get(topic)
+        merged = stream.receivers.get(receiver) if stream else None
+        if stream is None or merged is None:
+            return
+        merged.remove(identifier)
+        if merged.empty:
+            del stream.receivers[receiver]
+            self._close_unused(stream)
+
+    def leave(self, receiver: Receiver) -> None:
+        """Remove all requests of a client."""
+        for stream in list(self._streams.values()):
+            if stream.receivers.pop(receiver, None) is not None:
+                self._close_unused(stream)
+
+    def follow_publishers(self) -> None:
+        """Open the subscriptions again whose publishers now offer another QoS. To be called about once a second."""
+        for stream in self._streams.values():
+            qos = self._offered_qos(stream.topic)
+            if qos != stream.qos:
+                self._close(stream)
+                stream.qos = qos
+                self._listen(stream)
+
+    # -- subscriptions ------------------------------------------------------------------------------------------------
+    def _open(self, topic: str, type_name: str | None) -> _Stream:
+        known = topic_type(self._node, topic)
+        if type_name is None:
+            if known is None:
+                raise TopicFailed(f"Cannot infer topic type for topic {topic} as it is not yet advertised")
+            wanted = known
+        else:
+            wanted = interfaces.full_name(type_name, "msg")
+            if known is not None and known != wanted:
+                raise TopicFailed(type_conflict(topic, wanted, known))
+        try:
+            message_class = interfaces.find(wanted, "msg")
+        except interfaces.UnknownType as error:
+            raise TopicFailed(str(error)) from error
+        stream = _Stream(topic, wanted, message_class, self._offered_qos(topic))
+        self._listen(stream)
+        return stream
+
+    def _listen(self, stream: _Stream) -> None:
+        stream.kept = deque(maxlen=stream.qos.depth if stream.qos.latched else 0)
+        try:
+            stream.subscription = self._node.create_subscription(
+                stream.message_class, stream.topic, lambda data: self._receive(stream, data), qos_profile(stream.qos), raw=True
+            )
+        except Exception as error:  # rclpy raises a different class for each fault of a name
+            raise TopicFailed(f"{stream.topic}: {error}") from error
+
+    def _offered_qos(self, topic: str) -> graph.Qos:
+        """What all present publishers offer; without any, what the graph's table says, or else reliable."""
+        row = _ROWS.get(topic)
+        offers = [info.qos_profile for info in self._node.get_publishers_info_by_topic(topic)]
+        if not offers:
+            return row.qos if row is not None else graph.Qos(reliable=True, depth=QUEUE_DEPTH)
+        return graph.Qos(
+            reliable=all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers),
+            latched=all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers),
+            depth=row.qos.depth if row is not None else QUEUE_DEPTH,
+        )
+
+    def _close(self, stream: _Stream) -> None:
+        if stream.subscription is not None:
+            self._node.destroy_subscription(stream.subscription)
+            stream.subscription = None
+
+    def _close_unused(self, stream: _Stream) -> None:
+        if not stream.receivers:
+            self._close(stream)
+            del self._streams[stream.topic]
+
+    # -- messages -----------------------------------------------------------------------------------------------------
+    def _receive(self, stream: _Stream, data: bytes) -> None:
+        """Send a message, and all that wait behind it: a turn of the executor costs more than a message."""
+        self._handle(stream, data)
+        for _ in range(stream.qos.depth):
+            subscription = stream.subscription
+            if subscription is None:
+                return
+            with subscription.handle:
+                taken = subscription.handle.take_message(stream.message_class, True)
+            if taken is None:
+                return
+            self._handle(stream, taken[0])
+
+    def _handle(self, stream: _Stream, data: bytes) -> None:
+        if stream.qos.latched:
+            stream.kept.append(data)
+        self._send(stream, data, stream.receivers)
+
+    def _send(self, stream: _Stream, data: bytes, receivers: dict[Receiver, ClientSubscription]) -> None:
+        now_ns = time.monotonic_ns()
+        frames: dict[tuple[str, int], Frame] = {}
+        for receiver, merged in receivers.items():
+            if not merged.due(now_ns):
+                continue
+            key = (merged.compression, merged.queue_length)
+            if key not in frames:
+                encoded = self._encode(stream, data, merged.compression)
+                if encoded is None:
+                    return
+                depth = merged.queue_length or (SAMPLES_PER_TOPIC if stream.topic in _ROWS else QUEUE_DEPTH)
+                frames[key] = replace(encoded, stream=stream.topic, depth=depth) if stream.droppable else encoded
+            receiver.deliver(frames[key])
+
+    def _encode(self, stream: _Stream, data: bytes, compression: str) -> Frame | None:
+        received_ns = self._node.get_clock().now().nanoseconds if compression == "cbor-raw" else 0
+        try:
+            return publication(compression, stream.topic, stream.message_class, data, received_ns)
+        except (MalformedMessage, UnsupportedType) as error:
+            if not stream.failed:
+                self._node.get_logger().warning(f"{stream.topic} is not sent to clients: {error}")
+            stream.failed = True
+            return None
+
+
+def topic_type(node: Node, topic: str) -> str | None:
+    """The type of a topic on the graph, or else in the graph's table; None where both lack it."""
+    kinds: Sequence[str] = dict(node.get_topic_names_and_types()).get(topic, ())
+    row = _ROWS.get(topic)
+    return kinds[0] if kinds else row.type if row is not None else None
+
+
+def type_conflict(topic: str, wanted: str, known: str) -> str:
+    """The protocol's error text for a topic that has another type than a client asked for."""
+    return f"Tried to register topic {topic} with type {wanted} but it is already established with type {known}"

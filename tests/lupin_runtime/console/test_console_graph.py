@@ -1,0 +1,354 @@
+"""The console's server on a real graph, used by a client over its WebSocket."""
+
+from __future__ import annotations
+
+import base64
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from websockets.exceptions import InvalidStatus
+
+from lupin_runtime import graph
+from tests.support.rosbridge_client import RosbridgeClient
+
+if TYPE_CHECKING:
+    from lupin_runtime.console.node import Console
+    from lupin_runtime.ros import LupinNode
+    from tests.conftest import GraphHost
+
+pytestmark = pytest.mark.graph
+
+Connect = Callable[..., RosbridgeClient]
+
+
+def serve(host: GraphHost, **parameters: Any) -> Console:
+    from lupin_runtime.console.node import Console
+
+    console: Console = host.add(Console({"rosbridge_port": 0, **parameters}))
+    return console
+
+
+@pytest.fixture
+def peer(graph_host: GraphHost) -> LupinNode:
+    """Another node of the graph."""
+    from lupin_runtime.ros import LupinNode
+
+    node: LupinNode = graph_host.add(LupinNode("peer"))
+    return node
+
+
+@pytest.fixture
+def console(graph_host: GraphHost) -> Iterator[Console]:
+    """A server that allows any name."""
+    node = serve(graph_host, unlisted=True, unregister_after_s=0.5)
+    yield node
+    node.before_shutdown()
+
+
+@pytest.fixture
+def strict(graph_host: GraphHost) -> Iterator[Console]:
+    """A server as operators get it."""
+    node = serve(graph_host)
+    yield node
+    node.before_shutdown()
+
+
+def clients_of(node: Console) -> tuple[list[RosbridgeClient], Connect]:
+    made: list[RosbridgeClient] = []
+
+    def connect(**options: Any) -> RosbridgeClient:
+        made.append(RosbridgeClient(node.rosbridge_port, **options))
+        return made[-1]
+
+    return made, connect
+
+
+@pytest.fixture
+def connect(console: Console) -> Iterator[Connect]:
+    """Connects clients to `console`."""
+    made, new = clients_of(console)
+    yield new
+    for client in made:
+        client.close()
+
+
+@pytest.fixture
+def connect_strict(strict: Console) -> Iterator[Connect]:
+    """Connects clients to `strict`."""
+    made, new = clients_of(strict)
+    yield new
+    for client in made:
+        client.close()
+
+
+def repeat_until(host: GraphHost, action: Callable[[], None], heard: list[Any]) -> None:
+    """Repeat what is lost until discovery is done."""
+
+    def repeat() -> list[Any]:
+        action()
+        return heard
+
+    host.until(repeat)
+
+
+def test_messages_pass_both_ways_in_order(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
+    from std_msgs.msg import String
+
+    client, heard = connect(), []
+    peer.create_subscription(String, "/up", lambda message: heard.append(message.data), 100)
+    publisher = peer.create_publisher(String, "/down", 100)
+    client.send("subscribe", topic="/down", type="std_msgs/String", queue_length=100)
+    client.send("advertise", topic="/up", type="std_msgs/msg/String")
+    graph_host.until(lambda: publisher.get_subscription_count() and peer.count_publishers("/up"))
+    for number in range(50):
+        publisher.publish(String(data=f"{number} é"))
+    client.publication("/down", lambda message: message["data"] == "49 é")
+    assert [m["msg"]["data"] for m in client.received] == [f"{number} é" for number in range(50)]
+    repeat_until(graph_host, lambda: client.send("publish", topic="/up", msg={"data": "first"}), heard)
+    for number in range(50):
+        client.send("publish", topic="/up", msg={"data": str(number)})
+    graph_host.until(lambda: heard[-1] == "49")
+    assert heard[-50:] == [str(number) for number in range(50)]
+
+
+def test_late_client_gets_the_latched_message_once(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
+    from std_msgs.msg import String
+
+    from lupin_runtime.ros.node import qos_profile
+
+    latched = peer.create_publisher(String, "/latched", qos_profile(graph.LATCHED1))
+    latched.publish(String(data="state"))
+    graph_host.until(lambda: peer.count_publishers("/latched"))
+    clients = [connect() for _ in range(3)]
+    for client in clients:
+        client.send("subscribe", topic="/latched", type="std_msgs/String")
+        assert client.publication("/latched") == {"data": "state"}
+    clients[0].send("subscribe", topic="/latched", id="again")
+    assert clients[0].call("/rosapi/get_ros_version")["result"]
+    assert [len([m for m in client.received if m["op"] == "publish"]) for client in clients] == [1, 1, 1]
+
+
+def test_subscription_follows_publishers_that_come_later(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
+    from std_msgs.msg import String
+
+    from lupin_runtime.ros.node import qos_profile
+
+    client = connect()
+    client.send("subscribe", topic="/later", type="std_msgs/String")
+    graph_host.until(lambda: peer.count_subscribers("/later"))
+    best_effort = peer.create_publisher(String, "/later", qos_profile(graph.BEST1))
+    graph_host.until(lambda: best_effort.get_subscription_count(), what="a compatible subscription")
+    graph_host.until(lambda: best_effort.publish(String(data="heard")) or _has(client, "/later"))
+
+
+def _has(client: RosbridgeClient, topic: str) -> bool:
+    try:
+        message = client.take(0.05)
+    except TimeoutError:
+        return False
+    return bool(message["op"] == "publish" and message["topic"] == topic)
+
+
+@pytest.mark.parametrize("compression", ["none", "png", "cbor", "cbor-raw"])
+def test_scan_arrives_in_every_encoding(graph_host: GraphHost, peer: LupinNode, connect: Connect, compression: str) -> None:
+    import cv2
+    import numpy as np
+    from rclpy.serialization import deserialize_message
+    from sensor_msgs.msg import LaserScan
+
+    scan = LaserScan(angle_min=-1.5, ranges=[1.0, float("inf"), float("nan"), 2.5])
+    client = connect()
+    publisher = peer.create_publisher(LaserScan, "/a_scan", 10)
+    client.send("subscribe", topic="/a_scan", type="sensor_msgs/LaserScan", compression=compression)
+    graph_host.until(lambda: publisher.get_subscription_count())
+    publisher.publish(scan)
+    message = client.take(10.0)
+    if compression == "png":
+        assert message["op"] == "png"
+        image = cv2.imdecode(np.frombuffer(base64.b64decode(message["data"]), np.uint8), cv2.IMREAD_COLOR)
+        assert image is not None
+        message = json.loads(image[:, :, ::-1].tobytes())
+    contents = message["msg"]
+    if compression == "cbor-raw":
+        assert deserialize_message(contents["bytes"], LaserScan).angle_min == -1.5
+    elif compression == "cbor":
+        assert contents["ranges"].tag == 85
+        assert np.frombuffer(contents["ranges"].value, "<f4")[3] == 2.5
+    else:
+        assert contents["ranges"] == [1.0, None, None, 2.5]
+
+
+def test_one_subscription_serves_all_clients_and_ends_with_the_last(
+    graph_host: GraphHost, peer: LupinNode, connect: Connect
+) -> None:
+    clients = [connect() for _ in range(5)]
+    for client in clients:
+        client.send("subscribe", topic="/shared", type="std_msgs/String", compression="cbor")
+    graph_host.until(lambda: peer.count_subscribers("/shared"))
+    assert all(client.call("/rosapi/get_ros_version")["result"] for client in clients)
+    assert peer.count_subscribers("/shared") == 1
+    for client in clients:
+        client.close()
+    graph_host.until(lambda: not peer.count_subscribers("/shared"))
+
+
+def test_service_call_succeeds_fails_and_times_out(peer: LupinNode, connect: Connect) -> None:
+    from std_srvs.srv import SetBool
+
+    def handle(request: Any, response: Any) -> Any:
+        time.sleep(0.5 if not request.data else 0.0)
+        response.success, response.message = request.data, "done"
+        return response
+
+    peer.create_service(SetBool, "/switch", handle)
+    client = connect()
+    assert client.call("/switch", data=True)["values"] == {"success": True, "message": "done"}
+    wrong = client.call("/switch", date=True)
+    assert (wrong["result"], wrong["values"]) == (False, "Message type std_srvs/SetBool_Request does not have a field date")
+    assert client.call("/nowhere")["values"] == "Service /nowhere does not exist"
+    client.send("call_service", service="/switch", args=[False], timeout=0.1)
+    late = client.wait(lambda m: m["op"] == "service_response" and "id" not in m)
+    assert late == {
+        "op": "service_response",
+        "service": "/switch",
+        "values": "Timeout exceeded while waiting for service response",
+        "result": False,
+    }
+
+
+def test_unknown_type_and_conflicting_type_are_reported(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
+    from std_msgs.msg import String
+
+    peer.create_publisher(String, "/typed", 10)
+    graph_host.until(lambda: peer.count_publishers("/typed"))
+    client = connect()
+    client.send("set_level", level="error")
+    client.send("subscribe", topic="/typed", type="std_msgs/Bool", id="wrong")
+    assert client.refusal("already established with type std_msgs/msg/String")["id"] == "wrong"
+    client.send("subscribe", topic="/a", type="no_such_msgs/Thing")
+    client.refusal("Unable to import no_such_msgs.msg")
+    client.send("subscribe", topic="/unknown")
+    client.refusal("Cannot infer topic type for topic /unknown")
+    client.send("advertise", topic="not a name", type="std_msgs/String")
+    client.refusal("not a name")
+
+
+def test_every_malformed_message_is_reported_and_harmless(connect: Connect) -> None:
+    client = connect()
+    client.send("set_level", level="error")
+    bad: list[Any] = [b"\xff\xfe", "", "[]", "7", "{", '{"op":3}', '{"op":"fly"}', '{"op":"publish"}', "[" * 100_000]
+    bad += ['{"op":"subscribe","topic":""}', '{"op":"subscribe","topic":"/a","throttle_rate":"x"}', '{"op":null}']
+    bad += ['{"op":"call_service"}', '{"op":"fragment","id":1}', '{"op":"set_level","level":"loud"}']
+    for message in bad:
+        client.socket.send(message)
+        client.take(10.0)
+    assert [m["op"] for m in client.received] == ["status"] * (len(bad) - 1) + ["service_response"] * 0 + ["status"]
+    assert client.call("/rosapi/get_ros_version")["result"]
+
+
+def test_sinks_and_estop_state_are_closed_to_clients(peer: LupinNode, connect_strict: Connect) -> None:
+    client = connect_strict()
+    client.send("set_level", level="error")
+    for topic in ("/cmd_vel", "cmd_vel", "/e_stop_state", "/cmd_vel_auto", "/io/motor/left/speed"):
+        client.send("advertise", topic=topic, type="geometry_msgs/Twist")
+        client.send("publish", topic=topic, type="geometry_msgs/Twist", msg={})
+        client.refusal(f"publishing on {topic} is not allowed")
+    assert client.call("/controller_manager/switch_controller")["result"] is False
+    assert peer.count_publishers("/cmd_vel") == 0
+
+
+def test_first_driver_has_control_until_it_leaves(graph_host: GraphHost, peer: LupinNode, connect_strict: Connect) -> None:
+    heard: list[Any] = []
+    peer.subscription(graph.CMD_VEL_MANUAL, heard.append)
+    anne, ben = connect_strict(), connect_strict()
+    ben.send("set_level", level="error")
+    drive = {"linear": {"x": 5.0, "y": 0.0}, "angular": {"z": -9.0}}
+    repeat_until(graph_host, lambda: anne.send("publish", topic="/cmd_vel_manual", msg=drive), heard)
+    assert (heard[-1].linear.x, heard[-1].angular.z) == (pytest.approx(0.6), pytest.approx(-1.9))
+    ben.send("publish", topic="/cmd_vel_manual", msg=drive)
+    ben.refusal("has had control for")
+    ben.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": None}})
+    anne.send("publish", topic="/cmd_vel_manual", msg=drive)
+    anne.close()
+    graph_host.until(lambda: heard[-1].linear.x == 0.0, what="a zero velocity after the driver left")
+    ben.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.1}})
+    graph_host.until(lambda: heard[-1].linear.x == 0.1)
+
+
+def test_driver_that_vanishes_engages_the_stop_until_released(
+    graph_host: GraphHost, peer: LupinNode, connect_strict: Connect
+) -> None:
+    stops: list[bool] = []
+    peer.subscription(graph.HMI_ESTOP, lambda message: stops.append(message.data))
+    driver, other = connect_strict(), connect_strict()
+    graph_host.until(lambda: peer.count_publishers(graph.HMI_ESTOP.name))
+    driver.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.2}})
+    assert driver.call("/rosapi/get_ros_version")["result"]
+    driver.socket.socket.close()
+    graph_host.until(lambda: stops and stops[-1], what="the stop")
+    other.send("publish", topic="/lupin/hmi/estop", msg={"data": False})
+    graph_host.until(lambda: not stops[-1], what="the release")
+
+
+def test_anyone_stops_and_only_control_releases(graph_host: GraphHost, peer: LupinNode, connect_strict: Connect) -> None:
+    stops: list[bool] = []
+    peer.subscription(graph.HMI_ESTOP, lambda message: stops.append(message.data))
+    driver, visitor = connect_strict(), connect_strict()
+    visitor.send("set_level", level="error")
+    graph_host.until(lambda: peer.count_publishers(graph.HMI_ESTOP.name))
+    driver.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.2}})
+    assert driver.call("/rosapi/get_ros_version")["result"]
+    visitor.send("publish", topic="/lupin/hmi/estop", msg={"data": True})
+    graph_host.until(lambda: stops and stops[-1])
+    visitor.send("publish", topic="/lupin/hmi/estop", msg={"data": False})
+    visitor.refusal("has had control for")
+    assert stops[-1]
+
+
+def test_foreign_origin_is_refused(console: Console) -> None:
+    for origin in ("https://evil.example", "http://localhost.evil.example:8090", "null"):
+        with pytest.raises(InvalidStatus, match="403"):
+            RosbridgeClient(console.rosbridge_port, origin=origin)
+    for origin in ("http://localhost:8090", "http://127.0.0.1", "http://[::1]:3000"):
+        RosbridgeClient(console.rosbridge_port, origin=origin).close()
+
+
+def test_port_in_use_is_reported_with_its_owner(graph_host: GraphHost) -> None:
+    from lupin_runtime.console.ports import PortInUse
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        with pytest.raises(PortInUse, match=rf"port {port} is in use by process \d+"):
+            serve(graph_host, rosbridge_port=port)
+
+
+def test_client_that_never_reads_slows_nobody_down(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
+    from std_msgs.msg import UInt8MultiArray
+
+    publisher = peer.create_publisher(UInt8MultiArray, "/large", 1)
+    stuck, reader = connect(max_queue=1), connect()
+    for client in (stuck, reader):
+        client.send("subscribe", topic="/large", type="std_msgs/UInt8MultiArray", compression="cbor")
+    graph_host.until(lambda: publisher.get_subscription_count())
+    for number in range(300):
+        publisher.publish(UInt8MultiArray(data=bytes([number % 256]) * 200_000))
+        while reader.take(10.0)["msg"]["data"][0] != number % 256:
+            pass
+        reader.received.clear()
+        reader.raw.clear()
+
+
+def test_event_loop_that_hangs_ends_the_node(graph_host: GraphHost) -> None:
+    node = serve(graph_host)
+    release = threading.Event()
+    node._server._loop.call_soon_threadsafe(release.wait, 20.0)
+    with pytest.raises(RuntimeError, match="event loop has not responded for 3 s"):
+        graph_host.until(lambda: False, timeout_s=15.0)
+    graph_host._errors.clear()
+    release.set()
+    node.before_shutdown()

@@ -1,0 +1,127 @@
+"""Runs the WebSocket tests of rosbridge_suite, unmodified, against the console's server.
+
+    python -m tools.run_rosbridge_tests FOLDER [NAME ...]
+
+FOLDER is a checkout of rosbridge_suite (2.7 or later). Its tests are written for ROS 2's launch system, of which they need only
+what starts the server: that is replaced by a few small modules. They also need the packages autobahn and twisted, and some
+example_interfaces; a test that lacks something is reported as such. Exit status: 0 all passed, 1 not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from lupin_runtime.stack.dds import claim_domain, loopback_environment
+
+TEST_BOUND_S = 120.0
+_STUBS = {
+    "launch/__init__.py": "",
+    "launch/action.py": "class Action: ...\n",
+    "launch/launch_description.py": "class LaunchDescription:\n    def __init__(self, actions): self.actions = actions\n",
+    "launch/actions.py": (
+        "class DeclareLaunchArgument:\n    def __init__(self, *a, **k): ...\n"
+        "class ExecuteProcess:\n    def __init__(self, cmd, **k): self.cmd = [str(word) for word in cmd]\n"
+    ),
+    "launch/substitutions.py": "class LaunchConfiguration:\n    def __init__(self, name): ...\n",
+    "launch_ros/__init__.py": "from launch_ros import actions\n",
+    "launch_ros/actions.py": "class Node:\n    def __init__(self, parameters, **k): self.parameters = parameters[0]\n",
+    "launch_testing/__init__.py": "",
+    "launch_testing/actions.py": "class ReadyToTest: ...\n",
+}
+
+
+def main() -> int:
+    """Run every test file in a process and on a graph of its own."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("folder", type=Path, help="checkout of rosbridge_suite")
+    parser.add_argument("names", nargs="*", help="files to run, without .test.py")
+    parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    tests = options.folder / "rosbridge_server" / "test" / "websocket"
+    files = sorted(path for path in tests.glob("*.test.py") if not options.names or path.name[:-8] in options.names)
+    if not files:
+        parser.error(f"there are no tests in {tests}")
+    if options.inside:
+        return _run_inside(files[0])
+    failed = 0
+    with tempfile.TemporaryDirectory() as directory:
+        for name, text in _STUBS.items():
+            path = Path(directory) / name
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        for path in files:
+            outcome = _run(path, options.folder, Path(directory))
+            failed += outcome != "passed"
+            print(f"{path.name[:-8]:32} {outcome}", flush=True)
+    print(f"{len(files) - failed} passed, {failed} failed")
+    return 1 if failed else 0
+
+
+def _run(path: Path, folder: Path, stubs: Path) -> str:
+    claim = claim_domain()
+    environment = loopback_environment(claim.domain, stubs, dict(os.environ))
+    environment["PYTHONPATH"] = os.pathsep.join([str(stubs), str(Path(__file__).parents[1]), *sys.path[1:]])
+    command = [sys.executable, "-m", "tools.run_rosbridge_tests", "--inside", str(folder), path.name[:-8]]
+    log = stubs / f"{path.name}.log"
+    try:
+        with log.open("w") as output:
+            done = subprocess.run(
+                command, env=environment, stdout=output, stderr=output, timeout=TEST_BOUND_S, check=False, cwd=stubs
+            )
+    except subprocess.TimeoutExpired:
+        return f"timed out after {TEST_BOUND_S:g} s"
+    finally:
+        claim.release()
+    if done.returncode == 0:
+        return "passed"
+    return "failed: " + log.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1]
+
+
+def _run_inside(path: Path) -> int:
+    """Start what one test file describes, and run its tests; in a process of its own, as a reactor can't start twice."""
+    import unittest
+
+    spec = importlib.util.spec_from_file_location(path.name[:-8], path)
+    assert spec is not None and spec.loader is not None  # of an existing file
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    started = []
+    try:
+        for action in module.generate_test_description().actions:
+            if hasattr(action, "parameters"):
+                unregister_s = str(action.parameters.get("unregister_timeout", 10.0))
+                started.append(subprocess.Popen([sys.executable, "-c", _SERVER, unregister_s]))
+            elif hasattr(action, "cmd"):
+                started.append(subprocess.Popen(action.cmd))
+        result = unittest.TextTestRunner().run(unittest.defaultTestLoader.loadTestsFromModule(module))
+    finally:
+        for process in started:
+            process.terminate()
+            process.wait(20)
+    return 0 if result.wasSuccessful() and result.testsRun else 1
+
+
+# The tests ask a node `rosbridge_websocket` for the port.
+_SERVER = """
+import sys
+from rclpy.node import Node
+from lupin_runtime.console.node import Console
+from lupin_runtime.ros import run
+
+def announce(nodes):
+    nodes[1].declare_parameter("actual_port", nodes[0].rosbridge_port)
+    nodes[1].declare_parameter("port", 9090)
+
+parameters = {"rosbridge_port": 0, "unlisted": True, "unregister_after_s": float(sys.argv[1])}
+sys.exit(run([lambda: Console(parameters), lambda: Node("rosbridge_websocket")], ready=announce))
+"""
+
+
+if __name__ == "__main__":
+    sys.exit(main())
