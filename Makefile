@@ -7,25 +7,29 @@ WORLD ?= demo
 INTERFACES := $(shell find interfaces -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name '*.py' -o -name '*.toml' -o -name package.xml | grep -v /build/)
 KERNELS := $(shell find lupin_runtime -name '_kernels.c')
 
-.PHONY: setup mission test lint bench lock clean
+.PHONY: setup mission test test-core test-graph test-host test-mission lint bench lock wheel clean
 
 setup: $(VENV)/.lupin
 
 mission: setup
 	$(VENV)/bin/lupin up --mission --headless --world $(WORLD)
 
-# Cores side by side; what talks over DDS one after another, since its peers are processes that want the cores themselves. Booted
-# computers mostly wait, and missions keep their own time, so several go side by side. A busy machine may stall a peer past its
-# bound: what failed runs once more, alone, and what fails twice fails.
-ONE_BY_ONE := -m "(graph or sim) and not host and not mission"
-HOSTS := -m "host and not mission"
-MISSIONS := -m mission
-CORES := -m "not graph and not sim and not host and not mission"
-test: setup lint
-	$(PY) -m pytest -q -n 2 $(CORES) tests || $(PY) -m pytest -q --last-failed $(CORES) tests
-	$(PY) -m pytest -q $(ONE_BY_ONE) tests || $(PY) -m pytest -q --last-failed $(ONE_BY_ONE) tests
-	$(PY) -m pytest -q -n 3 --dist loadfile $(HOSTS) tests || $(PY) -m pytest -q --last-failed $(HOSTS) tests
-	$(PY) -m pytest -q -n 2 --dist worksteal $(MISSIONS) tests || $(PY) -m pytest -q --last-failed $(MISSIONS) tests
+# The four stages of the tests. Cores run side by side. Tests that talk over DDS run one after another, since their peers are
+# processes that need the cores themselves. Booted computers mostly wait, and a mission keeps its own pace, so several run at once.
+PYTEST := $(PY) -m pytest -q --durations=12 --durations-min=5
+test: setup lint test-core test-graph test-host test-mission
+
+test-core: setup
+	$(PYTEST) -n 2 $(COVERAGE) -m "not graph and not sim and not host and not mission" tests
+
+test-graph: setup
+	$(PYTEST) -m "(graph or sim) and not host and not mission" tests
+
+test-host: setup
+	$(PYTEST) -n 3 --dist loadfile -m "host and not mission" tests
+
+test-mission: setup
+	$(PYTEST) -n 2 --dist worksteal -m mission tests
 
 lint: setup
 	$(VENV)/bin/ruff check .
@@ -36,10 +40,14 @@ lint: setup
 bench: setup
 	$(PY) -m bench
 
+# One wheel with interfaces, kernels, playbooks and units: `pipx install dist/lupin-*.whl` needs no compiler and no checkout.
+wheel: setup
+	$(PY) tools/build_wheel.py dist
+
 # The lock file: every package with its hashes, and no word of where they came from.
 lock: setup
 	$(PY) -m pip install -q uv
-	$(VENV)/bin/uv pip compile pyproject.toml --extra sim --extra dev --generate-hashes --python-version 3.11 \
+	$(VENV)/bin/uv pip compile pyproject.toml --extra dev --generate-hashes --python-version 3.11 \
 	  --python-platform x86_64-manylinux_2_28 --no-header --no-annotate --no-emit-package lupin-interfaces \
 	  --output-file requirements.lock
 

@@ -1,7 +1,7 @@
 """Compiles the native kernels: plain C functions that the cores call through ctypes (`lupin_runtime/native.py`).
 
 `LUPIN_PURE=1` builds without them, which is what a robot gets: nothing that runs there needs one. A wheel carries the
-playbooks and units inside `lupin_cli`, where `lupin_cli/shipped.py` looks for them.
+playbooks and units inside `lupin_cli/data`, where `lupin_cli/package_data.py` looks for them.
 """
 
 import os
@@ -18,11 +18,12 @@ class BuildWithShippedData(build_py):
     """Copies the data folders beside the packages into the wheel."""
 
     def run(self):
+        """Build the package, then copy the data unless the installation is editable and reads the source tree."""
         super().run()
         if self.editable_mode:
             return
         for name in SHIPPED:
-            shutil.copytree(name, Path(self.build_lib) / "lupin_cli" / name, dirs_exist_ok=True)
+            shutil.copytree(name, Path(self.build_lib) / "lupin_cli" / "data" / name, dirs_exist_ok=True)
 
 
 # Every `_kernels.c` is one library beside its core. No -ffast-math: NaN checks must keep their meaning.

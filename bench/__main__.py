@@ -14,6 +14,7 @@ LONG = {"mission", "triage"}
 
 
 def main() -> int:
+    """Run the named benchmarks one after another; return 1 if any missed its limit, else 0."""
     names = sorted(path.stem.removeprefix("bench_") for path in Path(__file__).parent.glob("bench_*.py"))
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument(

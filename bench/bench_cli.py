@@ -1,4 +1,7 @@
-"""`lupin --help` over the bare interpreter, in pairs. Limit: 65 ms above `python -c pass`."""
+"""The wall time of `lupin --help` above that of `python -c pass`, measured in pairs. Limit: 65 ms.
+
+python -m bench.bench_cli [--runs N] [--json]
+"""
 
 from __future__ import annotations
 
@@ -13,29 +16,30 @@ LIMIT_MS = 65.0
 
 
 def wall_ms(command: list[str]) -> float:
-    """Wall time of one run of a command."""
-    began = time.perf_counter()
+    """Return the wall time of one run of a command."""
+    start = time.perf_counter()
     subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
-    return (time.perf_counter() - began) * 1e3
+    return (time.perf_counter() - start) * 1e3
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Time `python -c pass` and `lupin --help` in turns, and print the medians beside the limit."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--runs", type=int, default=21)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    bare, ours = [], []
+    interpreter_ms, lupin_ms = [], []
     for _ in range(options.runs + 1):
-        bare.append(wall_ms([sys.executable, "-c", "pass"]))
-        ours.append(wall_ms([sys.executable, "-m", "lupin_cli.app", "--help"]))
-    # The first pair warms the file cache.
-    above = [b - a for a, b in zip(bare[1:], ours[1:], strict=True)]
+        interpreter_ms.append(wall_ms([sys.executable, "-c", "pass"]))
+        lupin_ms.append(wall_ms([sys.executable, "-m", "lupin_cli.app", "--help"]))
+    # The first pair only warms the file cache.
+    above_ms = [lupin - bare for bare, lupin in zip(interpreter_ms[1:], lupin_ms[1:], strict=True)]
     result = {
-        "python_pass_ms": round(statistics.median(bare[1:]), 1),
-        "lupin_help_ms": round(statistics.median(ours[1:]), 1),
-        "above_ms": round(statistics.median(above), 1),
+        "python_pass_ms": round(statistics.median(interpreter_ms[1:]), 1),
+        "lupin_help_ms": round(statistics.median(lupin_ms[1:]), 1),
+        "above_ms": round(statistics.median(above_ms), 1),
         "limit_ms": LIMIT_MS,
-        "ratio_to_limit": round(statistics.median(above) / LIMIT_MS, 2),
+        "ratio_to_limit": round(statistics.median(above_ms) / LIMIT_MS, 2),
     }
     if not options.json:
         print(f"python -c pass {result['python_pass_ms']} ms, lupin --help {result['lupin_help_ms']} ms")

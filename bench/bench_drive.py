@@ -1,13 +1,12 @@
-"""The drive bus: latency that twist_mux adds, beside a bare relay, and how soon the e-stop's edge is a zero at the sink.
+"""The drive bus: the latency that twist_mux adds, compared with a plain relay, and the time from the e-stop's edge to zero.
 
     python -m bench.bench_drive [--seconds 20] [--presses 40] [--load 2] [--ordinary] [--json]
 
-Bus, bridge and relay each run in a process and a session of their own, as in the stack, on a private graph on loopback.
-The added latency of a command is the time from its writing by the source to the writing of what comes out, both stamped by
-the middleware: a source that published to the sink itself would be just that much earlier. The relay (an rclpy node that
-publishes what it receives and does nothing else) hears the same messages. `--load` starts that many processes that compute
-without end beside them, under ordinary scheduling. The time to stop runs from before the button's edge is published to the
-arrival of zero.
+Bus, bridge and relay each run in their own process and session, as in the stack, on a private graph on loopback. The added
+latency of a command is the time between the source's and the output's publication, both stamped by the middleware: a source
+that published directly to the sink would be earlier by that time. The relay (an rclpy node that only publishes what it
+receives) gets the same messages. `--load` starts this number of busy processes with ordinary scheduling. The time to stop is
+from before the publication of the button's edge to the arrival of zero.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ BUSY = "x = 0\nwhile True:\n    x += 1"
 
 
 def relay_node() -> LupinNode:
-    """The peer: takes a Twist apart and publishes it again, as any small rclpy node would."""
+    """The relay: deserializes a Twist and publishes it again, like any small rclpy node."""
     node = LupinNode("relay")
     out = node.publisher(RELAY_SINK)
     node.subscription(graph.CMD_VEL_AUTO, out.publish, qos=graph.BEST1)
@@ -50,7 +49,7 @@ def relay_node() -> LupinNode:
 
 
 class Probe:
-    """Publishes commands and the button, and keeps when what came back was written (ns, system clock), by their y."""
+    """Publishes commands and the button; records the publication times (ns, system clock) of the outputs by their y value."""
 
     def __init__(self) -> None:
         import rclpy
@@ -68,21 +67,21 @@ class Probe:
         self.auto = self.node.publisher(graph.CMD_VEL_AUTO)
         self.button = self.node.publisher(graph.ESTOP_BUTTON)
         qos = graph.Qos(reliable=False, depth=50)
-        self.node.subscription(graph.CMD_VEL_AUTO, self._into(self.direct), qos=qos, raw=True)
-        self.node.subscription(RELAY_SINK, self._into(self.via_relay), qos=qos, raw=True)
+        self.node.subscription(graph.CMD_VEL_AUTO, self._recorder(self.direct), qos=qos, raw=True)
+        self.node.subscription(RELAY_SINK, self._recorder(self.via_relay), qos=qos, raw=True)
         sink: Callable[..., None] = self._sink
         self.node.subscription(graph.CMD_VEL_SINK_SIM, sink, qos=qos, raw=True)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         threading.Thread(target=self._executor.spin, daemon=True).start()
 
-    def _into(self, table: dict[float, int]) -> Callable[..., None]:
-        def take(data: bytes, info: dict[str, int]) -> None:
+    def _recorder(self, table: dict[float, int]) -> Callable[..., None]:
+        def record(data: bytes, info: dict[str, int]) -> None:
             command = decode(data)
             if command is not None:
                 table[command.y] = info["source_timestamp"]
 
-        return take
+        return record
 
     def _sink(self, data: bytes, info: dict[str, int]) -> None:
         command = decode(data)
@@ -93,21 +92,23 @@ class Probe:
             self.moving.set()
 
     def press(self, pressed: bool) -> None:
+        """Publish the state of the button."""
         self.button.publish(self._button_type(value=pressed))
 
-    def until_moving(self, timeout_s: float = 20.0) -> None:
-        """Command rest and then motion until it comes out at the sink."""
+    def wait_for_motion(self, timeout_s: float = 20.0) -> None:
+        """Command zero and then motion until motion arrives at the sink."""
         self.moving.clear()
         deadline = time.monotonic() + timeout_s
         while not self.moving.is_set():
             if time.monotonic() > deadline:
                 raise SystemExit("bench_drive: no command reached the sink within 20 s; is the bus locked?")
             self.auto.publish(ZERO_BYTES)
-            time.sleep(0.02)  # the bus takes the newest only: rest has to be seen before motion follows
+            time.sleep(0.02)  # the bus reads only the newest command, and it must see zero before motion
             self.auto.publish(encode(Twist(0.1, 0.0, 0.0)))
             self.moving.wait(0.02)
 
     def close(self) -> None:
+        """Stop the executor and leave the graph."""
         import rclpy
 
         self._executor.shutdown(timeout_sec=2.0)
@@ -128,8 +129,8 @@ def percentiles(values_ms: list[float]) -> dict[str, float]:
 
 
 def measure_latency(probe: Probe, seconds: float) -> dict[str, dict[str, float]]:
-    """Commands at 50 Hz; per message how much later it came through the bus, and through the relay."""
-    probe.until_moving()
+    """Publish commands at 50 Hz; the added latency of each message through the bus and through the relay."""
+    probe.wait_for_motion()
     period_s, count = 0.02, int(seconds / 0.02)
     start = time.monotonic()
     for index in range(1, count + 1):
@@ -145,10 +146,10 @@ def measure_latency(probe: Probe, seconds: float) -> dict[str, dict[str, float]]
 
 
 def measure_stop(probe: Probe, presses: int) -> dict[str, float]:
-    """From publishing the button's edge to the first zero at the sink, with motion flowing at 50 Hz; ms."""
+    """The time from the button's edge to the first zero at the sink, with commands at 50 Hz; ms."""
     delays = []
     for _ in range(presses):
-        probe.until_moving()
+        probe.wait_for_motion()
         for _ in range(5):
             probe.auto.publish(encode(Twist(0.1, 0.0, 0.0)))
             time.sleep(0.02)
@@ -171,8 +172,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--presses", type=int, default=40)
-    parser.add_argument("--load", type=int, default=os.cpu_count() or 1, help="busy processes beside the bus")
-    parser.add_argument("--ordinary", action="store_true", help="bus and bridge do not ask for real-time scheduling")
+    parser.add_argument("--load", type=int, default=os.cpu_count() or 1, help="number of busy processes")
+    parser.add_argument("--ordinary", action="store_true", help="bus and bridge do not request real-time scheduling")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
 
@@ -185,9 +186,9 @@ def main() -> None:
                 code = f"FIRST = {not args.ordinary}; {code}; {RUN}"
                 children.append(subprocess.Popen([sys.executable, "-c", code], stdout=sys.stderr, start_new_session=True))
             probe = Probe()
-            probe.until_moving()
+            probe.wait_for_motion()
             children += [subprocess.Popen([sys.executable, "-c", BUSY], start_new_session=True) for _ in range(args.load)]
-            serve_first()  # the source and the base at the sink are not what is measured here
+            serve_first()  # neither the source nor the sink is part of the measurement
             rows = measure_latency(probe, args.seconds)
             rows["stop"] = measure_stop(probe, args.presses)
             probe.close()

@@ -1,5 +1,6 @@
-"""How many of the reachable tags a mission finds and reads, how far it drives and how long it takes in simulated time, in a
-greenhouse without physics; beside a mission that knows frontiers only, as the peer. Limit: every reachable tag read.
+"""Explorations in the mission simulator: tags found and read, distance driven, simulated time.
+
+The peer is a mission that explores frontiers only. Limit: every reachable tag is read.
 """
 
 from __future__ import annotations
@@ -9,38 +10,41 @@ import json
 import sys
 from dataclasses import asdict
 
-from bench.flat_greenhouse import explore
+from tests.support.mission_simulator import simulate_exploration
 
 WORLDS = ("demo", *(f"random:{seed}" for seed in range(1, 21)), "course", "walled")
 
 
 def main() -> int:
+    """Explore every world, with the peer too unless `--no-peer`; return 1 if a mission is incomplete."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("worlds", nargs="*", default=list(WORLDS))
     parser.add_argument("--noise", type=float, default=0.0, help="sigma of lidar ranges and poses, m and rad")
-    parser.add_argument("--no-peer", action="store_true", help="leave the frontiers-only mission out")
-    parser.add_argument("--json", action="store_true", help="one JSON line at the end")
+    parser.add_argument("--no-peer", action="store_true", help="skip the mission that explores frontiers only")
+    parser.add_argument("--json", action="store_true", help="print one JSON line at the end")
     arguments = parser.parse_args()
     print(f"{'world':12s} {'state':8s} {'read':>9s} {'explored s':>10s} {'mission s':>9s} {'driven m':>8s} {'frontiers':>14s}")
     results = []
     for world in arguments.worlds:
-        ours, _ = explore(world, range_sigma_m=arguments.noise, pose_sigma_m=arguments.noise)
-        peer = None if arguments.no_peer else explore(world, coverage_enabled=False)[0]
+        ours, _ = simulate_exploration(world, range_sigma_m=arguments.noise, pose_sigma_m=arguments.noise)
+        peer = None if arguments.no_peer else simulate_exploration(world, coverage_enabled=False)[0]
         results.append({**asdict(ours), "peer_read": peer.read if peer else None})
         print(
             f"{world:12s} {ours.state:8s} {ours.read:4d}/{ours.reachable:<4d} {ours.exploration_s:10.0f} {ours.mission_s:9.0f}"
-            f" {ours.length_m:8.1f} {f'{peer.read}/{peer.reachable}' if peer else '-':>14s}",
+            f" {ours.driven_m:8.1f} {f'{peer.read}/{peer.reachable}' if peer else '-':>14s}",
             flush=True,
         )
-    whole = sum(result["state"] == "DONE" and result["read"] == result["reachable"] for result in results)
+    complete = sum(result["state"] == "DONE" and result["read"] == result["reachable"] for result in results)
     read, reachable = sum(r["read"] for r in results), sum(r["reachable"] for r in results)
     peer_read = sum(r["peer_read"] or 0 for r in results)
-    print(f"{whole} of {len(results)} whole; {read} of {reachable} tags, frontiers only {peer_read}")
+    print(f"{complete} of {len(results)} missions complete; {read} of {reachable} tags read, with frontiers only {peer_read}")
     if arguments.json:
         print(
-            json.dumps({"whole": whole, "worlds": len(results), "read": read, "reachable": reachable, "peer_read": peer_read})
+            json.dumps(
+                {"whole": complete, "worlds": len(results), "read": read, "reachable": reachable, "peer_read": peer_read}
+            )
         )
-    return 0 if whole == len(results) else 1
+    return 0 if complete == len(results) else 1
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Whole missions in the simulator: `demo` and `random:1…20`, scored against the truth.
+"""Complete missions with `lupin up --mission`: worlds `demo` and `random:1…20`, scored against the simulator's truth.
 
 Limits: DONE with every reachable tag found and read, no collision, median tag error ≤ 5 cm, trajectory RMSE ≤ 5 cm on at
 least 19 of 20; real-time factor ≥ 1; memory of all processes ≤ 1.2 GB; drivable ≤ 6 s, READY ≤ 12 s.
@@ -13,26 +13,26 @@ import sys
 from pathlib import Path
 from typing import Any
 
-BOUND_S = 2400.0
+TIMEOUT_S = 2400.0
 
 
-def run(world: str) -> dict[str, Any]:
-    """One mission; the object that `lupin up --json` prints, with the exit status and the start-up times."""
+def run_mission(world: str) -> dict[str, Any]:
+    """Run one mission; return the object printed by `lupin up --json`, with exit status and start-up times."""
     command = [sys.executable, "-m", "lupin_cli.app", "up", "--mission", "--headless", "--json", "--world", world]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=BOUND_S, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     except subprocess.TimeoutExpired:
         return {"world": world, "state": "TIMEOUT"}
     result: dict[str, Any] = json.loads(done.stdout) if done.stdout.strip() else {"state": done.stderr[-200:]}
     result.update(world=world, exit_status=done.returncode)
     if result.get("report"):
-        kept = json.loads((Path(result["report"]).parents[1] / "result.json").read_text())
-        result.update(drivable_s=kept["outcome"]["drivable_s"], ready_s=kept["outcome"]["ready_s"])
+        stored = json.loads((Path(result["report"]).parents[1] / "result.json").read_text())
+        result.update(drivable_s=stored["outcome"]["drivable_s"], ready_s=stored["outcome"]["ready_s"])
     return result
 
 
-def good(result: dict[str, Any]) -> bool:
-    """Whether a mission reached what it must."""
+def meets_limits(result: dict[str, Any]) -> bool:
+    """Return whether a mission's result is within the limits."""
     return bool(
         result.get("state") == "DONE"
         and result["tags_read"] == result["tags_reachable"]
@@ -43,6 +43,7 @@ def good(result: dict[str, Any]) -> bool:
 
 
 def main() -> int:
+    """Run a mission in every world and print its scores and whether they are within the limits."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("worlds", nargs="*", default=["demo", *(f"random:{seed}" for seed in range(1, 21))])
     results = []
@@ -51,13 +52,13 @@ def main() -> int:
     )
     print(f"{'world':12s} {'state':9s} {columns}", flush=True)
     for world in parser.parse_args().worlds:
-        result = run(world)
+        result = run_mission(world)
         results.append(result)
         cells = "  ".join(
             f"{value:.3f}" if isinstance(value := result.get(name), float) else str(value) for name in columns.split()
         )
-        print(f"{world:12s} {result['state']:9s} {cells}  {'ok' if good(result) else 'MISSED'}", flush=True)
-    count = sum(map(good, results))
+        print(f"{world:12s} {result['state']:9s} {cells}  {'ok' if meets_limits(result) else 'MISSED'}", flush=True)
+    count = sum(map(meets_limits, results))
     print(json.dumps({"good": count, "of": len(results), "limit": "19 of 20", "results": results}))
     return 0
 

@@ -9,28 +9,28 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bench.numpy_mppi import iterate
 from lupin_runtime.geometry import Pose2
-from lupin_runtime.navigation.costmap import BeamPoses, LocalCostmap, Scan
+from lupin_runtime.navigation.costmap import BeamPoses, LocalCostmap, RangeScan
 from lupin_runtime.navigation.mppi import LocalPath, MppiController
+from tests.support.numpy_mppi import iterate
 
 LIMIT_HZ = 30.0
 CYCLES, PEER_CYCLES = 200, 10
 
 
 def aisle() -> LocalCostmap:
-    """A 0.9 m aisle along x, as a lidar in its middle sees it."""
+    """The local costmap of a 0.9 m aisle along x, seen by a lidar in its middle."""
     angles = 2.0 * np.pi * np.arange(360) / 360
     with np.errstate(divide="ignore"):
         ranges = np.minimum(0.45 / np.abs(np.sin(angles)), 20.0).astype(np.float32)
     costmap = LocalCostmap()
     costmap.roll_to(0.0, 0.0)
-    costmap.observe(Scan(ranges, 0.0, 2.0 * np.pi / 360), BeamPoses(Pose2(), Pose2()))
+    costmap.observe(RangeScan(ranges, 0.0, 2.0 * np.pi / 360), BeamPoses(Pose2(), Pose2()))
     return costmap
 
 
 def cpu_ms(work: Callable[[], object], count: int) -> list[float]:
-    """CPU time of this thread for each of `count` runs: the wall's also counts the neighbours."""
+    """CPU time of this thread for each of `count` runs, ms; wall time would include other processes."""
     spent = []
     for _ in range(count):
         began = time.thread_time()
@@ -40,6 +40,7 @@ def cpu_ms(work: Callable[[], object], count: int) -> list[float]:
 
 
 def main() -> int:
+    """Time the controller in an aisle and its numpy reference; return 1 if it is slower than the limit."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true", help="one JSON line")
     as_json = parser.parse_args().json

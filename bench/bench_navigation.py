@@ -1,6 +1,6 @@
-"""Driving in closed loop: rooms of random boxes with aisles of 0.9 m, a kinematic robot with a lag, drifting odometry.
+"""Navigation in closed loop: rooms of random boxes with aisles of 0.9 m, a kinematic robot with a lag, drifting odometry.
 
-Limits: no collision, every goal reached. The peer of the speed is the straight line at full speed.
+Limits: no collision, every goal reached. Speed is compared with the straight line at full speed.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ import time
 
 import numpy as np
 
-from bench.kinematic import HALF_LENGTH_M, HALF_WIDTH_M, Arena, Drive, random_arena
 from lupin_runtime.geometry import Pose2
+from tests.support.kinematic_base import HALF_LENGTH_M, HALF_WIDTH_M, Arena, Drive, random_arena
 
 GOALS = 5
 
 
 def hull_clearance_m(arena: Arena, track: list[Pose2]) -> float:
-    """The least distance between the hull's outline and a solid along a track."""
+    """The smallest distance between the hull's outline and a solid along a track."""
     u = np.linspace(-1.0, 1.0, 9)
     sides = [(HALF_LENGTH_M * s, HALF_WIDTH_M * t) for s in (-1, 1) for t in u]
     outline = np.array(sides + [(HALF_LENGTH_M * t, HALF_WIDTH_M * s) for s in (-1, 1) for t in u])
@@ -35,6 +35,7 @@ def hull_clearance_m(arena: Arena, track: list[Pose2]) -> float:
 
 
 def main() -> int:
+    """Drive through the random rooms; return 1 after a collision or a goal that was not reached."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true", help="one JSON line")
     parser.add_argument("--worlds", type=int, default=20)

@@ -11,18 +11,19 @@ import json
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from bench.tangent_graph import random_boxes, shortest_length
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.navigation.costmap import GlobalCostmap
 from lupin_runtime.navigation.costmap.kernels import squared_distances
 from lupin_runtime.navigation.planning import plan
-from lupin_runtime.navigation.planning.shortest import shortest
+from lupin_runtime.navigation.planning.shortest_path import find_shortest_path
+from tests.support.tangent_graph import random_boxes, shortest_length
 
 LIMIT_MS, LIMIT_RATIO = 100.0, 1.01
 CELLS, RESOLUTION_M, RADIUS_M = 2000, 0.05, 0.22
@@ -30,7 +31,7 @@ RUNS = 7
 
 
 def serpentine(walls: int) -> GridMap:
-    """Corridors back and forth: every cell has to be reached."""
+    """Corridors back and forth, so that every cell must be reached."""
     grid = np.zeros((CELLS, CELLS), np.int8)
     pitch = CELLS // walls
     for i in range(1, walls):
@@ -91,6 +92,7 @@ def peer(grid: GridMap, start: tuple[int, int], goal: tuple[int, int]) -> tuple[
 
 
 def main() -> int:
+    """Plan on every map with Lupin and the references; return 1 if a plan is too slow or too long."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true", help="one JSON line")
     as_json = parser.parse_args().json
@@ -108,7 +110,7 @@ def main() -> int:
     }
     cases = {}
     for name, grid in maps.items():
-        cpu, wall, found = best_ms(lambda grid=grid: shortest(grid, start, goal, RADIUS_M))
+        cpu, wall, found = best_ms(partial(find_shortest_path, grid, start, goal, RADIUS_M))
         cases[name] = {"cpu_ms": round(cpu, 1), "wall_ms": round(wall, 1), "length_m": round(found.length_m, 3)}
     exact_m = shortest_length(boxes, start, goal, RADIUS_M, CELLS * RESOLUTION_M, chords=3)
     ratios = []
@@ -116,7 +118,7 @@ def main() -> int:
         grid, small = random_boxes(300, 40, (10, 50), seed)
         exact = shortest_length(small, (0.5, 0.5), (14.5, 14.5), RADIUS_M, 15.0, chords=3)
         if math.isfinite(exact):
-            ratios.append(shortest(grid, (0.5, 0.5), (14.5, 14.5), RADIUS_M).length_m / exact)
+            ratios.append(find_shortest_path(grid, (0.5, 0.5), (14.5, 14.5), RADIUS_M).length_m / exact)
 
     costmap = GlobalCostmap()
     costmap.set_map(maps["1500 boxes"])
@@ -125,7 +127,7 @@ def main() -> int:
     quarter = GridMap(maps["1500 boxes"].cells[:1000, :1000].copy(), RESOLUTION_M, 0.0, 0.0)
     quarter.cells[-40:, -40:] = 0
     peer_ms, peer_m = peer(quarter, (10, 10), (989, 989))
-    ours_ms, _, ours = best_ms(lambda: shortest(quarter, (0.525, 0.525), (49.475, 49.475), RADIUS_M))
+    ours_ms, _, ours = best_ms(lambda: find_shortest_path(quarter, (0.525, 0.525), (49.475, 49.475), RADIUS_M))
     result = {
         "cells": [CELLS, CELLS],
         "limit_ms": LIMIT_MS,

@@ -1,7 +1,8 @@
-"""The pose graph optimiser on a Manhattan world of 3500 nodes and 5500 edges, from odometry and from poor first guesses.
+"""The pose graph optimiser on a Manhattan world of 3500 nodes and 5500 edges, from odometry and from poor initial guesses.
 
-Limit: the optimum, within 1 s. The reference is a textbook Gauss-Newton of its own (complex numbers for poses, numeric
-Jacobian, SciPy's sparse solver) that starts at the truth: the easiest start there is. It is the peer of the same run, too.
+Limits: the best chi2 that any solver found, to a millionth, within 1 s. The reference solver, for chi2 and speed, is a textbook
+Gauss-Newton (complex numbers for poses, numeric Jacobian, SciPy's sparse solver) that starts at the ground truth, the easiest
+initial guess.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import argparse
 import json
 import sys
 import time
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,37 +19,38 @@ from scipy.sparse import block_diag, csr_matrix
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
-from lupin_runtime.slam.pose_graph import Edges, edge_chi2, optimise, wrap
+from lupin_runtime.slam.pose_graph import Edges, edge_chi2, optimise
+from lupin_runtime.slam.se2 import wrap
 
 Array = NDArray[np.float64]
 LIMIT_S, LIMIT_EXCESS = 1.0, 1e-6
 
 
-def manhattan(seed: int, nodes: int, edges: int, place: float, turn: float) -> tuple[Array, Edges]:
-    """Truth (n, 3) and noisy measurements of a walk on a grid; closures join places where it came by again."""
+def make_manhattan_graph(seed: int, node_count: int, edge_count: int, sigma_xy: float, sigma_yaw: float) -> tuple[Array, Edges]:
+    """Ground truth (n, 3) of a walk on a grid, and edges with Gaussian noise (m, rad): odometry, and loop closures."""
     rng = np.random.default_rng(seed)
     walk = [(0, 0, 0)]
     heading = 0
-    ways = ((1, 0), (0, 1), (-1, 0), (0, -1))
-    while len(walk) < nodes:
+    directions = ((1, 0), (0, 1), (-1, 0), (0, -1))
+    while len(walk) < node_count:
         for _ in range(rng.integers(1, 6)):
             x, y, _ = walk[-1]
-            if max(abs(x + ways[heading][0]), abs(y + ways[heading][1])) > 20:
+            if max(abs(x + directions[heading][0]), abs(y + directions[heading][1])) > 20:
                 heading = (heading + 2) % 4
-            walk.append((x + ways[heading][0], y + ways[heading][1], heading))
+            walk.append((x + directions[heading][0], y + directions[heading][1], heading))
         heading = (heading + rng.choice((-1, 1))) % 4
-    truth = np.array(walk[:nodes], float)
+    truth = np.array(walk[:node_count], float)
     truth[:, 2] = wrap(truth[:, 2] * np.pi / 2)
     near = np.sort(cKDTree(truth[:, :2]).query_pairs(1.01, output_type="ndarray"), axis=1)
     near = near[near[:, 1] - near[:, 0] > 10]
-    near = near[rng.choice(len(near), edges - nodes + 1, replace=False)]
-    tail = np.concatenate((np.arange(nodes - 1), near[:, 0])).astype(np.int64)
-    head = np.concatenate((np.arange(1, nodes), near[:, 1])).astype(np.int64)
+    near = near[rng.choice(len(near), edge_count - node_count + 1, replace=False)]
+    tail = np.concatenate((np.arange(node_count - 1), near[:, 0])).astype(np.int64)
+    head = np.concatenate((np.arange(1, node_count), near[:, 1])).astype(np.int64)
     a, b = truth[tail], truth[head]
     c, s, d = np.cos(a[:, 2]), np.sin(a[:, 2]), b - a
     motion = np.stack((c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1], wrap(d[:, 2])), axis=1)
-    motion = motion + rng.normal(size=motion.shape) * [place, place, turn]
-    information = np.broadcast_to(np.diag([place**-2, place**-2, turn**-2]), (len(tail), 3, 3)).copy()
+    motion = motion + rng.normal(size=motion.shape) * [sigma_xy, sigma_xy, sigma_yaw]
+    information = np.broadcast_to(np.diag([sigma_xy**-2, sigma_xy**-2, sigma_yaw**-2]), (len(tail), 3, 3)).copy()
     return truth, Edges(tail, head, motion, information)
 
 
@@ -61,8 +64,8 @@ def dead_reckoned(edges: Edges, nodes: int) -> Array:
     return poses
 
 
-def peer(truth: Array, edges: Edges) -> tuple[float, float]:
-    """(chi2, seconds) of the textbook from the truth, the first pose held."""
+def solve_reference(truth: Array, edges: Edges) -> tuple[float, float]:
+    """(chi2, seconds) of the reference solver, which starts at the ground truth, with the first pose fixed."""
     began = time.perf_counter()
     nodes, m = len(truth), edges.motion
     position, yaw = truth[:, 0] + 1j * truth[:, 1], truth[:, 2].copy()
@@ -102,49 +105,50 @@ def peer(truth: Array, edges: Edges) -> tuple[float, float]:
 
 
 def main() -> int:
+    """Optimise from every initial guess; return 1 if the best chi2 or the time limit is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--nodes", type=int, default=3500)
     parser.add_argument("--edges", type=int, default=5500)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    cases = []
-    for name, place, turn in (
+    cases: list[dict[str, Any]] = []
+    for name, sigma_xy, sigma_yaw in (
         ("usual noise", 0.05, 0.02),
         ("large noise", 0.1, 0.1),
-        ("rotations off by 11 degrees", 0.1, 0.2),
+        ("rotation noise, σ = 11°", 0.1, 0.2),
     ):
-        truth, edges = manhattan(7, options.nodes, options.edges, place, turn)
+        truth, edges = make_manhattan_graph(7, options.nodes, options.edges, sigma_xy, sigma_yaw)
         rng = np.random.default_rng(0)
-        reference, peer_s = peer(truth, edges)
+        reference_chi2, reference_s = solve_reference(truth, edges)
         guesses = {
             "odometry": dead_reckoned(edges, options.nodes),
-            "scattered over 60 m": rng.normal(size=truth.shape) * (30.0, 30.0, 3.0),
+            "random, σ = 30 m": rng.normal(size=truth.shape) * (30.0, 30.0, 3.0),
             "all at the origin": np.zeros_like(truth),
         }
-        for guess_name, guess in guesses.items():
-            solution = optimise(guess, edges)
-            reference = min(reference, solution.chi2_after)
+        solutions = {guess_name: optimise(guess, edges) for guess_name, guess in guesses.items()}
+        best_chi2 = min(reference_chi2, *(solution.chi2_after for solution in solutions.values()))
+        for guess_name, solution in solutions.items():
             cases.append(
                 {
                     "graph": name,
                     "guess": guess_name,
-                    "chi2_guess": float(edge_chi2(guess, edges).sum()),
+                    "chi2_guess": float(edge_chi2(guesses[guess_name], edges).sum()),
                     "chi2": solution.chi2_after,
-                    "chi2_reference": reference,
-                    "excess": solution.chi2_after / reference - 1.0,
+                    "best_chi2": best_chi2,
+                    "excess": solution.chi2_after / best_chi2 - 1.0,
                     "iterations": solution.iterations,
                     "seconds": round(solution.seconds, 3),
-                    "peer_seconds_from_truth": round(peer_s, 3),
-                    "ratio_to_peer": round(solution.seconds / peer_s, 4),
+                    "reference_seconds_from_truth": round(reference_s, 3),
+                    "ratio_to_reference": round(solution.seconds / reference_s, 4),
                     "ratio_to_limit": round(solution.seconds / LIMIT_S, 3),
                 }
             )
             if not options.json:
                 case = cases[-1]
                 print(
-                    f"{name}, from {guess_name}: chi2 {case['chi2_guess']:.3g} -> {case['chi2']:.6f}, reference "
-                    f"{case['chi2_reference']:.6f}, {case['iterations']} iterations, {case['seconds']} s "
-                    f"({case['ratio_to_limit']} of the limit, {case['ratio_to_peer']} of the textbook's from the truth)"
+                    f"{name}, from {guess_name}: chi2 {case['chi2_guess']:.3g} -> {case['chi2']:.6f}, best "
+                    f"{case['best_chi2']:.6f}, {case['iterations']} iterations, {case['seconds']} s "
+                    f"({case['ratio_to_limit']} of the limit, {case['ratio_to_reference']} of the reference solver's time)"
                 )
     ok = all(case["excess"] < LIMIT_EXCESS and case["seconds"] <= LIMIT_S for case in cases)
     print(json.dumps({"nodes": options.nodes, "edges": options.edges, "limit_s": LIMIT_S, "ok": ok, "cases": cases}))

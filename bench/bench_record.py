@@ -1,6 +1,6 @@
-"""The recorder under a mission's load: percent of a core and messages lost, beside a recorder of ordinary callbacks.
+"""The recorder under the load of a mission: CPU and lost messages, compared with a recorder that uses callbacks.
 
-Limit: 8 % of a core. The load is every standard topic at its nominal rate with messages of real size, from another process.
+Limit: 8 % of a core. Another process publishes every standard topic at its nominal rate, with messages of realistic size.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from lupin_runtime.stack.dds import claim_domain, loopback_environment
 
 LIMIT_PERCENT = 8.0
 WARM_UP_S = 4.0
-# Topics on change, at about what a driving mission makes of them.
+# Topics that are published on change: typical rates while a mission drives.
 EVENT_HZ = {
     graph.TAG_DETECTIONS.name: 10.0,
     graph.FLOWER_DETECTIONS.name: 5.0,
@@ -42,8 +42,8 @@ SILENT = {
 }
 
 
-def full_size(kind: Any, topic: str) -> Any:
-    """A message as big as a real one."""
+def make_message(kind: Any, topic: str) -> Any:
+    """Return a message of realistic size."""
     message = kind()
     if topic == graph.SCAN.name:
         message.ranges = message.intensities = [1.0] * 360
@@ -69,25 +69,27 @@ def _transform() -> Any:
 
 
 def publish(seconds: float) -> int:
-    """Be the rest of the graph for a while; prints how many messages of each topic were sent."""
+    """Publish the load for some seconds; print the number of sent messages per topic as JSON."""
     import rclpy
 
-    from lupin_runtime.record.table import STANDARD, cameras
+    from lupin_runtime.record.recorded_topics import STANDARD, camera_topics
     from lupin_runtime.ros import LupinNode
     from lupin_runtime.ros.node import interface
 
     rclpy.init(args=[])
     node = LupinNode("load")
     load = []
-    for row in STANDARD + cameras("always", "off", 1.0, 2.0):
+    for row in STANDARD + camera_topics("always", "off", 1.0, 2.0):
         topic = row.topic
         rate = RATES_HZ.get(topic.name) or topic.rate_hz or EVENT_HZ.get(topic.name)
         if rate and topic.name not in SILENT:
-            load.append([node.publisher(topic), full_size(interface(topic.type), topic.name), 1.0 / rate, 0.0, topic.name, 0])
-    began = time.monotonic()
+            load.append(
+                [node.publisher(topic), make_message(interface(topic.type), topic.name), 1.0 / rate, 0.0, topic.name, 0]
+            )
+    started = time.monotonic()
     for item in load:
-        item[3] = began + 1.0
-    while (now := time.monotonic()) < began + seconds:
+        item[3] = started + 1.0
+    while (now := time.monotonic()) < started + seconds:
         for item in load:
             if now >= item[3]:
                 item[0].publish(item[1])
@@ -99,54 +101,56 @@ def publish(seconds: float) -> int:
     return 0
 
 
-def record(output: str, ordinary: bool) -> int:
-    """The recorder, or one that does the same with a callback for each message."""
+def record(output: str, with_callbacks: bool) -> int:
+    """Run the recorder, or one that does the same with a callback per message."""
     from lupin_runtime.ros import run
 
-    if not ordinary:
+    if not with_callbacks:
         from lupin_runtime.record.node import Recorder
 
         return run([lambda: Recorder({"output": output})])
 
     from lupin_runtime.record.definitions import schema_text
-    from lupin_runtime.record.table import STANDARD, cameras
+    from lupin_runtime.record.recorded_topics import STANDARD, camera_topics
     from lupin_runtime.record.writer import RecordingWriter
     from lupin_runtime.ros import LupinNode
 
-    class Ordinary(LupinNode):
-        """One raw subscription and one callback per topic."""
+    class CallbackRecorder(LupinNode):
+        """Records with one raw subscription and one callback per topic."""
 
         def __init__(self) -> None:
-            super().__init__("ordinary")
+            super().__init__("callback_recorder")
             self.writer = RecordingWriter(Path(output))
-            for row in STANDARD + cameras("always", "off", 1.0, 2.0):
+            for row in STANDARD + camera_topics("always", "off", 1.0, 2.0):
                 topic = row.topic
                 channel = self.writer.add_channel(topic.name, topic.type, schema_text(topic.type), topic.qos)
-                self.subscription(topic, partial(self.take, channel), row.qos(), raw=True)
+                self.subscription(topic, partial(self.write, channel), row.qos(), raw=True)
             self.create_timer(2.0, self.writer.flush)
 
-        def take(self, channel: int, data: bytes) -> None:
+        def write(self, channel: int, data: bytes) -> None:
             self.writer.write(channel, data, self.now_ns(), 0)
 
         def before_shutdown(self) -> None:
             self.writer.finish()
 
-    return run([Ordinary])
+    return run([CallbackRecorder])
 
 
 def measure(kind: str, seconds: float, folder: Path) -> dict[str, Any]:
-    """One recorder beside one load, in a domain of their own."""
+    """Measure one recorder with one load in a separate DDS domain."""
     claim = claim_domain()
     environment = loopback_environment(claim.domain, folder)
     output = folder / f"{kind}.mcap"
-    me = [sys.executable, "-m", "bench.bench_record"]
-    recorder = psutil.Popen([*me, "--as", kind, "--output", str(output)], env=environment, stderr=subprocess.DEVNULL)
-    load = psutil.Popen([*me, "--as", "load", "--seconds", str(seconds + WARM_UP_S)], env=environment, stdout=subprocess.PIPE)
+    command = [sys.executable, "-m", "bench.bench_record"]
+    recorder = psutil.Popen([*command, "--as", kind, "--output", str(output)], env=environment, stderr=subprocess.DEVNULL)
+    load = psutil.Popen(
+        [*command, "--as", "load", "--seconds", str(seconds + WARM_UP_S)], env=environment, stdout=subprocess.PIPE
+    )
     try:
         time.sleep(WARM_UP_S)
-        before, began = recorder.cpu_times(), time.monotonic()
+        before, started = recorder.cpu_times(), time.monotonic()
         time.sleep(seconds - 1.0)
-        after, took = recorder.cpu_times(), time.monotonic() - began
+        after, took = recorder.cpu_times(), time.monotonic() - started
         memory_mb = recorder.memory_full_info().pss / 1e6
         sent = json.loads(load.communicate(timeout=60)[0])
         recorder.terminate()
@@ -157,19 +161,20 @@ def measure(kind: str, seconds: float, folder: Path) -> dict[str, Any]:
                 process.kill()
         claim.release()
     throttled = {graph.IMU.name, graph.JOINT_STATES.name, graph.PLAN.name, graph.ESTOP_BUTTON.name}
-    kept = {topic.channel.topic: topic.messages for topic in Recording(output).summary().topics}
+    recorded = {topic.channel.topic: topic.messages for topic in Recording(output).summary().topics}
     counted = [name for name in sent if name not in throttled and not name.endswith("/compressed")]
     used = (after.user + after.system) - (before.user + before.system)
     return {
         "cpu_percent": round(100.0 * used / took, 2),
         "memory_mb": round(memory_mb, 1),
         "sent": sum(sent.values()),
-        "lost": sum(sent[name] - kept.get(name, 0) for name in counted),
+        "lost": sum(sent[name] - recorded.get(name, 0) for name in counted),
         "megabytes": round(output.stat().st_size / 1e6, 2),
     }
 
 
 def main() -> int:
+    """Measure both recorders under load. With `--as`, be one of the measured processes instead."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--json", action="store_true")
@@ -181,14 +186,14 @@ def main() -> int:
     if options.role:
         return record(options.output, options.role == "ordinary")
     with tempfile.TemporaryDirectory() as folder:
-        ours, ordinary = (measure(kind, options.seconds, Path(folder)) for kind in ("recorder", "ordinary"))
+        ours, callbacks = (measure(kind, options.seconds, Path(folder)) for kind in ("recorder", "ordinary"))
     result = {
         "recorder": ours,
-        "ordinary_callbacks": ordinary,
+        "ordinary_callbacks": callbacks,
         "messages_per_s": round(ours["sent"] / (options.seconds + WARM_UP_S - 1.0)),
         "limit_percent": LIMIT_PERCENT,
         "ratio_to_limit": round(ours["cpu_percent"] / LIMIT_PERCENT, 2),
-        "ratio_to_ordinary": round(ours["cpu_percent"] / ordinary["cpu_percent"], 2),
+        "ratio_to_ordinary": round(ours["cpu_percent"] / callbacks["cpu_percent"], 2),
     }
     if not options.json:
         for name in ("recorder", "ordinary_callbacks"):

@@ -1,10 +1,10 @@
-"""The simulated robot: how much faster than life it is, and what its process costs beside its budget.
+"""The simulated robot: its speed compared to real time, and the cost of its process compared to its budget.
 
     python -m bench.bench_sim [--seconds 20] [--world demo] [--json]
 
-First the engine alone, as fast as it goes: physics and lidar, then both cameras at 10 fps too; and a lidar revolution by one
-call for all rays beside its peer, a call per ray. Then the process at the wall clock's pace with every topic subscribed, both
-cameras raw and as JPEG: its CPU, memory and real-time factor beside what it may take (45 % of a core, 300 MB, factor 1).
+First the engine alone at full speed: physics and lidar, then with both cameras at 10 fps; and a lidar revolution with one call
+for all rays, compared with one call per ray. Then the process in real time with subscriptions to all topics, both cameras raw
+and as JPEG: its CPU, memory and real-time factor, compared with the limits (45 % of a core, 300 MB, factor 1).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SETTLE_S = 3.0
 
 
 def engine(world: str, seconds: float, cameras: bool) -> dict[str, float]:
-    """Simulated seconds per second of wall time and of CPU."""
+    """Measure the engine: the real-time factor, and the CPU that it would use in real time."""
     simulation = Simulation(load_world(world))
     rig, image = (CameraRig(simulation.model) if cameras else None), new_image()
     simulation.step()
@@ -53,13 +53,13 @@ def engine(world: str, seconds: float, cameras: bool) -> dict[str, float]:
 
 
 def lidar(world: str, rounds: int = 100) -> dict[str, float]:
-    """Microseconds of a revolution of 360 rays, in one call and ray by ray; the results are the same."""
+    """Microseconds for a revolution of 360 rays, in one call and in one call per ray, with the same results."""
     import mujoco
 
     simulation = Simulation(load_world(world))
     started = time.perf_counter()
     for _ in range(rounds):
-        together = simulation.true_ranges()
+        all_ranges = simulation.true_ranges()
     one_us = (time.perf_counter() - started) / rounds * 1e6
     model, data = simulation.model, simulation.data
     site = model.site("lidar").id
@@ -68,16 +68,16 @@ def lidar(world: str, rounds: int = 100) -> dict[str, float]:
     groups, hit = np.array([1, 1, 0, 0, 0, 0], np.uint8), np.zeros(1, np.int32)
     started = time.perf_counter()
     for _ in range(rounds):
-        alone = [mujoco.mj_ray(model, data, data.site_xpos[site], ray, groups, 1, -1, hit) for ray in rays]
+        each_range = [mujoco.mj_ray(model, data, data.site_xpos[site], ray, groups, 1, -1, hit) for ray in rays]
     each_us = (time.perf_counter() - started) / rounds * 1e6
-    alone = [np.inf if r < 0 or r > 12.0 else r for r in alone]
-    if not np.allclose(together, alone, atol=1e-9):
-        raise SystemExit("bench_sim: the two ways to cast rays disagree")
+    each_range = [np.inf if r < 0 or r > 12.0 else r for r in each_range]
+    if not np.allclose(all_ranges, each_range, atol=1e-9):
+        raise SystemExit("bench_sim: one call and one call per ray give different ranges")
     return {"one_call_us": one_us, "ray_by_ray_us": each_us}
 
 
 def process(world: str, seconds: float) -> dict[str, Any]:
-    """CPU, memory and pace of the process while everything it says is listened to."""
+    """Measure CPU, memory, speed and rates of the process, with subscriptions to all of its topics."""
     claim = claim_domain()
     directory = Path(tempfile.mkdtemp(prefix="lupin-bench-"))
     environment = loopback_environment(claim.domain, directory / "dds")
@@ -152,6 +152,7 @@ def _listen(robot: psutil.Process, directory: Path, seconds: float) -> dict[str,
 
 
 def main() -> int:
+    """Measure the engine with and without cameras, the lidar and the whole process, and print the results."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--world", default="demo")
@@ -178,7 +179,7 @@ def main() -> int:
     print(f"{'lidar, 360 rays':22} {rays['one_call_us']:7.0f} us; ray by ray {rays['ray_by_ray_us']:.0f} us: ratio {ratio:.1f}")
     row = result["process"]
     share = row["cpu_percent"] / CPU_BUDGET_PERCENT
-    print(f"{'process, all heard':22} {row['cpu_percent']:7.1f} % of a core: {share:.2f} of its budget")
+    print(f"{'process, all topics':22} {row['cpu_percent']:7.1f} % of a core: {share:.2f} of its budget")
     print(f"{'':22} {row['memory_mb']:7.0f} MB: {row['memory_mb'] / MEMORY_BUDGET_MB:.2f} of its budget")
     print(f"{'':22} {row['real_time_factor']:7.3f} x real time")
     return 0

@@ -1,8 +1,8 @@
 """SLAM against real time on one core: 360 beams, 10 Hz, in a greenhouse with drifting odometry. Limits: 50 x real time,
 no growth of the cost per scan over an hour, 5 cm and 0.5 degrees RMSE.
 
-The peer of the same run is dead reckoning (what the odometry alone would give), and a bare pass over the readings in numpy
-(finite check and trigonometry), below which nothing that looks at them can come.
+It is compared with dead reckoning (odometry alone), and with a bare pass over the readings in numpy (finite check and
+trigonometry), the lower bound of any method that reads them.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ import time
 
 import numpy as np
 
-from bench.slam_worlds import Log, aligned_errors, greenhouse_log
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.slam.mapper import Mapper
 from lupin_runtime.slam.scan import Beams
+from tests.support.slam_worlds import Log, aligned_errors, greenhouse_log
 
 LIMIT_REAL_TIME, LIMIT_GROWTH, LIMIT_RMSE_M, LIMIT_YAW_DEG = 50.0, 1.25, 0.05, 0.5
 SCAN_S = 0.1
 
 
 def bare_pass_ms(log: Log) -> float:
-    """CPU time a scan of touching the readings once."""
+    """CPU time per scan of reading each range once, ms."""
     began = time.process_time()
     for ranges in log.ranges:
         good = np.isfinite(ranges)
@@ -49,6 +49,7 @@ def drive(log: Log) -> tuple[np.ndarray, np.ndarray, Mapper]:
 
 
 def main() -> int:
+    """Map an hour's drive and print cost and errors; return 1 if a limit is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=60.0, help="length of the drive")
     parser.add_argument("--json", action="store_true")
@@ -57,7 +58,7 @@ def main() -> int:
     cost, poses, mapper = drive(log)
     bare = bare_pass_ms(log)
     tenth = len(cost) // 10
-    # The first tenth maps the room; what may not grow is the cost after that.
+    # The first tenth maps the room; the cost must not grow after that.
     early, late = cost[tenth : 3 * tenth].mean(), cost[-2 * tenth :].mean()
     place, yaw = aligned_errors(poses, log.truth)
     drift, _ = aligned_errors(log.odom, log.truth)

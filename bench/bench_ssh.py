@@ -1,9 +1,9 @@
-"""Forty probes of a robot in one batch over one connection, against one paramiko exec each, and one ssh process each.
+"""Forty scripts over SSH: one batch of Lupin, against one exec request of paramiko or one ssh process for each script.
 
-All ask the same sshd (this machine's, on loopback, a port and keys of its own) the same forty questions and must get the same
-answers. `batch` opens its connection anew every time, as a command of Lupin's does; the peers are given theirs: paramiko one
-connection that is open already, ssh a fresh one each, and ssh with a shared master connection. The limit is the forty scripts
-run by a local shell, side by side, with no SSH and no bounds.
+All use the same sshd (on loopback, with a port and keys of its own), run the same forty scripts and must get the same outputs.
+`batch` opens a connection in each round, as a command of Lupin does, and so does `ssh_shared_each`, whose ssh processes share
+it. `paramiko_exec_each` has the advantage of a connection that stays open; `ssh_each` has the disadvantage of opening forty.
+The baseline, `local_baseline`, runs the forty scripts in parallel in local shells, without SSH and without time limits.
 
     python -m bench.bench_ssh [--probes N] [--rounds N] [--json]
 """
@@ -25,12 +25,12 @@ from pathlib import Path
 
 import paramiko
 
-from lupin_cli.target.base import Script
-from lupin_cli.target.destination import Destination
-from lupin_cli.target.ssh import SshTarget
-from lupin_cli.target.trust import Trust
+from lupin_cli.connection.base import Script
+from lupin_cli.connection.destination import Destination
+from lupin_cli.connection.host_keys import KnownHosts
+from lupin_cli.connection.ssh import SshTarget
 
-QUESTIONS = (
+SCRIPTS = (
     "cat /proc/loadavg | wc -w",
     "cut -d: -f1 /etc/passwd | head -n 3",
     "uname -m",
@@ -41,7 +41,7 @@ QUESTIONS = (
 
 @contextlib.contextmanager
 def sshd(directory: Path) -> Iterator[int]:
-    """An sshd on loopback that lets this user in with `directory`/id; gives its port."""
+    """Run an sshd on loopback that accepts the key `directory`/id of this user; yield its port."""
     program = shutil.which("sshd", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
     if program is None:
         raise SystemExit("needs sshd: apt install openssh-server")
@@ -73,121 +73,122 @@ def sshd(directory: Path) -> Iterator[int]:
         process.wait(10)
 
 
-class Contest:
-    """The ways to ask `questions`; each gives the answers in their order."""
+class Methods:
+    """The methods to run `scripts`; each returns their outputs in order."""
 
-    def __init__(self, directory: Path, port: int, questions: list[str]) -> None:
-        self._directory, self._port, self._questions = directory, port, questions
+    def __init__(self, directory: Path, port: int, scripts: list[str]) -> None:
+        self._directory, self._scripts = directory, scripts
         user = os.environ.get("USER") or "root"
-        self._place = Destination("127.0.0.1", port, user, (str(directory / "id"),), identities_only=True)
+        self._destination = Destination("127.0.0.1", port, user, (str(directory / "id"),), identities_only=True)
         known = f"UserKnownHostsFile={directory}/known"
-        common = ["-o", known, "-o", "IdentitiesOnly=yes", "-i", str(directory / "id"), "-p", str(port), f"{user}@127.0.0.1"]
         self._ssh = ["ssh", "-F", "none", "-o", "BatchMode=yes"]
-        self._to = common
-        self._client = self._connect()
-
-    def _connect(self) -> paramiko.SSHClient:
-        client = paramiko.SSHClient()
-        client.load_host_keys(str(self._directory / "known"))
-        files = self._place.identity_files[0]
-        client.connect("127.0.0.1", self._port, self._place.user, key_filename=files, allow_agent=False, look_for_keys=False)
-        return client
+        self._login = [
+            "-o",
+            known,
+            "-o",
+            "IdentitiesOnly=yes",
+            "-i",
+            str(directory / "id"),
+            "-p",
+            str(port),
+            f"{user}@127.0.0.1",
+        ]
+        self._client = paramiko.SSHClient()
+        self._client.load_host_keys(str(directory / "known"))
+        self._client.connect(
+            "127.0.0.1", port, user, key_filename=str(directory / "id"), allow_agent=False, look_for_keys=False
+        )
 
     def batch(self) -> list[str]:
-        """Ours: connect, one batch, close."""
-        target = SshTarget("robot", self._place, Trust(self._directory / "known", self._directory / "none"))
+        """Lupin: connect, run one batch, close."""
+        target = SshTarget("robot", self._destination, KnownHosts(self._directory / "known", self._directory / "none"))
         try:
-            outputs = target.batch([Script(str(n), text) for n, text in enumerate(self._questions)], bound_s=60.0)
+            outputs = target.batch([Script(str(n), text) for n, text in enumerate(self._scripts)], bound_s=60.0)
         finally:
             target.close()
-        return [outputs[str(n)].stdout for n in range(len(self._questions))]
+        return [outputs[str(n)].stdout for n in range(len(self._scripts))]
 
-    def exec_each(self) -> list[str]:
-        """paramiko as it comes, one exec_command after the other over an open connection."""
-        answers = []
-        for text in self._questions:
+    def paramiko_exec_each(self) -> list[str]:
+        """paramiko with its defaults: one exec_command after the other over an open connection."""
+        outputs = []
+        for text in self._scripts:
             _, stdout, _ = self._client.exec_command(text, timeout=60)
-            answers.append(stdout.read().decode())
-        return answers
+            outputs.append(stdout.read().decode())
+        return outputs
 
     def ssh_each(self) -> list[str]:
-        """One ssh process and connection a question."""
-        return [self._ask_by_ssh(text, []) for text in self._questions]
+        """One ssh process and one connection for each script."""
+        return [self._run_ssh(text, []) for text in self._scripts]
 
-    def ssh_shared(self) -> list[str]:
-        """One ssh process a question over a shared connection, which is opened first."""
+    def ssh_shared_each(self) -> list[str]:
+        """One ssh process for each script over a shared connection, whose opening is included."""
         control = ["-o", f"ControlPath={self._directory}/mux"]
-        # The master keeps what it was given for as long as it lives: nobody may wait for the end of it.
+        # The master inherits its standard streams and keeps them open: with pipes a reader would wait for it.
         null = subprocess.DEVNULL
-        master = subprocess.Popen([*self._ssh, *control, "-M", "-N", *self._to], stdin=null, stdout=null, stderr=null)
+        master = subprocess.Popen([*self._ssh, *control, "-M", "-N", *self._login], stdin=null, stdout=null, stderr=null)
         deadline = time.monotonic() + 30
         while not (self._directory / "mux").exists() and time.monotonic() < deadline:
             time.sleep(0.005)
-        answers = [self._ask_by_ssh(text, control) for text in self._questions]
+        outputs = [self._run_ssh(text, control) for text in self._scripts]
         master.terminate()
         master.wait(30)
-        return answers
+        return outputs
 
-    def _ask_by_ssh(self, text: str, options: list[str]) -> str:
-        command = [*self._ssh, *options, *self._to, text]
-        done = subprocess.run(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-            timeout=60,
-            check=True,
-        )
-        return done.stdout
+    def _run_ssh(self, text: str, options: list[str]) -> str:
+        command = [*self._ssh, *options, *self._login, text]
+        null, pipe = subprocess.DEVNULL, subprocess.PIPE
+        return subprocess.run(command, stdin=null, stdout=pipe, stderr=null, text=True, timeout=60, check=True).stdout
 
-    def local(self) -> list[str]:
-        """The limit: the scripts side by side with nothing around them."""
-        running = [subprocess.Popen(["sh", "-c", text], stdout=subprocess.PIPE, text=True) for text in self._questions]
+    def local_baseline(self) -> list[str]:
+        """The baseline: the scripts in parallel, without SSH."""
+        running = [subprocess.Popen(["sh", "-c", text], stdout=subprocess.PIPE, text=True) for text in self._scripts]
         return [process.communicate(timeout=60)[0] for process in running]
 
     def close(self) -> None:
+        """Close paramiko's connection."""
         self._client.close()
 
 
 def main() -> None:
+    """Time all methods and print the medians."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--probes", type=int, default=40)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    questions = [QUESTIONS[n % len(QUESTIONS)] for n in range(options.probes)]
+    scripts = [SCRIPTS[n % len(SCRIPTS)] for n in range(options.probes)]
     with tempfile.TemporaryDirectory() as name, sshd(Path(name)) as port:
-        contest = Contest(Path(name), port, questions)
-        ways: dict[str, Callable[[], list[str]]] = {
-            "batch": contest.batch,
-            "paramiko_exec_each": contest.exec_each,
-            "ssh_shared_each": contest.ssh_shared,
-            "ssh_each": contest.ssh_each,
-            "local_limit": contest.local,
-        }
-        expected = contest.local()
-        taken: dict[str, list[float]] = {way: [] for way in ways}
-        for _ in range(options.rounds):  # in turns: whatever else this machine does hits all of them
-            for way, ask in ways.items():
+        methods = Methods(Path(name), port, scripts)
+        timed: list[Callable[[], list[str]]] = [
+            methods.batch,
+            methods.paramiko_exec_each,
+            methods.ssh_shared_each,
+            methods.ssh_each,
+            methods.local_baseline,
+        ]
+        expected = methods.local_baseline()
+        times_s: dict[str, list[float]] = {method.__name__: [] for method in timed}
+        for _ in range(options.rounds):  # round-robin, so that other load on this machine affects all methods
+            for method in timed:
                 start = time.perf_counter()
-                answers = ask()
-                taken[way].append(time.perf_counter() - start)
-                if answers != expected:
-                    raise SystemExit(f"{way} got other answers")
-        contest.close()
-    median = {way: statistics.median(times) for way, times in taken.items()}
+                outputs = method()
+                times_s[method.__name__].append(time.perf_counter() - start)
+                if outputs != expected:
+                    raise SystemExit(f"{method.__name__} returned different outputs")
+        methods.close()
+    median_s = {name: statistics.median(each) for name, each in times_s.items()}
     result = {
         "probes": options.probes,
         "rounds": options.rounds,
-        "median_s": {way: round(value, 3) for way, value in median.items()},
-        "batch_is_faster_by": {way: round(value / median["batch"], 1) for way, value in median.items() if way != "batch"},
+        "median_s": {name: round(value, 3) for name, value in median_s.items()},
+        "speedup_of_batch": {name: round(value / median_s["batch"], 1) for name, value in median_s.items() if name != "batch"},
     }
     if options.json:
         print(json.dumps(result))
         return
-    for way, value in median.items():
-        print(f"{way:20} {value:7.3f} s   {value / median['batch']:6.1f} x")
+    print(f"{'method':20} {'median':>9}   {'/ batch':>8}")
+    for name, value in median_s.items():
+        print(f"{name:20} {value:7.3f} s   {value / median_s['batch']:6.1f} x")
 
 
 if __name__ == "__main__":

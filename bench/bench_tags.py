@@ -1,6 +1,6 @@
 """Tag detection against the AprilTag library itself, on rendered views with blur, noise and clutter.
 
-Reach: recall and corner error at least as good as the library's, with its default settings (half resolution) and at full
+Limits: recall and corner error at least as good as the library's, with its default settings (half resolution) and at full
 resolution; 10 ms a VGA frame on one core. Peers run on the same frames, in turns.
 """
 
@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.tag_views import View, at_range
 from lupin_runtime.perception.tags import detect, make_engine
+from tests.support.tag_views import View, at_range
 
 LIMIT_MS = 10.0
 RANGES_M = (0.5, 1.0, 1.5, 2.0, 2.5)
@@ -31,15 +31,17 @@ Detector = Callable[[NDArray[np.uint8]], list[tuple[int, Corners]]]
 
 
 def ours(engine_name: str) -> Detector:
+    """Return Lupin's detector with the engine of that name."""
     engine = make_engine(engine_name)
     return lambda grey: [(d.id, d.corners) for d in detect(grey, engine)]
 
 
 def library(quad_decimate: float) -> Detector:
+    """Return the AprilTag library's detector; `quad_decimate` 1 searches at full resolution, 2 at half."""
     from pyapriltags import Detector as Library
 
     detector = Library(families="tag36h11", nthreads=1, quad_decimate=quad_decimate)
-    # Its pixels are counted from their corners, and its corners run counter-clockwise from the bottom left.
+    # The library's pixel coordinates start at a pixel's corner; its corners run counter-clockwise from the bottom left.
     return lambda grey: [(d.tag_id, d.corners[[3, 2, 1, 0]] - 0.5) for d in detector.detect(grey)]
 
 
@@ -63,10 +65,12 @@ def views(repeats: int, seed: int) -> Iterator[tuple[float, View]]:
 
 
 def rms(found: Corners, true: Corners) -> float:
+    """Return the root mean square distance of the corners, px."""
     return float(np.sqrt(np.mean(np.sum((found - true) ** 2, axis=1))))
 
 
 def main() -> int:
+    """Run every detector on the same views; return 1 if Lupin misses a limit of recall, corner error or time."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=3, help="views per range and angle")
     parser.add_argument("--seed", type=int, default=1)
@@ -86,7 +90,7 @@ def main() -> int:
     by_range: dict[str, dict[float, list[bool]]] = {name: {r: [] for r in RANGES_M} for name in detectors}
     for index, (range_m, view) in enumerate(views(options.repeats, options.seed)):
         for name, look in detectors.items():
-            # CPU time of this thread: what a frame costs, whoever else is on the machine.
+            # CPU time of this thread, which excludes other processes.
             began = time.thread_time()
             found = look(view.image)
             cpu_ms[name].append((time.thread_time() - began) * 1e3)
@@ -132,6 +136,7 @@ def main() -> int:
 
 
 def show(result: dict[str, Any], names: list[str]) -> None:
+    """Print the result as tables."""
     print(f"{result['frames']} frames of 640 x 480; ranges {RANGES_M} m, angles -60 to 60 degrees")
     print(f"{'':16}{'recall':>8}{'false':>7}{'corner px':>11}{'p95':>8}{'cpu ms':>8}{'p95':>8}")
     for name in names:

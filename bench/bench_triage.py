@@ -1,13 +1,13 @@
-"""The triage tree against a robot that boots: every fault alone, then in pairs, then nothing at all many times.
+"""The doctor against a booted robot: every fault alone, then in pairs, then many runs without a fault.
 
-A fault counts as named where the doctor calls it by its name as a cause of its own, or folds it under the other of a pair;
-false is every cause that is not there. What a finding marks safe is then healed by `--fix` alone, and counts as healed where
-the doctor finds nothing afterwards. With --yes, cures that need a person's leave are played too.
+A fault counts as named if its finding is a root cause, or a consequence of the other fault of a pair. Every other root cause
+counts as false. `--fix` then plays the safe fixes, and the fault counts as healed if the doctor finds nothing afterwards. With
+--yes, the fixes that ask a person are played too.
 
     python -m bench.bench_triage [--only PATTERN] [--pairs N | --together N] [--healthy N]
                                    [--seed N] [--yes] [--log FILE] [--json]
 
-Needs root, as the host's tests do. Everything is against one booted host; it is booted anew where it does not get well.
+Needs root, as the tests on booted hosts do. All faults are injected into one host, which is rebooted if it does not recover.
 """
 
 from __future__ import annotations
@@ -27,125 +27,129 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from bench.rig import Rig, RigError
+from bench.fault_rig import Rig, RigError
 from bench.triage import CASES, Case
 from lupin_sim.host import HostError
 
-# A restart of the stack, which some faults need, cleans up what others leave behind; a full disk is in everybody's way.
-LATE = {"leftovers": 1, "software": 2, "disk": 3}
-REPEATED_S = 10.0  # a fault may need its time to show: a lease of DDS, a poll of chrony
+# Some faults restart the stack, which cleans up what others leave behind; a full disk prevents injecting the others.
+INJECTED_LATE = {"stale-resources": 1, "software": 2, "disk": 3}
+REPEAT_BOUND_S = 10.0  # for faults that show late: a DDS lease, a poll of chrony
 
 
 @dataclass
-class Outcome:
-    """What came of one fault, or of two at once."""
+class FaultResult:
+    """How the doctor judged one fault, or several at once."""
 
     faults: tuple[str, ...]
     expected: tuple[str, ...]
-    named: tuple[str, ...] = ()  # as causes
+    named: tuple[str, ...] = ()  # as root causes
     folded: tuple[str, ...] = ()  # as consequences
     missed: tuple[str, ...] = ()
     false: tuple[str, ...] = ()
-    looks: int = 0  # diagnoses until it was named
+    runs: int = 0  # diagnoses until it was named
     took_s: float = 0.0
-    healed: bool | None = None  # by --fix; None where nothing was marked safe
-    left: tuple[str, ...] = ()  # causes after --fix
+    healed: bool | None = None  # by --fix; None if no finding was safe to fix
+    left: tuple[str, ...] = ()  # root causes after --fix
     played: tuple[str, ...] = ()
     error: str = ""
-    lines: tuple[str, ...] = field(default=(), repr=False)  # causes of what was false or left
+    lines: tuple[str, ...] = field(default=(), repr=False)  # causes of false and remaining findings
 
     @property
     def right(self) -> bool:
-        """Whether all of it was named and nothing else."""
+        """Whether everything was named and nothing else."""
         return not (self.missed or self.false or self.error)
 
 
-def judge(outcome: Outcome, told: dict[str, Any]) -> None:
-    """Fill in what a diagnosis says of the expected causes."""
-    causes = [finding["id"] for finding in told["findings"]]
-    folded = [finding["id"] for root in told["findings"] for finding in root["consequences"]]
-    wanted = set(outcome.expected)
-    outcome.named = tuple(sorted(wanted & set(causes)))
-    outcome.folded = tuple(sorted((wanted & set(folded)) - set(causes)))
-    outcome.missed = tuple(sorted(wanted - set(causes) - set(folded)))
-    outcome.false = tuple(sorted(set(causes) - wanted))
-    gaps = [*told["unknown"], *told["broken"]] if told["status"] != 3 else told["broken"]
-    outcome.error = "; ".join(gaps)
-    outcome.took_s = told["took_s"]
-    outcome.lines = tuple(f"{f['id']}: {f['cause']} | {' | '.join(f['evidence'][:4])}" for f in told["findings"])
+def fill_in(result: FaultResult, report: dict[str, Any]) -> None:
+    """Fill in which of the expected findings a report contains."""
+    causes = [finding["id"] for finding in report["findings"]]
+    folded = [finding["id"] for root in report["findings"] for finding in root["consequences"]]
+    wanted = set(result.expected)
+    result.named = tuple(sorted(wanted & set(causes)))
+    result.folded = tuple(sorted((wanted & set(folded)) - set(causes)))
+    result.missed = tuple(sorted(wanted - set(causes) - set(folded)))
+    result.false = tuple(sorted(set(causes) - wanted))
+    gaps = [*report["unknown"], *report["broken"]] if report["status"] != 3 else report["broken"]
+    result.error = "; ".join(gaps)
+    result.took_s = report["took_s"]
+    result.lines = tuple(f"{f['id']}: {f['cause']} | {' | '.join(f['evidence'][:4])}" for f in report["findings"])
 
 
-def look(rig: Rig, cases: Sequence[Case], outcome: Outcome) -> dict[str, Any]:
-    """Ask the doctor, and once more while something is missed, since a fault may need its time to show."""
+def diagnose(rig: Rig, cases: Sequence[Case], result: FaultResult) -> dict[str, Any]:
+    """Run the doctor, again while a finding is missing: some faults show late."""
     shell = next((case.shell for case in cases if case.shell != "sourced"), "sourced")
-    deadline = time.monotonic() + REPEATED_S
+    deadline = time.monotonic() + REPEAT_BOUND_S
     while True:
-        outcome.looks += 1
-        told = rig.doctor(env=rig.shells[shell], robot=cases[0].robot)
-        judge(outcome, told)
-        if not outcome.missed or time.monotonic() > deadline:
-            return told
+        result.runs += 1
+        report = rig.doctor(env=rig.shells[shell], robot=cases[0].robot)
+        fill_in(result, report)
+        if not result.missed or time.monotonic() > deadline:
+            return report
 
 
-def heal(rig: Rig, cases: Sequence[Case], outcome: Outcome, told: dict[str, Any], yes: bool) -> None:
-    """Let --fix do what it may, and see what is left."""
-    due = [finding for finding in told["findings"] if finding["fix"]["playbook"] and (yes or finding["fix"]["safe"])]
+def repair(rig: Rig, cases: Sequence[Case], result: FaultResult, report: dict[str, Any], yes: bool) -> None:
+    """Run the doctor with --fix, and record what remains."""
+    due = [finding for finding in report["findings"] if finding["fix"]["playbook"] and (yes or finding["fix"]["safe"])]
     if not due:
         return
     shell = next((case.shell for case in cases if case.shell != "sourced"), "sourced")
     words = ["--fix", *(["--yes"] if yes else [])]
     after = rig.doctor(*words, env=rig.shells[shell], robot=cases[0].robot)
-    seen = {finding["id"] for root in told["findings"] for finding in (root, *root["consequences"])}
-    unasked = seen - {finding["id"] for finding in due}
-    outcome.played = tuple(f"{t['playbook']}: {t['state']}" for t in after["treatments"])
-    outcome.left = tuple(sorted({finding["id"] for finding in after["findings"]} - unasked))
-    outcome.healed = not outcome.left and not after["unknown"] and not after["broken"]
-    if not outcome.healed:
-        outcome.lines += tuple(f"left {f['id']}: {f['cause']} | {' | '.join(f['evidence'][:4])}" for f in after["findings"])
+    seen = {finding["id"] for root in report["findings"] for finding in (root, *root["consequences"])}
+    left_to_person = seen - {finding["id"] for finding in due}
+    result.played = tuple(f"{t['playbook']}: {t['state']}" for t in after["treatments"])
+    result.left = tuple(sorted({finding["id"] for finding in after["findings"]} - left_to_person))
+    result.healed = not result.left and not after["unknown"] and not after["broken"]
+    if not result.healed:
+        result.lines += tuple(f"left {f['id']}: {f['cause']} | {' | '.join(f['evidence'][:4])}" for f in after["findings"])
 
 
-def attempt(rig: Rig, cases: Sequence[Case], yes: bool) -> tuple[Outcome, str]:
-    """Make the faults, ask, heal, take them back, and wait for health. Returns why the rig can't go on, or nothing."""
+def attempt(rig: Rig, cases: Sequence[Case], yes: bool) -> tuple[FaultResult, str]:
+    """Inject the faults, diagnose, fix, undo, and wait for health. Also returns why the rig is unusable, or nothing."""
     expected = tuple(sorted(frozenset().union(*(case.expected for case in cases))))
-    outcome = Outcome(tuple(case.name for case in cases), expected)
-    broken, made = "", []
+    result = FaultResult(tuple(case.name for case in cases), expected)
+    broken, injected = "", []
     try:
-        for case in sorted(cases, key=lambda case: LATE.get(case.area, 0)):
-            made.append(case)
-            case.make(rig)
-        heal(rig, cases, outcome, look(rig, cases, outcome), yes)
+        for case in sorted(cases, key=lambda case: INJECTED_LATE.get(case.group, 0)):
+            injected.append(case)
+            case.inject(rig)
+        repair(rig, cases, result, diagnose(rig, cases, result), yes)
     except (RigError, HostError, subprocess.TimeoutExpired) as error:
-        outcome.error = f"{type(error).__name__}: {error}"[:400]
-    for case in reversed(made):
+        result.error = f"{type(error).__name__}: {error}"[:400]
+    for case in reversed(injected):
         try:
-            case.mend(rig)
+            case.undo(rig)
         except (RigError, HostError, subprocess.TimeoutExpired) as error:
-            broken = broken or f"{case.name} could not be taken back: {error}"[:300]
+            broken = broken or f"{case.name} could not be undone: {error}"[:300]
     try:
         rig.restore()
         rig.until_healthy()
     except (RigError, HostError, subprocess.TimeoutExpired) as error:
-        broken = f"after {' and '.join(outcome.faults)}: {broken or error}"[:600]
-    return outcome, broken
+        broken = f"after {' and '.join(result.faults)}: {broken or error}"[:600]
+    return result, broken
 
 
-def fitting(cases: Sequence[Case]) -> list[tuple[Case, Case]]:
-    """The pairs that can stand together."""
+def compatible_pairs(cases: Sequence[Case]) -> list[tuple[Case, Case]]:
+    """The pairs whose faults can exist at the same time."""
     return [pair for pair in combinations(cases, 2) if pair[0].fits(pair[1])]
 
 
-def names(pair: tuple[Case, Case]) -> tuple[str, ...]:
-    """A pair by its names, in one order whoever comes first."""
+def pair_names(pair: tuple[Case, Case]) -> tuple[str, ...]:
+    """The sorted names of a pair."""
     return tuple(sorted(case.name for case in pair))
 
 
-def groups_of(cases: Sequence[Case], size: int, seed: int, known: Collection[tuple[str, ...]] = ()) -> list[tuple[Case, ...]]:
-    """Sets of up to `size` faults that can all stand together, until every pair that can, and isn't `known`, is in one.
+def plan_groups(cases: Sequence[Case], size: int, seed: int, known: Collection[tuple[str, ...]] = ()) -> list[tuple[Case, ...]]:
+    """Sets of up to `size` compatible faults that cover every compatible pair that is not in `known`.
 
-    A fault that hides another in a pair hides it among more, so that a set in which all are named speaks for each of its pairs.
+    A fault that hides another in a pair also hides it in a larger set. A set in which all are named thus proves its pairs.
     """
-    place = {case.name: index for index, case in enumerate(cases)}
-    left = {(place[one.name], place[other.name]) for one, other in fitting(cases) if names((one, other)) not in known}
+    position = {case.name: index for index, case in enumerate(cases)}
+    left = {
+        (position[one.name], position[other.name])
+        for one, other in compatible_pairs(cases)
+        if pair_names((one, other)) not in known
+    }
     chance = random.Random(seed)
     groups = []
     while left:
@@ -163,68 +167,69 @@ def groups_of(cases: Sequence[Case], size: int, seed: int, known: Collection[tup
     return sorted(groups, key=len, reverse=True)
 
 
-def known_from(log: Path | None, cases: Sequence[Case]) -> set[tuple[str, ...]]:
-    """The pairs that an earlier run's log speaks for."""
+def proven_pairs_of_log(log: Path | None, cases: Sequence[Case]) -> set[tuple[str, ...]]:
+    """The pairs that the log of an earlier run proves."""
     pairs: set[tuple[str, ...]] = set()
     for text in log.read_text().splitlines() if log is not None and log.exists() else ():
-        told = json.loads(text)
-        if "faults" in told:
-            outcome = Outcome(**{each.name: told[each.name] for each in fields(Outcome) if each.name in told})
-            pairs |= proven(outcome, [case for case in cases if case.name in outcome.faults])
+        report = json.loads(text)
+        if "faults" in report:
+            result = FaultResult(**{each.name: report[each.name] for each in fields(FaultResult) if each.name in report})
+            pairs |= proven_pairs(result, [case for case in cases if case.name in result.faults])
     return pairs
 
 
-def proven(outcome: Outcome, cases: Sequence[Case]) -> set[tuple[str, ...]]:
-    """The pairs for which an outcome speaks: both were told, and nothing that is not there."""
-    if outcome.false or outcome.error:
+def proven_pairs(result: FaultResult, cases: Sequence[Case]) -> set[tuple[str, ...]]:
+    """The pairs that a result proves: both faults were named, and nothing else."""
+    if result.false or result.error:
         return set()
-    told = {*outcome.named, *outcome.folded}
-    return set(map(names, fitting([case for case in cases if case.expected <= told])))
+    found = {*result.named, *result.folded}
+    return set(map(pair_names, compatible_pairs([case for case in cases if case.expected <= found])))
 
 
 def healthy_runs(rig: Rig, count: int, beside: int, note: Callable[[dict[str, Any]], object]) -> list[dict[str, Any]]:
-    """As many diagnoses of a robot that is well, some of them at the same time; `note` hears of each as it ends."""
+    """Diagnose a healthy robot `count` times, `beside` of them at the same time; `note` is called with each report."""
     rig.until_healthy()
-    told = []
+    reports = []
     with ThreadPoolExecutor(max_workers=beside) as pool:
         for run in as_completed([pool.submit(rig.doctor) for _ in range(count)]):
-            told.append(run.result())
-            note(told[-1])
-    return told
+            reports.append(run.result())
+            note(reports[-1])
+    return reports
 
 
-def line(outcome: Outcome) -> str:
+def format_line(result: FaultResult) -> str:
     """One line of the matrix."""
-    mark = "ok" if outcome.right else "WRONG"
-    words = [f"{mark:6}{' + '.join(outcome.faults):58}  {','.join(outcome.named) or '-'}"]
-    for label, value in (("folded", outcome.folded), ("missed", outcome.missed), ("false", outcome.false)):
+    mark = "ok" if result.right else "WRONG"
+    words = [f"{mark:6}{' + '.join(result.faults):58}  {','.join(result.named) or '-'}"]
+    for label, value in (("folded", result.folded), ("missed", result.missed), ("false", result.false)):
         if value:
             words.append(f"{label} {','.join(value)}")
-    if outcome.healed is not None:
-        words.append("healed" if outcome.healed else f"NOT HEALED: {','.join(outcome.left)} ({'; '.join(outcome.played)})")
-    if outcome.error:
-        words.append(f"error {outcome.error}")
-    return "  ".join([*words, f"{outcome.looks}x {outcome.took_s:.1f} s"])
+    if result.healed is not None:
+        words.append("healed" if result.healed else f"NOT HEALED: {','.join(result.left)} ({'; '.join(result.played)})")
+    if result.error:
+        words.append(f"error {result.error}")
+    return "  ".join([*words, f"{result.runs}x {result.took_s:.1f} s"])
 
 
-def score(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Counts over several outcomes."""
-    cured = [outcome for outcome in outcomes if outcome.healed is not None]
+def count_results(results: Sequence[FaultResult]) -> dict[str, Any]:
+    """Counts over several results."""
+    cured = [result for result in results if result.healed is not None]
     return {
-        "runs": len(outcomes),
-        "right": sum(outcome.right for outcome in outcomes),
-        "causes": sum(len(outcome.expected) for outcome in outcomes),
-        "named": sum(len(outcome.named) for outcome in outcomes),
-        "folded": sum(len(outcome.folded) for outcome in outcomes),
-        "missed": sum(len(outcome.missed) for outcome in outcomes),
-        "false": sum(len(outcome.false) for outcome in outcomes),
-        "errors": sum(bool(outcome.error) for outcome in outcomes),
+        "runs": len(results),
+        "right": sum(result.right for result in results),
+        "causes": sum(len(result.expected) for result in results),
+        "named": sum(len(result.named) for result in results),
+        "folded": sum(len(result.folded) for result in results),
+        "missed": sum(len(result.missed) for result in results),
+        "false": sum(len(result.false) for result in results),
+        "errors": sum(bool(result.error) for result in results),
         "safe": len(cured),
-        "healed": sum(bool(outcome.healed) for outcome in cured),
+        "healed": sum(bool(result.healed) for result in cured),
     }
 
 
 def main() -> int:
+    """Inject the chosen faults, diagnose, and print what was named; return 1 for a wrong diagnosis or a robot left broken."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--only", action="append", default=[], metavar="PATTERN", help="these faults, alone and in pairs")
     parser.add_argument("--no-singles", action="store_true", help="pairs and healthy runs only")
@@ -235,49 +240,52 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--yes", action="store_true", help="play what asks a person, too")
     parser.add_argument("--limit-s", type=float, default=3300.0, help="nothing new is begun after this")
-    parser.add_argument("--log", type=Path, help="every outcome as a line of JSON; pairs that it proves already are in no set")
+    parser.add_argument("--log", type=Path, help="every result as a line of JSON; pairs that it proves already are in no set")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     began = time.monotonic()
     chosen = [case for case in CASES if not options.only or any(fnmatch.fnmatch(case.name, only) for only in options.only)]
-    possible = fitting(chosen)
+    possible = compatible_pairs(chosen)
     pairs = random.Random(options.seed).sample(possible, min(options.pairs, len(possible)))
-    seen = known_from(options.log, chosen)
-    groups = groups_of(chosen, options.together, options.seed, seen) if options.together else []
+    seen = proven_pairs_of_log(options.log, chosen)
+    groups = plan_groups(chosen, options.together, options.seed, seen) if options.together else []
     plan: list[tuple[Case, ...]] = [*([] if options.no_singles else [(case,) for case in chosen]), *pairs, *groups]
-    singles: list[Outcome] = []
-    doubles: list[Outcome] = []
+    singles: list[FaultResult] = []
+    combined: list[FaultResult] = []
     well: list[dict[str, Any]] = []
-    told, reboots = sys.stderr if options.json else sys.stdout, 0
-    rig = ready()
+    output, reboots = sys.stderr if options.json else sys.stdout, 0
+    rig = start_rig()
     try:
         for cases in plan:
             if time.monotonic() - began > options.limit_s:
-                print(f"out of time: {len(plan) - len(singles) - len(doubles)} left", file=told, flush=True)
+                print(f"out of time: {len(plan) - len(singles) - len(combined)} left", file=output, flush=True)
                 break
-            outcome, broken = attempt(rig, cases, options.yes)
-            (singles if len(cases) == 1 else doubles).append(outcome)
-            seen |= proven(outcome, cases)
-            print(line(outcome), file=told, flush=True)
-            note(options.log, asdict(outcome) | {"broken": broken})
+            result, broken = attempt(rig, cases, options.yes)
+            (singles if len(cases) == 1 else combined).append(result)
+            seen |= proven_pairs(result, cases)
+            print(format_line(result), file=output, flush=True)
+            append_to_log(options.log, asdict(result) | {"broken": broken})
             if broken:
-                print(f"  booted anew: {broken}", file=told, flush=True)
+                print(f"  rebooted: {broken}", file=output, flush=True)
                 reboots += 1
                 rig.end()
-                rig = ready()
+                rig = start_rig()
         if options.healthy:
-            well = healthy_runs(rig, options.healthy, options.beside, lambda run: note(options.log, run))
+            well = healthy_runs(rig, options.healthy, options.beside, lambda run: append_to_log(options.log, run))
     finally:
         rig.end()
     sick = [run for run in well if run["status"] != 0]
     for run in sick:
-        print(f"healthy, and told {run['status']}: {run['findings']} {run['unknown']} {run['broken']}", file=told)
-    result = {
+        print(
+            f"healthy robot, but the doctor exited with {run['status']}: {run['findings']} {run['unknown']} {run['broken']}",
+            file=output,
+        )
+    summary = {
         "faults": len(chosen),
-        "alone": score(singles),
+        "alone": count_results(singles),
         "pairs_possible": len(possible),
         "pairs_right": len(seen),
-        "together": score(doubles),
+        "together": count_results(combined),
         "healthy_runs": len(well),
         "healthy_with_findings": sum(bool(run["findings"]) for run in well),
         "healthy_not_fully_seen": sum(bool(run["unknown"] or run["broken"]) for run in well),
@@ -285,19 +293,19 @@ def main() -> int:
         "booted_anew": reboots,
         "minutes": round((time.monotonic() - began) / 60.0, 1),
     }
-    print(json.dumps(result) if options.json else json.dumps(result, indent=2))
-    return 0 if not sick and all(outcome.right and outcome.healed is not False for outcome in (*singles, *doubles)) else 1
+    print(json.dumps(summary) if options.json else json.dumps(summary, indent=2))
+    return 0 if not sick and all(result.right and result.healed is not False for result in (*singles, *combined)) else 1
 
 
-def note(log: Path | None, what: dict[str, Any]) -> None:
-    """Write a line of JSON, so that a run that is cut off has told what it saw."""
+def append_to_log(log: Path | None, what: dict[str, Any]) -> None:
+    """Append a line of JSON, so that an interrupted run keeps its results."""
     if log is not None:
         with log.open("a") as file:
             file.write(json.dumps(what) + "\n")
 
 
-def ready() -> Rig:
-    """A robot that is up and well."""
+def start_rig() -> Rig:
+    """A booted and healthy robot."""
     rig = Rig.start()
     try:
         rig.until_healthy()

@@ -1,4 +1,4 @@
-"""A robot's computer that boots, and an operator's shell on the laptop beside it: whole commands, timed from start to end."""
+"""A simulated computer, and an operator on its laptop whose commands are timed from start to exit."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 
 PROJECT_BENCH = Path(__file__).resolve().parent
 COMMAND_BOUND_S = 300.0
-# As `lupin deploy robot` gives it to the units; the booted robot has no ROS beside the vendor's.
-SET_UP = ("source ~/mirte_ws/install/setup.bash",)
+# The setup lines of units for this robot, which has no ROS except the vendor's.
+SETUP_LINES = ("source ~/mirte_ws/install/setup.bash",)
 LUPIN = (sys.executable, "-m", "lupin_cli.app")
 PYTHON_PATH = "/usr/bin:/bin:/usr/sbin:/sbin"
 
 
 @dataclass(frozen=True)
-class Ran:
-    """A command that was run: seconds from its start to its end, and what it left. `cut` where the bound ended it."""
+class TimedRun:
+    """A command that was run: its duration, exit status and output. `cut` if it was terminated by the limit."""
 
     wall_s: float
     status: int
@@ -39,7 +39,7 @@ class Ran:
 
 @dataclass
 class Operator:
-    """Somebody at the laptop, whose inventory knows the robot as `mirte`."""
+    """An operator on the laptop, whose inventory has the robot as `mirte`."""
 
     host: Host
     home: Path
@@ -47,92 +47,92 @@ class Operator:
 
     def run(
         self, command: Sequence[str], environment: Mapping[str, str] | None = None, bound_s: float = COMMAND_BOUND_S
-    ) -> Ran:
-        """Run a command on the laptop, with nothing of this machine's environment."""
+    ) -> TimedRun:
+        """Run a command on the laptop, without the environment of this process."""
         from lupin_sim.host.host import PROJECT
 
-        began = time.perf_counter()
+        start = time.perf_counter()
         try:
             done = self.host.run(command, timeout_s=bound_s, env=dict(environment or self.environment), cwd=str(PROJECT))
         except subprocess.TimeoutExpired:
-            return Ran(time.perf_counter() - began, -1, "", "", cut=True)
-        return Ran(time.perf_counter() - began, done.returncode, done.stdout, done.stderr)
+            return TimedRun(time.perf_counter() - start, -1, "", "", cut=True)
+        return TimedRun(time.perf_counter() - start, done.returncode, done.stdout, done.stderr)
 
-    def lupin(self, *words: str, bound_s: float = COMMAND_BOUND_S) -> Ran:
-        """`lupin WORDS`, as typed."""
+    def lupin(self, *words: str, bound_s: float = COMMAND_BOUND_S) -> TimedRun:
+        """Run `lupin WORDS`."""
         return self.run([*LUPIN, *words], bound_s=bound_s)
 
-    def must(self, ran: Ran, *statuses: int) -> Ran:
-        """What ran, where it ended as it should; else the bench ends with its words."""
+    def require(self, ran: TimedRun, *statuses: int) -> TimedRun:
+        """Return the run if its exit status is one of these (default 0); otherwise stop the benchmark with its output."""
         if ran.status not in (statuses or (0,)):
             raise SystemExit(f"not measured: status {ran.status}{' (cut)' if ran.cut else ''}\n{ran.stdout}\n{ran.stderr}")
         return ran
 
 
 @contextlib.contextmanager
-def operator(**options: Any) -> Iterator[Operator]:
-    """A host (see Host.start for `options`) and its operator. Ends the program where this machine can't boot one."""
+def booted_operator(**options: Any) -> Iterator[Operator]:
+    """Boot a host (see Host.start for `options`) with an operator. Exits if this machine cannot boot one."""
     from lupin_sim.host import Host
-    from lupin_sim.host.missing import what_is_missing
-    from lupin_sim.host.operator import furnish
+    from lupin_sim.host.operator import create_home
+    from lupin_sim.host.prerequisites import missing_prerequisite
 
-    if missing := what_is_missing():
+    if missing := missing_prerequisite():
         raise SystemExit(f"not measured: {missing}")
-    # A short path: a shared connection's socket lies below it.
+    # A short path, because it contains the socket of a shared SSH connection.
     with tempfile.TemporaryDirectory(prefix="lb-", dir="/tmp") as name, Host.start(**options) as host:
         home = Path(name) / "home"
-        environment = furnish(host, home, SET_UP)
+        environment = create_home(host, home, SETUP_LINES)
         yield Operator(host, home, {"PATH": PYTHON_PATH, "LC_ALL": "C.UTF-8", "SHELL": "/bin/bash", **environment})
 
 
 @contextlib.contextmanager
-def tools_of(someone: Operator) -> Iterator[Tools]:
-    """pyinfra and Ansible in the same operator's hands."""
+def peer_tools(operator: Operator) -> Iterator[Tools]:
+    """pyinfra and Ansible, set up for the same operator."""
     from bench.peers.tools import Tools
 
-    folder = someone.home.parent / "peers"
+    folder = operator.home.parent / "peers"
     folder.mkdir()
     key = folder / "key"
-    key.write_bytes(someone.host.key.read_bytes())
+    key.write_bytes(operator.host.key.read_bytes())
     key.chmod(0o600)
-    tools = Tools(folder, someone.host.robot.eth0, "mirte", key, someone.host.known_hosts)
+    tools = Tools(folder, operator.host.robot.eth0, "mirte", key, operator.host.known_hosts)
     null = subprocess.DEVNULL
-    opened = someone.host.run(tools.shared_connection("open"), stdout=null, stderr=null, env=tools.environment)
+    opened = operator.host.run(tools.shared_connection("open"), stdout=null, stderr=null, env=tools.environment)
     if opened.returncode != 0:
         raise SystemExit(f"not measured: ssh to {tools.address} ended with {opened.returncode}")
     try:
         yield tools
     finally:
-        someone.run(tools.shared_connection("exit"), tools.environment, 20.0)
+        operator.run(tools.shared_connection("exit"), tools.environment, 20.0)
 
 
-# What a log-in goes through; their children are run as they are.
+# The processes that a login involves.
 DAEMONS = ("systemd", "systemd-logind", "systemd-journal", "dbus-daemon", "sshd")
 
 
-def take_the_cores(host: Host, stack: bool = False) -> None:
-    """On a machine that others use: what is measured, on both ends of the cable, is run before everybody else's work.
+def raise_priority(host: Host, stack: bool = False) -> None:
+    """On a busy machine, give the measured processes on laptop and robot real-time priority over all others.
 
-    Nice values don't do that where the kernel groups processes by session. The simulated robot and our units over there keep
-    their place, unless they are part of what is measured (`stack`).
+    Nice values have no such effect if the kernel groups processes by session. The simulated robot and Lupin's units on the
+    robot keep their priority, unless they are part of the measurement (`stack`).
     """
-    from lupin_sim.host.missing import cgroup_roots
+    from lupin_sim.host.prerequisites import cgroup_roots
 
     os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     for root in cgroup_roots():
         for path in (root / f"lupin-host-{host.name}").rglob("cgroup.procs"):
             for pid in path.read_text().split():
-                with contextlib.suppress(OSError):  # it ended meanwhile
+                with contextlib.suppress(OSError):  # it has just ended
                     if stack or Path(f"/proc/{pid}/comm").read_text().strip() in DAEMONS:
                         for task in Path(f"/proc/{pid}/task").iterdir():
                             os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(1))
 
 
 def median(runs: Sequence[float]) -> float:
-    """To the millisecond."""
+    """The median, rounded to milliseconds."""
     return round(statistics.median(runs), 3)
 
 
 def load() -> float:
-    """How busy the machine was in the last minute: processes that ran or wanted to."""
+    """The load average of the last minute."""
     return round(os.getloadavg()[0], 1)

@@ -22,7 +22,7 @@ pytest_plugins = ["lupin_sim.host.fixtures"]  # a robot's computer that boots: h
 
 
 @pytest.fixture(scope="session", autouse=True)
-def private_graph(tmp_path_factory: pytest.TempPathFactory):
+def private_graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """Put this process, and all that it starts, into a DDS domain that nobody else is in."""
     claim = claim_domain()
     directory: Path = tmp_path_factory.mktemp("dds")
@@ -38,10 +38,23 @@ def private_graph(tmp_path_factory: pytest.TempPathFactory):
     claim.release()
 
 
+# Bounds by marker, in seconds: several times what the slowest test of each kind takes on two busy cores.
+TIMEOUTS_S = {"mission": 1500, "host": 900, "sim": 300, "graph": 300, "browser": 300}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give every test the bound of its kind, unless it has one of its own."""
+    for item in items:
+        bounds = [bound for name, bound in TIMEOUTS_S.items() if item.get_closest_marker(name)]
+        if bounds and item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(max(bounds)))
+
+
 @pytest.hookimpl(hookwrapper=True)
-def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]):
+def pytest_runtest_makereport() -> Iterator[None]:
     """Where CI runs, everything that a test can use is there: a skip is a failure, and names what is missing."""
     outcome = yield
+    assert outcome is not None
     report = outcome.get_result()
     if report.skipped and os.environ.get("LUPIN_CI_STRICT") == "1":
         report.outcome = "failed"
@@ -156,15 +169,15 @@ def lupin_robot() -> Iterator[Host]:
 
     One for a whole file, since a boot costs seconds.
     """
-    from lupin_cli import units
-    from lupin_sim.host.checkout import RELEASE, SET_UP, keep_memory, lend
-    from lupin_sim.host.fixtures import start
+    from lupin_cli.systemd import units
+    from lupin_sim.host.checkout import CURRENT_RELEASE, SETUP_LINES, keep_shared_memory, link_checkout
+    from lupin_sim.host.fixtures import boot_or_skip
 
-    with start(vendor_robot=True) as host:
+    with boot_or_skip(vendor_robot=True) as host:
         inside = host.robot.inside
-        lend(host.robot)
-        keep_memory(host.robot)
-        for name, text in units.robot_units("mirte", RELEASE, SET_UP).items():
+        link_checkout(host.robot)
+        keep_shared_memory(host.robot)
+        for name, text in units.robot_units("mirte", CURRENT_RELEASE, SETUP_LINES).items():
             assert inside("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
         done = inside("sh", "-ec", "systemctl daemon-reload; systemctl enable --quiet lupin-onboard lupin-auto-home")
         assert done.status == 0, done.stderr

@@ -1,1 +1,1 @@
-"""The tools that operators would use otherwise, pyinfra and Ansible: how they are installed, set up and told what to do."""
+"""pyinfra and Ansible, the tools that operators would use instead of Lupin: installing, configuring and running them."""

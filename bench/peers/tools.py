@@ -1,4 +1,4 @@
-"""pyinfra and Ansible, installed once beside the project and set up for one robot as well as they can be."""
+"""pyinfra and Ansible, installed once into a cache folder and configured for one robot to be as fast as they can."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ INSTALL_BOUND_S = 900.0
 
 
 def programs() -> Path:
-    """The folder of their programs; made at the first use, under the hash of what is pinned."""
+    """Return the folder of their programs. It is created on first use, named by the hash of the pinned versions."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lupin-bench"
     cache.mkdir(parents=True, exist_ok=True)
     pins = hashlib.sha256(REQUIREMENTS.read_bytes() + sys.version.encode()).hexdigest()[:12]
-    place = cache / f"peers-{pins}"
+    folder = cache / f"peers-{pins}"
     with (cache / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not (place / "complete").exists():
-            print(f"installing pyinfra and Ansible into {place}: a minute, once", file=sys.stderr, flush=True)
-            pip = [str(place / "bin" / "python"), "-m", "pip", "install", "-q", "--disable-pip-version-check"]
-            for command in ([sys.executable, "-m", "venv", "--clear", str(place)], [*pip, "-r", str(REQUIREMENTS)]):
+        if not (folder / "complete").exists():
+            print(f"installing pyinfra and Ansible into {folder}: takes a minute, once", file=sys.stderr, flush=True)
+            pip = [str(folder / "bin" / "python"), "-m", "pip", "install", "-q", "--disable-pip-version-check"]
+            for command in ([sys.executable, "-m", "venv", "--clear", str(folder)], [*pip, "-r", str(REQUIREMENTS)]):
                 done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_BOUND_S, check=False)
                 if done.returncode != 0:
                     raise SystemExit(
                         f"not measured: the peers can't be installed; without them: --no-peers\n{done.stderr[-800:]}"
                     )
-            (place / "complete").touch()
-    return place / "bin"
+            (folder / "complete").touch()
+    return folder / "bin"
 
 
 @dataclass(frozen=True)
 class Tools:
-    """Both tools for one robot. `folder` holds what they read; everything of theirs lies below it."""
+    """Both tools for one robot. Their configuration, caches and output are in `folder`."""
 
     folder: Path
     address: str
@@ -54,18 +54,21 @@ class Tools:
         for name, text in (
             ("ansible.cfg", self._ansible_cfg()),
             ("hosts.ini", self._hosts()),
-            *((f"inventory-{'-'.join(ends)}.py", self._inventory(ends)) for ends in (("robot",), ("robot", "laptop"))),
+            *(
+                (f"inventory-{'-'.join(machines)}.py", self._inventory(machines))
+                for machines in (("robot",), ("robot", "laptop"))
+            ),
         ):
             (self.folder / name).write_text(text)
 
     @property
     def ssh_options(self) -> str:
-        """Of OpenSSH: one connection, which is open before a tool runs and still there after it."""
+        """Options of OpenSSH: one shared connection, which is opened before a tool runs and stays open after it."""
         shared = f"-o ControlMaster=auto -o ControlPersist=600s -o ControlPath={self.folder}/m"
         return f"-F none -i {self.key} -o IdentitiesOnly=yes -o UserKnownHostsFile={self.known_hosts} {shared}"
 
     def _ansible_cfg(self) -> str:
-        # No facts of its own, no temporary files over there, no search for a Python, one connection for all runs.
+        # No facts of its own, no temporary files on the robot, no search for a Python, one connection for all runs.
         return f"""[defaults]
 inventory = {self.folder}/hosts.ini
 gathering = explicit
@@ -84,15 +87,15 @@ ssh_args = {self.ssh_options}
     def _hosts(self) -> str:
         return f"robot ansible_host={self.address} ansible_user={self.user}\nlaptop ansible_connection=local\n"
 
-    def _inventory(self, ends: Sequence[str]) -> str:
+    def _inventory(self, machines: Sequence[str]) -> str:
         data: dict[str, Any] = {"ssh_user": self.user, "ssh_key": str(self.key), "ssh_known_hosts_file": str(self.known_hosts)}
         data |= {"ssh_allow_agent": False, "ssh_look_for_keys": False}
         hosts = {"robot": f"({self.address!r}, {data!r})", "laptop": "'@local'"}
-        return f"hosts = [{', '.join(hosts[end] for end in ends)}]\n"
+        return f"hosts = [{', '.join(hosts[machine] for machine in machines)}]\n"
 
     @property
     def environment(self) -> dict[str, str]:
-        """Of both: nothing of this project's."""
+        """The environment of both tools, without anything of this project's."""
         return {
             "PATH": f"{programs()}:/usr/bin:/bin:/usr/sbin:/sbin",
             "HOME": str(self.folder),
@@ -100,14 +103,14 @@ ssh_args = {self.ssh_options}
             "ANSIBLE_CONFIG": str(self.folder / "ansible.cfg"),
         }
 
-    def pyinfra(self, name: str, text: str, data: Mapping[str, Any], ends: Sequence[str] = ("robot",)) -> list[str]:
-        """The command that runs the deploy `text` for these machines; it finds `data` as DATA."""
+    def pyinfra(self, name: str, text: str, data: Mapping[str, Any], machines: Sequence[str] = ("robot",)) -> list[str]:
+        """Return the command that runs the deploy `text` on these machines; the deploy finds `data` as DATA."""
         path = self.folder / f"{name}.py"
         path.write_text(f"import json\nDATA = json.loads({json.dumps(data)!r})\n{text}")
-        return [str(programs() / "pyinfra"), "-y", str(self.folder / f"inventory-{'-'.join(ends)}.py"), str(path)]
+        return [str(programs() / "pyinfra"), "-y", str(self.folder / f"inventory-{'-'.join(machines)}.py"), str(path)]
 
     def ansible(self, name: str, plays: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
-        """The command that plays these tasks, by the machines that they are for."""
+        """Return the command that plays these tasks, which are grouped by machine."""
         path = self.folder / f"{name}.yml"
         path.write_text(
             yaml.dump([{"hosts": h, "gather_facts": False, "tasks": list(t)} for h, t in plays.items()], Dumper=_Dumper)
@@ -115,9 +118,12 @@ ssh_args = {self.ssh_options}
         return [str(programs() / "ansible-playbook"), str(path)]
 
     def shared_connection(self, verb: str) -> list[str]:
-        """The command that opens the shared connection ("open"; it stays behind, and holds its outputs) or ends it ("exit")."""
-        what = ["-fN"] if verb == "open" else ["-O", verb]
-        return ["ssh", *self.ssh_options.split(), *what, f"{self.user}@{self.address}"]
+        """Return the command that opens the shared connection ("open") or closes it ("exit").
+
+        The opened one runs in the background and keeps its standard streams open.
+        """
+        action = ["-fN"] if verb == "open" else ["-O", verb]
+        return ["ssh", *self.ssh_options.split(), *action, f"{self.user}@{self.address}"]
 
 
 class Unsafe(str):

@@ -1,4 +1,4 @@
-"""A node of ours, and a peer in a process of its own."""
+"""A node in this process, and a peer in another process."""
 
 from __future__ import annotations
 
@@ -8,17 +8,20 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-PEER = Path(__file__).with_name("peer.py")
+from tests.support.paths import ROOT
+
+PEER = ROOT / "tests/support/ros_peer.py"
 
 StartPeer = Callable[..., None]
 
 
 @pytest.fixture
 def start_peer() -> Iterator[StartPeer]:
-    """Call it with the peer's role, and perhaps another Python and environment; it returns once the peer's endpoints exist."""
+    """A function that starts a peer in a role, optionally with another Python and environment, and waits for its endpoints."""
     started: list[subprocess.Popen[str]] = []
 
     def start(role: str, python: str | Path = sys.executable, env: dict[str, str] | None = None) -> None:
@@ -44,7 +47,7 @@ def start_peer() -> Iterator[StartPeer]:
 
 
 @pytest.fixture
-def spin() -> Iterator[tuple]:
+def spin() -> Iterator[tuple[Any, ...]]:
     """A node and its single-threaded executor: ``node, executor``."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor

@@ -1,10 +1,11 @@
-"""Messages, services and actions pass between two processes, and their types are those of the parts written by others."""
+"""Messages, services and actions work between two processes, and their type hashes equal those of the upstream packages."""
 
 from __future__ import annotations
 
 import importlib
 import math
 import time
+from typing import Any
 
 import pytest
 
@@ -37,11 +38,11 @@ UPSTREAM_HASHES = {
     "slam_toolbox.srv.ToggleInteractive.Request": "7b39d752f49ba967d72bcc6e340de08073a8577a13f107ca0aea076e664cb911",
     "slam_toolbox.srv.DeserializePoseGraph.Request": "1bde65c133a93f94c09966a0206ce03946703695bc84e25aebf92fe61a0ae4b0",
 }
-"""RIHS01 hashes that Nav2 and slam_toolbox, built by colcon from their own sources, give these types."""
+"""RIHS01 hashes of these types in Nav2 and slam_toolbox, built by colcon from their sources."""
 
 
 def observation() -> Observation:
-    """One of each kind of field: nested, repeated, empty, not ASCII."""
+    """A message with nested, repeated, empty and non-ASCII fields."""
     message = Observation(mission_id="lupin-0123abcd", source="InspectionMission", kind=Observation.KIND_FLOWER)
     message.header.frame_id = "map"
     message.header.stamp.sec = 1_700_000_000
@@ -54,10 +55,10 @@ def observation() -> Observation:
     return message
 
 
-def receive(spin, message_type: type, topic: str, **options):
+def receive(spin: Any, message_type: type, topic: str, **options: Any) -> Any:
     """The first message on a latched topic."""
     node, executor = spin
-    received: list = []
+    received: list[Any] = []
     node.create_subscription(message_type, topic, received.append, LATCHED, **options)
     deadline = time.monotonic() + DEADLINE_S
     while not received and time.monotonic() < deadline:
@@ -66,7 +67,7 @@ def receive(spin, message_type: type, topic: str, **options):
     return received[0]
 
 
-def result_of(spin, future):
+def result_of(spin: Any, future: Any) -> Any:
     """Spin until a future is done."""
     _, executor = spin
     executor.spin_until_future_complete(future, timeout_sec=DEADLINE_S)
@@ -74,13 +75,13 @@ def result_of(spin, future):
     return future.result()
 
 
-def test_a_message_comes_back_as_it_went(spin, start_peer) -> None:
+def test_message_is_echoed_unchanged(spin: Any, start_peer: Any) -> None:
     start_peer("echo")
     spin[0].create_publisher(Observation, "observations", LATCHED).publish(observation())
     assert receive(spin, Observation, "echoed") == observation()
 
 
-def test_bytes_forwarded_unread_are_the_bytes_sent(spin, start_peer) -> None:
+def test_forwarded_raw_bytes_are_unchanged(spin: Any, start_peer: Any) -> None:
     start_peer("forward")
     spin[0].create_publisher(Observation, "observations", LATCHED).publish(serialize_message(observation()))
     forwarded = receive(spin, Observation, "forwarded", raw=True)
@@ -88,7 +89,7 @@ def test_bytes_forwarded_unread_are_the_bytes_sent(spin, start_peer) -> None:
     assert deserialize_message(forwarded, Observation) == observation()
 
 
-def test_a_service_answers(spin, start_peer) -> None:
+def test_service_replies(spin: Any, start_peer: Any) -> None:
     start_peer("serve")
     client = spin[0].create_client(GetField, "get_field")
     assert client.wait_for_service(DEADLINE_S)
@@ -98,11 +99,11 @@ def test_a_service_answers(spin, start_peer) -> None:
     assert response.values[0] == -1.0 and math.isnan(response.values[1]) and response.values[2] == 2.0
 
 
-def test_an_action_runs_with_feedback_and_result(spin, start_peer) -> None:
+def test_action_gives_feedback_and_result(spin: Any, start_peer: Any) -> None:
     start_peer("act")
     client = ActionClient(spin[0], NavigateToPose, "navigate_to_pose")
     assert client.wait_for_server(DEADLINE_S)
-    feedback: list = []
+    feedback: list[Any] = []
     goal = NavigateToPose.Goal(pose=PoseStamped(pose=Pose(position=Point(x=7.0))), behavior_tree="tree.xml")
     goal_handle = result_of(spin, client.send_goal_async(goal, feedback_callback=lambda m: feedback.append(m.feedback)))
     assert goal_handle.accepted
@@ -114,22 +115,22 @@ def test_an_action_runs_with_feedback_and_result(spin, start_peer) -> None:
 
 
 @pytest.mark.parametrize("dotted", UPSTREAM_HASHES)
-def test_type_hash_equals_upstreams(spin, dotted: str) -> None:
+def test_type_hash_equals_the_upstream_one(spin: Any, dotted: str) -> None:
     package, kind, name, *part = dotted.split(".")
     message_type = getattr(importlib.import_module(f"{package}.{kind}"), name)
     message_type = getattr(message_type, part[0]) if part else message_type
     assert type_hash(spin[0], message_type) == UPSTREAM_HASHES[dotted]
 
 
-def test_every_message_of_lupin_has_a_type_hash_of_its_own(spin) -> None:
+def test_messages_of_lupin_have_different_type_hashes(spin: Any) -> None:
     module = importlib.import_module("lupin_msgs.msg")
     names = [name for name in vars(module) if name[0].isupper()]
     hashes = {name: type_hash(spin[0], getattr(module, name)) for name in names}
     assert len(set(hashes.values())) == len(names)
 
 
-def type_hash(node, message_type: type) -> str:
-    """The RIHS01 hash, in hex, that the graph shows for a topic of this type."""
+def type_hash(node: Any, message_type: type) -> str:
+    """The RIHS01 hash of a type, in hex, as the graph reports it for a topic."""
     publisher = node.create_publisher(message_type, f"hash_of/{message_type.__name__}", 1)
     try:
         (endpoint,) = node.get_publishers_info_by_topic(publisher.topic_name)

@@ -1,8 +1,9 @@
-"""lupin_msgs is what parts written by others expect: these tables are that expectation, not a copy of the definitions."""
+"""The definitions of lupin_msgs match the tables below, which record what other projects' nodes expect."""
 
 from __future__ import annotations
 
 import importlib
+from typing import Any
 
 import pytest
 
@@ -80,7 +81,7 @@ CONSTANTS = {
 }
 
 PYTHON_NAMES = {"bool": "boolean", "float32": "float", "float64": "double"}
-"""How rosidl_generator_py calls a primitive type that it does not call by its ROS name."""
+"""Names of primitive types in rosidl_generator_py, where they differ from the ROS names."""
 
 
 def expected_fields(text: str) -> list[tuple[str, str]]:
@@ -95,7 +96,7 @@ def expected_fields(text: str) -> list[tuple[str, str]]:
     return fields
 
 
-def lookup(dotted: str) -> type:
+def lookup(dotted: str) -> Any:
     """``"srv.GetField.Request"`` → that class of lupin_msgs."""
     kind, name, *part = dotted.split(".")
     found = getattr(importlib.import_module(f"lupin_msgs.{kind}"), name)
@@ -112,8 +113,8 @@ def test_fields_have_the_agreed_names_types_and_order(dotted: str) -> None:
     assert list(lookup(dotted).get_fields_and_field_types().items()) == expected_fields(CLASSES[dotted])
 
 
-@pytest.mark.parametrize("kind, agreed", [("msg", MESSAGES), ("srv", SERVICES)])
-def test_there_is_nothing_but_the_agreed_types(kind: str, agreed: dict) -> None:
+@pytest.mark.parametrize(("kind", "agreed"), [("msg", MESSAGES), ("srv", SERVICES)])
+def test_package_has_only_the_agreed_types(kind: str, agreed: dict[str, Any]) -> None:
     module = importlib.import_module(f"lupin_msgs.{kind}")
     assert {name for name in vars(module) if name[0].isupper() and "_" not in name} == set(agreed)
     assert len(agreed) == 11
@@ -125,7 +126,7 @@ def test_constants_have_the_agreed_values(dotted: str) -> None:
     assert {name: getattr(found, name) for name in CONSTANTS[dotted]} == CONSTANTS[dotted]
 
 
-def test_a_new_message_is_the_agreed_nothing() -> None:
+def test_new_message_has_the_agreed_defaults() -> None:
     assert lookup("msg.TwinState")().tags == []
     observation = lookup("msg.Observation")()
     assert (observation.kind, observation.status, observation.mission_id) == (0, 0, "")

@@ -1,4 +1,4 @@
-"""Every interface folder builds with pip and with colcon alike: its three descriptions of itself agree."""
+"""Every interface folder builds with both pip and colcon: package.xml, CMakeLists.txt and the definitions agree."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ sys.path.insert(0, str(INTERFACES))
 
 from rosidl_build.packages import InterfacePackage, discover, referenced_packages  # noqa: E402
 
-sys.path.remove(str(INTERFACES))  # its folders would pass for packages where these are not installed
+sys.path.remove(str(INTERFACES))  # its folders could be imported as packages if these are not installed
 
 PACKAGES = discover(INTERFACES)
 EXPECTED = {
@@ -31,7 +31,7 @@ EXPECTED = {
 each_package = pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.name)
 
 
-def test_the_packages_of_the_graph_are_there() -> None:
+def test_all_packages_of_the_graph_exist() -> None:
     assert {package.name for package in PACKAGES} == EXPECTED
 
 
@@ -42,7 +42,7 @@ def test_cmake_lists_every_definition(package: InterfacePackage) -> None:
 
 
 @each_package
-def test_package_xml_and_cmake_name_the_packages_that_definitions_use(package: InterfacePackage) -> None:
+def test_package_xml_and_cmake_list_the_dependencies(package: InterfacePackage) -> None:
     used = referenced_packages(package)
     if any(definition.parts[0] == "action" for definition in package.definitions):
         used.add("action_msgs")  # every action's hidden services and topics
@@ -54,7 +54,7 @@ def test_package_xml_and_cmake_name_the_packages_that_definitions_use(package: I
 
 
 @each_package
-def test_every_definition_is_importable_with_its_type_support(package: InterfacePackage) -> None:
+def test_definitions_are_importable_with_type_support(package: InterfacePackage) -> None:
     for definition in package.definitions:
         module = importlib.import_module(f"{package.name}.{definition.parts[0]}")
         interface = getattr(module, definition.stem)
@@ -63,8 +63,8 @@ def test_every_definition_is_importable_with_its_type_support(package: Interface
 
 
 @each_package
-def test_the_installed_package_has_these_definitions(package: InterfacePackage) -> None:
-    """Or else it was changed and not installed again: ``pip install ./interfaces``."""
+def test_installed_definitions_are_current(package: InterfacePackage) -> None:
+    """If this fails, a definition was changed and not installed: ``pip install ./interfaces``."""
     share = Path(sys.prefix) / "share" / package.name
     for definition in package.definitions:
         assert (share / definition).read_text() == (package.folder / definition).read_text(), definition

@@ -1,6 +1,6 @@
-"""What a robot runs is Python 3.10: the interfaces build there, and talk to this Python.
+"""The robot has Python 3.10: the interfaces build with it, and work together with this Python.
 
-The environment is built once per state of ``interfaces/`` and kept under the user's cache.
+The environment is built once per state of ``interfaces/`` and kept in the user's cache.
 """
 
 from __future__ import annotations
@@ -12,25 +12,28 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 INTERFACES = REPOSITORY / "interfaces"
 PACKAGES = ("lupin_msgs", "mirte_msgs", "tf2_msgs")
-"""Messages, services and an action: every shape that is generated, at a third of the time that all packages take."""
+"""Together these have messages, services and actions, and they build in a third of the time of all packages."""
 BUILD_TIMEOUT_S = 900
 KEPT_ENVIRONMENTS = 2
+# The first test builds the environment, which takes minutes on a busy machine.
+pytestmark = pytest.mark.timeout(BUILD_TIMEOUT_S)
 
 
 def clean_environment() -> dict[str, str]:
-    """The environment without what would make another Python load this one's libraries."""
+    """The environment without variables that would make another Python load this one's libraries."""
     unwanted = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
     return {name: value for name, value in os.environ.items() if name not in unwanted}
 
 
 def find_python310() -> Path | None:
-    """CPython 3.10 from PATH or pyenv; a pyenv shim may stand on PATH with nothing behind it."""
+    """CPython 3.10 from PATH or pyenv, or None. Each is tried, since a pyenv shim on PATH may have no Python behind it."""
     on_path = shutil.which("python3.10")
     candidates = [Path(on_path)] if on_path else []
     candidates += sorted((Path.home() / ".pyenv" / "versions").glob("3.10*/bin/python"))
@@ -42,19 +45,19 @@ def find_python310() -> Path | None:
 
 
 def sources() -> list[Path]:
-    """Every file that the build of these packages reads."""
+    """All files that the build of these packages reads."""
     folders = [INTERFACES / name for name in ("rosidl_build", *PACKAGES)]
     files = [p for folder in folders for p in folder.rglob("*") if p.is_file() and p.suffix != ".pyc"]
     return sorted(files + [p for p in INTERFACES.iterdir() if p.suffix in (".toml", ".md")])
 
 
 def cache_root() -> Path:
-    """Where environments are kept."""
+    """The folder of the environments."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lupin"
 
 
 def build_environment(python: Path, folder: Path) -> None:
-    """A virtual environment with lupin-interfaces, built as a user builds it: ``pip install <folder>``."""
+    """Create a virtual environment and install lupin-interfaces as a user does: ``pip install <folder>``."""
     shutil.rmtree(folder, ignore_errors=True)
     subprocess.run([python, "-m", "venv", folder], check=True, env=clean_environment())
     copy = folder / "interfaces"
@@ -62,10 +65,18 @@ def build_environment(python: Path, folder: Path) -> None:
         target = copy / source.relative_to(INTERFACES)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, target)
-    install = [folder / "bin" / "python", "-m", "pip", "install", "--disable-pip-version-check", copy]
-    env = {**clean_environment(), "LUPIN_INTERFACES_OPTIMISATION": "-O0"}  # sooner compiled, and run for a second
+    install: list[str | Path] = [folder / "bin" / "python", "-m", "pip", "install", "--disable-pip-version-check", copy]
+    env = {
+        **clean_environment(),
+        "LUPIN_INTERFACES_OPTIMISATION": "-O0",
+    }  # compiles faster, and the tests run for a second only
     result = subprocess.run(
-        install, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=BUILD_TIMEOUT_S
+        install,
+        env=env,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=BUILD_TIMEOUT_S,
     )
     assert result.returncode == 0, result.stdout[-8000:]
     shutil.rmtree(copy)
@@ -73,7 +84,7 @@ def build_environment(python: Path, folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def python310() -> Path:
-    """Python 3.10 with the interfaces as they are now."""
+    """A Python 3.10 with the current interfaces."""
     python = find_python310()
     if python is None:
         missing = "no CPython 3.10 with headers on PATH or in ~/.pyenv/versions: pyenv install 3.10"
@@ -115,13 +126,13 @@ for package in sys.argv[1:]:
 print("imported", len(sys.argv) - 1)
 """
     command = [python310, "-c", script, *PACKAGES]
-    result = subprocess.run(command, capture_output=True, text=True, env=clean_environment(), timeout=60)
+    result = subprocess.run(command, capture_output=True, text=True, env=clean_environment(), timeout=60)  # type: ignore[arg-type]
     assert (result.returncode, result.stdout) == (0, f"imported {len(PACKAGES)}\n"), result.stderr
 
 
 @pytest.mark.graph
-@pytest.mark.skipif(sys.version_info[:2] == (3, 10), reason="this Python is 3.10 already: test_graph.py shows it")
-def test_it_talks_to_this_python(python310: Path, spin, start_peer) -> None:
+@pytest.mark.skipif(sys.version_info[:2] == (3, 10), reason="this Python is 3.10; test_graph.py covers it")
+def test_service_works_with_this_python(python310: Path, spin: Any, start_peer: Any) -> None:
     from lupin_msgs.srv import GetField
 
     node, executor = spin

@@ -1,4 +1,4 @@
-"""The builder finds packages, says what a machine lacks, and builds again what has changed and nothing else."""
+"""The builder sorts packages by dependency, reports missing tools, and rebuilds only changed packages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ sys.path.insert(0, str(INTERFACES))
 from rosidl_build import freshness, toolchain  # noqa: E402
 from rosidl_build.packages import InterfacePackage, discover, installed_definitions, read_package  # noqa: E402
 
-sys.path.remove(str(INTERFACES))  # its folders would pass for packages where these are not installed
+sys.path.remove(str(INTERFACES))  # its folders could be imported as packages if these are not installed
 
 TOOLS = toolchain.Toolchain(("true",), ("true",), Path("/ros"), (), "-O1")
 
@@ -30,37 +30,38 @@ def write_package(root: Path, name: str, definition: str = "uint8 a\n", depends:
 
 @pytest.fixture(autouse=True)
 def versions(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
-    """Versions of the distributions that a build uses; they are in its own environment, not in this one."""
-    installed = dict.fromkeys(freshness.INGREDIENTS, "1.0")
+    """Versions of the distributions that a build uses; they are installed in the build environment only."""
+    installed = dict.fromkeys(freshness.BUILD_DISTRIBUTIONS, "1.0")
     monkeypatch.setattr(freshness.importlib.metadata, "version", installed.__getitem__)
     return installed
 
 
 def keys(root: Path, tools: toolchain.Toolchain = TOOLS) -> dict[str, str]:
-    return freshness.build_keys(discover(root), tools)
+    result: dict[str, str] = freshness.build_keys(discover(root), tools)
+    return result
 
 
-def test_a_package_comes_after_those_it_depends_on(tmp_path: Path) -> None:
+def test_packages_are_sorted_by_dependency(tmp_path: Path) -> None:
     write_package(tmp_path, "a_msgs", depends=("z_msgs", "std_msgs"))
     write_package(tmp_path, "m_msgs", depends=("a_msgs",))
     write_package(tmp_path, "z_msgs")
     assert [package.name for package in discover(tmp_path)] == ["z_msgs", "a_msgs", "m_msgs"]
 
 
-def test_packages_that_need_each_other_are_refused(tmp_path: Path) -> None:
+def test_circular_dependency_is_refused(tmp_path: Path) -> None:
     write_package(tmp_path, "a_msgs", depends=("b_msgs",))
     write_package(tmp_path, "b_msgs", depends=("a_msgs",))
     with pytest.raises(SystemExit, match=r"circle: a_msgs → b_msgs → a_msgs|circle: b_msgs → a_msgs → b_msgs"):
         discover(tmp_path)
 
 
-def test_a_folder_with_another_name_than_its_package_is_refused(tmp_path: Path) -> None:
+def test_folder_named_unlike_its_package_is_refused(tmp_path: Path) -> None:
     folder = write_package(tmp_path, "a_msgs").rename(tmp_path / "b_msgs")
     with pytest.raises(SystemExit, match="expected <name>b_msgs</name>, found <name>a_msgs</name>"):
         read_package(folder)
 
 
-def test_definitions_are_installed_where_ros_packages_have_them(tmp_path: Path) -> None:
+def test_definitions_are_installed_like_those_of_ros_packages(tmp_path: Path) -> None:
     package: InterfacePackage = read_package(write_package(tmp_path, "a_msgs"))
     assert installed_definitions([package]) == [
         ("share/a_msgs", ["a_msgs/package.xml", "a_msgs/CMakeLists.txt"]),
@@ -68,7 +69,7 @@ def test_definitions_are_installed_where_ros_packages_have_them(tmp_path: Path) 
     ]
 
 
-def test_a_changed_definition_makes_its_package_and_the_dependent_ones_stale(tmp_path: Path) -> None:
+def test_changed_definition_makes_package_and_dependents_stale(tmp_path: Path) -> None:
     write_package(tmp_path, "a_msgs")
     write_package(tmp_path, "b_msgs", depends=("a_msgs",))
     write_package(tmp_path, "c_msgs")
@@ -78,7 +79,7 @@ def test_a_changed_definition_makes_its_package_and_the_dependent_ones_stale(tmp
     assert {name for name in before if before[name] != after[name]} == {"a_msgs", "b_msgs"}
 
 
-def test_another_tool_makes_everything_stale(tmp_path: Path, versions: dict[str, str]) -> None:
+def test_changed_tool_makes_everything_stale(tmp_path: Path, versions: dict[str, str]) -> None:
     write_package(tmp_path, "a_msgs")
     before = keys(tmp_path)
     assert keys(tmp_path) == before
@@ -87,7 +88,7 @@ def test_another_tool_makes_everything_stale(tmp_path: Path, versions: dict[str,
     assert keys(tmp_path) != before
 
 
-def test_what_a_machine_lacks_is_named_all_at_once_with_its_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_all_missing_tools_are_named_with_their_packages(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("CC", "no-such-gcc")
     monkeypatch.setenv("CXX", "no-such-g++ -std=c++20")
     monkeypatch.setattr(toolchain.sysconfig, "get_paths", lambda: {"include": str(tmp_path)})
@@ -99,7 +100,7 @@ def test_what_a_machine_lacks_is_named_all_at_once_with_its_package(monkeypatch:
     assert f"Python.h: not found; sudo apt install python{sys.version_info.major}.{sys.version_info.minor}-dev" in message
 
 
-def test_a_build_without_isolation_says_what_to_install_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_build_without_isolation_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rosidl_generator_c", None)
     with pytest.raises(SystemExit, match=r"build with isolation.*pip install ros-jazzy-common-interfaces"):
         toolchain.ros_wheels_prefix()

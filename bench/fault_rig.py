@@ -1,0 +1,223 @@
+"""Where the bench injects faults: a booted robot with the vendor's stack, Lupin's units and a clock that it takes from the
+laptop, and a laptop across the cable that is configured for it and runs the doctor."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lupin_sim.host import Host
+from lupin_sim.host.host import PROJECT
+
+ADDRESS, OTHER_ADDRESS, NAME = "10.42.0.1", "192.168.42.1", "greenhouse"
+LUPIN = [sys.executable, "-m", "lupin_cli.app"]
+START_BOUND_S, END_BOUND_S, HEALTH_BOUND_S, DOCTOR_BOUND_S = 90.0, 60.0, 120.0, 180.0
+
+# A participant of the graph: its role and arguments follow.
+PARTICIPANT = [sys.executable, "-m", "tests.support.graph_participant"]
+RELEASE = "0a1b2c3d4e5f"
+START_STOPPED_UNITS = """
+for unit in lupin-onboard lupin-auto-home; do
+  systemctl is-failed --quiet $unit && systemctl reset-failed $unit
+  systemctl is-active --quiet $unit || systemctl start --no-block $unit
+done
+exit 0
+"""
+# While auto-home runs, it would repair what the next fault breaks.
+WAIT_FOR_AUTO_HOME = """
+for second in $(seq 120); do
+  systemctl show -P ActiveState lupin-auto-home | grep -q activating || exit 0
+  sleep 1
+done
+exit 0
+"""
+
+
+class RigError(RuntimeError):
+    """A step of the measurement failed on the robot or the laptop."""
+
+
+@dataclass
+class Rig:
+    """A booted robot, and an operator's laptop that is configured for it."""
+
+    host: Host
+    home: Path
+    participants: dict[str, subprocess.Popen[str]] = field(default_factory=dict)
+    kept: dict[Path, str | None] = field(default_factory=dict)  # files of the laptop as they were before a fault
+
+    @classmethod
+    def start(cls) -> Rig:
+        """Boot, deploy and configure. Raises HostError, RigError."""
+        rig = cls(Host.start(vendor_robot=True), Path(tempfile.mkdtemp(prefix="lupin-triage-")))
+        try:
+            rig._set_up()
+        except BaseException:
+            rig.end()
+            raise
+        return rig
+
+    def _set_up(self) -> None:
+        from lupin_cli import __version__
+        from lupin_cli.systemd import units
+        from lupin_sim.host.checkout import SETUP_LINES, keep_shared_memory
+
+        ssh = self.home / ".ssh"
+        ssh.mkdir(mode=0o700)
+        shutil.copy(self.host.key, ssh / "id_ed25519")
+        (ssh / "id_ed25519").chmod(0o600)
+        known = self.host.known_hosts.read_text()
+        (ssh / "known_hosts").write_text(known)
+        self.config_dir.mkdir(parents=True)
+        (self.config_dir / "lupin.toml").write_text(
+            f'[robots.{NAME}]\nuser = "mirte"\n[robots.{NAME}.addresses]\nwired = "{ADDRESS}"\n'
+            f'[robots.{NAME}-ap]\nuser = "mirte"\n[robots.{NAME}-ap.addresses]\nap = "{OTHER_ADDRESS}"\n'
+        )
+        (self.home / ".bashrc").write_text("# a shell\n")
+        self._lupin("dds", "setup", ADDRESS, "--shell", "bash", env=self.bare_env)
+        version = json.dumps({"version": __version__, "python": list(sys.version_info[:2])})
+        self.root(
+            f"mkdir -p /opt/lupin/releases/{RELEASE} /opt/lupin/incoming; cd /opt/lupin; ln -sfn releases/{RELEASE} current\n"
+            f"ln -sfn {sys.prefix} current/venv; echo '{version}' > current/release.json; usermod -aG input mirte"
+        )
+        for name, text in units.robot_units("mirte", "/opt/lupin/current", SETUP_LINES).items():
+            if name in ("lupin-onboard.service", "lupin-auto-home.service"):
+                self.root(f"cat > /etc/systemd/system/{name} <<'UNIT'\n{text}\nUNIT")
+        keep_shared_memory(self.host.robot)
+        self.host.serve_ntp()
+        self._lupin("play", "install-clock-sync", "--robot", NAME, "-v", "laptop_serves=false", "--yes", env=self.sourced_env)
+        self.root("systemctl daemon-reload; systemctl enable -q lupin-onboard lupin-auto-home")
+        self.root("systemctl start lupin-clock-sync lupin-onboard; systemctl start --no-block lupin-auto-home", 90.0)
+
+    @property
+    def config_dir(self) -> Path:
+        """The folder of Lupin's settings on the laptop."""
+        return self.home / ".config" / "lupin"
+
+    @property
+    def bare_env(self) -> dict[str, str]:
+        """The environment of a shell that has sourced nothing."""
+        return {"PATH": os.environ["PATH"], "HOME": str(self.home), "SHELL": "/bin/bash"}
+
+    @property
+    def shells(self) -> dict[str, dict[str, str]]:
+        """Environments in which the doctor runs, by the names that cases use."""
+        other = {**self.sourced_env, "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+        return {"sourced": self.sourced_env, "plain": self.bare_env, "rmw": other}
+
+    @property
+    def sourced_env(self) -> dict[str, str]:
+        """The environment of a shell that has sourced ros-env.sh."""
+        return {
+            **self.bare_env,
+            "FASTRTPS_DEFAULT_PROFILES_FILE": str(self.config_dir / "fastdds_super_client.xml"),
+            "ROS_DISCOVERY_SERVER": f"{ADDRESS}:11811",
+            "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
+        }
+
+    def _lupin(self, *words: str, env: Mapping[str, str]) -> None:
+        done = self.host.run([*LUPIN, *words], env=env, cwd=str(PROJECT), timeout_s=180.0)
+        if done.returncode != 0:
+            raise RigError(f"lupin {' '.join(words)}: {done.stdout[-300:]} {done.stderr[-500:]}")
+
+    def root(self, script: str, bound_s: float = 60.0) -> str:
+        """Run a script on the robot as root. Raises RigError."""
+        done = self.host.robot.inside("sh", "-ec", script, timeout_s=bound_s)
+        if done.status != 0:
+            raise RigError(f"{script[:80]!r} exited with {done.status}: {done.stderr[-300:]}")
+        return str(done.stdout)
+
+    def doctor(self, *words: str, env: Mapping[str, str] | None = None, robot: str = NAME) -> dict[str, Any]:
+        """The JSON report of `lupin doctor`, with its wall time in `took_s`. Raises RigError."""
+        began = time.monotonic()
+        command = [*LUPIN, "doctor", "--robot", robot, "--json", *words]
+        done = self.host.run(command, env=env or self.sourced_env, cwd=str(PROJECT), timeout_s=DOCTOR_BOUND_S)
+        try:
+            report: dict[str, Any] = json.loads(done.stdout)
+        except ValueError:
+            raise RigError(f"the doctor ended with {done.returncode}: {done.stderr[-500:]}") from None
+        if done.returncode != report["status"]:
+            raise RigError(f"exit status {done.returncode}, and the JSON says {report['status']}")
+        return report | {"took_s": round(time.monotonic() - began, 2)}
+
+    def until_healthy(self, env: Mapping[str, str] | None = None, bound_s: float = HEALTH_BOUND_S) -> int:
+        """Run the doctor until it finds nothing; returns the number of runs. Raises RigError with the remaining findings."""
+        deadline, runs = time.monotonic() + bound_s, 0
+        while True:
+            report, runs = self.doctor(env=env), runs + 1
+            if report["status"] == 0:
+                return runs
+            if time.monotonic() > deadline:
+                lines = [f"{f['id']}: {f['cause']} {f['evidence']}" for f in report["findings"]]
+                raise RigError(f"not healthy after {bound_s:g} s: {'; '.join(lines)} {report['unknown']} {report['broken']}")
+
+    def start_participant(
+        self, role: str, *arguments: str, env: Mapping[str, str] | None = None, name: str = "", called: str = ""
+    ) -> None:
+        """Start a participant on the laptop, or give an order through one. `called` is an extra argument. Raises RigError."""
+        command = [*PARTICIPANT, role, *arguments, *filter(None, [called])]
+        process: subprocess.Popen[str] = self.host.popen(
+            command, env or self.sourced_env, cwd=str(PROJECT), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        timer = threading.Timer(START_BOUND_S, process.kill)
+        timer.start()
+        try:
+            assert process.stdout is not None
+            # Fast DDS prints errors of a profile before it continues without one.
+            if all(line.strip() != "up" for line in process.stdout):
+                raise RigError(f"{role} {' '.join(arguments)}: {process.communicate()[1][-300:]}")
+            if arguments:
+                process.communicate()
+            else:
+                self.participants[name or role] = process
+        finally:
+            timer.cancel()
+
+    def end_participant(self, name: str) -> None:
+        """Terminate a participant with SIGTERM."""
+        process = self.participants.pop(name, None)
+        if process is None:
+            return
+        process.terminate()
+        try:
+            process.communicate(timeout=END_BOUND_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+
+    def write(self, path: Path, text: str | None) -> None:
+        """Change a file of the laptop (None removes it). `restore` writes its first version back."""
+        self.kept.setdefault(path, path.read_text() if path.exists() else None)
+        if text is None:
+            path.unlink(missing_ok=True)
+        else:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+
+    def restore(self) -> None:
+        """Restore the laptop's files, start Lupin's units that an undone fault left stopped, and wait for auto-home."""
+        self.root(START_STOPPED_UNITS, 90.0)
+        self.root(WAIT_FOR_AUTO_HOME, 150.0)
+        for path, text in self.kept.items():
+            if text is None:
+                path.unlink(missing_ok=True)
+            else:
+                path.write_text(text)
+        self.kept.clear()
+
+    def end(self) -> None:
+        """Stop all participants, the robot and the laptop."""
+        for name in list(self.participants):
+            self.end_participant(name)
+        self.host.end()
+        shutil.rmtree(self.home, ignore_errors=True)

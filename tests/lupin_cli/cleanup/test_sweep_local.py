@@ -1,0 +1,154 @@
+"""`lupin sweep` on real ROS processes and shared memory, in namespaces that isolate them from the rest of this machine."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.graph
+
+NODE = """
+import rclpy, time
+rclpy.init(args=[])
+node = rclpy.create_node("left_over")
+print("up", flush=True)
+while True:
+    time.sleep(1)
+"""
+BOUND_S = 60.0
+
+
+class Sandbox:
+    """A PID and mount namespace with its own /dev/shm: a sweep in it cannot touch anything outside."""
+
+    def __init__(self, state_home: Path) -> None:
+        kind = ["--map-root-user"] if os.geteuid() else []
+        setup = "mount -t tmpfs none /dev/shm && echo ready && while :; do sleep 1; done"
+        self._holder = subprocess.Popen(
+            ["unshare", *kind, "--mount", "--pid", "--fork", "--mount-proc", "--kill-child", "sh", "-c", setup],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert self._holder.stdout is not None and self._holder.stderr is not None
+        if self._holder.stdout.readline() != "ready\n":
+            self._holder.kill()
+            pytest.skip(f"no namespaces here: {self._holder.communicate(timeout=10)[1].strip()}")
+        inner = subprocess.run(["pgrep", "-P", str(self._holder.pid)], capture_output=True, text=True, timeout=5).stdout.strip()
+        self._enter = ["nsenter", "-t", inner, "-m", "-p", *(["-U", "--preserve-credentials"] if kind else []), "--"]
+        self.environment = {key: value for key, value in os.environ.items() if key != "FASTRTPS_DEFAULT_PROFILES_FILE"}
+        self.environment.update(ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", XDG_STATE_HOME=str(state_home))
+        self._shm = Path(f"/proc/{inner}/root/dev/shm")
+        self._nodes: list[subprocess.Popen[str]] = []
+
+    def node(self, script: str) -> tuple[subprocess.Popen[str], set[str]]:
+        """Start a shell that runs a node as "$@". Returns the shell and the files that appeared in /dev/shm."""
+        before = self.files()
+        command = [*self._enter, "sh", "-c", script, "sh", sys.executable, "-c", NODE]
+        process = subprocess.Popen(command, env=self.environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self._nodes.append(process)
+        assert process.stdout is not None and process.stdout.readline() == "up\n"
+        return process, self.files() - before
+
+    def run(self, *command: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([*self._enter, *command], env=self.environment, capture_output=True, text=True, timeout=BOUND_S)
+
+    def sweep(self, *arguments: str) -> tuple[int, dict[str, Any]]:
+        """Run `lupin sweep --json`. Returns its exit status and output."""
+        done = self.run(sys.executable, "-m", "lupin_cli.app", "sweep", "--json", *arguments)
+        assert done.stdout, done.stderr
+        return done.returncode, json.loads(done.stdout)
+
+    def files(self) -> set[str]:
+        return {path.name for path in self._shm.iterdir() if "fastrtps" in path.name}
+
+    def stale_process(self) -> dict[str, Any]:
+        """Wait until a dry run plans to terminate exactly one process, and return it."""
+        deadline = time.monotonic() + BOUND_S
+        while not (found := self.sweep("--dry-run")[1]["culprits"]):
+            assert time.monotonic() < deadline, "no stale process was found"
+        process: dict[str, Any]
+        (process,) = found
+        return process
+
+    def is_alive(self, pid: int) -> bool:
+        return self.run("grep", "-q", "^State:.[^Z]", f"/proc/{pid}/status").returncode == 0
+
+    def close(self) -> None:
+        self._holder.kill()
+        self._holder.communicate(timeout=10)
+        for process in self._nodes:
+            process.wait(10)
+            for pipe in (process.stdin, process.stdout):
+                if pipe is not None:
+                    pipe.close()
+
+
+@pytest.fixture
+def sandbox(tmp_path: Path) -> Iterator[Sandbox]:
+    made = Sandbox(tmp_path)
+    yield made
+    made.close()
+
+
+LEAVE_BEHIND = '"$@" & read line; exit'  # the shell ends with its input, and the node loses its parent
+WATCH = '"$@" & echo $! >&2; wait'
+KILLED = '"$@" & pid=$!; read line; kill -9 $pid; wait $pid; read line'
+
+
+def files_of(plan: dict[str, Any], key: str) -> set[str]:
+    return {name for segment in plan[key] for name in segment["files"]}
+
+
+def test_memory_of_killed_process_is_removed_and_of_live_one_kept(sandbox: Sandbox) -> None:
+    dying, left = sandbox.node(KILLED)
+    _, alive = sandbox.node(WATCH)
+    assert len(left) >= 5
+    status, plan = sandbox.sweep("--dry-run")
+    assert status == 0 and plan["orphans"] == plan["culprits"] == []
+    assert dying.stdin is not None
+    dying.stdin.write("\n")
+    dying.stdin.flush()
+    # The kernel releases the files of a killed process one by one, and the live process may take over a dead one's port file.
+    dead = left - alive
+    segments = {name for name in dead if "port" not in name}
+    deadline = time.monotonic() + BOUND_S
+    while not segments <= files_of(plan, "orphans") and time.monotonic() < deadline:
+        status, plan = sandbox.sweep("--dry-run")
+    assert status == 1 and segments and segments <= files_of(plan, "orphans") <= dead
+    assert segments | alive <= sandbox.files() <= left | alive  # it was a dry run
+    status, result = sandbox.sweep()
+    removed = files_of(result, "removed")
+    assert status == 0 and segments <= removed <= dead and result["failed"] == []
+    assert sandbox.files() == alive
+    assert sandbox.sweep()[1]["removed"] == []
+
+
+def test_process_with_live_parent_is_named_and_kept(sandbox: Sandbox) -> None:
+    _, files = sandbox.node(WATCH)
+    status, result = sandbox.sweep()
+    assert status == 0 and result["ended"] == [] and sandbox.files() == files
+    assert any("is alive; terminate it there" in kept["why"] for kept in result["kept"])
+
+
+@pytest.mark.parametrize("stopped", [False, True], ids=["running", "stopped"])
+def test_process_without_parent_and_its_memory_are_removed(sandbox: Sandbox, stopped: bool) -> None:
+    shell, files = sandbox.node(LEAVE_BEHIND)
+    assert shell.stdin is not None and files
+    shell.stdin.close()
+    shell.wait(BOUND_S)
+    stale = sandbox.stale_process()
+    assert stale["why"] == "its parent process is gone" and stale["ports"] and "left_over" in stale["command"]
+    if stopped:
+        sandbox.run("kill", "-s", "STOP", str(stale["pid"]))
+    status, result = sandbox.sweep()
+    assert status == 0 and [each["pid"] for each in result["ended"]] == [stale["pid"]]
+    assert not sandbox.is_alive(stale["pid"]) and sandbox.files() == set()

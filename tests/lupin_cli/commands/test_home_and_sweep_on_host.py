@@ -1,0 +1,78 @@
+"""`lupin home` and `lupin sweep` from the laptop, against a simulated computer."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from .conftest import Operator
+
+pytestmark = pytest.mark.host
+
+PARTICIPANT = """
+import os, signal, sys
+if os.fork():
+    os.waitpid(-1, os.WUNTRACED)  # until it is killed or stopped; then the parent exits
+    os._exit(0)
+os.setsid()
+null = os.open("/dev/null", os.O_RDWR)
+os.dup2(null, 1), os.dup2(null, 2)
+import rclpy
+rclpy.init()
+node = rclpy.create_node("left_over")
+os.kill(os.getpid(), signal.{signal})
+"""
+KILLED, STOPPED = PARTICIPANT.format(signal="SIGKILL"), PARTICIPANT.format(signal="SIGSTOP")
+
+
+def test_home_activates_controllers_and_reports_each_change(operator: Operator) -> None:
+    operator.host.robot.inject_fault("controllers-stuck", state="unloaded")
+    try:
+        assert operator.host.robot.inside("systemctl", "start", "lupin-onboard", timeout_s=60.0).status == 0
+        done = operator.run("home", "--robot", "mirte", "--patience", "1")
+    finally:
+        operator.host.robot.undo_fault("controllers-stuck")
+        operator.host.robot.inside("systemctl", "start", "lupin-onboard", timeout_s=60.0)
+    assert done.returncode == 0, done.stdout + done.stderr
+    for line in ("mirte_base_controller is not loaded", "load mirte_base_controller", "configure mirte_base_controller"):
+        assert line in done.stdout, done.stdout
+    assert "now: all 5 controllers are active" in done.stdout and "arm: home sent" in done.stdout
+
+
+def test_home_without_deployed_release_names_next_command(operator: Operator) -> None:
+    operator.host.robot.inside("mv", "/opt/lupin", "/opt/lupin-away")
+    try:
+        done = operator.run("home", "--robot", "mirte")
+    finally:
+        operator.host.robot.inside("mv", "/opt/lupin-away", "/opt/lupin")
+    assert done.returncode == 1 and "next: lupin deploy robot" in done.stderr
+
+
+def segments(operator: Operator) -> set[str]:
+    """The segments of participants. Port files are ignored: they come and go during discovery."""
+    names = operator.host.robot.inside("ls", "/dev/shm").stdout.split()
+    return {name for name in names if name.startswith("fastrtps_") and "port" not in name}
+
+
+def test_sweep_removes_memory_of_killed_process_only(operator: Operator) -> None:
+    live = segments(operator)
+    operator.run_on_robot(KILLED)
+    left = segments(operator) - live
+    assert len(left) == 2  # the segment and its lock
+    status, plan = operator.run_json("sweep", "--robot", "mirte", "--dry-run")
+    assert status == 1 and {name for orphan in plan["orphans"] for name in orphan["files"]} >= left
+    status, result = operator.run_json("sweep", "--robot", "mirte")
+    assert status == 0 and result["failed"] == [] and result["ended"] == []
+    assert not left & segments(operator)
+    assert [operator.state(unit) for unit in ("mirte-ros", "lupin-onboard")] == ["active", "active"]
+    assert any("part of mirte-ros.service" in kept["why"] for kept in result["kept"])
+
+
+def test_sweep_ends_stopped_process_only(operator: Operator) -> None:
+    operator.run_on_robot(STOPPED)
+    status, result = operator.run_json("sweep", "--robot", "mirte")
+    assert status == 0 and [each["why"] for each in result["ended"]] == ["it is stopped and does not respond"], result
+    assert [operator.state(unit) for unit in ("mirte-ros", "lupin-onboard")] == ["active", "active"]
+    assert operator.run("sweep", "--robot", "mirte").stdout.splitlines()[-1] == "nothing is left over"

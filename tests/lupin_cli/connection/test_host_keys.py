@@ -1,0 +1,122 @@
+"""Host keys, against a real sshd: a person is asked once, keys are stored by robot, a changed key is always fatal."""
+
+from __future__ import annotations
+
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from lupin_cli.connection.base import HostKeyChanged, HostKeyUnknown, Script
+from lupin_cli.connection.host_keys import KnownHosts
+from lupin_cli.connection.ssh import SshTarget
+
+if TYPE_CHECKING:
+    from tests.lupin_cli.connection.conftest import Sshd
+
+
+def fingerprint_by_keygen(public: Path) -> str:
+    """Return the fingerprint that `ssh-keygen` prints for a public key."""
+    return subprocess.run(["ssh-keygen", "-lf", str(public)], capture_output=True, text=True, check=True).stdout.split()[1]
+
+
+def test_unknown_key_is_refused_and_accept_command_named(sshd: Sshd, tmp_path: Path) -> None:
+    target = SshTarget("greenhouse", sshd.destination, KnownHosts(tmp_path / "own", tmp_path / "users"))
+    with pytest.raises(HostKeyUnknown) as caught:
+        target.connect()
+    seen = fingerprint_by_keygen(sshd.directory / "host_ed25519.pub")
+    assert seen in str(caught.value)
+    assert caught.value.next_command == f"lupin robots check greenhouse --accept {seen}"
+    assert not (tmp_path / "own").exists()
+
+
+def test_person_sees_fingerprint_and_is_asked_once(sshd: Sshd, tmp_path: Path) -> None:
+    questions: list[str] = []
+
+    def yes(question: str) -> bool:
+        questions.append(question)
+        return True
+
+    for _ in range(2):
+        target = SshTarget("greenhouse", sshd.destination, KnownHosts(tmp_path / "own", tmp_path / "users", confirm=yes))
+        assert target.batch([Script("hello", "echo hello")])["hello"].stdout == "hello\n"
+        target.close()
+    assert len(questions) == 1 and fingerprint_by_keygen(sshd.directory / "host_ed25519.pub") in questions[0]
+
+
+def test_declined_key_is_not_connected_to(sshd: Sshd, tmp_path: Path) -> None:
+    target = SshTarget(
+        "greenhouse", sshd.destination, KnownHosts(tmp_path / "own", tmp_path / "users", confirm=lambda _: False)
+    )
+    with pytest.raises(HostKeyUnknown):
+        target.connect()
+    assert not (tmp_path / "own").exists()
+
+
+def test_accepted_key_is_valid_at_another_address(sshd: Sshd, tmp_path: Path) -> None:
+    accept = fingerprint_by_keygen(sshd.directory / "host_ed25519.pub")
+    first = SshTarget("greenhouse", sshd.destination, KnownHosts(tmp_path / "own", tmp_path / "users", accept=accept))
+    first.connect()
+    first.close()
+    elsewhere = replace(sshd.destination, host="localhost")
+    second = SshTarget("greenhouse", elsewhere, KnownHosts(tmp_path / "own", tmp_path / "users"))
+    second.connect()
+    second.close()
+
+
+def test_key_with_another_fingerprint_is_refused(sshd: Sshd, tmp_path: Path) -> None:
+    known_hosts = KnownHosts(tmp_path / "own", tmp_path / "users", confirm=lambda _: True, accept="SHA256:somethingElse")
+    with pytest.raises(HostKeyUnknown, match="not SHA256:somethingElse"):
+        SshTarget("greenhouse", sshd.destination, known_hosts).connect()
+
+
+@pytest.mark.parametrize("where", ["own", "users"])
+def test_changed_key_is_fatal_until_it_is_forgotten(sshd: Sshd, tmp_path: Path, where: str) -> None:
+    other = tmp_path / "other"
+    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(other)], check=True)
+    key = " ".join(other.with_suffix(".pub").read_text().split()[:2])
+    name = "greenhouse" if where == "own" else sshd.destination.known_as
+    (tmp_path / where).write_text(f"another {key}\n{name} {key}\n")
+    known_hosts = KnownHosts(tmp_path / "own", tmp_path / "users", confirm=lambda _: True)
+    with pytest.raises(HostKeyChanged) as caught:
+        SshTarget("greenhouse", sshd.destination, known_hosts).connect()
+    assert caught.value.next_command == "lupin robots forget greenhouse"
+    assert fingerprint_by_keygen(other) in str(caught.value)
+    assert known_hosts.forget("greenhouse", [sshd.destination]) != []
+    target = SshTarget("greenhouse", sshd.destination, known_hosts)
+    target.connect()
+    target.close()
+    assert "another" in (tmp_path / where).read_text()  # the key of another robot is kept
+
+
+def test_key_in_user_known_hosts_is_accepted(sshd: Sshd, tmp_path: Path) -> None:
+    (tmp_path / "users").write_text(f"{sshd.destination.known_as} {sshd.host_key}\n")
+    target = SshTarget("greenhouse", sshd.destination, KnownHosts(tmp_path / "own", tmp_path / "users"))
+    target.connect()
+    target.close()
+
+
+def test_hashed_entry_is_found_among_broken_lines(sshd: Sshd, tmp_path: Path) -> None:
+    users, address = tmp_path / "users", sshd.destination.known_as
+    users.write_text(f"{address} {sshd.host_key}\n")
+    subprocess.run(["ssh-keygen", "-q", "-H", "-f", str(users)], check=True, capture_output=True)
+    hashed = users.read_text()
+    assert hashed.startswith("|1|") and address not in hashed
+    broken = [
+        "# a word",
+        "",
+        "alone",
+        f"{address} ssh-ed25519",
+        f"{address} ssh-ed25519 AAAA",
+        "|1|?|? ssh-rsa AAAA",
+        "|1| x y",
+    ]
+    users.write_bytes(b"\xff\xfe\n" + "\n".join(broken).encode() + b"\n" + hashed.encode())
+    target = SshTarget("greenhouse", sshd.destination, KnownHosts(tmp_path / "own", users))
+    target.connect()
+    target.close()
+    users.write_text(hashed.replace("|1|", "|1|AAAA"))
+    with pytest.raises(HostKeyUnknown):
+        SshTarget("greenhouse", sshd.destination, KnownHosts(tmp_path / "own", users)).connect()

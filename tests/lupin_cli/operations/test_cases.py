@@ -1,0 +1,172 @@
+"""Captured probe output with the expected plan: one JSON file per case in cases/OPERATION/.
+
+A case has `about`, the step's `arguments`, the probe's `output` (`stdout` as text or as a list of lines), and what the
+operation must make of it: `difference` (null: nothing to do), `report` if it has one, or `error` with its `next_command`.
+`baseline` is the state when the step began. In `stdout`, MARK stands for the mark that separates the outputs of joined probes.
+A path that begins with /CASE can be built from the output; it is then changed for real in a temporary directory.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lupin_cli.connection.base import Output
+from lupin_cli.operations import Difference, Operation, OperationError
+from lupin_cli.operations.path_state import parse_file, parse_state
+from lupin_cli.operations.table import OPERATIONS
+from tests.support.operation_cycle import apply_and_undo, examine
+
+if TYPE_CHECKING:
+    from lupin_cli.connection.local import LocalTarget
+
+CASES = Path(__file__).parent / "cases"
+FILES = sorted(CASES.glob("*/*.json"))
+CASE_ROOT = "/CASE"
+PATH_OPERATIONS = ("directory", "file", "line-in-file", "symlink")
+
+
+def case_id(path: Path) -> str:
+    return f"{path.parent.name}-{path.stem}"
+
+
+def read_case(path: Path, root: str = CASE_ROOT) -> dict[str, Any]:
+    """Read a case; `root` takes the place of /CASE."""
+    case = json.loads(path.read_text().replace(CASE_ROOT, root))
+    stdout = case["output"]["stdout"]
+    if isinstance(stdout, list):
+        stdout = "".join(f"{line}\n" for line in stdout)
+    operation = operation_of(path, case)
+    script = operation.probe()
+    if script is not None and (mark := re.search(r"n([0-9a-f]{16}) %s", script.text)):
+        stdout = stdout.replace("MARK", mark[1])
+    case["output"]["stdout"] = stdout
+    result: dict[str, Any] = case
+    return result
+
+
+def operation_of(path: Path, case: dict[str, Any]) -> Operation:
+    operation = OPERATIONS[path.parent.name](**case["arguments"])
+    return operation.with_baseline(case["baseline"]) if "baseline" in case else operation
+
+
+def as_json(difference: Difference | None) -> dict[str, Any] | None:
+    if difference is None:
+        return None
+    diff = difference.diff.split("\n") if difference.diff else []
+    return {"summary": difference.summary, "diff": diff, "before": json.loads(json.dumps(difference.before))}
+
+
+@pytest.fixture
+def laptop_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The home of the cases of laptop-dds."""
+    for name in ("XDG_CONFIG_HOME", "ZDOTDIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", "/home/ada")
+    monkeypatch.setenv("SHELL", "/bin/bash")
+
+
+@pytest.mark.usefixtures("laptop_home")
+@pytest.mark.parametrize("path", FILES, ids=case_id)
+def test_output_is_judged_as_the_case_says(path: Path) -> None:
+    case = read_case(path)
+    operation, output = operation_of(path, case), Output(**case["output"])
+    if "error" in case:
+        with pytest.raises(OperationError) as refused:  # noqa: PT012 -- either of the two may refuse
+            operation.judge(output)
+            operation.report(output)
+        assert (str(refused.value), refused.value.next_command) == (case["error"], case.get("next_command", ""))
+        return
+    assert as_json(operation.judge(output)) == case["difference"]
+    assert operation.report(output) == case.get("report", {})
+    assert set(case.get("report", {})) == set(operation.result_keys)
+
+
+def is_applicable(path: Path) -> bool:
+    return path.parent.name in PATH_OPERATIONS and bool(json.loads(path.read_text()).get("difference"))
+
+
+def build(operation: str, path: Path, output: Output) -> None:
+    """Make what the probe found at `path`."""
+    state = parse_state(output, str(path)) if operation in ("directory", "symlink") else parse_file(output, str(path))
+    if state.kind == "absent":
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if state.kind == "link":
+        path.symlink_to(state.points_to)
+        return
+    if state.kind == "directory":
+        path.mkdir()
+    else:
+        path.write_bytes(parse_file(output, str(path)).content or b"")
+    path.chmod(int(state.mode, 8))
+    user, group = state.owner.split(":")
+    if (path.owner(), path.group()) != (user, group):
+        if os.getuid() != 0:
+            pytest.skip(f"needs root: chown to {state.owner}")
+        os.chown(path, *ids_of(user, group))
+
+
+def ids_of(user: str, group: str) -> tuple[int, int]:
+    import grp
+    import pwd
+
+    return pwd.getpwnam(user).pw_uid, grp.getgrnam(group).gr_gid
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if is_applicable(path)], ids=case_id)
+def test_case_applied_for_real_differs_only_once(path: Path, target: LocalTarget, tmp_path: Path) -> None:
+    case = read_case(path, str(tmp_path))
+    operation = operation_of(path, case)
+    build(path.parent.name, Path(case["arguments"]["path"]), Output(**case["output"]))
+    assert as_json(examine(operation, target)) == case["difference"]
+    apply_and_undo(operation, target)
+
+
+def test_every_operation_has_cases() -> None:
+    """Something that differs, something that does not, and output that can't be interpreted."""
+    for name, operation in OPERATIONS.items():
+        cases = [json.loads(path.read_text()) for path in (CASES / name).glob("*.json")]
+        assert len(cases) >= 3, name
+        assert any(case.get("difference", "error") is None for case in cases), name
+        assert operation.read_only or name == "require" or any(case.get("difference") for case in cases), name
+        assert name == "command" or any("error" in case for case in cases), name
+    assert {path.parent.name for path in FILES} == set(OPERATIONS)
+
+
+odd_lines = st.sampled_from(
+    [
+        "",
+        "absent",
+        "file 644 a:b",
+        "link 0 -:- x",
+        "ActiveState=",
+        "LoadState=x",
+        "states {}",
+        "states [",
+        "@ extra",
+        "== whole",
+    ]
+) | st.text(max_size=30)
+
+
+@given(
+    path=st.sampled_from([next((CASES / name).glob("*.json")) for name in OPERATIONS]),
+    status=st.sampled_from([0, 1, 8, 10, 41, 127, -9]),
+    lines=st.lists(odd_lines, max_size=8),
+    truncated=st.booleans(),
+)
+def test_any_output_is_judged_or_refused(path: Path, status: int, lines: list[str], truncated: bool) -> None:
+    operation, output = operation_of(path, json.loads(path.read_text())), Output(status, "\n".join(lines), "", 0.0, truncated)
+    for interpret in (operation.judge, operation.report):
+        try:
+            interpret(output)
+        except OperationError as error:
+            assert str(error) and "\n" not in str(error)

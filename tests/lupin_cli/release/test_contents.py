@@ -1,0 +1,111 @@
+"""A release has every module that the robot's processes import."""
+
+from __future__ import annotations
+
+import ast
+import platform
+import re
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from lupin_cli.commands import home
+from lupin_cli.package_data import shipped_folder
+from lupin_cli.release.contents import RobotPlatform, release_files
+from lupin_runtime.stack.onboard import onboard_options
+from lupin_runtime.stack.table import rows
+
+PROJECT = Path(__file__).resolve().parents[3]
+LIKE_THIS_MACHINE = RobotPlatform(platform.machine(), sys.version_info[:2], "")
+WITH_ROS = RobotPlatform("aarch64", (3, 10), "humble")
+
+
+def programs() -> set[str]:
+    """The modules that run on the robot: those in unit files, those that commands start there, and the onboard nodes."""
+    templates = "".join(path.read_text() for path in shipped_folder("systemd").glob("*.service.in"))
+    modules = set(re.findall(r"-m (lupin_runtime[\w.]+)", templates))
+    assert modules == {"lupin_runtime.stack.onboard", "lupin_runtime.arm.auto_home"}
+    nodes = {node.path.split(":")[0] for row in rows(onboard_options()) for node in row.nodes}
+    assert len(nodes) >= 3, "expected the nodes of estop, drive and body"
+    return modules | nodes | {home.MODULE, "lupin_runtime.stack.process"}
+
+
+def source_of(module: str) -> Path | None:
+    """The file of a module of this project; None for a name that is not a module (such as a class of a package)."""
+    path = PROJECT.joinpath(*module.split("."))
+    candidates = (path / "__init__.py", path.with_suffix(".py"))
+    return next((candidate for candidate in candidates if candidate.is_file()), None)
+
+
+@cache
+def imports_of(file: Path) -> set[str]:
+    """The modules that a file imports, at its load or later, except for type checking."""
+    found: set[str] = set()
+
+    def visit(node: ast.AST) -> None:
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            return
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            assert node.level == 0, f"{file}: the project has no relative imports"
+            found.update({node.module, *(f"{node.module}.{alias.name}" for alias in node.names)})
+        for child in ast.iter_child_nodes(node):
+            visit(child)
+
+    visit(ast.parse(file.read_text(encoding="utf-8")))
+    return found
+
+
+def closure(modules: set[str]) -> tuple[set[str], set[str]]:
+    """The project's modules that these import, directly or not, and the top-level names of all others outside the standard
+    library."""
+    own: set[str] = set()
+    foreign: set[str] = set()
+    pending = set(modules)
+    while pending:
+        module = pending.pop()
+        if not module.startswith("lupin_runtime"):
+            foreign.add(module.split(".")[0])
+            continue
+        source = source_of(module)
+        if module in own or source is None:
+            continue
+        own.add(module)
+        pending |= imports_of(source)
+        if package := module.rpartition(".")[0]:
+            pending.add(package)
+    return own, foreign - set(sys.stdlib_module_names)
+
+
+@pytest.mark.parametrize("robot", [LIKE_THIS_MACHINE, WITH_ROS], ids=str)
+def test_release_has_all_project_modules_of_the_robot(robot: RobotPlatform) -> None:
+    site = f"venv/lib/python{robot.python[0]}.{robot.python[1]}/site-packages"
+    paths = {path for path, _ in release_files(robot)}
+    own, foreign = closure(programs())
+    assert len(own) > 30
+    assert not {"lupin_cli", "lupin_sim"} & foreign
+    missing = []
+    for module in own:
+        source = source_of(module)
+        assert source is not None
+        if f"{site}/{source.relative_to(PROJECT)}" not in paths:
+            missing.append(module)
+    assert missing == []
+
+
+def test_release_for_robot_without_ros_has_all_foreign_packages() -> None:
+    site = f"venv/lib/python{LIKE_THIS_MACHINE.python[0]}.{LIKE_THIS_MACHINE.python[1]}/site-packages/"
+    names = {
+        re.split(r"[/.]", path.removeprefix(site))[0] for path, _ in release_files(LIKE_THIS_MACHINE) if path.startswith(site)
+    }
+    _, foreign = closure(programs())
+    assert {"rclpy", "geometry_msgs"} <= foreign, "expected the imports of the onboard nodes"
+    assert foreign | {"lupin_msgs", "mirte_msgs"} <= names
+
+
+def test_robot_with_ros_needs_ros_packages_only() -> None:
+    _, foreign = closure(programs())
+    assert {name for name in foreign if not name.endswith(("_msgs", "_srvs", "_interfaces"))} == {"rclpy"}

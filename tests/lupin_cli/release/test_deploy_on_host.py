@@ -1,0 +1,104 @@
+"""`lupin deploy robot` on the simulated computer: first deploy, repetition, replacement, rollback, removal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+from typer.testing import Result
+
+from lupin_cli.operations.release import built
+from lupin_cli.release import contents
+
+if TYPE_CHECKING:
+    from lupin_sim.host import Host
+
+Lupin = Callable[..., Result]
+pytestmark = pytest.mark.host
+CURRENT_ID = "basename $(readlink /opt/lupin/current)"
+REMOVES_IPC = "busctl get-property org.freedesktop.login1 /org/freedesktop/login1 org.freedesktop.login1.Manager RemoveIPC"
+DEPLOYED_FILES = (
+    "/etc/systemd/system/lupin-* /etc/udev/rules.d/70-lupin* /etc/sysctl.d/60-lupin* /etc/systemd/logind.conf.d/60-lupin* "
+    "/opt/lupin/*"
+)
+
+
+def output_of(host: Host, *command: str) -> str:
+    return host.robot.inside("sh", "-c", " ".join(command)).stdout.strip()
+
+
+def running_release(host: Host) -> str:
+    """The id of the release that the main process of lupin-onboard was started from."""
+    line = output_of(host, "tr '\\0' ' ' < /proc/$(systemctl show -p MainPID --value lupin-onboard)/cmdline")
+    return line.split("/opt/lupin/releases/")[1].split("/")[0]
+
+
+@pytest.fixture
+def next_release(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
+    """A function that gives the release of this machine another version."""
+
+    def make(version: str) -> None:
+        monkeypatch.setattr(contents, "__version__", version)
+        built.cache_clear()
+
+    yield make
+    built.cache_clear()
+
+
+def test_deploy_repeat_replace_rollback_remove(robot_host: Host, lupin: Lupin, next_release: Callable[[str], None]) -> None:
+    host = robot_host
+    dry = lupin("deploy", "robot", "--dry-run", "--diff")
+    assert dry.exit_code == 0, dry.output
+    assert "+venv/pyvenv.cfg" in dry.output
+    assert output_of(host, "ls -d /opt/lupin /etc/systemd/system/lupin-*") == ""
+
+    first = lupin("deploy", "robot", "--no-check")
+    assert first.exit_code == 0, first.output
+    assert output_of(host, "systemctl is-active lupin-onboard; systemctl is-enabled lupin-onboard lupin-auto-home").split() == [
+        "active",
+        "enabled",
+        "enabled",
+    ]
+    assert output_of(host, "systemctl is-active lupin-auto-home") == "inactive", (
+        "auto-home moves the arm, so it starts at the next boot only"
+    )
+    assert output_of(host, REMOVES_IPC) == "b false"
+    old = output_of(host, CURRENT_ID)
+    assert running_release(host) == old
+    again = lupin("deploy", "robot")
+    assert (again.exit_code, "nothing to do" in again.output) == (0, True), again.output
+
+    next_release("0.2.0")
+    replaced = lupin("deploy", "robot", "--no-check")
+    assert replaced.exit_code == 0, replaced.output
+    new = output_of(host, CURRENT_ID)
+    assert new != old
+    assert running_release(host) == new
+
+    # Packets queued for a laptop that is gone cannot fill the buffers of the robot's own processes.
+    assert output_of(host, "cat /proc/sys/net/ipv4/neigh/eth0/unres_qlen_bytes") == "65536"
+
+    back = lupin("deploy", "robot", "--rollback", "--no-check")
+    assert back.exit_code == 0, back.output
+    assert output_of(host, CURRENT_ID) == old
+    assert running_release(host) == old
+
+    removed = lupin("deploy", "robot", "--remove")
+    assert removed.exit_code == 0, removed.output
+    assert output_of(host, f"ls {DEPLOYED_FILES}") == ""
+    assert output_of(host, "systemctl is-active mirte-ros") == "active"
+    nothing = lupin("deploy", "robot", "--remove")
+    assert "nothing to do" in nothing.output, nothing.output
+
+
+@pytest.mark.usefixtures("robot_host")
+def test_rollback_of_the_first_release_is_refused(lupin: Lupin) -> None:
+    result = lupin("deploy", "robot", "--rollback")
+    assert result.exit_code == 1
+    assert "no release before the first" in result.output
+
+
+@pytest.mark.usefixtures("robot_host")
+def test_unreachable_robot_is_exit_status_3(lupin: Lupin) -> None:
+    assert lupin("deploy", "robot", "--robot", "mirte@10.42.0.77", "--dry-run").exit_code == 3

@@ -1,0 +1,278 @@
+"""Moves, holds and replays stay within the limits and need fresh feedback."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lupin_runtime.arm import ArmMotion, ArmState, Point, Refused, timed, window
+from lupin_runtime.graph import ARM_JOINTS
+from tests.support.optional import present
+
+S = 10**9
+ANGLE = st.floats(-2, 2)
+ARM = st.tuples(ANGLE, ANGLE, ANGLE, ANGLE)
+POINTS = st.lists(st.tuples(st.floats(0, 60), ARM), min_size=1, max_size=40).map(
+    lambda rows: [Point(*row) for row in sorted(rows)]
+)
+
+
+class Arm:
+    """The arm behind an ArmMotion: the test sets its pose, and it records the commands."""
+
+    def __init__(self, at: tuple[float, ...] | None = (0.0, 0.0, 0.0, 0.0)) -> None:
+        self.now_ns = 100 * S
+        self.state: ArmState | None = None
+        self.sent: list[Any] = []
+        self.motion = ArmMotion(lambda: self.state, self.sent.append, lambda: self.now_ns)
+        if at is not None:
+            self.be(at)
+
+    def be(self, arm: Iterable[float]) -> None:
+        pan, lift, elbow, wrist = arm
+        self.state = ArmState((pan, lift, elbow, wrist), 0.0, self.now_ns)
+
+    @property
+    def last(self) -> Any:
+        return self.sent[-1][-1]
+
+
+@given(POINTS, st.floats(0, 5), st.floats(0, 3))
+def test_replay_times_strictly_increase_to_the_last_point(points: list[Any], speed: float, lead_in_s: float) -> None:
+    path = timed(points, speed, lead_in_s)
+    assert path[0].t_s >= 0.1
+    assert all(a.t_s < b.t_s for a, b in pairwise(path))
+    assert path[-1].arm == points[-1].arm
+
+
+@pytest.mark.parametrize(("speed", "scale"), [(0.0, 1.0), (math.nan, 1.0), (0.1, 4.0), (9.0, 0.5), (2.0, 0.5)])
+def test_replay_speed_is_clamped_and_zero_means_recorded(speed: float, scale: float) -> None:
+    path = timed([Point(0.0, (0.0,) * 4), Point(10.0, (1.0,) * 4)], speed, lead_in_s=1.0)
+    assert path[-1].t_s == pytest.approx(1.0 + 10.0 * scale)
+
+
+def test_empty_replay_is_refused() -> None:
+    with pytest.raises(ValueError, match="at least one"):
+        timed([])
+
+
+@given(ARM)
+def test_move_sends_all_four_joints_within_their_windows(target: tuple[float, ...]) -> None:
+    arm = Arm()
+    arm.motion.move(target, 3.0)
+    for joint, angle in zip(ARM_JOINTS, arm.last.arm):
+        lower, upper = window(joint)
+        assert lower <= angle <= upper
+
+
+@given(ARM)
+def test_hold_keeps_the_arm_even_outside_its_windows(at: tuple[float, ...]) -> None:
+    arm = Arm(at)
+    arm.motion.pin()
+    assert arm.last.arm == at
+
+
+def test_hold_needs_fresh_feedback() -> None:
+    arm = Arm()
+    arm.now_ns += 2 * S
+    with pytest.raises(Refused, match="joint_states"):
+        arm.motion.pin()
+
+
+def test_single_joint_is_refused_until_the_pose_is_known() -> None:
+    arm = Arm()
+    with pytest.raises(Refused, match="pose is not known"):
+        arm.motion.move_joint("wrist_joint", 0.1, 1.0)
+    arm.motion.pin()
+    arm.motion.move_joint("wrist_joint", 0.1, 1.0)
+    assert arm.last.arm == (0.0, 0.0, 0.0, 0.1)
+
+
+def test_single_joint_duration_follows_distance_and_rate() -> None:
+    arm = Arm()
+    arm.motion.pin()
+    arm.motion.move_joint("elbow_joint", 1.0, 0.5)
+    assert arm.last.t_s == pytest.approx(2.0)
+    arm.motion.pin()
+    arm.motion.move_joint("elbow_joint", 1.0, 0.0)
+    assert arm.last.t_s == pytest.approx(1.0 / math.radians(60))
+    arm.motion.move_joint("elbow_joint", 1.0, 1.0)
+    assert arm.last.t_s >= 0.1
+
+
+def test_other_joints_ignore_sag_but_follow_a_hand() -> None:
+    arm = Arm()
+    arm.motion.move((0.5, 0.5, 0.5, 0.5), 3.0)
+    arm.be((0.5, 0.45, 0.5, 0.5))
+    arm.motion.move_joint("wrist_joint", 0.1, 1.0)
+    assert arm.last.arm == (0.5, 0.5, 0.5, 0.1)
+    arm.be((0.5, 0.2, 0.5, 0.1))
+    arm.motion.move_joint("wrist_joint", 0.2, 1.0)
+    assert arm.last.arm == (0.5, 0.2, 0.5, 0.2)
+
+
+def test_stale_feedback_does_not_move_the_other_joints() -> None:
+    arm = Arm()
+    arm.motion.move((0.5, 0.5, 0.5, 0.5), 3.0)
+    arm.be((0.0, 0.0, 0.0, 0.0))
+    arm.now_ns += S
+    arm.motion.move_joint("wrist_joint", 0.1, 1.0)
+    assert arm.last.arm == (0.5, 0.5, 0.5, 0.1)
+
+
+def test_limp_arm_is_not_commanded() -> None:
+    arm = Arm()
+    arm.motion.pin()
+    arm.motion.torque = False
+    sent = len(arm.sent)
+    for command in (
+        lambda: arm.motion.move((0.0,) * 4, 1.0),
+        lambda: arm.motion.move_joint("wrist_joint", 0.1, 1.0),
+        lambda: arm.motion.play([Point(0.0, (0.0,) * 4)], 1.0, "playing x"),
+    ):
+        with pytest.raises(Refused, match="set_torque"):
+            command()
+    assert len(arm.sent) == sent
+
+
+def test_replay_reserves_the_arm() -> None:
+    arm = Arm()
+    arm.motion.pin()
+    arm.motion.hold("playing wave")
+    with pytest.raises(Refused, match="playing wave"):
+        arm.motion.move((0.0,) * 4, 1.0)
+    with pytest.raises(Refused, match="playing wave"):
+        arm.motion.hold("playing nod")
+    arm.motion.release("playing nod")
+    assert arm.motion.holder == "playing wave"
+    arm.motion.play([Point(0.0, (0.0,) * 4)], 1.0, "playing wave")
+    arm.motion.release("playing wave")
+    arm.motion.move((0.0,) * 4, 1.0)
+
+
+def test_distant_replay_start_gets_a_slow_lead_in() -> None:
+    arm = Arm((0.0, 0.0, 0.0, 0.0))
+    path = arm.motion.play([Point(0.0, (0.8, 0.0, 0.0, 0.0)), Point(1.0, (1.0, 0.0, 0.0, 0.0))], 1.0, "p")
+    assert path[0].t_s == pytest.approx(1.0) and path[1].t_s == pytest.approx(2.0)
+
+
+def test_stop_holds_the_current_pose_even_without_feedback() -> None:
+    arm = Arm((0.1, 0.2, 0.3, 0.4))
+    arm.motion.stop(0.3)
+    assert arm.last == Point(0.3, (0.1, 0.2, 0.3, 0.4))
+    blind = Arm(None)
+    blind.motion.stop(0.3)
+    assert blind.sent == []
+
+
+def test_move_without_a_subscriber_is_refused() -> None:
+    arm = Arm()
+    deaf = ArmMotion(lambda: arm.state, arm.sent.append, lambda: arm.now_ns, listeners=lambda: 0)
+    for command in (lambda: deaf.move((0.0,) * 4, 1.0), deaf.pin):
+        with pytest.raises(Refused, match="lupin home"):
+            command()  # type: ignore[no-untyped-call]
+    assert arm.sent == [] and not deaf.pinned
+
+
+def test_estop_holds_the_present_pose_and_refuses_moves() -> None:
+    arm = Arm()
+    arm.motion.move((1.0, 0.0, 0.0, 0.0), 3.0)
+    arm.be((0.4, 0.1, 0.0, 0.0))  # on its way
+    arm.motion.set_estop(True)
+    assert arm.last.arm == (0.4, 0.1, 0.0, 0.0)
+    sent = len(arm.sent)
+    for move in (
+        lambda: arm.motion.move((0.0,) * 4, 3.0),
+        lambda: arm.motion.move_joint(ARM_JOINTS[0], 0.0, 1.0),
+        lambda: arm.motion.play([Point(0.0, (0.0,) * 4)], 1.0, "playing nod"),
+    ):
+        with pytest.raises(Refused, match="e-stop engaged"):
+            move()
+    arm.motion.set_estop(True)
+    arm.motion.set_estop(False)
+    assert len(arm.sent) == sent
+    arm.motion.move((0.0,) * 4, 3.0)
+
+
+def test_estop_holds_the_arm_once_its_pose_is_known() -> None:
+    arm = Arm()
+    arm.motion.move((1.0, 0.0, 0.0, 0.0), 30.0)
+    arm.now_ns += 5 * S
+    arm.motion.set_estop(True)
+    arm.motion.set_estop(False)
+    assert len(arm.sent) == 1
+    arm.be((0.6, 0.0, 0.0, 0.0))
+    arm.motion.set_estop(False)
+    assert arm.last.arm == (0.6, 0.0, 0.0, 0.0)
+
+
+def test_estop_does_not_command_a_limp_arm() -> None:
+    arm = Arm()
+    arm.motion.torque = False
+    arm.motion.set_estop(True)
+    assert arm.sent == []
+
+
+def test_command_that_waited_through_an_estop_is_refused() -> None:
+    arm = Arm()
+    since = arm.motion.estop_count
+    arm.motion.require_released(since)
+    arm.motion.set_estop(True)
+    arm.motion.set_estop(False)
+    arm.motion.require_released()
+    with pytest.raises(Refused, match="e-stop engaged"):
+        arm.motion.require_released(since)
+
+
+@given(st.lists(st.one_of(st.booleans(), ARM), max_size=30))
+def test_after_a_release_only_newer_commands_move_the_arm(events: list[Any]) -> None:
+    """Booleans are messages of the e-stop, tuples are moves; the arm reaches every pose that it is sent to half way."""
+    arm = Arm()
+    engaged = False
+    for event in events:
+        sent = len(arm.sent)
+        if isinstance(event, bool):
+            edge, engaged = event and not engaged, event
+            arm.motion.set_estop(event)
+            assert len(arm.sent) == sent + edge
+            assert not edge or present(arm.last).arm == present(arm.state).arm
+        elif engaged:
+            with pytest.raises(Refused):
+                arm.motion.move(event, 1.0)
+            assert len(arm.sent) == sent
+        else:
+            arm.motion.move(event, 1.0)
+            arm.be([(at + to) / 2 for at, to in zip(present(arm.state).arm, present(arm.last).arm)])
+
+
+@given(st.lists(ARM, max_size=3), st.booleans())
+def test_other_trajectory_is_replaced_by_the_held_pose_under_estop(
+    path: list[tuple[float, float, float, float]], engaged: bool
+) -> None:
+    arm = Arm((0.1, 0.2, 0.3, -0.4))
+    arm.motion.set_estop(True)
+    held = arm.last.arm
+    arm.motion.set_estop(engaged)
+    arm.be((0.1, 0.1, 0.3, -0.4))  # moved by the other trajectory, or by its weight
+    sent = len(arm.sent)
+    arm.motion.counter(path)
+    assert len(arm.sent) == sent + (engaged and path != [held])
+    assert arm.last.arm == held
+    sent = len(arm.sent)
+    arm.motion.counter([held])  # its own message
+    assert len(arm.sent) == sent
+
+
+def test_target_of_before_the_estop_is_not_held() -> None:
+    arm = Arm()
+    arm.motion.move((1.0, 0.0, 0.0, 0.0), 30.0)
+    arm.now_ns += 5 * S
+    arm.motion.set_estop(True)  # without fresh feedback
+    arm.motion.counter([(0.5, 0.0, 0.0, 0.0)])
+    assert len(arm.sent) == 1

@@ -1,0 +1,376 @@
+"""The node on a real graph, with a kinematic robot in the test's process."""
+
+from __future__ import annotations
+
+import math
+import threading
+from array import array
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from lupin_runtime import graph
+from lupin_runtime.geometry import Pose2
+from tests.support.kinematic_base import Arena, Base
+
+if TYPE_CHECKING:
+    from geometry_msgs.msg import Twist
+    from nav2_msgs.action import (
+        ComputePathToPose_GetResult_Response,
+        ComputePathToPose_Goal,
+        NavigateThroughPoses_GetResult_Response,
+        NavigateThroughPoses_Goal,
+        NavigateToPose_GetResult_Response,
+        NavigateToPose_Goal,
+    )
+
+    from lupin_runtime.graph import Action
+    from lupin_runtime.navigation.node import Navigator
+    from lupin_runtime.ros.node import LupinNode
+    from tests.conftest import GraphHost
+
+pytestmark = pytest.mark.graph
+
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+
+STEP_S, SPEED = 0.04, 3.0
+
+
+def _robot_class() -> type[Any]:
+    from nav_msgs.msg import OccupancyGrid, Odometry
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import LaserScan
+
+    from lupin_runtime.ros import LupinNode, TransformBroadcaster, stamp_from_ns
+    from lupin_runtime.ros.tf import to_message
+    from lupin_runtime.transforms import Transform
+
+    def transform(pose: Pose2) -> Transform:
+        return Transform((pose.x, pose.y, 0.0), (0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2)))
+
+    class TinyRobot(LupinNode):
+        """A kinematic base with odometry, a lidar and perfect localisation.
+
+        It publishes the clock, SPEED times as fast as the wall clock, in steps: a slow machine only makes the test slower.
+        """
+
+        def __init__(self, arena: Arena, start: Pose2) -> None:
+            super().__init__("tiny_robot")
+            self.time_ns = 10**9
+            self.steps = 0
+            self._clock_out = self.publisher(graph.CLOCK)
+            self.arena = arena
+            self.base = Base(start)
+            self.command = (0.0, 0.0, 0.0)
+            self.heard: list[tuple[float, float, float]] = []
+            self.scan_mode = "good"
+            self.collisions = 0
+            self.lock = threading.Lock()
+            self._frozen: np.ndarray | None = None
+            self._random = np.random.default_rng(5)
+            self._odometry = self.publisher(graph.ODOM)
+            self._scan = self.publisher(graph.SCAN)
+            self._map = self.publisher(graph.MAP)
+            self._tf = TransformBroadcaster(self)
+            self.subscription(graph.CMD_VEL_NAV, self._on_command)
+            # The lidar faces left, so that code which ignores its mount drives into walls.
+            self._tf.send_static(to_message(graph.BASE_FRAME, graph.LASER_FRAME, 0, transform(Pose2(0.0, 0.0, math.pi / 2))))
+            self.create_timer(STEP_S / SPEED, self._step)
+
+        def _on_command(self, message: Twist) -> None:
+            self.command = (message.linear.x, message.linear.y, message.angular.z)
+            self.heard.append(self.command)
+
+        def publish_map(self) -> None:
+            grid = self.arena.grid()
+            message = OccupancyGrid()
+            message.header.frame_id = graph.MAP_FRAME
+            message.info.resolution = grid.resolution_m
+            message.info.height, message.info.width = grid.cells.shape
+            message.info.origin.position.x, message.info.origin.position.y = grid.origin_x, grid.origin_y
+            message.info.origin.orientation.w = 1.0
+            message.data = array("b", grid.cells.tobytes())
+            self._map.publish(message)
+
+        def _step(self) -> None:
+            self.time_ns += int(STEP_S * 1e9)
+            self.steps += 1
+            self._clock_out.publish(Clock(clock=stamp_from_ns(self.time_ns)))
+            self._move()
+            if self.steps % 3 == 0:
+                self._publish_scan()
+
+        def _move(self) -> None:
+            for _ in range(4):
+                self.base.drive(self.command, STEP_S / 4)
+            self.collisions += self.arena.touches(self.base.truth)
+            now = self.time_ns
+            odometry = self.base.odometry
+            correction = self.base.truth @ odometry.inverse()
+            self._tf.send(
+                to_message(graph.ODOM_FRAME, graph.BASE_FRAME, now, transform(odometry)),
+                to_message(graph.MAP_FRAME, graph.ODOM_FRAME, now, transform(correction)),
+            )
+            message = Odometry()
+            twist = message.twist.twist
+            twist.linear.x, twist.linear.y, twist.angular.z = self.base.velocity
+            self._odometry.publish(message)
+
+        def _publish_scan(self) -> None:
+            if self.scan_mode == "silent":
+                return
+            ranges = self.arena.ranges(self.base.truth @ Pose2(0.0, 0.0, math.pi / 2), self._random)
+            if self.scan_mode == "frozen":
+                self._frozen = ranges = ranges if self._frozen is None else self._frozen
+            elif self.scan_mode == "nan":
+                ranges = np.full_like(ranges, np.nan)
+            elif self.scan_mode == "zero":
+                ranges = np.zeros_like(ranges)
+            message = LaserScan(
+                angle_min=0.0, angle_increment=2 * math.pi / len(ranges), range_min=0.03, range_max=12.0, scan_time=0.1
+            )
+            message.header.stamp = stamp_from_ns(self.time_ns)
+            message.header.frame_id = graph.LASER_FRAME
+            data = array("f")
+            data.frombytes(ranges.astype(np.float32).tobytes())
+            message.ranges = data
+            self._scan.publish(message)
+
+    return TinyRobot
+
+
+class Pilot:
+    """Sends goals and keeps feedback and results."""
+
+    def __init__(self, host: GraphHost, robot: Any, navigator: Navigator, client_node: LupinNode) -> None:
+        self.host, self.robot, self.navigator, self.node = host, robot, navigator, client_node
+        self.client = client_node.action_client(graph.NAVIGATE_TO_POSE)
+        self.feedback: list[Any] = []
+
+    def goal(self, x: float, y: float, yaw: float = 0.0, frame: str = "map") -> NavigateToPose_Goal:
+        from nav2_msgs.action import NavigateToPose
+
+        from lupin_runtime.ros.plane_messages import plane_pose_message
+
+        return NavigateToPose.Goal(pose=plane_pose_message(Pose2(x, y, yaw), 0, frame))
+
+    def send(self, goal: ComputePathToPose_Goal | NavigateThroughPoses_Goal | NavigateToPose_Goal, client: Any = None) -> Any:
+        client = client or self.client
+        self.host.until(client.server_is_ready, what="the action server")
+        future = self.host.within(
+            self.node, lambda: client.send_goal_async(goal, feedback_callback=lambda m: self.feedback.append(m.feedback))
+        )
+        return self.host.until(lambda: future.done() and future.result(), what="the goal's answer")
+
+    def result(
+        self, handle: Any, timeout_s: float = 40.0
+    ) -> ComputePathToPose_GetResult_Response | NavigateThroughPoses_GetResult_Response | NavigateToPose_GetResult_Response:
+        future = self.host.within(self.node, handle.get_result_async)
+        return self.host.until(lambda: future.done() and future.result(), timeout_s, "the goal's end")
+
+    def driving(self) -> bool:
+        return math.hypot(*self.robot.base.velocity[:2]) > 0.2
+
+    def at_rest(self) -> bool:
+        result: bool = max(map(abs, self.robot.base.velocity)) < 0.02
+        return result
+
+    def ends_with_zero(self) -> bool:
+        return bool(self.robot.heard) and self.robot.heard[-1] == (0.0, 0.0, 0.0)
+
+
+@pytest.fixture
+def pilot(graph_host: GraphHost) -> Iterator[Any]:
+    from lupin_runtime.navigation.node import Navigator
+    from lupin_runtime.ros import LupinNode
+
+    arena = Arena(4.0, 3.0, [(1.6, 0.9, 2.4, 3.0)])
+    robot = graph_host.add(_robot_class()(arena, Pose2(0.6, 0.6, 0.0)))
+    robot.publish_map()
+    navigator = graph_host.add(Navigator({"use_sim_time": True, "goal_checker.settle_s": 0.5}))
+    pilot = Pilot(graph_host, robot, navigator, graph_host.add(LupinNode("pilot")))
+    yield pilot
+    assert robot.collisions == 0
+    navigator.before_shutdown()
+
+
+def test_goal_gives_feedback_and_ends_with_zero_velocity(pilot: Any) -> None:
+    handle = pilot.send(pilot.goal(3.2, 2.0, math.pi / 2))
+    assert handle.accepted
+    answer = pilot.result(handle)
+    assert (answer.status, answer.result.error_code) == (SUCCEEDED, 0)
+    assert pilot.robot.base.truth.distance_to(Pose2(3.2, 2.0)) < 0.25
+    assert abs(pilot.robot.base.truth.yaw - math.pi / 2) < 0.12
+    pilot.host.until(pilot.ends_with_zero)
+    distances = [message.distance_remaining for message in pilot.feedback if message.distance_remaining > 0.0]
+    assert distances[0] > 3.0 > 0.7 > distances[-1]
+    assert pilot.feedback[-1].navigation_time.sec >= 3
+
+
+def test_cancelling_all_goals_stops_the_robot(pilot: Any) -> None:
+    from action_msgs.srv import CancelGoal
+
+    handle = pilot.send(pilot.goal(3.2, 2.0))
+    pilot.host.until(pilot.driving, 20)
+    cancel = pilot.node.create_client(CancelGoal, "/navigate_to_pose/_action/cancel_goal")
+    pilot.host.until(cancel.service_is_ready)
+    future = cancel.call_async(CancelGoal.Request())  # the all-zero UUID and stamp mean every goal
+    pilot.host.until(future.done)
+    assert len(future.result().goals_canceling) == 1
+    assert pilot.result(handle).status == CANCELED
+    pilot.host.until(pilot.at_rest, 2)
+    assert pilot.ends_with_zero()
+
+
+def test_new_goal_aborts_the_old_one(pilot: Any) -> None:
+    first = pilot.send(pilot.goal(3.2, 2.0))
+    pilot.host.until(pilot.driving, 20)
+    second = pilot.send(pilot.goal(0.6, 0.6))
+    answer = pilot.result(first)
+    assert answer.status == ABORTED
+    assert "newer goal" in answer.result.error_msg
+    assert pilot.result(second).status == SUCCEEDED
+    # The goal's tolerance plus the stopping distance from maximum speed.
+    assert pilot.robot.base.truth.distance_to(Pose2(0.6, 0.6)) < 0.25 + 0.5 * pilot.robot.base.lag_s
+
+
+def test_goal_in_a_bench_aborts_before_the_robot_moves(pilot: Any) -> None:
+    from nav2_msgs.action import ComputePathToPose
+
+    answer = pilot.result(pilot.send(pilot.goal(2.0, 2.2)), 8.0)
+    assert answer.status == ABORTED
+    assert answer.result.error_code == ComputePathToPose.Result.GOAL_OCCUPIED
+    assert "from an obstacle" in answer.result.error_msg
+    assert all(command == (0.0, 0.0, 0.0) for command in pilot.robot.heard)
+
+
+@pytest.mark.parametrize(("x", "yaw", "frame"), [(math.nan, 0.0, "map"), (1.0, math.inf, "map"), (1.0, 0.0, "nowhere")])
+def test_goals_that_are_no_map_poses_are_refused(pilot: Any, x: float, yaw: float, frame: str) -> None:
+    goal = pilot.goal(1.0, 1.0, 0.0, frame)
+    goal.pose.pose.position.x = x
+    if not math.isfinite(yaw):
+        goal.pose.pose.orientation.z = yaw
+    assert pilot.client.wait_for_server(10.0)
+    future = pilot.host.within(pilot.node, lambda: pilot.client.send_goal_async(goal))
+    pilot.host.until(future.done)
+    assert not future.result().accepted
+
+
+def test_goal_in_the_robot_frame_is_transformed(pilot: Any) -> None:
+    answer = pilot.result(pilot.send(pilot.goal(0.5, 0.0, 0.0, graph.BASE_FRAME)))
+    assert answer.status == SUCCEEDED
+    assert pilot.robot.base.truth.distance_to(Pose2(1.1, 0.6)) < 0.25
+
+
+@pytest.mark.parametrize("mode", ["frozen", "nan", "zero", "silent"])
+def test_blind_lidar_stops_the_robot_until_it_recovers(pilot: Any, mode: str) -> None:
+    handle = pilot.send(pilot.goal(3.2, 2.0))
+    pilot.host.until(pilot.driving, 20)
+    pilot.robot.scan_mode = mode
+    pilot.host.until(lambda: pilot.at_rest() and pilot.ends_with_zero(), 4, f"a halt under a {mode} scan")
+    pilot.robot.scan_mode = "good"
+    assert pilot.result(handle).status == SUCCEEDED
+
+
+@pytest.mark.parametrize("action", [graph.NAVIGATE_TO_POSE, graph.NAVIGATE_THROUGH_POSES], ids=lambda row: row.name)
+def test_estop_aborts_goals_and_its_release_starts_nothing(pilot: Any, action: Action) -> None:
+    from nav2_msgs.action import FollowPath, NavigateThroughPoses
+    from std_msgs.msg import Bool
+
+    stop = pilot.node.publisher(graph.ESTOP_STATE)
+    click = pilot.node.publisher(graph.GOAL_POSE)
+    client = pilot.node.action_client(action)
+
+    def goal(x: float, y: float) -> NavigateThroughPoses_Goal | NavigateToPose_Goal:
+        to_pose = pilot.goal(x, y)
+        return to_pose if action is graph.NAVIGATE_TO_POSE else NavigateThroughPoses.Goal(poses=[to_pose.pose])
+
+    driving = pilot.send(goal(3.2, 2.0), client)
+    pilot.host.until(pilot.driving, 20)
+    stop.publish(Bool(data=True))
+    first = pilot.result(driving)
+    pilot.host.until(lambda: max(map(abs, pilot.robot.base.velocity)) < 1e-6 and pilot.ends_with_zero(), 5)
+    new = pilot.result(pilot.send(goal(0.6, 0.6), client))
+    click.publish(pilot.goal(3.2, 2.0).pose)
+    for answer in (first, new):
+        assert (answer.status, answer.result.error_code) == (ABORTED, FollowPath.Result.UNKNOWN)
+        assert answer.result.error_msg.startswith("e-stop engaged")
+    at = pilot.robot.base.truth
+    pilot.node.create_timer(0.1, lambda: stop.publish(Bool(data=False)))
+    steps = pilot.robot.steps
+    pilot.host.until(lambda: pilot.robot.steps > steps + int(6.0 / STEP_S))
+    assert pilot.robot.base.truth.distance_to(at) < 0.001
+    assert pilot.result(pilot.send(goal(1.2, 0.6), client)).status == SUCCEEDED
+
+
+@pytest.mark.parametrize("jump_s", [-5.0, 60.0])
+def test_clock_jump_delays_the_goal_only_briefly(pilot: Any, jump_s: float) -> None:
+    handle = pilot.send(pilot.goal(3.2, 2.0))
+    pilot.host.until(pilot.driving, 20)
+    pilot.robot.time_ns = max(1, pilot.robot.time_ns + int(jump_s * 1e9))
+    assert pilot.result(handle).status == SUCCEEDED
+    assert pilot.robot.base.truth.distance_to(Pose2(3.2, 2.0)) < 0.25
+
+
+def test_goal_pose_topic_is_driven_and_can_be_cancelled(pilot: Any) -> None:
+    from action_msgs.srv import CancelGoal
+
+    click = pilot.node.publisher(graph.GOAL_POSE)
+    pilot.host.until(lambda: click.get_subscription_count() > 0)
+    click.publish(pilot.goal(3.2, 2.0).pose)
+    pilot.host.until(pilot.driving, 20)
+    cancel = pilot.node.create_client(CancelGoal, "/navigate_to_pose/_action/cancel_goal")
+    pilot.host.until(cancel.service_is_ready)
+    future = cancel.call_async(CancelGoal.Request())
+    pilot.host.until(future.done)
+    assert len(future.result().goals_canceling) == 1
+    pilot.host.until(pilot.at_rest, 2)
+
+
+def test_navigate_through_poses_passes_and_counts_them(pilot: Any) -> None:
+    from nav2_msgs.action import NavigateThroughPoses
+
+    client = pilot.node.action_client(graph.NAVIGATE_THROUGH_POSES)
+    poses = [pilot.goal(x, y).pose for x, y in ((1.2, 0.5), (2.0, 0.45), (3.2, 0.6))]
+    answer = pilot.result(pilot.send(NavigateThroughPoses.Goal(poses=poses), client))
+    assert answer.status == SUCCEEDED
+    remaining = [message.number_of_poses_remaining for message in pilot.feedback]
+    assert max(remaining) >= 2
+    assert remaining[-1] == 1
+
+
+def test_compute_path_plans_without_driving(pilot: Any) -> None:
+    from nav2_msgs.action import ComputePathToPose
+
+    client = pilot.node.action_client(graph.COMPUTE_PATH_TO_POSE)
+    request = ComputePathToPose.Goal(goal=pilot.goal(3.2, 2.0).pose)
+    answer = pilot.result(pilot.send(request, client))
+    assert answer.status == SUCCEEDED
+    last = answer.result.path.poses[-1].pose.position
+    assert (last.x, last.y) == pytest.approx((3.2, 2.0), abs=0.05)
+    refused = pilot.result(pilot.send(ComputePathToPose.Goal(goal=pilot.goal(9.0, 2.0).pose), client))
+    assert refused.status == ABORTED
+    assert refused.result.error_code == ComputePathToPose.Result.GOAL_OUTSIDE_MAP
+    assert pilot.robot.heard == []
+
+
+def test_both_costmaps_are_published_and_can_be_cleared(pilot: Any) -> None:
+    from nav2_msgs.srv import ClearEntireCostmap
+
+    seen: dict[str, Any] = {}
+    for topic in (graph.LOCAL_COSTMAP, graph.GLOBAL_COSTMAP):
+        pilot.node.subscription(topic, lambda message, name=topic.name: seen.update({name: message}))
+    local_name = graph.LOCAL_COSTMAP.name
+    both = pilot.host.until(
+        lambda: seen if len(seen) == 2 and max(seen[local_name].data) == 100 else None,
+        what="a wall that is seen",
+    )
+    local, world = both[graph.LOCAL_COSTMAP.name], both[graph.GLOBAL_COSTMAP.name]
+    assert (local.header.frame_id, local.info.width, local.info.height) == (graph.ODOM_FRAME, 60, 60)
+    assert world.header.frame_id == graph.MAP_FRAME
+    for row in (graph.CLEAR_LOCAL_COSTMAP, graph.CLEAR_GLOBAL_COSTMAP):
+        client = pilot.node.create_client(ClearEntireCostmap, row.name)
+        pilot.host.until(client.service_is_ready)
+        pilot.host.until(client.call_async(ClearEntireCostmap.Request()).done)

@@ -1,0 +1,237 @@
+"""The page in Chromium: it fetches nothing, has no errors, fits the window, and its controls work."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lupin_runtime.report import build_report
+
+from .conftest import facts, score
+
+pytestmark = pytest.mark.browser
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync --remote-debugging-port=0"
+)
+TIMEOUT_S = 30.0
+
+
+class Browser:
+    """One browser tab, controlled over the DevTools protocol."""
+
+    def __init__(self, socket: Any) -> None:
+        self._socket = socket
+        self._ids = itertools.count(1)
+        self.events: list[dict[str, Any]] = []
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Network", "Log"):
+            self.call(f"{domain}.enable")
+
+    _session: str | None = None
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        number = next(self._ids)
+        message = {"id": number, "method": method, "params": parameters}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        self._socket.send(json.dumps(message))
+        while True:
+            answer = json.loads(self._socket.recv(timeout=TIMEOUT_S))
+            if answer.get("id") == number:
+                assert "error" not in answer, answer["error"]
+                result: dict[str, Any] = answer["result"]
+                return result
+            self.events.append(answer)
+
+    def open(self, page: Path, width: int, scheme: str = "light", media: str = "screen", fragment: str = "") -> None:
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        self.call("Emulation.setEmulatedMedia", media=media, features=features)
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 600)
+        self.events.clear()
+        self.call("Page.navigate", url="about:blank")
+        self.call("Page.navigate", url=f"{page.as_uri()}{fragment}")
+        # Polled, not awaited: promises never resolve on a page whose scripts are disabled.
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while self.evaluate("location.href + document.readyState") != f"{page.as_uri()}{fragment}complete":
+            assert time.monotonic() < deadline_s, f"{page} did not load"
+            time.sleep(0.02)
+
+    def evaluate(self, expression: str) -> Any:
+        result = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in result, result["exceptionDetails"]
+        return result["result"].get("value")
+
+    def screenshot(self, path: Path) -> None:
+        """Save a PNG of the whole page, for looking at it while debugging."""
+        shot = self.call("Page.captureScreenshot", captureBeyondViewport=True)
+        path.write_bytes(base64.b64decode(shot["data"]))
+
+    def errors(self) -> list[str]:
+        """Return all exceptions of the page and log entries of the browser."""
+        names = ("Runtime.exceptionThrown", "Log.entryAdded")
+        return [json.dumps(e["params"]) for e in self.events if e.get("method") in names]
+
+    def requests(self) -> list[str]:
+        urls = [e["params"]["request"]["url"] for e in self.events if e.get("method") == "Network.requestWillBeSent"]
+        return [url for url in urls if not url.startswith(("data:", "about:"))]
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine; install the package chromium")
+    connect = pytest.importorskip("websockets.sync.client").connect
+    profile = tmp_path_factory.mktemp("chromium")
+    command = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={profile}", "about:blank"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True)
+    try:
+        assert process.stderr is not None
+        url = next(line.split(" on ")[1].strip() for line in process.stderr if "DevTools listening" in line)
+        with connect(url, max_size=64_000_000, open_timeout=TIMEOUT_S) as socket:
+            yield Browser(socket)
+    finally:
+        os.killpg(process.pid, 15)
+        try:
+            process.wait(10)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, 9)
+            process.wait(10)
+        if process.stderr is not None:
+            process.stderr.close()
+
+
+@pytest.fixture(scope="module")
+def page(mission_run: Path) -> Path:
+    return build_report(mission_run, facts(), score).page
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(
+    ("width", "media"),
+    [(390, "screen"), (820, "screen"), (1400, "screen"), (1920, "screen"), (718, "print")],  # A4 less its margins is 718
+)
+def test_page_loads_without_errors_and_fits_the_width(
+    browser: Browser, page: Path, width: int, media: str, scheme: str
+) -> None:
+    browser.open(page, width, scheme, media)
+    assert browser.errors() == []
+    assert browser.requests() == [page.as_uri()]
+    assert browser.evaluate("document.documentElement.scrollWidth") <= width
+    assert browser.evaluate("document.getElementById('map').getBoundingClientRect().height") > 200
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_has_enough_contrast(browser: Browser, page: Path, scheme: str) -> None:
+    browser.open(page, 1400, scheme)
+    script = """(() => {
+      const luminance = (color) => {
+        const [r, g, b] = color.match(/[0-9.]+/g).slice(0, 3).map((v) => v / 255)
+          .map((v) => v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+      };
+      const ground = (node) => {
+        for (; node; node = node.parentElement) {
+          const color = getComputedStyle(node).backgroundColor;
+          if (color.startsWith('rgb(')) return color;
+        }
+        return 'rgb(255, 255, 255)';
+      };
+      const weak = [];
+      for (const node of document.querySelectorAll('h1, h2, p, dt, dd, b, small, th, td, li, summary, label, .badge, .mark')) {
+        if (!node.textContent.trim() || !node.offsetParent || node.closest('.row-track, [hidden]')) continue;
+        const [a, b] = [luminance(getComputedStyle(node).color), luminance(ground(node))].sort((x, y) => y - x);
+        if ((a + 0.05) / (b + 0.05) < 4.5) weak.push(`${node.tagName} ${node.className} ${node.textContent.slice(0, 30)}`);
+      }
+      return weak;
+    })()"""
+    assert browser.evaluate(script) == []  # WCAG 2.1, 1.4.3
+
+
+def test_slider_moves_robot_and_updates_values(browser: Browser, page: Path) -> None:
+    browser.open(page, 1400)
+    at = """(t) => {
+      const slider = document.getElementById('time');
+      slider.value = t; slider.dispatchEvent(new Event('input'));
+      const text = (id) => document.getElementById(id).textContent;
+      return [text('clock'), text('state'), text('leg'), Number(text('known')), document.querySelectorAll('#so-far li').length,
+              document.getElementById('robot').getAttribute('transform'), document.querySelectorAll('.leg.ahead').length];
+    }"""
+    early = browser.evaluate(f"({at})(20)")
+    scanning = browser.evaluate(f"({at})(125)")
+    end = browser.evaluate(f"({at})(1e9)")
+    assert early[:3] == ["0:20", "EXPLORING", "–"]
+    assert scanning[:3] == ["2:05", "MONITORING · e-stop", "tag 2, scanning"]
+    assert early[3] < scanning[3] == end[3] == 8
+    assert early[4] < scanning[4] < end[4] == 6
+    assert len({early[5], scanning[5], end[5]}) == 3
+    assert early[6] > scanning[6] > end[6] == 0
+    assert browser.evaluate("document.getElementById('scan').getAttribute('d')") == "M0 0"
+    browser.evaluate(f"({at})(60)")
+    assert len(browser.evaluate("document.getElementById('scan').getAttribute('d')")) > 500
+    assert browser.evaluate("document.getElementById('picture').src").startswith("data:image/jpeg")
+    assert browser.errors() == []
+
+
+def test_replay_stops_at_the_end(browser: Browser, page: Path) -> None:
+    browser.open(page, 1400)
+    script = """new Promise((done) => {
+      document.getElementById('pace').value = '60';
+      document.getElementById('play').click();
+      const started = performance.now(), words = () => document.getElementById('play').getAttribute('aria-label');
+      const poll = () => words() === 'Play' || performance.now() - started > 20000
+        ? done([document.getElementById('clock').textContent, words()]) : setTimeout(poll, 50);
+      setTimeout(poll, 200);
+    })"""
+    assert browser.evaluate(script) == ["3:00", "Play"]
+
+
+def test_layer_heat_and_zoom_controls_work(browser: Browser, page: Path) -> None:
+    browser.open(page, 1400)
+    shown = "(css) => getComputedStyle(document.querySelector(css)).display !== 'none'"
+    assert browser.evaluate(f"({shown})('.heat-co2')") is False
+    browser.evaluate("(s => { s.value = 'co2'; s.dispatchEvent(new Event('change')); })(document.getElementById('heat'))")
+    assert browser.evaluate(f"({shown})('image.heat-co2') && ({shown})('.heat-legend.heat-co2')") is True
+    assert browser.evaluate(f"({shown})('image.heat-light')") is False
+    assert browser.evaluate(f"({shown})('.layer.truth')") is False
+    browser.evaluate("document.querySelector('[data-layer=truth]').click()")
+    assert browser.evaluate(f"({shown})('.layer.truth')") is True
+    browser.evaluate("document.querySelector('[data-layer=tags]').click()")
+    assert browser.evaluate(f"({shown})('.layer.tags')") is False
+    whole = browser.evaluate("document.getElementById('map').getAttribute('viewBox')")
+    browser.evaluate("document.getElementById('zoom-in').click()")
+    near = browser.evaluate("document.getElementById('map').getAttribute('viewBox')")
+    assert float(near.split()[2]) == pytest.approx(float(whole.split()[2]) / 1.5, rel=1e-3)
+    browser.evaluate("document.getElementById('zoom-reset').click()")
+    assert [float(v) for v in browser.evaluate("document.getElementById('map').getAttribute('viewBox')").split()] == [
+        float(v) for v in whole.split()
+    ]
+
+
+def test_url_fragment_sets_the_time(browser: Browser, page: Path) -> None:
+    browser.open(page, 1400, fragment="#t=42")
+    assert browser.evaluate("document.getElementById('clock').textContent") == "0:42"
+
+
+def test_page_is_complete_without_scripts(browser: Browser, page: Path) -> None:
+    browser.call("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        browser.open(page, 1400)
+        assert "0:" in browser.evaluate("document.querySelector('.timeline').textContent")
+        assert browser.evaluate("document.querySelectorAll('table.tags tbody tr').length") == 8
+        assert browser.evaluate("getComputedStyle(document.querySelector('.tools')).display") == "none"
+    finally:
+        browser.call("Emulation.setScriptExecutionDisabled", value=False)

@@ -1,0 +1,166 @@
+"""The bridge on a real graph, with the simulated vendor button and consoles."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from lupin_runtime import graph
+
+if TYPE_CHECKING:
+    from lupin_runtime.safety.node import EstopBridge
+    from tests.conftest import GraphHost
+
+pytestmark = pytest.mark.graph
+
+
+class Probe:
+    def __init__(self, host: GraphHost) -> None:
+        from mirte_msgs.msg import IntensityDigital
+        from std_msgs.msg import Bool
+
+        from lupin_runtime.ros import LupinNode
+
+        self._button_type, self._bool = IntensityDigital, Bool
+        self.node = LupinNode("probe")
+        self.states: list[tuple[float, bool]] = []
+        self.status: list[dict[str, Any]] = []
+        self.node.subscription(graph.ESTOP_STATE, lambda message: self.states.append((time.monotonic(), message.data)))
+        self.node.subscription(graph.ESTOP_STATUS, lambda message: self.status.append(json.loads(message.data)))
+        self._button = self.node.publisher(graph.ESTOP_BUTTON)
+        self._console = self.node.publisher(graph.HMI_ESTOP)
+        self.console_says: bool | None = None
+        self.node.create_timer(0.5, self._repeat)
+        host.add(self.node)
+        host.until(lambda: self._button.get_subscription_count() and self._console.get_subscription_count())
+        host.until(lambda: self.states, what="the first state")
+
+    def _repeat(self) -> None:
+        if self.console_says is not None:
+            self._console.publish(self._bool(data=self.console_says))
+
+    def press(self, value: bool) -> None:
+        self._button.publish(self._button_type(value=value))
+
+    def console(self, value: bool) -> None:
+        self.console_says = value
+        self._repeat()
+
+    @property
+    def engaged(self) -> bool:
+        return self.states[-1][1]
+
+
+def bridge(host: GraphHost, **parameters: Any) -> EstopBridge:
+    from lupin_runtime.safety.node import EstopBridge
+
+    result: EstopBridge = host.add(EstopBridge({"listen_s": 0.0, **parameters}))
+    return result
+
+
+def test_estop_state_is_repeated_and_starts_released(graph_host: GraphHost) -> None:
+    bridge(graph_host)
+    probe = Probe(graph_host)
+    graph_host.until(lambda: len(probe.states) >= 8, what="repeats")
+    assert {engaged for _, engaged in probe.states} == {False}
+
+
+def test_button_engages_and_releases(graph_host: GraphHost) -> None:
+    bridge(graph_host)
+    probe = Probe(graph_host)
+    probe.press(True)
+    graph_host.until(lambda: probe.engaged, what="the engaged state")
+    graph_host.until(lambda: probe.status[-1]["reasons"] == ["the button is pressed"], what="the reason")
+    probe.press(False)
+    graph_host.until(lambda: not probe.engaged, what="the released state")
+
+
+def test_button_polarity_is_a_parameter(graph_host: GraphHost) -> None:
+    bridge(graph_host, engaged_value=False)
+    probe = Probe(graph_host)
+    assert not probe.engaged
+    probe.press(False)
+    graph_host.until(lambda: probe.engaged, what="the engaged state")
+
+
+def test_estop_edge_is_published_at_once(graph_host: GraphHost) -> None:
+    bridge(graph_host, publish_rate_hz=0.1)  # limited to the minimum: a tick every two seconds
+    probe = Probe(graph_host)
+    count = len(probe.states)
+    for _ in range(5):
+        probe.press(True)
+        graph_host.until(lambda: probe.engaged, timeout_s=1.0, what="the edge before the next tick")
+        probe.press(False)
+        graph_host.until(lambda: not probe.engaged, timeout_s=1.0, what="the edge before the next tick")
+    assert len(probe.states) >= count + 10
+
+
+def test_console_engages_and_its_loss_engages_again(graph_host: GraphHost) -> None:
+    bridge(graph_host)
+    probe = Probe(graph_host)
+    probe.console(True)
+    graph_host.until(lambda: probe.engaged, what="the console's stop")
+    probe.console(False)
+    graph_host.until(lambda: not probe.engaged, what="the console's release")
+    probe.console_says = None
+    graph_host.until(lambda: probe.engaged, what="the stop of a vanished console")
+    graph_host.until(lambda: "no message from any console" in " ".join(probe.status[-1]["reasons"]), what="the reason")
+
+
+def test_button_engages_regardless_of_the_console(graph_host: GraphHost) -> None:
+    bridge(graph_host)
+    probe = Probe(graph_host)
+    probe.console(False)
+    probe.press(True)
+    graph_host.until(lambda: probe.engaged, what="the engaged state")
+    count = len(probe.states)
+    graph_host.until(lambda: len(probe.states) >= count + 5, what="repeats while the console says released")
+    assert {engaged for _, engaged in probe.states[count:]} == {True}
+
+
+def test_new_bridge_does_not_publish_released_too_early(graph_host: GraphHost) -> None:
+    first = bridge(graph_host)
+    probe = Probe(graph_host)
+    probe.console(True)
+    graph_host.until(lambda: probe.engaged, what="the console's stop")
+    graph_host.remove(first)
+    probe.states.clear()
+    bridge(graph_host, listen_s=1.5)
+    graph_host.until(lambda: len(probe.states) >= 5, what="the states of its successor")
+    assert {engaged for _, engaged in probe.states} == {True}
+
+
+def test_stop_reaches_the_sink_through_bridge_and_bus(graph_host: GraphHost) -> None:
+    """End to end: a press of the vendor's button sends zero to the base, and its release alone moves nothing."""
+    from lupin_runtime.drive import Twist, decode, encode
+    from lupin_runtime.drive.node import TwistMux
+
+    bridge(graph_host)
+    graph_host.add(TwistMux())
+    probe = Probe(graph_host)
+    sink: list[Twist] = []
+    probe.node.subscription(graph.CMD_VEL_SINK_SIM, lambda data: sink.append(decode(data)), raw=True)  # type: ignore[arg-type]
+    auto = probe.node.publisher(graph.CMD_VEL_AUTO)
+    moving = Twist(0.2, 0.0, 0.0)
+
+    def drive(until: Callable[..., Any]) -> Callable[..., Any]:
+        def step() -> bool:
+            auto.publish(encode(moving))
+            time.sleep(0.02)
+            result: bool = until()
+            return result
+
+        return step
+
+    graph_host.until(drive(lambda: sink and sink[-1] == moving), what="motion")
+    probe.press(True)
+    graph_host.until(drive(lambda: sink[-1] == Twist(0.0, 0.0, 0.0)), what="zero at the sink")
+    probe.press(False)
+    graph_host.until(lambda: not probe.engaged, what="the release")
+    count = len(sink)
+    graph_host.until(drive(lambda: len(sink) >= count + 20), what="what the sink gets after the release")
+    assert set(sink[count:]) == {Twist(0.0, 0.0, 0.0)}, "the goal that was running must not carry on by itself"

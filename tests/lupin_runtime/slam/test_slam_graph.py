@@ -1,0 +1,362 @@
+"""The nodes on a real graph, with a robot that replays a drive at ten times its speed."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from lupin_runtime import graph
+from lupin_runtime.geometry import Pose2, quaternion_from_yaw, yaw_from_quaternion
+from lupin_runtime.slam.map_io import load_map, save_map
+from tests.support.optional import present
+
+if TYPE_CHECKING:
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+    from nav2_msgs.srv import ClearEntireCostmap, ClearEntireCostmap_Response
+    from nav_msgs.msg import OccupancyGrid
+    from slam_toolbox.srv import SaveMap_Response
+    from std_srvs.srv import Trigger_Response
+
+    from lupin_runtime.graph import Service
+    from lupin_runtime.slam.slam_node import SlamNode
+    from tests.conftest import GraphHost
+    from tests.support.mapping_run import MappingRun
+    from tests.support.slam_worlds import Log
+
+pytestmark = pytest.mark.graph
+
+START_NS = 1_000_000_000_000
+MOUNT = Pose2(0.0, 0.0, math.pi / 2)  # the lidar faces left, so that code which ignores its mount fails
+
+
+def robot_class() -> type[Any]:
+    from sensor_msgs.msg import LaserScan
+
+    from lupin_runtime.ros import LupinNode, TransformBroadcaster, TransformListener, stamp_from_ns
+    from lupin_runtime.ros.tf import to_message
+    from lupin_runtime.transforms import Transform
+
+    def transform(pose: Pose2) -> Transform:
+        return Transform((pose.x, pose.y, 0.0), quaternion_from_yaw(pose.yaw))
+
+    class Replayer(LupinNode):
+        """Publishes odometry and scans of a log up to `end`, and subscribes to what a console does."""
+
+        def __init__(self, log: Log) -> None:
+            super().__init__("replayer")
+            self.log, self.at, self.end = log, 0, 0
+            self.frame, self.shift_ns = graph.LASER_FRAME, 0
+            self.maps: list[OccupancyGrid] = []
+            self.poses: list[PoseWithCovarianceStamped] = []
+            self._tf = TransformBroadcaster(self)
+            self._scan = self.publisher(graph.SCAN)
+            self.tree = TransformListener(self).tree
+            self.subscription(graph.MAP, self.maps.append)
+            self.subscription(graph.AMCL_POSE, self.poses.append)
+            self._tf.send_static(to_message(graph.BASE_FRAME, graph.LASER_FRAME, 0, transform(MOUNT)))
+            self.create_timer(0.01, self._step)
+
+        def _step(self) -> None:
+            if self.at >= self.end:
+                return
+            k, self.at = self.at, self.at + 1
+            stamp = START_NS + self.shift_ns + k * 100_000_000
+            self._tf.send(to_message(graph.ODOM_FRAME, graph.BASE_FRAME, stamp, transform(self.odom(k))))
+            step = float(self.log.angles[1] - self.log.angles[0])
+            message = LaserScan(range_min=0.03, range_max=12.0, angle_increment=step)
+            message.angle_min = float(self.log.angles[0]) - MOUNT.yaw
+            message.header.stamp, message.header.frame_id = stamp_from_ns(stamp), self.frame
+            message.ranges = array("f", self.log.ranges[k].astype(np.float32).tobytes())
+            self._scan.publish(message)
+
+        def odom(self, k: int) -> Pose2:
+            return Pose2(*(float(v) for v in self.log.odom[k]))
+
+        def truth(self, k: int) -> Pose2:
+            """The true pose at scan `k`, relative to the start."""
+            return Pose2(*self.log.truth[0]).inverse() @ Pose2(*self.log.truth[k])
+
+        def map_from_odom(self) -> Pose2 | None:
+            """The present correction, as subscribers see it."""
+            try:
+                return self.tree.lookup(graph.MAP_FRAME, graph.ODOM_FRAME).to_pose2()
+            except LookupError:
+                return None
+
+        def error_m(self) -> float:
+            """The distance between the robot's estimated and true position, m."""
+            offset = self.map_from_odom()
+            k = self.at - 1
+            return math.inf if offset is None else (offset @ self.odom(k)).distance_to(self.truth(k))
+
+    return Replayer
+
+
+@pytest.fixture
+def robot(graph_host: GraphHost, greenhouse_log: Log) -> Any:
+    replayer = graph_host.add(robot_class()(greenhouse_log))
+
+    def play(to: int) -> None:
+        replayer.end = to
+        graph_host.until(lambda: replayer.at == to, 30.0, f"scan {to}")
+
+    replayer.play = play
+    return replayer
+
+
+def mapper(graph_host: GraphHost, robot: Any, parameters: dict[str, Any]) -> SlamNode:
+    """Start a mapper and wait until it has received the lidar's mount, which is published once."""
+    from lupin_runtime.slam.slam_node import SlamNode
+
+    node: SlamNode = graph_host.add(SlamNode(parameters))
+    graph_host.until(lambda: robot.count_subscribers(graph.SCAN.name) and robot.count_subscribers(graph.TF.name) > 1)
+
+    def has_the_mount() -> bool:
+        try:
+            node._tree.lookup(graph.BASE_FRAME, graph.LASER_FRAME)
+        except LookupError:
+            return False
+        return True
+
+    graph_host.until(has_the_mount, what="the lidar's mount")
+    return node
+
+
+@pytest.fixture
+def slam(graph_host: GraphHost, robot: Any) -> SlamNode:
+    return mapper(graph_host, robot, {"map_update_interval": 0.5, "transform_publish_period": 0.02})
+
+
+def call(host: GraphHost, node: Any, row: Service, request: pytest.FixtureRequest) -> SaveMap_Response | Trigger_Response:
+    client = node.client(row)
+    host.until(client.service_is_ready, what=f"{row.name}'s server")
+    future = client.call_async(request)
+    return host.until(lambda: future.done() and future.result(), 15.0, f"{row.name}'s answer")
+
+
+@pytest.mark.usefixtures("slam")
+def test_drive_gives_a_map_and_a_true_transform(graph_host: GraphHost, robot: Any) -> None:
+    from lupin_runtime.ros import LupinNode
+
+    robot.play(150)
+    graph_host.until(lambda: robot.error_m() < 0.05, what="a true pose")
+    message = graph_host.until(lambda: robot.maps and robot.maps[-1], what="a map")
+    assert message.header.frame_id == graph.MAP_FRAME
+    assert message.info.resolution == pytest.approx(0.05)
+    cells = np.frombuffer(message.data, np.int8).reshape(message.info.height, message.info.width)
+    assert set(np.unique(cells)) == {-1, 0, 100}
+    # The room is 9 x 7 m, and the robot started 1 m and 0.7 m from its corner.
+    column, row = (np.array([-0.5, -0.35]) - [message.info.origin.position.x, message.info.origin.position.y]) / 0.05
+    assert cells[int(row), int(column)] == 0
+    assert message.info.origin.position.x == pytest.approx(-1.0, abs=0.15)
+    late: list[Any] = []
+    listener = LupinNode("late")
+    listener.subscription(graph.MAP, late.append)
+    graph_host.add(listener)
+    graph_host.until(lambda: late, 0.45, "the latched map, before the next one")
+
+
+@pytest.mark.usefixtures("slam")
+def test_transform_is_dated_ahead_so_that_now_can_be_looked_up(graph_host: GraphHost, robot: Any) -> None:
+    robot.play(30)
+    graph_host.until(lambda: robot.map_from_odom() is not None)
+    newest = robot.tree.newest_ns(graph.MAP_FRAME, graph.ODOM_FRAME)
+    assert newest > robot.now_ns()
+
+
+@pytest.mark.usefixtures("slam")
+def test_save_map_writes_the_file_or_reports_a_bad_path(graph_host: GraphHost, robot: Any, tmp_path: Path) -> None:
+    from slam_toolbox.srv import SaveMap
+
+    request = SaveMap.Request()
+    request.name.data = str(tmp_path / "house")
+    assert call(graph_host, robot, graph.SLAM_SAVE_MAP, request).result == SaveMap.Response.RESULT_NO_MAP_RECEIEVD
+    robot.play(60)
+    graph_host.until(lambda: robot.maps)
+    assert call(graph_host, robot, graph.SLAM_SAVE_MAP, request).result == SaveMap.Response.RESULT_SUCCESS
+    assert (load_map(tmp_path / "house.yaml").cells == 100).sum() > 200
+    for bad in (str(tmp_path / "nowhere" / "house"), "~nobody-of-that-name/house", "/"):
+        request.name.data = bad
+        assert call(graph_host, robot, graph.SLAM_SAVE_MAP, request).result == SaveMap.Response.RESULT_UNDEFINED_FAILURE
+
+
+@pytest.mark.usefixtures("slam")
+def test_clear_map_restarts_the_map_and_clears_both_costmaps(graph_host: GraphHost, robot: Any) -> None:
+    from std_srvs.srv import Trigger
+
+    from lupin_runtime.ros import LupinNode
+    from lupin_runtime.slam.node import SlamResetNode
+
+    cleared = []
+    costmaps = LupinNode("costmaps")
+
+    def clear(
+        name: str, _request: ClearEntireCostmap.Request, response: ClearEntireCostmap.Response
+    ) -> ClearEntireCostmap_Response:
+        cleared.append(name)
+        return response
+
+    costmaps.service(graph.CLEAR_LOCAL_COSTMAP, lambda q, r: clear("local", q, r))
+    costmaps.service(graph.CLEAR_GLOBAL_COSTMAP, lambda q, r: clear("global", q, r))
+    graph_host.add(costmaps)
+    graph_host.add(SlamResetNode())
+    robot.play(120)
+    graph_host.until(lambda: robot.error_m() < 0.05)
+    answer = call(graph_host, robot, graph.CLEAR_MAP, Trigger.Request())
+    assert answer.success and "2 of 2" in answer.message
+    graph_host.until(lambda: sorted(cleared) == ["global", "local"])
+    seen = len(robot.maps)
+    robot.play(125)
+    graph_host.until(lambda: len(robot.maps) > seen, what="a new map")
+    here = robot.odom(robot.at - 1)
+    graph_host.until(lambda: (robot.map_from_odom() @ here).distance_to(Pose2()) < 0.2, what="a new origin")
+
+
+def test_clear_map_without_slam_fails_in_bounded_time(graph_host: GraphHost, robot: Any) -> None:
+    from std_srvs.srv import Trigger
+
+    from lupin_runtime.slam.node import SlamResetNode
+
+    graph_host.add(SlamResetNode())
+    answer = call(graph_host, robot, graph.CLEAR_MAP, Trigger.Request())
+    assert not answer.success
+    assert graph.SLAM_RESET.name in answer.message
+
+
+@pytest.mark.usefixtures("slam")
+def test_scans_in_an_unknown_frame_are_dropped(graph_host: GraphHost, robot: Any) -> None:
+    robot.frame = "another_laser"
+    robot.play(20)
+    robot.frame = graph.LASER_FRAME
+    assert robot.map_from_odom() is None and not robot.maps
+    robot.play(60)
+    graph_host.until(lambda: robot.maps, what="a map from the right frame")
+
+
+@pytest.mark.usefixtures("slam")
+def test_clock_stepping_back_keeps_the_map_and_continues(graph_host: GraphHost, robot: Any) -> None:
+    robot.play(100)
+    graph_host.until(lambda: robot.error_m() < 0.05)
+    robot.tree.clear()
+    robot.shift_ns = -500_000_000_000
+    robot.play(200)
+    graph_host.until(lambda: robot.error_m() < 0.05, what="the pose after the step")
+    width = graph_host.until(lambda: robot.maps[-1]).info.width * 0.05
+    assert width > 8.0  # still the whole room, not a new map
+
+
+def test_killed_node_resumes_its_session(
+    graph_host: GraphHost, robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from lupin_runtime.slam import slam_node
+
+    monkeypatch.setattr(slam_node, "SESSION_PERIOD_S", 0.2)
+    session = tmp_path / "slam.posegraph"
+    parameters = {"map_update_interval": 0.5, "session_file": str(session)}
+    first = mapper(graph_host, robot, parameters)
+    robot.play(250)
+    graph_host.until(lambda: robot.error_m() < 0.05)
+    graph_host.until(session.exists)
+    written = session.stat().st_mtime_ns
+    graph_host.until(lambda: session.stat().st_mtime_ns > written, what="a session of the newest map")
+    graph_host.remove(first)
+    graph_host.until(lambda: not robot.count_subscribers(graph.SCAN.name))
+    robot.tree.clear()
+    robot.maps.clear()
+    mapper(graph_host, robot, parameters)
+    robot.play(330)
+    graph_host.until(lambda: robot.error_m() < 0.05, what="the old map's frame")
+    assert graph_host.until(lambda: robot.maps and robot.maps[-1]).info.width * 0.05 > 8.0
+
+
+def test_corrupt_session_starts_a_new_map_with_a_warning(graph_host: GraphHost, robot: Any, tmp_path: Path) -> None:
+    session = tmp_path / "slam.posegraph"
+    session.write_bytes(b"not a session")
+    mapper(graph_host, robot, {"session_file": str(session)})
+    robot.play(40)
+    graph_host.until(lambda: robot.error_m() < 0.05)
+
+
+# -- localisation ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def saved_map(mapped: MappingRun, tmp_path: Path) -> Path:
+    save_map(tmp_path / "house.yaml", present(mapped.mapper.grid()))
+    return tmp_path / "house.yaml"
+
+
+def test_amcl_finds_the_robot_and_covers_its_error(graph_host: GraphHost, robot: Any, saved_map: Path) -> None:
+    from lupin_runtime.slam.node import AmclNode, MapServer
+
+    graph_host.add(MapServer({"yaml_filename": str(saved_map)}))
+    graph_host.add(AmclNode({"initial_pose.x": 0.2, "initial_pose.y": -0.15, "initial_pose.yaw": 0.1}))
+    graph_host.until(lambda: robot.maps and robot.count_subscribers(graph.SCAN.name))
+    robot.play(200)
+    graph_host.until(lambda: robot.error_m() < 0.06, what="a true pose")
+    message = graph_host.until(lambda: robot.poses and robot.poses[-1])
+    assert message.header.frame_id == graph.MAP_FRAME
+    covariance = np.asarray(message.pose.covariance).reshape(6, 6)[np.ix_((0, 1, 5), (0, 1, 5))]
+    assert (np.linalg.eigvalsh(covariance) > 0.0).all()
+    stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+    k = round((stamp - START_NS) / 1e8)
+    at, q = message.pose.pose.position, message.pose.pose.orientation
+    truth = robot.truth(k)
+    error = np.array([at.x - truth.x, at.y - truth.y, yaw_from_quaternion(q.x, q.y, q.z, q.w) - truth.yaw])
+    error[2] = (error[2] + math.pi) % (2 * math.pi) - math.pi
+    assert error @ np.linalg.solve(covariance, error) < 16.3  # 99.9 % of chi-squared with three degrees of freedom
+    assert robot.tree.newest_ns(graph.MAP_FRAME, graph.ODOM_FRAME) >= stamp + 900_000_000
+
+
+def test_initial_pose_is_accepted_in_the_map_frame_only(graph_host: GraphHost, robot: Any, saved_map: Path) -> None:
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+
+    from lupin_runtime.slam.node import AmclNode, MapServer
+
+    graph_host.add(MapServer({"yaml_filename": str(saved_map)}))
+    graph_host.add(AmclNode({"initial_pose.x": 6.0, "initial_pose.y": 5.0}))  # far away
+    graph_host.until(lambda: robot.maps and robot.count_subscribers(graph.SCAN.name))
+    publisher = robot.publisher(graph.INITIAL_POSE)
+    graph_host.until(publisher.get_subscription_count)
+    robot.play(30)
+    graph_host.until(lambda: robot.poses and robot.error_m() > 1.0)
+
+    def publish_pose(frame: str, x: float) -> None:
+        message = PoseWithCovarianceStamped()
+        message.header.frame_id = frame
+        message.pose.pose.position.x = robot.truth(robot.at - 1).x + x
+        message.pose.pose.position.y = robot.truth(robot.at - 1).y
+        _, _, message.pose.pose.orientation.z, message.pose.pose.orientation.w = quaternion_from_yaw(
+            robot.truth(robot.at - 1).yaw
+        )
+        publisher.publish(message)
+
+    publish_pose("odom", 0.0)
+    robot.play(60)
+    assert robot.error_m() > 1.0
+    publish_pose(graph.MAP_FRAME, math.nan)
+    robot.play(80)
+    assert robot.error_m() > 1.0
+    publish_pose(graph.MAP_FRAME, 0.1)
+    graph_host.until(lambda: _played(robot, 1) and robot.error_m() < 0.08, 15.0, "the robot where it was said to be")
+
+
+def _played(robot: Any, scans: int) -> bool:
+    robot.end = min(robot.at + scans, len(robot.log.stamps))
+    return True
+
+
+@pytest.mark.usefixtures("graph_host")
+def test_map_server_refuses_an_unreadable_map_by_line(tmp_path: Path) -> None:
+    from lupin_runtime.slam.node import MapServer
+
+    (tmp_path / "m.yaml").write_text("image: m.pgm\nresolution: nothing\n")
+    with pytest.raises(ValueError, match=r"m.yaml"):
+        MapServer({"yaml_filename": str(tmp_path / "m.yaml")})
+    with pytest.raises(ValueError, match="yaml_filename"):
+        MapServer()

@@ -1,0 +1,94 @@
+"""Options of `lupin up`: their defaults, and parts that are not available on this machine."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import socket
+from pathlib import Path
+
+import pytest
+import typer
+
+from lupin_cli.commands.up import _pose, _unavailable, command
+from lupin_runtime.stack import table
+from lupin_runtime.stack.table import Options, launch, rows
+
+
+@pytest.fixture
+def program_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A PATH of one empty folder, and no display."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    return tmp_path
+
+
+def test_parts_missing_from_this_release_are_reported() -> None:
+    assert _unavailable(web=False, joystick=True, rviz=False) == {"joystick": "the Xbox teleop is not in this release"}
+    assert _unavailable(web=False, joystick=False, rviz=False) == {}
+
+
+def test_port_of_the_console_that_is_in_use_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        monkeypatch.setattr(table, "ROSBRIDGE_PORT", port)
+        reason = _unavailable(True, False, False)["web"]
+        assert reason.startswith(f"port {port} is in use by process {os.getpid()} (")
+    assert _unavailable(True, False, False) == {}
+
+
+def test_missing_rviz_or_display_is_reported_with_advice(program_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "rviz2 is not on PATH" in _unavailable(False, False, rviz=True)["rviz"]
+    program = program_path / "rviz2"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    assert "needs a display" in _unavailable(False, False, rviz=True)["rviz"]
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert _unavailable(False, False, rviz=True) == {}
+
+
+def test_initial_pose_reaches_amcl_with_a_simulator_default() -> None:
+    def given(options: Options) -> dict[str, object]:
+        row = next(row for row in rows(options) if row.name == "localization")
+        amcl = next(node for node in row.nodes if node.path.endswith(":AmclNode"))
+        return dict(amcl.parameters(options))
+
+    house = Path("house.yaml")
+    assert given(Options(map_file=house)) == {"initial_pose.x": 0.0, "initial_pose.y": 0.0, "initial_pose.yaw": 0.0}
+    assert given(Options(map_file=house, target="robot")) == {}
+    stated = given(Options(map_file=house, target="robot", initial_pose=_pose("1.5,-2,0.5", house)))
+    assert stated == {"initial_pose.x": 1.5, "initial_pose.y": -2.0, "initial_pose.yaw": 0.5}
+
+
+@pytest.mark.parametrize("text", ["1,2", "1,2,east", "nan,0,0", "1,2,3,4", ""])
+def test_malformed_initial_pose_is_refused(text: str) -> None:
+    with pytest.raises(typer.BadParameter, match="expected X,Y,YAW"):
+        _pose(text, Path("house.yaml"))
+
+
+def test_initial_pose_without_a_map_is_refused() -> None:
+    with pytest.raises(typer.BadParameter, match="--map"):
+        _pose("1,2,3", None)
+
+
+@pytest.mark.parametrize(("target", "simulated"), [("sim", "true"), ("robot", "false")])
+def test_rviz_row_uses_the_clock_of_the_target(target: str, simulated: str) -> None:
+    options = Options(target=target, rviz=True)
+    row = next(row for row in rows(options) if row.name == "rviz")
+    assert row.on_death == "restart"
+    arguments = launch(row, options).arguments
+    assert arguments[:3] == ["-m", "lupin_runtime.stack.external", "rviz2"]
+    assert f"use_sim_time:={simulated}" in arguments
+    assert all(row.name != "rviz" for row in rows(Options(target=target)))
+
+
+def test_option_defaults_equal_those_of_a_run() -> None:
+    """The defaults in `lupin up --help` are those of Options, except where they depend on the target."""
+    defaults = {name: each.default.default for name, each in inspect.signature(command).parameters.items()}
+    fields = {name: value for name, value in vars(Options()).items() if name in defaults}
+    by_target = {"discovery_goal", "monitoring_rounds", "rviz"}
+    assert {name: defaults[name] for name in fields.keys() - by_target} == {
+        name: fields[name] for name in fields.keys() - by_target
+    }
+    assert len(fields) >= 15

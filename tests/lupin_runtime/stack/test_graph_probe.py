@@ -1,0 +1,266 @@
+"""The graph probe against graphs of real nodes: faults are found, a healthy graph gives no finding, every wait is bounded."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from lupin_cli.checks import controllers, drive, motor_board, topic_delivery
+from lupin_cli.checks.base import Snapshot
+from lupin_cli.connection.base import Output
+from lupin_cli.doctor.engine import diagnose
+from lupin_cli.facts.base import Facts
+from lupin_cli.facts.graph import Graph, Graphs, parse
+from lupin_runtime import graph
+from lupin_runtime.stack import graph_probe
+from lupin_runtime.stack.known_graphs import known_graphs
+from lupin_runtime.stack.runs import create_run
+
+if TYPE_CHECKING:
+    from tests.conftest import GraphHost
+
+CHECKS = (*controllers.CHECKS, *drive.CHECKS, *topic_delivery.CHECKS, *motor_board.CHECKS)
+
+
+def probe() -> Graph:
+    """The probed graph of this test."""
+    command = [sys.executable, "-m", "lupin_runtime.stack.graph_probe", "--here"]
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert answer.returncode == 0, answer.stderr
+    return read(answer.stdout)
+
+
+def read(told: str) -> Graph:
+    return parse(Output(0, '{"graphs": [{"name": "test", "kind": "sim", ' + told.strip()[1:] + "]}")).graphs[0]
+
+
+def ids(seen: Graph) -> list[str]:
+    diagnosis = diagnose(CHECKS, Snapshot(Facts("laptop", {"graph": Graphs((seen,))}), None))
+    assert diagnosis.check_errors == ()
+    return sorted(root.finding.id for root in diagnosis.roots)
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
+    """Starts simulated robots as processes and waits until they publish."""
+    running: list[subprocess.Popen[bytes]] = []
+
+    def start(*arguments: str) -> subprocess.Popen[bytes]:
+        folder = tmp_path / str(len(running))
+        command = [sys.executable, "-m", "lupin_sim", "--world", "walled", "--no-cameras", "--run-dir", str(folder), *arguments]
+        running.append(subprocess.Popen(command))
+        deadline = time.monotonic() + 60
+        while not (folder / "sim_state.json").exists():
+            assert running[-1].poll() is None and time.monotonic() < deadline, "the simulated robot did not come up"
+            time.sleep(0.05)
+        return running[-1]
+
+    yield start
+    for process in running:
+        process.send_signal(signal.SIGCONT)
+        process.terminate()
+        process.wait(timeout=20)
+
+
+@pytest.mark.graph
+def test_healthy_simulated_robot_gives_no_finding(robot: Callable[..., Any]) -> None:
+    robot()
+    seen = probe()
+    assert ids(seen) == []
+    assert [controller.state for controller in seen.controllers or ()] == ["active"] * 5
+    assert all(count for _, count in seen.samples) and graph.SCAN.name in dict(seen.samples)
+    assert all(call.round_trip_s is not None for call in seen.calls) and len(seen.calls) == 2
+    assert not any("lupin_probe" in name for name in seen.nodes)
+
+
+@pytest.mark.graph
+def test_unconfigured_controllers_are_the_root_cause(robot: Callable[..., Any]) -> None:
+    robot("--controllers", "unconfigured")
+    assert ids(probe()) == ["controllers-not-active"]
+
+
+@pytest.mark.graph
+def test_robot_stopped_after_discovery_gives_names_no_samples(
+    robot: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    process = robot()
+    listen, call = graph_probe.GraphSession.subscribe, graph_probe.GraphSession.call
+    stopped = []
+
+    def stop_and_subscribe(self: graph_probe.GraphSession, topics: dict[str, Any]) -> None:
+        # Node names arrive later than topic names.
+        if all(row.name in topics for row in graph_probe.ROBOT_TOPICS) and len(self.node.get_node_names()) > 1:
+            os.kill(process.pid, signal.SIGSTOP)
+            stopped.append(process.pid)
+            listen(self, topics)
+
+    def call_the_stopped(self: graph_probe.GraphSession) -> None:
+        if stopped:  # a response from before the stop would show a working connection
+            call(self)
+
+    monkeypatch.setattr(graph_probe.GraphSession, "subscribe", stop_and_subscribe)
+    monkeypatch.setattr(graph_probe.GraphSession, "call", call_the_stopped)
+    monkeypatch.setattr(graph_probe, "SILENCE_BOUND_S", 4.0)
+    started = time.monotonic()
+    seen = read(json.dumps(graph_probe.probe_graph()))
+    assert time.monotonic() - started < graph_probe.PROBE_BOUND_S
+    assert len(seen.nodes) >= 1 and len(seen.samples) >= 5
+    assert ids(seen) == ["names-no-samples"]
+
+
+@pytest.mark.graph
+def test_listed_server_that_never_matches_is_not_silent(graph_host: GraphHost) -> None:
+    from std_srvs.srv import Trigger
+
+    from lupin_runtime.ros import LupinNode
+    from lupin_runtime.ros.node import interface
+
+    talker = graph_host.add(LupinNode("talker"))
+    scan, laser = talker.publisher(graph.SCAN), interface(graph.SCAN.type)
+    talker.create_timer(0.05, lambda: scan.publish(laser()))
+    # A different type, so that no client matches them; on a busy machine that can happen for as long as a probe takes.
+    for row in (graph.LIST_CONTROLLERS, graph.ARM_LIBRARY_LIST):
+        talker.create_service(Trigger, row.name, lambda _, answer: answer)
+    seen = probe()
+    assert dict(seen.samples)[graph.SCAN.name] and not seen.calls
+    assert "one-way-data" not in ids(seen) and "controller-manager-silent" not in ids(seen)
+
+
+@pytest.mark.graph
+def test_faults_of_real_nodes_give_exactly_their_findings(graph_host: GraphHost) -> None:
+    from lupin_runtime.drive.twist import ZERO, encode
+    from lupin_runtime.ros import LupinNode
+    from lupin_runtime.ros.node import interface
+
+    talker = graph_host.add(LupinNode("talker"))
+    scan, battery = talker.publisher(graph.SCAN), talker.publisher(graph.BATTERY)
+    manual, stop = talker.publisher(graph.CMD_VEL_MANUAL), talker.publisher(graph.ESTOP_STATE)
+    talker.publisher(graph.CMD_VEL_SINK_ROBOT)
+    laser, state, pressed = (interface(row.type) for row in (graph.SCAN, graph.BATTERY, graph.ESTOP_STATE))
+
+    def speak() -> None:
+        scan.publish(laser())
+        battery.publish(state(percentage=math.nan))
+        stop.publish(pressed(data=True))
+        manual.publish(encode(ZERO))
+
+    talker.create_timer(0.05, speak)
+    listener = graph_host.add(LupinNode("listener"))
+    listener.subscription(graph.SCAN, lambda _: None, qos=graph.REL10)
+    listener.subscription(graph.ESTOP_STATE, lambda _: None)
+
+    assert ids(probe()) == [
+        "battery-unreadable",
+        "controller-manager-missing",
+        "drive-bypassed",
+        "estop-engaged",
+        "estop-forged",
+        "qos-mismatch",
+    ]
+
+
+SPEAKER = """
+import rclpy
+from lupin_runtime import graph
+from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.node import interface
+rclpy.init(args=[])
+node = LupinNode("speaker")
+said = [(node.publisher(row), interface(row.type)()) for row in (graph.SCAN, graph.ODOM, graph.BATTERY)]
+node.create_timer(0.1, lambda: [publisher.publish(message) for publisher, message in said])
+print("up", flush=True)
+rclpy.spin(node)
+"""
+
+
+PROBE = """
+import json, os, subprocess, sys
+from lupin_runtime.stack import graph_probe
+from lupin_runtime.stack.known_graphs import KnownGraph
+alone = ["unshare", "--mount", "sh", "-c", "mount -t tmpfs tmpfs /dev/shm && exec \\"$@\\"", "sh"]
+speaker = subprocess.Popen([*alone, sys.executable, "-c", sys.argv[1]], stdout=subprocess.PIPE, text=True)
+try:
+    assert speaker.stdout.readline() == "up\\n"
+    print(json.dumps({"graphs": graph_probe.probe_all((KnownGraph("run", "sim", dict(os.environ)),))}))
+finally:
+    speaker.kill()
+    speaker.communicate()
+"""
+
+
+@pytest.mark.graph
+@pytest.mark.host
+@pytest.mark.usefixtures("own_mounts")  # a /dev/shm of its own
+def test_separate_shared_memory_is_found_with_udp_as_the_fix() -> None:
+    unset = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS")
+    environment = {key: value for key, value in os.environ.items() if key not in unset}
+    # In a network namespace of their own both use the default transports, and no packet leaves it.
+    alone = ["unshare", "--net", "sh", "-c", 'ip link set lo up && exec "$@"', "sh"]
+    command = [*alone, sys.executable, "-c", PROBE, SPEAKER]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=90)
+    assert done.returncode == 0, done.stderr
+    (seen,) = parse(Output(0, done.stdout)).graphs
+    assert [count for _, count in seen.samples] == [0, 0, 0] and seen.udp_heard == 3
+    diagnosis = diagnose(CHECKS, Snapshot(Facts("laptop", {"graph": Graphs((seen,))}), None))
+    (root,) = [root for root in diagnosis.roots if root.finding.id == "names-no-samples"]
+    assert root.finding.fix.command == "export FASTDDS_BUILTIN_TRANSPORTS=UDPv4"
+
+
+@pytest.mark.graph
+def test_empty_graph_gives_no_finding() -> None:
+    seen = probe()
+    assert seen.nodes == () and ids(seen) == []
+
+
+def test_probe_that_hangs_is_killed_and_reported() -> None:
+    process = subprocess.Popen(["sleep", "600"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    told = graph_probe._finish(process, time.monotonic() + 0.2)
+    assert "did not end" in told["error"] and process.poll() is not None
+
+
+def test_probe_that_fails_reports_its_last_error_line() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", "raise SystemExit('no such middleware')"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    told = graph_probe._finish(process, time.monotonic() + 30)
+    assert told["error"] == "the graph probe ended with status 1: no such middleware"
+
+
+def test_known_graphs_are_live_runs_and_the_robot_once_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    base = {"HOME": str(tmp_path), "PATH": os.environ["PATH"], "ROS_DOMAIN_ID": "7", "ROS_LOCALHOST_ONLY": "1"}
+    assert known_graphs(base) == ()
+
+    run, lock = create_run()
+    run.write_info({"environment": {"ROS_DOMAIN_ID": "42"}, "options": {"target": "sim"}})
+    config = tmp_path / ".config" / "lupin"
+    config.mkdir(parents=True)
+    (config / "ros-env.sh").write_text('export ROS_DISCOVERY_SERVER="10.42.0.1:11811"\n')
+    found = known_graphs(base)
+    assert [(each.name, each.kind) for each in found] == [(run.id, "sim"), ("robot", "robot")]
+    assert found[0].environment["ROS_DOMAIN_ID"] == "42"
+    assert "ROS_LOCALHOST_ONLY" not in found[0].environment
+    assert found[1].environment["ROS_DISCOVERY_SERVER"] == "10.42.0.1:11811"
+
+    run.write_info({"environment": dict(found[1].environment), "options": {"target": "robot"}})
+    assert [(each.name, each.kind) for each in known_graphs(base)] == [(run.id, "robot")]
+    os.close(lock)
+    assert [each.name for each in known_graphs(base)] == ["robot"]
+
+
+def test_graph_probe_refuses_unknown_arguments(capsys: pytest.CaptureFixture[str]) -> None:
+    assert graph_probe.main(["--everything"]) == 2
+    assert "--here" in capsys.readouterr().err

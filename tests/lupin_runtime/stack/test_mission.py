@@ -1,0 +1,87 @@
+"""Complete missions in the simulator: explore, read every tag, dock, report; and the faults that a mission survives."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
+
+MISSION_BOUND_S = 900.0
+RESTARTABLE = ("perception", "twin", "recorder", "body", "estop", "drive", "nav", "slam")
+
+
+def speed_m_s(run: Any) -> float:
+    """The robot's true speed."""
+    twist = run.simulator().get("twist") or [0.0, 0.0, 0.0]
+    return float((twist[0] ** 2 + twist[1] ** 2) ** 0.5)
+
+
+def until_moving(run: Any, bound_s: float = 60.0) -> None:
+    """Wait until the robot drives."""
+    deadline = time.monotonic() + bound_s
+    while speed_m_s(run) < 0.1:
+        assert time.monotonic() < deadline, run.state().get("mission")
+        time.sleep(0.2)
+
+
+def test_mission_reads_every_tag_and_writes_a_report(launch: Callable[..., Any]) -> None:
+    run = launch("--mission", "--headless", "--json", "--world", "random:1")
+    status, result = run.result(MISSION_BOUND_S)
+    assert (status, result["state"]) == (0, "DONE"), result
+    assert result["tags_found"] == result["tags_read"] == result["tags_reachable"] > 0
+    assert result["collisions"] == 0
+    assert result["trajectory_rmse_m"] <= 0.05
+    assert result["tag_error_median_m"] <= 0.05
+    page = Path(result["report"])
+    assert "</html>" in page.read_text()
+    report = json.loads(page.with_suffix(".json").read_text())
+    assert all(tag["readings"] for tag in report["tags"] if tag["outcome"] == "read")
+
+
+def test_mission_survives_process_deaths_and_an_estop(launch: Callable[..., Any]) -> None:
+    run = launch("--mission", "--headless", "--json", "--world", "walled")
+    run.until(lambda state: state["mission"].get("lifecycle_state") == "EXPLORING", "exploration")
+    for name in RESTARTABLE:
+        until_moving(run)
+        killed = run.kill(name)
+        run.until(
+            lambda state, name=name, killed=killed: any(
+                stage["name"] == name and stage["phase"] == "up" and stage["pid"] != killed for stage in state["stages"]
+            ),
+            f"{name} that is up again",
+        )
+    until_moving(run)
+    assert run.lupin("sim", "press", "estop").returncode == 0
+    deadline = time.monotonic() + 10.0
+    while speed_m_s(run) > 0.005:
+        assert time.monotonic() < deadline, run.simulator()
+        time.sleep(0.1)
+    run.until(lambda state: state["mission"]["estop_engaged"] and state["mission"]["paused"], "pause by e-stop")
+    assert run.lupin("sim", "press", "estop", "--release").returncode == 0
+    run.until(lambda state: not state["mission"]["estop_engaged"], "released e-stop")
+    # The release starts no motion.
+    for _ in range(10):
+        assert speed_m_s(run) < 0.005 and run.state()["mission"]["paused"]
+        time.sleep(0.2)
+    assert run.lupin("mission", "resume").returncode == 0
+    status, result = run.result(MISSION_BOUND_S)
+    assert (status, result["state"]) == (0, "DONE"), result
+    assert result["tags_read"] == result["tags_reachable"] == result["tags_total"] - 1
+    assert result["collisions"] == 0
+
+
+def test_death_of_the_mission_stops_the_run_and_the_wheels(launch: Callable[..., Any]) -> None:
+    run = launch("--mission", "--headless", "--json", "--world", "walled")
+    run.until(lambda state: state["mission"].get("lifecycle_state") == "EXPLORING", "exploration")
+    until_moving(run)
+    run.kill("mission")
+    status, result = run.result(120.0)
+    assert (status, result["state"]) == (1, "LOST")
+    kept = json.loads((Path(result["report"]).parents[1] / "result.json").read_text())
+    assert [death["stage"] for death in kept["outcome"]["deaths"]] == ["mission"]

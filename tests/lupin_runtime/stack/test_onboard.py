@@ -1,0 +1,115 @@
+"""The robot's part of the stack: real processes on a private graph, and a socket in place of systemd."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from lupin_runtime.stack.onboard import onboard_options
+from lupin_runtime.stack.table import rows
+from tests.support.waiting import wait_until
+
+if TYPE_CHECKING:
+    from tests.conftest import GraphHost
+
+BOUND_S = 60.0
+
+
+def test_onboard_rows_are_estop_drive_body_without_needs() -> None:
+    chosen = rows(onboard_options())
+    assert [row.name for row in chosen] == ["estop", "drive", "body"]
+    assert all(row.needs == () and row.ready and row.on_death == "restart" for row in chosen)
+    nodes = [node.path.split(":")[1] for row in chosen for node in row.nodes]
+    assert {
+        "TwistMux",
+        "EstopBridge",
+        "ArmPresetServer",
+        "ArmCalibrateServer",
+        "GripperActionBridge",
+        "LightStripBridge",
+    } <= set(nodes)
+
+
+def test_onboard_nodes_use_the_robots_sink_and_color_order() -> None:
+    options = onboard_options()
+    parameters = {node.path.split(":")[1]: dict(node.parameters(options)) for row in rows(options) for node in row.nodes}
+    assert parameters["TwistMux"]["sink"] == "robot"
+    assert parameters["LightStripBridge"] == {"color_order": "BRG"}
+
+
+@pytest.mark.graph
+def test_onboard_notifies_ready_restarts_and_stops_cleanly(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(BOUND_S)
+        service = subprocess.Popen(
+            [sys.executable, "-m", "lupin_runtime.stack.onboard"],
+            env={**os.environ, "XDG_STATE_HOME": str(tmp_path), "NOTIFY_SOCKET": str(tmp_path / "notify")},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        try:
+            said = [manager.recv(4096).decode()]
+            while said[-1] != "READY=1":
+                said.append(manager.recv(4096).decode())
+            assert any("waiting for: estop (/e_stop_state: " in line for line in said)
+            state = stages(tmp_path)
+            os.kill(state["drive"]["pid"], signal.SIGKILL)
+            wait_until(
+                lambda: stages(tmp_path)["drive"]["restarts"] == 1 and stages(tmp_path)["drive"]["phase"] == "up",
+                "the restart of the drive bus",
+                BOUND_S,
+            )
+            assert stages(tmp_path)["estop"]["pid"] == state["estop"]["pid"]
+            pids = [stage["pid"] for stage in stages(tmp_path).values()]
+        finally:
+            service.send_signal(signal.SIGTERM)
+            text, _ = service.communicate(timeout=BOUND_S)
+    assert service.returncode == 0, text
+    assert "drive ended by SIGKILL: restarted" in text
+    assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
+
+
+@pytest.mark.graph
+def test_monitor_resubscribes_until_a_sample_arrives(graph_host: GraphHost, monkeypatch: pytest.MonkeyPatch) -> None:
+    from lupin_runtime import graph
+    from lupin_runtime.ros import LupinNode
+    from lupin_runtime.stack import graph_monitor as module
+    from lupin_runtime.stack.readiness import TopicSample
+
+    monkeypatch.setattr(module, "RESUBSCRIBE_AFTER_S", 0.2)
+    monkeypatch.setattr("rclpy.init", lambda **_: None)  # the test's context is initialized already
+    monitor, condition, created = module.GraphMonitor(rated=()), TopicSample(graph.ESTOP_STATE), []
+    make_probe = monitor._make_probe
+    monkeypatch.setattr(monitor, "_make_probe", lambda wanted: created.append(wanted) or make_probe(wanted))  # type: ignore[func-returns-value]
+    deadline = time.monotonic() + BOUND_S
+    while len(created) < 3 and time.monotonic() < deadline:
+        assert not monitor.satisfied(condition)
+        monitor.spin(0.05)
+    assert created == [condition] * 3
+    monkeypatch.setattr(module, "RESUBSCRIBE_AFTER_S", BOUND_S)
+    node = LupinNode("speaker")
+    publisher = node.publisher(graph.ESTOP_STATE)
+    message = publisher.msg_type()
+    node.create_timer(0.1, lambda: publisher.publish(message))
+    graph_host.add(node)
+    while not monitor.satisfied(condition):
+        assert time.monotonic() < deadline + BOUND_S
+        monitor.spin(0.05)
+    monitor._executor.shutdown(timeout_sec=1.0)
+    monitor.node.destroy_node()
+
+
+def stages(home: Path) -> dict[str, dict[str, Any]]:
+    (path,) = (home / "lupin" / "runs").glob("*/state.json")
+    return {stage["name"]: stage for stage in json.loads(path.read_text())["stages"]}

@@ -1,0 +1,266 @@
+"""The supervisor with real processes and a fake graph monitor."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from lupin_runtime import graph
+from lupin_runtime.stack import supervisor as module
+from lupin_runtime.stack.readiness import Readiness, TopicSample
+from lupin_runtime.stack.runs import Run, create_run
+from lupin_runtime.stack.supervisor import Phase, Supervisor
+from lupin_runtime.stack.table import Options, ProcessRow
+from tests.support.waiting import wait_until
+
+STAY = "import sys; sys.stdin.read()"
+
+
+class FakeMonitor:
+    """A monitor for which exactly the conditions in `holds` hold."""
+
+    def __init__(self) -> None:
+        self.holds: set[Readiness] = set()
+
+    def satisfied(self, condition: Readiness) -> bool:
+        return condition in self.holds
+
+    def forget(self, condition: Readiness) -> None:
+        self.holds.discard(condition)
+
+    def explain(self, condition: Readiness) -> str:
+        return f"{condition}: no publisher"
+
+
+def row(name: str, code: str, **fields: object) -> ProcessRow:
+    fields = {"sends_heartbeats": "Supervision" in code, **fields}
+    return ProcessRow(name, (), when=lambda _: True, command=lambda _: ["-c", code], **fields)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    made, lock = create_run()
+    yield made
+    os.close(lock)
+
+
+@pytest.fixture
+def supervise(run: Run, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Supervisor]]:
+    made: list[Supervisor] = []
+
+    def build(watch: FakeMonitor, *table: ProcessRow) -> Supervisor:
+        monkeypatch.setattr(module, "rows", lambda _: table)
+        made.append(Supervisor(Options(run_path=run.path), run, dict(os.environ), watch))
+        return made[-1]
+
+    yield build
+    for one in made:
+        one.stop()
+
+
+def until(supervisor: Supervisor, condition: Callable[[], bool], bound_s: float = 10.0) -> None:
+    deadline = time.monotonic() + bound_s
+    while not condition():
+        supervisor.step()
+        assert time.monotonic() < deadline, supervisor.snapshot()
+        time.sleep(0.02)
+
+
+def test_stage_waits_for_its_needs_and_names_them(supervise: Any) -> None:
+    watch = FakeMonitor()
+    scan = TopicSample(graph.SCAN)
+    supervisor = supervise(watch, row("slam", STAY, needs=(scan,)))
+    supervisor.step()
+    stage = supervisor.stage("slam")
+    assert stage is not None and stage.phase is Phase.WAITING and stage.process is None
+    assert supervisor.waiting_for(stage) == ["/scan: no publisher"]
+    watch.holds.add(scan)
+    until(supervisor, lambda: stage.phase is Phase.UP)
+
+
+def test_killed_process_is_restarted_and_reported(supervise: Any) -> None:
+    supervisor = supervise(FakeMonitor(), row("nav", STAY))
+    stage = supervisor.stage("nav")
+    until(supervisor, lambda: stage.phase is Phase.UP)
+    first = stage.process.pid
+    os.kill(first, signal.SIGKILL)
+    until(supervisor, lambda: bool(supervisor.deaths) and stage.phase is Phase.UP)
+    assert stage.process.pid != first
+    assert (supervisor.deaths[0].stage, supervisor.deaths[0].status) == ("nav", "ended by SIGKILL")
+
+
+def test_process_that_keeps_dying_gets_three_restarts(supervise: Any) -> None:
+    supervisor = supervise(FakeMonitor(), row("nav", "raise SystemExit(7)", ready=(TopicSample(graph.MAP),)))
+    stage = supervisor.stage("nav")
+    until(supervisor, lambda: stage.phase is Phase.FAILED)
+    assert stage.restart_count == 3
+    assert "status 7" in stage.why and "nav.log" in stage.why
+    assert supervisor.stalled() == [stage]
+
+
+def test_death_of_the_simulator_stops_the_run(supervise: Any) -> None:
+    supervisor = supervise(FakeMonitor(), row("sim", STAY, on_death="run"))
+    stage = supervisor.stage("sim")
+    until(supervisor, lambda: stage.phase is Phase.UP)
+    stage.process.kill()
+    until(supervisor, lambda: stage.phase is Phase.FAILED)
+    assert "the run was stopped" in supervisor.deaths[0].consequence
+
+
+def test_processes_stop_by_rank_and_a_deaf_one_is_killed(
+    supervise: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "STOP_GRACE_S", 1.0)
+    log = tmp_path / "order"
+    ignoring = "import signal, sys; signal.signal(signal.SIGTERM, signal.SIG_IGN)"
+    deaf = f"{ignoring}; print('up', flush=True); signal.pause()"
+    polite = (
+        "import signal, sys\n"
+        f"def end(*_):\n    open({str(log)!r}, 'a').write(NAME); sys.exit(0)\n"
+        "signal.signal(signal.SIGTERM, end); print('up', flush=True); signal.pause()"
+    )
+    supervisor = supervise(
+        FakeMonitor(),
+        row("sim", polite.replace("NAME", "'sim '"), stop_rank=3),
+        row("nav", polite.replace("NAME", "'nav '")),
+        row("deaf", deaf),
+    )
+
+    def all_said_up() -> bool:
+        logs = list(supervisor.run.logs.glob("*.log"))
+        return len(logs) == 3 and all("up" in path.read_text() for path in logs)
+
+    until(supervisor, all_said_up)
+    processes = [stage.process for stage in supervisor.stages]
+    supervisor.stop()
+    assert log.read_text().split() == ["nav", "sim"]
+    assert supervisor.stage("deaf").why == "killed: it did not stop in time"
+    assert all(process.returncode is not None for process in processes)
+
+
+BEATING = (
+    "import time; from lupin_runtime.ros.supervision import Supervision\n"
+    "channel = Supervision(); channel.start()\n"
+    "while True:\n    channel.beat(STAMP, 'node'); print(channel.motion_hold(), flush=True); time.sleep(0.1)"
+)
+ALIVE = BEATING.replace("STAMP", "time.monotonic_ns()")
+STUCK = BEATING.replace("STAMP", "START").replace("import time;", "import time; START = time.monotonic_ns();")
+
+
+def test_stopped_process_blocks_motion_and_is_replaced(supervise: Any) -> None:
+    supervisor = supervise(FakeMonitor(), row("twin", ALIVE), row("drive", ALIVE, commands_motion=True))
+    stage = supervisor.stage("twin")
+    until(supervisor, lambda: supervisor.liveness.responds("twin") and supervisor.liveness.responds("drive"))
+    first = stage.process.pid
+    os.kill(first, signal.SIGSTOP)
+    until(supervisor, lambda: supervisor.liveness.motion_block_reasons() == {"twin": "does not respond"})
+    assert supervisor.snapshot()["stages"][0]["trouble"] == "does not respond"
+    until(supervisor, lambda: bool(supervisor.deaths))
+    assert supervisor.deaths[0].status.startswith("did not respond for 2.") and "(node node)" in supervisor.deaths[0].status
+    until(supervisor, lambda: stage.process.pid != first and not supervisor.liveness.motion_block_reasons())
+
+    def received_holds() -> list[str]:
+        lines = (supervisor.run.logs / "drive.log").read_text().splitlines()
+        return [line for line, before in zip(lines, [None, *lines]) if line != before]
+
+    until(supervisor, lambda: received_holds()[-1] == "")
+    assert received_holds()[:2] == ["", "twin does not respond"]
+    assert {*received_holds()[2:-1]} <= {"twin has ended", "twin is being restarted"}
+
+
+def test_hung_node_is_replaced_though_its_process_sends_beats(supervise: Any) -> None:
+    supervisor = supervise(FakeMonitor(), row("nav", STUCK))
+    until(supervisor, lambda: bool(supervisor.deaths))
+    assert "did not respond" in supervisor.deaths[0].status
+
+
+def test_process_that_is_up_and_never_sends_a_heartbeat_is_replaced(supervise: Any) -> None:
+    supervisor = supervise(FakeMonitor(), row("body", STAY, sends_heartbeats=True))
+    until(supervisor, lambda: bool(supervisor.deaths))
+    assert supervisor.deaths[0].status.startswith("did not respond for 2.")
+
+
+def test_process_without_heartbeats_is_never_silent(supervise: Any) -> None:
+    supervisor = supervise(FakeMonitor(), row("rviz", STAY))
+    stage = supervisor.stage("rviz")
+    until(supervisor, lambda: stage.phase is Phase.UP)
+    os.kill(stage.process.pid, signal.SIGSTOP)
+    deadline = time.monotonic() + 3.0
+    until(supervisor, lambda: time.monotonic() > deadline)
+    assert supervisor.deaths == [] and supervisor.liveness.motion_block_reasons() == {}
+
+
+def test_hung_main_loop_of_supervisor_blocks_motion(supervise: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lupin_runtime.stack.liveness.MAIN_LOOP_S", 0.3)
+    supervisor = supervise(FakeMonitor(), row("drive", ALIVE, commands_motion=True))
+    until(supervisor, lambda: supervisor.liveness.responds("drive"))
+    log = supervisor.run.logs / "drive.log"
+    wait_until(lambda: "the supervisor's main loop does not respond" in log.read_text(), log.read_text)  # without any step
+
+
+def test_process_above_its_memory_limit_is_replaced_with_the_reason(supervise: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "USAGE_PERIOD_S", 0.1)
+    supervisor = supervise(FakeMonitor(), row("slam", f"data = bytearray(80_000_000); {STAY}", memory_max_mb=50))
+    until(supervisor, lambda: bool(supervisor.deaths))
+    status = supervisor.deaths[0].status
+    assert status.startswith("used ") and status.endswith(" MB, its limit is 50 MB, and was killed")
+    assert supervisor.deaths[0].consequence == "restarted"
+
+
+def test_long_log_is_shortened_while_its_process_writes(supervise: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "USAGE_PERIOD_S", 0.1)
+    monkeypatch.setattr(module, "LOG_MAX_BYTES", 10_000)
+    chatter = "import time, itertools\nfor n in itertools.count():\n    print(n, 'x' * 100, flush=True); time.sleep(0.001)"
+    supervisor = supervise(FakeMonitor(), row("nav", chatter))
+    log = supervisor.run.logs / "nav.log"
+    until(supervisor, lambda: (log.parent / "nav.log.1").exists())
+    until(supervisor, lambda: log.stat().st_size > 1000)
+    deadline = time.monotonic() + 2.0
+    until(supervisor, lambda: time.monotonic() > deadline)
+    assert log.stat().st_size < 500_000
+    assert log.read_bytes().count(b"\0") == 0
+
+
+def test_child_ends_when_its_supervisor_is_killed_with_heartbeats_unread() -> None:
+    parent = (
+        "import socket, subprocess, sys, time\n"
+        "channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)\n"
+        f"p = subprocess.Popen([sys.executable, '-c', {ALIVE!r}], stdin=theirs.fileno(), stdout=2, start_new_session=True)\n"
+        "theirs.close(); channel.recv(100); print(p.pid, flush=True); time.sleep(60)"
+    )
+    supervisor = subprocess.Popen([sys.executable, "-c", parent], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert supervisor.stdout is not None
+    orphan = psutil.Process(int(supervisor.stdout.readline()))
+    time.sleep(0.5)  # the child sends more heartbeats, which stay unread
+    supervisor.kill()
+    supervisor.wait(5.0)
+    supervisor.stdout.close()
+    psutil.wait_procs([orphan], timeout=10.0)
+    assert not orphan.is_running() or orphan.status() == psutil.STATUS_ZOMBIE
+
+
+def test_children_end_when_their_supervisor_is_killed() -> None:
+    child = "from lupin_runtime.ros.supervision import end_with_parent; import signal; end_with_parent(); signal.pause()"
+    parent = (
+        "import subprocess, sys, time\n"
+        f"p = subprocess.Popen([sys.executable, '-c', {child!r}], stdin=subprocess.PIPE, start_new_session=True)\n"
+        "print(p.pid, flush=True); time.sleep(60)"
+    )
+    supervisor = subprocess.Popen([sys.executable, "-c", parent], stdout=subprocess.PIPE, text=True)
+    assert supervisor.stdout is not None
+    orphan = psutil.Process(int(supervisor.stdout.readline()))
+    supervisor.kill()
+    supervisor.wait(5.0)
+    supervisor.stdout.close()
+    psutil.wait_procs([orphan], timeout=10.0)
+    assert not orphan.is_running() or orphan.status() == psutil.STATUS_ZOMBIE

@@ -1,0 +1,65 @@
+"""The rows and nodes of the stack for each target."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from lupin_runtime import graph
+from lupin_runtime.stack.onboard import onboard_options
+from lupin_runtime.stack.table import NodeRow, Options, rows
+
+SIMULATED = Options(mission=True, rviz=True)
+LAPTOP = Options(target="robot", mission=True, rviz=True)
+ONBOARD = onboard_options()
+
+
+def nodes(options: Options) -> dict[str, NodeRow]:
+    """Every node of a run by its class; fails for a duplicate class."""
+    found: dict[str, NodeRow] = {}
+    for row in rows(options):
+        for node in row.nodes:
+            name = node.path.split(":")[1]
+            assert name not in found, f"{name} is in the run twice"
+            found[name] = node
+    return found
+
+
+@pytest.mark.parametrize("options", [SIMULATED, LAPTOP, ONBOARD], ids=["simulated", "laptop", "onboard"])
+def test_no_node_runs_twice(options: Options) -> None:
+    assert nodes(options)
+
+
+def test_laptop_starts_no_node_of_the_robot() -> None:
+    assert nodes(LAPTOP).keys() & nodes(ONBOARD).keys() == set()
+    assert {"TwistMux", "EstopBridge", "LightStripBridge", "ArmPresetServer"} <= nodes(ONBOARD).keys()
+    assert nodes(ONBOARD).keys() <= nodes(SIMULATED).keys() | {"ArmCalibrateServer"}
+
+
+@pytest.mark.parametrize("options", [SIMULATED, LAPTOP], ids=["simulated", "laptop"])
+def test_up_starts_every_node_that_a_mission_needs(options: Options) -> None:
+    needed = {
+        *("SlamNode", "Navigator", "TagAnnotator", "PerceptionAggregator", "TwinNode"),
+        *("GreenhouseBridge", "PoseSeed", "MissionOrchestrator"),
+    }
+    assert needed <= nodes(options).keys()
+    assert {"SimFlowerDetector", "YoloDetector"} & nodes(options).keys()
+    assert "MissionOrchestrator" not in nodes(Options(target=options.target))
+
+
+def test_images_cross_the_wireless_link_as_jpeg_only() -> None:
+    assert nodes(LAPTOP)["TagAnnotator"].parameters(LAPTOP)["compressed"] is True
+    assert "compressed" not in nodes(SIMULATED)["TagAnnotator"].parameters(SIMULATED)
+
+
+def test_drive_bus_uses_the_sink_of_its_target() -> None:
+    assert nodes(SIMULATED)["TwistMux"].parameters(SIMULATED)["sink"] == "sim"
+    assert nodes(ONBOARD)["TwistMux"].parameters(ONBOARD)["sink"] == "robot"
+    assert (graph.CMD_VEL_SINK_SIM.name, graph.CMD_VEL_SINK_ROBOT.name) == ("/cmd_vel", "/mirte_base_controller/cmd_vel")
+
+
+def test_saved_map_starts_localization_without_slam_or_seed() -> None:
+    names = nodes(Options(mission=True, map_file=Path("house.yaml"))).keys()
+    assert {"MapServer", "AmclNode"} <= names
+    assert not {"SlamNode", "PoseSeed"} & names

@@ -1,0 +1,165 @@
+"""`lupin up` interrupted, killed, started twice, detached, and with a full /dev/shm."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+pytestmark = [pytest.mark.sim, pytest.mark.graph, pytest.mark.xdist_group("stack")]
+
+BARE = ("--no-slam", "--no-nav2", "--no-twin", "--no-perception", "--no-record", "--no-cameras")
+
+
+@pytest.fixture
+def up(launch: Callable[..., Any]) -> Callable[..., Any]:
+    """Start a run with little more than the robot and its drive bus."""
+    return lambda *arguments, **options: launch("--json", *BARE, *arguments, **options)
+
+
+def gone(processes: list[psutil.Process], bound_s: float = 12.0) -> bool:
+    _, alive = psutil.wait_procs(processes, timeout=bound_s)
+    return not [p for p in alive if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
+
+
+def shared_memory() -> set[str]:
+    return {path.name for path in Path("/dev/shm").iterdir() if "fastrtps" in path.name or "fastdds" in path.name}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_interrupted_run_leaves_no_process_or_shared_memory(up: Callable[..., Any], number: int) -> None:
+    before = shared_memory()
+    run = up()
+    run.wait_up()
+    children = run.children()
+    run.process.send_signal(number)
+    status, result = run.result()
+    assert (status, result["state"]) == (130, "INTERRUPTED")
+    assert gone(children)
+    assert shared_memory() <= before
+
+
+def test_killed_supervisor_ends_every_process(up: Callable[..., Any]) -> None:
+    run = up()
+    run.wait_up()
+    children = run.children()
+    run.process.kill()
+    assert gone(children)
+
+
+def test_two_runs_have_separate_graphs(up: Callable[..., Any]) -> None:
+    first, second = up(), up()
+    states = [first.wait_up(), second.wait_up()]
+    assert len({state["run"]["domain"] for state in states}) == 2
+    ambiguous = first.lupin("down")
+    assert ambiguous.returncode == 3 and "--run" in ambiguous.stderr
+    assert first.lupin("down", "--all").returncode == 0
+    for run in (first, second):
+        assert run.process.wait(10) == 130, run.process.communicate()
+
+
+@pytest.mark.usefixtures("own_mounts")  # a small /dev/shm of its own
+def test_full_dev_shm_does_not_stop_a_run(up: Callable[..., Any]) -> None:
+    fill = 'mount -t tmpfs -o size=64k tmpfs /dev/shm; dd if=/dev/zero of=/dev/shm/full bs=1k 2>/dev/null; exec "$@"'
+    run = up(prefix=("unshare", "--mount", "sh", "-c", fill, "sh"))
+    run.wait_up()
+    full = Path(f"/proc/{run.process.pid}/root/dev/shm/full").stat()
+    assert full.st_size == 64 * 1024
+    run.process.send_signal(signal.SIGINT)
+    assert run.process.wait(30) == 130
+
+
+def test_killed_drive_process_is_restarted_and_recorded(up: Callable[..., Any]) -> None:
+    run = up()
+    run.wait_up()
+    first = run.kill("drive")
+    run.until(
+        lambda state: any(s["name"] == "drive" and s["phase"] == "up" and s["pid"] != first for s in state["stages"]),
+        "drive bus that is up again",
+    )
+    assert run.state()["deaths"] == [{"stage": "drive", "status": "ended by SIGKILL", "consequence": "restarted"}]
+
+
+def test_run_ends_lost_when_the_simulator_dies(up: Callable[..., Any]) -> None:
+    run = up()
+    run.wait_up()
+    children = run.children()
+    run.kill("sim")
+    status, result = run.result()
+    assert (status, result["state"]) == (1, "LOST")
+    assert gone(children)
+
+
+def test_invalid_layout_ends_up_with_a_usage_error(launch: Callable[..., Any], tmp_path: Path) -> None:
+    layout = tmp_path / "broken.json"
+    layout.write_text('{"units": "m", "tables": {"A": {"x0": 0, "x1": 1, "y0": 0}}, "tags": {}}')
+    run = launch(*BARE, "--world", str(layout))
+    out, err = run.process.communicate(timeout=60)
+    assert run.process.returncode == 2, out
+    assert "broken.json" in err and "y1" in err
+
+
+def test_detached_run_is_shown_by_status_and_ended_by_down(launch: Callable[..., Any]) -> None:
+    run = launch("--detach", *BARE)
+    out, err = run.process.communicate(timeout=60)
+    assert run.process.returncode == 0, err
+    assert "lupin down" in out
+    deadline = time.monotonic() + 60.0
+    while (status := run.lupin("status", "--json")).returncode != 0:
+        assert time.monotonic() < deadline, status.stdout
+    state = json.loads(status.stdout)
+    assert {stage["phase"] for stage in state["stages"]} == {"up"}
+    processes = [psutil.Process(stage["pid"]) for stage in state["stages"]]
+    assert run.lupin("down").returncode == 0
+    assert gone(processes)
+    assert run.lupin("status").returncode == 3
+
+
+def test_hung_process_is_named_by_status_and_replaced(up: Callable[..., Any]) -> None:
+    run = up()
+    run.wait_up()
+    pid = run.stage("body")["pid"]
+    os.kill(pid, signal.SIGSTOP)
+    run.until(lambda state: any(stage["trouble"] for stage in state["stages"]), "trouble")
+    status = run.lupin("status", "--json")
+    assert status.returncode == 1 and json.loads(status.stdout)["alarms"] == ["body does not respond"]
+    run.until(lambda state: state["deaths"] and all(stage["phase"] == "up" for stage in state["stages"]), "replacement")
+    assert run.stage("body")["pid"] != pid
+    run.wait(lambda: run.lupin("status").returncode == 0, "status without an alarm")
+
+
+def test_stopped_supervisor_is_named_by_status_and_ended_by_down(launch: Callable[..., Any]) -> None:
+    run = launch(*BARE)
+    run.wait_up()
+    children = run.children()
+    stopped = run.children()[0]
+    run.process.send_signal(signal.SIGSTOP)
+    stopped.send_signal(signal.SIGSTOP)
+    run.wait(lambda: "supervisor has not responded" in run.lupin("status").stdout, "alarm")
+    assert run.lupin("status").returncode == 1
+    down = run.lupin("down")
+    assert down.returncode == 0, down.stdout + down.stderr
+    run.process.wait(10)
+    assert gone(children)
+
+
+def test_suspended_run_goes_on_without_replacing_anything(up: Callable[..., Any]) -> None:
+    run = up()
+    run.wait_up()
+    everything = [psutil.Process(run.process.pid), *run.children()]
+    for process in everything:
+        process.suspend()
+    time.sleep(4.0)  # longer than the silence after which a process is replaced
+    for process in everything:
+        process.resume()
+    run.wait(lambda: run.lupin("status").returncode == 0, "status without an alarm")
+    time.sleep(3.0)  # a replacement would begin within 2 s
+    assert run.state()["deaths"] == []
+    assert run.lupin("status").returncode == 0

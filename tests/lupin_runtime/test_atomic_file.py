@@ -1,0 +1,33 @@
+"""Files that are replaced in one step."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+import pytest
+
+from lupin_runtime.atomic_file import write_atomically
+
+
+@pytest.mark.parametrize(("content", "mode"), [("text with ü", 0o644), (b"\x00\xff", 0o600)], ids=["text", "bytes"])
+def test_write_atomically_sets_content_and_mode(tmp_path: Path, content: str | bytes, mode: int) -> None:
+    path = tmp_path / "file"
+    path.write_text("old")
+    path.chmod(0o640)
+    write_atomically(path, content, mode=mode)
+    assert path.read_bytes() == (content.encode() if isinstance(content, str) else content)
+    assert path.stat().st_mode & 0o777 == mode
+
+
+def test_failed_write_keeps_the_old_file_and_no_temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full_disk(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    path = tmp_path / "map.yaml"
+    write_atomically(path, b"old", sync=True)
+    monkeypatch.setattr("os.fsync", full_disk)
+    with pytest.raises(OSError, match="space"):
+        write_atomically(path, b"new", sync=True)
+    assert path.read_bytes() == b"old"
+    assert [file.name for file in tmp_path.iterdir()] == ["map.yaml"]

@@ -1,8 +1,0 @@
-"""The kinematic greenhouse and the exact references come from the benchmarks' folder."""
-
-from __future__ import annotations
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

@@ -1,0 +1,1 @@
+"""Helpers that several tests share: simulated worlds, fakes and reference implementations."""

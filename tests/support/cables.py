@@ -1,0 +1,61 @@
+"""Cuts the cable to a robot in every step of a playbook, one run after another, and plugs it in again."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from lupin_cli.connection.base import Target
+from lupin_cli.playbook import Event, Result, load, play
+from lupin_sim.host import Host
+
+CUT_DELAY_S = 0.03  # after an event: the step's probe or change is then under way
+MAX_CUTS = 60
+
+
+class CableCutter:
+    """Plays a playbook with a cut in the middle of each of its steps; every run but the last one loses its robot."""
+
+    def __init__(self, host: Host, target: Target) -> None:
+        self._host, self._target = host, target
+        self._remaining: set[tuple[int, str]] = set()  # cuts to make: a step's number, and the event after which to cut
+        self._cut: threading.Timer | None = None
+
+    def _on_event(self, event: Event) -> None:
+        point = event.index, event.kind
+        if self._cut is None and point in self._remaining:
+            self._remaining.remove(point)
+            self._cut = threading.Timer(CUT_DELAY_S, self._host.robot.inject_fault, ("cable-cut",), {"link": "eth0"})
+            self._cut.start()
+
+    def play(
+        self, name: str, given: dict[str, Any], after_each: Callable[[Result], None], *, changes_only: bool = False
+    ) -> tuple[Result, int]:
+        """Play the playbook until it is done; returns the last result and the number of cuts.
+
+        A step that changes something is cut in its change, another one in its probe (not with `changes_only`). `after_each` is
+        called with the result of each interrupted run.
+        """
+        targets, cuts = {"robot": self._target}, 0
+        for step in play(name, targets, given, dry_run=True).steps:
+            cut_in_probe = not changes_only and step.state != "would-change"
+            self._remaining.add((step.index, "step" if cut_in_probe else "change"))
+        while True:
+            self._cut = None
+            result = play(name, targets, {} if cuts else given, resume=cuts > 0, on_event=self._on_event)
+            if self._cut is None:
+                return result, cuts
+            self._cut.join()
+            self._host.robot.undo_fault("cable-cut", link="eth0")
+            self._target.close()
+            self._host.robot.wait_ready()
+            if result.state == "done":
+                return result, cuts  # the cut came after the last request
+            cuts += 1
+            assert cuts < MAX_CUTS
+            assert (result.state, result.exit_code) == ("unreachable", 3), result.message
+            step = load(name).steps[result.steps[-1].index]
+            assert result.message.startswith(step.name) and result.next_command, result
+            assert result.resume == f"lupin play {name} --robot mirte --resume"
+            after_each(result)

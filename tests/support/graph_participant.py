@@ -1,0 +1,122 @@
+"""A node on the laptop or the robot that causes one fault of the graph, or gives one order to the simulated robot.
+
+    python -m tests.support.graph_participant ROLE [ARGUMENT ...]
+
+It prints `up` when the role is active (or the order was received), and then runs until SIGTERM, except after an order.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+# Blocked before any import starts a thread: SIGTERM would kill a process with a thread that does not block it.
+signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+
+import rclpy  # noqa: E402
+from rclpy.signals import SignalHandlerOptions  # noqa: E402
+
+from lupin_runtime import graph  # noqa: E402
+from lupin_runtime.drive.twist import ZERO, encode  # noqa: E402
+from lupin_runtime.ros import LupinNode  # noqa: E402
+from lupin_runtime.ros.node import interface  # noqa: E402
+
+MATCH_BOUND_S = 45.0
+ORDERS = ("sim", "battery", "press", "switch")
+
+
+class Participant:
+    """The node and the ways in which its roles use it."""
+
+    def __init__(self, role: str) -> None:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.role = role
+        self.node = LupinNode(f"triage_{role}")
+
+    def wait_until(self, condition: Callable[[], Any]) -> None:
+        deadline = time.monotonic() + MATCH_BOUND_S
+        while not condition():
+            if time.monotonic() > deadline:
+                sys.exit(f"{self.role}: no counterpart on the graph after {MATCH_BOUND_S:g} s")
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+
+    def repeat(self, row: Any, message: Any, period_s: float = 0.05) -> None:
+        publisher = self.node.publisher(row)
+        self.node.create_timer(period_s, lambda: publisher.publish(message))
+
+    def publish_once(self, row: Any, **fields: Any) -> None:
+        publisher = self.node.publisher(row)
+        self.wait_until(lambda: publisher.get_subscription_count() > 0)
+        for _ in range(20):  # the subscription may be matched seconds after it is counted, on a busy machine
+            publisher.publish(interface(row.type)(**fields))
+            time.sleep(0.1)
+
+    def call(self, row: Any, **fields: Any) -> Any:
+        client = self.node.client(row)
+        self.wait_until(client.service_is_ready)
+        future = client.call_async(interface(row.type).Request(**fields))
+        self.wait_until(future.done)
+        return future.result()
+
+    def start(self, arguments: list[str]) -> None:
+        """Take the role, or give the order."""
+        match self.role:
+            case "page":
+                self.repeat(graph.CMD_VEL_MANUAL, encode(ZERO))
+            case "pad":
+                self.repeat(graph.CMD_VEL_JOY, encode(ZERO))
+            case "stop":
+                self.repeat(graph.HMI_ESTOP, interface(graph.HMI_ESTOP.type)(data=True), 0.2)
+            case "reader":
+                self.node.subscription(graph.SCAN, lambda _: None, qos=graph.REL10)
+            case "mistyped":
+                self.node.subscription(dataclasses.replace(graph.SCAN, type=graph.BATTERY.type), lambda _: None)
+            case "sink":
+                nonexistent = "/mirte_base_controller/cmd_vel_unstamped"
+                self.repeat(dataclasses.replace(graph.CMD_VEL_SINK_ROBOT, name=nonexistent), encode(ZERO))
+            case "sim":
+                self.publish_once(graph.SIM_FAULT, data=" ".join(arguments))
+            case "battery":
+                self.publish_once(graph.SIM_BATTERY, data=float(arguments[0]))
+            case "press":
+                self.call(graph.SIM_PRESS_ESTOP, data=arguments[0] == "yes")
+            case "switch":
+                names = {f"{arguments[0]}_controllers": [arguments[1]]}
+                assert self.call(graph.SWITCH_CONTROLLER, strictness=2, **names).ok
+            case "talker":
+                pass
+            case role:
+                sys.exit(f"no role is called {role}")
+
+    def spin_until_sigterm(self) -> None:
+        ended = threading.Event()
+
+        def wait_for_sigterm() -> None:
+            signal.sigwait({signal.SIGTERM})
+            ended.set()
+
+        threading.Thread(target=wait_for_sigterm, daemon=True).start()
+        while not ended.is_set():
+            rclpy.spin_once(self.node, timeout_sec=0.1)
+
+
+def main() -> None:
+    role, *arguments = sys.argv[1:]
+    participant = Participant(role)
+    participant.start(arguments)
+    print("up", flush=True)
+    if role in ORDERS:
+        time.sleep(0.5)  # the last samples must leave before the publisher ends
+    else:
+        participant.spin_until_sigterm()
+    participant.node.destroy_node()
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main()

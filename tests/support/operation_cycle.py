@@ -1,0 +1,60 @@
+"""What every operation promises, tested on a real machine."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from lupin_cli.connection.base import Target
+from lupin_cli.operations import Difference, Operation
+from lupin_cli.operations.shell import observe
+
+
+def examine(operation: Operation, target: Target) -> Difference | None:
+    """Return what the operation would change on the target."""
+    return operation.judge(observe(operation, target))
+
+
+def report(operation: Operation, target: Target) -> dict[str, Any]:
+    """Return what the operation reports for later steps."""
+    return operation.report(observe(operation, target))
+
+
+def require_difference(operation: Operation, target: Target) -> Difference:
+    """Return what the operation would change; fails if nothing differs."""
+    difference = examine(operation, target)
+    assert difference is not None
+    return difference
+
+
+def apply(operation: Operation, target: Target) -> Difference:
+    """Make the change once, without verification; fails if nothing differs."""
+    difference = require_difference(operation, target)
+    operation.change(target, difference)
+    return difference
+
+
+def wait_until_settled(operation: Operation, target: Target, before: Mapping[str, Any] | None = None) -> None:
+    """Wait until nothing differs any more, as the engine does; `before` is the state when the step began."""
+    if before is not None:
+        operation = operation.with_baseline(before)
+    deadline = time.monotonic() + 60.0
+    while (left := examine(operation, target)) is not None:
+        assert time.monotonic() < deadline, left
+        time.sleep(0.1)
+
+
+def apply_and_undo(operation: Operation, target: Target) -> Difference:
+    """Apply, verify that a second run would change nothing, undo twice, verify that it differs as before. Returns how."""
+    difference = require_difference(operation, target)
+    assert difference.summary and "\n" not in difference.summary
+    before = json.loads(json.dumps(difference.before))
+    operation.change(target, difference)
+    wait_until_settled(operation, target, before)
+    operation.undo(target, before)
+    operation.undo(target, before)
+    again = examine(operation, target)
+    assert again is not None and again.before == before, again
+    return difference

@@ -1,0 +1,13 @@
+"""Narrows optional values in tests."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+def present(value: T | None) -> T:
+    """`value`, which the test expects to exist; fails the test where it is None."""
+    assert value is not None
+    return value

@@ -1,0 +1,423 @@
+"""Measures how far the robot moves after the release of the e-stop without a newer command, for every source of motion.
+
+The base is measured by the simulator's true trajectory, arm and gripper by their joint states.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lupin_runtime import graph
+
+STREAM_PERIOD_S = 0.05
+STREAM_M_S = 0.15
+BOUND_S = 30.0
+MOVING_M_S = 0.05
+MOVING_RAD_S = 0.1
+# Two places of the map in a straight, free line; a case drives to the one that is farther away.
+PLACES = ((0.1, 0.0), (1.5, 0.0))
+MOVED_M, MOVED_RAD = 0.05, 0.05
+SEQUENCE = "release_rig"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The largest motion after the release: of the base in m, of arm and gripper in rad; `newer_moves`: a newer command did."""
+
+    base_m: float
+    joints_rad: float
+    newer_moves: bool
+
+
+class ReleaseRig:
+    """A client on the graph of a simulated run. `folder` is the run's directory."""
+
+    def __init__(self, folder: Path) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.task import Future
+
+        from lupin_runtime.ros.node import LupinNode
+
+        self._folder = folder
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=json.loads((folder / "run.json").read_text())["domain"])
+        self.node = LupinNode("release_rig", context=self._context, enable_rosout=False)
+        self._streams: dict[tuple[Any, int], float | None] = {}
+        self._turn = 0
+        self._mission: subprocess.Popen[bytes] | None = None
+        self._joints: dict[str, float] = {}
+        self._joint_history: list[tuple[float, dict[str, float]]] = []
+        self._clients: dict[str, Any] = {}
+        self._publishers: dict[str, Any] = {}
+        self.engaged: bool | None = None
+        self.mission = ""
+        self.sign = 1.0
+        self.node.subscription(graph.JOINT_STATES, self._on_joints)
+        self.node.subscription(graph.ESTOP_STATE, self._on_estop)
+        self.node.subscription(graph.MISSION_STATE, self._on_mission)
+        self.node.create_timer(STREAM_PERIOD_S / 2, self._publish_streams)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._end = Future()
+        self._thread = threading.Thread(target=self._executor.spin_until_future_complete, args=(self._end,), daemon=True)
+        self._thread.start()
+        self.until(lambda: self._joint_history and self.engaged is not None, "joint states and e-stop state")
+
+    def close(self) -> None:
+        """Leave the graph, and end the mission's process."""
+        if self._mission is not None:
+            self._mission.terminate()
+            self._mission.wait(20.0)
+        self._end.set_result(None)
+        self._thread.join(5.0)
+        self._executor.shutdown(timeout_sec=2.0)
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    # -- messages ------------------------------------------------------------------------------------------------------
+    def _on_joints(self, message: Any) -> None:
+        joints = (*graph.ARM_JOINTS, graph.GRIPPER_JOINT)
+        self._joints.update((name, at) for name, at in zip(message.name, message.position) if name in joints)
+        self._joint_history.append((time.monotonic(), dict(self._joints)))
+        del self._joint_history[:-3000]
+
+    def _on_estop(self, message: Any) -> None:
+        self.engaged = bool(message.data)
+
+    def _on_mission(self, message: Any) -> None:
+        self.mission = str(message.lifecycle_state)
+
+    def _publish_streams(self) -> None:
+        from geometry_msgs.msg import Twist
+
+        # Publishers of different numbers take turns, so that the newest message of an input is now of one, now of the other.
+        self._turn = 1 - self._turn
+        for (publisher, number), speed in list(self._streams.items()):
+            if speed is not None and number % 2 == self._turn:
+                message = Twist()
+                message.linear.x = speed
+                publisher.publish(message)
+
+    # -- acting --------------------------------------------------------------------------------------------------------
+    def until(self, condition: Callable[[], Any], what: str, bound_s: float = BOUND_S) -> Any:
+        """The first true value of the condition; raises TimeoutError with `what`."""
+        deadline = time.monotonic() + bound_s
+        while not (value := condition()):
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"no {what} within {bound_s:g} s")
+            time.sleep(0.01)
+        return value
+
+    def publisher(self, row: graph.Topic, number: int = 0) -> Any:
+        """A publisher that has matched a subscription; `number` distinguishes several of one topic."""
+        key = f"{row.name} {number}"
+        if key not in self._publishers:
+            self._publishers[key] = self.node.publisher(row)
+        made = self._publishers[key]
+        self.until(lambda: made.get_subscription_count() > 0, f"reader of {row.name}")
+        return made
+
+    def stream(self, row: graph.Topic, speed_m_s: float | None, number: int = 0) -> None:
+        """Publish a velocity at 20 Hz; None ends it."""
+        self._streams[self.publisher(row, number), number] = speed_m_s
+
+    def call(self, row: graph.Service, **fields: Any) -> Any:
+        """A service's response."""
+        from lupin_runtime.ros.node import interface
+
+        client = self._clients.setdefault(row.name, None) or self.node.client(row)
+        self._clients[row.name] = client
+        self.until(client.service_is_ready, f"server of {row.name}")
+        future = client.call_async(interface(row.type).Request(**fields))
+        self.until(future.done, f"answer of {row.name}")
+        return future.result()
+
+    def send(self, row: graph.Action, goal: Any) -> Any:
+        """The handle of a goal that was accepted."""
+        client = self._clients.setdefault(row.name, None) or self.node.action_client(row)
+        self._clients[row.name] = client
+        self.until(client.server_is_ready, f"server of {row.name}")
+        task = self._executor.create_task(lambda: client.send_goal_async(goal))
+        self.until(task.done, "turn of the executor")
+        sent = task.result()
+        handle = self.until(lambda: sent.done() and sent.result(), f"answer of {row.name}")
+        if not handle.accepted:
+            raise RuntimeError(f"{row.name} rejected the goal")
+        return handle
+
+    def press(self, pressed: bool) -> None:
+        """Press or release the simulated button, and wait until the e-stop's state shows it."""
+        self.call(graph.SIM_PRESS_ESTOP, data=pressed)
+        self.until(lambda: self.engaged is pressed, f"e-stop state {pressed}")
+
+    # -- truth ---------------------------------------------------------------------------------------------------------
+    def trajectory(self) -> list[tuple[float, float, float]]:
+        """The robot's true positions: time (s), x, y (m). The last second may be missing."""
+        rows = []
+        for line in (self._folder / "truth_trajectory.tum").read_text().splitlines():
+            fields = line.split()
+            if len(fields) == 8:
+                rows.append((float(fields[0]), float(fields[1]), float(fields[2])))
+        return rows
+
+    def _state(self) -> dict[str, Any]:
+        state: dict[str, Any] = json.loads((self._folder / "sim_state.json").read_text())
+        return state
+
+    def current(self) -> tuple[float, float, float]:
+        """Time, x and y after a wait for the simulator's next state."""
+        then = self._state()["sim_time_s"]
+        state = self.until(lambda: (new := self._state())["sim_time_s"] > then and new, "state of the simulator")
+        return float(state["sim_time_s"]), float(state["pose"]["x"]), float(state["pose"]["y"])
+
+    def speed_m_s(self) -> float:
+        """The robot's true speed, up to a second ago."""
+        return math.hypot(*self._state()["twist"][:2])
+
+    def joint_speed_rad_s(self) -> float:
+        """The largest speed of arm and gripper over the last 0.2 s."""
+        history = self._joint_history
+        new = history[-1]
+        old = next((row for row in reversed(history) if row[0] <= new[0] - 0.2), history[0])
+        return _largest(old[1], new[1]) / max(new[0] - old[0], 1e-3)
+
+    def moving(self) -> bool:
+        """Whether the base or a joint moves."""
+        return self.speed_m_s() > MOVING_M_S or self.joint_speed_rad_s() > MOVING_RAD_S
+
+    def wait_for_rest(self) -> None:
+        """Wait until base and arm are at rest."""
+        self.until(lambda: self.speed_m_s() < 1e-3 and self.joint_speed_rad_s() < 0.01, "rest")
+
+    # -- measuring -----------------------------------------------------------------------------------------------------
+    def measure(self, case: Case, press_s: float, watch_s: float) -> Measured:
+        """Start the source, press the e-stop for `press_s`, release it, and watch for `watch_s`; then give a newer command."""
+        self.sign = -self.sign
+        try:
+            case.start(self)
+            self.until(self.moving, f"motion by {case.name}")
+            self.press(True)
+            time.sleep(press_s)
+            case.engaged(self)
+            self.wait_for_rest()
+            began_s, x, y = self.current()
+            joints = self._joint_history[-1]
+            self.press(False)
+            time.sleep(watch_s)
+            self.current()
+            ended_s, _, _ = self.current()
+            base_m = max(math.dist((x, y), row[1:]) for row in self.trajectory() if began_s <= row[0] <= ended_s)
+            joints_rad = max(_largest(joints[1], at) for time_s, at in list(self._joint_history) if time_s >= joints[0])
+            history = self._joint_history[-1]
+            case.newer(self)
+            moves = self._moves((x, y), history[1])
+        finally:
+            self.press(False)
+            case.end(self)
+            self._streams = dict.fromkeys(self._streams)
+        self.wait_for_rest()
+        return Measured(base_m, joints_rad, moves)
+
+    def _moves(self, position: tuple[float, float], joints: dict[str, float]) -> bool:
+        def moved() -> bool:
+            return math.dist(position, self.current()[1:]) > MOVED_M or _largest(joints, self._joint_history[-1][1]) > MOVED_RAD
+
+        try:
+            return bool(self.until(moved, "motion by a newer command", 20.0))
+        except TimeoutError:
+            return False
+
+    # -- sources -------------------------------------------------------------------------------------------------------
+    def pose(self) -> Any:
+        """The place that is farther from the robot, as a pose of the map."""
+        from geometry_msgs.msg import PoseStamped
+
+        first = self.trajectory()[0]
+        at = self.current()
+        # The map's origin is the robot's start.
+        x, y = max(PLACES, key=lambda place: math.dist(place, (at[1] - first[1], at[2] - first[2])))
+        message = PoseStamped()
+        message.header.frame_id = graph.MAP_FRAME
+        message.pose.position.x, message.pose.position.y, message.pose.orientation.w = x, y, 1.0
+        return message
+
+    def go(self) -> None:
+        """Send a NavigateToPose goal."""
+        from nav2_msgs.action import NavigateToPose
+
+        self.send(graph.NAVIGATE_TO_POSE, NavigateToPose.Goal(pose=self.pose()))
+
+    def go_through(self) -> None:
+        """Send a NavigateThroughPoses goal of two poses."""
+        from nav2_msgs.action import NavigateThroughPoses
+
+        last = self.pose()
+        middle = self.pose()
+        middle.pose.position.x = (PLACES[0][0] + PLACES[1][0]) / 2
+        self.send(graph.NAVIGATE_THROUGH_POSES, NavigateThroughPoses.Goal(poses=[middle, last]))
+
+    def click(self) -> None:
+        """Publish a goal on /goal_pose."""
+        self.publisher(graph.GOAL_POSE).publish(self.pose())
+
+    def cancel(self) -> None:
+        """Cancel every navigation goal of every client."""
+        from action_msgs.srv import CancelGoal
+
+        for row in (graph.NAVIGATE_TO_POSE, graph.NAVIGATE_THROUGH_POSES):
+            name = f"{row.name}/_action/cancel_goal"
+            client = self._clients.setdefault(name, None) or self.node.create_client(CancelGoal, name)
+            self._clients[name] = client
+            self.until(client.service_is_ready, name)
+            self.until(client.call_async(CancelGoal.Request()).done, f"answer of {name}")
+
+    def rest_then_stream(self, row: graph.Topic, silent_s: float = 0.0) -> None:
+        """Let a stream rest, or be silent for `silent_s`, then move."""
+        self.stream(row, None if silent_s else 0.0)
+        time.sleep(silent_s or 1.0)
+        self.stream(row, STREAM_M_S * self.sign)
+
+    def preset(self, name: str) -> None:
+        """Move the arm to a preset."""
+        answer = self.call(graph.ARM_PRESET, name=name)
+        if not answer.success:
+            raise RuntimeError(answer.message)
+
+    def other_preset(self) -> None:
+        """Move the arm to the one of two presets in which it is not."""
+        lift = self._joint_history[-1][1][graph.ARM_JOINTS[1]]
+        self.preset("home" if lift < -0.4 else "tuck")
+
+    def send_trajectory(self) -> None:
+        """Send a slow motion of the pan joint on the vendor's topic, as another publisher than the arm's servers."""
+        from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+        at = self._joint_history[-1][1]
+        positions = [at[joint] for joint in graph.ARM_JOINTS]
+        positions[0] = -0.8 if positions[0] > 0.0 else 0.8
+        point = JointTrajectoryPoint(positions=positions)
+        point.time_from_start.sec = 4
+        message = JointTrajectory(joint_names=list(graph.ARM_JOINTS), points=[point])
+        self.publisher(graph.ARM_TRAJECTORY).publish(message)
+
+    def play(self) -> None:
+        """Replay a motion slowly; it is recorded first if that was not done yet."""
+        listing = json.loads(self.call(graph.ARM_LIBRARY_LIST).json)
+        if SEQUENCE not in [row["name"] for row in listing["sequences"]]:
+            self.preset("home")
+            time.sleep(3.5)
+            self.call(graph.ARM_LIBRARY_RECORD, action="start", name=SEQUENCE, mode="teleop")
+            self.preset("tuck")
+            time.sleep(3.5)
+            self.call(graph.ARM_LIBRARY_RECORD, action="save")
+        answer = self.call(graph.ARM_LIBRARY_PLAY, name=SEQUENCE, speed=0.25)
+        if not answer.success:
+            raise RuntimeError(answer.message)
+
+    def grip(self) -> None:
+        """Send the gripper to the end of its range that is farther away, as a client of the vendor's action."""
+        from control_msgs.action import GripperCommand
+
+        goal = GripperCommand.Goal()
+        goal.command.position = -0.20 if self._joint_history[-1][1][graph.GRIPPER_JOINT] > 0.0 else 0.25
+        goal.command.max_effort = 2.0
+        self.send(graph.GRIPPER_COMMAND, goal)
+
+    def start_mission(self) -> None:
+        """Start an exploration, in a process of its own: a run without `--mission` has none."""
+        if self._mission is None:
+            command = [sys.executable, "-m", "lupin_cli.app", "run", "mission"]
+            environment = {**os.environ, "XDG_STATE_HOME": str(self._folder.parents[2])}
+            with (self._folder / "logs" / "release_rig_mission.log").open("wb") as log:
+                self._mission = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
+        self.until(lambda: self.mission == "READY", "mission that is ready")
+        answer = self.call(graph.MISSION_START, mission_type="ExplorationMission", discovery_goal=65535)
+        if not answer.accepted:
+            raise RuntimeError(answer.error_message)
+
+    def abort_mission(self) -> None:
+        """End the mission where the robot is."""
+        self.call(graph.MISSION_ABORT)
+        self.call(graph.MISSION_ABORT)
+
+
+def _largest(a: dict[str, float], b: dict[str, float]) -> float:
+    return max(abs(b[name] - at) for name, at in a.items())
+
+
+def _nothing(_: ReleaseRig) -> None:
+    return
+
+
+@dataclass(frozen=True)
+class Case:
+    """A source of motion: how it starts, what it does while the e-stop is engaged, a newer command, and its end."""
+
+    name: str
+    start: Callable[[ReleaseRig], None]
+    newer: Callable[[ReleaseRig], None]
+    engaged: Callable[[ReleaseRig], None] = _nothing
+    end: Callable[[ReleaseRig], None] = _nothing
+
+
+def _held(name: str, row: graph.Topic, silent_s: float = 0.0) -> Case:
+    """A stream that never rests, whatever the e-stop does."""
+    return Case(name, lambda rig: rig.rest_then_stream(row), lambda rig: rig.rest_then_stream(row, silent_s))
+
+
+def _hold_beside_console_at_rest(rig: ReleaseRig) -> None:
+    rig.rest_then_stream(graph.CMD_VEL_MANUAL)
+
+
+def _rest_on_another_console(rig: ReleaseRig) -> None:
+    rig.stream(graph.CMD_VEL_MANUAL, 0.0, number=1)
+
+
+def _leave_one_console(rig: ReleaseRig) -> None:
+    rig.stream(graph.CMD_VEL_MANUAL, None, number=1)
+    rig.rest_then_stream(graph.CMD_VEL_MANUAL)
+
+
+CASES = (
+    Case("NavigateToPose of another client", ReleaseRig.go, ReleaseRig.go, end=ReleaseRig.cancel),
+    Case("NavigateToPose, sent again while engaged", ReleaseRig.go, ReleaseRig.go, ReleaseRig.go, ReleaseRig.cancel),
+    Case("NavigateThroughPoses", ReleaseRig.go_through, ReleaseRig.go_through, end=ReleaseRig.cancel),
+    Case("/goal_pose", ReleaseRig.click, ReleaseRig.click, ReleaseRig.click, ReleaseRig.cancel),
+    _held("stick held, /cmd_vel_manual", graph.CMD_VEL_MANUAL),
+    _held("stick held, /cmd_vel_joy", graph.CMD_VEL_JOY),
+    Case(
+        "stick held beside a console at rest, /cmd_vel_manual",
+        _hold_beside_console_at_rest,
+        _leave_one_console,
+        _rest_on_another_console,
+    ),
+    _held("foreign stream, /cmd_vel_auto, rests", graph.CMD_VEL_AUTO),
+    _held("foreign stream, /cmd_vel_auto, goes silent", graph.CMD_VEL_AUTO, silent_s=3.0),
+    _held("foreign stream, /cmd_vel_nav", graph.CMD_VEL_NAV),
+    Case("arm preset", ReleaseRig.other_preset, ReleaseRig.other_preset),
+    Case("arm replay", ReleaseRig.play, ReleaseRig.play, end=lambda rig: rig.call(graph.ARM_LIBRARY_STOP)),
+    Case(
+        "arm trajectory of another publisher",
+        ReleaseRig.send_trajectory,
+        ReleaseRig.send_trajectory,
+        ReleaseRig.send_trajectory,
+    ),
+    Case("gripper goal of another client", ReleaseRig.grip, ReleaseRig.grip),
+    Case(
+        "mission",
+        ReleaseRig.start_mission,
+        lambda rig: rig.call(graph.MISSION_RESUME),
+        end=ReleaseRig.abort_mission,
+    ),
+)

@@ -1,0 +1,87 @@
+"""The other process of the graph tests: echoes, serves, acts or forwards until SIGTERM.
+
+Runs on Python 3.10 too, with no more than rclpy and the interfaces installed.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+
+import rclpy
+from rclpy.action import ActionServer
+from rclpy.action.server import ServerGoalHandle
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+
+LATCHED = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def echo(node: Node) -> None:
+    """Publish every Observation again, taken apart into Python objects and put together again."""
+    from lupin_msgs.msg import Observation
+
+    publisher = node.create_publisher(Observation, "echoed", LATCHED)
+    node.create_subscription(Observation, "observations", publisher.publish, LATCHED)
+
+
+def forward(node: Node) -> None:
+    """Publish every Observation again, as the bytes that came."""
+    from lupin_msgs.msg import Observation
+
+    publisher = node.create_publisher(Observation, "forwarded", LATCHED)
+    node.create_subscription(Observation, "observations", publisher.publish, LATCHED, raw=True)
+
+
+def serve(node: Node) -> None:
+    """Answer GetField with a row of values that has a hole in it."""
+    from lupin_msgs.srv import GetField
+
+    def answer(request: GetField.Request, response: GetField.Response) -> GetField.Response:
+        response.ok = True
+        response.values = [request.bbox_min_x, float("nan"), request.bbox_max_x]
+        response.width, response.height = 3, 1
+        response.resolution_used = request.resolution
+        response.error_message = request.sensor_type
+        return response
+
+    node.create_service(GetField, "get_field", answer)
+
+
+def act(node: Node) -> None:
+    """Arrive at any pose, with two words of feedback on the way."""
+    from nav2_msgs.action import NavigateToPose
+
+    async def navigate(goal_handle: ServerGoalHandle) -> NavigateToPose.Result:
+        for distance in (2.0, 1.0):
+            feedback = NavigateToPose.Feedback(distance_remaining=distance, current_pose=goal_handle.request.pose)
+            goal_handle.publish_feedback(feedback)
+            time.sleep(0.3)  # rclpy's client drops feedback that it takes after the goal's last status
+        goal_handle.succeed()
+        return NavigateToPose.Result(error_code=NavigateToPose.Result.NONE, error_msg=goal_handle.request.behavior_tree)
+
+    node.action_server = ActionServer(node, NavigateToPose, "navigate_to_pose", navigate)
+
+
+def main() -> None:
+    """Take one role, say so, and keep to it until SIGTERM."""
+    stopping: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _frame: stopping.append(number))
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("interfaces_peer", start_parameter_services=False, enable_rosout=False)
+    {"echo": echo, "forward": forward, "serve": serve, "act": act}[sys.argv[1]](node)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    print("ready", flush=True)
+    while not stopping:
+        executor.spin_once(timeout_sec=0.1)
+    executor.shutdown()  # before rclpy, or the process aborts
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""A client of rosbridge for tests: plain messages over a WebSocket."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Any
+
+import cbor2
+from websockets.sync.client import ClientConnection, connect
+
+ANSWER_BOUND_S = 20.0
+
+
+class RosbridgeClient:
+    """Sends messages, and collects those that it gets."""
+
+    def __init__(self, port: int, **options: Any) -> None:
+        self._open = ExitStack()
+        self.socket: ClientConnection = self._open.enter_context(connect(f"ws://127.0.0.1:{port}", max_size=None, **options))
+        self.received: list[dict[str, Any]] = []
+        self.raw: list[str | bytes] = []
+
+    def send(self, op: str, **fields: Any) -> None:
+        """Send one message."""
+        self.socket.send(json.dumps({"op": op, **fields}))
+
+    def wait(self, condition: Callable[[dict[str, Any]], Any], timeout_s: float = ANSWER_BOUND_S) -> dict[str, Any]:
+        """The first message, of all received, that fulfils the condition."""
+        seen, deadline_s = 0, time.monotonic() + timeout_s
+        while True:
+            for message in self.received[seen:]:
+                if condition(message):
+                    return message
+            seen = len(self.received)
+            self.take(max(0.001, deadline_s - time.monotonic()))
+
+    def take(self, timeout_s: float) -> dict[str, Any]:
+        """The next message. Raises TimeoutError."""
+        frame = self.socket.recv(timeout=timeout_s)
+        message: dict[str, Any] = cbor2.loads(frame) if isinstance(frame, bytes) else json.loads(frame)
+        self.raw.append(frame)
+        self.received.append(message)
+        return message
+
+    def publication(self, topic: str, condition: Callable[[Any], Any] = lambda _: True) -> Any:
+        """The contents of the first message on a topic that fulfils the condition."""
+        found = self.wait(lambda m: m["op"] == "publish" and m["topic"] == topic and condition(m["msg"]))
+        return found["msg"]
+
+    def call(self, service: str, **arguments: Any) -> Any:
+        """Call a service; returns the whole response."""
+        identifier = f"call {len(self.received)} {service}"
+        self.send("call_service", service=service, args=arguments, id=identifier)
+        return self.wait(lambda m: m["op"] == "service_response" and m.get("id") == identifier)
+
+    def refusal(self, text: str) -> dict[str, Any]:
+        """The `status` that contains a text; the client must have set its level."""
+        return self.wait(lambda m: m["op"] == "status" and text in m["msg"])
+
+    def close(self) -> None:
+        """Leave."""
+        self._open.close()

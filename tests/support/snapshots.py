@@ -1,0 +1,70 @@
+"""Snapshots from captured facts: a healthy laptop and robot, and copies with other captured outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from lupin_cli.checks import Snapshot
+from lupin_cli.checks.table import built_in
+from lupin_cli.connection import Output
+from lupin_cli.doctor.gathering import needed_facts
+from lupin_cli.facts import Facts
+from lupin_cli.facts.link import Link
+from tests.support.paths import CAPTURED_FACTS
+
+FACTS = {fact.name: fact for machine in ("laptop", "robot") for fact in needed_facts(built_in(), machine)}
+# Fact → captured case, of a deployed robot on the cable and a configured laptop without any fault.
+HEALTHY_LAPTOP = {
+    "addresses": "laptop-with-a-multicast-node",
+    "routes": "laptop-with-a-multicast-node",
+    "sockets": "laptop-with-a-multicast-node",
+    "shell": "laptop-with-a-multicast-node",
+    "dds-profiles": "laptop-with-a-multicast-node",
+    "shared-memory": "laptop-with-a-multicast-node",
+    "network-manager": "no-network-manager",
+    "chrony": "laptop-serving",
+    "storage": "bare-robot",
+    "memory": "orange-pi",
+}
+HEALTHY_ROBOT = {
+    "addresses": "healthy-robot",
+    "sockets": "healthy-robot",
+    "ros-processes": "healthy-robot",
+    "dds-profiles": "healthy-robot",
+    "shared-memory": "healthy-robot",
+    "discovery-log": "server-came-up",
+    "units": "healthy",
+    "journal": "healthy",
+    "chrony": "chrony-follows-laptop",
+    "clock": "bare-robot",
+    "storage": "bare-robot",
+    "memory": "orange-pi",
+    "thermal": "orange-pi",
+    "devices": "bare-robot",
+    "account": "in-all-groups",
+    "versions": "deployed-humble",
+}
+SECOND_NS = 1_000_000_000
+
+
+def captured(fact: str, case: str) -> Any:
+    """The value of a captured output: tests/lupin_cli/facts/captured/FACT/CASE.txt."""
+    return FACTS[fact].parse(Output(0, (CAPTURED_FACTS / fact / f"{case}.txt").read_text()))
+
+
+def values(cases: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by fact; a string names a captured case."""
+    return {fact: captured(fact, case) if isinstance(case, str) else case for fact, case in cases.items()}
+
+
+def snapshot_of(laptop: Mapping[str, Any], robot: Mapping[str, Any], ahead_s: float = 0.0) -> Snapshot:
+    """A snapshot of captured cases or values, in which the robot's clock is `ahead_s` ahead of the laptop's, ± 0.5 s."""
+    of_robot = values(robot)
+    epoch_ns = of_robot["clock"].epoch_ns
+    probed_ns = tuple(epoch_ns - round((ahead_s + side) * SECOND_NS) for side in (0.5, -0.5))
+    return Snapshot(
+        Facts("laptop", values(laptop)),
+        Facts("robot", of_robot, probed_ns),
+        Link("lupin", "10.42.0.1"),
+    )

@@ -1,0 +1,106 @@
+"""Images of tags as a camera would see them, with the true corners and the true pose. For measurements and tests."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from lupin_runtime.apriltag import tag_image
+
+WIDTH, HEIGHT = 640, 480
+FOCAL_PX = 554.254691191187
+CAMERA = np.array([[FOCAL_PX, 0.0, 319.5], [0.0, FOCAL_PX, 239.5], [0.0, 0.0, 1.0]])
+EDGE_M = 0.1
+SUPERSAMPLING = 4
+
+
+@dataclass(frozen=True)
+class View:
+    """A grey image of one tag, with its true corners TL, TR, BR, BL in pixels (pixel centres are whole numbers) and pose."""
+
+    image: NDArray[np.uint8]
+    tag_id: int
+    corners: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+
+
+def background(rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Draw a room of grey rectangles with shading."""
+    image = np.full((HEIGHT, WIDTH), rng.integers(90, 170), np.float32)
+    for _ in range(14):
+        x, y = rng.integers(0, WIDTH), rng.integers(0, HEIGHT)
+        w, h = rng.integers(20, 260), rng.integers(20, 200)
+        cv2.rectangle(image, (int(x), int(y)), (int(x + w), int(y + h)), float(rng.integers(40, 220)), -1)
+    image *= np.linspace(rng.uniform(0.8, 1.0), rng.uniform(0.8, 1.0), WIDTH, dtype=np.float32)
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def tag_rotation(azimuth_rad: float, tilt_rad: float = 0.0, roll_rad: float = 0.0) -> NDArray[np.float64]:
+    """camera_from_tag rotation: an upright tag turned by azimuth about its vertical axis, then tilted, then rolled.
+
+    Tag axes: x right, y up, z out of the marker toward the camera. Camera: x right, y down, z forward.
+    """
+    facing = np.diag([1.0, -1.0, -1.0])
+    ca, sa, ct, st, cr, sr = (f(a) for a in (azimuth_rad, tilt_rad, roll_rad) for f in (math.cos, math.sin))
+    yaw = np.array([[ca, 0, sa], [0, 1, 0], [-sa, 0, ca]])
+    pitch = np.array([[1, 0, 0], [0, ct, -st], [0, st, ct]])
+    roll = np.array([[cr, -sr, 0], [sr, cr, 0], [0, 0, 1]])
+    return np.asarray(facing @ yaw @ pitch @ roll)
+
+
+def render(
+    tag_id: int,
+    rotation: NDArray[np.float64],
+    translation: NDArray[np.float64],
+    rng: np.random.Generator,
+    blur_px: float = 0.7,
+    noise: float = 4.0,
+    contrast: tuple[float, float] = (25.0, 230.0),
+    edge_m: float = EDGE_M,
+) -> View:
+    """Render one tag in front of a random room: super-sampled, then blurred, then with noise."""
+    art = tag_image(tag_id, 24)
+    art_edge_m = edge_m * 10 / 8
+    corners_m = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * 0.5
+
+    def project(size_m: float) -> NDArray[np.float64]:
+        points = (rotation @ (corners_m * size_m).T).T + translation
+        pixels = (CAMERA @ points.T).T
+        return np.asarray(pixels[:, :2] / pixels[:, 2:])
+
+    s = SUPERSAMPLING
+    # In the super-sampled image, the pixel centre x lies at s * x + (s - 1) / 2.
+    plate_px = project(art_edge_m) * s + (s - 1) / 2
+    n = art.shape[0]
+    art_px = np.array([[-0.5, -0.5], [n - 0.5, -0.5], [n - 0.5, n - 0.5], [-0.5, n - 0.5]], np.float32)
+    warp = cv2.getPerspectiveTransform(art_px, plate_px.astype(np.float32))
+    size = (WIDTH * s, HEIGHT * s)
+    low, high = contrast
+    shown = cv2.warpPerspective(art, warp, size, flags=cv2.INTER_LINEAR).astype(np.float32)
+    mask = cv2.warpPerspective(np.full_like(art, 255), warp, size, flags=cv2.INTER_NEAREST)
+    shown = cv2.resize((low + shown * (high - low) / 255.0) * (mask > 0), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    cover = cv2.resize(mask.astype(np.float32) / 255.0, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    image = background(rng) * (1 - cover) + shown
+    if blur_px > 0:
+        image = cv2.GaussianBlur(image, (0, 0), blur_px)
+    image = image + rng.normal(0, noise, image.shape)
+    grey = np.clip(np.round(image), 0, 255).astype(np.uint8)
+    return View(grey, tag_id, project(edge_m), rotation, translation)
+
+
+def at_range(
+    tag_id: int, range_m: float, azimuth_rad: float, rng: np.random.Generator, tilt_rad: float = 0.0, **options: Any
+) -> View:
+    """Render a view from `range_m`, `azimuth_rad` off the tag's normal, at a random position in the image."""
+    bearing, elevation = rng.uniform(-0.35, 0.35), rng.uniform(-0.2, 0.2)
+    direction = np.array([math.tan(bearing), math.tan(elevation), 1.0])
+    translation = range_m * direction / np.linalg.norm(direction)
+    # The azimuth counts from the line of sight, not from the optical axis.
+    rotation = tag_rotation(azimuth_rad - bearing, tilt_rad)
+    return render(tag_id, rotation, translation, rng, **options)

@@ -1,0 +1,89 @@
+"""Build the one wheel of Lupin: its packages, compiled kernels, playbooks, units and ROS 2 interfaces.
+
+    python tools/build_wheel.py OUTPUT_FOLDER
+
+The interfaces are a distribution of their own in a checkout (`interfaces/`), since colcon builds the same folders on a robot.
+They are not on a package index, so this script moves the files of their wheel into Lupin's and drops the requirement. Every
+ros-* requirement is pinned to the version of requirements.lock: un-prefixed names on the index carry several ROS distributions.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from email import message_from_string
+from pathlib import Path
+from zipfile import ZipFile
+
+from wheel.wheelfile import WheelFile
+
+ROOT = Path(__file__).resolve().parents[1]
+INTERFACES = "lupin-interfaces"
+
+
+def build(source: Path, folder: Path, *options: str, constraints: Path | None = None) -> Path:
+    """Build the wheel of `source` into `folder` with pip and return its path.
+
+    `constraints` holds the packages of the build environment to versions, which pip takes from its environment variable only.
+    """
+    command = [sys.executable, "-m", "pip", "wheel", "-q", "--disable-pip-version-check", "--no-deps", *options]
+    environment = os.environ | ({"PIP_CONSTRAINT": str(constraints)} if constraints else {})
+    subprocess.run([*command, "-w", str(folder), str(source)], check=True, env=environment)
+    return next(folder.glob("*.whl"))
+
+
+def ros_pins(lock_file: Path) -> list[str]:
+    """The exact versions of all ros-* packages of a lock file, as requirements."""
+    return re.findall(r"^(ros-\S+==\S+)", lock_file.read_text(), flags=re.MULTILINE)
+
+
+def merged_metadata(text: str, pins: list[str]) -> str:
+    """Lupin's METADATA without the requirement of its own interfaces, and with every ros-* requirement pinned."""
+    message = message_from_string(text)
+    requirements = message.get_all("Requires-Dist", [])
+    del message["Requires-Dist"]
+    for requirement in requirements:
+        if not requirement.startswith((INTERFACES, "ros-")):
+            message["Requires-Dist"] = requirement
+    for pin in pins:
+        message["Requires-Dist"] = f"{pin}; platform_machine == 'x86_64'"
+    return message.as_string()
+
+
+def merge(lupin: Path, interfaces: Path, output: Path, pins: list[str]) -> Path:
+    """Write the files of both wheels into one named like Lupin's, below `output`."""
+    output.mkdir(parents=True, exist_ok=True)
+    merged = output / lupin.name
+    merged.unlink(missing_ok=True)
+    dist_info = "-".join(lupin.name.split("-")[:2])
+    with ZipFile(lupin) as own, ZipFile(interfaces) as extra, WheelFile(merged, "w") as wheel:
+        for info in own.infolist():
+            if info.filename == f"{dist_info}.dist-info/METADATA":
+                wheel.writestr(info.filename, merged_metadata(own.read(info).decode(), pins))
+            elif not info.filename.endswith((".dist-info/RECORD", "/")):
+                wheel.writestr(info, own.read(info))
+        for info in extra.infolist():
+            top, _, rest = info.filename.partition("/")
+            if top.endswith(".data"):
+                info.filename = f"{dist_info}.data/{rest}"
+            if not top.endswith(".dist-info") and rest:
+                wheel.writestr(info, extra.read(info))
+    return merged
+
+
+def main(output: Path) -> None:
+    """Build both wheels in a temporary folder and merge them."""
+    pins = ros_pins(ROOT / "requirements.lock")
+    with tempfile.TemporaryDirectory(prefix="lupin-wheel-") as scratch:
+        constraints = Path(scratch) / "constraints.txt"
+        constraints.write_text("\n".join(pins) + "\n")
+        lupin = build(ROOT, Path(scratch) / "lupin", "--no-build-isolation")
+        interfaces = build(ROOT / "interfaces", Path(scratch) / "interfaces", constraints=constraints)
+        print(merge(lupin, interfaces, output, pins))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,172 @@
+"""Write the generated pages: the table in docs/doctor.md, docs/commands.md and docs/topics.md.
+
+    python -m tools.write_docs [--check]
+
+They come from the table of findings and the faults of `bench.triage`, from the command line itself, and from the table of the
+graph. `--check` changes nothing and exits with 1 if a page differs from the code.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from bench.triage import CASES
+from lupin_cli.app import COMMANDS, app
+from lupin_cli.checks.findings import FINDINGS, FindingRow
+from lupin_runtime import graph
+
+DOCS = Path(__file__).parents[1] / "docs"
+BEGIN, END = "<!-- table of findings: begin -->", "<!-- table of findings: end -->"
+FINDINGS_HEADER = ("Symptom", "Check", "Finding", "Bench", "Test", "`--fix`")
+GENERATED = "This page is generated: `python -m tools.write_docs`."
+
+
+# -- docs/doctor.md ---------------------------------------------------------------------------------------------------
+def faults_by_finding() -> dict[str, list[str]]:
+    """Id of a finding → the faults of the bench that cause it.
+
+    Raises KeyError for a fault whose finding has no row, and ValueError for one that hides an unknown fault.
+    """
+    if unknown := {name for case in CASES for name in case.hides} - {case.name for case in CASES}:
+        raise ValueError(f"bench.triage hides unknown faults: {sorted(unknown)}")
+    faults: dict[str, list[str]] = {row.id: [] for row in FINDINGS}
+    for case in CASES:
+        for finding in sorted(case.expected):
+            faults[finding].append(case.name)
+    return faults
+
+
+def findings_table() -> str:
+    """The table of findings in Markdown, one line for each."""
+    faults = faults_by_finding()
+    rows = []
+    for row in FINDINGS:
+        bench = ", ".join(f"`{name}`" for name in faults[row.id]) or "–"
+        proof = f"{'captured: ' if row.captured else ''}`{row.proof}`" + (f" ({row.note})" if row.note else "")
+        rows.append((row.symptom, f"`{row.check}`", f"`{row.id}`", bench, proof, _fix(row)))
+    return _table(FINDINGS_HEADER, rows)
+
+
+def _fix(row: FindingRow) -> str:
+    if not row.playbook:
+        return "person"
+    return f"plays `{row.playbook}`" if row.safe else f"asks, then plays `{row.playbook}`"
+
+
+def doctor_page(page: str) -> str:
+    """The page with the current table between its markers."""
+    before, _, rest = page.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    return f"{before}{BEGIN}\n\n{findings_table()}\n\n{END}{after}"
+
+
+# -- docs/commands.md -------------------------------------------------------------------------------------------------
+def commands_page() -> str:
+    """Every command with its help, arguments and options."""
+    group = typer.main.get_command(app)
+    context = group.make_context("lupin", ["doctor"], resilient_parsing=True)
+    parts = ["# Commands", "", f"{GENERATED} Each text is what `--help` prints.", ""]
+    for name in COMMANDS:
+        for words, command in _leaves((name,), group.get_command(context, name)):  # type: ignore[attr-defined]
+            parts += [f"## `lupin {' '.join(words)}`", "", *_command(command), ""]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+# Any: Typer bundles click privately, so its commands and parameters have no public types.
+def _leaves(words: tuple[str, ...], command: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+    subcommands = getattr(command, "commands", None)
+    if not subcommands:
+        yield words, command
+        return
+    for name, subcommand in subcommands.items():
+        yield from _leaves((*words, name), subcommand)
+
+
+def _command(command: Any) -> Iterator[str]:
+    yield "\n".join(line.strip() for line in (command.help or "").split("\f")[0].strip().splitlines())
+    parameters = [parameter for parameter in command.params if not getattr(parameter, "hidden", False)]
+    rows = [(f"`{_names(parameter)}`", _cell(getattr(parameter, "help", "") or "")) for parameter in parameters]
+    if rows:
+        yield ""
+        yield _table(("Argument or option", ""), rows)
+
+
+def _names(parameter: Any) -> str:
+    if parameter.param_type_name == "argument":
+        return str(parameter.name).upper()
+    return ", ".join([*parameter.opts, *parameter.secondary_opts])
+
+
+# -- docs/topics.md ---------------------------------------------------------------------------------------------------
+def topics_page() -> str:
+    """Every topic, service and action of the graph."""
+    topics = [
+        (
+            f"`{topic.name}`",
+            f"`{topic.type}`",
+            _qos(topic.qos),
+            "on change" if topic.rate_hz is None else f"{topic.rate_hz:g} Hz",
+            ", ".join(topic.publishers) or "–",
+            "every message" if topic.recorded_hz == graph.ALL else f"{topic.recorded_hz:g} Hz" if topic.recorded_hz else "–",
+            topic.console or "–",
+            topic.note,
+        )
+        for topic in graph.topics()
+    ]
+    parts = [
+        "# Topics, services and actions",
+        "",
+        f"{GENERATED} Its source is `lupin_runtime/graph.py`. Publishers are processes of the stack, or the vendor's software.",
+        "*Console*: who may publish the topic, call the service or send a goal through the console's server.",
+        "",
+        "## Topics",
+        "",
+        _table(("Topic", "Type", "QoS", "Rate", "Published by", "Recorded", "Console", ""), topics),
+    ]
+    for heading, rows in (("Services", graph.services()), ("Actions", graph.actions())):
+        table = _table(
+            (heading[:-1], "Type", "Console", ""),
+            [(f"`{row.name}`", f"`{row.type}`", row.console or "–", row.note) for row in rows],
+        )
+        parts += ["", f"## {heading}", "", table]
+    return "\n".join(parts) + "\n"
+
+
+def _qos(qos: graph.Qos) -> str:
+    words = ["reliable" if qos.reliable else "best effort", *(["latched"] if qos.latched else []), str(qos.depth)]
+    return ", ".join(words)
+
+
+# -- all --------------------------------------------------------------------------------------------------------------
+def _table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, ("---",) * len(header), *rows))
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def main() -> int:
+    """Write the pages that differ; with `--check`, write nothing and return 1 instead."""
+    doctor = DOCS / "doctor.md"
+    pages = {
+        doctor: doctor_page(doctor.read_text(encoding="utf-8")),
+        DOCS / "commands.md": commands_page(),
+        DOCS / "topics.md": topics_page(),
+    }
+    differing = [path for path, text in pages.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
+    for path in differing:
+        if "--check" in sys.argv:
+            print(f"{path.name} differs from the code; write it with: python -m tools.write_docs")
+        else:
+            path.write_text(pages[path], encoding="utf-8")
+    return 1 if differing and "--check" in sys.argv else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
