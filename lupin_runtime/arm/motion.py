@@ -98,26 +98,38 @@ class ArmMotion:
     def set_estop(self, engaged: bool) -> None:
         """Handle a message of the e-stop state.
 
-        The arm is held when the e-stop engages or, if its pose is unknown then, with the first message after it is known.
+        The arm is held when the e-stop engages or, if its pose is unknown then, with the first message after it is known. The
+        held pose is sent again where the arm has left it, and with the release: no trajectory of before it, which `counter` may
+        have missed or met in another order than the controller, goes on after it.
         """
         with self._lock:
-            if engaged and not self._estop_engaged:
+            was_engaged, self._estop_engaged = self._estop_engaged, engaged
+            if engaged and not was_engaged:
                 self.estop_count += 1
                 self._hold_due = self.torque is not False
-            self._estop_engaged = engaged
+            elif was_engaged and (not engaged or self._left_its_hold()):
+                self._hold_again()
             if self._hold_due:
                 with suppress(Refused):
                     self.pin()
 
     def counter(self, path: Sequence[Arm]) -> None:
-        """Handle another publisher's trajectory, its points in order: while the e-stop is engaged, the held pose replaces it.
-
-        The held pose is sent again, not the present one: repeated, that would let the arm sink under its weight.
-        """
+        """Replace another publisher's trajectory, its points in order, by the held pose while the e-stop is engaged."""
         with self._lock:
-            held = None if self._hold_due else self._commanded
-            if self._estop_engaged and self.torque is not False and held is not None and list(path) != [held]:
-                self._send_path(to_pose(held, MIN_DURATION_S))
+            if self._estop_engaged and list(path) != [self._commanded]:
+                self._hold_again()
+
+    def _hold_again(self) -> None:
+        # The held pose, not the present one: repeated, that would let the arm sink under its weight.
+        if self._commanded is not None and not self._hold_due and self.torque is not False:
+            self._send_path(to_pose(self._commanded, MIN_DURATION_S))
+
+    def _left_its_hold(self) -> bool:
+        state = self.state(fresh=True)
+        held = self._commanded
+        if state is None or held is None:
+            return False
+        return max(abs(is_at - held_at) for is_at, held_at in zip(state.arm, held)) > DRIFT_RAD
 
     def require_released(self, since: int | None = None) -> None:
         """Raise Refused while the e-stop is engaged, or if it was engaged since `estop_count` was `since`."""

@@ -64,6 +64,7 @@ class GripperActionBridge(ArmNode):
         # Reentrant: these services await responses to this same node.
         self._group = ReentrantCallbackGroup()
         self._mutex = async_wait.AsyncMutex()
+        self._estop_engaged = False
         self._gripper = self.action_client(graph.GRIPPER_COMMAND)
         self._torque_clients = {
             row: self.create_client(SetBool, row.name, callback_group=self._group)
@@ -92,8 +93,12 @@ class GripperActionBridge(ArmNode):
         self.destroy_timer(self._pin_timer)
 
     def _on_estop(self, engaged: bool) -> None:
-        """Cancel the goals of the vendor's controllers, of all clients, with each message: a goal may arrive while engaged."""
-        if not engaged:
+        """Cancel the goals of the vendor's controllers, of all clients, with each message until the release and with that one.
+
+        A goal may arrive while the e-stop is engaged, also between its last two messages.
+        """
+        was_engaged, self._estop_engaged = self._estop_engaged, engaged
+        if not (engaged or was_engaged):
             return
         for client, pending in self._cancels.items():
             if pending is not None and not pending.done():

@@ -430,8 +430,8 @@ def test_estop_refuses_every_arm_command_with_its_reason(
         assert not answer.success and answer.message.startswith("e-stop engaged"), row.name
     assert not console.ask(graph.arm_joint_angle("elbow_joint"), angle=30.0, rate=30.0, degrees=True).status
     assert not console.ask(graph.GRIPPER_ANGLE, angle=30.0, rate=0.0, degrees=True).status
-    estop.set(False)
     assert (len(vendor.trajectories), len(vendor.gripper_goals), vendor.calls) == (count, grips, [])
+    estop.set(False)
     assert console.ask(graph.ARM_PRESET, name="home").success
     graph_host.until(lambda: vendor.last == PRESETS["home"], what="the trajectory")
 
@@ -449,11 +449,13 @@ def test_estop_aborts_a_replay_and_its_release_does_not_resume_it(
     graph_host.until(lambda: not console.states[-1]["playing"], what="the end of the replay")
     assert console.states[-1]["aborted"] == "e-stop engaged"
     count, grips = len(vendor.trajectories), len(vendor.gripper_goals)
-    assert list(vendor.trajectories[-1].points[-1].positions) == vendor.at, "held where it is"
+    held = list(vendor.trajectories[-1].points[-1].positions)
+    assert held == vendor.at, "held where it is"
     estop.set(False)
     states = len(console.states)
     graph_host.until(lambda: len(console.states) > states + 10, what="two seconds")
-    assert (len(vendor.trajectories), len(vendor.gripper_goals)) == (count, grips)
+    assert [list(sent.points[-1].positions) for sent in vendor.trajectories[count:]] == [held], "held once more"
+    assert len(vendor.gripper_goals) == grips
     assert console.ask(graph.ARM_LIBRARY_PLAY, name="nod", speed=2.0).success
 
 
@@ -535,6 +537,8 @@ def test_trajectory_of_another_publisher_is_replaced_under_estop(
     graph_host.until(lambda: len(vendor.trajectories) >= 4, what="the second hold")
     assert list(vendor.trajectories[-1].points[-1].positions) == held
     estop.set(False)
+    graph_host.until(lambda: len(vendor.trajectories) >= 5, what="the hold with the release")
+    assert list(vendor.trajectories[-1].points[-1].positions) == held
     count = len(vendor.trajectories)
     foreign.publish(JointTrajectory(joint_names=list(graph.ARM_JOINTS), points=[point]))
     graph_host.until(lambda: len(vendor.trajectories) > count and console.ask(graph.ARM_PRESET, name="home").success)

@@ -195,9 +195,36 @@ def test_estop_holds_the_present_pose_and_refuses_moves() -> None:
         with pytest.raises(Refused, match="e-stop engaged"):
             move()
     arm.motion.set_estop(True)
-    arm.motion.set_estop(False)
     assert len(arm.sent) == sent
+    arm.motion.set_estop(False)
+    assert len(arm.sent) == sent + 1 and arm.last.arm == (0.4, 0.1, 0.0, 0.0)
     arm.motion.move((0.0,) * 4, 3.0)
+
+
+def test_arm_that_leaves_its_hold_is_brought_back() -> None:
+    """A trajectory of another publisher may reach the controller after the hold that was sent to replace it."""
+    arm = Arm((0.1, 0.2, 0.3, -0.4))
+    arm.motion.set_estop(True)
+    held = arm.last.arm
+    arm.be((0.15, 0.2, 0.3, -0.4))  # within the deviation of an arm at rest
+    arm.motion.set_estop(True)
+    assert len(arm.sent) == 1
+    arm.be((0.3, 0.2, 0.3, -0.4))
+    arm.motion.set_estop(True)
+    assert len(arm.sent) == 2 and arm.last.arm == held
+    arm.now_ns += 5 * S  # without fresh feedback nothing says that it left
+    arm.motion.set_estop(True)
+    assert len(arm.sent) == 2
+
+
+def test_release_replaces_whatever_the_controller_follows() -> None:
+    arm = Arm((0.1, 0.2, 0.3, -0.4))
+    arm.motion.set_estop(True)
+    held = arm.last.arm
+    arm.motion.set_estop(False)
+    assert len(arm.sent) == 2 and arm.last.arm == held
+    arm.motion.set_estop(False)
+    assert len(arm.sent) == 2
 
 
 def test_estop_holds_the_arm_once_its_pose_is_known() -> None:
@@ -235,13 +262,16 @@ def test_after_a_release_only_newer_commands_move_the_arm(events: list[Any]) -> 
     """Booleans are messages of the e-stop, tuples are moves; the arm reaches every pose that it is sent to half way."""
     arm = Arm()
     engaged = False
+    held = None
     for event in events:
         sent = len(arm.sent)
         if isinstance(event, bool):
-            edge, engaged = event and not engaged, event
+            edge, engaged = event != engaged, event
             arm.motion.set_estop(event)
             assert len(arm.sent) == sent + edge
-            assert not edge or present(arm.last).arm == present(arm.state).arm
+            if edge and engaged:
+                held = present(arm.state).arm
+            assert not edge or present(arm.last).arm == held
         elif engaged:
             with pytest.raises(Refused):
                 arm.motion.move(event, 1.0)
@@ -259,7 +289,7 @@ def test_other_trajectory_is_replaced_by_the_held_pose_under_estop(
     arm.motion.set_estop(True)
     held = arm.last.arm
     arm.motion.set_estop(engaged)
-    arm.be((0.1, 0.1, 0.3, -0.4))  # moved by the other trajectory, or by its weight
+    arm.be((0.1, 0.15, 0.3, -0.4))  # moved by the other trajectory, or by its weight
     sent = len(arm.sent)
     arm.motion.counter(path)
     assert len(arm.sent) == sent + (engaged and path != [held])
