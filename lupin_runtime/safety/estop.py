@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from lupin_runtime.safety.console_stop import ConsoleStop
 
 BUTTON_SILENCE_S = 2.0
+MISSED_PRESS = "it was pressed while the e-stop's process did not respond"
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class EstopState:
 
 
 class EstopSources:
-    """Combines the button and the consoles. Both start released.
+    """Combines the button, the consoles and a press that was missed. All start released.
 
     The button's last value holds until its next message. A button that falls silent engages the e-stop, because it can no
     longer be pressed. It is silent only by both clocks: a jump of the simulated clock, or a slow simulation, is no silence.
@@ -41,6 +42,7 @@ class EstopSources:
         self._silence_engages = button_silence_engages
         self._pressed = False
         self._button_ns: tuple[int, int] | None = None  # of its last message, on its driver's clock and in real time
+        self.missed_press = False  # whether another process saw a press that this one missed
 
     def button(self, value: bool, now_ns: int, real_ns: int) -> None:
         """Handle a message of the button; `now_ns` is on the clock of the button's driver, `real_ns` on the consoles' clock."""
@@ -57,6 +59,8 @@ class EstopSources:
         elif not any(0 <= now - then <= self._silence_ns for now, then in zip((now_ns, real_ns), self._button_ns)):
             silent = f"the button has been silent for more than {self._silence_ns / 1e9:g} s"
             (reasons if self._silence_engages else warnings).append(silent)
+        if self.missed_press:
+            reasons.append(MISSED_PRESS)
         console = self.consoles.reason(real_ns)
         if console is not None:
             reasons.append(console)

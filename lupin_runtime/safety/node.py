@@ -1,4 +1,7 @@
-"""`estop_bridge`: publishes `/e_stop_state`, as its only publisher, from the robot's button and the consoles' stop."""
+"""`estop_bridge`: publishes `/e_stop_state`, as its only publisher, from the robot's button and the consoles' stop.
+
+`estop_witness`, in another process: tells a bridge that was replaced of a press that its predecessor missed.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import time
 from dataclasses import replace
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Bool, String
 
 from lupin_runtime import graph
@@ -14,6 +18,7 @@ from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.priority import serve_first
 from lupin_runtime.safety.console_stop import EXPIRY_S, ConsoleStop
 from lupin_runtime.safety.estop import BUTTON_SILENCE_S, EstopSources, EstopState
+from lupin_runtime.safety.missed_press import ANSWER_S, MissedPress
 
 SLOWEST_HZ = 0.5
 # Discovery and then two periods of a console.
@@ -53,6 +58,7 @@ class EstopBridge(LupinNode):
         self._status = self.publisher(graph.ESTOP_STATUS)
         self.subscription(self._named(graph.ESTOP_BUTTON, "button_topic"), self._on_button)
         self.subscription(self._named(graph.HMI_ESTOP, "hmi_estop_topic"), self._on_console)
+        self.subscription(graph.ESTOP_MISSED_PRESS, self._on_missed_press)
         rate_hz = max(SLOWEST_HZ, self.parameter("publish_rate_hz", 5.0))
         self.create_timer(1.0 / rate_hz, lambda: self._publish(repeat=True))
         # The polarity has not been verified on a real button, so every start logs how to check it.
@@ -72,6 +78,10 @@ class EstopBridge(LupinNode):
         self._sources.consoles.update(bool(message.data), time.monotonic_ns())
         self._publish()
 
+    def _on_missed_press(self, message: Any) -> None:
+        self._sources.missed_press = bool(message.data)
+        self._publish()
+
     def _publish(self, repeat: bool = False) -> None:
         state = self._sources.state(self.elapsed_clock_ns(), time.monotonic_ns())
         if not state.engaged and self._published is None and time.monotonic_ns() < self._released_from_ns:
@@ -89,3 +99,41 @@ class EstopBridge(LupinNode):
         if state.warnings and repeat:
             self.get_logger().warning(", ".join(state.warnings), throttle_duration_sec=WARNING_PERIOD_S)
         self._published = state
+
+
+class EstopWitness(LupinNode):
+    """Publishes whether a press of the button, or a console's stop, was missed by `estop_bridge`, and until it is made good.
+
+    Parameter: `engaged_value`, as `estop_bridge`'s.
+    """
+
+    def __init__(self, parameters: dict[str, Any] | None = None) -> None:
+        super().__init__("estop_witness", parameters)
+        self._engaged_value = self.parameter("engaged_value", True)
+        self._press = MissedPress()
+        self._published = False
+        self._output = self.publisher(graph.ESTOP_MISSED_PRESS)
+        self.subscription(graph.ESTOP_STATE, self._on_state)
+        self.subscription(graph.ESTOP_BUTTON, self._on_button)
+        self.subscription(graph.HMI_ESTOP, self._on_console)
+        self.create_timer(ANSWER_S / 2, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_state(self, message: Any) -> None:
+        self._press.state(bool(message.data), time.monotonic_ns())
+        self._publish()
+
+    def _on_button(self, message: Any) -> None:
+        self._press.button(bool(message.value) == self._engaged_value, time.monotonic_ns())
+
+    def _on_console(self, message: Any) -> None:
+        if message.data:
+            self._press.press(time.monotonic_ns())
+
+    def _publish(self) -> None:
+        missed = self._press.tick(time.monotonic_ns())
+        if missed == self._published:
+            return
+        self._published = missed
+        if missed:
+            self.get_logger().error("the e-stop was pressed and its process did not respond: it engages when it is back")
+        self._output.publish(Bool(data=missed))

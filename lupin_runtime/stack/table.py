@@ -226,6 +226,7 @@ TABLE: tuple[ProcessRow, ...] = (
         "drive",
         (
             NodeRow("lupin_runtime.drive.node:TwistMux", _drive),
+            NodeRow("lupin_runtime.safety.node:EstopWitness"),
             NodeRow("lupin_runtime.drive.node:IdleStop", when=_simulated),
         ),
         when=_close_to_hardware,

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -62,10 +63,12 @@ class ReleaseRig:
         self._publishers: dict[str, Any] = {}
         self.engaged: bool | None = None
         self.mission = ""
+        self.locks: list[str] = []
         self.sign = 1.0
         self.node.subscription(graph.JOINT_STATES, self._on_joints)
         self.node.subscription(graph.ESTOP_STATE, self._on_estop)
         self.node.subscription(graph.MISSION_STATE, self._on_mission)
+        self.node.subscription(graph.DRIVE_STATUS, self._on_drive)
         self.node.create_timer(STREAM_PERIOD_S / 2, self._publish_streams)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
@@ -97,6 +100,9 @@ class ReleaseRig:
 
     def _on_mission(self, message: Any) -> None:
         self.mission = str(message.lifecycle_state)
+
+    def _on_drive(self, message: Any) -> None:
+        self.locks = json.loads(message.data)["locks"]
 
     def _publish_streams(self) -> None:
         from geometry_msgs.msg import Twist
@@ -157,9 +163,20 @@ class ReleaseRig:
         return handle
 
     def press(self, pressed: bool) -> None:
-        """Press or release the simulated button, and wait until the e-stop's state shows it."""
+        """Press or release the simulated button, and wait until the e-stop's state and the drive bus show it.
+
+        The bus is released only once it knows of a single publisher of the state: up to 10 s after another was killed.
+        """
         self.call(graph.SIM_PRESS_ESTOP, data=pressed)
-        self.until(lambda: self.engaged is pressed, f"e-stop state {pressed}")
+        self.until(lambda: self.engaged is pressed and bool(self.locks) is pressed, f"e-stop state {pressed}")
+
+    def press_unheard(self) -> None:
+        """Press and release the button while `estop_bridge` hangs, and wait until the process that replaces it engages."""
+        state = json.loads((self._folder / "state.json").read_text())
+        os.kill(next(int(stage["pid"]) for stage in state["stages"] if stage["name"] == "estop"), signal.SIGSTOP)
+        self.call(graph.SIM_PRESS_ESTOP, data=True)
+        self.call(graph.SIM_PRESS_ESTOP, data=False)
+        self.until(lambda: self.engaged is True, "stop by the e-stop's next process")
 
     # -- truth ---------------------------------------------------------------------------------------------------------
     def trajectory(self) -> list[tuple[float, float, float]]:
@@ -201,19 +218,25 @@ class ReleaseRig:
         self.until(lambda: self.speed_m_s() < 1e-3 and self.joint_speed_rad_s() < 0.01, "rest")
 
     # -- measuring -----------------------------------------------------------------------------------------------------
-    def measure(self, case: Case, press_s: float, watch_s: float) -> Measured:
-        """Start the source, press the e-stop for `press_s`, release it, and watch for `watch_s`; then give a newer command."""
+    def measure(self, case: Case, press_s: float, watch_s: float, unheard: bool = False) -> Measured:
+        """Start the source, press the e-stop for `press_s`, release it, and watch for `watch_s`; then give a newer command.
+
+        `unheard`: it is pressed and released at once while its process hangs, and the next process engages and releases it.
+        """
         self.sign = -self.sign
         try:
             case.start(self)
             self.until(self.moving, f"motion by {case.name}")
-            self.press(True)
-            time.sleep(press_s)
-            case.engaged(self)
+            if unheard:
+                self.press_unheard()
+            else:
+                self.press(True)
+                time.sleep(press_s)
+                case.engaged(self)
             self.wait_for_rest()
             began_s, x, y = self.current()
             joints = self._joint_history[-1]
-            self.press(False)
+            self.press(False)  # waits for the release
             time.sleep(watch_s)
             self.current()
             ended_s, _, _ = self.current()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from lupin_runtime import graph
+from lupin_runtime.safety.estop import MISSED_PRESS
 
 if TYPE_CHECKING:
     from lupin_runtime.safety.node import EstopBridge
@@ -164,3 +165,24 @@ def test_stop_reaches_the_sink_through_bridge_and_bus(graph_host: GraphHost) -> 
     count = len(sink)
     graph_host.until(drive(lambda: len(sink) >= count + 20), what="what the sink gets after the release")
     assert set(sink[count:]) == {Twist(0.0, 0.0, 0.0)}, "the goal that was running must not carry on by itself"
+
+
+def test_press_and_release_without_a_bridge_engages_the_next_one(graph_host: GraphHost) -> None:
+    from lupin_runtime.safety.node import EstopWitness
+
+    graph_host.add(EstopWitness())
+    first = bridge(graph_host)
+    probe = Probe(graph_host)
+    graph_host.remove(first)
+    missed: list[bool] = []
+    probe.node.subscription(graph.ESTOP_MISSED_PRESS, lambda message: missed.append(message.data))
+    probe.press(True)
+    probe.press(False)
+    graph_host.until(lambda: missed == [True], what="the missed press")
+    states = len(probe.states)
+    bridge(graph_host, listen_s=1.0)
+    graph_host.until(lambda: len(probe.states) > states and probe.engaged, what="the engaged state")
+    graph_host.until(lambda: probe.status[-1]["reasons"] == [MISSED_PRESS], what="the reason")
+    graph_host.until(lambda: missed == [True, False] and not probe.engaged, what="the released state")
+    after = [engaged for _, engaged in probe.states[states:]]
+    assert after == sorted(after, reverse=True), "engaged, then released"

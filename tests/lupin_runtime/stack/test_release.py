@@ -40,3 +40,13 @@ def test_release_moves_nothing_and_a_newer_command_does(rig: ReleaseRig, case: C
     assert measured.base_m <= LIMIT_M
     assert measured.joints_rad <= LIMIT_RAD
     assert measured.newer_moves
+
+
+UNHEARD = ("NavigateToPose of another client", "mission")
+
+
+@pytest.mark.parametrize("case", [pytest.param(case, id=case.name) for case in CASES if case.name in UNHEARD])
+def test_press_that_the_estop_missed_stops_like_any_other(rig: ReleaseRig, case: Case) -> None:
+    measured = rig.measure(case, PRESS_S, WATCH_S, unheard=True)
+    assert measured.base_m <= LIMIT_M
+    assert measured.newer_moves

@@ -1,0 +1,52 @@
+"""A press of the e-stop that its bridge missed, because it was hung or being replaced.
+
+Somebody who presses the button and lets it go meanwhile expects what follows any other press: nothing moves until a newer
+command. A process beside the bridge therefore hears button and consoles too.
+"""
+
+from __future__ import annotations
+
+# A bridge that works answers within milliseconds; on a busy machine a message may also overtake its answer by this much.
+ANSWER_S = 0.5
+# A bridge that was replaced is discovered by one process after the other: a shorter stop would be missed in turn.
+HOLD_S = 1.5
+
+
+class MissedPress:
+    """Whether a press was missed: the e-stop's state was not engaged from ANSWER_S before it until ANSWER_S after it.
+
+    It stays missed until the state has been engaged for HOLD_S. Times are nanoseconds of one monotonic clock.
+    """
+
+    def __init__(self) -> None:
+        self._engaged_ns: int | None = None
+        self._press_ns: int | None = None
+        self._made_good_ns: int | None = None  # when the state was engaged after a missed press
+        self._down = False
+        self.missed = False
+
+    def button(self, pressed: bool, now_ns: int) -> None:
+        """Handle a message of the button. Its repeated value is one press."""
+        if pressed and not self._down:
+            self.press(now_ns)
+        self._down = pressed
+
+    def press(self, now_ns: int) -> None:
+        """Handle a press, or a console's message that it holds the stop."""
+        if self._press_ns is None and (self._engaged_ns is None or now_ns - self._engaged_ns > ANSWER_S * 1e9):
+            self._press_ns = now_ns
+
+    def state(self, engaged: bool, now_ns: int) -> None:
+        """Handle a message of the e-stop's state."""
+        if engaged:
+            self._engaged_ns, self._press_ns = now_ns, None
+            if self.missed and self._made_good_ns is None:
+                self._made_good_ns = now_ns
+
+    def tick(self, now_ns: int) -> bool:
+        """Whether a press is missed at `now_ns`."""
+        if self._press_ns is not None and now_ns - self._press_ns > ANSWER_S * 1e9:
+            self.missed = True
+        if self._made_good_ns is not None and now_ns - self._made_good_ns >= HOLD_S * 1e9:
+            self.missed, self._made_good_ns = False, None
+        return self.missed
