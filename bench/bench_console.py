@@ -53,7 +53,7 @@ def serve() -> int:
     def announce(nodes: Any) -> None:
         print(nodes[0].rosbridge_port, flush=True)
 
-    return run([lambda: Console({"rosbridge_port": 0, "unlisted": True})], ready=announce)
+    return run([lambda: Console({"port": 0, "rosbridge_port": 0, "unlisted": True})], ready=announce)
 
 
 def publish(kind: str, seconds: float) -> int:

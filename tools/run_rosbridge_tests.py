@@ -118,7 +118,7 @@ def announce(nodes):
     nodes[1].declare_parameter("actual_port", nodes[0].rosbridge_port)
     nodes[1].declare_parameter("port", 9090)
 
-parameters = {"rosbridge_port": 0, "unlisted": True, "unregister_after_s": float(sys.argv[1])}
+parameters = {"port": 0, "rosbridge_port": 0, "unlisted": True, "unregister_after_s": float(sys.argv[1])}
 sys.exit(run([lambda: Console(parameters), lambda: Node("rosbridge_websocket")], ready=announce))
 """
 

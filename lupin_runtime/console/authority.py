@@ -13,8 +13,9 @@ from lupin_runtime import graph
 from lupin_runtime.console.interfaces import absolute
 
 LEASE_SILENCE_S = 5.0  # after this silence of its holder, the lease is free for others
+REQUEST_S = 10.0  # the holder answers a request for the lease within this time, or it is refused
 _CANCEL = "/_action/cancel_goal"
-_READ_ONLY_PREFIX = "/rosapi/"
+READ_ONLY_PREFIX = "/rosapi/"
 _WRITES = ("/rosapi/set_param", "/rosapi/delete_param")
 
 
@@ -39,10 +40,12 @@ class Session:
 
 @dataclass(frozen=True)
 class LeaseState:
-    """Who drives, and since when; None where nobody does."""
+    """Who drives, and since when; who asks for it, and since when. None where nobody does."""
 
     holder: str | None
     since_ns: int
+    requester: str | None = None
+    requested_ns: int = 0
 
 
 class Authority:
@@ -59,12 +62,22 @@ class Authority:
         self._actions = {absolute(row.name): row.console for row in graph.actions()}
         self._holder: Session | None = None
         self._since_ns = self._seen_ns = 0
+        self._requester: Session | None = None
+        self._requested_ns = 0
+        self._listeners: list[Callable[[], None]] = []
 
     # -- the lease ----------------------------------------------------------------------------------------------------
     def lease(self, now_ns: int) -> LeaseState:
         """Who holds the lease."""
         self._expire(now_ns)
-        return LeaseState(self._holder.name if self._holder else None, self._since_ns)
+        holder, requester = self._holder, self._requester
+        return LeaseState(
+            holder.name if holder else None, self._since_ns, requester.name if requester else None, self._requested_ns
+        )
+
+    def on_change(self, listener: Callable[[], None]) -> None:
+        """Call `listener` after every change of the lease's holder or requester."""
+        self._listeners.append(listener)
 
     def holds(self, session: Session, now_ns: int) -> bool:
         """Whether a session holds the lease."""
@@ -83,24 +96,73 @@ class Authority:
             since_s = (now_ns - self._since_ns) / 1e9
             raise Refused(f"{self._holder.name} has had control for {since_s:.0f} s; ask for it or take it over")
         before = f", taken from {self._holder.name}" if self._holder is not None else ""
-        self._holder, self._since_ns, self._seen_ns = session, now_ns, now_ns
-        self._journal(f"{session.name} has control{before}")
+        self._give(session, now_ns, f"{session.name} has control{before}")
 
-    def give_up(self, session: Session) -> None:
-        """End a session's lease, if it has it."""
-        if self._holder is session:
+    def request(self, session: Session, now_ns: int) -> bool:
+        """Ask the holder for the lease; returns whether it was free, and is now this session's. Raises Refused."""
+        self._expire(now_ns)
+        if self._holder is None or self._holder is session:
+            self.take(session, now_ns)
+            return True
+        if session.role is not Role.OPERATOR:
+            raise Refused(f"{session.name} is a viewer; pair this browser as operator to drive")
+        if self._requester not in (None, session):
+            raise Refused(f"{self._requester.name if self._requester else ''} asks for control already")
+        if self._requester is None:
+            self._requester, self._requested_ns = session, now_ns
+            self._changed(f"{session.name} asks {self._holder.name} for control")
+        return False
+
+    def answer(self, session: Session, grant: bool, now_ns: int) -> None:
+        """The holder's answer to a request. Raises Refused from anybody else, and where nobody asks (any more)."""
+        self._expire(now_ns)
+        if self._holder is not session:
+            raise Refused(f"{session.name} does not have control")
+        requester = self._requester
+        if requester is None:
+            raise Refused("nobody asks for control (any more)")
+        if grant:
+            self._give(requester, now_ns, f"{session.name} handed control to {requester.name}")
+        else:
+            self._requester = None
+            self._changed(f"{session.name} kept control")
+
+    def give_up(self, session: Session, now_ns: int) -> None:
+        """End a session's lease, if it has it; one that asks for it gets it."""
+        if self._requester is session:
+            self._requester = None
+        if self._holder is not session:
+            return
+        if self._requester is not None:
+            self._give(self._requester, now_ns, f"{session.name} left control to {self._requester.name}")
+        else:
             self._holder = None
-            self._journal(f"{session.name} gave up control")
+            self._changed(f"{session.name} gave up control")
 
     def seen(self, session: Session, now_ns: int) -> None:
         """Note that a session is alive."""
         if self._holder is session:
             self._seen_ns = now_ns
 
+    def _give(self, session: Session, now_ns: int, line: str) -> None:
+        self._holder, self._since_ns, self._seen_ns = session, now_ns, now_ns
+        self._requester = None
+        self._changed(line)
+
     def _expire(self, now_ns: int) -> None:
         if self._holder is not None and now_ns - self._seen_ns > LEASE_SILENCE_S * 1e9:
-            self._journal(f"{self._holder.name} lost control after {LEASE_SILENCE_S:g} s of silence")
-            self._holder = None
+            line = f"{self._holder.name} lost control after {LEASE_SILENCE_S:g} s of silence"
+            self._holder = self._requester = None
+            self._changed(line)
+        if self._requester is not None and now_ns - self._requested_ns > REQUEST_S * 1e9:
+            line = f"{self._requester.name} got no answer within {REQUEST_S:g} s"
+            self._requester = None
+            self._changed(line)
+
+    def _changed(self, line: str) -> None:
+        self._journal(line)
+        for listener in self._listeners:
+            listener()
 
     # -- requests -----------------------------------------------------------------------------------------------------
     def publish(self, session: Session, topic: str, now_ns: int) -> None:
@@ -116,7 +178,7 @@ class Authority:
         service = absolute(service)
         if service.endswith(_CANCEL):
             return  # to cancel a goal is to stop
-        if service.startswith(_READ_ONLY_PREFIX) and service not in _WRITES:
+        if service.startswith(READ_ONLY_PREFIX) and service not in _WRITES:
             return
         self._check(session, self._services, service, f"calling {service}", now_ns)
 

@@ -20,7 +20,7 @@ from std_msgs.msg import Bool
 
 from lupin_runtime import graph
 from lupin_runtime.console import values
-from lupin_runtime.console.authority import Authority, Session
+from lupin_runtime.console.authority import Authority, Refused, Session
 from lupin_runtime.console.goals import ActionClientPool, GoalSender
 from lupin_runtime.console.providers import ActionProvider, ServiceProvider
 from lupin_runtime.console.publisher_pool import PublisherPool
@@ -67,8 +67,18 @@ class _OnGraph:
 class Bridge:
     """Shared by all clients. Its node must be spun by a single-threaded executor."""
 
-    def __init__(self, node: LupinNode, authority: Authority, distribution: str, unregister_after_s: float) -> None:
+    def __init__(
+        self,
+        node: LupinNode,
+        authority: Authority,
+        distribution: str,
+        unregister_after_s: float,
+        record: Callable[..., None],
+    ) -> None:
+        """`record` is CommandJournal.record, or does as it does."""
         self.authority = authority
+        self.record = record
+        authority.on_change(self._end_driving)
         self._node = node
         self._ros = RosThread(node)
         self._clients: dict[Client, _OnGraph] = {}
@@ -105,11 +115,12 @@ class Bridge:
         in_control = own.is_console and self.authority.holds(client.session, now_ns)
         driving = self._stops.leave(client, now_ns, in_control)
         if driving:
-            self._ros.run(lambda: self._manual_output.publish(Twist())).add_done_callback(self._log_failure)
+            self._send_zero()
+            self.record(client.session.name, "lost while driving")
         if self._stop_stated or driving:
             self.state_combined_stop()
         if not any(each.session is client.session for each in self._clients):
-            self.authority.give_up(client.session)
+            self.authority.give_up(client.session, now_ns)
 
         def clean_up() -> None:
             # Goals first: they move the robot.
@@ -230,26 +241,62 @@ class Bridge:
     # -- driving and stopping -----------------------------------------------------------------------------------------
     def note_velocity(self, client: Client, moving: bool) -> None:
         """Note that a client commands a velocity."""
-        self._stops.velocity(client, moving, time.monotonic_ns())
+        if self._stops.velocity(client, moving, time.monotonic_ns()):
+            self.record(client.session.name, "drive")
 
     def state_stop(self, client: Client, engaged: bool) -> None:
-        """A client's own stop. Raises Refused for a release without control."""
+        """A client's own stop. Raises Refused for a release without control; the stop then stays, though the client let go."""
         now_ns = time.monotonic_ns()
-        if not engaged and self._stops.is_engaged(client, now_ns):
-            self.authority.take(client.session, now_ns)
-            self._stops.release_lost()
         self._clients[client].is_console = self._stop_stated = True
+        changes = engaged != self._stops.holds(client)
+        if changes:
+            self.record(client.session.name, "stop" if engaged else "release")
+        if changes and not engaged:
+            try:
+                self.authority.take(client.session, now_ns)
+            except Refused:
+                self._stops.withdraw(client, now_ns)
+                raise
+            self._stops.release_lost()
         self._stops.state(client, engaged, now_ns)
         self.authority.seen(client.session, now_ns)
         if engaged:
             self.state_combined_stop()
 
+    def stop_for(self, session: Session) -> None:
+        """Stop for a session that states no stop of its own over a connection; the client in control releases it."""
+        self.record(session.name, "stop")
+        self._stops.hold_for(session.name)
+        self.state_combined_stop()
+
+    def release_for(self, session: Session) -> list[str]:
+        """Release what no client holds any more; returns who still holds the stop. Raises Refused without control."""
+        self.authority.take(session, time.monotonic_ns())
+        self.record(session.name, "release")
+        self._stops.release_lost()
+        self.state_combined_stop()
+        return self.stop_reasons()
+
+    def stop_reasons(self) -> list[str]:
+        """Why the consoles engage the stop; empty where they do not."""
+        return self._stops.reasons()
+
+    def _end_driving(self) -> None:
+        """Who drove with control that another session has now is at rest before that one begins."""
+        if self._stops.end_driving(time.monotonic_ns()):
+            self._send_zero()
+
+    def _send_zero(self) -> None:
+        self._ros.run(lambda: self._manual_output.publish(Twist())).add_done_callback(self._log_failure)
+
     def state_combined_stop(self) -> None:
         """Publish the stop of all clients together. To be called every STOP_PERIOD_S."""
-        if not self._stop_stated and not self._stops.reasons(time.monotonic_ns()):
+        now_ns = time.monotonic_ns()
+        self._stops.tick(now_ns, self.authority.lease(now_ns).holder)
+        engaged = bool(self._stops.reasons())
+        if not (self._stop_stated or engaged):
             return
         self._stop_stated = True
-        engaged = bool(self._stops.reasons(time.monotonic_ns()))
         self._ros.run(lambda: self._stop_output.publish(Bool(data=engaged))).add_done_callback(self._log_failure)
 
     def _keep_up(self) -> None:

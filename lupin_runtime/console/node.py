@@ -2,45 +2,89 @@
 
 from __future__ import annotations
 
+import json
 import os
+import time
+from pathlib import Path
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 
-from lupin_runtime.console.authority import Authority
+from lupin_runtime.atomic_file import write_atomically
+from lupin_runtime.console.authority import Authority, Role
 from lupin_runtime.console.bridge import STOP_PERIOD_S, Bridge
+from lupin_runtime.console.command_journal import CommandJournal
+from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.publisher_pool import UNREGISTER_AFTER_S
 from lupin_runtime.console.server import ConsoleServer
+from lupin_runtime.console.sessions import Sessions
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.stack.table import ROSBRIDGE_PORT
+from lupin_runtime.stack.runs import state_home
+from lupin_runtime.stack.table import CONSOLE_PORT, ROSBRIDGE_PORT
 
+JOURNAL = "console_commands.jsonl"
+DESCRIPTION = "console.json"
 MAX_MISSED_TURNS = 6  # of the event loop, each of STOP_PERIOD_S
 
 
 class Console(LupinNode):
     """The console's server as a node.
 
-    Parameters: `rosbridge_host` and `rosbridge_port` (0: any free one), `unlisted` (clients may also use topics, services and
-    actions that the graph's table does not have), `unregister_after_s` (how long a publisher that no client uses is kept).
-    Raises OSError where the port is in use.
+    Parameters: `host` and `port` of the one origin, `rosbridge_host` and `rosbridge_port` (port 0: any free one; an empty host:
+    all of this computer's addresses), `folder` (where the journal of commands and `console.json` are written), `sessions_file`
+    (the paired browsers), `unlisted` (clients may also use topics, services and actions that the graph's table does not have),
+    `unregister_after_s` (how long a publisher that no client uses is kept). Raises OSError where a port is in use.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("lupin_console", parameters)
         logger = self.get_logger()
-        authority = Authority(logger.info, unlisted=self.parameter("unlisted", False))
+        own = state_home() / "console"
+        folder = Path(self.parameter("folder", "") or own)
+        folder.mkdir(parents=True, exist_ok=True)
+        self._journal = CommandJournal(folder / JOURNAL)
+        record = self._journal.record
+
+        def note_control(line: str) -> None:
+            logger.info(line)
+            record("control", line)
+
+        authority = Authority(note_control, unlisted=self.parameter("unlisted", False))
         bridge = Bridge(
             self,
             authority,
             os.environ.get("ROS_DISTRO", "jazzy"),
             self.parameter("unregister_after_s", UNREGISTER_AFTER_S),
+            record,
         )
-        host = self.parameter("rosbridge_host", "127.0.0.1")
-        self._server = ConsoleServer(bridge, host, self.parameter("rosbridge_port", ROSBRIDGE_PORT))
-        self.rosbridge_port = self._server.start()
-        logger.info(f"rosbridge for other clients: ws://{host}:{self.rosbridge_port}")
+        sessions = Sessions(Path(self.parameter("sessions_file", "") or own / "sessions.json"))
+        self._description = folder / DESCRIPTION
+        self._codes = PairingCodes(self._describe, time.monotonic_ns())
+        host, rosbridge_host = self.parameter("host", "127.0.0.1"), self.parameter("rosbridge_host", "127.0.0.1")
+        self._server = ConsoleServer(
+            bridge,
+            sessions,
+            self._codes,
+            (host, self.parameter("port", CONSOLE_PORT)),
+            (rosbridge_host, self.parameter("rosbridge_port", ROSBRIDGE_PORT)),
+        )
+        try:
+            self.port, self.rosbridge_port = self._server.start()
+        except OSError:
+            self._journal.close()
+            raise
+        self._describe()
+        logger.info(
+            f"console: http://{host}:{self.port}; rosbridge for other clients: ws://{rosbridge_host}:{self.rosbridge_port}"
+        )
         self._seen_turns = self._missed = 0
         self.create_timer(STOP_PERIOD_S, self._watch_event_loop, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _describe(self) -> None:
+        """Write where the console is, and the codes that pair a browser now, for `lupin up` and `lupin console`."""
+        codes = {role.value: self._codes.code(role) for role in Role}
+        description = {"port": self.port, "rosbridge_port": self.rosbridge_port, "codes": codes}
+        write_atomically(self._description, json.dumps(description), mode=0o600)
 
     def _watch_event_loop(self) -> None:
         """Raise where the event loop hangs, which ends the process: the supervisor sees only that this executor works."""
@@ -53,3 +97,5 @@ class Console(LupinNode):
     def before_shutdown(self) -> None:
         """Close all connections, which stops a robot that one of them drives."""
         self._server.stop()
+        self._description.unlink(missing_ok=True)
+        self._journal.close()

@@ -15,7 +15,7 @@ from typing import Any
 import orjson
 
 from lupin_runtime import graph
-from lupin_runtime.console.authority import Refused, Session
+from lupin_runtime.console.authority import READ_ONLY_PREFIX, Refused, Session
 from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.encoding import COMPRESSIONS, fragments, to_json
 from lupin_runtime.console.fragments import BadFragment, Defragmenter
@@ -108,7 +108,10 @@ class RosbridgeClient:
         try:
             self._note_fragment_size(message)
             handler(message)
-        except (InvalidRequest, Refused, BadFragment) as error:
+        except Refused as error:
+            self._refuse(str(operation), message, error)
+            self.status("error", f"{operation}: {error}", identifier)
+        except (InvalidRequest, BadFragment) as error:
             self.status("error", f"{operation}: {error}", identifier)
 
     def status(self, level: str, text: str, identifier: Any = None) -> None:
@@ -118,6 +121,10 @@ class RosbridgeClient:
             return
         message = {"op": "status", "level": level, "msg": text}
         self.answer({**message, "id": identifier} if identifier is not None else message)
+
+    def _refuse(self, operation: str, message: dict[str, Any], error: Refused) -> None:
+        name = message.get("topic") or message.get("service") or message.get("action") or ""
+        self._bridge.record(self.session.name, f"{operation} {str(name)[:_MAX_NAME]}", refused=str(error))
 
     def close(self) -> None:
         """Undo all that the client has set up; stop the robot if it was driving it."""
@@ -150,6 +157,8 @@ class RosbridgeClient:
         if absolute(topic) == graph.CMD_VEL_MANUAL.name:
             contents = _limited(contents)
             self._bridge.note_velocity(self, any(contents[part][axis] for part, axis in _AXES))
+        else:
+            self._bridge.record(self.session.name, f"publish {absolute(topic)}", contents)
         latch = bool(message.get("latch"))
         queue_size = _number(message, "queue_size", 100, 1, MAX_QUEUE)
         self._bridge.publish(self, topic, _optional_text(message, "type"), _id(message), contents, latch, queue_size)
@@ -189,8 +198,12 @@ class RosbridgeClient:
             if timeout_s is not None and (isinstance(timeout_s, bool) or not isinstance(timeout_s, (int, float))):
                 raise InvalidRequest(f"timeout is a number of seconds, not {timeout_s!r:.100}")
             self._bridge.authority.call(self.session, absolute(service), time.monotonic_ns())
+            if not absolute(service).startswith(READ_ONLY_PREFIX):
+                self._bridge.record(self.session.name, f"call {absolute(service)}", message.get("args"))
             self._bridge.call_service(self, service, message.get("args"), timeout_s, done)
         except (InvalidRequest, Refused) as error:
+            if isinstance(error, Refused):
+                self._refuse("call_service", message, error)
             self._bridge.log_request(self.session, "error", f"call_service: {error}")
             done(False, str(error))
 
@@ -215,14 +228,17 @@ class RosbridgeClient:
         try:
             self._bridge.authority.send_goal(self.session, action, time.monotonic_ns())
         except Refused as error:
+            self._refuse("send_action_goal", message, error)
             answer = {"op": "action_result", "action": action, "values": str(error), "status": 0, "result": False}
             self.answer(answer if identifier is None else {**answer, "id": identifier})
             return
         arguments = message.get("args")
+        self._bridge.record(self.session.name, f"goal {absolute(action)}", arguments)
         self._bridge.goals_of(self, lambda sender: sender.send_goal(identifier, action, kind, arguments, feedback))
 
     def _cancel_action_goal(self, message: dict[str, Any]) -> None:
         identifier = message.get("id")
+        self._bridge.record(self.session.name, "cancel goal", identifier)
         self._bridge.goals_of(self, lambda sender: sender.cancel(identifier))
 
     def _advertise_action(self, message: dict[str, Any]) -> None:

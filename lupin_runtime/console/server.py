@@ -1,42 +1,58 @@
-"""The console's HTTP server: rosbridge for other clients, on a port of its own."""
+"""The console's HTTP server: the one origin for browsers, and rosbridge for other clients on a port of its own."""
 
 from __future__ import annotations
 
 import asyncio
 import errno
 import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from aiohttp import web
 
 from lupin_runtime.console.authority import Role, Session
 from lupin_runtime.console.bridge import STOP_PERIOD_S, Bridge
 from lupin_runtime.console.connection import HEARTBEAT_S, MAX_MESSAGE_BYTES, Connection, Handoff
+from lupin_runtime.console.dual_port import DualPort
+from lupin_runtime.console.origin import MAX_CLIENTS, Origin
+from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.ports import PortInUse, owner_of
+from lupin_runtime.console.request_rules import host_name
 from lupin_runtime.console.rosbridge import RosbridgeClient
+from lupin_runtime.console.sessions import Sessions
 
-MAX_CLIENTS = 256
+Address = tuple[str, int]
+
 _START_S = 10.0
 _STOP_S = 2.0
 
 
 class ConsoleServer:
-    """Runs the event loop in a thread of its own. `start` raises PortInUse and OSError."""
+    """Runs the event loop in a thread of its own. `start` raises PortInUse and OSError.
 
-    def __init__(self, bridge: Bridge, host: str, rosbridge_port: int) -> None:
+    `address` and `rosbridge_address` are host and port; port 0 is any free one, and an empty host is all of this computer's.
+    """
+
+    def __init__(
+        self, bridge: Bridge, sessions: Sessions, codes: PairingCodes, address: Address, rosbridge_address: Address
+    ) -> None:
         self._bridge = bridge
-        self._host = host
-        self._port = rosbridge_port
+        self._codes = codes
+        self._address, self._rosbridge_address = address, rosbridge_address
         self._loop = asyncio.new_event_loop()
         self._handoff = Handoff(self._loop)
+        self._origin = Origin(bridge, self._handoff, sessions, codes)
         self._clients = 0
         self._number = 0
-        self._runner: web.AppRunner | None = None
-        self._stop_timer: asyncio.Task[None] | None = None
+        self._runners: list[web.AppRunner] = []
+        self._port: DualPort | None = None
+        self._upkeep: asyncio.Task[None] | None = None
         self._turns = 0
         self._thread = threading.Thread(target=self._loop.run_forever, name="console", daemon=True)
 
-    def start(self) -> int:
-        """Listen; returns the port, which the system chooses where 0 was given."""
+    def start(self) -> tuple[int, int]:
+        """Listen; returns the ports of the one origin and of rosbridge."""
         self._thread.start()
         return asyncio.run_coroutine_threadsafe(self._open(), self._loop).result(_START_S)
 
@@ -48,36 +64,46 @@ class ConsoleServer:
         if not self._thread.is_alive():
             self._loop.close()
 
-    async def _open(self) -> int:
+    async def _open(self) -> tuple[int, int]:
+        host, port = self._address
+        runner = await self._run(self._origin.application())
+        assert runner.server is not None
+        self._port = DualPort(runner.server, None)
+        with _naming_owner_of(port):
+            port = self._port.open(host, port)
         application = web.Application()
         application.router.add_get("/", self._rosbridge)
-        self._runner = web.AppRunner(application, access_log=None, shutdown_timeout=_STOP_S)
-        await self._runner.setup()
-        site = web.TCPSite(self._runner, self._host, self._port)
-        try:
-            await site.start()
-        except OSError as error:
-            if error.errno == errno.EADDRINUSE:
-                raise PortInUse(f"port {self._port} is in use by {owner_of(self._port)}") from error
-            raise
-        self._stop_timer = asyncio.create_task(self._repeat_stop())
-        return int(self._runner.addresses[0][1])
+        runner = await self._run(application)
+        with _naming_owner_of(self._rosbridge_address[1]):
+            await web.TCPSite(runner, *self._rosbridge_address).start()
+        self._upkeep = asyncio.create_task(self._keep_up())
+        return port, int(runner.addresses[0][1])
+
+    async def _run(self, application: web.Application) -> web.AppRunner:
+        runner = web.AppRunner(application, access_log=None, shutdown_timeout=_STOP_S)
+        await runner.setup()
+        self._runners.append(runner)
+        return runner
 
     async def _close(self) -> None:
-        if self._stop_timer is not None:
-            self._stop_timer.cancel()
-        if self._runner is not None:
-            await self._runner.cleanup()
+        if self._upkeep is not None:
+            self._upkeep.cancel()
+        if self._port is not None:
+            await self._port.close()
+        await asyncio.gather(*(runner.cleanup() for runner in self._runners))
 
     @property
     def turns(self) -> int:
         """How often the event loop has come round; it grows every STOP_PERIOD_S while the loop works."""
         return self._turns
 
-    async def _repeat_stop(self) -> None:
+    async def _keep_up(self) -> None:
         while True:
             self._turns += 1
             self._bridge.state_combined_stop()
+            self._codes.tick(time.monotonic_ns())
+            self._origin.push_state()
+            self._origin.close_revoked()
             await asyncio.sleep(STOP_PERIOD_S)
 
     async def _rosbridge(self, request: web.Request) -> web.StreamResponse:
@@ -102,7 +128,15 @@ class ConsoleServer:
         return socket
 
 
+@contextmanager
+def _naming_owner_of(port: int) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            raise PortInUse(f"port {port} is in use by {owner_of(port)}") from error
+        raise
+
+
 def _is_local(origin: str) -> bool:
-    host = origin.split("://", 1)[-1]
-    name = host.rsplit("]", 1)[0].lstrip("[") if host.startswith("[") else host.split(":", 1)[0]
-    return name in ("localhost", "127.0.0.1", "::1")
+    return host_name(origin.split("://", 1)[-1]) in ("localhost", "127.0.0.1", "::1")

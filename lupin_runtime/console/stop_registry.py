@@ -1,7 +1,8 @@
 """The stops of all clients, each a value of its own; together they are one console for the e-stop bridge.
 
-A client that stops is stopped until it releases. One that disappears while it drives, or while it holds the stop, leaves the
-stop engaged, and the holder of the lease releases it.
+A client that stops is stopped until it releases. One that disappears or falls silent while it drives, has control, or holds the
+stop, leaves the stop engaged. The holder of the lease releases that by a stop and release of its own: a client that only
+repeats that it is released releases nothing.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class StopRegistry:
 
     def __init__(self) -> None:
         self._clients: dict[Hashable, _ClientStop] = {}
-        self._lost: dict[str, str] = {}  # why the stop of a client that is gone remains, by its name
+        self._lost: dict[str, str] = {}  # why a stop remains that no client holds any more, by the client's name
 
     def join(self, client: Hashable, name: str) -> None:
         """Add a client."""
@@ -39,16 +40,36 @@ class StopRegistry:
         stop = self._clients[client]
         stop.engaged, stop.heard_ns = engaged, now_ns
 
-    def velocity(self, client: Hashable, moving: bool, now_ns: int) -> None:
-        """A velocity that a client commands; `moving` where it is not zero."""
-        self._clients[client].moving_ns = now_ns if moving else None
+    def withdraw(self, client: Hashable, now_ns: int) -> None:
+        """A client lets go of its stop and may not release it: the stop stays, and the holder of the lease releases it."""
+        stop = self._clients[client]
+        stop.engaged, stop.heard_ns = False, now_ns
+        self._lost[stop.name] = f"{stop.name} stopped the robot"
+
+    def hold_for(self, name: str) -> None:
+        """Stop for somebody who has no connection that could hold the stop."""
+        self._lost[name] = f"{name} stopped the robot"
+
+    def velocity(self, client: Hashable, moving: bool, now_ns: int) -> bool:
+        """A velocity that a client commands; `moving` where it is not zero. Returns whether the client was at rest before."""
+        stop = self._clients[client]
+        starts = moving and not _is_driving(stop, now_ns)
+        stop.moving_ns = now_ns if moving else None
+        return starts
+
+    def end_driving(self, now_ns: int) -> bool:
+        """Forget what clients drive, because another one takes over; returns whether one was driving."""
+        driving = [stop for stop in self._clients.values() if _is_driving(stop, now_ns)]
+        for stop in driving:
+            stop.moving_ns = None
+        return bool(driving)
 
     def leave(self, client: Hashable, now_ns: int, in_control: bool) -> bool:
         """Remove a client, which may be the console that is in control; returns whether it was driving."""
         stop = self._clients.pop(client, None)
         if stop is None:
             return False
-        driving = stop.moving_ns is not None and now_ns - stop.moving_ns <= DRIVING_S * 1e9
+        driving = _is_driving(stop, now_ns)
         if driving:
             self._lost[stop.name] = f"{stop.name} was lost while it was driving"
         elif stop.engaged:
@@ -57,22 +78,26 @@ class StopRegistry:
             self._lost[stop.name] = f"{stop.name} was lost while it had control"
         return driving
 
-    def is_engaged(self, client: Hashable, now_ns: int) -> bool:
-        """Whether a release by this client would change anything: its own stop, or one that a lost client left."""
-        stop = self._clients[client]
-        silent = stop.heard_ns is not None and now_ns - stop.heard_ns > EXPIRY_S * 1e9
-        return stop.engaged or silent or bool(self._lost)
+    def holds(self, client: Hashable) -> bool:
+        """Whether a client's own stop is engaged."""
+        return self._clients[client].engaged
 
     def release_lost(self) -> None:
-        """Release the stops of clients that are gone."""
+        """Release the stops that no client holds any more."""
         self._lost.clear()
 
-    def reasons(self, now_ns: int) -> list[str]:
-        """Why the stop is engaged; empty where it is released."""
-        found = list(self._lost.values())
+    def tick(self, now_ns: int, in_control: str | None) -> None:
+        """Engage for the client in control where it no longer repeats its state: nobody may be watching what it drives."""
         for stop in self._clients.values():
-            if stop.engaged:
-                found.append(f"{stop.name} holds the stop")
-            elif stop.heard_ns is not None and now_ns - stop.heard_ns > EXPIRY_S * 1e9:
-                found.append(f"{stop.name} is silent for more than {EXPIRY_S:g} s")
-        return found
+            silent = stop.heard_ns is not None and now_ns - stop.heard_ns > EXPIRY_S * 1e9
+            if silent and stop.name == in_control:
+                self._lost.setdefault(stop.name, f"{stop.name} was silent for more than {EXPIRY_S:g} s")
+
+    def reasons(self) -> list[str]:
+        """Why the stop is engaged; empty where it is released."""
+        held = [f"{stop.name} holds the stop" for stop in self._clients.values() if stop.engaged]
+        return [*self._lost.values(), *held]
+
+
+def _is_driving(stop: _ClientStop, now_ns: int) -> bool:
+    return stop.moving_ns is not None and now_ns - stop.moving_ns <= DRIVING_S * 1e9

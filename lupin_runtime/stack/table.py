@@ -14,6 +14,7 @@ from lupin_runtime import graph
 from lupin_runtime.stack.readiness import ActionReady, MissionReady, Port, Readiness, ServiceReady, TopicSample, TransformReady
 
 ONBOARD = "onboard"  # the target of the processes on the robot; `lupin up --target robot` starts those of the laptop
+CONSOLE_PORT = 8090
 ROSBRIDGE_PORT = 9090  # where every client of rosbridge looks for it
 ALL_TAGS = 65535  # discovery goal "all": the largest count that fits into StartMission
 
@@ -137,6 +138,10 @@ def _drive(options: Options) -> Parameters:
 
 def _estop(_: Options) -> Parameters:
     return {"serve_first": True}
+
+
+def _console(options: Options) -> Parameters:
+    return {"folder": str(options.run_path)}
 
 
 def _light_strip(options: Options) -> Parameters:
@@ -314,9 +319,9 @@ TABLE: tuple[ProcessRow, ...] = (
     ),
     ProcessRow(
         "console",
-        (NodeRow("lupin_runtime.console.node:Console"),),
+        (NodeRow("lupin_runtime.console.node:Console", _console),),
         when=lambda o: o.console and not _on_robot(o),
-        ready=(Port(ROSBRIDGE_PORT),),
+        ready=(Port(CONSOLE_PORT), Port(ROSBRIDGE_PORT)),
         memory_max_mb=256,
         next_command="lupin logs console",
     ),

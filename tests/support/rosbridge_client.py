@@ -17,9 +17,10 @@ ANSWER_BOUND_S = 20.0
 class RosbridgeClient:
     """Sends messages, and collects those that it gets."""
 
-    def __init__(self, port: int, **options: Any) -> None:
+    def __init__(self, port: int, path: str = "/", **options: Any) -> None:
         self._open = ExitStack()
-        self.socket: ClientConnection = self._open.enter_context(connect(f"ws://127.0.0.1:{port}", max_size=None, **options))
+        url = f"ws://127.0.0.1:{port}{path}"
+        self.socket: ClientConnection = self._open.enter_context(connect(url, max_size=None, **options))
         self.received: list[dict[str, Any]] = []
         self.raw: list[str | bytes] = []
 

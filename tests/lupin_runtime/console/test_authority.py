@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lupin_runtime import graph
-from lupin_runtime.console.authority import LEASE_SILENCE_S, Authority, Refused, Role, Session
+from lupin_runtime.console.authority import LEASE_SILENCE_S, REQUEST_S, Authority, Refused, Role, Session
 
 SECOND = 1_000_000_000
 ANNE, BEN = Session("anne", Role.OPERATOR), Session("ben", Role.OPERATOR)
@@ -109,3 +109,51 @@ def test_parameters_are_read_by_all_and_written_by_nobody(authority: Authority) 
     authority.call(VIEWER, "/rosapi/get_param", 0)
     with pytest.raises(Refused):
         authority.call(ANNE, "/rosapi/set_param", 0)
+
+
+def test_holder_hands_control_over_to_one_who_asks(authority: Authority, journal: list[str]) -> None:
+    changes: list[tuple[str | None, str | None]] = []
+    authority.on_change(lambda: changes.append((authority.lease(0).holder, authority.lease(0).requester)))
+    assert authority.request(ANNE, 0), "free"
+    assert not authority.request(BEN, 0)
+    assert not authority.request(BEN, 1), "asked once"
+    with pytest.raises(Refused, match="ben does not have control"):
+        authority.answer(BEN, True, 1)
+    authority.answer(ANNE, False, 2)
+    with pytest.raises(Refused, match="nobody asks"):
+        authority.answer(ANNE, True, 3)
+    assert not authority.request(BEN, 4)
+    authority.answer(ANNE, True, 5)
+    assert changes == [("anne", None), ("anne", "ben"), ("anne", None), ("anne", "ben"), ("ben", None)]
+    assert journal[-1] == "anne handed control to ben"
+
+
+def test_request_without_an_answer_is_refused_and_the_next_may_ask(authority: Authority) -> None:
+    carol = Session("carol", Role.OPERATOR)
+    authority.take(ANNE, 0)
+    authority.request(BEN, 0)
+    with pytest.raises(Refused, match="ben asks for control already"):
+        authority.request(carol, 1)
+    late_ns = int((REQUEST_S + 0.1) * SECOND)
+    for second in range(1, 11):
+        authority.seen(ANNE, second * SECOND)
+    assert authority.lease(late_ns).requester is None
+    assert not authority.request(carol, late_ns)
+
+
+def test_viewer_may_not_ask_and_one_who_asks_gets_what_the_holder_leaves(authority: Authority) -> None:
+    authority.take(ANNE, 0)
+    with pytest.raises(Refused, match="visitor is a viewer"):
+        authority.request(VIEWER, 0)
+    authority.request(BEN, 0)
+    authority.give_up(ANNE, 1)
+    assert authority.lease(1).holder == "ben"
+    authority.give_up(BEN, 2)
+    assert authority.lease(2).holder is None
+
+
+def test_one_who_asks_and_leaves_is_forgotten(authority: Authority) -> None:
+    authority.take(ANNE, 0)
+    authority.request(BEN, 0)
+    authority.give_up(BEN, 1)
+    assert authority.lease(1).requester is None

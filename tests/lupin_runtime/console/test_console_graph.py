@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -26,10 +27,11 @@ pytestmark = pytest.mark.graph
 Connect = Callable[..., RosbridgeClient]
 
 
-def serve(host: GraphHost, **parameters: Any) -> Console:
+def serve(host: GraphHost, folder: Path, **parameters: Any) -> Console:
     from lupin_runtime.console.node import Console
 
-    console: Console = host.add(Console({"rosbridge_port": 0, **parameters}))
+    files = {"folder": str(folder), "sessions_file": str(folder / "sessions.json")}
+    console: Console = host.add(Console({"port": 0, "rosbridge_port": 0, **files, **parameters}))
     return console
 
 
@@ -43,17 +45,17 @@ def peer(graph_host: GraphHost) -> LupinNode:
 
 
 @pytest.fixture
-def console(graph_host: GraphHost) -> Iterator[Console]:
+def console(graph_host: GraphHost, tmp_path: Path) -> Iterator[Console]:
     """A server that allows any name."""
-    node = serve(graph_host, unlisted=True, unregister_after_s=0.5)
+    node = serve(graph_host, tmp_path, unlisted=True, unregister_after_s=0.5)
     yield node
     node.before_shutdown()
 
 
 @pytest.fixture
-def strict(graph_host: GraphHost) -> Iterator[Console]:
+def strict(graph_host: GraphHost, tmp_path: Path) -> Iterator[Console]:
     """A server as operators get it."""
-    node = serve(graph_host)
+    node = serve(graph_host, tmp_path)
     yield node
     node.before_shutdown()
 
@@ -291,6 +293,11 @@ def test_driver_that_vanishes_engages_the_stop_until_released(
     assert driver.call("/rosapi/get_ros_version")["result"]
     driver.socket.socket.close()
     graph_host.until(lambda: stops and stops[-1], what="the stop")
+    count = len(stops)
+    other.send("publish", topic="/lupin/hmi/estop", msg={"data": False})
+    graph_host.until(lambda: len(stops) > count + 1, what="repeats of the stop")
+    assert all(stops[count:]), "repeating that one is released releases nothing"
+    other.send("publish", topic="/lupin/hmi/estop", msg={"data": True})
     other.send("publish", topic="/lupin/hmi/estop", msg={"data": False})
     graph_host.until(lambda: not stops[-1], what="the release")
 
@@ -308,6 +315,9 @@ def test_anyone_stops_and_only_control_releases(graph_host: GraphHost, peer: Lup
     visitor.send("publish", topic="/lupin/hmi/estop", msg={"data": False})
     visitor.refusal("has had control for")
     assert stops[-1]
+    driver.send("publish", topic="/lupin/hmi/estop", msg={"data": True})
+    driver.send("publish", topic="/lupin/hmi/estop", msg={"data": False})
+    graph_host.until(lambda: not stops[-1], what="the release by the client in control")
 
 
 def test_foreign_origin_is_refused(console: Console) -> None:
@@ -318,13 +328,14 @@ def test_foreign_origin_is_refused(console: Console) -> None:
         RosbridgeClient(console.rosbridge_port, origin=origin).close()
 
 
-def test_port_in_use_is_reported_with_its_owner(graph_host: GraphHost) -> None:
+@pytest.mark.parametrize("parameter", ["port", "rosbridge_port"])
+def test_port_in_use_is_reported_with_its_owner(graph_host: GraphHost, tmp_path: Path, parameter: str) -> None:
     from lupin_runtime.console.ports import PortInUse
 
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         with pytest.raises(PortInUse, match=rf"port {port} is in use by process \d+"):
-            serve(graph_host, rosbridge_port=port)
+            serve(graph_host, tmp_path, **{parameter: port})
 
 
 def test_client_that_never_reads_slows_nobody_down(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
@@ -343,8 +354,8 @@ def test_client_that_never_reads_slows_nobody_down(graph_host: GraphHost, peer: 
         reader.raw.clear()
 
 
-def test_event_loop_that_hangs_ends_the_node(graph_host: GraphHost) -> None:
-    node = serve(graph_host)
+def test_event_loop_that_hangs_ends_the_node(graph_host: GraphHost, tmp_path: Path) -> None:
+    node = serve(graph_host, tmp_path)
     release = threading.Event()
     node._server._loop.call_soon_threadsafe(release.wait, 20.0)
     with pytest.raises(RuntimeError, match="event loop has not responded for 3 s"):

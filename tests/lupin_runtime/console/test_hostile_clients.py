@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import random
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import psutil
@@ -49,11 +50,12 @@ KEYS = [
 
 
 @pytest.fixture
-def console(graph_host: GraphHost) -> Iterator[Console]:
+def console(graph_host: GraphHost, tmp_path: Path) -> Iterator[Console]:
     """A server that allows any name, so that more of it is reached."""
     from lupin_runtime.console.node import Console
 
-    node = graph_host.add(Console({"rosbridge_port": 0, "unlisted": True, "unregister_after_s": 0.2}))
+    files = {"folder": str(tmp_path), "sessions_file": str(tmp_path / "sessions.json")}
+    node = graph_host.add(Console({"port": 0, "rosbridge_port": 0, "unlisted": True, "unregister_after_s": 0.2, **files}))
     yield node
     node.before_shutdown()
 

@@ -1,0 +1,236 @@
+"""The console's one origin: the page, rosbridge at `/_ros`, and `/_api`, for browsers that were paired.
+
+A browser on this computer is paired by itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from aiohttp import WSCloseCode, web
+
+from lupin_runtime.atomic_file import MalformedFile
+from lupin_runtime.console.authority import Refused, Role, Session
+from lupin_runtime.console.bridge import Bridge
+from lupin_runtime.console.connection import HEARTBEAT_S, MAX_MESSAGE_BYTES, Connection, Handoff
+from lupin_runtime.console.events import EventChannel
+from lupin_runtime.console.pairing import PairingCodes
+from lupin_runtime.console.request_rules import check_host, check_origin, device_kind, is_loopback
+from lupin_runtime.console.rosbridge import RosbridgeClient
+from lupin_runtime.console.sessions import LIFE_S, Sessions
+
+COOKIE = "lupin_session"
+MAX_CLIENTS = 256
+LOCAL = Session("this computer", Role.OPERATOR)  # of programs on it, which keep no cookie
+_PAGE = Path(__file__).with_name("page")
+_WRONG_CODE_PAUSE_S = 1.0
+_SESSION = web.RequestKey("session", Session)
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; connect-src 'self' ws: wss:; frame-ancestors 'none'; base-uri 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class Origin:
+    """The routes of the one origin. Used on the event loop only."""
+
+    def __init__(self, bridge: Bridge, handoff: Handoff, sessions: Sessions, codes: PairingCodes) -> None:
+        self._bridge = bridge
+        self._handoff = handoff
+        self._sessions = sessions
+        self._codes = codes
+        self._events = EventChannel()
+        self._sockets: dict[web.WebSocketResponse, Session] = {}
+        self._opened = 0
+        self._holder: str | None = None
+        self._since_s = 0.0  # wall clock, for browsers
+        bridge.authority.on_change(self.push_state)
+
+    def application(self) -> web.Application:
+        """The aiohttp application with all routes."""
+        application = web.Application(middlewares=[self._guard])
+        application.router.add_get("/", self._page)
+        application.router.add_static("/page/", _PAGE)
+        application.router.add_get("/_ros", self._ros)
+        application.router.add_get("/_api/session", self._session)
+        application.router.add_post("/_api/pair", self._pair)
+        application.router.add_post("/_api/lease", self._lease)
+        application.router.add_post("/_api/stop", self._stop)
+        application.router.add_get("/_api/events", self._listen)
+        return application
+
+    def push_state(self) -> None:
+        """Push control and stop to all browsers where they changed. To be called twice a second, too."""
+        self._events.push("control", self._control())
+        self._events.push("stop", self._bridge.stop_reasons())
+
+    def close_revoked(self) -> None:
+        """Disconnect browsers whose session was revoked. To be called twice a second."""
+        for socket, session in list(self._sockets.items()):
+            if session is not LOCAL and not self._sessions.is_valid(session):
+                del self._sockets[socket]
+                closing = socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"this browser is no longer paired")
+                task = asyncio.ensure_future(closing)
+                task.add_done_callback(lambda done: done.exception())
+
+    # -- who asks -----------------------------------------------------------------------------------------------------
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        check_host(request)
+        check_origin(request)
+        session = None
+        try:
+            session = self._sessions.find(request.cookies.get(COOKIE, ""))
+            if session is None and is_loopback(request):
+                session = LOCAL
+            if session is not None:
+                request[_SESSION] = session
+            response = await handler(request)
+        except Refused as refusal:
+            self._bridge.record(session.name if session else f"{request.remote}", request.path, refused=str(refusal))
+            response = web.json_response({"error": str(refusal)}, status=403)
+        except (MalformedFile, OSError) as error:  # the file of paired browsers
+            response = web.json_response({"error": str(error)}, status=503)
+        if not response.prepared:
+            response.headers.update(_HEADERS)
+        return response
+
+    def _paired(self, request: web.Request) -> Session:
+        """The session of a request. Raises HTTPUnauthorized for a browser that was not paired."""
+        session: Session | None = request.get(_SESSION)
+        if session is None:
+            text = json.dumps({"error": "this browser is not paired; open / and type the code that the terminal shows"})
+            raise web.HTTPUnauthorized(text=text, content_type="application/json")
+        return session
+
+    # -- the page -----------------------------------------------------------------------------------------------------
+    async def _page(self, request: web.Request) -> web.StreamResponse:
+        response = web.FileResponse(_PAGE / "index.html")
+        if request.get(_SESSION) is LOCAL and "text/html" in request.headers.get("Accept", ""):
+            _, token = self._sessions.add(device_kind(request.headers.get("User-Agent", "")), Role.OPERATOR)
+            _set_cookie(request, response, token)
+        return response
+
+    async def _pair(self, request: web.Request) -> web.StreamResponse:
+        code = (await _object(request)).get("code")
+        if not isinstance(code, str) or len(code) > 100:
+            raise web.HTTPBadRequest(text="expected a code\n")
+        try:
+            role = self._codes.redeem(code, time.monotonic_ns())
+        except Refused:
+            await asyncio.sleep(_WRONG_CODE_PAUSE_S)
+            raise
+        before = self._sessions.find(request.cookies.get(COOKIE, ""))
+        session, token = self._sessions.add(device_kind(request.headers.get("User-Agent", "")), role)
+        if before is not None:
+            self._sessions.revoke(before.name)
+        self._bridge.record(session.name, f"paired as {role.value}", request.remote)
+        response = web.json_response({"name": session.name, "role": role.value})
+        _set_cookie(request, response, token)
+        return response
+
+    # -- rosbridge ----------------------------------------------------------------------------------------------------
+    async def _ros(self, request: web.Request) -> web.StreamResponse:
+        session = self._paired(request)
+        self._opened += 1
+        if session is LOCAL:
+            session = Session(f"program {self._opened} of this computer", Role.OPERATOR)
+        socket, connection = await self._open(request)
+        client = RosbridgeClient(session, self._bridge, lambda frame: self._handoff.put(connection, frame))
+        try:
+            await connection.serve(client.handle, lambda: self._bridge.overloaded(client))
+        finally:
+            self._sockets.pop(socket, None)
+            client.close()
+        return socket
+
+    # -- the API ------------------------------------------------------------------------------------------------------
+    async def _session(self, request: web.Request) -> web.StreamResponse:
+        session = request.get(_SESSION)
+        own = None if session is None else {"name": session.name, "role": session.role.value}
+        return web.json_response({"session": own, "control": self._control(), "stop": self._bridge.stop_reasons()})
+
+    async def _lease(self, request: web.Request) -> web.StreamResponse:
+        session = self._paired(request)
+        body = await _object(request)
+        authority, now_ns = self._bridge.authority, time.monotonic_ns()
+        action = body.get("action")
+        if action == "take":
+            authority.take(session, now_ns)
+        elif action == "request":
+            authority.request(session, now_ns)
+        elif action in ("grant", "refuse"):
+            authority.answer(session, action == "grant", now_ns)
+        elif action == "give_up":
+            authority.give_up(session, now_ns)
+        elif action == "take_over":
+            holder = authority.lease(now_ns).holder
+            if body.get("from") != holder:
+                # What the operator confirmed was to take control from somebody else.
+                return web.json_response({"error": f"control is with {holder or 'nobody'} now"}, status=409)
+            authority.take(session, now_ns, from_holder=True)
+        else:
+            raise web.HTTPBadRequest(text="action is one of take, request, grant, refuse, give_up, take_over\n")
+        return web.json_response(self._control())
+
+    async def _stop(self, request: web.Request) -> web.StreamResponse:
+        session = self._paired(request)
+        engaged = (await _object(request)).get("engaged")
+        if engaged is True:
+            self._bridge.stop_for(session)
+        elif engaged is False:
+            self._bridge.release_for(session)
+        else:
+            raise web.HTTPBadRequest(text="engaged is true or false\n")
+        self.push_state()
+        return web.json_response({"stop": self._bridge.stop_reasons()})
+
+    async def _listen(self, request: web.Request) -> web.StreamResponse:
+        session = self._paired(request)
+        socket, connection = await self._open(request)
+        self._events.join(connection)
+        try:
+            await connection.serve(lambda _: self._bridge.authority.seen(session, time.monotonic_ns()), lambda: False)
+        finally:
+            self._sockets.pop(socket, None)
+            self._events.leave(connection)
+        return socket
+
+    def _control(self) -> dict[str, Any]:
+        lease = self._bridge.authority.lease(time.monotonic_ns())
+        if lease.holder != self._holder:
+            self._holder, self._since_s = lease.holder, time.time()
+        since_s = round(self._since_s) if lease.holder is not None else None
+        return {"holder": lease.holder, "since_s": since_s, "requester": lease.requester}
+
+    async def _open(self, request: web.Request) -> tuple[web.WebSocketResponse, Connection]:
+        if len(self._sockets) >= MAX_CLIENTS:
+            raise web.HTTPServiceUnavailable(text=f"{MAX_CLIENTS} clients are connected\n")
+        socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
+        await socket.prepare(request)
+        self._sockets[socket] = request[_SESSION]
+        return socket, Connection(socket)
+
+
+async def _object(request: web.Request) -> dict[str, Any]:
+    """The JSON object that a request carries. Raises HTTPBadRequest."""
+    try:
+        body = await request.json()
+    except (ValueError, RecursionError) as error:
+        raise web.HTTPBadRequest(text=f"not JSON: {error}\n") from error
+    if not isinstance(body, dict):
+        raise web.HTTPBadRequest(text="expected a JSON object\n")
+    return body
+
+
+def _set_cookie(request: web.Request, response: web.StreamResponse, token: str) -> None:
+    response.set_cookie(COOKIE, token, max_age=int(LIFE_S), httponly=True, secure=request.secure, samesite="Strict", path="/")

@@ -1,0 +1,80 @@
+"use strict";
+
+const element = (id) => document.getElementById(id);
+let own = null;
+
+async function ask(path, body) {
+  const options = body === undefined ? {} : {
+    method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
+  };
+  const response = await fetch(path, options);
+  const text = await response.text();
+  const answer = response.headers.get("Content-Type")?.startsWith("application/json") ? JSON.parse(text) : { error: text };
+  if (!response.ok) throw new Error(answer.error);
+  return answer;
+}
+
+function act(path, body) {
+  element("problem").textContent = "";
+  return ask(path, body).catch((error) => { element("problem").textContent = error.message; });
+}
+
+function showControl(control) {
+  const mine = own !== null && control.holder === own.name;
+  element("control").textContent = mine ? "You have control." : control.holder ? `${control.holder} has control.` : "Nobody has control.";
+  element("take").disabled = mine || own === null || own.role !== "operator";
+  element("give").disabled = !mine;
+}
+
+function showStop(reasons) {
+  element("reasons").textContent = reasons.length ? `Stopped: ${reasons.join(", ")}` : "Not stopped by a console.";
+  element("release").disabled = reasons.length === 0;
+}
+
+function listen() {
+  const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/_api/events`);
+  // Control is lost by silence.
+  const sign = setInterval(() => { if (socket.readyState === WebSocket.OPEN) socket.send("{}"); }, 1000);
+  socket.onopen = () => { element("problem").textContent = ""; };
+  socket.onmessage = (message) => {
+    const { event, value } = JSON.parse(message.data);
+    if (event === "control") showControl(value);
+    if (event === "stop") showStop(value);
+  };
+  socket.onclose = () => {
+    clearInterval(sign);
+    element("problem").textContent = "The link to the robot is lost; the button on the robot still works.";
+    setTimeout(start, 2000);
+  };
+}
+
+async function start() {
+  const state = await act("/_api/session");
+  if (state === undefined) { setTimeout(start, 2000); return; }
+  own = state.session;
+  element("pairing").hidden = own !== null;
+  element("paired").hidden = own === null;
+  if (own === null) return;
+  element("who").textContent = `This browser is ${own.name}, ${own.role}.`;
+  showControl(state.control);
+  showStop(state.stop);
+  listen();
+}
+
+async function pair(code) {
+  if (await act("/_api/pair", { code }) !== undefined) await start();
+}
+
+element("pairing").addEventListener("submit", (event) => { event.preventDefault(); pair(element("code").value); });
+element("stop").addEventListener("click", () => act("/_api/stop", { engaged: true }));
+element("release").addEventListener("click", () => act("/_api/stop", { engaged: false }));
+element("take").addEventListener("click", () => act("/_api/lease", { action: "take" }));
+element("give").addEventListener("click", () => act("/_api/lease", { action: "give_up" }));
+
+const scanned = new URLSearchParams(location.hash.slice(1)).get("code");
+if (scanned) {
+  history.replaceState(null, "", location.pathname); // a code stays in no address bar and no history
+  pair(scanned);
+} else {
+  start();
+}

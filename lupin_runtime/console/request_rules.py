@@ -1,0 +1,62 @@
+"""Which requests the console's one origin accepts at all, whoever sends them: by `Host`, `Origin` and the way they came."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+
+from aiohttp import web
+
+_SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+
+
+def check_host(request: web.Request) -> None:
+    """Refuse names that are not this computer's: a page of another site may have a name that resolves to this address."""
+    name = host_name(request.host)
+    if not (_is_address(name) or name in _own_names() or name.endswith(".localhost")):
+        raise web.HTTPMisdirectedRequest(text=f"this server is not {name[:100]}\n")
+
+
+def check_origin(request: web.Request) -> None:
+    """Refuse what a page of another origin asks for: WebSockets, and all that may change something."""
+    origin = request.headers.get("Origin")
+    if origin is not None and origin != f"{request.scheme}://{request.host}":
+        raise web.HTTPForbidden(text=f"pages of {origin[:200]} may not use this server\n")
+    unsafe = request.method not in _SAFE_METHODS or request.headers.get("Upgrade", "").lower() == "websocket"
+    if unsafe and request.headers.get("Sec-Fetch-Site", "same-origin") not in ("same-origin", "none"):
+        raise web.HTTPForbidden(text="pages of other sites may not use this server\n")
+
+
+def is_loopback(request: web.Request) -> bool:
+    """Whether a request comes from this computer itself, and not through a proxy on it."""
+    forwarded = any(header in request.headers for header in ("X-Forwarded-For", "Forwarded", "Via"))
+    remote = (request.remote or "").removeprefix("::ffff:")
+    return not forwarded and _is_address(remote) and ipaddress.ip_address(remote).is_loopback
+
+
+def device_kind(user_agent: str) -> str:
+    """What kind of device a browser's `User-Agent` tells of: phone, tablet or computer."""
+    if "iPad" in user_agent or ("Android" in user_agent and "Mobile" not in user_agent):
+        return "tablet"
+    return "phone" if "Mobile" in user_agent or "iPhone" in user_agent else "computer"
+
+
+def host_name(host: str) -> str:
+    """The name or address in a `Host` header or an authority, without its port."""
+    if host.startswith("["):
+        return host[1:].split("]", 1)[0].lower()
+    return (host.rsplit(":", 1)[0] if host.count(":") == 1 else host).lower()
+
+
+def _own_names() -> tuple[str, ...]:
+    name = socket.gethostname().lower()
+    short = name.split(".", 1)[0]
+    return ("localhost", name, short, f"{short}.local")
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name.split("%", 1)[0])
+    except ValueError:
+        return False
+    return True

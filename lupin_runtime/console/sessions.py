@@ -1,0 +1,155 @@
+"""Paired browsers: each is a session, which it proves with a token in a cookie.
+
+The file holds only hashes of the tokens. The server and `lupin console revoke` both write it, each under a lock.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import secrets
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from lupin_runtime.atomic_file import MalformedFile, write_atomically
+from lupin_runtime.console.authority import Role, Session
+
+# A browser that did not come for so long has to be paired again.
+LIFE_S = 30 * 86400.0
+MAX_SESSIONS = 200
+_NOTED_EVERY_S = 3600.0
+_LOCK_BOUND_S = 2.0
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """A paired browser as the file holds it; times are seconds of the wall clock since 1970."""
+
+    name: str
+    role: Role
+    token_sha256: str
+    paired_s: float
+    used_s: float
+
+
+class Sessions:
+    """The paired browsers of this user. `clock` is the wall clock in seconds.
+
+    Raises MalformedFile where the file is damaged: nothing is dropped silently.
+    """
+
+    def __init__(self, path: Path, clock: Callable[[], float] = time.time) -> None:
+        self._path = path
+        self._clock = clock
+        self._seen: tuple[int, int, int] | None = None
+        self._pairings: dict[str, Pairing] = {}
+        self._sessions: dict[str, Session] = {}
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self.refresh()
+
+    def all(self) -> list[Pairing]:
+        """The paired browsers, the one used last first."""
+        self.refresh()
+        return sorted(self._pairings.values(), key=lambda pairing: -pairing.used_s)
+
+    def add(self, kind: str, role: Role) -> tuple[Session, str]:
+        """Pair a browser; returns its session, named by its kind and a number, and the token that it keeps."""
+        token = secrets.token_urlsafe(32)
+        now_s = self._clock()
+        with self._changing() as pairings:
+            taken = {pairing.name for pairing in pairings.values()}
+            name = next(f"{kind}-{number}" for number in range(1, len(taken) + 2) if f"{kind}-{number}" not in taken)
+            pairings[_hash(token)] = Pairing(name, role, _hash(token), now_s, now_s)
+            while len(pairings) > MAX_SESSIONS:
+                del pairings[min(pairings, key=lambda key: pairings[key].used_s)]
+        session = self.find(token)
+        assert session is not None
+        return session, token
+
+    def find(self, token: str) -> Session | None:
+        """The session of a token; None where it is unknown, revoked or expired. The same object for the same browser."""
+        self.refresh()
+        key = _hash(token)
+        pairing = self._pairings.get(key)
+        now_s = self._clock()
+        if pairing is None or now_s - pairing.used_s > LIFE_S:
+            return None
+        if abs(now_s - pairing.used_s) > _NOTED_EVERY_S:
+            with self._changing() as pairings:
+                if key not in pairings:
+                    return None
+                pairings[key] = replace(pairings[key], used_s=now_s)
+        return self._sessions.setdefault(key, Session(pairing.name, pairing.role))
+
+    def is_valid(self, session: Session) -> bool:
+        """Whether a session that was found is still paired."""
+        self.refresh()
+        return any(each is session and key in self._pairings for key, each in self._sessions.items())
+
+    def revoke(self, name: str) -> bool:
+        """Forget a browser; returns whether there was one of that name."""
+        with self._changing() as pairings:
+            keys = [key for key, pairing in pairings.items() if pairing.name == name]
+            for key in keys:
+                del pairings[key]
+        return bool(keys)
+
+    def refresh(self) -> None:
+        """Read the file where another process has changed it."""
+        try:
+            status = self._path.stat()
+        except FileNotFoundError:
+            self._seen, self._pairings = None, {}
+            return
+        seen = (status.st_mtime_ns, status.st_ino, status.st_size)
+        if seen != self._seen:
+            self._pairings = self._read()
+            self._seen = seen
+
+    def _read(self) -> dict[str, Pairing]:
+        try:
+            rows = json.loads(self._path.read_text())["sessions"]
+            pairings = [Pairing(**{**row, "role": Role(row["role"])}) for row in rows]
+            if not all(isinstance(value, str) for row in pairings for value in (row.name, row.token_sha256)):
+                raise TypeError("a name is not text")
+            if not all(isinstance(value, (int, float)) for row in pairings for value in (row.paired_s, row.used_s)):
+                raise TypeError("a time is not a number")
+        except FileNotFoundError:
+            return {}
+        except (ValueError, KeyError, TypeError) as error:
+            raise MalformedFile(self._path, None, f"{error}; move it away, and pair the browsers again") from error
+        return {pairing.token_sha256: pairing for pairing in pairings}
+
+    @contextmanager
+    def _changing(self) -> Iterator[dict[str, Pairing]]:
+        descriptor = os.open(self._path.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            _lock(descriptor, self._path)
+            pairings = self._read()
+            yield pairings
+            rows = [{**asdict(pairing), "role": pairing.role.value} for pairing in pairings.values()]
+            write_atomically(self._path, json.dumps({"sessions": rows}, indent=1), mode=0o600, sync=True)
+        finally:
+            os.close(descriptor)
+        self.refresh()
+
+
+def _hash(token: str) -> str:
+    return hashlib.sha256(token.encode()).hexdigest()
+
+
+def _lock(descriptor: int, path: Path) -> None:
+    deadline_s = time.monotonic() + _LOCK_BOUND_S
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if time.monotonic() > deadline_s:
+                raise TimeoutError(f"another process has held the lock of {path} for {_LOCK_BOUND_S:g} s") from None
+            time.sleep(0.01)

@@ -1,0 +1,289 @@
+"""The console's one origin on a real graph: pairing, sessions, control and stop, with browsers that keep their cookies."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from lupin_runtime import graph
+from lupin_runtime.console.authority import Role
+from lupin_runtime.console.sessions import Sessions
+from tests.support.console_browser import Browser
+from tests.support.rosbridge_client import RosbridgeClient
+
+if TYPE_CHECKING:
+    from lupin_runtime.console.node import Console
+    from lupin_runtime.ros import LupinNode
+    from tests.conftest import GraphHost
+
+pytestmark = pytest.mark.graph
+
+Open = Callable[..., RosbridgeClient]
+
+
+@pytest.fixture
+def console(graph_host: GraphHost, tmp_path: Path) -> Iterator[Console]:
+    from lupin_runtime.console.node import Console
+
+    files = {"folder": str(tmp_path), "sessions_file": str(tmp_path / "sessions.json")}
+    node = graph_host.add(Console({"port": 0, "rosbridge_port": 0, **files}))
+    yield node
+    node.before_shutdown()
+
+
+@pytest.fixture
+def peer(graph_host: GraphHost) -> LupinNode:
+    from lupin_runtime.ros import LupinNode
+
+    node: LupinNode = graph_host.add(LupinNode("peer"))
+    return node
+
+
+@pytest.fixture
+def open_socket() -> Iterator[Open]:
+    """Opens WebSockets that are closed after the test."""
+    made: list[RosbridgeClient] = []
+
+    def new(browser: Browser, path: str = "/_ros") -> RosbridgeClient:
+        made.append(browser.socket(path))
+        return made[-1]
+
+    yield new
+    for client in made:
+        client.close()
+
+
+@pytest.fixture
+def phone(console: Console) -> Browser:
+    """A browser of another computer that was not paired."""
+    return Browser(console.port, proxied=True)
+
+
+def code(folder: Path, role: str = "operator") -> str:
+    """The code that the terminal shows."""
+    return str(json.loads((folder / "console.json").read_text())["codes"][role])
+
+
+def journal(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (folder / "console_commands.jsonl").read_text().splitlines()]
+
+
+# -- pairing ----------------------------------------------------------------------------------------------------------
+def test_browser_of_another_computer_gets_nothing_before_it_is_paired(phone: Browser, open_socket: Open) -> None:
+    assert "<title>Lupin</title>" in phone.get("/")
+    assert phone.get("/_api/session")["session"] is None
+    for path, body in (("/_api/lease", {"action": "take"}), ("/_api/stop", {"engaged": True})):
+        status, answer = phone.request("POST", path, body)
+        assert status == 401 and "not paired" in answer["error"]
+    for path in ("/_ros", "/_api/events"):
+        with pytest.raises(InvalidStatus, match="401"):
+            open_socket(phone, path)
+    assert "Cookie" not in phone.headers
+
+
+def test_code_pairs_one_browser_once(phone: Browser, console: Console, tmp_path: Path, open_socket: Open) -> None:
+    first = code(tmp_path)
+    assert phone.post("/_api/pair", code=first) == {"name": "phone-1", "role": "operator"}
+    cookie = phone.answer_headers["Set-Cookie"]
+    assert all(part in cookie for part in ("HttpOnly", "SameSite=Strict", "Path=/", "Max-Age="))
+    assert phone.get("/_api/session")["session"] == {"name": "phone-1", "role": "operator"}
+    assert open_socket(phone).call("/rosapi/get_ros_version")["result"]
+    assert code(tmp_path) != first, "the terminal shows the next one"
+    status, answer = Browser(console.port, proxied=True).request("POST", "/_api/pair", {"code": first})
+    assert status == 403 and "not valid" in answer["error"]
+    assert [row["what"] for row in journal(tmp_path)] == ["paired as operator", "/_api/pair"]
+    assert first not in (tmp_path / "console_commands.jsonl").read_text()
+
+
+def test_browser_that_is_paired_again_is_one_session(phone: Browser, tmp_path: Path) -> None:
+    phone.post("/_api/pair", code=code(tmp_path, "viewer"))
+    before = phone.headers["Cookie"]
+    assert phone.post("/_api/pair", code=code(tmp_path))["role"] == "operator"
+    assert len(Sessions(tmp_path / "sessions.json").all()) == 1
+    phone.headers["Cookie"] = before
+    assert phone.get("/_api/session")["session"] is None
+
+
+def test_browser_of_this_computer_is_paired_by_itself(console: Console, tmp_path: Path) -> None:
+    browser, other = Browser(console.port, agent="Mozilla/5.0 (X11; Linux x86_64)"), Browser(console.port)
+    browser.get("/")
+    other.get("/")
+    assert browser.get("/_api/session")["session"] == {"name": "computer-1", "role": "operator"}
+    assert other.get("/_api/session")["session"]["name"] == "phone-1"
+    browser.get("/")
+    assert len(Sessions(tmp_path / "sessions.json").all()) == 2
+
+
+def test_program_on_this_computer_keeps_no_session(console: Console, tmp_path: Path) -> None:
+    program = Browser(console.port, agent="curl/8")
+    program.headers["Accept"] = "*/*"
+    program.get("/")
+    assert program.get("/_api/session")["session"]["name"] == "this computer"
+    assert not (tmp_path / "sessions.json").exists()
+
+
+def test_revoked_browser_is_disconnected(phone: Browser, tmp_path: Path, open_socket: Open) -> None:
+    phone.post("/_api/pair", code=code(tmp_path))
+    client = open_socket(phone)
+    assert client.call("/rosapi/get_ros_version")["result"]
+    assert Sessions(tmp_path / "sessions.json").revoke("phone-1")
+    with pytest.raises(ConnectionClosed, match="no longer paired"):
+        client.take(20.0)
+    with pytest.raises(InvalidStatus, match="401"):
+        open_socket(phone)
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example"])
+def test_name_that_only_resolves_to_this_computer_is_refused(console: Console, host: str) -> None:
+    status, text = Browser(console.port).request("GET", "/_api/session", Host=host)
+    assert status == 421 and host in text
+
+
+def test_page_of_another_site_can_do_nothing(console: Console) -> None:
+    browser = Browser(console.port)
+    browser.get("/")
+    for origin in ("https://evil.example", "null", f"https://127.0.0.1:{console.port}"):
+        status, _ = browser.request("POST", "/_api/stop", {"engaged": True}, Origin=origin)
+        assert status == 403
+        with pytest.raises(InvalidStatus, match="403"):
+            RosbridgeClient(console.port, "/_ros", origin=origin, additional_headers={"Cookie": browser.headers["Cookie"]})
+
+
+@pytest.mark.parametrize("path", ["/_api/pair", "/_api/lease", "/_api/stop"])
+@pytest.mark.parametrize("body", [b"", b"{", b"[]", b"3", b"{}", b'{"code": 3, "action": [], "engaged": "x"}', b"[" * 5000])
+def test_bad_request_is_refused_with_its_reason(console: Console, path: str, body: bytes) -> None:
+    status, text = Browser(console.port).request("POST", path, body)
+    assert status == 400 and text
+
+
+def test_page_may_run_only_its_own_scripts_and_lie_in_no_frame(console: Console) -> None:
+    browser = Browser(console.port)
+    browser.get("/")
+    policy = browser.answer_headers["Content-Security-Policy"]
+    assert "default-src 'self'" in policy and "frame-ancestors 'none'" in policy and "unsafe" not in policy
+    for path in ("/page/console.js", "/page/console.css"):
+        assert browser.get(path)
+    for path in ("/page/../origin.py", "/page/%2e%2e/origin.py", "/page//etc/passwd", "/page/"):
+        assert browser.request("GET", path)[0] in (403, 404)
+
+
+def test_client_that_says_nothing_does_not_keep_others_out(console: Console) -> None:
+    silent = [socket.create_connection(("127.0.0.1", console.port), timeout=20) for _ in range(200)]
+    assert Browser(console.port).get("/_api/session")["session"]
+    for connection in silent:
+        connection.close()
+
+
+def test_damaged_file_of_sessions_is_named(console: Console, tmp_path: Path) -> None:
+    (tmp_path / "sessions.json").write_text("{")
+    status, answer = Browser(console.port).request("GET", "/_api/session")
+    assert status == 503 and "sessions.json" in answer["error"]
+
+
+# -- control ----------------------------------------------------------------------------------------------------------
+@pytest.fixture
+def anne(console: Console, tmp_path: Path) -> Browser:
+    browser = Browser(console.port, proxied=True)
+    browser.post("/_api/pair", code=code(tmp_path))
+    return browser
+
+
+@pytest.fixture
+def ben(console: Console, tmp_path: Path, anne: Browser) -> Browser:
+    assert anne is not None  # the first phone
+    browser = Browser(console.port, proxied=True)
+    browser.post("/_api/pair", code=code(tmp_path))
+    return browser
+
+
+def test_control_is_requested_and_handed_over(anne: Browser, ben: Browser, open_socket: Open) -> None:
+    events = open_socket(anne, "/_api/events")
+    assert anne.post("/_api/lease", action="take")["holder"] == "phone-1"
+    status, answer = ben.request("POST", "/_api/lease", {"action": "take"})
+    assert status == 403 and "phone-1 has had control" in answer["error"]
+    assert ben.post("/_api/lease", action="request")["requester"] == "phone-2"
+    events.wait(lambda event: event["event"] == "control" and event["value"]["requester"] == "phone-2")
+    assert anne.post("/_api/lease", action="grant")["holder"] == "phone-2"
+    events.wait(lambda event: event["event"] == "control" and event["value"]["holder"] == "phone-2")
+
+
+def test_control_is_taken_over_from_whom_the_operator_saw(anne: Browser, ben: Browser, tmp_path: Path) -> None:
+    anne.post("/_api/lease", action="take")
+    status, answer = ben.request("POST", "/_api/lease", {"action": "take_over", "from": "phone-7"})
+    assert status == 409 and "phone-1" in answer["error"]
+    assert ben.post("/_api/lease", action="take_over", **{"from": "phone-1"})["holder"] == "phone-2"
+    assert journal(tmp_path)[-1]["what"] == "phone-2 has control, taken from phone-1"
+
+
+def test_taking_over_ends_what_the_other_drives(
+    graph_host: GraphHost, peer: LupinNode, anne: Browser, ben: Browser, open_socket: Open
+) -> None:
+    speeds: list[float] = []
+    peer.subscription(graph.CMD_VEL_MANUAL, lambda message: speeds.append(message.linear.x))
+    graph_host.until(lambda: peer.count_publishers(graph.CMD_VEL_MANUAL.name))
+    driver, next_driver = open_socket(anne), open_socket(ben)
+    driver.send("set_level", level="error")
+    driver.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.2}})
+    graph_host.until(lambda: speeds == [0.2], what="the first driver's velocity")
+    driver.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.2}})
+    ben.post("/_api/lease", action="take_over", **{"from": "phone-1"})
+    graph_host.until(lambda: speeds[-1] == 0.0, what="the robot at rest")
+    driver.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.2}})
+    driver.refusal("phone-2 has had control")
+    next_driver.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.1}})
+    graph_host.until(lambda: speeds[-1] == 0.1, what="the next driver's velocity")
+
+
+def test_viewer_sees_and_stops_and_does_not_drive(
+    graph_host: GraphHost, peer: LupinNode, console: Console, tmp_path: Path, anne: Browser, open_socket: Open
+) -> None:
+    stops: list[bool] = []
+    peer.subscription(graph.HMI_ESTOP, lambda message: stops.append(message.data))
+    graph_host.until(lambda: peer.count_publishers(graph.HMI_ESTOP.name))
+    viewer = Browser(console.port, proxied=True)
+    viewer.post("/_api/pair", code=code(tmp_path, Role.VIEWER.value))
+    for action in ("take", "request"):
+        assert viewer.request("POST", "/_api/lease", {"action": action})[0] == 403
+    client = open_socket(viewer)
+    client.send("set_level", level="error")
+    client.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.2}})
+    client.refusal("is a viewer")
+    assert viewer.post("/_api/stop", engaged=True)["stop"] == ["phone-2 stopped the robot"]
+    graph_host.until(lambda: stops and stops[-1], what="the stop")
+    assert viewer.request("POST", "/_api/stop", {"engaged": False})[0] == 403
+    client.close()
+    assert anne.post("/_api/stop", engaged=False)["stop"] == []
+    graph_host.until(lambda: not stops[-1], what="the release")
+
+
+def test_release_says_who_still_holds_the_stop(anne: Browser, ben: Browser, open_socket: Open) -> None:
+    client = open_socket(ben)
+    events = open_socket(anne, "/_api/events")
+    client.send("publish", topic="/lupin/hmi/estop", msg={"data": True})
+    events.wait(lambda event: event["event"] == "stop" and event["value"] == ["phone-2 holds the stop"])
+    assert anne.post("/_api/stop", engaged=False)["stop"] == ["phone-2 holds the stop"]
+
+
+def test_commands_are_journalled_with_who(anne: Browser, tmp_path: Path, open_socket: Open) -> None:
+    client = open_socket(anne)
+    client.send("set_level", level="error")
+    client.send("publish", topic="/cmd_vel", msg={})
+    client.refusal("not allowed")
+    client.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.1}})
+    client.call("/mission/pause")
+    anne.post("/_api/stop", engaged=True)
+    by_phone = [row for row in journal(tmp_path) if row["session"] == "phone-1"]
+    assert [row["what"] for row in by_phone] == [
+        "paired as operator",
+        "publish /cmd_vel",
+        "drive",
+        "call /mission/pause",
+        "stop",
+    ]
+    assert "not allowed" in by_phone[1]["refused"]

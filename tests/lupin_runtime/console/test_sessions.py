@@ -1,0 +1,132 @@
+"""Paired browsers in a file that two processes write."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lupin_runtime.atomic_file import MalformedFile
+from lupin_runtime.console.authority import Role
+from lupin_runtime.console.sessions import LIFE_S, MAX_SESSIONS, Sessions
+
+
+class Clock:
+    now_s = 1_800_000_000.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "console" / "sessions.json"
+
+
+def test_token_is_found_again_and_is_in_no_file(path: Path, clock: Clock) -> None:
+    sessions = Sessions(path, clock)
+    session, token = sessions.add("phone", Role.VIEWER)
+    assert (session.name, session.role) == ("phone-1", Role.VIEWER)
+    assert sessions.find(token) is session
+    assert Sessions(path, clock).find(token) == session
+    assert token not in path.read_text()
+    assert path.stat().st_mode & 0o777 == 0o600 and path.parent.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize("token", ["", "x", "../../etc/passwd", "ü" * 1000])
+def test_unknown_token_is_nobody(path: Path, clock: Clock, token: str) -> None:
+    sessions = Sessions(path, clock)
+    sessions.add("phone", Role.OPERATOR)
+    assert sessions.find(token) is None
+
+
+def test_names_are_unique_and_free_ones_are_used_again(path: Path, clock: Clock) -> None:
+    sessions = Sessions(path, clock)
+    names = [sessions.add("phone", Role.VIEWER)[0].name for _ in range(3)]
+    assert names == ["phone-1", "phone-2", "phone-3"]
+    assert sessions.revoke("phone-2") and not sessions.revoke("phone-2")
+    assert sessions.add("phone", Role.VIEWER)[0].name == "phone-2"
+
+
+def test_session_ends_when_it_is_not_used(path: Path, clock: Clock) -> None:
+    sessions = Sessions(path, clock)
+    _, used = sessions.add("phone", Role.OPERATOR)
+    _, left = sessions.add("phone", Role.OPERATOR)
+    clock.now_s += LIFE_S - 1
+    assert sessions.find(used) is not None
+    clock.now_s += 2
+    assert sessions.find(used) is not None
+    assert sessions.find(left) is None
+
+
+def test_clock_that_is_set_back_ends_no_session(path: Path, clock: Clock) -> None:
+    sessions = Sessions(path, clock)
+    _, token = sessions.add("phone", Role.OPERATOR)
+    clock.now_s -= 10 * LIFE_S
+    assert sessions.find(token) is not None
+    clock.now_s += 10 * LIFE_S
+    assert sessions.find(token) is None, "long unused by the clock that it was used under"
+
+
+def test_revoking_in_another_process_ends_a_session(path: Path, clock: Clock) -> None:
+    sessions = Sessions(path, clock)
+    session, token = sessions.add("phone", Role.OPERATOR)
+    _, kept = sessions.add("tablet", Role.OPERATOR)
+    program = "import sys; from pathlib import Path; from lupin_runtime.console.sessions import Sessions; "
+    program += "assert Sessions(Path(sys.argv[1])).revoke('phone-1')"
+    subprocess.run([sys.executable, "-c", program, str(path)], check=True, timeout=60)
+    assert not sessions.is_valid(session)
+    assert sessions.find(token) is None and sessions.find(kept) is not None
+
+
+def test_processes_that_pair_at_once_lose_no_browser(path: Path) -> None:
+    program = "import sys; from pathlib import Path; from lupin_runtime.console.authority import Role; "
+    program += "from lupin_runtime.console.sessions import Sessions; "
+    program += "[Sessions(Path(sys.argv[1])).add('phone', Role.VIEWER) for _ in range(10)]"
+    both = [subprocess.Popen([sys.executable, "-c", program, str(path)]) for _ in range(2)]
+    assert [process.wait(60) for process in both] == [0, 0]
+    assert len({pairing.name for pairing in Sessions(path).all()}) == 20
+
+
+def test_number_of_sessions_is_limited(path: Path, clock: Clock) -> None:
+    sessions = Sessions(path, clock)
+    _, first = sessions.add("computer", Role.OPERATOR)
+    for _ in range(MAX_SESSIONS):
+        clock.now_s += 1
+        sessions.add("computer", Role.OPERATOR)
+    assert len(sessions.all()) == MAX_SESSIONS
+    assert sessions.find(first) is None, "the one that was used longest ago"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "{",
+        "[]",
+        '{"sessions": 3}',
+        '{"sessions": [{"name": "a"}]}',
+        '{"sessions": [{"name": 1, "role": "viewer", "token_sha256": "a", "paired_s": 0, "used_s": 0}]}',
+        '{"sessions": [{"name": "a", "role": "root", "token_sha256": "a", "paired_s": 0, "used_s": 0}]}',
+        '{"sessions": [{"name": "a", "role": "viewer", "token_sha256": "a", "paired_s": 0, "used_s": "x"}]}',
+    ],
+)
+def test_damaged_file_is_named_and_kept(path: Path, content: str) -> None:
+    path.parent.mkdir()
+    path.write_text(content)
+    with pytest.raises(MalformedFile, match=r"sessions\.json.*move it away"):
+        Sessions(path)
+    assert path.read_text() == content
+
+
+def test_file_is_plain_json(path: Path, clock: Clock) -> None:
+    Sessions(path, clock).add("phone", Role.VIEWER)
+    assert [row["name"] for row in json.loads(path.read_text())["sessions"]] == ["phone-1"]
