@@ -110,7 +110,7 @@ class HangRig(ReleaseRig):
         state = self.run.state()
         deaths = state.get("deaths") or state.get("outcome", {}).get("deaths") or [{}]
         why = f"{deaths[-1].get('status', '')}: {deaths[-1].get('consequence', '')}" if name != SUPERVISOR else "continued"
-        self.stream(graph.CMD_VEL_MANUAL, None)
+        self._streams = dict.fromkeys(self._streams)
         return Result(_at_rest_s(list(self.speeds), began_s), reported_s, status_exit, replaced_s, why)
 
 
