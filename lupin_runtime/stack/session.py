@@ -139,7 +139,7 @@ class Session:
 
     def _ended(self) -> bool:
         outcome = self.outcome
-        fatal = next((death for death in self.supervisor.deaths if death.consequence != "restarted"), None)
+        fatal = next((death for death in self.supervisor.deaths if death.ends_run), None)
         if fatal is not None:
             outcome.exit_status, outcome.state = EXIT_ENDED_OTHERWISE, "LOST"
             outcome.sentence = f"{fatal.stage} {fatal.status}: {fatal.consequence}"

@@ -84,6 +84,7 @@ class Death:
     stage: str
     status: str
     consequence: str
+    ends_run: bool = False
 
 
 class Supervisor:
@@ -195,7 +196,7 @@ class Supervisor:
             consequence = f"given up after {RESTARTS_ALLOWED} restarts in a minute" if repairable else lost
         log = "" if self._own_output else f"; log: {self.run.logs / (stage.row.name + '.log')}"
         stage.why = f"{status}; {consequence}{log}"
-        self.deaths.append(Death(stage.row.name, status, consequence))
+        self.deaths.append(Death(stage.row.name, status, consequence, ends_run=not (may_restart or stage.row.optional)))
 
     def waiting_for(self, stage: Stage) -> list[str]:
         """Why each condition for a stage's next phase does not hold."""
@@ -203,21 +204,23 @@ class Supervisor:
         return [self._monitor.explain(condition) for condition in conditions if not self._monitor.satisfied(condition)]
 
     def all_up(self, names: Sequence[str] | None = None) -> bool:
-        """Whether the stages called `names`, or all stages, are up."""
-        return all(stage.phase is Phase.UP for stage in self.stages if names is None or stage.row.name in names)
+        """Whether the stages called `names`, or all that a run needs, are up."""
+        chosen = [s for s in self.stages if (not s.row.optional if names is None else s.row.name in names)]
+        return all(stage.phase is Phase.UP for stage in chosen)
 
     def stalled(self) -> list[Stage]:
-        """Stages that are late: those that failed or did not come up in time; only without such, those that still wait."""
+        """Stages that a run needs and that are late: those that failed or did not come up in time; else those that still wait."""
         now = time.monotonic()
+        needed = [stage for stage in self.stages if not stage.row.optional]
         late = [
             stage
-            for stage in self.stages
+            for stage in needed
             if stage.phase is Phase.FAILED or (stage.phase is Phase.STARTING and now - stage.since_s > stage.row.up_within_s)
         ]
         if late:
             return late
         start_bound_s = 2.0 * max((stage.row.up_within_s for stage in self.stages), default=0.0)
-        return [s for s in self.stages if s.phase is Phase.WAITING and now - s.since_s > start_bound_s]
+        return [s for s in needed if s.phase is Phase.WAITING and now - s.since_s > start_bound_s]
 
     def _measure(self) -> None:
         total = memory_mb("self") or 0.0

@@ -84,7 +84,8 @@ class ProcessRow:
 
     It starts when all of `needs` hold, and is up when all of `ready` hold, which must happen within `up_within_s`. `on_death`
     says what follows an unplanned end: "restart" starts it again; "mission" or "run" stops that, because the state that the
-    process held is lost. `next_command` is what an operator should type when it does not come up.
+    process held is lost. A run goes on without one that is `optional`. `next_command` is what an operator should type when it
+    does not come up.
     """
 
     name: str
@@ -99,6 +100,7 @@ class ProcessRow:
     command: Callable[[Options], list[str]] | None = None
     memory_max_mb: int = 384
     sends_heartbeats: bool = True
+    optional: bool = False
     commands_motion: bool = False  # the supervisor tells it to stop while another process does not respond
     next_command: str = ""
 
@@ -323,6 +325,7 @@ TABLE: tuple[ProcessRow, ...] = (
         when=lambda o: o.console and not _on_robot(o),
         ready=(Port(CONSOLE_PORT), Port(ROSBRIDGE_PORT)),
         memory_max_mb=256,
+        optional=True,
         next_command="lupin logs console",
     ),
     ProcessRow("rviz", (), when=lambda o: o.rviz, command=_rviz_command, sends_heartbeats=False),

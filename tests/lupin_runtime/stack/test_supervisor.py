@@ -106,6 +106,17 @@ def test_process_that_keeps_dying_gets_three_restarts(supervise: Any) -> None:
     assert stage.restart_count == 3
     assert "status 7" in stage.why and "nav.log" in stage.why
     assert supervisor.stalled() == [stage]
+    assert [death.ends_run for death in supervisor.deaths] == [False, False, False, True]
+
+
+def test_run_goes_on_without_an_optional_process(supervise: Any) -> None:
+    unable = row("console", "raise SystemExit(7)", ready=(TopicSample(graph.MAP),), optional=True)
+    supervisor = supervise(FakeMonitor(), unable, row("nav", STAY))
+    stage = supervisor.stage("console")
+    until(supervisor, lambda: stage.phase is Phase.FAILED)
+    until(supervisor, supervisor.all_up)
+    assert supervisor.stalled() == [] and not any(death.ends_run for death in supervisor.deaths)
+    assert "console" not in supervisor.liveness.motion_block_reasons()
 
 
 def test_death_of_the_simulator_stops_the_run(supervise: Any) -> None:
@@ -114,7 +125,7 @@ def test_death_of_the_simulator_stops_the_run(supervise: Any) -> None:
     until(supervisor, lambda: stage.phase is Phase.UP)
     stage.process.kill()
     until(supervisor, lambda: stage.phase is Phase.FAILED)
-    assert "the run was stopped" in supervisor.deaths[0].consequence
+    assert "the run was stopped" in supervisor.deaths[0].consequence and supervisor.deaths[0].ends_run
 
 
 def test_processes_stop_by_rank_and_a_deaf_one_is_killed(
