@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
-import tempfile
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -25,7 +21,8 @@ def command(
     parameter: list[str] = typer.Option([], "--parameter", "-p", help="Override a parameter: NODE.NAME=VALUE, VALUE as JSON."),
 ) -> None:
     """Run one process of the stack in the foreground, on the graph of the live run if there is one."""
-    from lupin_runtime.stack.runs import RunError, find_live_run
+    from lupin_cli.run.foreground import graph_of, run_in_foreground
+    from lupin_runtime.stack.runs import RunError
     from lupin_runtime.stack.table import TABLE, Options, launch
 
     rows = {row.name: row for row in TABLE if not row.external}
@@ -36,31 +33,15 @@ def command(
     if process not in rows:
         echo(f"there is no process {process!r}; the processes are: {', '.join(rows)}", err=True)
         raise typer.Exit(USAGE_ERROR)
-    environment = dict(os.environ)
     try:
-        found = find_live_run(run)
-        environment.update(found.info()["environment"])
-        folder = found.path
+        environment, folder = graph_of(run)
     except RunError as error:
-        if run is not None:
-            echo(str(error), err=True)
-            raise typer.Exit(UNREACHABLE) from error
-        echo("no run is up: the process joins the graph of this shell", err=True)
-        folder = Path(tempfile.mkdtemp(prefix="lupin-"))
+        echo(str(error), err=True)
+        raise typer.Exit(UNREACHABLE) from error
     made = launch(rows[process], Options(run_path=folder, mission=True))
-    arguments = made.arguments
     if made.config is not None:
         _override(made.config, parameter)
-        path = folder / f"{process}-foreground.json"
-        path.write_text(json.dumps(made.config))
-        arguments = [*arguments[:-1], str(path)]
-    # The child ends at the end of its input. It gets a pipe, so that Ctrl-D in the terminal does not terminate it.
-    child = subprocess.Popen([sys.executable, *arguments], env=environment, stdin=subprocess.PIPE)
-    while True:
-        try:
-            raise typer.Exit(child.wait())
-        except KeyboardInterrupt:
-            continue  # the terminal sent SIGINT to the child too, which stops in its own order
+    raise typer.Exit(run_in_foreground(made, environment, folder))
 
 
 def _program(row: ProcessRow) -> str:

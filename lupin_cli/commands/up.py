@@ -10,12 +10,15 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from lupin_cli.exit_codes import UNREACHABLE, USAGE_ERROR
 from lupin_cli.terminal import echo
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 DEFAULT_GOAL = {"sim": "all", "robot": "5"}
 DETACH_BOUND_S = 20.0
@@ -39,7 +42,7 @@ def command(
     flowers: bool = typer.Option(True, "--yolo/--no-yolo", help="Flower detection."),
     cameras: bool = typer.Option(True, "--cameras/--no-cameras", help="Simulate the cameras."),
     record: bool = typer.Option(True, "--record/--no-record", help="Record the graph to an MCAP file."),
-    web: bool = typer.Option(False, "--web/--no-web", help="The console's server: rosbridge on 127.0.0.1:9090."),
+    web: bool = typer.Option(True, "--web/--no-web", help="The console: its page on port 8090, rosbridge on 9090."),
     joystick: bool = typer.Option(True, "--joystick/--no-joystick", help="Xbox gamepad (not in this release)."),
     rviz: bool = typer.Option(True, "--rviz/--no-rviz", help="RViz, if it is installed and there is a display."),
     discovery_goal: str = typer.Option(None, help="Tags to discover: a number, or all [5 on the robot, all in the sim]."),
@@ -91,7 +94,8 @@ def command(
         dependency_timeout_s=dependency_timeout_s,
         approach_overrides=overrides.resolve() if overrides else None,
     )
-    raise typer.Exit(_run(options, unavailable, as_json))
+    open_browser = not headless and sys.stdout.isatty() and bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    raise typer.Exit(_run(options, unavailable, as_json, open_browser))
 
 
 def _pose(text: str | None, map_file: Path | None) -> tuple[float, float, float] | None:
@@ -133,9 +137,10 @@ def _unavailable(web: bool, joystick: bool, rviz: bool) -> dict[str, str]:
     unavailable = {}
     if web:
         from lupin_runtime.console.ports import PortInUse, check_free
-        from lupin_runtime.stack.table import ROSBRIDGE_PORT
+        from lupin_runtime.stack.table import CONSOLE_PORT, ROSBRIDGE_PORT
 
         try:
+            check_free("127.0.0.1", CONSOLE_PORT)
             check_free("127.0.0.1", ROSBRIDGE_PORT)
         except PortInUse as error:
             unavailable["web"] = str(error)
@@ -161,7 +166,7 @@ def _layout(world: str, target: str) -> Path | None:
     return Path(world).resolve() if world.endswith(".json") else None
 
 
-def _run(options: Any, unavailable: dict[str, str], as_json: bool) -> int:
+def _run(options: Any, unavailable: dict[str, str], as_json: bool, open_browser: bool) -> int:
     from rich.console import Console
 
     from lupin_cli.run.live_view import LiveView
@@ -171,9 +176,18 @@ def _run(options: Any, unavailable: dict[str, str], as_json: bool) -> int:
     from lupin_runtime.stack.session import Session
 
     console = Console(stderr=as_json)
+    announced = False
+
+    def observe(state: dict[str, Any]) -> None:
+        nonlocal announced
+        if not announced and _console_is_up(state):
+            announced = True
+            _announce_console(session.run.path, console, open_browser)
+        view.show(state)
+
     try:
         view = LiveView(console)
-        session = Session(options, view.show)
+        session = Session(options, observe)
     except (NoFreeDomain, NoRobotEnvironment, RunError) as error:
         echo(f"lupin up: {error}", err=True)
         return USAGE_ERROR
@@ -188,6 +202,26 @@ def _run(options: Any, unavailable: dict[str, str], as_json: bool) -> int:
     if as_json:
         print(json.dumps(result))
     return outcome.exit_status
+
+
+def _console_is_up(state: dict[str, Any]) -> bool:
+    return any(stage["name"] == "console" and stage["phase"] == "up" for stage in state["stages"])
+
+
+def _announce_console(folder: Path, console: Console, open_browser: bool) -> None:
+    """Print where the console is; on a desktop, also open its page."""
+    from lupin_cli.run.console_access import access_lines
+    from lupin_runtime.console.description import read_description
+
+    described = read_description(folder)
+    if described is None:
+        return
+    for line in access_lines(described):
+        console.print(line, highlight=False, soft_wrap=True)
+    if open_browser:
+        import webbrowser
+
+        webbrowser.open(described.url)
 
 
 def _detach() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from pathlib import Path
@@ -10,20 +9,18 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 
-from lupin_runtime.atomic_file import write_atomically
 from lupin_runtime.console.authority import Authority, Role
 from lupin_runtime.console.bridge import STOP_PERIOD_S, Bridge
 from lupin_runtime.console.command_journal import CommandJournal
+from lupin_runtime.console.description import ConsoleDescription, remove_description
 from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.publisher_pool import UNREGISTER_AFTER_S
 from lupin_runtime.console.server import ConsoleServer
-from lupin_runtime.console.sessions import Sessions
+from lupin_runtime.console.sessions import Sessions, sessions_file
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.stack.runs import state_home
 from lupin_runtime.stack.table import CONSOLE_PORT, ROSBRIDGE_PORT
 
 JOURNAL = "console_commands.jsonl"
-DESCRIPTION = "console.json"
 MAX_MISSED_TURNS = 6  # of the event loop, each of STOP_PERIOD_S
 
 
@@ -39,8 +36,7 @@ class Console(LupinNode):
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("lupin_console", parameters)
         logger = self.get_logger()
-        own = state_home() / "console"
-        folder = Path(self.parameter("folder", "") or own)
+        folder = Path(self.parameter("folder", "") or sessions_file().parent)
         folder.mkdir(parents=True, exist_ok=True)
         self._journal = CommandJournal(folder / JOURNAL)
         record = self._journal.record
@@ -57,15 +53,15 @@ class Console(LupinNode):
             self.parameter("unregister_after_s", UNREGISTER_AFTER_S),
             record,
         )
-        sessions = Sessions(Path(self.parameter("sessions_file", "") or own / "sessions.json"))
-        self._description = folder / DESCRIPTION
+        sessions = Sessions(Path(self.parameter("sessions_file", "") or sessions_file()))
+        self._folder = folder
         self._codes = PairingCodes(self._describe, time.monotonic_ns())
-        host, rosbridge_host = self.parameter("host", "127.0.0.1"), self.parameter("rosbridge_host", "127.0.0.1")
+        self._host, rosbridge_host = self.parameter("host", "127.0.0.1"), self.parameter("rosbridge_host", "127.0.0.1")
         self._server = ConsoleServer(
             bridge,
             sessions,
             self._codes,
-            (host, self.parameter("port", CONSOLE_PORT)),
+            (self._host, self.parameter("port", CONSOLE_PORT)),
             (rosbridge_host, self.parameter("rosbridge_port", ROSBRIDGE_PORT)),
         )
         try:
@@ -75,16 +71,14 @@ class Console(LupinNode):
             raise
         self._describe()
         logger.info(
-            f"console: http://{host}:{self.port}; rosbridge for other clients: ws://{rosbridge_host}:{self.rosbridge_port}"
+            f"console: http://{self._host}:{self.port}; rosbridge for other clients: ws://{rosbridge_host}:{self.rosbridge_port}"
         )
         self._seen_turns = self._missed = 0
         self.create_timer(STOP_PERIOD_S, self._watch_event_loop, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _describe(self) -> None:
-        """Write where the console is, and the codes that pair a browser now, for `lupin up` and `lupin console`."""
         codes = {role.value: self._codes.code(role) for role in Role}
-        description = {"port": self.port, "rosbridge_port": self.rosbridge_port, "codes": codes}
-        write_atomically(self._description, json.dumps(description), mode=0o600)
+        ConsoleDescription(os.getpid(), self._host, self.port, self.rosbridge_port, codes).write(self._folder)
 
     def _watch_event_loop(self) -> None:
         """Raise where the event loop hangs, which ends the process: the supervisor sees only that this executor works."""
@@ -97,5 +91,5 @@ class Console(LupinNode):
     def before_shutdown(self) -> None:
         """Close all connections, which stops a robot that one of them drives."""
         self._server.stop()
-        self._description.unlink(missing_ok=True)
+        remove_description(self._folder)
         self._journal.close()

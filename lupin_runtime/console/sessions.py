@@ -18,12 +18,18 @@ from pathlib import Path
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
 from lupin_runtime.console.authority import Role, Session
+from lupin_runtime.stack.runs import state_home
 
 # A browser that did not come for so long has to be paired again.
 LIFE_S = 30 * 86400.0
 MAX_SESSIONS = 200
 _NOTED_EVERY_S = 3600.0
 _LOCK_BOUND_S = 2.0
+
+
+def sessions_file() -> Path:
+    """The file of this user's paired browsers, which all runs share."""
+    return state_home() / "console" / "sessions.json"
 
 
 @dataclass(frozen=True)
@@ -49,7 +55,6 @@ class Sessions:
         self._seen: tuple[int, int, int] | None = None
         self._pairings: dict[str, Pairing] = {}
         self._sessions: dict[str, Session] = {}
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         self.refresh()
 
     def all(self) -> list[Pairing]:
@@ -127,6 +132,7 @@ class Sessions:
 
     @contextmanager
     def _changing(self) -> Iterator[dict[str, Pairing]]:
+        self._path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         descriptor = os.open(self._path.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             _lock(descriptor, self._path)

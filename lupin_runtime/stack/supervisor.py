@@ -209,7 +209,7 @@ class Supervisor:
         return all(stage.phase is Phase.UP for stage in chosen)
 
     def stalled(self) -> list[Stage]:
-        """Stages that a run needs and that are late: those that failed or did not come up in time; else those that still wait."""
+        """Stages that a run needs and that are late: failed or not up in time; only without such, those that still wait."""
         now = time.monotonic()
         needed = [stage for stage in self.stages if not stage.row.optional]
         late = [

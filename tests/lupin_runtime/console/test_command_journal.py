@@ -32,7 +32,7 @@ def test_command_is_noted_with_who_when_and_what(tmp_path: Path) -> None:
 
 def test_repeats_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = 100.0
-    monkeypatch.setattr(command_journal.time, "monotonic", lambda: now_s)
+    monkeypatch.setattr("lupin_runtime.console.command_journal.time.monotonic", lambda: now_s)
     path = tmp_path / "commands.jsonl"
     journal = CommandJournal(path)
     for _ in range(33):

@@ -25,6 +25,8 @@ class Up:
     def __init__(self, home: Path, *arguments: str, prefix: tuple[str, ...] = ()) -> None:
         self.home = home
         self.environment = {**os.environ, "XDG_STATE_HOME": str(home)}
+        # Runs of other tests are up at the same time, and the console's ports are of the whole machine.
+        arguments = arguments if "--web" in arguments else (*arguments, "--no-web")
         command = [*prefix, sys.executable, "-m", "lupin_cli.app", "up", *arguments]
         self.process = subprocess.Popen(
             command,

@@ -1,0 +1,171 @@
+"""`lupin console`: serve a graph to browsers and rosbridge clients; the codes that pair a browser, and the paired browsers."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lupin_cli.exit_codes import FAILURE, UNREACHABLE, USAGE_ERROR
+from lupin_cli.terminal import echo
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from lupin_runtime.console.description import ConsoleDescription
+    from lupin_runtime.console.sessions import Sessions
+
+UP_BOUND_S = 30.0
+RUN = typer.Option(None, "--run", help="A part of the run's id, if several runs are up.")
+AS_JSON = typer.Option(False, "--json", help="Print JSON, alone on standard output.")
+app = typer.Typer(
+    help="Serve a running graph to browsers; list and revoke paired browsers.",
+    add_completion=False,
+    rich_markup_mode=None,
+    invoke_without_command=True,
+)
+
+
+@app.callback()
+def serve(
+    context: typer.Context,
+    run: str = RUN,
+    host: str = typer.Option("127.0.0.1", help="Address to listen on; 0.0.0.0 for all of this computer's."),
+    port: int = typer.Option(8090, min=0, max=65535, help="Port of the page; 0 takes any free one."),
+    rosbridge_port: int = typer.Option(9090, min=0, max=65535, help="Port of rosbridge on 127.0.0.1; 0 takes any free one."),
+    share: bool = typer.Option(False, "--share", help="Also print the code that pairs a browser as viewer."),
+) -> None:
+    """Serve the graph of the live run, or of this shell, until Ctrl-C.
+
+    Exit status: 0 ended, 1 it failed, 2 a port is in use, 3 no such run.
+    """
+    if context.invoked_subcommand is not None:
+        return
+    from lupin_cli.run.console_access import access_lines
+    from lupin_cli.run.foreground import graph_of, start_in_foreground
+    from lupin_runtime.console.ports import PortInUse, check_free
+    from lupin_runtime.stack.runs import RunError
+    from lupin_runtime.stack.table import TABLE, Options, launch
+
+    try:
+        environment, folder = graph_of(run)
+        for number in (port, rosbridge_port):
+            if number:
+                check_free("127.0.0.1", number)
+    except RunError as error:
+        echo(str(error), err=True)
+        raise typer.Exit(UNREACHABLE) from error
+    except PortInUse as error:
+        echo(
+            f"{error}; choose others with --port and --rosbridge-port, or see the run's console with: lupin console code",
+            err=True,
+        )
+        raise typer.Exit(USAGE_ERROR) from error
+    own = folder / "console-foreground"
+    own.mkdir(exist_ok=True)
+    made = launch(next(row for row in TABLE if row.name == "console"), Options(run_path=own))
+    assert made.config is not None
+    made.config["nodes"][0]["parameters"].update(host=host, port=port, rosbridge_port=rosbridge_port)
+    child = start_in_foreground(made, environment, own)
+    try:
+        described = _wait_for(own, child)
+        if described is not None:
+            for line in access_lines(described, share):
+                echo(line)
+        status = child.wait()
+    except KeyboardInterrupt:
+        status = child.wait()
+    raise typer.Exit(FAILURE if status not in (0, 130) else 0)
+
+
+def _wait_for(folder: Path, child: Any) -> ConsoleDescription | None:
+    """The console once it listens; None where its process ends before."""
+    from lupin_runtime.console.description import read_description
+
+    deadline_s = time.monotonic() + UP_BOUND_S
+    while child.poll() is None and time.monotonic() < deadline_s:
+        described = read_description(folder)
+        if described is not None and described.pid == child.pid:
+            return described
+        time.sleep(0.05)
+    return None
+
+
+@app.command()
+def code(run: str = RUN, as_json: bool = AS_JSON) -> None:
+    """Show where the console is, and the codes that pair one browser each.
+
+    Exit status: 0, 3 no console is running.
+    """
+    from lupin_cli.run.console_access import access_lines
+    from lupin_runtime.console.description import read_description
+    from lupin_runtime.stack.runs import RunError, find_live_run
+
+    try:
+        folder = find_live_run(run).path
+    except RunError as error:
+        echo(str(error), err=True)
+        raise typer.Exit(UNREACHABLE) from error
+    described = read_description(folder) or read_description(folder / "console-foreground")
+    if described is None:
+        echo("this run has no console; start one with: lupin console", err=True)
+        raise typer.Exit(UNREACHABLE)
+    if as_json:
+        print(json.dumps({"url": described.url, "rosbridge_port": described.rosbridge_port, "codes": described.codes}))
+        return
+    for line in access_lines(described, share=True):
+        echo(line)
+
+
+@app.command()
+def sessions(as_json: bool = AS_JSON) -> None:
+    """List the paired browsers, the one used last first. Changes nothing.
+
+    Exit status: 0, 2 their file is damaged.
+    """
+    paired = _sessions().all()
+    if as_json:
+        rows = [{"name": p.name, "role": p.role.value, "paired_s": p.paired_s, "used_s": p.used_s} for p in paired]
+        print(json.dumps(rows))
+        return
+    for browser in paired:
+        used = time.strftime("%Y-%m-%d %H:%M", time.localtime(browser.used_s))
+        echo(f"{browser.name:14s} {browser.role.value:9s} used {used}")
+    echo(
+        "revoke one with: lupin console revoke NAME" if paired else "no browser is paired; show a code with: lupin console code"
+    )
+
+
+@app.command()
+def revoke(
+    name: str = typer.Argument(None, help="The browser's name, as `lupin console sessions` shows it."),
+    everyone: bool = typer.Option(False, "--all", help="Revoke all."),
+    dry_run: bool = typer.Option(False, "--dry-run", help="Say what would be revoked, and change nothing."),
+) -> None:
+    """Forget a paired browser; it is disconnected at once and needs a new code.
+
+    Exit status: 0 done, 2 no such browser.
+    """
+    stored = _sessions()
+    names = [pairing.name for pairing in stored.all()]
+    chosen = names if everyone else [each for each in names if each == name]
+    if (name is None) != everyone or (not chosen and not everyone):
+        echo(f"name one of the paired browsers, or give --all: {', '.join(names) or 'there is none'}", err=True)
+        raise typer.Exit(USAGE_ERROR)
+    for each in chosen:
+        if not dry_run:
+            stored.revoke(each)
+        echo(f"{'would revoke' if dry_run else 'revoked'} {each}")
+
+
+def _sessions() -> Sessions:
+    from lupin_runtime.atomic_file import MalformedFile
+    from lupin_runtime.console.sessions import Sessions, sessions_file
+
+    try:
+        return Sessions(sessions_file())
+    except MalformedFile as error:
+        echo(str(error), err=True)
+        raise typer.Exit(USAGE_ERROR) from error
