@@ -220,20 +220,24 @@ def stop_to_topic(presses: int) -> dict[str, float]:
     with rig() as server:
         watcher, presser = server.client(), server.client()
         name = graph.HMI_ESTOP.name
-        send(watcher, "subscribe", topic=name, type=graph.HMI_ESTOP.type)
+        send(watcher, "subscribe", topic=graph.CONSOLE_STOP.name, type=graph.CONSOLE_STOP.type)
         times_ms = []
         time.sleep(2.0)
         for number in range(presses):
             began_s = time.perf_counter()
             send(presser, "publish", topic=name, msg={"data": True})
-            while not json.loads(watcher.recv(timeout=_ANSWER_S))["msg"]["data"]:
+            while not _is_engaged(watcher):
                 pass
             times_ms.append((time.perf_counter() - began_s) * 1e3)
             send(presser, "publish", topic=name, msg={"data": False})
-            while json.loads(watcher.recv(timeout=_ANSWER_S))["msg"]["data"]:
+            while _is_engaged(watcher):
                 pass
             time.sleep(0.05 + 0.001 * (number % 7))
         return {"stop_p99_ms": statistics.quantiles(times_ms, n=100)[98]}
+
+
+def _is_engaged(watcher: Any) -> bool:
+    return bool(json.loads(json.loads(watcher.recv(timeout=_ANSWER_S))["msg"]["data"])["engaged"])
 
 
 def idle(seconds: float) -> dict[str, float]:

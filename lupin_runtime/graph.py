@@ -159,7 +159,8 @@ GRIPPER_IMAGE = Topic("/gripper_camera/image_raw", "sensor_msgs/msg/Image", REL1
 
 # -- safety -----------------------------------------------------------------------------------------------------------
 ESTOP_STATE = Topic("/e_stop_state", "std_msgs/msg/Bool", REL10, 5.0, ("estop",), ALL, repeats=True, monitored=True)
-HMI_ESTOP = Topic("/lupin/hmi/estop", "std_msgs/msg/Bool", REL10, 2.0, (OPERATOR, "console"), ALL, note="a console's own stop; its value expires", console=BY_OPERATOR)
+HMI_ESTOP = Topic("/lupin/hmi/estop", "std_msgs/msg/Bool", REL10, 2.0, (OPERATOR,), ALL, note="a console's own stop; its value expires", console=BY_OPERATOR)
+CONSOLE_STOP = Topic("/lupin/console/stop", "std_msgs/msg/String", REL10, 2.0, ("console",), ALL, note="JSON: the stop of all browsers of the console's server, and whether one drives")
 ESTOP_MISSED_PRESS = Topic("/lupin/estop/missed_press", "std_msgs/msg/Bool", LATCHED1, None, ("drive",), ALL, note="a press that the e-stop's process missed while it was hung or being replaced")
 ESTOP_STATUS = Topic("/lupin/estop/status", "std_msgs/msg/String", LATCHED1, 1.0, ("estop",), probed=True, note="JSON: every reason for the e-stop")
 

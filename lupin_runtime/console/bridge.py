@@ -6,6 +6,7 @@ reports its failures to the client as `status`.
 
 from __future__ import annotations
 
+import json
 import math
 import time
 import traceback
@@ -16,7 +17,7 @@ from typing import Any, Protocol
 
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
-from std_msgs.msg import Bool
+from std_msgs.msg import String
 
 from lupin_runtime import graph
 from lupin_runtime.console import values
@@ -83,7 +84,7 @@ class Bridge:
         self._ros = RosThread(node)
         self._clients: dict[Client, _OnGraph] = {}
         self._stops = StopRegistry()
-        self._stop_stated = False
+        self._stop_stated = self._stated_driving = False
         now = node.get_clock().now
         self._now: values.Now = lambda: now().to_msg()
         self._topics = TopicHub(node)
@@ -91,7 +92,7 @@ class Bridge:
         self._services = ServiceCalls(node, self._now)
         self._action_clients = ActionClientPool(node)
         self._rosapi = RosApi(node, distribution)
-        self._stop_output = node.publisher(graph.HMI_ESTOP)
+        self._stop_output = node.publisher(graph.CONSOLE_STOP)
         self._manual_output = node.publisher(graph.CMD_VEL_MANUAL)
         # Steady time: a stopped /clock must not keep subscriptions from following their publishers.
         node.create_timer(_UPKEEP_S, self._keep_up, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -117,8 +118,7 @@ class Bridge:
         if driving:
             self._send_zero()
             self.record(client.session.name, "lost while driving")
-        if self._stop_stated or driving:
-            self.state_combined_stop()
+        self.state_combined_stop()
         if not any(each.session is client.session for each in self._clients):
             self.authority.give_up(client.session, now_ns)
 
@@ -243,11 +243,12 @@ class Bridge:
         """Note that a client commands a velocity."""
         if self._stops.velocity(client, moving, time.monotonic_ns()):
             self.record(client.session.name, "drive")
+            self.state_combined_stop()
 
     def state_stop(self, client: Client, engaged: bool) -> None:
         """A client's own stop. Raises Refused for a release without control; the stop then stays, though the client let go."""
         now_ns = time.monotonic_ns()
-        self._clients[client].is_console = self._stop_stated = True
+        self._clients[client].is_console = True
         changes = engaged != self._stops.holds(client)
         if changes:
             self.record(client.session.name, "stop" if engaged else "release")
@@ -258,9 +259,10 @@ class Bridge:
                 self._stops.withdraw(client, now_ns)
                 raise
             self._stops.release_lost()
+            self._stop_stated = True
         self._stops.state(client, engaged, now_ns)
         self.authority.seen(client.session, now_ns)
-        if engaged:
+        if changes:
             self.state_combined_stop()
 
     def stop_for(self, session: Session) -> None:
@@ -274,6 +276,7 @@ class Bridge:
         self.authority.take(session, time.monotonic_ns())
         self.record(session.name, "release")
         self._stops.release_lost()
+        self._stop_stated = True
         self.state_combined_stop()
         return self.stop_reasons()
 
@@ -293,11 +296,14 @@ class Bridge:
         """Publish the stop of all clients together. To be called every STOP_PERIOD_S."""
         now_ns = time.monotonic_ns()
         self._stops.tick(now_ns, self.authority.lease(now_ns).holder)
-        engaged = bool(self._stops.reasons())
-        if not (self._stop_stated or engaged):
+        engaged, driving = bool(self._stops.reasons()), self._stops.is_driving(now_ns)
+        self._stop_stated = self._stop_stated or engaged
+        if not (self._stop_stated or driving or self._stated_driving):
             return
-        self._stop_stated = True
-        self._ros.run(lambda: self._stop_output.publish(Bool(data=engaged))).add_done_callback(self._log_failure)
+        self._stated_driving = driving
+        # What an earlier process of this server held is not released by one that nobody has told anything.
+        text = json.dumps({"engaged": engaged if self._stop_stated else None, "driving": driving})
+        self._ros.run(lambda: self._stop_output.publish(String(data=text))).add_done_callback(self._log_failure)
 
     def _keep_up(self) -> None:
         self._topics.follow_publishers()

@@ -57,6 +57,10 @@ class StopRegistry:
         stop.moving_ns = now_ns if moving else None
         return starts
 
+    def is_driving(self, now_ns: int) -> bool:
+        """Whether a client drives."""
+        return any(_is_driving(stop, now_ns) for stop in self._clients.values())
+
     def end_driving(self, now_ns: int) -> bool:
         """Forget what clients drive, because another one takes over; returns whether one was driving."""
         driving = [stop for stop in self._clients.values() if _is_driving(stop, now_ns)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lupin_runtime.safety.console_server_stop import ConsoleServerStop
 from lupin_runtime.safety.console_stop import ConsoleStop
 
 BUTTON_SILENCE_S = 2.0
@@ -37,6 +38,7 @@ class EstopSources:
         button_silence_engages: bool = True,
     ) -> None:
         self.consoles = consoles
+        self.console_server = ConsoleServerStop()
         self._engaged_value = engaged_value
         self._silence_ns = int(button_silence_s * 1e9)
         self._silence_engages = button_silence_engages
@@ -61,7 +63,5 @@ class EstopSources:
             (reasons if self._silence_engages else warnings).append(silent)
         if self.missed_press:
             reasons.append(MISSED_PRESS)
-        console = self.consoles.reason(real_ns)
-        if console is not None:
-            reasons.append(console)
+        reasons += [why for why in (self.consoles.reason(real_ns), self.console_server.reason(real_ns)) if why is not None]
         return EstopState(bool(reasons), tuple(reasons), tuple(warnings))

@@ -16,6 +16,7 @@ from std_msgs.msg import Bool, String
 from lupin_runtime import graph
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.priority import serve_first
+from lupin_runtime.safety.console_server_stop import ConsoleServerStop
 from lupin_runtime.safety.console_stop import EXPIRY_S, ConsoleStop
 from lupin_runtime.safety.estop import BUTTON_SILENCE_S, EstopSources, EstopState
 from lupin_runtime.safety.missed_press import ANSWER_S, MissedPress
@@ -58,6 +59,7 @@ class EstopBridge(LupinNode):
         self._status = self.publisher(graph.ESTOP_STATUS)
         self.subscription(self._named(graph.ESTOP_BUTTON, "button_topic"), self._on_button)
         self.subscription(self._named(graph.HMI_ESTOP, "hmi_estop_topic"), self._on_console)
+        self.subscription(graph.CONSOLE_STOP, self._on_console_server)
         self.subscription(graph.ESTOP_MISSED_PRESS, self._on_missed_press)
         rate_hz = max(SLOWEST_HZ, self.parameter("publish_rate_hz", 5.0))
         self.create_timer(1.0 / rate_hz, lambda: self._publish(repeat=True))
@@ -76,6 +78,10 @@ class EstopBridge(LupinNode):
 
     def _on_console(self, message: Any) -> None:
         self._sources.consoles.update(bool(message.data), time.monotonic_ns())
+        self._publish()
+
+    def _on_console_server(self, message: Any) -> None:
+        self._sources.console_server.update(message.data, time.monotonic_ns())
         self._publish()
 
     def _on_missed_press(self, message: Any) -> None:
@@ -111,11 +117,13 @@ class EstopWitness(LupinNode):
         super().__init__("estop_witness", parameters)
         self._engaged_value = self.parameter("engaged_value", True)
         self._press = MissedPress()
+        self._console_server = ConsoleServerStop()
         self._published = False
         self._output = self.publisher(graph.ESTOP_MISSED_PRESS)
         self.subscription(graph.ESTOP_STATE, self._on_state)
         self.subscription(graph.ESTOP_BUTTON, self._on_button)
         self.subscription(graph.HMI_ESTOP, self._on_console)
+        self.subscription(graph.CONSOLE_STOP, self._on_console_server)
         self.create_timer(ANSWER_S / 2, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_state(self, message: Any) -> None:
@@ -127,6 +135,10 @@ class EstopWitness(LupinNode):
 
     def _on_console(self, message: Any) -> None:
         if message.data:
+            self._press.press(time.monotonic_ns())
+
+    def _on_console_server(self, message: Any) -> None:
+        if self._console_server.update(message.data, time.monotonic_ns()):
             self._press.press(time.monotonic_ns())
 
     def _publish(self) -> None:

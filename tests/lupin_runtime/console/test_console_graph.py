@@ -286,9 +286,9 @@ def test_driver_that_vanishes_engages_the_stop_until_released(
     graph_host: GraphHost, peer: LupinNode, connect_strict: Connect
 ) -> None:
     stops: list[bool] = []
-    peer.subscription(graph.HMI_ESTOP, lambda message: stops.append(message.data))
+    peer.subscription(graph.CONSOLE_STOP, lambda message: stops.append(json.loads(message.data)["engaged"]))
     driver, other = connect_strict(), connect_strict()
-    graph_host.until(lambda: peer.count_publishers(graph.HMI_ESTOP.name))
+    graph_host.until(lambda: peer.count_publishers(graph.CONSOLE_STOP.name))
     driver.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.2}})
     assert driver.call("/rosapi/get_ros_version")["result"]
     driver.socket.socket.close()
@@ -304,10 +304,10 @@ def test_driver_that_vanishes_engages_the_stop_until_released(
 
 def test_anyone_stops_and_only_control_releases(graph_host: GraphHost, peer: LupinNode, connect_strict: Connect) -> None:
     stops: list[bool] = []
-    peer.subscription(graph.HMI_ESTOP, lambda message: stops.append(message.data))
+    peer.subscription(graph.CONSOLE_STOP, lambda message: stops.append(json.loads(message.data)["engaged"]))
     driver, visitor = connect_strict(), connect_strict()
     visitor.send("set_level", level="error")
-    graph_host.until(lambda: peer.count_publishers(graph.HMI_ESTOP.name))
+    graph_host.until(lambda: peer.count_publishers(graph.CONSOLE_STOP.name))
     driver.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.2}})
     assert driver.call("/rosapi/get_ros_version")["result"]
     visitor.send("publish", topic="/lupin/hmi/estop", msg={"data": True})

@@ -244,8 +244,8 @@ def test_viewer_sees_and_stops_and_does_not_drive(
     graph_host: GraphHost, peer: LupinNode, console: Console, tmp_path: Path, anne: Browser, open_socket: Open
 ) -> None:
     stops: list[bool] = []
-    peer.subscription(graph.HMI_ESTOP, lambda message: stops.append(message.data))
-    graph_host.until(lambda: peer.count_publishers(graph.HMI_ESTOP.name))
+    peer.subscription(graph.CONSOLE_STOP, lambda message: stops.append(json.loads(message.data)["engaged"]))
+    graph_host.until(lambda: peer.count_publishers(graph.CONSOLE_STOP.name))
     viewer = Browser(console.port, proxied=True)
     viewer.post("/_api/pair", code=code(tmp_path, Role.VIEWER.value))
     for action in ("take", "request"):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from lupin_runtime import graph
+from lupin_runtime.safety.console_server_stop import HOLDS
 from lupin_runtime.safety.estop import MISSED_PRESS
 
 if TYPE_CHECKING:
@@ -165,6 +166,24 @@ def test_stop_reaches_the_sink_through_bridge_and_bus(graph_host: GraphHost) -> 
     count = len(sink)
     graph_host.until(drive(lambda: len(sink) >= count + 20), what="what the sink gets after the release")
     assert set(sink[count:]) == {Twist(0.0, 0.0, 0.0)}, "the goal that was running must not carry on by itself"
+
+
+def test_console_server_engages_and_releases_and_its_end_changes_nothing(graph_host: GraphHost) -> None:
+    from std_msgs.msg import String
+
+    bridge(graph_host)
+    probe = Probe(graph_host)
+    server = probe.node.publisher(graph.CONSOLE_STOP)
+    graph_host.until(server.get_subscription_count, what="the bridge's subscription")
+    server.publish(String(data='{"engaged": true, "driving": false}'))
+    graph_host.until(lambda: probe.engaged, what="the engaged state")
+    graph_host.until(lambda: probe.status[-1]["reasons"] == [HOLDS], what="the reason")
+    server.publish(String(data='{"engaged": false, "driving": false}'))
+    graph_host.until(lambda: not probe.engaged, what="the released state")
+    count = len(probe.states)
+    probe.node.destroy_publisher(server)
+    graph_host.until(lambda: len(probe.states) > count + 10, what="two seconds")
+    assert not probe.engaged
 
 
 def test_press_and_release_without_a_bridge_engages_the_next_one(graph_host: GraphHost) -> None:

@@ -1,0 +1,98 @@
+"""A run with its console: a client that drives, and the console killed and stopped beneath it.
+
+One test, because the console's ports are of the whole machine.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+
+from lupin_runtime import graph
+from lupin_runtime.console.description import read_description
+from tests.lupin_runtime.stack.conftest import Up
+from tests.support.console_browser import Browser
+from tests.support.rosbridge_client import RosbridgeClient
+
+pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
+
+STREAM_PERIOD_S = 0.1
+REST = 0.01  # m/s and rad/s
+MOVING_RAD_S = 0.05
+
+
+def drive(run: Up, client: RosbridgeClient, condition: Callable[[], Any], what: str) -> None:
+    """Stream a velocity until the condition holds, or until the console is gone."""
+
+    def step() -> Any:
+        client.send("publish", topic=graph.CMD_VEL_MANUAL.name, msg={"linear": {"x": 0.0}, "angular": {"z": 0.8}})
+        time.sleep(STREAM_PERIOD_S)
+        return condition()
+
+    run.wait(step, what)
+
+
+def turning(run: Up) -> bool:
+    twist = run.simulator().get("twist") or [0.0, 0.0, 0.0]
+    return abs(float(twist[2])) > MOVING_RAD_S
+
+
+def at_rest(run: Up) -> bool:
+    twist = run.simulator().get("twist") or [1.0]
+    return max(abs(float(value)) for value in twist) < REST
+
+
+def release(browser: Browser) -> bool:
+    """Release the stop; False while the console does not answer yet."""
+    with suppress(OSError):
+        return bool(browser.post("/_api/stop", engaged=False)["stop"] == [])
+    return False
+
+
+def replaced(before: dict[str, Any], state: dict[str, Any]) -> bool:
+    """Whether another process than `before` is up."""
+    stage = next(stage for stage in state["stages"] if stage["name"] == "console")
+    return bool(stage["phase"] == "up" and stage["pid"] != before["pid"])
+
+
+def test_console_serves_a_run_and_its_end_stops_who_drives(launch: Callable[..., Up]) -> None:
+    run = launch("--headless", "--json", "--world", "walled", "--no-record", "--no-cameras", "--web")
+    run.wait_up()
+    folder = run.folder()
+    assert folder is not None
+    described = read_description(folder)
+    assert described is not None
+    assert json.loads(run.lupin("console", "code", "--json").stdout)["url"] == described.url
+
+    # A second console says which process has the port.
+    refused = run.lupin("console")
+    assert refused.returncode == 2 and f"port {described.port} is in use by process" in refused.stderr
+
+    browser = Browser(described.port)
+    browser.get("/")
+    for number in (signal.SIGKILL, signal.SIGSTOP):
+        client = RosbridgeClient(described.rosbridge_port)
+        client.send("publish", topic=graph.CMD_VEL_MANUAL.name, msg={})
+        drive(run, client, lambda: turning(run), "motion")
+        before = run.stage("console")
+        os.kill(before["pid"], number)
+        with suppress(ConnectionClosed, OSError):
+            for _ in range(5):
+                client.send("publish", topic=graph.CMD_VEL_MANUAL.name, msg={"angular": {"z": 0.8}})
+        run.wait(lambda: at_rest(run), f"rest after {number.name}")
+        run.until(partial(replaced, before), "another console")
+        client.close()
+        run.wait(lambda: release(browser), "release by the browser, which is still paired")
+
+    run.process.send_signal(signal.SIGINT)
+    assert run.result()[0] == 130
+    assert read_description(folder) is None
