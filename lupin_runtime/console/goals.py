@@ -29,6 +29,7 @@ from lupin_runtime.console.values import Now, by_name, fill
 
 SERVER_WAIT_S = 1.0
 _POLL_S = 0.02
+_WATCH_PERIOD_S = 0.5
 
 _ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 _NOT_CANCELED = (CancelGoal.Response.ERROR_NONE, CancelGoal.Response.ERROR_REJECTED)
@@ -109,7 +110,9 @@ class _Goal:
         self._on_end = on_end
         self._server_due_s = time.monotonic() + SERVER_WAIT_S
         self._poll: Timer | None = None  # while the server is waited for
+        self._watch: Timer | None = None  # from then on
         self._handle: Any = None  # once the server has accepted the goal
+        self._servers: set[bytes] = set()  # that may have accepted it
         self._cancel_requested = False
         self._abandoned = False
         self._ended = False
@@ -145,8 +148,23 @@ class _Goal:
         if not self._client.server_is_ready():
             return False
         on_feedback = self._on_feedback if self.request.feedback else None
+        self._servers = self._present_servers()
         self._client.send_goal_async(self.request.goal, on_feedback).add_done_callback(self._on_response)
+        group = ReentrantCallbackGroup()
+        self._watch = self._node.create_timer(_WATCH_PERIOD_S, self._watch_server, callback_group=group, clock=STEADY)
         return True
+
+    def _watch_server(self) -> None:
+        """End the goal when its server is gone: neither that one nor another in its place would ever answer."""
+        present = self._present_servers()
+        if not self._servers:
+            self._servers = present
+        elif not self._servers & present:
+            self._fail("The action server has gone")
+
+    def _present_servers(self) -> set[bytes]:
+        publishers = self._node.get_publishers_info_by_topic(f"{self.request.action}/_action/status")
+        return {bytes(publisher.endpoint_gid) for publisher in publishers}
 
     def _stop_poll(self) -> None:
         if self._poll is not None:
@@ -195,6 +213,8 @@ class _Goal:
             return
         self._ended = True
         self._stop_poll()
+        if self._watch is not None:
+            self._node.destroy_timer(self._watch)
         self._reply("action_result", **outcome)
         self._clients.release(self.request.action, self.request.action_class)
         self._on_end(self)

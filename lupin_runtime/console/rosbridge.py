@@ -20,6 +20,7 @@ from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.encoding import COMPRESSIONS, fragments, to_json
 from lupin_runtime.console.fragments import BadFragment, Defragmenter
 from lupin_runtime.console.interfaces import absolute
+from lupin_runtime.console.map_names import BadMapName, with_map_path
 from lupin_runtime.console.outbox import Frame
 from lupin_runtime.console.subscription import Request
 
@@ -200,8 +201,9 @@ class RosbridgeClient:
             self._bridge.authority.call(self.session, absolute(service), time.monotonic_ns())
             if not absolute(service).startswith(READ_ONLY_PREFIX):
                 self._bridge.record(self.session.name, f"call {absolute(service)}", message.get("args"))
-            self._bridge.call_service(self, service, message.get("args"), timeout_s, done)
-        except (InvalidRequest, Refused) as error:
+            arguments = with_map_path(absolute(service), message.get("args"))
+            self._bridge.call_service(self, service, arguments, timeout_s, done)
+        except (InvalidRequest, Refused, BadMapName, OSError) as error:
             if isinstance(error, Refused):
                 self._refuse("call_service", message, error)
             self._bridge.log_request(self.session, "error", f"call_service: {error}")

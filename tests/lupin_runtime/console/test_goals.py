@@ -414,3 +414,24 @@ def test_goal_for_navigation_is_stamped(rig: Rig, client: Client) -> None:
     assert client.next() == failure("Action goal was rejected", "navigate_to_pose")
     assert heard[0].pose.header.stamp.sec > 0
     assert (heard[0].pose.header.frame_id, heard[0].pose.pose.position.x) == ("map", 1.5)
+
+
+def test_goal_ends_when_its_server_is_gone(rig: Rig) -> None:
+    client = rig.client()
+    rig.send(client)
+    rig.accepted(1)
+    rig.host.remove(rig.turner)
+    answer = client.next()
+    assert (answer["op"], answer["result"], answer["values"]) == ("action_result", False, "The action server has gone")
+    client.assert_silent()
+
+
+def test_goal_ends_when_its_server_was_replaced(rig: Rig) -> None:
+    client = rig.client()
+    rig.send(client)
+    rig.accepted(1)
+    rig.host.add(Turner())
+    rig.host.remove(rig.turner)
+    answer = client.next()  # the new server may also say that it does not know the goal
+    assert (answer["op"], answer["result"]) == ("action_result", False)
+    client.assert_silent()
