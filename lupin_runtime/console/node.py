@@ -18,6 +18,7 @@ from lupin_runtime.console.publisher_pool import UNREGISTER_AFTER_S
 from lupin_runtime.console.server import ConsoleServer
 from lupin_runtime.console.sessions import Sessions, sessions_file
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.stack.runs import Run
 from lupin_runtime.stack.table import CONSOLE_PORT, ROSBRIDGE_PORT
 
 JOURNAL = "console_commands.jsonl"
@@ -61,6 +62,7 @@ class Console(LupinNode):
             bridge,
             sessions,
             self._codes,
+            Run(folder),
             (self._host, self.parameter("port", CONSOLE_PORT)),
             (rosbridge_host, self.parameter("rosbridge_port", ROSBRIDGE_PORT)),
         )

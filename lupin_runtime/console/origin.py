@@ -6,7 +6,6 @@ A browser on this computer is paired by itself.
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -15,6 +14,8 @@ from typing import Any
 from aiohttp import WSCloseCode, web
 
 from lupin_runtime.atomic_file import MalformedFile
+from lupin_runtime.console import run_files
+from lupin_runtime.console.api_table import Resource, add_resources
 from lupin_runtime.console.authority import Refused, Role, Session
 from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.connection import HEARTBEAT_S, MAX_MESSAGE_BYTES, Connection, Handoff
@@ -40,6 +41,16 @@ _HEADERS = {
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
+_LEASE_BODY: dict[str, dict[str, Any]] = {
+    "action": {"enum": ["take", "request", "grant", "refuse", "give_up", "take_over"]},
+    "from": {"type": "string", "description": "for take_over: who has control, as the operator saw it"},
+}
+
+
+class Unpaired(Exception):
+    """A request of a browser that was not paired."""
+
+
 class Origin:
     """The routes of the one origin. Used on the event loop only."""
 
@@ -50,6 +61,7 @@ class Origin:
         self._codes = codes
         self._events = EventChannel()
         self._sockets: dict[web.WebSocketResponse, Session] = {}
+        self._open_paths: set[str] = set()
         self._opened = 0
         self._holder: str | None = None
         self._since_s = 0.0  # wall clock, for browsers
@@ -61,17 +73,27 @@ class Origin:
         application.router.add_get("/", self._page)
         application.router.add_static("/page/", _PAGE)
         application.router.add_get("/_ros", self._ros)
-        application.router.add_get("/_api/session", self._session)
-        application.router.add_post("/_api/pair", self._pair)
-        application.router.add_post("/_api/lease", self._lease)
-        application.router.add_post("/_api/stop", self._stop)
-        application.router.add_get("/_api/events", self._listen)
+        own = (
+            Resource(
+                "/_api/session", self._session, "Who this browser is, who has control, and why the robot is stopped.", open=True
+            ),
+            Resource("/_api/pair", self._pair, "Pair this browser by a code.", {"code": {"type": "string"}}, open=True),
+            Resource("/_api/lease", self._lease, "Take, request, hand over or give up control.", _LEASE_BODY),
+            Resource("/_api/stop", self._stop, "Stop, or release the stop.", {"engaged": {"type": "boolean"}}),
+            Resource("/_api/events", self._listen, "A WebSocket with all that changes: control, stop, run."),
+        )
+        self._open_paths = {"/", *(resource.path for resource in own if resource.open)}
+        add_resources(application, (*own, *run_files.resources()))
         return application
 
     def push_state(self) -> None:
         """Push control and stop to all browsers where they changed. To be called twice a second, too."""
         self._events.push("control", self._control())
         self._events.push("stop", self._bridge.stop_reasons())
+
+    def push_run(self, state: dict[str, Any]) -> None:
+        """Push the state of the run: its stages, alarms and mission."""
+        self._events.push("run", state)
 
     def close_revoked(self) -> None:
         """Disconnect browsers whose session was revoked. To be called twice a second."""
@@ -94,23 +116,21 @@ class Origin:
                 session = LOCAL
             if session is not None:
                 request[_SESSION] = session
+            elif request.path not in self._open_paths and not request.path.startswith("/page/"):
+                raise Unpaired
             response = await handler(request)
+        except Unpaired:
+            text = "this browser is not paired; open / and type the code that the terminal shows"
+            response = web.json_response({"error": text}, status=401)
         except Refused as refusal:
             self._bridge.record(session.name if session else f"{request.remote}", request.path, refused=str(refusal))
             response = web.json_response({"error": str(refusal)}, status=403)
         except (MalformedFile, OSError) as error:  # the file of paired browsers
             response = web.json_response({"error": str(error)}, status=503)
         if not response.prepared:
-            response.headers.update(_HEADERS)
+            for name, value in _HEADERS.items():
+                response.headers.setdefault(name, value)
         return response
-
-    def _paired(self, request: web.Request) -> Session:
-        """The session of a request. Raises HTTPUnauthorized for a browser that was not paired."""
-        session: Session | None = request.get(_SESSION)
-        if session is None:
-            text = json.dumps({"error": "this browser is not paired; open / and type the code that the terminal shows"})
-            raise web.HTTPUnauthorized(text=text, content_type="application/json")
-        return session
 
     # -- the page -----------------------------------------------------------------------------------------------------
     async def _page(self, request: web.Request) -> web.StreamResponse:
@@ -140,7 +160,7 @@ class Origin:
 
     # -- rosbridge ----------------------------------------------------------------------------------------------------
     async def _ros(self, request: web.Request) -> web.StreamResponse:
-        session = self._paired(request)
+        session = request[_SESSION]
         self._opened += 1
         if session is LOCAL:
             session = Session(f"program {self._opened} of this computer", Role.OPERATOR)
@@ -160,7 +180,7 @@ class Origin:
         return web.json_response({"session": own, "control": self._control(), "stop": self._bridge.stop_reasons()})
 
     async def _lease(self, request: web.Request) -> web.StreamResponse:
-        session = self._paired(request)
+        session = request[_SESSION]
         body = await _object(request)
         authority, now_ns = self._bridge.authority, time.monotonic_ns()
         action = body.get("action")
@@ -183,7 +203,7 @@ class Origin:
         return web.json_response(self._control())
 
     async def _stop(self, request: web.Request) -> web.StreamResponse:
-        session = self._paired(request)
+        session = request[_SESSION]
         engaged = (await _object(request)).get("engaged")
         if engaged is True:
             self._bridge.stop_for(session)
@@ -195,7 +215,7 @@ class Origin:
         return web.json_response({"stop": self._bridge.stop_reasons()})
 
     async def _listen(self, request: web.Request) -> web.StreamResponse:
-        session = self._paired(request)
+        session = request[_SESSION]
         socket, connection = await self._open(request)
         self._events.join(connection)
         try:

@@ -21,6 +21,7 @@ from lupin_runtime.console.ports import PortInUse, owner_of
 from lupin_runtime.console.request_rules import host_name
 from lupin_runtime.console.rosbridge import RosbridgeClient
 from lupin_runtime.console.sessions import Sessions
+from lupin_runtime.stack.runs import Run
 
 Address = tuple[str, int]
 
@@ -31,14 +32,22 @@ _STOP_S = 2.0
 class ConsoleServer:
     """Runs the event loop in a thread of its own. `start` raises PortInUse and OSError.
 
-    `address` and `rosbridge_address` are host and port; port 0 is any free one, and an empty host is all of this computer's.
+    `run` is the run that it shows. `address` and `rosbridge_address` are host and port: port 0 is any free one, and an empty
+    host is all of this computer's.
     """
 
     def __init__(
-        self, bridge: Bridge, sessions: Sessions, codes: PairingCodes, address: Address, rosbridge_address: Address
+        self,
+        bridge: Bridge,
+        sessions: Sessions,
+        codes: PairingCodes,
+        run: Run,
+        address: Address,
+        rosbridge_address: Address,
     ) -> None:
         self._bridge = bridge
         self._codes = codes
+        self._run = run
         self._address, self._rosbridge_address = address, rosbridge_address
         self._loop = asyncio.new_event_loop()
         self._handoff = Handoff(self._loop)
@@ -66,20 +75,20 @@ class ConsoleServer:
 
     async def _open(self) -> tuple[int, int]:
         host, port = self._address
-        runner = await self._run(self._origin.application())
+        runner = await self._runner_of(self._origin.application())
         assert runner.server is not None
         self._port = DualPort(runner.server, None)
         with _naming_owner_of(port):
             port = self._port.open(host, port)
         application = web.Application()
         application.router.add_get("/", self._rosbridge)
-        runner = await self._run(application)
+        runner = await self._runner_of(application)
         with _naming_owner_of(self._rosbridge_address[1]):
             await web.TCPSite(runner, *self._rosbridge_address).start()
         self._upkeep = asyncio.create_task(self._keep_up())
         return port, int(runner.addresses[0][1])
 
-    async def _run(self, application: web.Application) -> web.AppRunner:
+    async def _runner_of(self, application: web.Application) -> web.AppRunner:
         runner = web.AppRunner(application, access_log=None, shutdown_timeout=_STOP_S)
         await runner.setup()
         self._runners.append(runner)
@@ -103,6 +112,7 @@ class ConsoleServer:
             self._bridge.state_combined_stop()
             self._codes.tick(time.monotonic_ns())
             self._origin.push_state()
+            self._origin.push_run(self._run.state())
             self._origin.close_revoked()
             await asyncio.sleep(STOP_PERIOD_S)
 

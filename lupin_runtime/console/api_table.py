@@ -1,0 +1,69 @@
+"""The routes of the API as a table, from which its OpenAPI description is generated."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from aiohttp import web
+
+OPENAPI_PATH = "/_api/openapi.json"
+
+
+@dataclass(frozen=True)
+class Resource:
+    """A route: its path with `{names}`, the handler, what it does, and for POST the properties of the JSON object it takes.
+
+    Every route but those that are `open` needs a paired browser. A property is described by its JSON schema.
+    """
+
+    path: str
+    handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+    summary: str
+    body: dict[str, dict[str, Any]] | None = None
+    open: bool = False
+
+    @property
+    def method(self) -> str:
+        """POST where it takes an object, and else GET."""
+        return "GET" if self.body is None else "POST"
+
+
+def add_resources(application: web.Application, resources: Sequence[Resource]) -> None:
+    """Add the routes of a table to an application, and the description of all of them."""
+
+    async def answer(_: web.Request) -> web.StreamResponse:
+        return web.json_response(describe(described))
+
+    described = (*resources, Resource(OPENAPI_PATH, answer, "This description, in OpenAPI 3.1."))
+    for resource in described:
+        application.router.add_route(resource.method, resource.path, resource.handler)
+
+
+def describe(resources: Sequence[Resource]) -> dict[str, Any]:
+    """The OpenAPI description of a table of routes."""
+    paths: dict[str, Any] = {}
+    for resource in resources:
+        names = re.findall(r"{(\w+)}", resource.path)
+        operation: dict[str, Any] = {
+            "summary": resource.summary,
+            "parameters": [{"name": n, "in": "path", "required": True, "schema": {"type": "string"}} for n in names],
+            "responses": {"200": {"description": "done"}},
+            "security": [] if resource.open else [{"session": []}],
+        }
+        if not resource.open:
+            operation["responses"]["401"] = {"description": "the browser is not paired"}
+        if resource.body is not None:
+            schema = {"type": "object", "properties": resource.body}
+            operation["requestBody"] = {"required": True, "content": {"application/json": {"schema": schema}}}
+            operation["responses"]["400"] = {"description": "the request is malformed"}
+            operation["responses"]["403"] = {"description": "this browser may not do that; the text says why"}
+        paths.setdefault(resource.path, {})[resource.method.lower()] = operation
+    return {
+        "openapi": "3.1.0",
+        "info": {"title": "Lupin's console", "version": "1"},
+        "paths": paths,
+        "components": {"securitySchemes": {"session": {"type": "apiKey", "in": "cookie", "name": "lupin_session"}}},
+    }

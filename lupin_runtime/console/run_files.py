@@ -1,0 +1,158 @@
+"""The API's resources that are files: runs with their state, report, recording and logs, and saved maps. All are read only."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from aiohttp import web
+
+from lupin_runtime.console.api_table import Resource
+from lupin_runtime.console.map_names import maps_folder
+from lupin_runtime.stack.retention import StoredRun, stored_runs
+from lupin_runtime.stack.runs import Run, all_runs
+
+MAX_LOG_BYTES = 256_000
+MAX_COMMANDS = 1000
+# A report is a page of its own with its own scripts: it gets an origin that is nobody's, and reaches nothing.
+_REPORT_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
+)
+_REPORT_FILES = {"report.html": "text/html", "report.json": "application/json"}
+
+
+def resources() -> tuple[Resource, ...]:
+    """The routes, each with what it answers."""
+    return (
+        Resource(
+            "/_api/runs", _runs, "The runs on the disk, newest first: id, state, size in bytes, whether it is up or kept."
+        ),
+        Resource("/_api/runs/{run}", _run, "One run: its options, last state and result."),
+        Resource("/_api/runs/{run}/report/{file}", _report, "The report: `report.html` or `report.json`."),
+        Resource("/_api/runs/{run}/recording", _recording, "The recording of the graph (MCAP); ranges are served."),
+        Resource("/_api/runs/{run}/logs", _logs, "The names of the processes that have logs."),
+        Resource("/_api/runs/{run}/logs/{process}", _log, f"The end of a process's log as text, up to {MAX_LOG_BYTES} bytes."),
+        Resource("/_api/runs/{run}/commands", _commands, f"What clients of the console commanded: the last {MAX_COMMANDS}."),
+        Resource("/_api/maps", _maps, "The names of the saved maps."),
+        Resource("/_api/maps/{map}", _map, "A file of a saved map: its YAML, or the image that the YAML names."),
+    )
+
+
+async def _runs(_: web.Request) -> web.StreamResponse:
+    stored = await asyncio.to_thread(stored_runs)
+    return web.json_response([_summary(one) for one in reversed(stored)])
+
+
+async def _run(request: web.Request) -> web.StreamResponse:
+    run = _chosen_run(request)
+    info = run.info()
+    result = await asyncio.to_thread(_json_file, run.path / "result.json")
+    plain = {
+        "id": run.id,
+        "up": run.alive(),
+        "started_s": info.get("started"),
+        "options": info.get("options", {}),
+        "state": run.state(),
+        "result": result,
+    }
+    return web.json_response(plain)
+
+
+async def _report(request: web.Request) -> web.StreamResponse:
+    name = request.match_info["file"]
+    if name not in _REPORT_FILES:
+        raise web.HTTPNotFound(text=f"a report has the files {', '.join(_REPORT_FILES)}\n")
+    response = _file(_chosen_run(request).report / name, "there is no report yet; it is written at the end of the run")
+    response.content_type = _REPORT_FILES[name]
+    response.headers["Content-Security-Policy"] = _REPORT_POLICY
+    return response
+
+
+async def _recording(request: web.Request) -> web.StreamResponse:
+    run = _chosen_run(request)
+    response = _file(run.recording, "this run was not recorded")
+    response.content_type = "application/octet-stream"
+    response.headers["Content-Disposition"] = f'attachment; filename="{run.id}.mcap"'
+    return response
+
+
+async def _logs(request: web.Request) -> web.StreamResponse:
+    return web.json_response(sorted(path.stem for path in _chosen_run(request).logs.glob("*.log")))
+
+
+async def _log(request: web.Request) -> web.StreamResponse:
+    names = {path.stem: path for path in _chosen_run(request).logs.glob("*.log")}
+    path = names.get(request.match_info["process"])
+    if path is None:
+        raise web.HTTPNotFound(text=f"there are logs of: {', '.join(sorted(names))}\n")
+    return web.Response(body=await asyncio.to_thread(_end_of, path), content_type="text/plain", charset="utf-8")
+
+
+async def _commands(request: web.Request) -> web.StreamResponse:
+    lines = await asyncio.to_thread(_end_of, _chosen_run(request).path / "console_commands.jsonl")
+    rows = []
+    for line in lines.decode(errors="replace").splitlines()[-MAX_COMMANDS:]:
+        try:
+            rows.append(json.loads(line))
+        except ValueError:
+            continue  # the first line of the part that was read, or one that is being written
+    return web.json_response(rows)
+
+
+async def _maps(_: web.Request) -> web.StreamResponse:
+    return web.json_response(sorted(path.stem for path in maps_folder().glob("*.yaml")))
+
+
+async def _map(request: web.Request) -> web.StreamResponse:
+    name = request.match_info["map"]
+    files = {path.name: path for path in islice(maps_folder().glob("*"), 10_000) if path.suffix in (".yaml", ".pgm", ".png")}
+    if name not in files:
+        raise web.HTTPNotFound(text="there is no such map\n")
+    return _file(files[name], "there is no such map")
+
+
+def _summary(stored: StoredRun) -> dict[str, Any]:
+    result = _json_file(stored.run.path / "result.json")
+    state = "up" if stored.is_alive else (result or {}).get("state", "ended")
+    return {
+        "id": stored.run.id,
+        "state": state,
+        "size_bytes": stored.size_bytes,
+        "kept": stored.is_kept,
+        "started_s": stored.run.info().get("started"),
+    }
+
+
+def _chosen_run(request: web.Request) -> Run:
+    """The run of a request, by its whole id: what the client sent never becomes part of a path."""
+    for run in all_runs():
+        if run.id == request.match_info["run"]:
+            return run
+    raise web.HTTPNotFound(text="there is no such run; see /_api/runs\n")
+
+
+def _file(path: Path, absent: str) -> web.FileResponse:
+    if not path.is_file():
+        raise web.HTTPNotFound(text=f"{absent}\n")
+    return web.FileResponse(path)
+
+
+def _json_file(path: Path) -> dict[str, Any] | None:
+    try:
+        content = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return None
+    return content if isinstance(content, dict) else None
+
+
+def _end_of(path: Path) -> bytes:
+    """The last MAX_LOG_BYTES of a file; empty where there is none."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - MAX_LOG_BYTES))
+            return file.read(MAX_LOG_BYTES)
+    except OSError:
+        return b""
