@@ -31,6 +31,7 @@ class ServiceCalls:
         self._now = now
         self._group = ReentrantCallbackGroup()
         self._clients: dict[tuple[str, str], Client] = {}
+        self._last: dict[str, Client] = {}  # by the service's name
         self._waiting: dict[int, tuple[float, Callable[[], bool], Callable[[], None]]] = {}
         self._number = 0
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a stopped /clock must not stop a timeout
@@ -56,6 +57,9 @@ class ServiceCalls:
 
     def _client(self, name: str) -> Client | None:
         """The client of a service whose server is there, or None."""
+        last = self._last.get(name)
+        if last is not None and last.service_is_ready():
+            return last  # listing all services of a large graph takes longer than the call
         kinds = dict(self._node.get_service_names_and_types()).get(name)
         if not kinds:
             return None
@@ -67,6 +71,7 @@ class ServiceCalls:
             except interfaces.UnknownType:
                 return None
             client = self._clients[key] = self._node.create_client(service_class, name, callback_group=self._group)
+        self._last[name] = client
         return client if client.service_is_ready() else None
 
     def _send(self, client: Client, arguments: Any, timeout_s: float, done: Done) -> None:

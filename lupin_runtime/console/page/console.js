@@ -28,7 +28,6 @@ function showControl(control) {
 
 function showStop(reasons) {
   element("reasons").textContent = reasons.length ? `Stopped: ${reasons.join(", ")}` : "Not stopped by a console.";
-  element("release").disabled = reasons.length === 0;
 }
 
 function listen() {
