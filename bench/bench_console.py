@@ -129,7 +129,7 @@ def rig(suite: Path | None = None) -> Iterator[Rig]:
     claim = claim_domain()
     with ExitStack() as exits, tempfile.TemporaryDirectory() as directory:
         exits.callback(claim.release)
-        environment = loopback_environment(claim.domain, Path(directory), dict(os.environ))
+        environment = loopback_environment(claim.domain, Path(directory), {**os.environ, "XDG_STATE_HOME": directory})
         command = [sys.executable, "-m", "bench.peers.rosbridge_suite", str(suite)] if suite else None
         server = subprocess.Popen(
             command or [sys.executable, "-m", "bench.bench_console", "--as", "server"],

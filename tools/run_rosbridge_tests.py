@@ -65,7 +65,7 @@ def main() -> int:
 
 def _run(path: Path, folder: Path, stubs: Path) -> str:
     claim = claim_domain()
-    environment = loopback_environment(claim.domain, stubs, dict(os.environ))
+    environment = loopback_environment(claim.domain, stubs, {**os.environ, "XDG_STATE_HOME": str(stubs)})
     environment["PYTHONPATH"] = os.pathsep.join([str(stubs), str(Path(__file__).parents[1]), *sys.path[1:]])
     command = [sys.executable, "-m", "tools.run_rosbridge_tests", "--inside", str(folder), path.name[:-8]]
     log = stubs / f"{path.name}.log"
