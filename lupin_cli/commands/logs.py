@@ -47,15 +47,42 @@ def command(
             for line in deque(log, maxlen=lines):
                 echo(f"{path.stem:12s} {line.rstrip()}")
     if follow:
-        _follow(selected, found)
+        _follow(found, process or [], {path: path.stat().st_size for path in selected})
 
 
-def _follow(paths: list[Path], run: Run) -> None:
-    streams = {path.stem: path.open(errors="replace") for path in paths}
-    for stream in streams.values():
-        stream.seek(0, 2)
-    while run.alive():
-        for name, stream in streams.items():
-            for line in stream:
-                echo(f"{name:12s} {line.rstrip()}")
-        time.sleep(FOLLOW_PERIOD_S)
+class _Tail:
+    """The lines that are appended to a log. One that was shortened meanwhile is read from its beginning."""
+
+    def __init__(self, path: Path, position: int) -> None:
+        self._path = path
+        self._position = position
+        self._rest = b""
+
+    def lines(self) -> list[str]:
+        """The lines that were completed since the last call."""
+        try:
+            with self._path.open("rb") as log:
+                if log.seek(0, 2) < self._position:
+                    self._position, self._rest = 0, b""
+                log.seek(self._position)
+                data = log.read()
+        except OSError:
+            return []  # being replaced, or the disk is in trouble: the next call looks again
+        self._position += len(data)
+        *complete, self._rest = (self._rest + data).split(b"\n")
+        return [line.decode(errors="replace").rstrip() for line in complete]
+
+
+def _follow(run: Run, processes: list[str], sizes: dict[Path, int]) -> None:
+    """Print new lines until the run has ended; also of processes that start later, unless some were named."""
+    tails = {path: _Tail(path, size) for path, size in sizes.items()}
+    alive = True
+    while alive:
+        alive = run.alive()  # asked first: what a process writes at its end is printed too
+        for path in sorted(run.logs.glob("*.log")):
+            if processes and path.stem not in processes:
+                continue
+            for line in tails.setdefault(path, _Tail(path, 0)).lines():
+                echo(f"{path.stem:12s} {line}")
+        if alive:
+            time.sleep(FOLLOW_PERIOD_S)
