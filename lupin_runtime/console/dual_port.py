@@ -15,6 +15,8 @@ from typing import Any
 _TLS_HANDSHAKE = 0x16  # the type of a TLS record that begins a connection
 _FIRST_BYTE_S = 10.0
 _MAX_UNDECIDED = 128  # connections that have sent nothing yet
+# A client that opens connections and never ends its requests keeps out nobody but other clients of its own address.
+_MAX_OF_ADDRESS = 128
 
 
 class DualPort:
@@ -29,6 +31,7 @@ class DualPort:
         self._sockets: list[socket.socket] = []
         self._accepting: list[asyncio.Task[None]] = []
         self._undecided: set[asyncio.Task[None]] = set()
+        self._open: dict[str, list[asyncio.BaseTransport]] = {}
 
     def open(self, host: str, port: int) -> int:
         """Listen on an address, or on all of them where it is empty; returns the port. Raises OSError."""
@@ -60,18 +63,25 @@ class DualPort:
         loop = asyncio.get_running_loop()
         while True:
             try:
-                connection, _ = await loop.sock_accept(listener)
+                connection, address = await loop.sock_accept(listener)
             except OSError:
                 await asyncio.sleep(0.1)  # too many open files: those who are connected go on
                 continue
-            if len(self._undecided) >= _MAX_UNDECIDED:
+            if len(self._undecided) >= _MAX_UNDECIDED or self._count(address[0]) >= _MAX_OF_ADDRESS:
                 connection.close()
                 continue
-            task = loop.create_task(self._decide(connection))
+            task = loop.create_task(self._decide(connection, address[0]))
             self._undecided.add(task)
             task.add_done_callback(self._undecided.discard)
 
-    async def _decide(self, connection: socket.socket) -> None:
+    def _count(self, address: str) -> int:
+        """The connections of an address that are open."""
+        is_open = [transport for transport in self._open.pop(address, []) if not transport.is_closing()]
+        if is_open:
+            self._open[address] = is_open
+        return len(is_open)
+
+    async def _decide(self, connection: socket.socket, address: str) -> None:
         loop = asyncio.get_running_loop()
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -80,7 +90,8 @@ class DualPort:
             if self._tls is not None and await asyncio.wait_for(_first_byte(connection), _FIRST_BYTE_S) == _TLS_HANDSHAKE:
                 options = {"ssl": self._tls, "ssl_handshake_timeout": _FIRST_BYTE_S}
             with contextlib.suppress(OSError):  # a handshake that fails: the client does not trust the certificate
-                await loop.connect_accepted_socket(self._factory, connection, **options)
+                transport, _ = await loop.connect_accepted_socket(self._factory, connection, **options)
+                self._open.setdefault(address, []).append(transport)
         except (OSError, asyncio.TimeoutError):
             connection.close()
         except asyncio.CancelledError:
