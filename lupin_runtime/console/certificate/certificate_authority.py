@@ -1,0 +1,208 @@
+"""The certificate authority: a root that devices trust, and the issuing certificate below it that signs the server's.
+
+The root signs the issuing certificate once, and its key is then forgotten: no file ever holds it. The issuing certificate may
+vouch for names and addresses of local networks only. The constraints are in a certificate below the root because several
+verifiers ignore those of a root, as RFC 5280, 6.2 allows. So a stolen issuing key is of no use beyond such networks.
+
+Both are valid for a fixed time that does not depend on the clock. A computer without a battery-backed clock may create them
+while its clock shows any year, and devices that trust the root keep trusting it.
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import ipaddress
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from lupin_runtime.console.host_addresses import Address, HostAddresses
+
+NOT_BEFORE = datetime.datetime(2020, 1, 1, tzinfo=datetime.timezone.utc)
+NOT_AFTER = datetime.datetime(2049, 12, 31, tzinfo=datetime.timezone.utc)  # the last year that UTCTime can express
+
+Network = ipaddress.IPv4Network | ipaddress.IPv6Network
+
+# Names that no public name server answers for: RFC 6761, 6762, 8375, and ICANN's reservation of .internal in 2024.
+_LOCAL_DOMAINS = ("localhost", "local", "home.arpa", "internal")
+_LOCAL_NETWORKS: tuple[Network, ...] = (
+    *map(ipaddress.IPv4Network, ("127.0.0.0/8", "169.254.0.0/16", "100.64.0.0/10")),  # RFC 1122, 3927, 6598
+    *map(ipaddress.IPv4Network, ("10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16")),  # RFC 1918
+    *map(ipaddress.IPv6Network, ("::1/128", "fc00::/7")),  # RFC 4291, 4193
+)
+_MAX_COMMON_NAME = 64  # RFC 5280, ub-common-name
+
+
+class DamagedAuthority(ValueError):
+    """What is stored is not an authority that Lupin has made; the message says in which respect."""
+
+
+@dataclass(frozen=True)
+class CertificateAuthority:
+    """The issuing key, its certificate, and the root that devices trust."""
+
+    key: ec.EllipticCurvePrivateKey
+    issuing: x509.Certificate
+    root: x509.Certificate
+
+    @property
+    def name(self) -> str:
+        """Under which devices list the root."""
+        return common_name(self.root)
+
+    @property
+    def id(self) -> str:
+        """Eight hexadecimal digits, part of the name, that tell it from other authorities."""
+        return _key_id(self.root.public_key())
+
+    @property
+    def sha256(self) -> str:
+        """Fingerprint of the root's certificate."""
+        return fingerprint(self.root)
+
+    def permits(self, subject: str | Address) -> bool:
+        """Whether it may issue certificates for a DNS name or an address."""
+        constraints = self.issuing.extensions.get_extension_for_class(x509.NameConstraints).value
+        for subtree in constraints.permitted_subtrees or ():
+            if isinstance(subject, str) and isinstance(subtree, x509.DNSName):
+                if subject == subtree.value or subject.endswith(f".{subtree.value}"):
+                    return True
+            elif not isinstance(subject, str) and isinstance(subtree, x509.IPAddress):
+                network = subtree.value
+                if isinstance(network, Network) and subject.version == network.version and subject in network:
+                    return True
+        return False
+
+    def root_pem(self) -> bytes:
+        """The root's certificate, which devices install."""
+        return self.root.public_bytes(serialization.Encoding.PEM)
+
+    def pem(self) -> bytes:
+        """All of it, with the key: secret."""
+        return private_pem(self.key) + self.issuing.public_bytes(serialization.Encoding.PEM) + self.root_pem()
+
+
+def create(host: str, reachable: HostAddresses) -> CertificateAuthority:
+    """A new authority. It permits local names and networks, and the names and addresses that the host has now.
+
+    A university's network may give public addresses to its hosts, and a certificate without them would be of no use there.
+    """
+    root_key, key = ec.generate_private_key(ec.SECP256R1()), ec.generate_private_key(ec.SECP256R1())
+    suffix = f" ({_key_id(root_key.public_key())})"
+    title = f"Lupin console on {host}"[: _MAX_COMMON_NAME - len(suffix)] + suffix
+    root_name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, title), _ORGANIZATION])
+    issuing_name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"Lupin console, issuing{suffix}"), _ORGANIZATION])
+    subtrees = _permitted(reachable)
+    root = _certificate(root_name, root_name, root_key, root_key, 1, subtrees)
+    return CertificateAuthority(key, _certificate(issuing_name, root_name, key, root_key, 0, subtrees), root)
+
+
+def parse(data: bytes) -> CertificateAuthority:
+    """The authority of a file that `CertificateAuthority.pem` filled. Raises DamagedAuthority."""
+    try:
+        key = serialization.load_pem_private_key(data, None)
+        issuing, root = x509.load_pem_x509_certificates(data)
+        authority = _checked(key, issuing, root)
+    except DamagedAuthority:
+        raise
+    except (ValueError, TypeError, UnsupportedAlgorithm, InvalidSignature, x509.ExtensionNotFound) as error:
+        raise DamagedAuthority("it does not hold a key and the two certificates that belong to it") from error
+    return authority
+
+
+def _checked(key: object, issuing: x509.Certificate, root: x509.Certificate) -> CertificateAuthority:
+    if not isinstance(key, ec.EllipticCurvePrivateKey) or issuing.public_key() != key.public_key():
+        raise DamagedAuthority("its key is not that of its certificate")
+    issuing.verify_directly_issued_by(root)
+    root.verify_directly_issued_by(root)
+    issuing.extensions.get_extension_for_class(x509.NameConstraints)
+    return CertificateAuthority(key, issuing, root)
+
+
+_ORGANIZATION = x509.NameAttribute(NameOID.ORGANIZATION_NAME, "Lupin")
+
+
+def _permitted(reachable: HostAddresses) -> list[x509.GeneralName]:
+    names = list(_LOCAL_DOMAINS)
+    names += [name for name in reachable.names if is_permittable(name) and not name.endswith(tuple(f".{n}" for n in names))]
+    networks = list(_LOCAL_NETWORKS)
+    networks += [ipaddress.ip_network(address) for address in reachable.addresses if not _is_local(address)]
+    return [*map(x509.DNSName, names), *map(x509.IPAddress, networks)]
+
+
+def is_permittable(name: str) -> bool:
+    """Whether a host's name is no top-level domain, which would permit every site below it.
+
+    Those consist of letters only (RFC 1123, 2.1), or begin with xn--.
+    """
+    return "." in name or (not name.isalpha() and not name.startswith("xn--"))
+
+
+def _is_local(address: Address) -> bool:
+    return any(address.version == network.version and address in network for network in _LOCAL_NETWORKS)
+
+
+def _certificate(
+    subject: x509.Name,
+    issuer: x509.Name,
+    key: ec.EllipticCurvePrivateKey,
+    signing_key: ec.EllipticCurvePrivateKey,
+    path_length: int,
+    subtrees: Iterable[x509.GeneralName],
+) -> x509.Certificate:
+    key_usage = x509.KeyUsage(
+        digital_signature=False,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=True,
+        crl_sign=False,
+        encipher_only=False,
+        decipher_only=False,
+    )
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(NOT_BEFORE)
+        .not_valid_after(NOT_AFTER)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=path_length), critical=True)
+        .add_extension(key_usage, critical=True)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
+        .add_extension(x509.NameConstraints(permitted_subtrees=subtrees, excluded_subtrees=None), critical=True)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(signing_key.public_key()), critical=False)
+        .sign(signing_key, hashes.SHA256())
+    )
+
+
+def common_name(certificate: x509.Certificate) -> str:
+    """The subject's common name; empty where it has none."""
+    found = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    return str(found[0].value) if found else ""
+
+
+def fingerprint(certificate: x509.Certificate) -> str:
+    """SHA-256 of a certificate in hexadecimal bytes with colons between them, as systems show it."""
+    return certificate.fingerprint(hashes.SHA256()).hex(":").upper()
+
+
+def private_pem(key: ec.EllipticCurvePrivateKey) -> bytes:
+    """A key as PKCS #8, without a password: the server starts without a person."""
+    encoding, layout = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
+    return key.private_bytes(encoding, layout, serialization.NoEncryption())
+
+
+def _key_id(key: object) -> str:
+    assert isinstance(key, ec.EllipticCurvePublicKey)
+    data = key.public_bytes(serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo)
+    return hashlib.sha256(data).hexdigest()[:8]
