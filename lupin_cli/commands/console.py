@@ -32,7 +32,8 @@ app = typer.Typer(
 def serve(
     context: typer.Context,
     run: str = RUN,
-    host: str = typer.Option("127.0.0.1", help="Address to listen on; 0.0.0.0 for all of this computer's."),
+    host: str = typer.Option("", help="Address to listen on [all of this computer's]."),
+    tls: bool = typer.Option(True, "--tls/--no-tls", help="HTTPS for browsers of other computers."),
     port: int = typer.Option(8090, min=0, max=65535, help="Port of the page; 0 takes any free one."),
     rosbridge_port: int = typer.Option(9090, min=0, max=65535, help="Port of rosbridge on 127.0.0.1; 0 takes any free one."),
     share: bool = typer.Option(False, "--share", help="Also print the code that pairs a browser as viewer."),
@@ -67,7 +68,7 @@ def serve(
     own.mkdir(exist_ok=True)
     made = launch(next(row for row in TABLE if row.name == "console"), Options(run_path=own))
     assert made.config is not None
-    made.config["nodes"][0]["parameters"].update(host=host, port=port, rosbridge_port=rosbridge_port)
+    made.config["nodes"][0]["parameters"].update(host=host, port=port, rosbridge_port=rosbridge_port, tls=tls)
     child = start_in_foreground(made, environment, own)
     try:
         described = _wait_for(own, child)

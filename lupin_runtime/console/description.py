@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ipaddress
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from lupin_runtime.atomic_file import write_atomically
+from lupin_runtime.console.host_addresses import host_addresses
 
 _NAME = "console.json"
 
@@ -20,11 +22,20 @@ class ConsoleDescription:
     port: int
     rosbridge_port: int
     codes: dict[str, str]
+    tls: bool = False
 
     @property
     def url(self) -> str:
         """The page, for a browser on this computer."""
         return f"http://127.0.0.1:{self.port}/"
+
+    def lan_urls(self) -> list[str]:
+        """The page for browsers of other computers; none where only this one is served."""
+        if self.host in ("127.0.0.1", "localhost", "::1"):
+            return []
+        scheme = "https" if self.tls else "http"
+        found = host_addresses().addresses if self.host in ("", "0.0.0.0", "::") else [ipaddress.ip_address(self.host)]
+        return [f"{scheme}://{f'[{each}]' if each.version == 6 else each}:{self.port}/" for each in found]
 
     def write(self, folder: Path) -> None:
         """Write it for its owner only, because of the codes."""

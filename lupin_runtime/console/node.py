@@ -11,6 +11,7 @@ from rclpy.clock import Clock, ClockType
 
 from lupin_runtime.console.authority import Authority, Role
 from lupin_runtime.console.bridge import STOP_PERIOD_S, Bridge
+from lupin_runtime.console.certificate import CertificateError, ServerCertificate
 from lupin_runtime.console.command_journal import CommandJournal
 from lupin_runtime.console.description import ConsoleDescription, remove_description
 from lupin_runtime.console.pairing import PairingCodes
@@ -28,9 +29,10 @@ MAX_MISSED_TURNS = 6  # of the event loop, each of STOP_PERIOD_S
 class Console(LupinNode):
     """The console's server as a node.
 
-    Parameters: `host` and `port` of the one origin, `rosbridge_host` and `rosbridge_port` (port 0: any free one; an empty host:
-    all of this computer's addresses), `folder` (where the journal of commands and `console.json` are written), `sessions_file`
-    (the paired browsers), `unlisted` (clients may also use topics, services and actions that the graph's table does not have),
+    Parameters: `host` and `port` of the one origin, `rosbridge_host` and `rosbridge_port` (port 0: any free one; an empty
+    host: all of this computer's addresses), `tls` (HTTPS on the one origin, to which browsers of other computers are sent),
+    `folder` (where the journal of commands and `console.json` are written), `sessions_file` (the paired browsers),
+    `unlisted` (clients may also use topics, services and actions that the graph's table does not have),
     `unregister_after_s` (how long a publisher that no client uses is kept). Raises OSError where a port is in use.
     """
 
@@ -58,6 +60,8 @@ class Console(LupinNode):
         self._folder = folder
         self._codes = PairingCodes(self._describe, time.monotonic_ns())
         self._host, rosbridge_host = self.parameter("host", "127.0.0.1"), self.parameter("rosbridge_host", "127.0.0.1")
+        certificate = self._certificate() if self.parameter("tls", False) else None
+        self._tls = certificate is not None
         self._server = ConsoleServer(
             bridge,
             sessions,
@@ -65,6 +69,8 @@ class Console(LupinNode):
             Run(folder),
             (self._host, self.parameter("port", CONSOLE_PORT)),
             (rosbridge_host, self.parameter("rosbridge_port", ROSBRIDGE_PORT)),
+            certificate,
+            logger.warning,
         )
         try:
             self.port, self.rosbridge_port = self._server.start()
@@ -78,9 +84,18 @@ class Console(LupinNode):
         self._seen_turns = self._missed = 0
         self.create_timer(STOP_PERIOD_S, self._watch_event_loop, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
+    def _certificate(self) -> ServerCertificate | None:
+        """None where there can be none; this computer alone is served then, which needs no encryption."""
+        try:
+            return ServerCertificate()
+        except CertificateError as error:
+            self.get_logger().error(f"no HTTPS, so only browsers on this computer are served: {error}")
+            self._host = "127.0.0.1"
+            return None
+
     def _describe(self) -> None:
         codes = {role.value: self._codes.code(role) for role in Role}
-        ConsoleDescription(os.getpid(), self._host, self.port, self.rosbridge_port, codes).write(self._folder)
+        ConsoleDescription(os.getpid(), self._host, self.port, self.rosbridge_port, codes, self._tls).write(self._folder)
 
     def _watch_event_loop(self) -> None:
         """Raise where the event loop hangs, which ends the process: the supervisor sees only that this executor works."""

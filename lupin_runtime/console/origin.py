@@ -21,7 +21,7 @@ from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.connection import HEARTBEAT_S, MAX_MESSAGE_BYTES, Connection, Handoff
 from lupin_runtime.console.events import EventChannel
 from lupin_runtime.console.pairing import PairingCodes
-from lupin_runtime.console.request_rules import check_host, check_origin, device_kind, is_loopback
+from lupin_runtime.console.request_rules import check_encryption, check_host, check_origin, device_kind, is_loopback
 from lupin_runtime.console.rosbridge import RosbridgeClient
 from lupin_runtime.console.sessions import LIFE_S, Sessions
 
@@ -54,8 +54,11 @@ class Unpaired(Exception):
 class Origin:
     """The routes of the one origin. Used on the event loop only."""
 
-    def __init__(self, bridge: Bridge, handoff: Handoff, sessions: Sessions, codes: PairingCodes) -> None:
+    def __init__(
+        self, bridge: Bridge, handoff: Handoff, sessions: Sessions, codes: PairingCodes, *, has_tls: bool = False
+    ) -> None:
         self._bridge = bridge
+        self._has_tls = has_tls
         self._handoff = handoff
         self._sessions = sessions
         self._codes = codes
@@ -109,6 +112,8 @@ class Origin:
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         check_host(request)
         check_origin(request)
+        if self._has_tls:
+            check_encryption(request)
         session = None
         try:
             session = self._sessions.find(request.cookies.get(COOKIE, ""))

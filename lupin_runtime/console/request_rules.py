@@ -27,6 +27,15 @@ def check_origin(request: web.Request) -> None:
         raise web.HTTPForbidden(text="pages of other sites may not use this server\n")
 
 
+def check_encryption(request: web.Request) -> None:
+    """Send a browser of another computer to HTTPS: a code or a cookie must not cross the network in clear."""
+    if request.secure or is_loopback(request):
+        return
+    if request.method in _SAFE_METHODS and "Upgrade" not in request.headers:
+        raise web.HTTPPermanentRedirect(f"https://{request.host}{request.path_qs}")
+    raise web.HTTPForbidden(text="use HTTPS\n")
+
+
 def is_loopback(request: web.Request) -> bool:
     """Whether a request comes from this computer itself, and not through a proxy on it."""
     forwarded = any(header in request.headers for header in ("X-Forwarded-For", "Forwarded", "Via"))

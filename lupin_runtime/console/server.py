@@ -6,13 +6,14 @@ import asyncio
 import errno
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from aiohttp import web
 
 from lupin_runtime.console.authority import Role, Session
 from lupin_runtime.console.bridge import STOP_PERIOD_S, Bridge
+from lupin_runtime.console.certificate import ServerCertificate
 from lupin_runtime.console.connection import HEARTBEAT_S, MAX_MESSAGE_BYTES, Connection, Handoff
 from lupin_runtime.console.dual_port import DualPort
 from lupin_runtime.console.origin import MAX_CLIENTS, Origin
@@ -33,7 +34,7 @@ class ConsoleServer:
     """Runs the event loop in a thread of its own. `start` raises PortInUse and OSError.
 
     `run` is the run that it shows. `address` and `rosbridge_address` are host and port: port 0 is any free one, and an empty
-    host is all of this computer's.
+    host is all of this computer's. Without a certificate the one origin speaks HTTP only.
     """
 
     def __init__(
@@ -44,6 +45,8 @@ class ConsoleServer:
         run: Run,
         address: Address,
         rosbridge_address: Address,
+        certificate: ServerCertificate | None,
+        log: Callable[[str], None],
     ) -> None:
         self._bridge = bridge
         self._codes = codes
@@ -51,12 +54,13 @@ class ConsoleServer:
         self._address, self._rosbridge_address = address, rosbridge_address
         self._loop = asyncio.new_event_loop()
         self._handoff = Handoff(self._loop)
-        self._origin = Origin(bridge, self._handoff, sessions, codes)
+        self._origin = Origin(bridge, self._handoff, sessions, codes, has_tls=certificate is not None)
+        self._certificate, self._log = certificate, log
         self._clients = 0
         self._number = 0
         self._runners: list[web.AppRunner] = []
         self._port: DualPort | None = None
-        self._upkeep: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
         self._turns = 0
         self._thread = threading.Thread(target=self._loop.run_forever, name="console", daemon=True)
 
@@ -77,7 +81,7 @@ class ConsoleServer:
         host, port = self._address
         runner = await self._runner_of(self._origin.application())
         assert runner.server is not None
-        self._port = DualPort(runner.server, None)
+        self._port = DualPort(runner.server, self._certificate.context if self._certificate is not None else None)
         with _naming_owner_of(port):
             port = self._port.open(host, port)
         application = web.Application()
@@ -85,7 +89,9 @@ class ConsoleServer:
         runner = await self._runner_of(application)
         with _naming_owner_of(self._rosbridge_address[1]):
             await web.TCPSite(runner, *self._rosbridge_address).start()
-        self._upkeep = asyncio.create_task(self._keep_up())
+        self._tasks.append(asyncio.create_task(self._keep_up()))
+        if self._certificate is not None:
+            self._tasks.append(asyncio.create_task(self._certificate.keep_current(self._log)))
         return port, int(runner.addresses[0][1])
 
     async def _runner_of(self, application: web.Application) -> web.AppRunner:
@@ -95,8 +101,8 @@ class ConsoleServer:
         return runner
 
     async def _close(self) -> None:
-        if self._upkeep is not None:
-            self._upkeep.cancel()
+        for task in self._tasks:
+            task.cancel()
         if self._port is not None:
             await self._port.close()
         await asyncio.gather(*(runner.cleanup() for runner in self._runners))

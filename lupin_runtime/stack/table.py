@@ -143,7 +143,7 @@ def _estop(_: Options) -> Parameters:
 
 
 def _console(options: Options) -> Parameters:
-    return {"folder": str(options.run_path)}
+    return {"folder": str(options.run_path), "host": "", "tls": True}
 
 
 def _light_strip(options: Options) -> Parameters:

@@ -19,7 +19,7 @@ class RosbridgeClient:
 
     def __init__(self, port: int, path: str = "/", **options: Any) -> None:
         self._open = ExitStack()
-        url = f"ws://127.0.0.1:{port}{path}"
+        url = f"{'wss' if 'ssl' in options else 'ws'}://127.0.0.1:{port}{path}"
         self.socket: ClientConnection = self._open.enter_context(connect(url, max_size=None, **options))
         self.received: list[dict[str, Any]] = []
         self.raw: list[str | bytes] = []

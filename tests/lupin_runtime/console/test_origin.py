@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+import ssl
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -174,7 +175,7 @@ def test_page_may_run_only_its_own_scripts_and_lie_in_no_frame(console: Console)
 
 
 def test_client_that_says_nothing_does_not_keep_others_out(console: Console) -> None:
-    silent = [socket.create_connection(("127.0.0.1", console.port), timeout=20) for _ in range(200)]
+    silent = [socket.create_connection(("127.0.0.1", console.port), timeout=20) for _ in range(100)]
     assert Browser(console.port).get("/_api/session")["session"]
     for connection in silent:
         connection.close()
@@ -184,6 +185,31 @@ def test_damaged_file_of_sessions_is_named(console: Console, tmp_path: Path) -> 
     (tmp_path / "sessions.json").write_text("{")
     status, answer = Browser(console.port).request("GET", "/_api/session")
     assert status == 503 and "sessions.json" in answer["error"]
+
+
+def test_browser_of_another_computer_is_sent_to_https(
+    graph_host: GraphHost, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from lupin_runtime.console.certificate import CertificateStore
+    from lupin_runtime.console.node import Console
+
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    node = graph_host.add(Console({"port": 0, "rosbridge_port": 0, "folder": str(tmp_path), "tls": True}))
+    try:
+        phone = Browser(node.port, proxied=True)
+        assert phone.request("GET", "/?x=1")[0] == 308
+        assert phone.answer_headers["Location"] == f"https://127.0.0.1:{node.port}/?x=1"
+        assert phone.request("POST", "/_api/pair", {"code": code(tmp_path)})[0] == 403
+        assert Browser(node.port).get("/_api/session")["session"], "this computer needs no encryption"
+        trust = ssl.create_default_context(cafile=CertificateStore().root_path)
+        secure = Browser(node.port, proxied=True, trust=trust)
+        assert secure.post("/_api/pair", code=code(tmp_path))["role"] == "operator"
+        assert "Secure" in secure.answer_headers["Set-Cookie"]
+        client = secure.socket()
+        assert client.call("/rosapi/get_ros_version")["result"]
+        client.close()
+    finally:
+        node.before_shutdown()
 
 
 # -- control ----------------------------------------------------------------------------------------------------------
