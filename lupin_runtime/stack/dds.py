@@ -28,6 +28,7 @@ _FIRST_DOMAIN, _LAST_DOMAIN = 1, 100
 # The last port of a domain belongs to its 120th participant, which no run has. Binding it claims the domain.
 _CLAIM_OFFSET = _PORTS_PER_DOMAIN - 1
 
+_LOOPBACK_PROFILE = "fastdds_loopback.xml"
 _PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
   <transport_descriptors>
@@ -97,7 +98,7 @@ def claim_domain(first: int | None = None) -> DomainClaim:
 
 def loopback_environment(domain: int, directory: Path, base: Mapping[str, str] | None = None) -> dict[str, str]:
     """The environment in which a process joins `domain` on loopback; writes the DDS profile into `directory`."""
-    profile = directory / "fastdds_loopback.xml"
+    profile = directory / _LOOPBACK_PROFILE
     directory.mkdir(parents=True, exist_ok=True)
     profile.write_text(_PROFILE)
     environment = {key: value for key, value in (os.environ if base is None else base).items() if key not in FOREIGN}
@@ -139,3 +140,25 @@ def robot_environment(base: Mapping[str, str] | None = None) -> tuple[dict[str, 
             "type: lupin dds setup 10.42.0.1 (the robot's address), or use --target sim"
         )
     return environment, applied
+
+
+@dataclass(frozen=True)
+class DiscoveryMode:
+    """How the processes of an environment find others. `warning` says what will not work and the next command, or is empty."""
+
+    sentence: str
+    warning: str = ""
+
+
+def discovery_mode(environment: Mapping[str, str]) -> DiscoveryMode:
+    """The mode that the variables of a process give it when it starts; other terminals may have another one."""
+    domain = environment.get("ROS_DOMAIN_ID") or "0"
+    if server := environment.get("ROS_DISCOVERY_SERVER"):
+        return DiscoveryMode(f"discovery server {server}, domain {domain}")
+    if Path(environment.get("FASTRTPS_DEFAULT_PROFILES_FILE", "")).name == _LOOPBACK_PROFILE:
+        return DiscoveryMode(f"this machine only, domain {domain}")
+    return DiscoveryMode(
+        f"multicast, domain {domain}: no discovery server",
+        "A robot with a discovery server stays unseen: the console seems live, but shows no battery and no telemetry, and "
+        "cannot drive. Type: lupin dds setup 10.42.0.1 (the robot's address), then start again.",
+    )

@@ -9,7 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from lupin_runtime.stack.dds import NoFreeDomain, NoRobotEnvironment, claim_domain, loopback_environment, robot_environment
+from lupin_runtime.stack.dds import (
+    NoFreeDomain,
+    NoRobotEnvironment,
+    claim_domain,
+    discovery_mode,
+    loopback_environment,
+    robot_environment,
+)
 
 
 def test_claimed_domain_is_exclusive_until_released() -> None:
@@ -78,3 +85,13 @@ os._exit(0)
     # Multicast sockets bind the wildcard address and join on loopback; no address of a real interface may appear.
     assert set(eval(addresses)) <= {"127.0.0.1", "0.0.0.0", "239.255.0.1"}
     assert os.environ["ROS_DOMAIN_ID"]
+
+
+def test_discovery_mode_names_the_server_or_warns(tmp_path: Path) -> None:
+    robot = discovery_mode({"ROS_DISCOVERY_SERVER": "10.42.0.1:11811", "ROS_DOMAIN_ID": "3"})
+    assert (robot.sentence, robot.warning) == ("discovery server 10.42.0.1:11811, domain 3", "")
+    simulated = discovery_mode(loopback_environment(7, tmp_path, {}))
+    assert (simulated.sentence, simulated.warning) == ("this machine only, domain 7", "")
+    plain = discovery_mode({"ROS_DISCOVERY_SERVER": ""})
+    assert plain.sentence == "multicast, domain 0: no discovery server"
+    assert "lupin dds setup" in plain.warning

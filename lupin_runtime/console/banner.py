@@ -1,0 +1,150 @@
+"""What `lupin up` prints of the console: where it is, a QR code for a phone, and how it finds the robot."""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TextIO
+
+from lupin_runtime.console.host_addresses import HostAddresses
+from lupin_runtime.stack.dds import DiscoveryMode
+
+QUIET_ZONE = 4  # modules around the code, ISO/IEC 18004
+_HALF_BLOCKS = (" ", "▄", "▀", "█")  # by two modules, the upper one counting twice
+_BLACK_ON_WHITE, _RESET = "\x1b[38;5;16;48;5;231m", "\x1b[0m"  # of the 256 colours, which themes do not change
+_MIN_COLUMNS = 24
+
+
+@dataclass(frozen=True)
+class Screen:
+    """What the output can show. `interactive`: a person reads it and nothing keeps it, unlike a file or a journal."""
+
+    columns: int
+    interactive: bool
+    unicode: bool
+    color: bool
+
+
+def screen_of(stream: TextIO, environment: Mapping[str, str]) -> Screen:
+    """Describe an output stream.
+
+    The terminal's character set is the locale's: Python may write UTF-8 whatever the terminal shows (PEP 540).
+    """
+    interactive = stream.isatty()
+    columns = 80
+    if interactive:
+        try:
+            columns = os.get_terminal_size(stream.fileno()).columns or columns  # 0: a serial line that does not know
+        except OSError:
+            interactive = False
+    locale = next((value for name in ("LC_ALL", "LC_CTYPE", "LANG") if (value := environment.get(name))), "UTF-8")
+    unicode = all(_is_utf8(name) for name in (locale.rpartition(".")[2], stream.encoding or ""))
+    color = interactive and not environment.get("NO_COLOR") and environment.get("TERM") != "dumb"
+    return Screen(columns, interactive, unicode, color)
+
+
+def _is_utf8(name: str) -> bool:
+    return name.partition("@")[0].replace("-", "").lower() == "utf8"
+
+
+@dataclass(frozen=True)
+class ConsoleUrls:
+    """The console's addresses, the one to prefer first: those for other devices, and those for this machine."""
+
+    network: tuple[str, ...]
+    local: tuple[str, ...]
+
+
+def console_urls(
+    reachable: HostAddresses, *, https_port: int | None, http_port: int | None, loopback_only: bool = False
+) -> ConsoleUrls:
+    """The URLs of a console that serves one port or both.
+
+    Other devices get HTTPS first, since browsers give a microphone to secure pages only; this machine plain HTTP, which is
+    secure on localhost and needs no certificate.
+    """
+    addresses = [f"[{address}]" if address.version == 6 else str(address) for address in reachable.addresses]
+    hosts = [] if loopback_only else [*addresses, *(name for name in reachable.names if name.endswith(".local"))]
+    https = [_url("https", host, https_port) for host in hosts if https_port is not None]
+    http = [_url("http", host, http_port) for host in hosts if http_port is not None]
+    ports = (("http", http_port), ("https", https_port))
+    local = [_url(scheme, "localhost", port) for scheme, port in ports if port is not None]
+    return ConsoleUrls((*https, *http), tuple(local))
+
+
+def _url(scheme: str, host: str, port: int) -> str:
+    return f"{scheme}://{host}" + ("" if port == {"http": 80, "https": 443}[scheme] else f":{port}")
+
+
+def banner(
+    urls: ConsoleUrls,
+    mode: DiscoveryMode,
+    screen: Screen,
+    *,
+    pairing_url: str | None = None,
+    notes: Iterable[str] = (),
+) -> str:
+    """The banner's lines, the last one ended too.
+
+    `pairing_url` carries a one-time code, best in its fragment, which browsers do not send and pages can remove. It is in the
+    QR code instead of the first URL for other devices, and is shown on interactive screens only, so that no log keeps it.
+    `notes` are sentences such as those of `Certificates.notes`.
+    """
+    rows: list[tuple[str, Sequence[str]]] = [("network", urls.network), ("this machine", urls.local)]
+    rows.append(("DDS", [mode.sentence]))
+    if pairing_url is not None and screen.interactive:
+        rows.append(("pair a device", [pairing_url]))
+    rows = [(label, tuple(map(_printable, values))) for label, values in rows if values]
+    lines = ["Console", *_table(rows, screen.columns)]
+    for text in (mode.warning, *notes):
+        lines += _paragraph(_printable(text), screen.columns)
+    target = pairing_url or next(iter(urls.network), None)
+    if target is not None and screen.interactive and screen.unicode:
+        lines += ["", *qr_lines(target, screen)]
+    return "\n".join(line if screen.unicode else line.encode("ascii", "replace").decode() for line in lines) + "\n"
+
+
+def _table(rows: Sequence[tuple[str, Sequence[str]]], columns: int) -> list[str]:
+    """A label beside its values, or above them where the screen is too narrow, so that no URL is broken."""
+    width = max(len(label) for label, _ in rows) + 2
+    if 2 + width + max(len(value) for _, values in rows for value in values) > columns:
+        return [line for label, values in rows for line in (f"  {label}", *values)]
+    return [f"  {label if index == 0 else '':{width}}{value}" for label, values in rows for index, value in enumerate(values)]
+
+
+def _paragraph(text: str, columns: int) -> list[str]:
+    if not text:
+        return []
+    return textwrap.wrap(
+        text,
+        max(columns, _MIN_COLUMNS),
+        initial_indent="  ! ",
+        subsequent_indent="    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _printable(text: str) -> str:
+    """Text of an environment or a host may hold control characters, which a terminal would obey."""
+    return "".join(character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text)
+
+
+def qr_lines(text: str, screen: Screen) -> list[str]:
+    """The QR code of `text` in half blocks: two rows of modules in a line. Where the screen is too narrow, a line that says so.
+
+    With colour it is black on white, whatever the terminal's theme; without, light blocks on a dark background are assumed.
+    """
+    import segno
+
+    rows = [list(row) for row in segno.make_qr(text, error="l").matrix_iter(border=QUIET_ZONE)]
+    if len(rows[0]) > screen.columns:
+        return [f"(a QR code needs {len(rows[0])} columns)"]
+    light = 0 if screen.color else 1
+    rows = [[module ^ light for module in row] for row in rows]
+    if len(rows) % 2:
+        rows.append([light] * len(rows[0]))
+    lines = ["".join(_HALF_BLOCKS[2 * up + down] for up, down in zip(*pair)) for pair in zip(rows[::2], rows[1::2])]
+    return [f"{_BLACK_ON_WHITE}{line}{_RESET}" for line in lines] if screen.color else lines
