@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +37,7 @@ def serve(
     tls: bool = typer.Option(True, "--tls/--no-tls", help="HTTPS for browsers of other computers."),
     port: int = typer.Option(8090, min=0, max=65535, help="Port of the page; 0 takes any free one."),
     rosbridge_port: int = typer.Option(9090, min=0, max=65535, help="Port of rosbridge on 127.0.0.1; 0 takes any free one."),
-    share: bool = typer.Option(False, "--share", help="Also print the code that pairs a browser as viewer."),
+    share: bool = typer.Option(False, "--share", help="Print the code of a viewer, who looks and stops."),
 ) -> None:
     """Serve the graph of the live run, or of this shell, until Ctrl-C.
 
@@ -44,7 +45,7 @@ def serve(
     """
     if context.invoked_subcommand is not None:
         return
-    from lupin_cli.run.console_access import access_lines
+    from lupin_cli.run.console_access import access_banner
     from lupin_cli.run.foreground import graph_of, start_in_foreground
     from lupin_runtime.console.ports import PortInUse, check_free
     from lupin_runtime.stack.runs import RunError
@@ -73,8 +74,7 @@ def serve(
     try:
         described = _wait_for(own, child)
         if described is not None:
-            for line in access_lines(described, share):
-                echo(line)
+            print(access_banner(described, environment, sys.stdout, share=share), flush=True)
         status = child.wait()
     except KeyboardInterrupt:
         status = child.wait()
@@ -100,8 +100,7 @@ def code(run: str = RUN, as_json: bool = AS_JSON) -> None:
 
     Exit status: 0, 3 no console is running.
     """
-    from lupin_cli.run.console_access import access_lines
-    from lupin_runtime.console.description import read_description
+    from lupin_runtime.console.description import read_description, spoken
     from lupin_runtime.stack.runs import RunError, find_live_run
 
     try:
@@ -116,8 +115,10 @@ def code(run: str = RUN, as_json: bool = AS_JSON) -> None:
     if as_json:
         print(json.dumps({"url": described.url, "rosbridge_port": described.rosbridge_port, "codes": described.codes}))
         return
-    for line in access_lines(described, share=True):
-        echo(line)
+    for where in (described.url, *described.lan_urls()):
+        echo(where)
+    for role, each in described.codes.items():
+        echo(f"{spoken(each)} pairs one browser as {role}")
 
 
 @app.command()

@@ -210,14 +210,15 @@ def _console_is_up(state: dict[str, Any]) -> bool:
 
 def _announce_console(folder: Path, console: Console, open_browser: bool) -> None:
     """Print where the console is; on a desktop, also open its page."""
-    from lupin_cli.run.console_access import access_lines
+    from rich.text import Text
+
+    from lupin_cli.run.console_access import access_banner
     from lupin_runtime.console.description import read_description
 
     described = read_description(folder)
     if described is None:
         return
-    for line in access_lines(described):
-        console.print(line, highlight=False, soft_wrap=True)
+    console.print(Text.from_ansi(access_banner(described, os.environ, console.file)), soft_wrap=True)
     if open_browser:
         import webbrowser
 

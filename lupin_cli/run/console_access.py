@@ -2,16 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import IO
+
+from lupin_runtime.console.banner import ConsoleUrls, banner, console_urls, screen_of
 from lupin_runtime.console.description import ConsoleDescription, spoken
+from lupin_runtime.console.host_addresses import host_addresses
+from lupin_runtime.stack.dds import discovery_mode
 
 
-def access_lines(described: ConsoleDescription, share: bool = False) -> list[str]:
-    """Its page, and the code that pairs a browser of another computer; with `share`, also a viewer's."""
-    lines = [f"console: {described.url}  (rosbridge: ws://127.0.0.1:{described.rosbridge_port})"]
-    urls = described.lan_urls()
-    lines.append(
-        f"code for one other browser: {spoken(described.codes['operator'])}{', at ' + ' or '.join(urls) if urls else ''}"
+def access_banner(
+    described: ConsoleDescription, environment: Mapping[str, str], stream: IO[str], *, share: bool = False
+) -> str:
+    """Where it is, how it finds the robot, and on a terminal the code that pairs another browser; with `share`, a viewer's.
+
+    `environment` is that of the console's process.
+    """
+    urls = console_urls(
+        host_addresses(),
+        https_port=described.port if described.tls else None,
+        http_port=described.port,
+        loopback_only=described.host in ("127.0.0.1", "localhost", "::1"),
     )
-    if share:
-        lines.append(f"code for one that only looks and stops: {spoken(described.codes['viewer'])}")
-    return lines
+    # One port speaks both, and sends other devices to HTTPS.
+    network = tuple(url for url in urls.network if url.startswith("https:") or not described.tls)
+    urls = ConsoleUrls(network, (f"http://localhost:{described.port}", f"rosbridge ws://localhost:{described.rosbridge_port}"))
+    code = described.codes["viewer" if share else "operator"]
+    notes = [f"{spoken(code)} pairs one {'viewer' if share else 'browser'}; show the next code with: lupin console code"]
+    screen = screen_of(stream, environment)
+    return banner(
+        urls,
+        discovery_mode(environment),
+        screen,
+        pairing_url=f"{network[0]}/#code={code}" if network else None,
+        notes=notes if screen.interactive else (),
+    )
