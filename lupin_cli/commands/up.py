@@ -218,7 +218,8 @@ def _announce_console(folder: Path, console: Console, open_browser: bool) -> Non
     described = read_description(folder)
     if described is None:
         return
-    console.print(Text.from_ansi(access_banner(described, os.environ, console.file)), soft_wrap=True)
+    stream = sys.stderr if console.stderr else sys.stdout
+    console.print(Text.from_ansi(access_banner(described, os.environ, stream)), soft_wrap=True)
     if open_browser:
         import webbrowser
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import IO
+from typing import TextIO
 
 from lupin_runtime.console.banner import ConsoleUrls, banner, console_urls, screen_of
 from lupin_runtime.console.description import ConsoleDescription, spoken
@@ -12,7 +12,7 @@ from lupin_runtime.stack.dds import discovery_mode
 
 
 def access_banner(
-    described: ConsoleDescription, environment: Mapping[str, str], stream: IO[str], *, share: bool = False
+    described: ConsoleDescription, environment: Mapping[str, str], stream: TextIO, *, share: bool = False
 ) -> str:
     """Where it is, how it finds the robot, and on a terminal the code that pairs another browser; with `share`, a viewer's.
 

@@ -6,7 +6,7 @@ import os
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import IO
+from typing import TextIO
 
 from lupin_runtime.console.host_addresses import HostAddresses
 from lupin_runtime.stack.dds import DiscoveryMode
@@ -27,7 +27,7 @@ class Screen:
     color: bool
 
 
-def screen_of(stream: IO[str], environment: Mapping[str, str]) -> Screen:
+def screen_of(stream: TextIO, environment: Mapping[str, str]) -> Screen:
     """Describe an output stream.
 
     The terminal's character set is the locale's: Python may write UTF-8 whatever the terminal shows (PEP 540).
