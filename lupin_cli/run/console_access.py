@@ -11,9 +11,7 @@ from lupin_runtime.console.host_addresses import host_addresses
 from lupin_runtime.stack.dds import discovery_mode
 
 
-def access_banner(
-    described: ConsoleDescription, environment: Mapping[str, str], stream: TextIO, *, share: bool = False
-) -> str:
+def access_banner(described: ConsoleDescription, environment: Mapping[str, str], stream: TextIO, *, share: bool = False) -> str:
     """Where it is, how it finds the robot, and on a terminal the code that pairs another browser; with `share`, a viewer's.
 
     `environment` is that of the console's process.

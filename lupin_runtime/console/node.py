@@ -20,7 +20,7 @@ from lupin_runtime.console.server import ConsoleServer
 from lupin_runtime.console.sessions import Sessions, sessions_file
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.stack.runs import Run
-from lupin_runtime.stack.table import CONSOLE_PORT, ROSBRIDGE_PORT
+from lupin_runtime.stack.table import CONSOLE_PORT, DOCTOR, ROSBRIDGE_PORT
 
 JOURNAL = "console_commands.jsonl"
 MAX_MISSED_TURNS = 6  # of the event loop, each of STOP_PERIOD_S
@@ -70,6 +70,7 @@ class Console(LupinNode):
             (self._host, self.parameter("port", CONSOLE_PORT)),
             (rosbridge_host, self.parameter("rosbridge_port", ROSBRIDGE_PORT)),
             certificate,
+            DOCTOR,
             logger.warning,
         )
         try:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from lupin_runtime.console.api_table import Resource, add_resources
 from lupin_runtime.console.authority import Refused, Role, Session
 from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.connection import HEARTBEAT_S, MAX_MESSAGE_BYTES, Connection, Handoff
+from lupin_runtime.console.doctor import Doctor, DoctorError
 from lupin_runtime.console.events import EventChannel
 from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.request_rules import check_encryption, check_host, check_origin, device_kind, is_loopback
@@ -46,6 +47,11 @@ _LEASE_BODY: dict[str, dict[str, Any]] = {
     "from": {"type": "string", "description": "for take_over: who has control, as the operator saw it"},
 }
 
+_FIX_BODY: dict[str, dict[str, Any]] = {
+    "finding": {"type": "string"},
+    "confirmed": {"type": "boolean", "description": "false: only say what would be changed"},
+}
+
 
 class Unpaired(Exception):
     """A request of a browser that was not paired."""
@@ -55,8 +61,16 @@ class Origin:
     """The routes of the one origin. Used on the event loop only."""
 
     def __init__(
-        self, bridge: Bridge, handoff: Handoff, sessions: Sessions, codes: PairingCodes, *, has_tls: bool = False
+        self,
+        bridge: Bridge,
+        handoff: Handoff,
+        sessions: Sessions,
+        codes: PairingCodes,
+        doctor_command: Sequence[str],
+        *,
+        has_tls: bool = False,
     ) -> None:
+        self.doctor = Doctor(doctor_command, lambda state: self._events.push("doctor", state))
         self._bridge = bridge
         self._has_tls = has_tls
         self._handoff = handoff
@@ -83,7 +97,10 @@ class Origin:
             Resource("/_api/pair", self._pair, "Pair this browser by a code.", {"code": {"type": "string"}}, open=True),
             Resource("/_api/lease", self._lease, "Take, request, hand over or give up control.", _LEASE_BODY),
             Resource("/_api/stop", self._stop, "Stop, or release the stop.", {"engaged": {"type": "boolean"}}),
-            Resource("/_api/events", self._listen, "A WebSocket with all that changes: control, stop, run."),
+            Resource("/_api/doctor", self._doctor_state, "The last diagnosis, when it was made, and what the doctor does now."),
+            Resource("/_api/doctor/examination", self._examine, "Examine this computer and its graph; changes nothing.", {}),
+            Resource("/_api/doctor/fix", self._fix, "Play the fix of a finding, or preview it. Needs control.", _FIX_BODY),
+            Resource("/_api/events", self._listen, "A WebSocket with all that changes: control, stop, run, doctor."),
         )
         self._open_paths = {"/", *(resource.path for resource in own if resource.open)}
         add_resources(application, (*own, *run_files.resources()))
@@ -130,6 +147,8 @@ class Origin:
         except Refused as refusal:
             self._bridge.record(session.name if session else f"{request.remote}", request.path, refused=str(refusal))
             response = web.json_response({"error": str(refusal)}, status=403)
+        except DoctorError as error:
+            response = web.json_response({"error": str(error)}, status=409)
         except (MalformedFile, OSError) as error:  # the file of paired browsers
             response = web.json_response({"error": str(error)}, status=503)
         if not response.prepared:
@@ -218,6 +237,26 @@ class Origin:
             raise web.HTTPBadRequest(text="engaged is true or false\n")
         self.push_state()
         return web.json_response({"stop": self._bridge.stop_reasons()})
+
+    async def _doctor_state(self, _: web.Request) -> web.StreamResponse:
+        return web.json_response(self.doctor.state)
+
+    async def _examine(self, request: web.Request) -> web.StreamResponse:
+        await _object(request)
+        self.doctor.start_examination()
+        return web.json_response(self.doctor.state)
+
+    async def _fix(self, request: web.Request) -> web.StreamResponse:
+        body = await _object(request)
+        finding, confirmed = body.get("finding"), body.get("confirmed")
+        if not isinstance(finding, str) or not isinstance(confirmed, bool):
+            raise web.HTTPBadRequest(
+                text="finding is the id of a finding, and confirmed true to play its fix, false to preview it\n"
+            )
+        session = request[_SESSION]
+        self._bridge.authority.take(session, time.monotonic_ns())
+        self._bridge.record(session.name, f"{'fix' if confirmed else 'preview the fix of'} {finding[:100]}")
+        return web.json_response(await self.doctor.fix(finding, dry_run=not confirmed))
 
     async def _listen(self, request: web.Request) -> web.StreamResponse:
         session = request[_SESSION]

@@ -6,7 +6,7 @@ import asyncio
 import errno
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from aiohttp import web
@@ -46,6 +46,7 @@ class ConsoleServer:
         address: Address,
         rosbridge_address: Address,
         certificate: ServerCertificate | None,
+        doctor_command: Sequence[str],
         log: Callable[[str], None],
     ) -> None:
         self._bridge = bridge
@@ -54,7 +55,7 @@ class ConsoleServer:
         self._address, self._rosbridge_address = address, rosbridge_address
         self._loop = asyncio.new_event_loop()
         self._handoff = Handoff(self._loop)
-        self._origin = Origin(bridge, self._handoff, sessions, codes, has_tls=certificate is not None)
+        self._origin = Origin(bridge, self._handoff, sessions, codes, doctor_command, has_tls=certificate is not None)
         self._certificate, self._log = certificate, log
         self._clients = 0
         self._number = 0
@@ -103,6 +104,7 @@ class ConsoleServer:
     async def _close(self) -> None:
         for task in self._tasks:
             task.cancel()
+        await self._origin.doctor.close()
         if self._port is not None:
             await self._port.close()
         await asyncio.gather(*(runner.cleanup() for runner in self._runners))

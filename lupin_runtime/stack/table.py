@@ -5,6 +5,7 @@ Adding a process is adding one row to TABLE.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from lupin_runtime.stack.readiness import ActionReady, MissionReady, Port, Readi
 ONBOARD = "onboard"  # the target of the processes on the robot; `lupin up --target robot` starts those of the laptop
 CONSOLE_PORT = 8090
 ROSBRIDGE_PORT = 9090  # where every client of rosbridge looks for it
+DOCTOR = (sys.executable, "-m", "lupin_cli.app")  # the program whose `doctor` and `play` the console offers
 ALL_TAGS = 65535  # discovery goal "all": the largest count that fits into StartMission
 
 

@@ -1,0 +1,129 @@
+"""The doctor for browsers: examines this machine and its graph, and plays the fix of a finding, in processes of their own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+EXAMINATION_BOUND_S = 90.0
+FIX_BOUND_S = 300.0
+_STOP_BOUND_S = 5.0
+
+
+class DoctorError(RuntimeError):
+    """What was asked for cannot be done; the text says why and what to do."""
+
+
+class Doctor:
+    """Runs one examination or fix at a time. `command` is the command line's program and first arguments, as a list.
+
+    `changed` is called with the state whenever it changes: whether it is busy, the last diagnosis as `lupin doctor --json`
+    prints it, when that was made (wall clock, s), and what went wrong. For the event loop only.
+    """
+
+    def __init__(self, command: Sequence[str], changed: Callable[[dict[str, Any]], None]) -> None:
+        self._command = list(command)
+        self._changed = changed
+        self._task: asyncio.Task[None] | None = None
+        self._state: dict[str, Any] = {"busy": "", "diagnosis": None, "examined_s": None, "problem": ""}
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """The state, as `changed` gets it."""
+        return self._state
+
+    def start_examination(self) -> None:
+        """Examine, unless that is under way. Raises DoctorError while a fix is played."""
+        if self._state["busy"] == "examining":
+            return
+        self._require_idle()
+        self._update(busy="examining", problem="")
+        self._task = asyncio.create_task(self._examine())
+
+    async def fix(self, finding_id: str, *, dry_run: bool) -> dict[str, Any]:
+        """Play the fix of a finding of the last diagnosis, or say what it would change; returns what `lupin play` reports.
+
+        The findings are examined again afterwards. Raises DoctorError.
+        """
+        fix = self._fix_of(finding_id)
+        self._require_idle()
+        arguments = ["play", fix["playbook"], "--json", "--dry-run" if dry_run else "--yes"]
+        for name, value in fix["variables"].items():
+            arguments += ["--var", f"{name}={value}"]
+        self._update(busy=f"{'previewing' if dry_run else 'playing'} {fix['playbook']}", problem="")
+        try:
+            return await self._run(arguments, FIX_BOUND_S)
+        finally:
+            self._update(busy="")
+            if not dry_run:
+                self.start_examination()
+
+    async def close(self) -> None:
+        """End what is under way."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+
+    def _require_idle(self) -> None:
+        if self._state["busy"]:
+            raise DoctorError(f"the doctor is {self._state['busy']}; wait until it has finished")
+
+    def _fix_of(self, finding_id: str) -> dict[str, Any]:
+        roots = (self._state["diagnosis"] or {}).get("findings", [])
+        findings = [*roots, *(each for root in roots for each in root["consequences"])]
+        found = next((finding for finding in findings if finding["id"] == finding_id), None)
+        if found is None:
+            raise DoctorError("there is no such finding (any more); examine again")
+        fix: dict[str, Any] = found["fix"]
+        if not fix["playbook"]:
+            raise DoctorError(f"nobody but a person can do this: {fix['command']}")
+        return fix
+
+    async def _examine(self) -> None:
+        try:
+            diagnosis = await self._run(["doctor", "--json"], EXAMINATION_BOUND_S)
+            self._update(diagnosis=diagnosis, examined_s=round(time.time()))
+        except DoctorError as error:
+            self._update(problem=str(error))
+        finally:
+            self._update(busy="")
+
+    async def _run(self, arguments: list[str], bound_s: float) -> dict[str, Any]:
+        """The JSON object that a command prints. Raises DoctorError."""
+        pipe = asyncio.subprocess.PIPE
+        process = await asyncio.create_subprocess_exec(
+            *self._command, *arguments, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe
+        )
+        try:
+            output, errors = await asyncio.wait_for(process.communicate(), bound_s)
+        except asyncio.TimeoutError:
+            raise DoctorError(f"lupin {arguments[0]} did not end within {bound_s:g} s") from None
+        finally:
+            if process.returncode is None:
+                await _end(process)
+        try:
+            result = json.loads(output)
+            if not isinstance(result, dict):
+                raise ValueError("no object")
+        except ValueError:
+            said = errors.decode(errors="replace").strip().splitlines()
+            raise DoctorError(f"lupin {arguments[0]}: {said[-1] if said else f'ended with {process.returncode}'}") from None
+        return result
+
+    def _update(self, **fields: Any) -> None:
+        self._state = {**self._state, **fields}
+        self._changed(self._state)
+
+
+async def _end(process: asyncio.subprocess.Process) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        process.terminate()
+    try:
+        await asyncio.wait_for(process.wait(), _STOP_BOUND_S)
+    except asyncio.TimeoutError:
+        process.kill()
+        await process.wait()

@@ -1,0 +1,87 @@
+"""The doctor in a browser: a real examination, and a fix that is previewed and played."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.support.console_browser import Browser
+
+if TYPE_CHECKING:
+    from lupin_runtime.console.node import Console
+    from tests.conftest import GraphHost
+
+pytestmark = pytest.mark.graph
+
+BOUND_S = 90.0
+
+
+@pytest.fixture
+def browser(graph_host: GraphHost, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Browser]:
+    from lupin_runtime.console.node import Console
+
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    node: Console = graph_host.add(Console({"port": 0, "rosbridge_port": 0, "folder": str(tmp_path)}))
+    yield Browser(node.port)
+    node.before_shutdown()
+
+
+@pytest.fixture
+def orphan() -> Iterator[Path]:
+    """A shared-memory segment, with its lock, whose process was killed."""
+    segment = Path(f"/dev/shm/fastrtps_{os.urandom(8).hex()}")
+    lock = segment.with_name(f"{segment.name}_el")
+    segment.write_bytes(bytes(1000))
+    lock.touch()
+    # The doctor leaves files alone that were made just now.
+    for path in (segment, lock):
+        os.utime(path, (time.time() - 3600, time.time() - 3600))
+    yield segment
+    segment.unlink(missing_ok=True)
+    lock.unlink(missing_ok=True)
+
+
+def examined(browser: Browser, after_s: int = 0) -> dict[str, Any]:
+    """The state after an examination that ended later than `after_s`."""
+    deadline_s = time.monotonic() + BOUND_S
+    while True:
+        state: dict[str, Any] = browser.get("/_api/doctor")
+        assert not state["problem"]
+        if not state["busy"] and (state["examined_s"] or 0) > after_s:
+            return state
+        assert time.monotonic() < deadline_s, state
+        time.sleep(0.1)
+
+
+def test_finding_is_shown_previewed_and_fixed(browser: Browser, orphan: Path) -> None:
+    assert browser.get("/_api/doctor")["diagnosis"] is None
+    assert browser.post("/_api/doctor/examination")["busy"] == "examining"
+    browser.post("/_api/doctor/examination")  # under way already
+    state = examined(browser)
+    finding = next(row for row in state["diagnosis"]["findings"] if row["id"] == "shared-memory-orphans")
+    assert finding["fix"]["playbook"] == "sweep"
+
+    preview = browser.post("/_api/doctor/fix", finding=finding["id"], confirmed=False)
+    assert preview["dry_run"] and str(orphan) in preview["steps"][0]["diff"]
+    assert orphan.exists()
+    played = browser.post("/_api/doctor/fix", finding=finding["id"], confirmed=True)
+    assert played["state"] == "done" and not orphan.exists()
+    after = examined(browser, state["examined_s"])
+    assert str(orphan) not in str(after["diagnosis"])
+
+
+def test_fix_needs_control_and_a_finding(browser: Browser, tmp_path: Path) -> None:
+    status, answer = browser.request("POST", "/_api/doctor/fix", {"finding": "shared-memory-orphans", "confirmed": True})
+    assert status == 409 and "examine again" in answer["error"]
+    for body in ({}, {"finding": 3, "confirmed": True}, {"finding": "x", "confirmed": "yes"}):
+        assert browser.request("POST", "/_api/doctor/fix", body)[0] == 400
+    viewer = Browser(browser.port, proxied=True)
+    viewer.post("/_api/pair", code=json.loads((tmp_path / "console.json").read_text())["codes"]["viewer"])
+    status, answer = viewer.request("POST", "/_api/doctor/fix", {"finding": "x", "confirmed": False})
+    assert status == 403 and "is a viewer" in answer["error"]
