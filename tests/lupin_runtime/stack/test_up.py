@@ -84,7 +84,9 @@ def test_killed_drive_process_is_restarted_and_recorded(up: Callable[..., Any]) 
         lambda state: any(s["name"] == "drive" and s["phase"] == "up" and s["pid"] != first for s in state["stages"]),
         "drive bus that is up again",
     )
-    assert run.state()["deaths"] == [{"stage": "drive", "status": "ended by SIGKILL", "consequence": "restarted"}]
+    assert run.state()["deaths"] == [
+        {"stage": "drive", "status": "ended by SIGKILL", "consequence": "restarted", "ends_run": False}
+    ]
 
 
 def test_run_ends_lost_when_the_simulator_dies(up: Callable[..., Any]) -> None:
