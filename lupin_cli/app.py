@@ -24,7 +24,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "down": ("Run", "Stop a run and everything that it started."),
     "runs": ("Run", "List, keep and remove the runs on the disk."),
     "run": ("Run", "Run one process of the stack in the foreground."),
-    "console": ("Run", "Serve a running graph to browsers; list and revoke paired browsers."),
+    "console": ("Run", "Serve a running graph to browsers; their codes, sessions and the certificate."),
     "mission": ("Mission", "Start, pause, resume or abort a mission; draw its state machine."),
     "deploy": ("Robot", "Install Lupin on a robot, or this machine's half of the link."),
     "doctor": ("Robot", "Diagnose robot, laptop and link; show each root cause, its evidence and its fix."),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lupin_cli.commands.console_certificate import certificate
 from lupin_cli.exit_codes import FAILURE, UNREACHABLE, USAGE_ERROR
 from lupin_cli.terminal import echo
 
@@ -27,6 +28,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     invoke_without_command=True,
 )
+app.command()(certificate)
 
 
 @app.callback()

@@ -42,24 +42,31 @@ def command(
             echo(f"run {found.id} has no process {name!r}; it has: {', '.join(known)}", err=True)
             raise typer.Exit(USAGE_ERROR)
     selected = [path for path in files if not process or path.stem in process]
-    for path in selected:
-        with path.open(errors="replace") as log:
-            for line in deque(log, maxlen=lines):
-                echo(f"{path.stem:12s} {line.rstrip()}")
+    tails = {path: _Tail(path) for path in selected}
+    for path, tail in tails.items():
+        for line in deque(tail.lines(), maxlen=lines):
+            echo(f"{path.stem:12s} {line}")
+        if tail.rest and lines and not follow:
+            echo(f"{path.stem:12s} {tail.rest}")
     if follow:
-        _follow(found, process or [], {path: path.stat().st_size for path in selected})
+        _follow(found, process or [], tails)
 
 
 class _Tail:
-    """The lines that are appended to a log. One that was shortened meanwhile is read from its beginning."""
+    """The lines of a log, read as it grows. One that was shortened meanwhile is read from its beginning."""
 
-    def __init__(self, path: Path, position: int) -> None:
+    def __init__(self, path: Path) -> None:
         self._path = path
-        self._position = position
+        self._position = 0
         self._rest = b""
 
+    @property
+    def rest(self) -> str:
+        """The last line, which its process has not completed yet."""
+        return self._rest.decode(errors="replace").rstrip()
+
     def lines(self) -> list[str]:
-        """The lines that were completed since the last call."""
+        """The lines that were completed since the last call, at first all of them."""
         try:
             with self._path.open("rb") as log:
                 if log.seek(0, 2) < self._position:
@@ -73,16 +80,15 @@ class _Tail:
         return [line.decode(errors="replace").rstrip() for line in complete]
 
 
-def _follow(run: Run, processes: list[str], sizes: dict[Path, int]) -> None:
+def _follow(run: Run, processes: list[str], tails: dict[Path, _Tail]) -> None:
     """Print new lines until the run has ended; also of processes that start later, unless some were named."""
-    tails = {path: _Tail(path, size) for path, size in sizes.items()}
     alive = True
     while alive:
         alive = run.alive()  # asked first: what a process writes at its end is printed too
         for path in sorted(run.logs.glob("*.log")):
             if processes and path.stem not in processes:
                 continue
-            for line in tails.setdefault(path, _Tail(path, 0)).lines():
+            for line in tails.setdefault(path, _Tail(path)).lines():
                 echo(f"{path.stem:12s} {line}")
         if alive:
             time.sleep(FOLLOW_PERIOD_S)

@@ -53,7 +53,7 @@ def names_of(host: str) -> tuple[str, ...]:
     Empty where it is no valid DNS name.
     """
     full = host.lower().rstrip(".")
-    if not is_dns_name(full) or full == "localhost":
+    if not is_dns_name(full) or full == "localhost" or full.rpartition(".")[2].isdigit():
         return ()
     return tuple(dict.fromkeys((f"{full.split('.')[0]}.local", full)))
 

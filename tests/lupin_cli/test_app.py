@@ -42,7 +42,7 @@ def test_help_imports_nothing_heavy() -> None:
     code = (
         "import sys; from lupin_cli.app import app\n"
         "try:\n    app(['--help'])\nexcept SystemExit:\n    pass\n"
-        "heavy = ('rich.console', 'numpy', 'rclpy', 'psutil', 'paramiko', 'mujoco', 'cv2')\n"
+        "heavy = ('rich.console', 'numpy', 'rclpy', 'psutil', 'paramiko', 'mujoco', 'cv2', 'cryptography')\n"
         "print([name for name in heavy if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)

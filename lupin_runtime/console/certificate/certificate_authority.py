@@ -88,14 +88,15 @@ class CertificateAuthority:
         return private_pem(self.key) + self.issuing.public_bytes(serialization.Encoding.PEM) + self.root_pem()
 
 
-def create(host: str, reachable: HostAddresses) -> CertificateAuthority:
+def create(reachable: HostAddresses) -> CertificateAuthority:
     """A new authority. It permits local names and networks, and the names and addresses that the host has now.
 
     A university's network may give public addresses to its hosts, and a certificate without them would be of no use there.
     """
     root_key, key = ec.generate_private_key(ec.SECP256R1()), ec.generate_private_key(ec.SECP256R1())
     suffix = f" ({_key_id(root_key.public_key())})"
-    title = f"Lupin console on {host}"[: _MAX_COMMON_NAME - len(suffix)] + suffix
+    host = reachable.names[0].removesuffix(".local") if reachable.names else ""
+    title = f"Lupin console{f' on {host}' if host else ''}"[: _MAX_COMMON_NAME - len(suffix)] + suffix
     root_name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, title), _ORGANIZATION])
     issuing_name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"Lupin console, issuing{suffix}"), _ORGANIZATION])
     subtrees = _permitted(reachable)

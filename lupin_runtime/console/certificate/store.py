@@ -11,7 +11,6 @@ import contextlib
 import datetime
 import fcntl
 import os
-import socket
 import stat
 import time
 from collections.abc import Callable, Iterator
@@ -89,8 +88,8 @@ class CertificateStore:
         with _explained(self.folder), self._lock():
             reachable, clock = self._reachable(), self._clock()
             authority, notes = self._authority(reachable, new_authority)
-            before, loosened = self._load_leaf()
-            notes += loosened
+            before, leaf_notes = self._load_leaf()
+            notes += leaf_notes
             reason = leaf.reason_to_renew(before, authority, reachable, clock)
             current = before
             if current is None or reason is not None:
@@ -117,7 +116,7 @@ class CertificateStore:
                 f"devices that trusted it need the new one: {NEXT_COMMAND}"
             )
         if authority is None or renew:
-            authority = certificate_authority.create(socket.gethostname(), reachable)
+            authority = certificate_authority.create(reachable)
             write_atomically(self.authority_path, authority.pem(), mode=0o600, sync=True)
         if not self._holds(self.root_path, authority.root_pem()):
             write_atomically(self.root_path, authority.root_pem())

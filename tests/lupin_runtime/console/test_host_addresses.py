@@ -50,6 +50,7 @@ def test_machine_without_a_network_has_no_addresses() -> None:
         ("pc.", ("pc.local", "pc")),
         ("localhost", ()),
         ("my_laptop", ()),
+        ("192.168.1.20", ()),
         ("", ()),
         ("kas-ü", ()),
         ("a" * 64, ()),

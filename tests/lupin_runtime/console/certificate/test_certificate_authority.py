@@ -19,7 +19,7 @@ from tests.support.certificates import client_context, handshake, reachable
 
 NOW = datetime.datetime.now(datetime.timezone.utc)
 HOME = reachable("192.168.1.20", "145.94.1.2", names=("lab-7.local", "lab-7", "lab-7.example.nl"))
-AUTHORITY = certificate_authority.create("lab-7", HOME)
+AUTHORITY = certificate_authority.create(HOME)
 
 
 @pytest.mark.parametrize(
@@ -119,8 +119,9 @@ def test_parse_returns_what_was_stored() -> None:
 
 
 def test_long_host_name_is_cut_and_the_id_stays() -> None:
-    made = certificate_authority.create("h" * 200, HOME)
+    made = certificate_authority.create(reachable(names=(f"{'h' * 63}.local",)))
     assert len(made.name) == 64 and made.id in made.name
+    assert certificate_authority.create(reachable(names=())).name.startswith("Lupin console (")
 
 
 @pytest.mark.parametrize("text", ["", "-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n"])
@@ -132,5 +133,5 @@ def test_other_files_are_no_authority(text: str) -> None:
 @pytest.mark.parametrize(("name", "may"), [("dev", False), ("xn--p1ai", False), ("lab-7", True), ("pc2", True), ("a.nl", True)])
 def test_host_called_like_a_top_level_domain_is_not_permitted(name: str, may: bool) -> None:
     assert is_permittable(name) == may
-    authority = certificate_authority.create(name, reachable(names=(name,)))
+    authority = certificate_authority.create(reachable(names=(name,)))
     assert authority.permits(f"www.{name}") == may

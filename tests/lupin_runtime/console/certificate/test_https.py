@@ -15,7 +15,7 @@ from aiohttp import ClientConnectorCertificateError, ClientSession, TCPConnector
 from lupin_runtime.console.certificate import CertificateStore, ServerCertificate
 from tests.support.certificates import HostStore, client_context, handshake, reachable
 
-LIMIT_S = 20.0
+LIMIT_S = 60.0
 
 
 @pytest.fixture

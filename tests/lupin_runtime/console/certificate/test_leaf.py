@@ -17,7 +17,7 @@ from tests.support.certificates import TODAY, HostStore, reachable, utc
 
 DAY = datetime.timedelta(days=1)
 HOME = reachable("192.168.1.20")
-AUTHORITY = certificate_authority.create("lab-7", HOME)
+AUTHORITY = certificate_authority.create(HOME)
 
 
 @pytest.fixture
@@ -111,7 +111,7 @@ def test_number_of_names_is_bounded(store: HostStore) -> None:
 
 
 def test_certificate_of_another_authority_is_renewed() -> None:
-    other = certificate_authority.create("lab-7", HOME)
+    other = certificate_authority.create(HOME)
     made = leaf.issue(other, HOME, TODAY)
     assert leaf.reason_to_renew(made, AUTHORITY, HOME, TODAY) == "another authority issued it"
     forged = leaf.parse(replace(made, issuing=AUTHORITY.issuing).pem())
