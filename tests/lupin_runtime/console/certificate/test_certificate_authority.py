@@ -107,6 +107,16 @@ def test_stolen_key_cannot_make_another_authority(tmp_path: Path) -> None:
         handshake(server, client_context(AUTHORITY.root_pem()), "lab-7.local")
 
 
+@pytest.mark.parametrize(("certificate", "path_length"), [(AUTHORITY.root, 1), (AUTHORITY.issuing, 0)])
+def test_each_certificate_may_do_what_it_is_for(certificate: x509.Certificate, path_length: int) -> None:
+    basic = certificate.extensions.get_extension_for_class(x509.BasicConstraints)
+    usage = certificate.extensions.get_extension_for_class(x509.KeyUsage)
+    constraints = certificate.extensions.get_extension_for_class(x509.NameConstraints)
+    assert basic.critical and usage.critical and constraints.critical
+    assert (basic.value.ca, basic.value.path_length) == (True, path_length)
+    assert usage.value.key_cert_sign and not usage.value.digital_signature and not usage.value.crl_sign
+
+
 def test_the_key_of_the_root_is_kept_nowhere() -> None:
     assert AUTHORITY.root.public_key() != AUTHORITY.key.public_key()
     assert AUTHORITY.pem().count(b"PRIVATE KEY") == 2  # one key: its first and its last line
