@@ -60,7 +60,6 @@ class _OnGraph:
     services: ServiceProvider
     actions: ActionProvider
     goals: GoalSender
-    is_console: bool = False  # whether it states a stop of its own
     requested: int = 0
     handled: int = 0
 
@@ -113,7 +112,7 @@ class Bridge:
         if own is None:
             return
         now_ns = time.monotonic_ns()
-        in_control = own.is_console and self.authority.holds(client.session, now_ns)
+        in_control = self.authority.holds(client.session, now_ns)
         driving = self._stops.leave(client, now_ns, in_control)
         if driving:
             self._send_zero()
@@ -248,7 +247,6 @@ class Bridge:
     def state_stop(self, client: Client, engaged: bool) -> None:
         """A client's own stop. Raises Refused for a release without control; the stop then stays, though the client let go."""
         now_ns = time.monotonic_ns()
-        self._clients[client].is_console = True
         changes = engaged != self._stops.holds(client)
         if changes:
             self.record(client.session.name, "stop" if engaged else "release")

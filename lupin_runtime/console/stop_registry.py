@@ -21,6 +21,7 @@ class _ClientStop:
     name: str
     engaged: bool = False
     heard_ns: int | None = None  # its last statement; None for a client that never stated anything
+    repeats: bool = False  # whether it repeats its statements, as consoles do: only of such a one silence says something
     moving_ns: int | None = None  # its last velocity that was not zero
 
 
@@ -38,6 +39,8 @@ class StopRegistry:
     def state(self, client: Hashable, engaged: bool, now_ns: int) -> None:
         """A client's own stop."""
         stop = self._clients[client]
+        if stop.heard_ns is not None and engaged == stop.engaged and now_ns - stop.heard_ns <= EXPIRY_S * 1e9:
+            stop.repeats = True
         stop.engaged, stop.heard_ns = engaged, now_ns
 
     def withdraw(self, client: Hashable, now_ns: int) -> None:
@@ -69,7 +72,7 @@ class StopRegistry:
         return bool(driving)
 
     def leave(self, client: Hashable, now_ns: int, in_control: bool) -> bool:
-        """Remove a client, which may be the console that is in control; returns whether it was driving."""
+        """Remove a client, which may be in control; returns whether it was driving."""
         stop = self._clients.pop(client, None)
         if stop is None:
             return False
@@ -78,7 +81,7 @@ class StopRegistry:
             self._lost[stop.name] = f"{stop.name} was lost while it was driving"
         elif stop.engaged:
             self._lost[stop.name] = f"{stop.name} was lost while it held the stop"
-        elif in_control:
+        elif in_control and stop.repeats:
             self._lost[stop.name] = f"{stop.name} was lost while it had control"
         return driving
 
@@ -91,9 +94,9 @@ class StopRegistry:
         self._lost.clear()
 
     def tick(self, now_ns: int, in_control: str | None) -> None:
-        """Engage for the client in control where it no longer repeats its state: nobody may be watching what it drives."""
+        """Engage for the console in control where it no longer repeats its state: nobody may be watching what it drives."""
         for stop in self._clients.values():
-            silent = stop.heard_ns is not None and now_ns - stop.heard_ns > EXPIRY_S * 1e9
+            silent = stop.repeats and stop.heard_ns is not None and now_ns - stop.heard_ns > EXPIRY_S * 1e9
             if silent and stop.name == in_control:
                 self._lost.setdefault(stop.name, f"{stop.name} was silent for more than {EXPIRY_S:g} s")
 

@@ -28,11 +28,11 @@ def test_stops_of_all_clients_are_combined() -> None:
 
 def test_only_the_console_in_control_engages_by_falling_silent() -> None:
     stops = registry("anne", "ben", "script")
-    stops.state("anne", False, 0)
-    stops.state("ben", False, 0)
+    for name in ("anne", "anne", "ben", "ben", "script"):
+        stops.state(name, False, 0)
     late_ns = int((EXPIRY_S + 0.1) * SECOND)
     stops.tick(late_ns, "script")
-    assert stops.reasons() == [], "a script that drives states no stop of its own"
+    assert stops.reasons() == [], "a script does not repeat what it states"
     stops.tick(late_ns, "anne")
     assert stops.reasons() == ["anne was silent for more than 1.5 s"]
     stops.state("anne", False, late_ns)
@@ -45,6 +45,8 @@ def test_client_lost_while_driving_or_holding_or_in_control_leaves_the_stop() ->
     assert stops.velocity("driver", True, 0)
     stops.velocity("idle", True, 0)
     stops.state("stopper", True, 0)
+    stops.state("holder", False, 0)
+    stops.state("holder", False, 1)
     now_ns = int(DRIVING_S * SECOND)
     assert stops.leave("driver", now_ns, False)
     assert not stops.leave("stopper", now_ns, False)
