@@ -348,7 +348,7 @@ def test_client_that_never_reads_slows_nobody_down(graph_host: GraphHost, peer: 
     graph_host.until(lambda: publisher.get_subscription_count())
     for number in range(300):
         publisher.publish(UInt8MultiArray(data=bytes([number % 256]) * 200_000))
-        while reader.take(10.0)["msg"]["data"][0] != number % 256:
+        while reader.take(60.0)["msg"]["data"][0] != number % 256:
             pass
         reader.received.clear()
         reader.raw.clear()
