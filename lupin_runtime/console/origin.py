@@ -29,6 +29,7 @@ from lupin_runtime.console.sessions import LIFE_S, Sessions
 COOKIE = "lupin_session"
 MAX_CLIENTS = 256
 LOCAL = Session("this computer", Role.OPERATOR)  # of programs on it, which keep no cookie
+_AUTHORITY_PATH = "/authority.crt"
 _PAGE = Path(__file__).with_name("page")
 _WRONG_CODE_PAUSE_S = 1.0
 _SESSION = web.RequestKey("session", Session)
@@ -67,12 +68,12 @@ class Origin:
         sessions: Sessions,
         codes: PairingCodes,
         doctor_command: Sequence[str],
-        *,
-        has_tls: bool = False,
+        authority_file: Path | None = None,
     ) -> None:
+        """With `authority_file`, the certificate that devices install, others than this computer are sent to HTTPS."""
         self.doctor = Doctor(doctor_command, lambda state: self._events.push("doctor", state))
         self._bridge = bridge
-        self._has_tls = has_tls
+        self._authority_file = authority_file
         self._handoff = handoff
         self._sessions = sessions
         self._codes = codes
@@ -90,6 +91,7 @@ class Origin:
         application.router.add_get("/", self._page)
         application.router.add_static("/page/", _PAGE)
         application.router.add_get("/_ros", self._ros)
+        application.router.add_get(_AUTHORITY_PATH, self._authority)
         own = (
             Resource(
                 "/_api/session", self._session, "Who this browser is, who has control, and why the robot is stopped.", open=True
@@ -102,7 +104,7 @@ class Origin:
             Resource("/_api/doctor/fix", self._fix, "Play the fix of a finding, or preview it. Needs control.", _FIX_BODY),
             Resource("/_api/events", self._listen, "A WebSocket with all that changes: control, stop, run, doctor."),
         )
-        self._open_paths = {"/", *(resource.path for resource in own if resource.open)}
+        self._open_paths = {"/", _AUTHORITY_PATH, *(resource.path for resource in own if resource.open)}
         add_resources(application, (*own, *run_files.resources()))
         return application
 
@@ -129,7 +131,7 @@ class Origin:
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         check_host(request)
         check_origin(request)
-        if self._has_tls:
+        if self._authority_file is not None:
             check_encryption(request)
         session = None
         try:
@@ -162,6 +164,14 @@ class Origin:
         if request.get(_SESSION) is LOCAL and "text/html" in request.headers.get("Accept", ""):
             _, token = self._sessions.add(device_kind(request.headers.get("User-Agent", "")), Role.OPERATOR)
             _set_cookie(request, response, token)
+        return response
+
+    async def _authority(self, _: web.Request) -> web.StreamResponse:
+        """The certificate that a phone installs to trust this server. It is public."""
+        if self._authority_file is None or not self._authority_file.is_file():
+            raise web.HTTPNotFound(text="this console has no certificate\n")
+        response = web.FileResponse(self._authority_file)
+        response.content_type = "application/x-x509-ca-cert"
         return response
 
     async def _pair(self, request: web.Request) -> web.StreamResponse:

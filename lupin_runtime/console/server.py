@@ -55,7 +55,9 @@ class ConsoleServer:
         self._address, self._rosbridge_address = address, rosbridge_address
         self._loop = asyncio.new_event_loop()
         self._handoff = Handoff(self._loop)
-        self._origin = Origin(bridge, self._handoff, sessions, codes, doctor_command, has_tls=certificate is not None)
+        self._origin = Origin(
+            bridge, self._handoff, sessions, codes, doctor_command, certificate.store.root_path if certificate else None
+        )
         self._certificate, self._log = certificate, log
         self._clients = 0
         self._number = 0

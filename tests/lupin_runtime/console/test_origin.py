@@ -205,6 +205,12 @@ def test_browser_of_another_computer_is_sent_to_https(
         secure = Browser(node.port, proxied=True, trust=trust)
         assert secure.post("/_api/pair", code=code(tmp_path))["role"] == "operator"
         assert "Secure" in secure.answer_headers["Set-Cookie"]
+        secure.headers.pop("Cookie")
+        assert secure.get("/authority.crt") == CertificateStore().root_path.read_text(), (
+            "a phone fetches it before it is paired"
+        )
+        assert secure.answer_headers["Content-Type"] == "application/x-x509-ca-cert"
+        secure.post("/_api/pair", code=code(tmp_path))
         client = secure.socket()
         assert client.call("/rosapi/get_ros_version")["result"]
         client.close()
