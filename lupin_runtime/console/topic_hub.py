@@ -6,14 +6,11 @@ The subscription's QoS follows the topic's publishers. A client that joins late 
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from rclpy.subscription import Subscription
 
 from lupin_runtime import graph
 from lupin_runtime.console import interfaces
@@ -21,9 +18,8 @@ from lupin_runtime.console.cdr import MalformedMessage, UnsupportedType
 from lupin_runtime.console.encoding import publication
 from lupin_runtime.console.outbox import SAMPLES_PER_TOPIC, Frame
 from lupin_runtime.console.subscription import ClientSubscription, Request
-from lupin_runtime.ros.node import qos_profile
+from lupin_runtime.ros.raw_subscription import QUEUE_DEPTH, RawSubscription
 
-QUEUE_DEPTH = 100  # of topics that the graph's table does not have
 _ROWS = {row.name: row for row in graph.topics()}
 
 
@@ -45,10 +41,8 @@ class _Stream:
     topic: str
     type_name: str
     message_class: Any
-    qos: graph.Qos
-    subscription: Subscription | None = None
+    subscription: RawSubscription
     receivers: dict[Receiver, ClientSubscription] = field(default_factory=dict)
-    kept: deque[bytes] = field(default_factory=deque)  # the last messages of a latched topic
     failed: bool = False  # whether a message that can't be encoded has been logged
 
     @property
@@ -57,7 +51,7 @@ class _Stream:
         row = _ROWS.get(self.topic)
         if row is graph.ESTOP_STATE or row is graph.ROSOUT:
             return False
-        return not self.qos.latched and (row is None or row.rate_hz is not None)
+        return not self.subscription.qos.latched and (row is None or row.rate_hz is not None)
 
 
 class TopicHub:
@@ -79,7 +73,7 @@ class TopicHub:
         merged = stream.receivers.setdefault(receiver, ClientSubscription())
         merged.add(identifier, request)
         if not known:
-            for data in stream.kept:
+            for data in stream.subscription.kept:
                 self._send(stream, data, {receiver: merged})
 
     def unsubscribe(self, receiver: Receiver, topic: str, identifier: Hashable | None) -> None:
@@ -102,11 +96,7 @@ class TopicHub:
     def follow_publishers(self) -> None:
         """Open the subscriptions again whose publishers now offer another QoS. To be called about once a second."""
         for stream in self._streams.values():
-            qos = self._offered_qos(stream.topic)
-            if qos != stream.qos:
-                self._close(stream)
-                stream.qos = qos
-                self._listen(stream)
+            stream.subscription.follow_publishers()
 
     # -- subscriptions ------------------------------------------------------------------------------------------------
     def _open(self, topic: str, type_name: str | None) -> _Stream:
@@ -123,59 +113,22 @@ class TopicHub:
             message_class = interfaces.find(wanted, "msg")
         except interfaces.UnknownType as error:
             raise TopicFailed(str(error)) from error
-        stream = _Stream(topic, wanted, message_class, self._offered_qos(topic))
-        self._listen(stream)
-        return stream
-
-    def _listen(self, stream: _Stream) -> None:
-        stream.kept = deque(maxlen=stream.qos.depth if stream.qos.latched else 0)
         try:
-            stream.subscription = self._node.create_subscription(
-                stream.message_class, stream.topic, lambda data: self._receive(stream, data), qos_profile(stream.qos), raw=True
-            )
+            subscription = RawSubscription(self._node, topic, message_class, lambda data: self._receive(topic, data))
         except Exception as error:  # rclpy raises a different class for each fault of a name
-            raise TopicFailed(f"{stream.topic}: {error}") from error
-
-    def _offered_qos(self, topic: str) -> graph.Qos:
-        """What all present publishers offer; without any, what the graph's table says, or else reliable."""
-        row = _ROWS.get(topic)
-        offers = [info.qos_profile for info in self._node.get_publishers_info_by_topic(topic)]
-        if not offers:
-            return row.qos if row is not None else graph.Qos(reliable=True, depth=QUEUE_DEPTH)
-        return graph.Qos(
-            reliable=all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers),
-            latched=all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers),
-            depth=row.qos.depth if row is not None else QUEUE_DEPTH,
-        )
-
-    def _close(self, stream: _Stream) -> None:
-        if stream.subscription is not None:
-            self._node.destroy_subscription(stream.subscription)
-            stream.subscription = None
+            raise TopicFailed(f"{topic}: {error}") from error
+        return _Stream(topic, wanted, message_class, subscription)
 
     def _close_unused(self, stream: _Stream) -> None:
         if not stream.receivers:
-            self._close(stream)
+            stream.subscription.close()
             del self._streams[stream.topic]
 
     # -- messages -----------------------------------------------------------------------------------------------------
-    def _receive(self, stream: _Stream, data: bytes) -> None:
-        """Send a message, and all that wait behind it: a turn of the executor costs more than a message."""
-        self._handle(stream, data)
-        for _ in range(stream.qos.depth):
-            subscription = stream.subscription
-            if subscription is None:
-                return
-            with subscription.handle:
-                taken = subscription.handle.take_message(stream.message_class, True)
-            if taken is None:
-                return
-            self._handle(stream, taken[0])
-
-    def _handle(self, stream: _Stream, data: bytes) -> None:
-        if stream.qos.latched:
-            stream.kept.append(data)
-        self._send(stream, data, stream.receivers)
+    def _receive(self, topic: str, data: bytes) -> None:
+        stream = self._streams.get(topic)
+        if stream is not None:
+            self._send(stream, data, stream.receivers)
 
     def _send(self, stream: _Stream, data: bytes, receivers: dict[Receiver, ClientSubscription]) -> None:
         now_ns = time.monotonic_ns()

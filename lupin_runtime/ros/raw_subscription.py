@@ -1,0 +1,91 @@
+"""Serialized messages of a topic, from a subscription whose QoS follows the topic's publishers."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from lupin_runtime import graph
+from lupin_runtime.ros.node import qos_profile
+
+QUEUE_DEPTH = 100  # of topics that the graph's table does not have
+_ROWS = {row.name: row for row in graph.topics()}
+
+
+class RawSubscription:
+    """Passes on every message of a topic as it was serialized; `receive` is called on the thread of the node's executor.
+
+    `qos` is what all present publishers offer. `kept` holds the last messages of a latched topic, for those who ask late.
+    All methods are called on the thread of the node's executor. The constructor raises what rclpy raises for a name that is
+    not one of a topic, a different class for each fault.
+    """
+
+    def __init__(self, node: Node, topic: str, message_class: Any, receive: Callable[[bytes], None]) -> None:
+        self._node = node
+        self._topic = topic
+        self._message_class = message_class
+        self._receive = receive
+        self.qos = self._offered_qos() or _default_qos(topic)
+        self.kept: deque[bytes] = deque()
+        self._subscription: Subscription | None = None
+        self._open()
+
+    def follow_publishers(self) -> None:
+        """Open the subscription again if the publishers now offer another QoS. To be called about once a second."""
+        qos = self._offered_qos()
+        if qos is not None and qos != self.qos:
+            self.close()
+            self.qos = qos
+            self._open()
+
+    def close(self) -> None:
+        """Leave the topic."""
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+
+    def _open(self) -> None:
+        self.kept = deque(maxlen=self.qos.depth if self.qos.latched else 0)
+        self._subscription = self._node.create_subscription(
+            self._message_class, self._topic, self._take_all, qos_profile(self.qos), raw=True
+        )
+
+    def _take_all(self, data: bytes) -> None:
+        """Pass on a message, and all that wait behind it: a turn of the executor costs more than a message."""
+        self._pass_on(data)
+        for _ in range(self.qos.depth):
+            subscription = self._subscription
+            if subscription is None:
+                return
+            with subscription.handle:
+                taken = subscription.handle.take_message(self._message_class, True)
+            if taken is None:
+                return
+            self._pass_on(taken[0])
+
+    def _pass_on(self, data: bytes) -> None:
+        if self.qos.latched:
+            self.kept.append(data)
+        self._receive(data)
+
+    def _offered_qos(self) -> graph.Qos | None:
+        """What all present publishers offer; None without publishers."""
+        offers = [info.qos_profile for info in self._node.get_publishers_info_by_topic(self._topic)]
+        if not offers:
+            return None
+        return graph.Qos(
+            reliable=all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers),
+            latched=all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers),
+            depth=_default_qos(self._topic).depth,
+        )
+
+
+def _default_qos(topic: str) -> graph.Qos:
+    """What the graph's table says, or else reliable."""
+    row = _ROWS.get(topic)
+    return row.qos if row is not None else graph.Qos(reliable=True, depth=QUEUE_DEPTH)
