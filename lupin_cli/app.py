@@ -40,6 +40,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "sim": ("Simulator", "List simulated worlds, render pictures, press the e-stop, boot a simulated computer."),
     "replay": ("Results", "Play back a recorded run."),
     "report": ("Results", "Build the report of a recorded run."),
+    "foxglove": ("Tools", "Write the layout for Foxglove and Lichtblick."),
     "map": ("Tools", "Build and optimise maps and plan paths on them, without a robot."),
     "tags": ("Tools", "Find AprilTags in pictures."),
 }

@@ -43,6 +43,9 @@ def command(
     cameras: bool = typer.Option(True, "--cameras/--no-cameras", help="Simulate the cameras."),
     record: bool = typer.Option(True, "--record/--no-record", help="Record the graph to an MCAP file."),
     web: bool = typer.Option(True, "--web/--no-web", help="The console: its page on port 8090, rosbridge on 9090."),
+    foxglove: bool = typer.Option(
+        False, "--foxglove/--no-foxglove", help="Serve the graph to Foxglove and Lichtblick, read-only, on 127.0.0.1:8765."
+    ),
     joystick: bool = typer.Option(True, "--joystick/--no-joystick", help="Xbox gamepad (not in this release)."),
     rviz: bool = typer.Option(True, "--rviz/--no-rviz", help="RViz, if it is installed and there is a display."),
     discovery_goal: str = typer.Option(None, help="Tags to discover: a number, or all [5 on the robot, all in the sim]."),
@@ -63,6 +66,8 @@ def command(
     if speed <= 0.0:
         raise typer.BadParameter("must be positive", param_hint="--speed")
     _check_files(map_file, overrides)
+    if foxglove:
+        _check_foxglove_extra()
     if detach:
         _detach()
         return
@@ -70,7 +75,7 @@ def command(
     from lupin_cli.run.mission_client import goal_count
     from lupin_runtime.stack.table import Options
 
-    unavailable = _unavailable(web, joystick, rviz and not headless)
+    unavailable = _unavailable(web, joystick, rviz and not headless, foxglove)
     options = Options(
         target=target,
         world=world,
@@ -88,6 +93,7 @@ def command(
         mission=mission,
         record=record,
         console=web and "web" not in unavailable,
+        foxglove=foxglove and "foxglove" not in unavailable,
         rviz=rviz and not headless and "rviz" not in unavailable,
         discovery_goal=goal_count(discovery_goal or DEFAULT_GOAL[target]),
         monitoring_rounds=monitoring_rounds if monitoring_rounds is not None else int(target == "sim"),
@@ -132,7 +138,16 @@ def _check_files(map_file: Path | None, overrides: Path | None) -> None:
         raise typer.Exit(USAGE_ERROR) from error
 
 
-def _unavailable(web: bool, joystick: bool, rviz: bool) -> dict[str, str]:
+def _check_foxglove_extra() -> None:
+    """Refuse before anything starts what an installation without the extra cannot do."""
+    from lupin_runtime.foxglove.extra import install_advice, is_installed
+
+    if not is_installed():
+        echo(f"lupin up: --foxglove: {install_advice()}", err=True)
+        raise typer.Exit(USAGE_ERROR)
+
+
+def _unavailable(web: bool, joystick: bool, rviz: bool, foxglove: bool = False) -> dict[str, str]:
     """The requested parts that cannot be started on this machine, each with the reason."""
     unavailable = {}
     if web:
@@ -144,6 +159,14 @@ def _unavailable(web: bool, joystick: bool, rviz: bool) -> dict[str, str]:
             check_free("127.0.0.1", ROSBRIDGE_PORT)
         except PortInUse as error:
             unavailable["web"] = str(error)
+    if foxglove:
+        from lupin_runtime.console.ports import PortInUse, check_free
+        from lupin_runtime.stack.table import FOXGLOVE_PORT
+
+        try:
+            check_free("127.0.0.1", FOXGLOVE_PORT)
+        except PortInUse as error:
+            unavailable["foxglove"] = str(error)
     if joystick:
         unavailable["joystick"] = "the Xbox teleop is not in this release"
     if rviz and shutil.which("rviz2") is None:

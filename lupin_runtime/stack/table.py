@@ -17,6 +17,7 @@ from lupin_runtime.stack.readiness import ActionReady, MissionReady, Port, Readi
 ONBOARD = "onboard"  # the target of the processes on the robot; `lupin up --target robot` starts those of the laptop
 CONSOLE_PORT = 8090
 ROSBRIDGE_PORT = 9090  # where every client of rosbridge looks for it
+FOXGLOVE_PORT = 8765  # what Foxglove and Lichtblick offer as the address of a robot
 DOCTOR = (sys.executable, "-m", "lupin_cli.app")  # the program whose `doctor` and `play` the console offers
 ALL_TAGS = 65535  # discovery goal "all": the largest count that fits into StartMission
 
@@ -38,6 +39,7 @@ class Options:
     mission: bool = False
     record: bool = True
     console: bool = False
+    foxglove: bool = False
     rviz: bool = False
     map_file: Path | None = None
     initial_pose: tuple[float, float, float] | None = None  # on the map: x m, y m, yaw rad
@@ -329,6 +331,15 @@ TABLE: tuple[ProcessRow, ...] = (
         memory_max_mb=256,
         optional=True,
         next_command="lupin logs console",
+    ),
+    ProcessRow(
+        "foxglove",
+        (NodeRow("lupin_runtime.foxglove.node:FoxgloveBridge"),),
+        when=lambda o: o.foxglove and not _on_robot(o),
+        ready=(Port(FOXGLOVE_PORT),),
+        memory_max_mb=512,  # several slow clients of raw images: up to 128 of them wait for each
+        optional=True,
+        next_command="lupin logs foxglove",
     ),
     ProcessRow("rviz", (), when=lambda o: o.rviz, command=_rviz_command, sends_heartbeats=False),
 )

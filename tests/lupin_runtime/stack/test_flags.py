@@ -12,7 +12,7 @@ import typer
 
 from lupin_cli.commands.up import _pose, _unavailable, command
 from lupin_runtime.stack import table
-from lupin_runtime.stack.table import Options, launch, rows
+from lupin_runtime.stack.table import ONBOARD, Options, launch, rows
 
 
 @pytest.fixture
@@ -36,6 +36,22 @@ def test_port_of_the_console_that_is_in_use_is_reported_with_its_owner(monkeypat
         reason = _unavailable(True, False, False)["web"]
         assert reason.startswith(f"port {port} is in use by process {os.getpid()} (")
     assert _unavailable(True, False, False) == {}
+
+
+def test_port_of_foxglove_that_is_in_use_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        monkeypatch.setattr(table, "FOXGLOVE_PORT", port)
+        reason = _unavailable(False, False, False, foxglove=True)["foxglove"]
+        assert reason.startswith(f"port {port} is in use by process {os.getpid()} (")
+    assert _unavailable(False, False, False, foxglove=True) == {}
+
+
+@pytest.mark.parametrize("target", ["sim", "robot", ONBOARD])
+def test_foxglove_runs_only_where_it_was_asked_for_and_restarts(target: str) -> None:
+    assert all(row.name != "foxglove" for row in rows(Options(target=target)))
+    found = [row for row in rows(Options(target=target, foxglove=True)) if row.name == "foxglove"]
+    assert [row.on_death for row in found] == ([] if target == ONBOARD else ["restart"])
 
 
 def test_missing_rviz_or_display_is_reported_with_advice(program_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

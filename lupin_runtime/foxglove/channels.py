@@ -1,0 +1,140 @@
+"""A channel for every topic of the live graph, subscribed to on the graph only while a client is subscribed to the channel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from foxglove import Channel, Context, Schema
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.node import Node
+from rclpy.validate_full_topic_name import validate_full_topic_name
+
+from lupin_runtime.console import interfaces
+from lupin_runtime.foxglove.schemas import ros2msg_schema
+from lupin_runtime.ros.raw_subscription import RawSubscription
+
+# Channels opened and closed at once: each is a message to every client, and a client whose queue of messages overflows is
+# disconnected (MESSAGE_BACKLOG of server.py).
+MAX_CHANGES = 64
+
+
+@dataclass
+class _Topic:
+    """A topic with its channel, and the clients that are subscribed to it."""
+
+    name: str
+    type_name: str
+    message_class: Any
+    channel: Channel
+    clients: set[int] = field(default_factory=set)
+    subscription: RawSubscription | None = None
+
+
+class GraphChannels:
+    """The channels of one server. All methods are called on the thread of the node's executor.
+
+    `log_time_ns` gives the time at which a message is said to have arrived; None leaves it to the SDK, which takes the wall
+    clock.
+    """
+
+    def __init__(self, node: Node, context: Context, log_time_ns: Callable[[], int | None]) -> None:
+        self._node = node
+        self._context = context
+        self._log_time_ns = log_time_ns
+        self._topics: dict[str, _Topic] = {}
+        self._by_channel: dict[int, _Topic] = {}
+        self._refused: set[tuple[str, str]] = set()  # topics and types that can't be served, which has been logged
+
+    # -- topics -------------------------------------------------------------------------------------------------------
+    def follow_graph(self) -> None:
+        """Open channels for new topics, close those of topics that are gone, and let subscriptions follow their publishers.
+
+        To be called about once a second.
+        """
+        types = self._live_types()
+        gone = [topic for name, topic in self._topics.items() if types.get(name) != topic.type_name]
+        for topic in gone[:MAX_CHANGES]:
+            self._close(topic)
+        new = [name for name in sorted(types) if name not in self._topics]
+        for name in new[: MAX_CHANGES - len(gone[:MAX_CHANGES])]:
+            self._open(name, types[name])
+        for topic in self._topics.values():
+            if topic.subscription is not None:
+                topic.subscription.follow_publishers()
+
+    def _live_types(self) -> dict[str, str]:
+        """The type of every topic that can be served and that another node publishes or subscribes to."""
+        found = {}
+        for name, kinds in self._node.get_topic_names_and_types():
+            topic = self._topics.get(name)
+            kind = topic.type_name if topic is not None and topic.type_name in kinds else kinds[0]
+            if (name, kind) in self._refused:
+                continue
+            try:
+                # Participants that are no ROS nodes may use any name, which the calls below would refuse.
+                validate_full_topic_name(name)
+            except InvalidTopicNameException:
+                self._refuse(name, kind, "its name is not one of a ROS topic")
+                continue
+            own = int(topic is not None and topic.subscription is not None)
+            if self._node.count_publishers(name) or self._node.count_subscribers(name) > own:
+                found[name] = kind
+        return found
+
+    def _open(self, name: str, type_name: str) -> None:
+        try:
+            message_class = interfaces.find(type_name, "msg")
+            schema = Schema(name=type_name, encoding="ros2msg", data=ros2msg_schema(type_name).encode())
+        except (LookupError, OSError, ValueError) as error:
+            self._refuse(name, type_name, str(error))
+            return
+        channel = Channel(name, message_encoding="cdr", schema=schema, context=self._context)
+        topic = _Topic(name, type_name, message_class, channel)
+        self._topics[name] = self._by_channel[channel.id()] = topic
+
+    def _close(self, topic: _Topic) -> None:
+        self._leave(topic)
+        del self._topics[topic.name], self._by_channel[topic.channel.id()]
+        topic.channel.close()
+
+    def _refuse(self, name: str, type_name: str, reason: str) -> None:
+        """Log once that a topic is not served."""
+        self._refused.add((name, type_name))
+        self._node.get_logger().warning(f"{name!r} of type {type_name!r} is not served: {reason}")
+
+    # -- clients ------------------------------------------------------------------------------------------------------
+    def begin(self, channel_id: int, client_id: int) -> None:
+        """A client has subscribed to a channel. One that comes late gets the last messages of a latched topic at once."""
+        topic = self._by_channel.get(channel_id)
+        if topic is None:
+            return
+        topic.clients.add(client_id)
+        if topic.subscription is not None:
+            for data in topic.subscription.kept:
+                topic.channel.log(data, log_time=self._log_time_ns(), sink_id=client_id)
+            return
+        try:
+            topic.subscription = RawSubscription(
+                self._node,
+                topic.name,
+                topic.message_class,
+                lambda data: topic.channel.log(data, log_time=self._log_time_ns()),
+            )
+        except Exception as error:  # rclpy raises a different class for each fault of a topic
+            self._close(topic)
+            self._refuse(topic.name, topic.type_name, str(error))
+
+    def end(self, channel_id: int, client_id: int) -> None:
+        """A client has unsubscribed from a channel or has left."""
+        topic = self._by_channel.get(channel_id)
+        if topic is not None:
+            topic.clients.discard(client_id)
+            if not topic.clients:
+                self._leave(topic)
+
+    def _leave(self, topic: _Topic) -> None:
+        if topic.subscription is not None:
+            topic.subscription.close()
+            topic.subscription = None

@@ -1,0 +1,7 @@
+"""The layout that Lupin ships for Foxglove and Lichtblick: map, robot, cameras, plots and log. It moves nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+LAYOUT = Path(__file__).with_name("layout.json")

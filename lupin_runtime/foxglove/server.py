@@ -1,0 +1,79 @@
+"""The server of foxglove-sdk, as far as Lupin uses it: channels only, nothing that a client could change."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+
+import foxglove
+from foxglove import Context
+from foxglove.websocket import Capability, ChannelView, Client, ServerListener
+
+from lupin_runtime.console.ports import check_free
+
+# Messages that wait for one slow client; then the oldest is dropped. The SDK's 1024 would be 1 GB of raw images.
+MESSAGE_BACKLOG = 128
+_STOP_S = 2.0
+
+OnChange = Callable[[int, int], None]
+
+
+class _Listener(ServerListener):
+    def __init__(self, on_subscribe: OnChange, on_unsubscribe: OnChange) -> None:
+        self._subscribe = on_subscribe
+        self._unsubscribe = on_unsubscribe
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        self._subscribe(channel.id, client.id)
+
+    def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
+        self._unsubscribe(channel.id, client.id)
+
+
+class FoxgloveServer:
+    """Serves the channels of a context. Raises PortInUse where the port is taken; port 0 takes any free one.
+
+    `on_subscribe` and `on_unsubscribe` are called with the ids of channel and client, on the SDK's thread, also while the SDK
+    holds its locks: they may only hand the work on.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        host: str,
+        port: int,
+        on_subscribe: OnChange,
+        on_unsubscribe: OnChange,
+        announces_time: bool,
+    ) -> None:
+        # A message for one client is addressed by its sink's id, which the SDK does not tell. It numbers clients and sinks
+        # alike, but in two steps: with a second thread, two clients that connect at once could get each other's number.
+        os.environ["TOKIO_WORKER_THREADS"] = "1"
+        # The SDK logs while it holds its locks, and waits for Python to do so: a thread of Python that waits for one of those
+        # locks meanwhile would hang.
+        foxglove.set_log_level("CRITICAL")
+        try:
+            self._server = foxglove.start_server(
+                name="Lupin",
+                host=host,
+                port=port,
+                context=context,
+                capabilities=[Capability.Time] if announces_time else [],
+                server_listener=_Listener(on_subscribe, on_unsubscribe),
+                message_backlog_size=MESSAGE_BACKLOG,
+            )
+        except RuntimeError:
+            check_free(host, port)  # raises PortInUse, which names the owner
+            raise
+        self.port = self._server.port
+
+    def announce_time(self, time_ns: int) -> None:
+        """Tell all clients the time of the graph."""
+        self._server.broadcast_time(time_ns)
+
+    def stop(self) -> None:
+        """Disconnect all clients. One that does not read is left to the end of the process."""
+        stopping = threading.Thread(target=self._server.stop, name="foxglove stop", daemon=True)
+        stopping.start()
+        stopping.join(_STOP_S)

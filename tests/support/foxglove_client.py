@@ -1,0 +1,172 @@
+"""A client of the Foxglove protocol for tests: https://github.com/foxglove/ws-protocol, as foxglove-sdk serves it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from typing import Any
+
+import aiohttp
+
+SUBPROTOCOL = "foxglove.sdk.v1"
+ANSWER_BOUND_S = 20.0
+# Of the server's binary frames.
+_MESSAGE_DATA, _TIME = 1, 2
+_MESSAGE_HEADER = struct.Struct("<BIQ")  # opcode, subscription id, time in ns
+_TIME_FRAME = struct.Struct("<BQ")
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message of a channel: its topic, the time at which the server says that it arrived, and the serialized message."""
+
+    topic: str
+    time_ns: int
+    data: bytes
+
+
+class FoxgloveClient:
+    """Connects, follows the advertised channels, and collects messages; its event loop runs in a thread of its own."""
+
+    def __init__(self, port: int, subprotocol: str = SUBPROTOCOL, reads: bool = True) -> None:
+        """Without `reads` it connects and never reads again. Raises aiohttp.ClientError where the server refuses it."""
+        self.server_info: dict[str, Any] = {}
+        self.channels: dict[str, dict[str, Any]] = {}  # those that are advertised now, by topic
+        self.messages: list[Message] = []
+        self.times_ns: list[int] = []
+        self.statuses: list[dict[str, Any]] = []
+        self._subscriptions: dict[int, str] = {}  # topics by subscription id
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
+        try:
+            self._call(self._connect(port, subprotocol, reads))
+        except BaseException:
+            self._stop_loop()
+            raise
+
+    # -- what a client does -------------------------------------------------------------------------------------------
+    def subscribe(self, topic: str) -> int:
+        """Subscribe to an advertised topic; returns the subscription's id."""
+        self.channel(topic)
+        identifier = len(self._subscriptions) + 100
+        self._subscriptions[identifier] = topic
+        self.send(op="subscribe", subscriptions=[{"id": identifier, "channelId": self.channels[topic]["id"]}])
+        return identifier
+
+    def unsubscribe(self, identifier: int) -> None:
+        """End a subscription."""
+        self.send(op="unsubscribe", subscriptionIds=[identifier])
+
+    def send(self, **fields: Any) -> None:
+        """Send one message of the protocol."""
+        self._call(self._socket.send_str(json.dumps(fields)))
+
+    def send_binary(self, data: bytes) -> None:
+        """Send one binary frame."""
+        self._call(self._socket.send_bytes(data))
+
+    def synchronize(self) -> None:
+        """Wait until the server has handled all that was sent: it refuses a subscription to a channel that does not exist."""
+        before = len(self.statuses)
+        self.send(op="subscribe", subscriptions=[{"id": 1, "channelId": 2**31}])
+        self.until(lambda: any("Unknown channel" in s["message"] for s in self.statuses[before:]), "the answer to a request")
+
+    # -- what it got --------------------------------------------------------------------------------------------------
+    def channel(self, topic: str) -> dict[str, Any]:
+        """The channel of a topic; waits until it is advertised."""
+        found: dict[str, Any] = self.until(lambda: self.channels.get(topic), f"a channel of {topic}")
+        return found
+
+    def last(self, count: int = 1) -> bytes:
+        """The last message, once there are that many."""
+        self.until(lambda: len(self.messages) >= count, f"message {count}")
+        return self.messages[-1].data
+
+    def on(self, topic: str) -> list[bytes]:
+        """The messages of a topic so far."""
+        return [message.data for message in self.messages if message.topic == topic]
+
+    def until(self, condition: Callable[[], Any], what: str) -> Any:
+        """Wait for a condition and return its value; fails the test after ANSWER_BOUND_S."""
+        deadline_s = time.monotonic() + ANSWER_BOUND_S
+        while not (value := condition()):
+            assert time.monotonic() < deadline_s, f"{what} did not come within {ANSWER_BOUND_S:g} s"
+            time.sleep(0.002)
+        return value
+
+    # -- ends ---------------------------------------------------------------------------------------------------------
+    def close(self) -> None:
+        """Leave as the protocol says."""
+        if self._thread.is_alive():
+            self._call(self._leave())
+            self._stop_loop()
+
+    def vanish(self) -> None:
+        """Leave without a word, as a process that is killed."""
+        self._call(self._reset())
+        self._stop_loop()
+
+    # -- the connection -----------------------------------------------------------------------------------------------
+    async def _connect(self, port: int, subprotocol: str, reads: bool) -> None:
+        self._session = aiohttp.ClientSession()
+        try:
+            self._socket = await self._session.ws_connect(
+                f"ws://127.0.0.1:{port}", protocols=[subprotocol], max_msg_size=0, autoping=True
+            )
+        except BaseException:
+            await self._session.close()
+            raise
+        if reads:
+            self._reader = asyncio.create_task(self._read())
+
+    async def _leave(self) -> None:
+        await self._socket.close()
+        await self._session.close()
+
+    async def _reset(self) -> None:
+        # Without lingering, the kernel resets the connection instead of closing it in order.
+        self._socket.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        assert self._session.connector is not None
+        await self._session.connector.close()
+        await self._session.close()
+
+    async def _read(self) -> None:
+        async for frame in self._socket:
+            if frame.type == aiohttp.WSMsgType.TEXT:
+                self._handle_text(json.loads(frame.data))
+            elif frame.type == aiohttp.WSMsgType.BINARY:
+                self._handle_binary(frame.data)
+
+    def _handle_text(self, message: dict[str, Any]) -> None:
+        operation = message["op"]
+        if operation == "serverInfo":
+            self.server_info = message
+        elif operation == "advertise":
+            self.channels.update({channel["topic"]: channel for channel in message["channels"]})
+        elif operation == "unadvertise":
+            gone = set(message["channelIds"])
+            self.channels = {topic: channel for topic, channel in self.channels.items() if channel["id"] not in gone}
+        elif operation == "status":
+            self.statuses.append(message)
+
+    def _handle_binary(self, frame: bytes) -> None:
+        if frame[0] == _MESSAGE_DATA:
+            _, subscription, time_ns = _MESSAGE_HEADER.unpack_from(frame)
+            self.messages.append(Message(self._subscriptions[subscription], time_ns, frame[_MESSAGE_HEADER.size :]))
+        elif frame[0] == _TIME:
+            self.times_ns.append(_TIME_FRAME.unpack(frame)[1])
+
+    def _call(self, coroutine: Coroutine[Any, Any, Any]) -> Any:
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(ANSWER_BOUND_S)
+
+    def _stop_loop(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(ANSWER_BOUND_S)
+        self._loop.close()
