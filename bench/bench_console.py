@@ -124,15 +124,15 @@ class Rig:
 
 
 @contextmanager
-def rig(suite: Path | None = None) -> Iterator[Rig]:
-    """Start a server on a graph of its own."""
+def rig(suite: Path | None = None, module: str = "bench.bench_console") -> Iterator[Rig]:
+    """Start a server on a graph of its own: that of a checkout of rosbridge_suite, or of a benchmark's module."""
     claim = claim_domain()
     with ExitStack() as exits, tempfile.TemporaryDirectory() as directory:
         exits.callback(claim.release)
         environment = loopback_environment(claim.domain, Path(directory), {**os.environ, "XDG_STATE_HOME": directory})
         command = [sys.executable, "-m", "bench.peers.rosbridge_suite", str(suite)] if suite else None
         server = subprocess.Popen(
-            command or [sys.executable, "-m", "bench.bench_console", "--as", "server"],
+            command or [sys.executable, "-m", module, "--as", "server"],
             env=environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

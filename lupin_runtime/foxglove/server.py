@@ -67,13 +67,22 @@ class FoxgloveServer:
             check_free(host, port)  # raises PortInUse, which names the owner
             raise
         self.port = self._server.port
+        # The SDK raises where another of its methods is called while `stop` is under way.
+        self._lock = threading.Lock()
+        self._stopped = False
 
     def announce_time(self, time_ns: int) -> None:
         """Tell all clients the time of the graph."""
-        self._server.broadcast_time(time_ns)
+        with self._lock:
+            if not self._stopped:
+                self._server.broadcast_time(time_ns)
 
     def stop(self) -> None:
         """Disconnect all clients. One that does not read is left to the end of the process."""
+        with self._lock:
+            if self._stopped:
+                return
+            self._stopped = True
         stopping = threading.Thread(target=self._server.stop, name="foxglove stop", daemon=True)
         stopping.start()
         stopping.join(_STOP_S)

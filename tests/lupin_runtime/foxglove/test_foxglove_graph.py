@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.graph
 
+# So many messages, each in one datagram, fill the buffers of a connection that is not read, and its queue in the server.
+DATAGRAM_BYTES, FILLING_MESSAGES = 60_000, 400
+
 Connect = Callable[..., FoxgloveClient]
 
 
@@ -273,8 +276,8 @@ def test_client_that_never_reads_slows_nobody_down(graph_host: GraphHost, peer: 
     stuck = connect(reads=False)
     stuck.send(op="subscribe", subscriptions=[{"id": 1, "channelId": reader.channels["/large"]["id"]}])
     graph_host.until(publisher.get_subscription_count)
-    for number in range(300):
-        publisher.publish(UInt8MultiArray(data=bytes([number % 256]) * 200_000))
+    for number in range(FILLING_MESSAGES):
+        publisher.publish(UInt8MultiArray(data=bytes([number % 256]) * DATAGRAM_BYTES))
         assert reader.last()[-1] == number % 256
         reader.messages.clear()
 
@@ -290,8 +293,8 @@ def test_client_that_never_reads_does_not_keep_the_server_from_stopping(
     graph_host.until(publisher.get_subscription_count)
     reader.subscribe("/large")
     reader.synchronize()
-    for _ in range(100):
-        publisher.publish(UInt8MultiArray(data=bytes(200_000)))
+    for _ in range(FILLING_MESSAGES):
+        publisher.publish(UInt8MultiArray(data=bytes(DATAGRAM_BYTES)))
         reader.last()
         reader.messages.clear()
     bridge.before_shutdown()
