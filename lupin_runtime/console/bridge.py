@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import socket
 import time
 import traceback
 from collections.abc import Callable, Hashable
@@ -83,7 +85,8 @@ class Bridge:
         self._ros = RosThread(node)
         self._clients: dict[Client, _OnGraph] = {}
         self._stops = StopRegistry()
-        self._stop_stated = self._stated_driving = False
+        self._server = f"{socket.gethostname()} {os.getpid()} {time.time_ns()}"
+        self._releases = 0
         now = node.get_clock().now
         self._now: values.Now = lambda: now().to_msg()
         self._topics = TopicHub(node)
@@ -256,8 +259,7 @@ class Bridge:
             except Refused:
                 self._stops.withdraw(client, now_ns)
                 raise
-            self._stops.release_lost()
-            self._stop_stated = True
+            self._release()
         self._stops.state(client, engaged, now_ns)
         self.authority.seen(client.session, now_ns)
         if changes:
@@ -273,14 +275,18 @@ class Bridge:
         """Release what no client holds any more; returns who still holds the stop. Raises Refused without control."""
         self.authority.take(session, time.monotonic_ns())
         self.record(session.name, "release")
-        self._stops.release_lost()
-        self._stop_stated = True
+        self._release()
         self.state_combined_stop()
         return self.stop_reasons()
 
     def stop_reasons(self) -> list[str]:
         """Why the consoles engage the stop; empty where they do not."""
         return self._stops.reasons()
+
+    def _release(self) -> None:
+        """End what no client holds any more, here and where another server of the console has gone."""
+        self._releases += 1
+        self._stops.release_lost()
 
     def _end_driving(self) -> None:
         """Who drove with control that another session has now is at rest before that one begins."""
@@ -294,13 +300,13 @@ class Bridge:
         """Publish the stop of all clients together. To be called every STOP_PERIOD_S."""
         now_ns = time.monotonic_ns()
         self._stops.tick(now_ns, self.authority.lease(now_ns).holder)
-        engaged, driving = bool(self._stops.reasons()), self._stops.is_driving(now_ns)
-        self._stop_stated = self._stop_stated or engaged
-        if not (self._stop_stated or driving or self._stated_driving):
-            return
-        self._stated_driving = driving
-        # What an earlier process of this server held is not released by one that nobody has told anything.
-        text = json.dumps({"engaged": engaged if self._stop_stated else None, "driving": driving})
+        statement = {
+            "server": self._server,
+            "engaged": bool(self._stops.reasons()),
+            "driving": self._stops.is_driving(now_ns),
+            "releases": self._releases,
+        }
+        text = json.dumps(statement)
         self._ros.run(lambda: self._stop_output.publish(String(data=text))).add_done_callback(self._log_failure)
 
     def _keep_up(self) -> None:

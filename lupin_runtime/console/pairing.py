@@ -1,7 +1,7 @@
 """One-time codes by which a browser is paired: shown in the terminal, typed or scanned once.
 
-A code is good for one browser. It is replaced when it was used, after LIFE_S, and after MAX_WRONG wrong ones, so that guessing
-(31^8 codes) leads nowhere.
+A code is good for one browser. It is replaced when it was used and after LIFE_S. Wrong ones do not replace it, since anybody on
+the network could then keep others out; at the server's pace, guessing one of 31^8 in LIFE_S takes a chance of one in a million.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from collections.abc import Callable
 from lupin_runtime.console.authority import Refused, Role
 
 LIFE_S = 3600.0
-MAX_WRONG = 10
 # Without 0 O 1 I L, which people confuse.
 _ALPHABET = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"
 _LENGTH = 8
@@ -26,7 +25,6 @@ class PairingCodes:
         self._changed = changed
         self._codes = {role: _new_code() for role in Role}
         self._made_ns = now_ns
-        self._wrong = 0
 
     def code(self, role: Role) -> str:
         """The code that pairs a browser in a role."""
@@ -38,23 +36,17 @@ class PairingCodes:
         entered = "".join(letter for letter in text.upper() if letter in _ALPHABET)
         for role, code in self._codes.items():
             if hmac.compare_digest(entered.encode(), code.encode()):
-                self._codes[role], self._wrong = _new_code(), 0
+                self._codes[role] = _new_code()
                 self._changed()
                 return role
-        self._wrong += 1
-        if self._wrong >= MAX_WRONG:
-            self._replace(now_ns)
         raise Refused("this code is not valid (any more); type the one that the terminal shows now, or run: lupin console code")
 
     def tick(self, now_ns: int) -> None:
         """Replace codes that are too old."""
         if now_ns - self._made_ns > LIFE_S * 1e9:
-            self._replace(now_ns)
-
-    def _replace(self, now_ns: int) -> None:
-        self._codes = {role: _new_code() for role in Role}
-        self._made_ns, self._wrong = now_ns, 0
-        self._changed()
+            self._codes = {role: _new_code() for role in Role}
+            self._made_ns = now_ns
+            self._changed()
 
 
 def _new_code() -> str:

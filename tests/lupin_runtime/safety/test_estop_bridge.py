@@ -175,10 +175,11 @@ def test_console_server_engages_and_releases_and_its_end_changes_nothing(graph_h
     probe = Probe(graph_host)
     server = probe.node.publisher(graph.CONSOLE_STOP)
     graph_host.until(server.get_subscription_count, what="the bridge's subscription")
-    server.publish(String(data='{"engaged": true, "driving": false}'))
+    statement = '{"server": "a", "engaged": %s, "driving": false, "releases": 0}'
+    server.publish(String(data=statement % "true"))
     graph_host.until(lambda: probe.engaged, what="the engaged state")
     graph_host.until(lambda: probe.status[-1]["reasons"] == [HOLDS], what="the reason")
-    server.publish(String(data='{"engaged": false, "driving": false}'))
+    server.publish(String(data=statement % "false"))
     graph_host.until(lambda: not probe.engaged, what="the released state")
     count = len(probe.states)
     probe.node.destroy_publisher(server)
