@@ -76,7 +76,10 @@ class Console(LupinNode):
         try:
             self.port, self.rosbridge_port = self._server.start()
         except OSError:
+            # Nothing of it is left on the graph or on a port where one of the two ports was free.
+            self._server.stop()
             self._journal.close()
+            self.destroy_node()
             raise
         self._describe()
         logger.info(

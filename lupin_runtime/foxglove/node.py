@@ -32,14 +32,18 @@ class FoxgloveBridge(LupinNode):
         context = Context()
         self._ros = RosThread(self)
         self._channels = GraphChannels(self, context, self._log_time_ns)
-        self._server = FoxgloveServer(
-            context,
-            host,
-            self.parameter("port", FOXGLOVE_PORT),
-            on_subscribe=lambda channel, client: self._run(lambda: self._channels.begin(channel, client)),
-            on_unsubscribe=lambda channel, client: self._run(lambda: self._channels.end(channel, client)),
-            announces_time=self.simulated_time,
-        )
+        try:
+            self._server = FoxgloveServer(
+                context,
+                host,
+                self.parameter("port", FOXGLOVE_PORT),
+                on_subscribe=lambda channel, client: self._run(lambda: self._channels.begin(channel, client)),
+                on_unsubscribe=lambda channel, client: self._run(lambda: self._channels.end(channel, client)),
+                announces_time=self.simulated_time,
+            )
+        except OSError:
+            self.destroy_node()
+            raise
         self.port = self._server.port
         # Steady time: a stopped /clock must not keep channels from following the graph.
         steady = Clock(clock_type=ClockType.STEADY_TIME)

@@ -329,13 +329,16 @@ def test_foreign_origin_is_refused(console: Console) -> None:
 
 
 @pytest.mark.parametrize("parameter", ["port", "rosbridge_port"])
-def test_port_in_use_is_reported_with_its_owner(graph_host: GraphHost, tmp_path: Path, parameter: str) -> None:
+def test_port_in_use_is_reported_with_its_owner(
+    graph_host: GraphHost, peer: LupinNode, tmp_path: Path, parameter: str
+) -> None:
     from lupin_runtime.console.ports import PortInUse
 
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         with pytest.raises(PortInUse, match=rf"port {port} is in use by process \d+"):
             serve(graph_host, tmp_path, **{parameter: port})
+    graph_host.until(lambda: peer.get_node_names() == ["peer"], what="a graph without the console")
 
 
 def test_client_that_never_reads_slows_nobody_down(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
