@@ -15,14 +15,20 @@ from lupin_runtime.console import interfaces
 from lupin_runtime.foxglove.schemas import ros2msg_schema
 from lupin_runtime.ros.raw_subscription import RawSubscription
 
-# Channels opened and closed at once: each is a message to every client, and a client whose queue of messages overflows is
+# Of each kind at once: every change is a message or two to every client, and a client whose queue of messages overflows is
 # disconnected (MESSAGE_BACKLOG of server.py).
-MAX_CHANGES = 64
+MAX_CHANGES = 24
+# foxglove-sdk 0.30 announces a new channel to a client before it accepts that client's subscription to it. A viewer that
+# answers within this gap is refused and does not ask again: seen for 1 of 300 new topics on a busy machine.
+RENEWALS = 1
 
 
 @dataclass
 class _Topic:
-    """A topic with its channel, and the clients that are subscribed to it."""
+    """A topic with its channel, and the clients that are subscribed to it.
+
+    `renewals` says how often the channel may still be announced anew while nobody has subscribed to it.
+    """
 
     name: str
     type_name: str
@@ -30,6 +36,7 @@ class _Topic:
     channel: Channel
     clients: set[int] = field(default_factory=set)
     subscription: RawSubscription | None = None
+    renewals: int = RENEWALS
 
 
 class GraphChannels:
@@ -57,8 +64,12 @@ class GraphChannels:
         gone = [topic for name, topic in self._topics.items() if types.get(name) != topic.type_name]
         for topic in gone[:MAX_CHANGES]:
             self._close(topic)
+        unheard = [topic for topic in self._topics.values() if topic.renewals and not topic.channel.has_sinks()]
+        for topic in unheard[:MAX_CHANGES]:
+            self._close(topic)
+            self._open(topic.name, topic.type_name, topic.renewals - 1)
         new = [name for name in sorted(types) if name not in self._topics]
-        for name in new[: MAX_CHANGES - len(gone[:MAX_CHANGES])]:
+        for name in new[:MAX_CHANGES]:
             self._open(name, types[name])
         for topic in self._topics.values():
             if topic.subscription is not None:
@@ -83,7 +94,7 @@ class GraphChannels:
                 found[name] = kind
         return found
 
-    def _open(self, name: str, type_name: str) -> None:
+    def _open(self, name: str, type_name: str, renewals: int = RENEWALS) -> None:
         try:
             message_class = interfaces.find(type_name, "msg")
             schema = Schema(name=type_name, encoding="ros2msg", data=ros2msg_schema(type_name).encode())
@@ -91,7 +102,7 @@ class GraphChannels:
             self._refuse(name, type_name, str(error))
             return
         channel = Channel(name, message_encoding="cdr", schema=schema, context=self._context)
-        topic = _Topic(name, type_name, message_class, channel)
+        topic = _Topic(name, type_name, message_class, channel, renewals=renewals)
         self._topics[name] = self._by_channel[channel.id()] = topic
 
     def _close(self, topic: _Topic) -> None:
@@ -111,6 +122,7 @@ class GraphChannels:
         if topic is None:
             return
         topic.clients.add(client_id)
+        topic.renewals = 0
         if topic.subscription is not None:
             for data in topic.subscription.kept:
                 topic.channel.log(data, log_time=self._log_time_ns(), sink_id=client_id)

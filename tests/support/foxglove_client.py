@@ -41,6 +41,8 @@ class FoxgloveClient:
         self.messages: list[Message] = []
         self.times_ns: list[int] = []
         self.statuses: list[dict[str, Any]] = []
+        self.announced: list[tuple[str, int]] = []  # topic and id of every channel ever advertised
+        self._wanted: set[str] = set()
         self._subscriptions: dict[int, str] = {}  # topics by subscription id
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
@@ -52,17 +54,19 @@ class FoxgloveClient:
             raise
 
     # -- what a client does -------------------------------------------------------------------------------------------
-    def subscribe(self, topic: str) -> int:
-        """Subscribe to an advertised topic; returns the subscription's id."""
+    def subscribe(self, topic: str) -> None:
+        """Subscribe to a topic; returns when it has a channel."""
+        self.subscribe_later(topic)
         self.channel(topic)
-        identifier = len(self._subscriptions) + 100
-        self._subscriptions[identifier] = topic
-        self.send(op="subscribe", subscriptions=[{"id": identifier, "channelId": self.channels[topic]["id"]}])
-        return identifier
 
-    def unsubscribe(self, identifier: int) -> None:
-        """End a subscription."""
-        self.send(op="unsubscribe", subscriptionIds=[identifier])
+    def subscribe_later(self, topic: str) -> None:
+        """Subscribe to a topic as viewers do: to its channel, and to every channel that it gets later."""
+        self._call(self._want(topic))
+
+    def unsubscribe(self, topic: str) -> None:
+        """End the subscription to a topic."""
+        self._wanted.discard(topic)
+        self.send(op="unsubscribe", subscriptionIds=[key for key, name in self._subscriptions.items() if name == topic])
 
     def send(self, **fields: Any) -> None:
         """Send one message of the protocol."""
@@ -83,6 +87,10 @@ class FoxgloveClient:
         """The channel of a topic; waits until it is advertised."""
         found: dict[str, Any] = self.until(lambda: self.channels.get(topic), f"a channel of {topic}")
         return found
+
+    def announcements(self, topic: str) -> list[int]:
+        """The ids of all channels that a topic has had."""
+        return [identifier for name, identifier in self.announced if name == topic]
 
     def last(self, count: int = 1) -> bytes:
         """The last message, once there are that many."""
@@ -137,19 +145,34 @@ class FoxgloveClient:
         await self._session.connector.close()
         await self._session.close()
 
+    async def _want(self, topic: str) -> None:
+        self._wanted.add(topic)
+        if topic in self.channels:
+            await self._subscribe(topic, self.channels[topic]["id"])
+
+    async def _subscribe(self, topic: str, channel_id: int) -> None:
+        identifier = len(self._subscriptions) + 100
+        self._subscriptions[identifier] = topic
+        subscription = {"id": identifier, "channelId": channel_id}
+        await self._socket.send_str(json.dumps({"op": "subscribe", "subscriptions": [subscription]}))
+
     async def _read(self) -> None:
         async for frame in self._socket:
             if frame.type == aiohttp.WSMsgType.TEXT:
-                self._handle_text(json.loads(frame.data))
+                await self._handle_text(json.loads(frame.data))
             elif frame.type == aiohttp.WSMsgType.BINARY:
                 self._handle_binary(frame.data)
 
-    def _handle_text(self, message: dict[str, Any]) -> None:
+    async def _handle_text(self, message: dict[str, Any]) -> None:
         operation = message["op"]
         if operation == "serverInfo":
             self.server_info = message
         elif operation == "advertise":
-            self.channels.update({channel["topic"]: channel for channel in message["channels"]})
+            for channel in message["channels"]:
+                self.channels[channel["topic"]] = channel
+                self.announced.append((channel["topic"], channel["id"]))
+                if channel["topic"] in self._wanted:
+                    await self._subscribe(channel["topic"], channel["id"])
         elif operation == "unadvertise":
             gone = set(message["channelIds"])
             self.channels = {topic: channel for topic, channel in self.channels.items() if channel["id"] not in gone}

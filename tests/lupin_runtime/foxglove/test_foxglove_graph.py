@@ -128,13 +128,15 @@ def test_subscription_begins_with_the_first_client_and_ends_with_the_last(
     for client in clients:
         client.channel("/shared")
     assert peer.count_subscribers("/shared") == 0
-    subscriptions = [client.subscribe("/shared") for client in clients]
+    for client in clients:
+        client.subscribe("/shared")
+        client.synchronize()
     graph_host.until(lambda: peer.count_subscribers("/shared") == 1)
-    for client, subscription in zip(clients[:2], subscriptions):
-        client.unsubscribe(subscription)
+    for client in clients[:2]:
+        client.unsubscribe("/shared")
         client.synchronize()
     assert peer.count_subscribers("/shared") == 1
-    clients[2].unsubscribe(subscriptions[2])
+    clients[2].unsubscribe("/shared")
     graph_host.until(lambda: peer.count_subscribers("/shared") == 0)
     clients[0].subscribe("/shared")
     graph_host.until(lambda: peer.count_subscribers("/shared") == 1)
@@ -165,6 +167,24 @@ def test_channels_follow_topics_that_come_and_go(graph_host: GraphHost, peer: Lu
         peer.destroy_publisher(publisher)
         client.until(lambda: "/comes" not in client.channels, "the end of the channel")
         graph_host.until(lambda: peer.count_subscribers("/comes") == 0)
+
+
+def test_channel_without_subscribers_is_announced_once_more(
+    graph_host: GraphHost, peer: LupinNode, connect: Connect
+) -> None:
+    """What a viewer needs whose first subscription the SDK refused, because it came too early."""
+    from std_msgs.msg import String
+
+    client = connect()
+    client.subscribe_later("/watched")
+    publishers = [peer.create_publisher(String, name, 10) for name in ("/ignored", "/watched")]
+    client.until(lambda: len(client.announcements("/ignored")) == 2, "the second announcement")
+    peer.create_publisher(String, "/marker", 10)
+    client.until(lambda: len(client.announcements("/marker")) == 2, "two later looks at the graph")
+    assert len(client.announcements("/ignored")) == 2
+    graph_host.until(lambda: publishers[1].get_subscription_count() == 1)
+    client.subscribe("/ignored")
+    graph_host.until(lambda: publishers[0].get_subscription_count() == 1)
 
 
 def test_subscription_follows_the_qos_of_publishers_that_come_later(
@@ -273,9 +293,9 @@ def test_client_that_never_reads_slows_nobody_down(graph_host: GraphHost, peer: 
     publisher = peer.create_publisher(UInt8MultiArray, "/large", 1)
     reader = connect()
     reader.subscribe("/large")
-    stuck = connect(reads=False)
-    stuck.send(op="subscribe", subscriptions=[{"id": 1, "channelId": reader.channels["/large"]["id"]}])
     graph_host.until(publisher.get_subscription_count)
+    stuck = connect(reads=False)
+    stuck.send(op="subscribe", subscriptions=[{"id": 1, "channelId": reader.channel("/large")["id"]}])
     for number in range(FILLING_MESSAGES):
         publisher.publish(UInt8MultiArray(data=bytes([number % 256]) * DATAGRAM_BYTES))
         assert reader.last()[-1] == number % 256
@@ -289,10 +309,9 @@ def test_client_that_never_reads_does_not_keep_the_server_from_stopping(
 
     publisher = peer.create_publisher(UInt8MultiArray, "/large", 1)
     reader, stuck = connect(), connect(reads=False)
-    stuck.send(op="subscribe", subscriptions=[{"id": 1, "channelId": reader.channel("/large")["id"]}])
-    graph_host.until(publisher.get_subscription_count)
     reader.subscribe("/large")
-    reader.synchronize()
+    graph_host.until(publisher.get_subscription_count)
+    stuck.send(op="subscribe", subscriptions=[{"id": 1, "channelId": reader.channel("/large")["id"]}])
     for _ in range(FILLING_MESSAGES):
         publisher.publish(UInt8MultiArray(data=bytes(DATAGRAM_BYTES)))
         reader.last()
