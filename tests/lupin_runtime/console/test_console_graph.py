@@ -329,9 +329,7 @@ def test_foreign_origin_is_refused(console: Console) -> None:
 
 
 @pytest.mark.parametrize("parameter", ["port", "rosbridge_port"])
-def test_port_in_use_is_reported_with_its_owner(
-    graph_host: GraphHost, peer: LupinNode, tmp_path: Path, parameter: str
-) -> None:
+def test_port_in_use_is_reported_with_its_owner(graph_host: GraphHost, peer: LupinNode, tmp_path: Path, parameter: str) -> None:
     from lupin_runtime.console.ports import PortInUse
 
     with socket.create_server(("127.0.0.1", 0)) as server:

@@ -169,9 +169,7 @@ def test_channels_follow_topics_that_come_and_go(graph_host: GraphHost, peer: Lu
         graph_host.until(lambda: peer.count_subscribers("/comes") == 0)
 
 
-def test_channel_without_subscribers_is_announced_once_more(
-    graph_host: GraphHost, peer: LupinNode, connect: Connect
-) -> None:
+def test_channel_without_subscribers_is_announced_once_more(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
     """What a viewer needs whose first subscription the SDK refused, because it came too early."""
     from std_msgs.msg import String
 
