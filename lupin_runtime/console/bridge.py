@@ -27,13 +27,13 @@ from lupin_runtime.console.authority import Authority, Refused, Session
 from lupin_runtime.console.goals import ActionClientPool, GoalSender
 from lupin_runtime.console.providers import ActionProvider, ServiceProvider
 from lupin_runtime.console.publisher_pool import PublisherPool
-from lupin_runtime.console.ros_thread import RosThread
 from lupin_runtime.console.rosapi import RosApi
 from lupin_runtime.console.service_calls import TIMEOUT_S, ServiceCalls
 from lupin_runtime.console.stop_registry import StopRegistry
 from lupin_runtime.console.subscription import Request
 from lupin_runtime.console.topic_hub import Receiver, TopicHub
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.ros_thread import RosThread
 
 STOP_PERIOD_S = 0.5
 _UPKEEP_S = 0.5

@@ -10,10 +10,10 @@ from typing import Any
 from foxglove import Context
 from rclpy.clock import Clock, ClockType
 
-from lupin_runtime.console.ros_thread import RosThread
 from lupin_runtime.foxglove.channels import GraphChannels
 from lupin_runtime.foxglove.server import FoxgloveServer
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.ros_thread import RosThread
 from lupin_runtime.stack.table import FOXGLOVE_PORT
 
 _FOLLOW_S = 0.5

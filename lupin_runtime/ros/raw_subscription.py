@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from rclpy.node import Node
@@ -21,16 +22,20 @@ class RawSubscription:
     """Passes on every message of a topic as it was serialized; `receive` is called on the thread of the node's executor.
 
     `qos` is what all present publishers offer. `kept` holds the last messages of a latched topic, for those who ask late.
+    `depth` is how many messages may wait [as the graph's table says].
     All methods are called on the thread of the node's executor. The constructor raises what rclpy raises for a name that is
     not one of a topic, a different class for each fault.
     """
 
-    def __init__(self, node: Node, topic: str, message_class: Any, receive: Callable[[bytes], None]) -> None:
+    def __init__(
+        self, node: Node, topic: str, message_class: Any, receive: Callable[[bytes], None], depth: int | None = None
+    ) -> None:
         self._node = node
         self._topic = topic
         self._message_class = message_class
         self._receive = receive
-        self.qos = self._offered_qos() or _default_qos(topic)
+        self._default = _default_qos(topic) if depth is None else replace(_default_qos(topic), depth=depth)
+        self.qos = self._offered_qos() or self._default
         self.kept: deque[bytes] = deque()
         self._subscription: Subscription | None = None
         self._open()
@@ -81,7 +86,7 @@ class RawSubscription:
         return graph.Qos(
             reliable=all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers),
             latched=all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers),
-            depth=_default_qos(self._topic).depth,
+            depth=self._default.depth,
         )
 
 

@@ -17,6 +17,7 @@ from lupin_runtime.stack.readiness import ActionReady, MissionReady, Port, Readi
 ONBOARD = "onboard"  # the target of the processes on the robot; `lupin up --target robot` starts those of the laptop
 CONSOLE_PORT = 8090
 ROSBRIDGE_PORT = 9090  # where every client of rosbridge looks for it
+VIDEO_PORT = 8091  # of the cameras; the vendor's web_video_server has 8181
 FOXGLOVE_PORT = 8765  # what Foxglove and Lichtblick offer as the address of a robot
 DOCTOR = (sys.executable, "-m", "lupin_cli.app")  # the program whose `doctor` and `play` the console offers
 ALL_TAGS = 65535  # discovery goal "all": the largest count that fits into StartMission
@@ -331,6 +332,15 @@ TABLE: tuple[ProcessRow, ...] = (
         memory_max_mb=256,
         optional=True,
         next_command="lupin logs console",
+    ),
+    ProcessRow(
+        "video",
+        (NodeRow("lupin_runtime.cameras.node:VideoServer"),),
+        when=lambda o: o.console and o.simulated and o.cameras,
+        ready=(Port(VIDEO_PORT),),
+        memory_max_mb=256,
+        optional=True,
+        next_command="lupin logs video",
     ),
     ProcessRow(
         "foxglove",

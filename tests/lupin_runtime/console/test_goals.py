@@ -18,8 +18,8 @@ from rclpy.task import Future
 from lupin_runtime.console import goals
 from lupin_runtime.console.goals import ActionClientPool, GoalSender, OrderedActionClient
 from lupin_runtime.console.providers import RequestFailed
-from lupin_runtime.console.ros_thread import RosThread
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.ros_thread import RosThread
 from tests.conftest import GraphHost
 
 pytestmark = pytest.mark.graph

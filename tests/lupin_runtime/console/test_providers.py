@@ -16,8 +16,8 @@ from std_srvs.srv import SetBool
 from lupin_runtime.console import providers
 from lupin_runtime.console.goals import OrderedActionClient
 from lupin_runtime.console.providers import ActionProvider, RequestFailed, ServiceProvider
-from lupin_runtime.console.ros_thread import RosThread
 from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.ros_thread import RosThread
 from tests.conftest import GraphHost
 
 pytestmark = pytest.mark.graph

@@ -1,0 +1,1 @@
+"""The cameras' pictures as video for browsers: JPEG frames over HTTP."""

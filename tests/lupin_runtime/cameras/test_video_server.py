@@ -1,0 +1,321 @@
+"""The video server for its clients: what they get, how slow and vanishing ones are treated, and what is left behind."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from lupin_runtime.cameras import http_server
+from lupin_runtime.cameras import jpeg as jpeg_module
+from lupin_runtime.cameras.http_server import VideoHttpServer
+from lupin_runtime.cameras.stream_request import IMAGE
+from lupin_runtime.cameras.video_streams import VideoStreams
+from tests.support.image_messages import decoded, gradient, jpeg
+from tests.support.published_pictures import PublishedPictures
+from tests.support.video_client import VideoClient
+
+BGR = gradient()
+JPEG = jpeg(BGR)
+
+
+def until(condition: Callable[[], Any], what: str) -> Any:
+    deadline_s = time.monotonic() + 20.0
+    while not (value := condition()):
+        assert time.monotonic() < deadline_s, what
+        time.sleep(0.002)
+    return value
+
+
+@pytest.fixture
+def graph() -> PublishedPictures:
+    return PublishedPictures()
+
+
+@pytest.fixture
+def warnings() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def server(graph: PublishedPictures, warnings: list[str]) -> Iterator[VideoHttpServer]:
+    made = VideoHttpServer("127.0.0.1", 0, VideoStreams(graph, warnings.append))
+    made.start()
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def client(server: VideoHttpServer) -> Iterator[VideoClient]:
+    made = VideoClient(server.port)
+    yield made
+    made.close()
+
+
+def watched(graph: PublishedPictures) -> int:
+    return len(graph.subscriptions)
+
+
+def test_jpeg_pictures_are_passed_through_with_their_stamps(graph: PublishedPictures, client: VideoClient) -> None:
+    stream = client.stream("/stream?topic=/jpeg")
+    assert stream.headers["Content-Type"].startswith("multipart/x-mixed-replace; boundary=")
+    for number in range(1, 5):
+        graph.publish(JPEG + bytes([number]), stamp_ns=number * 1_000_000_001)
+        assert stream.picture() == (JPEG + bytes([number]), number * 1_000_000_001)
+
+
+def test_raw_pictures_are_encoded_once_for_all_clients(
+    graph: PublishedPictures, server: VideoHttpServer, client: VideoClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encoded: list[int] = []
+
+    def counting(*arguments: Any) -> bytes:
+        encoded.append(1)
+        return encode(*arguments)
+
+    encode = jpeg_module.encode
+    monkeypatch.setattr("lupin_runtime.cameras.video_streams.encode", counting)
+    streams = [client.stream("/stream?topic=/raw") for _ in range(4)]
+    until(lambda: sum(row["clients"] for row in server.streams.describe()) == 4, "four clients")
+    for number in range(1, 4):
+        graph.publish_raw(number)
+        pictures = {stream.picture() for stream in streams}
+        assert len(pictures) == 1 and len(encoded) == number
+    assert decoded(next(iter(pictures))[0]).shape == BGR.shape
+    assert graph.began == 1
+
+
+@pytest.mark.parametrize("topic", ["/raw", "/jpeg"])
+def test_clients_get_the_width_that_they_asked_for(graph: PublishedPictures, client: VideoClient, topic: str) -> None:
+    small, full = client.stream(f"/stream?topic={topic}&width=32"), client.stream(f"/stream?topic={topic}")
+    until(lambda: watched(graph) == 1, "one subscription for both")
+    graph.publish(JPEG, 1)
+    graph.publish_raw(1)
+    assert decoded(small.picture()[0]).shape == (24, 32, 3)
+    assert decoded(full.picture()[0]).shape == BGR.shape
+
+
+def test_subscription_begins_with_the_first_client_and_ends_with_the_last(
+    graph: PublishedPictures, client: VideoClient
+) -> None:
+    assert watched(graph) == 0
+    streams = [client.stream("/stream?topic=/jpeg") for _ in range(3)]
+    assert watched(graph) == 1
+    for stream in streams[:2]:
+        stream.close()
+    graph.publish(JPEG)
+    streams[2].picture()
+    streams[2].close()
+    until(lambda: watched(graph) == 0, "the end of the subscription, though no picture comes")
+
+
+def test_streams_that_are_opened_and_closed_quickly_leave_nothing(graph: PublishedPictures, server: VideoHttpServer) -> None:
+    threads_before = threading.active_count()
+
+    def visit() -> None:
+        for _ in range(25):
+            client = VideoClient(server.port)
+            client.stream("/stream?topic=/jpeg")
+            client.close()
+
+    visitors = [threading.Thread(target=visit) for _ in range(4)]
+    for visitor in visitors:
+        visitor.start()
+    while any(visitor.is_alive() for visitor in visitors):
+        graph.publish(JPEG)
+        time.sleep(0.001)
+    until(lambda: watched(graph) == 0, "the end of the subscription")
+    until(lambda: threading.active_count() <= threads_before, "the end of all threads")
+
+
+def test_client_that_never_reads_slows_nobody_down_and_is_disconnected(
+    graph: PublishedPictures, server: VideoHttpServer, client: VideoClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(http_server._Handler, "timeout", 1.0)
+    large = JPEG + bytes(1_000_000)
+    stuck = socket.create_connection(("127.0.0.1", server.port))
+    stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    stuck.sendall(b"GET /stream?topic=/jpeg HTTP/1.1\r\nHost: x\r\n\r\n")
+    until(lambda: watched(graph) == 1, "the first client")
+    reader = client.stream("/stream?topic=/jpeg")
+    until(lambda: server.streams.describe()[0]["clients"] == 2, "both clients")
+    for number in range(1, 20):
+        graph.publish(large, number)
+        assert reader.picture()[1] == number
+    until(lambda: server.streams.describe()[0]["clients"] == 1, "the end of the client that does not read")
+    stuck.close()
+
+
+def test_slow_client_gets_the_newest_picture(graph: PublishedPictures, client: VideoClient) -> None:
+    stream = client.stream("/stream?topic=/jpeg")
+    for number in range(1, 200):
+        graph.publish(JPEG + bytes(100_000), number)
+    seen: list[int] = []
+    while not seen or seen[-1] != 199:
+        seen.append(stream.picture()[1])
+    assert seen == sorted(seen) and len(seen) < 150
+
+
+def test_snapshot_is_a_picture_that_was_taken_after_the_request(graph: PublishedPictures, client: VideoClient) -> None:
+    stream = client.stream("/stream?topic=/jpeg")
+    graph.publish(JPEG + b"old", 1)
+    stream.picture()
+    answer: list[Any] = []
+    asking = threading.Thread(target=lambda: answer.extend(client.get("/snapshot?topic=/jpeg")))
+    asking.start()
+    number = 1
+    while asking.is_alive():
+        number += 1
+        graph.publish(JPEG + b"new", number)
+        time.sleep(0.01)
+    status, content, headers = answer
+    assert status == 200 and content == JPEG + b"new" and headers["Content-Type"] == "image/jpeg"
+    assert headers["Cache-Control"] == "no-store" and headers["X-Timestamp"].startswith("0.0000000")
+
+
+def test_snapshot_of_a_camera_that_is_silent_says_so(
+    graph: PublishedPictures, client: VideoClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(http_server, "SNAPSHOT_S", 0.2)
+    assert "no picture came from /jpeg within 0.2 s" in client.text("/snapshot?topic=/jpeg", 504)
+    until(lambda: watched(graph) == 0, "the end of the subscription")
+
+
+def test_cameras_are_listed_with_their_rate(graph: PublishedPictures, client: VideoClient) -> None:
+    idle = {"clients": 0, "fps": None, "age_s": None}
+    assert client.json("/streams") == [{"topic": "/jpeg", "jpeg": True, **idle}, {"topic": "/raw", "jpeg": False, **idle}]
+    stream = client.stream("/stream?topic=/jpeg")
+    for _ in range(10):
+        graph.publish(JPEG)
+        stream.picture()
+        time.sleep(0.01)
+    row = client.json("/streams")[0]
+    assert row["clients"] == 1 and 10 < row["fps"] < 200 and 0 <= row["age_s"] < 10
+
+
+def test_lists_and_viewers_for_people_escape_what_the_graph_calls_its_cameras(
+    graph: PublishedPictures, client: VideoClient
+) -> None:
+    graph.topics["/<script>alert(1)</script>"] = [IMAGE]
+    page = client.text("/")
+    assert "stream?topic=/jpeg" in page and "<script>" not in page
+    assert "stream?topic=/raw&amp;width=32" in client.text("/stream_viewer?topic=/raw&width=32")
+    status, _, headers = client.get("/stream?topic=/%3Cscript%3E")
+    assert status == 400 and headers["Content-Type"].startswith("text/plain") and headers["X-Content-Type-Options"] == "nosniff"
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "reason"),
+    [
+        ("/stream", 400, "/streams lists them"),
+        ("/stream?topic=/jpeg&quality=0.5", 400, "quality is a whole number from 1 to 100"),
+        ("/stream?topic=/jpeg&" + "&".join(f"a{n}" for n in range(30)), 400, "fields"),
+        ("/stream?topic=/nothing", 404, "cameras: /jpeg, /raw"),
+        ("/snapshot?topic=/nothing", 404, "cameras: /jpeg, /raw"),
+        ("/etc/passwd", 404, "there are /stream"),
+    ],
+)
+def test_refusals_say_what_there_is(client: VideoClient, path: str, status: int, reason: str) -> None:
+    assert reason in client.text(path, status)
+
+
+def test_graph_that_does_not_respond_is_reported(graph: PublishedPictures, client: VideoClient) -> None:
+    graph.silent = True
+    for path in ("/stream?topic=/jpeg", "/snapshot?topic=/jpeg", "/streams"):
+        assert "has not responded" in client.text(path, 504)
+
+
+@pytest.mark.parametrize("damaged", [b"", b"\xff\xd8", b"\x89PNG damaged", bytes(5000)])
+def test_damaged_pictures_are_named_once_and_passed_over(
+    graph: PublishedPictures, client: VideoClient, warnings: list[str], damaged: bytes
+) -> None:
+    stream = client.stream("/stream?topic=/jpeg")
+    for _ in range(3):
+        graph.publish(damaged)
+    until(lambda: warnings, "a warning")
+    assert "error" in client.json("/streams")[0]
+    graph.publish(JPEG, 9)
+    assert stream.picture() == (JPEG, 9)
+    assert len(warnings) == 1 and "error" not in client.json("/streams")[0]
+
+
+def test_malformed_messages_are_named(graph: PublishedPictures, client: VideoClient, warnings: list[str]) -> None:
+    streams = [client.stream(f"/stream?topic={topic}") for topic in ("/jpeg", "/raw")]
+    for receive in graph.subscriptions.values():
+        receive(b"\0\1\0\0no message")
+    until(lambda: len(warnings) == 2, "two warnings")
+    graph.publish_raw(3, encoding="rgb32")
+    until(lambda: any("'rgb32' are not supported" in warning for warning in warnings), "a third")
+    graph.publish(JPEG, 4)
+    graph.publish_raw(4)
+    assert [stream.picture()[1] for stream in streams] == [4, 4]
+
+
+def test_those_who_send_no_request_are_disconnected(server: VideoHttpServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http_server, "REQUEST_S", 0.5)
+    slow = socket.create_connection(("127.0.0.1", server.port), timeout=20.0)
+    slow.sendall(b"GET /streams HTTP/1.1\r\n")
+
+    def drip() -> bool:
+        """Another line before the handler's own limit; whether the connection has ended."""
+        try:
+            slow.sendall(b"X: y\r\n")
+        except OSError:
+            return True
+        return False
+
+    until(drip, "the end of the connection")
+    slow.close()
+
+
+def test_address_that_opens_too_many_connections_gets_no_more(graph: PublishedPictures, server: VideoHttpServer) -> None:
+    client = VideoClient(server.port)
+    for _ in range(http_server.MAX_CONNECTIONS_OF_ADDRESS):
+        client.stream("/stream?topic=/jpeg")
+    with pytest.raises((ConnectionError, OSError)):
+        VideoClient(server.port).get("/streams")
+    client.close()
+    until(lambda: watched(graph) == 0, "the end of the streams")
+    assert VideoClient(server.port).json("/streams")
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        b"\r\n\r\n",
+        b"GET\r\n\r\n",
+        b"GET /stream?topic=%ff HTTP/1.1\r\n\r\n",
+        b"GET http://[ HTTP/1.1\r\n\r\n",
+        b"POST / HTTP/1.1\r\n\r\n",
+        b"GET /" + b"a" * 70_000 + b" HTTP/1.1\r\n\r\n",
+        b"GET / HTTP/1.1\r\n" + b"A: b\r\n" * 200 + b"\r\n",
+        b"\x16\x03\x01\0\0" * 20 + b"\r\n",
+    ],
+)
+def test_hostile_requests_end_without_a_traceback(
+    server: VideoHttpServer, request_: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=20.0) as hostile:
+        hostile.sendall(request_)
+        hostile.shutdown(socket.SHUT_WR)
+        answer = b""
+        try:
+            while data := hostile.recv(65536):
+                answer += data
+        except ConnectionResetError:
+            pass
+    assert b" 200 " not in answer
+    assert VideoClient(server.port).json("/streams")
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_end_of_the_server_ends_the_streams(graph: PublishedPictures, server: VideoHttpServer, client: VideoClient) -> None:
+    stream = client.stream("/stream?topic=/jpeg")
+    server.stop()
+    with pytest.raises(EOFError):
+        stream.picture()
+    until(lambda: watched(graph) == 0, "the end of the subscription")
