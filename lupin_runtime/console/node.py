@@ -20,7 +20,7 @@ from lupin_runtime.console.server import ConsoleServer
 from lupin_runtime.console.sessions import Sessions, sessions_file
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.stack.runs import Run
-from lupin_runtime.stack.table import CONSOLE_PORT, DOCTOR, ROSBRIDGE_PORT
+from lupin_runtime.stack.table import CONSOLE_PORT, DOCTOR, ROSBRIDGE_PORT, VIDEO_PORT
 
 JOURNAL = "console_commands.jsonl"
 MAX_MISSED_TURNS = 6  # of the event loop, each of STOP_PERIOD_S
@@ -31,9 +31,10 @@ class Console(LupinNode):
 
     Parameters: `host` and `port` of the one origin, `rosbridge_host` and `rosbridge_port` (port 0: any free one; an empty
     host: all of this computer's addresses), `tls` (HTTPS on the one origin, to which browsers of other computers are sent),
-    `folder` (where the journal of commands and `console.json` are written), `sessions_file` (the paired browsers),
-    `unlisted` (clients may also use topics, services and actions that the graph's table does not have),
-    `unregister_after_s` (how long a publisher that no client uses is kept). Raises OSError where a port is in use.
+    `video_target` (the URL of the video server [the robot's, or this computer's]), `folder` (where the journal of commands and
+    `console.json` are written), `sessions_file` (the paired browsers), `unlisted` (clients may also use topics, services and
+    actions that the graph's table does not have), `unregister_after_s` (how long a publisher that no client uses is kept).
+    Raises OSError where a port is in use.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
@@ -71,6 +72,7 @@ class Console(LupinNode):
             (rosbridge_host, self.parameter("rosbridge_port", ROSBRIDGE_PORT)),
             certificate,
             DOCTOR,
+            self.parameter("video_target", "") or _video_target(),
             logger.warning,
         )
         try:
@@ -114,3 +116,10 @@ class Console(LupinNode):
         self._server.stop()
         remove_description(self._folder)
         self._journal.close()
+
+
+def _video_target() -> str:
+    """Where the pictures are: at the robot, which serves discovery, or on this computer for a simulated one."""
+    servers = [each.strip() for each in os.environ.get("ROS_DISCOVERY_SERVER", "").split(";")]
+    host = next(filter(None, servers), "").rsplit(":", 1)[0]
+    return f"http://{host or '127.0.0.1'}:{VIDEO_PORT}"

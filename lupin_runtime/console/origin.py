@@ -1,4 +1,4 @@
-"""The console's one origin: the page, rosbridge at `/_ros`, and `/_api`, for browsers that were paired.
+"""The console's one origin: the page, rosbridge at `/_ros`, `/_video` and `/_api`, for browsers that were paired.
 
 A browser on this computer is paired by itself.
 """
@@ -25,6 +25,7 @@ from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.request_rules import check_encryption, check_host, check_origin, device_kind, is_loopback
 from lupin_runtime.console.rosbridge import RosbridgeClient
 from lupin_runtime.console.sessions import LIFE_S, Sessions
+from lupin_runtime.console.video import VideoRelay
 
 COOKIE = "lupin_session"
 MAX_CLIENTS = 256
@@ -68,10 +69,12 @@ class Origin:
         sessions: Sessions,
         codes: PairingCodes,
         doctor_command: Sequence[str],
+        video_target: str,
         authority_file: Path | None = None,
     ) -> None:
         """With `authority_file`, the certificate that devices install, others than this computer are sent to HTTPS."""
         self.doctor = Doctor(doctor_command, lambda state: self._events.push("doctor", state))
+        self.video = VideoRelay(video_target, self._is_paired)
         self._bridge = bridge
         self._authority_file = authority_file
         self._handoff = handoff
@@ -105,7 +108,7 @@ class Origin:
             Resource("/_api/events", self._listen, "A WebSocket with all that changes: control, stop, run, doctor."),
         )
         self._open_paths = {"/", _AUTHORITY_PATH, *(resource.path for resource in own if resource.open)}
-        add_resources(application, (*own, *run_files.resources()))
+        add_resources(application, (*own, *run_files.resources(), *self.video.resources()))
         return application
 
     def push_state(self) -> None:
@@ -278,6 +281,11 @@ class Origin:
             self._sockets.pop(socket, None)
             self._events.leave(connection)
         return socket
+
+    def _is_paired(self, request: web.Request) -> bool:
+        """Whether the browser that sent a request is still paired."""
+        session = request[_SESSION]
+        return session is LOCAL or self._sessions.is_valid(session)
 
     def _control(self) -> dict[str, Any]:
         lease = self._bridge.authority.lease(time.monotonic_ns())

@@ -47,6 +47,7 @@ class ConsoleServer:
         rosbridge_address: Address,
         certificate: ServerCertificate | None,
         doctor_command: Sequence[str],
+        video_target: str,
         log: Callable[[str], None],
     ) -> None:
         self._bridge = bridge
@@ -56,7 +57,13 @@ class ConsoleServer:
         self._loop = asyncio.new_event_loop()
         self._handoff = Handoff(self._loop)
         self._origin = Origin(
-            bridge, self._handoff, sessions, codes, doctor_command, certificate.store.root_path if certificate else None
+            bridge,
+            self._handoff,
+            sessions,
+            codes,
+            doctor_command,
+            video_target,
+            certificate.store.root_path if certificate else None,
         )
         self._certificate, self._log = certificate, log
         self._clients = 0
@@ -107,6 +114,7 @@ class ConsoleServer:
         for task in self._tasks:
             task.cancel()
         await self._origin.doctor.close()
+        await self._origin.video.close()
         if self._port is not None:
             await self._port.close()
         await asyncio.gather(*(runner.cleanup() for runner in self._runners))

@@ -1,0 +1,252 @@
+"""`/_video` of the one origin: the pictures of the video server, fetched once for all browsers.
+
+On a robot the video server is at the other end of the wireless link, which therefore carries each picture once. A browser that
+is slow gets the newest picture and skips those between.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+import aiohttp
+from aiohttp import web
+
+from lupin_runtime.cameras import mjpeg
+from lupin_runtime.cameras.frames import Frame
+from lupin_runtime.cameras.stream_request import BadRequest, StreamRequest, read_request
+from lupin_runtime.console.api_table import Resource
+
+MAX_CLIENTS = 64
+_CONNECT_S = 5.0
+_SILENCE_S = 15.0  # a link on which nothing arrives for so long is closed: a camera that pauses is asked for again
+_ANSWER_S = 8.0
+_LOOK_S = 0.5  # how often a stream without pictures looks whether its browser is there and may see them
+_WRITE_S = 10.0  # within which a browser must take a picture
+_MAX_LIST_BYTES = 1_000_000
+_MAX_REASON_BYTES = 500
+_PASSED_ON = (400, 404, 504)  # the video server's refusals, with its reason
+_PIECE_BYTES = 1 << 18
+# What the kernel may keep for a slow browser beyond what is on its way: pictures that wait there are late when they arrive.
+_UNSENT_BYTES = 32_768
+_HEADERS = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Cross-Origin-Resource-Policy": "same-origin"}
+_QUERY = "?topic=NAME&quality=1…100&width=PIXELS&invert"
+
+
+class VideoUnavailable(Exception):
+    """The video server gives no pictures; the text says why, and `status` which answer that is."""
+
+    def __init__(self, status: int, reason: str) -> None:
+        super().__init__(reason)
+        self.status = status
+
+
+class VideoRelay:
+    """Passes on what the video server at `target`, a URL without a path, shows. Used on the event loop only.
+
+    `may_see` says whether the sender of a request is still allowed to see pictures.
+    """
+
+    def __init__(self, target: str, may_see: Callable[[web.Request], bool]) -> None:
+        self._target = target
+        self._may_see = may_see
+        self._http: aiohttp.ClientSession | None = None
+        self._upstreams: dict[StreamRequest, _Upstream] = {}
+        self._clients = 0
+
+    def resources(self) -> tuple[Resource, ...]:
+        """The routes, each with what it answers."""
+        return (
+            Resource("/_video/streams", self._guarded(self._list), "The cameras: topic, clients, frames a second, age."),
+            Resource("/_video/snapshot", self._guarded(self._snapshot), f"The next picture as JPEG: {_QUERY}."),
+            Resource("/_video/stream", self._guarded(self._stream), f"Pictures without end, for an <img>: {_QUERY}."),
+        )
+
+    async def close(self) -> None:
+        """End all streams."""
+        for upstream in list(self._upstreams.values()):
+            upstream.end()
+        if self._http is not None:
+            await self._http.close()
+
+    # -- requests -----------------------------------------------------------------------------------------------------
+    def _guarded(
+        self, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+    ) -> Callable[[web.Request], Awaitable[web.StreamResponse]]:
+        async def guarded(request: web.Request) -> web.StreamResponse:
+            if request.headers.get("Sec-Fetch-Site", "same-origin") not in ("same-origin", "none"):
+                # A page of another site may not show this computer's cameras either.
+                raise web.HTTPForbidden(text="pages of other sites may not use this server\n")
+            try:
+                return await handler(request)
+            except BadRequest as error:
+                raise web.HTTPBadRequest(text=f"{error}\n") from error
+            except VideoUnavailable as error:
+                return web.Response(status=error.status, text=f"{error}\n", headers=_HEADERS)
+
+        return guarded
+
+    async def _list(self, _: web.Request) -> web.StreamResponse:
+        content, _headers = await self._fetch("streams", {}, _MAX_LIST_BYTES)
+        try:
+            rows = json.loads(content)
+        except (ValueError, RecursionError) as error:
+            raise self._malformed() from error
+        return web.json_response(rows, headers=_HEADERS)
+
+    async def _snapshot(self, request: web.Request) -> web.StreamResponse:
+        wanted = read_request(request.query)
+        content, headers = await self._fetch("snapshot", wanted.query(), mjpeg.MAX_PICTURE_BYTES)
+        try:
+            stamp = mjpeg.stamp_text(mjpeg.stamp_ns_of(headers.get("X-Timestamp", "")))
+        except mjpeg.MalformedStream as error:
+            raise self._malformed() from error
+        return web.Response(body=content, content_type="image/jpeg", headers={**_HEADERS, "X-Timestamp": stamp})
+
+    async def _stream(self, request: web.Request) -> web.StreamResponse:
+        wanted = read_request(request.query)
+        if self._clients >= MAX_CLIENTS:
+            raise VideoUnavailable(503, f"{MAX_CLIENTS} browsers watch already")
+        self._clients += 1
+        upstream = self._upstreams.get(wanted)
+        if upstream is None:
+            upstream = self._upstreams[wanted] = _Upstream()
+            upstream.task = asyncio.create_task(self._follow(upstream, wanted))
+        upstream.clients += 1
+        try:
+            await asyncio.shield(upstream.opened)
+            return await self._show(request, upstream)
+        finally:
+            self._clients -= 1
+            upstream.clients -= 1
+            if not upstream.clients:
+                self._forget(wanted, upstream)
+                upstream.end()
+
+    async def _show(self, request: web.Request, upstream: _Upstream) -> web.StreamResponse:
+        """Send a browser the pictures, until either side ends."""
+        response = web.StreamResponse(headers={**_HEADERS, "Content-Type": mjpeg.CONTENT_TYPE, "Connection": "close"})
+        transport = request.transport
+        connection = transport.get_extra_info("socket") if transport is not None else None
+        if connection is not None:
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
+        await response.prepare(request)
+        number = 0
+        with contextlib.suppress(ConnectionError, asyncio.TimeoutError):
+            await response.write(mjpeg.OPENING)
+            while self._may_see(request) and transport is not None and not transport.is_closing():
+                frame = await upstream.after(number)
+                if frame is not None:
+                    number = frame.number
+                    await asyncio.wait_for(response.write(mjpeg.part(frame.data, frame.stamp_ns)), _WRITE_S)
+                elif upstream.ended:
+                    break
+        if transport is not None and not transport.is_closing():
+            transport.abort()  # a browser must not take the end of a stream for the end of a picture, nor wait for a slow one
+        return response
+
+    # -- the video server ---------------------------------------------------------------------------------------------
+    def _session(self) -> aiohttp.ClientSession:
+        if self._http is None:
+            self._http = aiohttp.ClientSession(auto_decompress=False, cookie_jar=aiohttp.DummyCookieJar())
+        return self._http
+
+    async def _fetch(self, path: str, query: Mapping[str, str], limit_bytes: int) -> tuple[bytes, Mapping[str, str]]:
+        timeout = aiohttp.ClientTimeout(total=_ANSWER_S, sock_connect=_CONNECT_S)
+        async with self._asking(path, query, timeout) as answer:
+            content = await answer.content.read(limit_bytes + 1)
+            while len(content) <= limit_bytes and (more := await answer.content.read(_PIECE_BYTES)):
+                content += more
+            if len(content) > limit_bytes:
+                raise self._malformed()
+            return content, answer.headers
+
+    async def _follow(self, upstream: _Upstream, wanted: StreamRequest) -> None:
+        """Fetch pictures, until nobody watches or the video server ends the stream."""
+        timeout = aiohttp.ClientTimeout(total=None, sock_connect=_CONNECT_S, sock_read=_SILENCE_S)
+        try:
+            async with self._asking("stream", wanted.query(), timeout) as answer:
+                if answer.content_type != "multipart/x-mixed-replace":
+                    raise self._malformed()
+                upstream.opened.set_result(None)
+                reader = mjpeg.PartReader()
+                async for data in answer.content.iter_any():
+                    for picture, stamp_ns in reader.feed(data):
+                        upstream.put(picture, stamp_ns)
+        except mjpeg.MalformedStream:
+            pass  # the stream ends, and a browser that asks again gets another one
+        except VideoUnavailable as error:
+            if not upstream.opened.done():
+                upstream.opened.set_exception(error)
+        finally:
+            self._forget(wanted, upstream)
+            upstream.finish()
+
+    def _forget(self, wanted: StreamRequest, upstream: _Upstream) -> None:
+        """Who asks from now on gets another stream."""
+        if self._upstreams.get(wanted) is upstream:
+            del self._upstreams[wanted]
+
+    @contextlib.asynccontextmanager
+    async def _asking(self, path: str, query: Mapping[str, str], timeout: aiohttp.ClientTimeout) -> Any:
+        """The video server's answer, once it is one. Raises VideoUnavailable."""
+        request = self._session().get(f"{self._target}/{path}", params=query, timeout=timeout, allow_redirects=False)
+        try:
+            async with request as answer:
+                if answer.status != 200:
+                    reason = (await answer.content.read(_MAX_REASON_BYTES)).decode(errors="replace").strip()
+                    if answer.status not in _PASSED_ON or not reason:
+                        raise VideoUnavailable(502, f"the video server at {self._target} answers with status {answer.status}")
+                    raise VideoUnavailable(answer.status, reason)
+                yield answer
+        except asyncio.TimeoutError as error:
+            raise VideoUnavailable(504, f"the video server at {self._target} does not respond; see: lupin doctor") from error
+        except aiohttp.ClientError as error:
+            raise VideoUnavailable(502, f"no video from {self._target}: {error}; see: lupin doctor") from error
+
+    def _malformed(self) -> VideoUnavailable:
+        return VideoUnavailable(502, f"what is at {self._target} is not the video server")
+
+
+class _Upstream:
+    """One stream of the video server, and the browsers that watch it."""
+
+    def __init__(self) -> None:
+        self.task: asyncio.Task[None] | None = None
+        self.clients = 0
+        self.ended = False
+        self.opened: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._frame: Frame | None = None
+        self._number = 0
+        self._next = asyncio.Event()  # of the picture that comes next
+
+    def put(self, picture: bytes, stamp_ns: int) -> None:
+        self._number += 1
+        self._frame = Frame(picture, stamp_ns, self._number)
+        self._wake()
+
+    async def after(self, number: int) -> Frame | None:
+        """The newest picture, once there is one of a higher number; None where none comes soon or no more will."""
+        if self._number <= number and not self.ended:
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(self._next.wait(), _LOOK_S)
+        return self._frame if self._number > number else None
+
+    def end(self) -> None:
+        if self.task is not None:
+            self.task.cancel()
+
+    def finish(self) -> None:
+        self.ended = True
+        if not self.opened.done():
+            self.opened.set_exception(VideoUnavailable(503, "the stream has ended"))
+        self.opened.exception()  # nobody may be left to hear of it
+        self._wake()
+
+    def _wake(self) -> None:
+        self._next.set()
+        self._next = asyncio.Event()

@@ -1,0 +1,251 @@
+"""`/_video` of the one origin: pictures of a video server behind it, under the rules of sessions."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from lupin_runtime.cameras.http_server import VideoHttpServer
+from lupin_runtime.cameras.video_streams import VideoStreams
+from lupin_runtime.console.authority import Role
+from lupin_runtime.console.sessions import Sessions
+from tests.support.console_browser import Browser
+from tests.support.image_messages import gradient, jpeg
+from tests.support.published_pictures import PublishedPictures
+from tests.support.video_client import VideoClient
+
+if TYPE_CHECKING:
+    from lupin_runtime.console.node import Console
+    from tests.conftest import GraphHost
+
+pytestmark = pytest.mark.graph
+
+JPEG = jpeg(gradient())
+Serve = Callable[[str], "Console"]
+
+
+@pytest.fixture
+def pictures() -> PublishedPictures:
+    return PublishedPictures()
+
+
+@pytest.fixture
+def server(pictures: PublishedPictures) -> Iterator[VideoHttpServer]:
+    """The video server of a robot."""
+    made = VideoHttpServer("127.0.0.1", 0, VideoStreams(pictures, lambda _: None))
+    made.start()
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def serve(graph_host: GraphHost, tmp_path: Path) -> Iterator[Serve]:
+    """Starts a console whose pictures are at a URL."""
+    from lupin_runtime.console.node import Console
+
+    nodes: list[Console] = []
+
+    def start(target: str) -> Console:
+        files = {"folder": str(tmp_path), "sessions_file": str(tmp_path / "sessions.json")}
+        nodes.append(graph_host.add(Console({"port": 0, "rosbridge_port": 0, "video_target": target, **files})))
+        return nodes[-1]
+
+    yield start
+    for node in nodes:
+        node.before_shutdown()
+
+
+@pytest.fixture
+def console(serve: Serve, server: VideoHttpServer) -> Console:
+    return serve(f"http://127.0.0.1:{server.port}")
+
+
+@pytest.fixture
+def client(console: Console) -> Iterator[VideoClient]:
+    """A client on this computer."""
+    made = VideoClient(console.port, "/_video")
+    yield made
+    made.close()
+
+
+def clients_of(server: VideoHttpServer) -> int:
+    return sum(row["clients"] for row in server.streams.describe())
+
+
+def test_pictures_cross_the_link_once_for_all_browsers(
+    graph_host: GraphHost, server: VideoHttpServer, pictures: PublishedPictures, client: VideoClient
+) -> None:
+    streams = [client.stream("/stream?topic=/jpeg") for _ in range(4)]
+    for number in range(1, 4):
+        pictures.publish(JPEG, number)
+        assert {stream.picture() for stream in streams} == {(JPEG, number)}
+    assert clients_of(server) == 1
+    client.close()
+    graph_host.until(lambda: clients_of(server) == 0, what="the end of the stream with its last browser")
+    assert not pictures.subscriptions
+
+
+def test_browsers_that_join_and_leave_quickly_leave_nothing(
+    graph_host: GraphHost, console: Console, server: VideoHttpServer, pictures: PublishedPictures
+) -> None:
+    def visit() -> None:
+        for _ in range(15):
+            client = VideoClient(console.port, "/_video")
+            client.stream("/stream?topic=/jpeg")
+            client.close()
+
+    visitors = [threading.Thread(target=visit) for _ in range(3)]
+    for visitor in visitors:
+        visitor.start()
+    while any(visitor.is_alive() for visitor in visitors):
+        pictures.publish(JPEG)
+        time.sleep(0.002)
+    graph_host.until(lambda: clients_of(server) == 0, what="the end of all streams")
+
+
+def test_browser_that_never_reads_slows_nobody_down(
+    graph_host: GraphHost, console: Console, server: VideoHttpServer, pictures: PublishedPictures, client: VideoClient
+) -> None:
+    with socket.create_connection(("127.0.0.1", console.port)) as stuck:
+        stuck.sendall(b"GET /_video/stream?topic=/jpeg HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        graph_host.until(lambda: clients_of(server) == 1)
+        reader = client.stream("/stream?topic=/jpeg")
+        for number in range(1, 60):
+            pictures.publish(JPEG + bytes(500_000), number)
+            assert reader.picture()[1] == number
+
+
+def test_snapshots_and_cameras_are_passed_on(pictures: PublishedPictures, client: VideoClient) -> None:
+    assert [row["topic"] for row in client.json("/streams")] == ["/jpeg", "/raw"]
+    stop = threading.Event()
+
+    def publish() -> None:
+        while not stop.wait(0.01):
+            pictures.publish(JPEG, 5_000_000_006)
+
+    publishing = threading.Thread(target=publish)
+    publishing.start()
+    status, content, headers = client.get("/snapshot?topic=/jpeg")
+    stop.set()
+    publishing.join()
+    assert (status, content, headers["X-Timestamp"]) == (200, JPEG, "5.000000006")
+    assert headers["Content-Type"] == "image/jpeg" and headers["Cross-Origin-Resource-Policy"] == "same-origin"
+
+
+@pytest.mark.parametrize("path", ["/streams", "/snapshot?topic=/jpeg", "/stream?topic=/jpeg"])
+def test_only_paired_browsers_and_no_other_sites_see_pictures(console: Console, server: VideoHttpServer, path: str) -> None:
+    unpaired = VideoClient(console.port, "/_video", {"X-Forwarded-For": "192.0.2.7"})
+    assert "not paired" in unpaired.text(path, 401)
+    for site in ("cross-site", "same-site"):
+        assert "other sites" in VideoClient(console.port, "/_video", {"Sec-Fetch-Site": site}).text(path, 403)
+    assert "this server is not evil.example" in VideoClient(console.port, "/_video", {"Host": "evil.example"}).text(path, 421)
+    assert clients_of(server) == 0
+
+
+def test_stream_ends_when_its_browser_is_revoked(
+    graph_host: GraphHost, console: Console, pictures: PublishedPictures, tmp_path: Path
+) -> None:
+    phone = Browser(console.port, proxied=True)
+    code = json.loads((tmp_path / "console.json").read_text())["codes"][Role.VIEWER.value]
+    assert phone.post("/_api/pair", code=code)["role"] == "viewer"
+    client = VideoClient(console.port, "/_video", phone.headers)
+    stream = client.stream("/stream?topic=/jpeg")
+    pictures.publish(JPEG)
+    stream.picture()
+    Sessions(tmp_path / "sessions.json").revoke("phone-1")
+    with pytest.raises(EOFError):
+        stream.picture()
+    graph_host.until(lambda: not pictures.subscriptions, what="the end of the stream")
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "reason"),
+    [
+        ("/stream", 400, "/streams lists them"),
+        ("/stream?topic=/jpeg&width=1", 400, "width is a whole number"),
+        ("/stream?topic=/nothing", 404, "cameras: /jpeg, /raw"),
+        ("/snapshot?topic=/nothing", 404, "cameras: /jpeg, /raw"),
+    ],
+)
+def test_refusals_are_passed_on(client: VideoClient, path: str, status: int, reason: str) -> None:
+    assert reason in client.text(path, status)
+
+
+def test_robot_that_is_gone_and_back(server: VideoHttpServer, pictures: PublishedPictures, client: VideoClient) -> None:
+    stream = client.stream("/stream?topic=/jpeg")
+    pictures.publish(JPEG, 1)
+    stream.picture()
+    port = server.port
+    server.stop()
+    with pytest.raises(EOFError):
+        stream.picture()
+    for path in ("/stream?topic=/jpeg", "/snapshot?topic=/jpeg", "/streams"):
+        assert f"no video from http://127.0.0.1:{port}" in client.text(path, 502)
+    again = VideoHttpServer("127.0.0.1", port, VideoStreams(pictures, lambda _: None))
+    again.start()
+    try:
+        stream = client.stream("/stream?topic=/jpeg")
+        pictures.publish(JPEG, 2)
+        assert stream.picture() == (JPEG, 2)
+    finally:
+        again.stop()
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"",
+        b"SSH-2.0-OpenSSH_9.2\r\n",
+        b"HTTP/1.1 302 Found\r\nLocation: http://127.0.0.1:1/\r\n\r\n",
+        b"HTTP/1.1 500 Oops\r\nContent-Length: 3\r\n\r\nbad",
+        b"HTTP/1.1 200 OK\r\nContent-Length: 3\r\n\r\nbad",
+        b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\nzz",
+        b"HTTP/1.1 200 OK\r\n\r\n" + b"[" * 100_000,
+    ],
+)
+def test_something_else_at_its_port_is_reported(serve: Serve, answer: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as impostor:
+
+        def reply() -> None:
+            while True:
+                try:
+                    connection, _ = impostor.accept()
+                except OSError:
+                    return
+                with connection:
+                    connection.recv(65536)
+                    connection.sendall(answer)
+
+        threading.Thread(target=reply, daemon=True).start()
+        client = VideoClient(serve(f"http://127.0.0.1:{impostor.getsockname()[1]}").port, "/_video")
+        for path in ("/streams", "/snapshot?topic=/jpeg", "/stream?topic=/jpeg"):
+            assert "127.0.0.1" in client.text(path, 502)
+        impostor.shutdown(socket.SHUT_RDWR)
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_video_server_that_never_answers_is_given_up(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
+    from lupin_runtime.console import video
+
+    monkeypatch.setattr(video, "_ANSWER_S", 0.5)
+    monkeypatch.setattr(video, "_SILENCE_S", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        client = VideoClient(serve(f"http://127.0.0.1:{silent.getsockname()[1]}").port, "/_video")
+        for path in ("/streams", "/snapshot?topic=/jpeg", "/stream?topic=/jpeg"):
+            assert "does not respond" in client.text(path, 504)
+
+
+def test_console_serves_no_more_browsers_than_it_can(client: VideoClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    from lupin_runtime.console import video
+
+    monkeypatch.setattr(video, "MAX_CLIENTS", 2)
+    streams: list[Any] = [client.stream("/stream?topic=/jpeg") for _ in range(2)]
+    assert "2 browsers watch already" in client.text("/stream?topic=/jpeg", 503)
+    assert streams
