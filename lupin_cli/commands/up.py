@@ -43,6 +43,9 @@ def command(
     cameras: bool = typer.Option(True, "--cameras/--no-cameras", help="Simulate the cameras."),
     record: bool = typer.Option(True, "--record/--no-record", help="Record the graph to an MCAP file."),
     web: bool = typer.Option(True, "--web/--no-web", help="The console: its page on port 8090, rosbridge on 9090."),
+    video: bool = typer.Option(
+        True, "--video/--no-video", help="Pictures of the simulated cameras for the console, on 127.0.0.1:8091."
+    ),
     foxglove: bool = typer.Option(
         False, "--foxglove/--no-foxglove", help="Serve the graph to Foxglove and Lichtblick, read-only, on 127.0.0.1:8765."
     ),
@@ -75,7 +78,7 @@ def command(
     from lupin_cli.run.mission_client import goal_count
     from lupin_runtime.stack.table import Options
 
-    unavailable = _unavailable(web, joystick, rviz and not headless, foxglove)
+    unavailable = _unavailable(web, joystick, rviz and not headless, foxglove, video and web and cameras and target == "sim")
     options = Options(
         target=target,
         world=world,
@@ -93,6 +96,7 @@ def command(
         mission=mission,
         record=record,
         console=web and "web" not in unavailable,
+        video=video and "video" not in unavailable,
         foxglove=foxglove and "foxglove" not in unavailable,
         rviz=rviz and not headless and "rviz" not in unavailable,
         discovery_goal=goal_count(discovery_goal or DEFAULT_GOAL[target]),
@@ -147,26 +151,19 @@ def _check_foxglove_extra() -> None:
         raise typer.Exit(USAGE_ERROR)
 
 
-def _unavailable(web: bool, joystick: bool, rviz: bool, foxglove: bool = False) -> dict[str, str]:
+def _unavailable(web: bool, joystick: bool, rviz: bool, foxglove: bool = False, video: bool = False) -> dict[str, str]:
     """The requested parts that cannot be started on this machine, each with the reason."""
+    from lupin_runtime.console.ports import PortInUse, check_free
+    from lupin_runtime.stack.table import CONSOLE_PORT, FOXGLOVE_PORT, ROSBRIDGE_PORT, VIDEO_PORT
+
     unavailable = {}
-    if web:
-        from lupin_runtime.console.ports import PortInUse, check_free
-        from lupin_runtime.stack.table import CONSOLE_PORT, ROSBRIDGE_PORT
-
+    ports = {"web": (CONSOLE_PORT, ROSBRIDGE_PORT), "video": (VIDEO_PORT,), "foxglove": (FOXGLOVE_PORT,)}
+    for part, wanted in (("web", web), ("video", video), ("foxglove", foxglove)):
         try:
-            check_free("127.0.0.1", CONSOLE_PORT)
-            check_free("127.0.0.1", ROSBRIDGE_PORT)
+            for port in ports[part] if wanted else ():
+                check_free("127.0.0.1", port)
         except PortInUse as error:
-            unavailable["web"] = str(error)
-    if foxglove:
-        from lupin_runtime.console.ports import PortInUse, check_free
-        from lupin_runtime.stack.table import FOXGLOVE_PORT
-
-        try:
-            check_free("127.0.0.1", FOXGLOVE_PORT)
-        except PortInUse as error:
-            unavailable["foxglove"] = str(error)
+            unavailable[part] = str(error)
     if joystick:
         unavailable["joystick"] = "the Xbox teleop is not in this release"
     if rviz and shutil.which("rviz2") is None:

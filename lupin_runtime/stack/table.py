@@ -40,6 +40,7 @@ class Options:
     mission: bool = False
     record: bool = True
     console: bool = False
+    video: bool = True  # of the simulated cameras, for the console
     foxglove: bool = False
     rviz: bool = False
     map_file: Path | None = None
@@ -336,7 +337,7 @@ TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "video",
         (NodeRow("lupin_runtime.cameras.node:VideoServer"),),
-        when=lambda o: o.console and o.simulated and o.cameras,
+        when=lambda o: o.console and o.video and o.simulated and o.cameras,
         ready=(Port(VIDEO_PORT),),
         memory_max_mb=256,
         optional=True,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import os
 import socket
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,25 @@ def test_port_of_the_console_that_is_in_use_is_reported_with_its_owner(monkeypat
         reason = _unavailable(True, False, False)["web"]
         assert reason.startswith(f"port {port} is in use by process {os.getpid()} (")
     assert _unavailable(True, False, False) == {}
+
+
+def test_port_of_the_video_server_that_is_in_use_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        monkeypatch.setattr(table, "VIDEO_PORT", port)
+        assert f"port {port} is in use by process {os.getpid()} (" in _unavailable(False, False, False, video=True)["video"]
+    assert _unavailable(False, False, False, video=True) == {}
+
+
+def test_pictures_of_the_simulated_cameras_are_served_with_the_console() -> None:
+    def serves(**options: bool | str) -> bool:
+        return any(row.name == "video" for row in rows(replace(Options(), **options)))  # type: ignore[arg-type]
+
+    assert serves(console=True)
+    assert not serves(console=False)
+    for without in ("video", "cameras"):
+        assert not serves(console=True, **{without: False})
+    assert not serves(console=True, target="robot")
 
 
 def test_port_of_foxglove_that_is_in_use_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
