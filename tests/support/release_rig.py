@@ -364,7 +364,7 @@ class ReleaseRig:
             environment = {**os.environ, "XDG_STATE_HOME": str(self._folder.parents[2])}
             with (self._folder / "logs" / "release_rig_mission.log").open("wb") as log:
                 self._mission = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
-        self.until(lambda: self.mission == "READY", "mission that is ready")
+        self.until(lambda: self.mission in ("READY", "DONE"), "mission that can be started")
         answer = self.call(graph.MISSION_START, mission_type="ExplorationMission", discovery_goal=65535)
         if not answer.accepted:
             raise RuntimeError(answer.error_message)
