@@ -1,6 +1,8 @@
 "use strict";
 
 const element = (id) => document.getElementById(id);
+const CAMERAS_MS = 3000;
+const STALE_S = 2;
 let own = null;
 
 async function ask(path, body) {
@@ -30,11 +32,36 @@ function showStop(reasons) {
   element("reasons").textContent = reasons.length ? `Stopped: ${reasons.join(", ")}` : "Not stopped by a console.";
 }
 
+async function showCameras() {
+  let cameras = [];
+  try { cameras = await ask("/_video/streams"); } catch { /* none can be seen */ }
+  const shown = new Map([...element("cameras").children].map((figure) => [figure.dataset.topic, figure]));
+  for (const { topic, clients, age_s } of cameras) {
+    const figure = shown.get(topic) ?? addCamera(topic);
+    shown.delete(topic);
+    const stale = clients > 0 && (age_s === null || age_s > STALE_S);
+    figure.lastChild.textContent = stale ? `${topic}: no picture for ${age_s === null ? "long" : `${Math.round(age_s)} s`}` : topic;
+  }
+  for (const figure of shown.values()) figure.remove();
+}
+
+function addCamera(topic) {
+  const figure = document.createElement("figure"), image = document.createElement("img");
+  figure.dataset.topic = topic;
+  image.src = `/_video/stream?topic=${encodeURIComponent(topic)}`;
+  image.alt = `What ${topic} shows`;
+  image.onerror = () => figure.remove();
+  figure.append(image, document.createElement("figcaption"));
+  element("cameras").append(figure);
+  return figure;
+}
+
 function listen() {
   const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/_api/events`);
   // Control is lost by silence.
   const sign = setInterval(() => { if (socket.readyState === WebSocket.OPEN) socket.send("{}"); }, 1000);
-  socket.onopen = () => { element("problem").textContent = ""; };
+  const look = setInterval(showCameras, CAMERAS_MS);
+  socket.onopen = () => { element("problem").textContent = ""; showCameras(); };
   socket.onmessage = (message) => {
     const { event, value } = JSON.parse(message.data);
     if (event === "control") showControl(value);
@@ -42,6 +69,8 @@ function listen() {
   };
   socket.onclose = () => {
     clearInterval(sign);
+    clearInterval(look);
+    element("cameras").replaceChildren(); // a picture that no longer moves must not look like one that does
     element("problem").textContent = "The link to the robot is lost; the button on the robot still works.";
     setTimeout(start, 2000);
   };

@@ -1,0 +1,256 @@
+"""Video: 640 × 480 pixels at 30 frames a second to four browsers, through the console and from the video server.
+
+    python -m bench.bench_video [--seconds 10] [--suite FOLDER] [--json]
+
+A camera publishes photographs, as JPEG and raw. Processor time is that of the video server and the console together. With
+FOLDER, a checkout of rosbridge_suite, four of its clients get the JPEG pictures in the same run, as pages without a video
+server do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import http.client
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import psutil
+
+from bench.bench_console import rig, send
+from lupin_runtime import graph
+from lupin_runtime.cameras.mjpeg import PartReader
+from lupin_runtime.stack.dds import claim_domain, loopback_environment
+
+LIMITS = {"cores_percent": 15.0, "delay_median_ms": 60.0}
+CLIENTS = 4
+FPS = 30.0
+SETTLE_S = 3.0
+_CAMERA = graph.BODY_IMAGE_ROBOT
+
+
+# -- processes of their own ---------------------------------------------------------------------------------------------
+def serve(make: Callable[[], Any]) -> int:
+    """Run a node; prints its port."""
+    from lupin_runtime.ros import run
+
+    return run([make], ready=lambda nodes: print(nodes[0].port, flush=True))
+
+
+def video_server() -> int:
+    """Run the video server."""
+    from lupin_runtime.cameras.node import VideoServer
+
+    return serve(lambda: VideoServer({"port": 0}))
+
+
+def console(video_port: int) -> int:
+    """Run the console."""
+    from lupin_runtime.console.node import Console
+
+    return serve(lambda: Console({"port": 0, "rosbridge_port": 0, "video_target": f"http://127.0.0.1:{video_port}"}))
+
+
+def camera(kind: str) -> int:
+    """Publish pictures with the wall clock as their stamp, until the process is ended."""
+    import rclpy
+    from sensor_msgs.msg import CompressedImage, Image
+
+    from lupin_runtime.ros import LupinNode
+
+    rclpy.init(args=[])
+    node = LupinNode("camera")
+    # Noise on smooth shapes compresses to about as much as a photograph of a room: 40 kB.
+    noise = np.random.default_rng(0).normal(0, 6, (480, 640, 3))
+    shapes = 90 + 60 * np.sin(np.arange(640) / 37)[None, :, None] + 50 * np.cos(np.arange(480) / 23)[:, None, None]
+    pixels = np.clip(shapes + noise, 0, 255).astype(np.uint8)
+    if kind == "raw":
+        publisher = node.publisher(_CAMERA)
+        message: Any = Image(height=480, width=640, encoding="rgb8", step=1920, data=pixels.tobytes())
+    else:
+        publisher = node.publisher(graph.compressed(_CAMERA))
+        message = CompressedImage(format="jpeg", data=bytes(cv2.imencode(".jpg", pixels, (cv2.IMWRITE_JPEG_QUALITY, 75))[1]))
+    due_s = time.monotonic()
+    while True:
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 1_000_000_000)
+        publisher.publish(message)
+        due_s += 1.0 / FPS
+        time.sleep(max(0.0, due_s - time.monotonic()))
+
+
+# -- the rig ------------------------------------------------------------------------------------------------------------
+class Rig:
+    """A video server, a console in front of it, and a camera, on a graph of their own."""
+
+    def __init__(self, environment: dict[str, str], exits: ExitStack) -> None:
+        self._environment, self._exits = environment, exits
+        self.video_port, video = self._start("video")
+        self.console_port, origin = self._start("console", "--video-port", str(self.video_port))
+        self._servers = (psutil.Process(video.pid), psutil.Process(origin.pid))
+
+    def point_camera(self, kind: str) -> None:
+        """Start the camera, and wait until the video server lists it."""
+        self._start(kind, announces=False)
+        deadline_s = time.monotonic() + 20.0
+        while not self._cameras():
+            if time.monotonic() > deadline_s:
+                raise SystemExit("the video server has not found the camera")
+            time.sleep(0.1)
+
+    def cpu_s(self) -> float:
+        """The processor time that both servers have used."""
+        return sum(sum(each.cpu_times()[:2]) for each in self._servers)
+
+    def _cameras(self) -> Any:
+        connection = http.client.HTTPConnection("127.0.0.1", self.console_port, timeout=20)
+        try:
+            connection.request("GET", "/_video/streams")
+            return json.loads(connection.getresponse().read())
+        finally:
+            connection.close()
+
+    def _start(self, role: str, *arguments: str, announces: bool = True) -> tuple[int, subprocess.Popen[str]]:
+        command = [sys.executable, "-m", "bench.bench_video", "--as", role, *arguments]
+        process = subprocess.Popen(command, env=self._environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        self._exits.callback(process.wait, 20)
+        self._exits.callback(process.terminate)
+        assert process.stdout is not None  # it is a pipe
+        return int(process.stdout.readline()) if announces else 0, process
+
+
+@contextmanager
+def video_rig() -> Iterator[Rig]:
+    """Start a rig."""
+    claim = claim_domain()
+    with ExitStack() as exits, tempfile.TemporaryDirectory() as directory:
+        exits.callback(claim.release)
+        environment = loopback_environment(claim.domain, Path(directory), {**os.environ, "XDG_STATE_HOME": directory})
+        with ExitStack() as processes:
+            yield Rig(environment, processes)
+
+
+class Watcher(threading.Thread):
+    """A browser: notes how old each picture is when it has arrived."""
+
+    def __init__(self, port: int, path: str) -> None:
+        super().__init__(daemon=True)
+        self.delays_ms: list[float] = []
+        self._connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+        self._connection.request("GET", f"{path}?topic={_CAMERA.name}")
+        self._answer = self._connection.getresponse()
+        if self._answer.status != 200:
+            raise SystemExit(f"no stream: {self._answer.read().decode()}")
+        self.start()
+
+    def run(self) -> None:
+        """Read until the stream ends."""
+        reader = PartReader()
+        with suppress(http.client.HTTPException, ConnectionError):  # the servers are ended beneath it
+            while data := self._answer.read1(1 << 16):
+                for _, stamp_ns in reader.feed(data):
+                    self.delays_ms.append((time.time_ns() - stamp_ns) / 1e6)
+
+
+def watch(kind: str, through_console: bool, seconds: float) -> dict[str, float]:
+    """Four browsers watch a camera."""
+    with video_rig() as servers:
+        servers.point_camera(kind)
+        port, path = (servers.console_port, "/_video/stream") if through_console else (servers.video_port, "/stream")
+        watchers = [Watcher(port, path) for _ in range(CLIENTS)]
+        time.sleep(SETTLE_S)
+        for watcher in watchers:
+            watcher.delays_ms.clear()
+        before_s, began_s = servers.cpu_s(), time.monotonic()
+        time.sleep(seconds)
+        elapsed_s, used_s = time.monotonic() - began_s, servers.cpu_s() - before_s
+        delays_ms = [delay for watcher in watchers for delay in watcher.delays_ms]
+        return {
+            "cores_percent": 100.0 * used_s / elapsed_s,
+            "delay_median_ms": statistics.median(delays_ms),
+            "delay_p99_ms": statistics.quantiles(delays_ms, n=100)[98],
+            "fps": len(delays_ms) / elapsed_s / CLIENTS,
+            "pictures_per_cpu_s": len(delays_ms) / used_s,
+        }
+
+
+def suite_pictures(seconds: float, suite: Path) -> dict[str, float]:
+    """Four clients of rosbridge_suite get the same JPEG pictures as messages."""
+    with rig(suite) as server:
+        row = graph.compressed(_CAMERA)
+        clients = [server.client() for _ in range(CLIENTS)]
+        command = [sys.executable, "-m", "bench.bench_video", "--as", "jpeg"]
+        load = subprocess.Popen(command, env=server.environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        try:
+            for client in clients:
+                send(client, "subscribe", topic=row.name, type=row.type, queue_length=1)
+                client.recv(timeout=20.0)
+            time.sleep(SETTLE_S)
+            counts: list[int] = []
+            stop_s = time.monotonic() + seconds
+            before_s = server.cpu_s()
+
+            def count(client: Any) -> None:
+                number = 0
+                while time.monotonic() < stop_s:
+                    client.recv(timeout=20.0)
+                    number += 1
+                counts.append(number)
+
+            readers = [threading.Thread(target=count, args=(client,)) for client in clients]
+            for reader in readers:
+                reader.start()
+            for reader in readers:
+                reader.join()
+            return {"pictures_per_cpu_s": sum(counts) / (server.cpu_s() - before_s)}
+        finally:
+            load.terminate()
+            load.wait(20)
+
+
+def main() -> int:
+    """Measure every part, or be one of the measured processes with `--as`."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--suite", type=Path, help="checkout of rosbridge_suite, to be measured too")
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--as", dest="role", choices=("video", "console", "jpeg", "raw"), help=argparse.SUPPRESS)
+    parser.add_argument("--video-port", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.role == "video":
+        return video_server()
+    if options.role == "console":
+        return console(options.video_port)
+    if options.role:
+        return camera(options.role)
+    figures = {
+        f"{kind}, {'console' if through_console else 'video server'}": watch(kind, through_console, options.seconds)
+        for kind in ("jpeg", "raw")
+        for through_console in (True, False)
+    }
+    if options.suite:
+        ours = figures["jpeg, console"]["pictures_per_cpu_s"]
+        peer = suite_pictures(options.seconds, options.suite)
+        figures["jpeg, rosbridge_suite"] = {**peer, "ratio": ours / peer["pictures_per_cpu_s"]}
+    met = all(part[name] <= limit for part in figures.values() for name, limit in LIMITS.items() if name in part)
+    if options.json:
+        print(json.dumps({"figures": figures, "limits": LIMITS, "met": met}))
+    else:
+        for part, values in figures.items():
+            print(f"{part:24}" + "".join(f"  {name} {value:.1f}" for name, value in values.items()))
+        print("limits: " + ", ".join(f"{name} {limit:g}" for name, limit in LIMITS.items()) + ("  ok" if met else "  MISSED"))
+    return 0 if met else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
