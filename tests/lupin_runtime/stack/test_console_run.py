@@ -1,4 +1,4 @@
-"""A run with its console: a client that drives, and the console killed and stopped beneath it.
+"""A run with its console: pictures, a client that drives, and the console killed and stopped beneath it.
 
 One test, because the console's ports are of the whole machine.
 """
@@ -21,7 +21,9 @@ from lupin_runtime import graph
 from lupin_runtime.console.description import read_description
 from tests.lupin_runtime.stack.conftest import Up
 from tests.support.console_browser import Browser
+from tests.support.image_messages import decoded
 from tests.support.rosbridge_client import RosbridgeClient
+from tests.support.video_client import VideoClient
 
 pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
 
@@ -65,7 +67,7 @@ def replaced(before: dict[str, Any], state: dict[str, Any]) -> bool:
 
 
 def test_console_serves_a_run_and_its_end_stops_who_drives(launch: Callable[..., Up]) -> None:
-    run = launch("--headless", "--json", "--world", "walled", "--no-record", "--no-cameras", "--web")
+    run = launch("--headless", "--json", "--world", "walled", "--no-record", "--web")
     run.wait_up()
     folder = run.folder()
     assert folder is not None
@@ -76,6 +78,11 @@ def test_console_serves_a_run_and_its_end_stops_who_drives(launch: Callable[...,
     # A second console says which process has the port.
     refused = run.lupin("console")
     assert refused.returncode == 2 and f"port {described.port} is in use by process" in refused.stderr
+
+    pictures = VideoClient(described.port, "/_video")
+    cameras = {graph.BODY_IMAGE_SIM.name, graph.GRIPPER_IMAGE.name}
+    run.wait(lambda: cameras <= {row["topic"] for row in pictures.json("/streams")}, "both cameras")
+    assert decoded(pictures.get(f"/snapshot?topic={graph.BODY_IMAGE_SIM.name}")[1]).shape == (480, 640, 3)
 
     browser = Browser(described.port)
     browser.get("/")
