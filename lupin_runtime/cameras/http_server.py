@@ -13,7 +13,8 @@ import threading
 import time
 from collections.abc import Callable
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
+from socketserver import ThreadingTCPServer
 from typing import Any
 from urllib.parse import parse_qsl, quote, urlsplit
 
@@ -25,15 +26,17 @@ MAX_CONNECTIONS = 64
 MAX_CONNECTIONS_OF_ADDRESS = 16
 REQUEST_S = 10.0  # within which a client must have sent its request, and taken a picture
 SNAPSHOT_S = 5.0
+_STOP_S = 2.0
 _LOOK_S = 0.5  # how often a stream without pictures looks whether its client is still there
 # What the kernel may keep for a slow client beyond what is on its way: pictures that wait there are late when they arrive.
 _UNSENT_BYTES = 32_768
 _HEADERS = {"Cache-Control": "no-store", "Connection": "close", "X-Content-Type-Options": "nosniff"}
 
 
-class VideoHttpServer(ThreadingHTTPServer):
+class VideoHttpServer(ThreadingTCPServer):  # an HTTPServer resolves this host's name, which may take long on a robot
     """Serves `/stream`, `/snapshot`, `/streams`, `/stream_viewer` and a list at `/`. The constructor raises OSError."""
 
+    allow_reuse_address = True
     daemon_threads = True
     block_on_close = False
     request_queue_size = 64
@@ -57,14 +60,22 @@ class VideoHttpServer(ThreadingHTTPServer):
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop accepting, and end all streams."""
+        """Stop accepting, and end all streams; returns when they have left the graph."""
         self.closing = True
         if self._thread.is_alive():
             self.shutdown()
         self.server_close()
+        self.streams.close()
+        deadline_s = time.monotonic() + _STOP_S
+        while self._hang_up_all() and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+
+    def _hang_up_all(self) -> int:
+        """How many connections there were still."""
         with self._open_lock:
             for connection in self._open:
                 _hang_up(connection)
+            return len(self._open)
 
     def requested(self, connection: socket.socket) -> None:
         """Note that a client has sent its request."""

@@ -64,6 +64,13 @@ class VideoStreams:
                     del self._feeds[source]
                     feed.leave()
 
+    def close(self) -> None:
+        """Wake all who wait for a frame of a stream that is open; none follows."""
+        with self._lock:
+            for feed in self._feeds.values():
+                for view in feed.views.values():
+                    view.close()
+
     def describe(self) -> list[dict[str, Any]]:
         """The cameras of the graph: topic, whether they publish JPEG, and of those that are watched, clients and rate."""
         publishers = self._graph.publishers()
