@@ -9,6 +9,7 @@ This module does not import rclpy: `lupin_runtime.ros` turns the rows into publi
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 from math import inf
 from typing import TypeVar
@@ -302,6 +303,16 @@ def topics() -> tuple[Topic, ...]:
     images = (BODY_IMAGE_SIM, BODY_IMAGE_ROBOT, GRIPPER_IMAGE)
     companions = tuple(companion(image) for image in images for companion in (compressed, camera_info))
     return _rows(Topic) + companions + tuple(servo_position(servo) for servo in SERVOS)
+
+
+@functools.cache
+def _topics_by_name() -> dict[str, Topic]:
+    return {row.name: row for row in topics()}
+
+
+def topic(name: str) -> Topic | None:
+    """The topic of a name; None where this table has none."""
+    return _topics_by_name().get(name)
 
 
 def services() -> tuple[Service, ...]:

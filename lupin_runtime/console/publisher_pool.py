@@ -18,7 +18,6 @@ from lupin_runtime.ros.node import qos_profile
 # A page that is loaded again advertises the same topics within seconds; discovery would lose its first messages.
 UNREGISTER_AFTER_S = 10.0
 DEFAULT_QUEUE = 100
-_ROWS = {row.name: row for row in graph.topics()}
 
 
 @dataclass
@@ -88,7 +87,7 @@ class PublisherPool:
         wanted = interfaces.full_name(type_name, "msg") if type_name is not None else str(known)
         if known is not None and known != wanted:
             raise TopicFailed(type_conflict(topic, wanted, known))
-        row = _ROWS.get(topic)
+        row = graph.topic(topic)
         qos = row.qos if row is not None else graph.Qos(reliable=True, latched=latch, depth=1 if latch else queue_size)
         try:
             message_class = interfaces.find(wanted, "msg")

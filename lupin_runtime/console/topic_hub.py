@@ -20,8 +20,6 @@ from lupin_runtime.console.outbox import SAMPLES_PER_TOPIC, Frame
 from lupin_runtime.console.subscription import ClientSubscription, Request
 from lupin_runtime.ros.raw_subscription import QUEUE_DEPTH, RawSubscription
 
-_ROWS = {row.name: row for row in graph.topics()}
-
 
 class TopicFailed(ValueError):
     """A topic that can't be subscribed to or published on, with the reason as text."""
@@ -48,7 +46,7 @@ class _Stream:
     @property
     def droppable(self) -> bool:
         """Whether an old message may be dropped for a newer one: samples of sensors, but not changes of state."""
-        row = _ROWS.get(self.topic)
+        row = graph.topic(self.topic)
         if row is graph.ESTOP_STATE or row is graph.ROSOUT:
             return False
         return not self.subscription.qos.latched and (row is None or row.rate_hz is not None)
@@ -141,7 +139,7 @@ class TopicHub:
                 encoded = self._encode(stream, data, merged.compression)
                 if encoded is None:
                     return
-                depth = merged.queue_length or (SAMPLES_PER_TOPIC if stream.topic in _ROWS else QUEUE_DEPTH)
+                depth = merged.queue_length or (SAMPLES_PER_TOPIC if graph.topic(stream.topic) is not None else QUEUE_DEPTH)
                 frames[key] = replace(encoded, stream=stream.topic, depth=depth) if stream.droppable else encoded
             receiver.deliver(frames[key])
 
@@ -159,7 +157,7 @@ class TopicHub:
 def topic_type(node: Node, topic: str) -> str | None:
     """The type of a topic on the graph, or else in the graph's table; None where both lack it."""
     kinds: Sequence[str] = dict(node.get_topic_names_and_types()).get(topic, ())
-    row = _ROWS.get(topic)
+    row = graph.topic(topic)
     return kinds[0] if kinds else row.type if row is not None else None
 
 

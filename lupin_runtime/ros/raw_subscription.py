@@ -15,7 +15,6 @@ from lupin_runtime import graph
 from lupin_runtime.ros.node import qos_profile
 
 QUEUE_DEPTH = 100  # of topics that the graph's table does not have
-_ROWS = {row.name: row for row in graph.topics()}
 
 
 class RawSubscription:
@@ -92,5 +91,5 @@ class RawSubscription:
 
 def _default_qos(topic: str) -> graph.Qos:
     """What the graph's table says, or else reliable."""
-    row = _ROWS.get(topic)
+    row = graph.topic(topic)
     return row.qos if row is not None else graph.Qos(reliable=True, depth=QUEUE_DEPTH)
