@@ -9,6 +9,9 @@ from typing import Any
 
 from aiohttp import web
 
+from lupin_runtime.console.authority import Session
+
+SESSION = web.RequestKey("session", Session)  # who sent a request
 OPENAPI_PATH = "/_api/openapi.json"
 
 
@@ -29,6 +32,17 @@ class Resource:
     def method(self) -> str:
         """POST where it takes an object, and else GET."""
         return "GET" if self.body is None else "POST"
+
+
+async def json_object(request: web.Request) -> dict[str, Any]:
+    """The JSON object that a request carries. Raises HTTPBadRequest."""
+    try:
+        body = await request.json()
+    except (ValueError, RecursionError) as error:
+        raise web.HTTPBadRequest(text=f"not JSON: {error}\n") from error
+    if not isinstance(body, dict):
+        raise web.HTTPBadRequest(text="expected a JSON object\n")
+    return body
 
 
 def add_resources(application: web.Application, resources: Sequence[Resource]) -> None:

@@ -66,6 +66,10 @@ class _OnGraph:
     handled: int = 0
 
 
+class ServiceFailed(RuntimeError):
+    """A service that did not answer, with the reason as text."""
+
+
 class Bridge:
     """Shared by all clients. Its node must be spun by a single-threaded executor."""
 
@@ -215,6 +219,20 @@ class Bridge:
             return
         bound_s = TIMEOUT_S if timeout_s is None or not math.isfinite(timeout_s) else float(timeout_s)
         self._run(client, "call_service", lambda: self._services.call(service, arguments, bound_s, done))
+
+    def request_service(self, session: Session, service: str, arguments: dict[str, Any]) -> Future[Any]:
+        """Call a service for a request of the API. Raises Refused; the future gets the response or a ServiceFailed."""
+        self.authority.call(session, service, time.monotonic_ns())
+        answered: Future[Any] = Future()
+
+        def done(succeeded: bool, response: Any) -> None:
+            if succeeded:
+                answered.set_result(response)
+            else:
+                answered.set_exception(ServiceFailed(str(response)))
+
+        self._ros.run(lambda: self._services.call(service, arguments, TIMEOUT_S, done)).add_done_callback(self._log_failure)
+        return answered
 
     def _call_rosapi(self, client: Client, service: str, arguments: Any, done: Done) -> None:
         def call() -> None:

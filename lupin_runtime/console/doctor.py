@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
+
+from lupin_runtime.console.program import LupinProgram, ProgramError
 
 EXAMINATION_BOUND_S = 90.0
 FIX_BOUND_S = 300.0
-_STOP_BOUND_S = 5.0
 
 
 class DoctorError(RuntimeError):
@@ -19,14 +18,14 @@ class DoctorError(RuntimeError):
 
 
 class Doctor:
-    """Runs one examination or fix at a time. `command` is the command line's program and first arguments, as a list.
+    """Runs one examination or fix at a time.
 
     `changed` is called with the state whenever it changes: whether it is busy, the last diagnosis as `lupin doctor --json`
     prints it, when that was made (wall clock, s), and what went wrong. For the event loop only.
     """
 
-    def __init__(self, command: Sequence[str], changed: Callable[[dict[str, Any]], None]) -> None:
-        self._command = list(command)
+    def __init__(self, program: LupinProgram, changed: Callable[[dict[str, Any]], None]) -> None:
+        self._program = program
         self._changed = changed
         self._task: asyncio.Task[None] | None = None
         self._state: dict[str, Any] = {"busy": "", "diagnosis": None, "examined_s": None, "problem": ""}
@@ -94,36 +93,14 @@ class Doctor:
 
     async def _run(self, arguments: list[str], bound_s: float) -> dict[str, Any]:
         """The JSON object that a command prints. Raises DoctorError."""
-        pipe = asyncio.subprocess.PIPE
-        process = await asyncio.create_subprocess_exec(
-            *self._command, *arguments, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe
-        )
         try:
-            output, errors = await asyncio.wait_for(process.communicate(), bound_s)
-        except asyncio.TimeoutError:
-            raise DoctorError(f"lupin {arguments[0]} did not end within {bound_s:g} s") from None
-        finally:
-            if process.returncode is None:
-                await _end(process)
-        try:
-            result = json.loads(output)
-            if not isinstance(result, dict):
-                raise ValueError("no object")
-        except ValueError:
-            said = errors.decode(errors="replace").strip().splitlines()
-            raise DoctorError(f"lupin {arguments[0]}: {said[-1] if said else f'ended with {process.returncode}'}") from None
+            result = await self._program.run(arguments, bound_s)
+        except ProgramError as error:
+            raise DoctorError(str(error)) from error
+        if not isinstance(result, dict):
+            raise DoctorError(f"lupin {arguments[0]} printed no object")
         return result
 
     def _update(self, **fields: Any) -> None:
         self._state = {**self._state, **fields}
         self._changed(self._state)
-
-
-async def _end(process: asyncio.subprocess.Process) -> None:
-    with contextlib.suppress(ProcessLookupError):
-        process.terminate()
-    try:
-        await asyncio.wait_for(process.wait(), _STOP_BOUND_S)
-    except asyncio.TimeoutError:
-        process.kill()
-        await process.wait()

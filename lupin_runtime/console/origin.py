@@ -15,16 +15,19 @@ from aiohttp import WSCloseCode, web
 
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.console import run_files
-from lupin_runtime.console.api_table import Resource, add_resources
+from lupin_runtime.console.api_table import SESSION, Resource, add_resources, json_object
 from lupin_runtime.console.authority import Refused, Role, Session
 from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.connection import HEARTBEAT_S, MAX_MESSAGE_BYTES, Connection, Handoff
 from lupin_runtime.console.doctor import Doctor, DoctorError
 from lupin_runtime.console.events import EventChannel
 from lupin_runtime.console.pairing import PairingCodes
+from lupin_runtime.console.plays import Plays
+from lupin_runtime.console.program import LupinProgram
 from lupin_runtime.console.request_rules import check_encryption, check_host, check_origin, device_kind, is_loopback
 from lupin_runtime.console.rosbridge import RosbridgeClient
 from lupin_runtime.console.sessions import LIFE_S, Sessions
+from lupin_runtime.console.shared_data import SharedData
 from lupin_runtime.console.video import VideoRelay
 
 COOKIE = "lupin_session"
@@ -33,7 +36,6 @@ LOCAL = Session("this computer", Role.OPERATOR)  # of programs on it, which keep
 _AUTHORITY_PATH = "/authority.crt"
 _PAGE = Path(__file__).with_name("page")
 _WRONG_CODE_PAUSE_S = 1.0
-_SESSION = web.RequestKey("session", Session)
 _HEADERS = {
     "Content-Security-Policy": "default-src 'self'; connect-src 'self' ws: wss:; frame-ancestors 'none'; base-uri 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -73,7 +75,9 @@ class Origin:
         authority_file: Path | None = None,
     ) -> None:
         """With `authority_file`, the certificate that devices install, others than this computer are sent to HTTPS."""
-        self.doctor = Doctor(doctor_command, lambda state: self._events.push("doctor", state))
+        program = LupinProgram(doctor_command)
+        self.doctor = Doctor(program, lambda state: self._events.push("doctor", state))
+        self._plays = Plays(program)
         self.video = VideoRelay(video_target, self._is_paired)
         self._bridge = bridge
         self._authority_file = authority_file
@@ -81,6 +85,7 @@ class Origin:
         self._sessions = sessions
         self._codes = codes
         self._events = EventChannel()
+        self._shared = SharedData(bridge, self._events)
         self._sockets: dict[web.WebSocketResponse, Session] = {}
         self._open_paths: set[str] = set()
         self._opened = 0
@@ -108,7 +113,10 @@ class Origin:
             Resource("/_api/events", self._listen, "A WebSocket with all that changes: control, stop, run, doctor."),
         )
         self._open_paths = {"/", _AUTHORITY_PATH, *(resource.path for resource in own if resource.open)}
-        add_resources(application, (*own, *run_files.resources(), *self.video.resources()))
+        add_resources(
+            application,
+            (*own, *run_files.resources(), *self._shared.resources(), *self._plays.resources(), *self.video.resources()),
+        )
         return application
 
     def push_state(self) -> None:
@@ -142,7 +150,7 @@ class Origin:
             if session is None and is_loopback(request):
                 session = LOCAL
             if session is not None:
-                request[_SESSION] = session
+                request[SESSION] = session
             elif request.path not in self._open_paths and not request.path.startswith("/page/"):
                 raise Unpaired
             response = await handler(request)
@@ -154,7 +162,7 @@ class Origin:
             response = web.json_response({"error": str(refusal)}, status=403)
         except DoctorError as error:
             response = web.json_response({"error": str(error)}, status=409)
-        except (MalformedFile, OSError) as error:  # the file of paired browsers
+        except (MalformedFile, OSError) as error:  # of paired browsers, locations or settings
             response = web.json_response({"error": str(error)}, status=503)
         if not response.prepared:
             for name, value in _HEADERS.items():
@@ -164,7 +172,7 @@ class Origin:
     # -- the page -----------------------------------------------------------------------------------------------------
     async def _page(self, request: web.Request) -> web.StreamResponse:
         response = web.FileResponse(_PAGE / "index.html")
-        if request.get(_SESSION) is LOCAL and "text/html" in request.headers.get("Accept", ""):
+        if request.get(SESSION) is LOCAL and "text/html" in request.headers.get("Accept", ""):
             _, token = self._sessions.add(device_kind(request.headers.get("User-Agent", "")), Role.OPERATOR)
             _set_cookie(request, response, token)
         return response
@@ -178,7 +186,7 @@ class Origin:
         return response
 
     async def _pair(self, request: web.Request) -> web.StreamResponse:
-        code = (await _object(request)).get("code")
+        code = (await json_object(request)).get("code")
         if not isinstance(code, str) or len(code) > 100:
             raise web.HTTPBadRequest(text="expected a code\n")
         try:
@@ -197,7 +205,7 @@ class Origin:
 
     # -- rosbridge ----------------------------------------------------------------------------------------------------
     async def _ros(self, request: web.Request) -> web.StreamResponse:
-        session = request[_SESSION]
+        session = request[SESSION]
         self._opened += 1
         if session is LOCAL:
             session = Session(f"program {self._opened} of this computer", Role.OPERATOR)
@@ -212,13 +220,13 @@ class Origin:
 
     # -- the API ------------------------------------------------------------------------------------------------------
     async def _session(self, request: web.Request) -> web.StreamResponse:
-        session = request.get(_SESSION)
+        session = request.get(SESSION)
         own = None if session is None else {"name": session.name, "role": session.role.value}
         return web.json_response({"session": own, "control": self._control(), "stop": self._bridge.stop_reasons()})
 
     async def _lease(self, request: web.Request) -> web.StreamResponse:
-        session = request[_SESSION]
-        body = await _object(request)
+        session = request[SESSION]
+        body = await json_object(request)
         authority, now_ns = self._bridge.authority, time.monotonic_ns()
         action = body.get("action")
         if action == "take":
@@ -240,8 +248,8 @@ class Origin:
         return web.json_response(self._control())
 
     async def _stop(self, request: web.Request) -> web.StreamResponse:
-        session = request[_SESSION]
-        engaged = (await _object(request)).get("engaged")
+        session = request[SESSION]
+        engaged = (await json_object(request)).get("engaged")
         if engaged is True:
             self._bridge.stop_for(session)
         elif engaged is False:
@@ -255,24 +263,24 @@ class Origin:
         return web.json_response(self.doctor.state)
 
     async def _examine(self, request: web.Request) -> web.StreamResponse:
-        await _object(request)
+        await json_object(request)
         self.doctor.start_examination()
         return web.json_response(self.doctor.state)
 
     async def _fix(self, request: web.Request) -> web.StreamResponse:
-        body = await _object(request)
+        body = await json_object(request)
         finding, confirmed = body.get("finding"), body.get("confirmed")
         if not isinstance(finding, str) or not isinstance(confirmed, bool):
             raise web.HTTPBadRequest(
                 text="finding is the id of a finding, and confirmed true to play its fix, false to preview it\n"
             )
-        session = request[_SESSION]
+        session = request[SESSION]
         self._bridge.authority.take(session, time.monotonic_ns())
         self._bridge.record(session.name, f"{'fix' if confirmed else 'preview the fix of'} {finding[:100]}")
         return web.json_response(await self.doctor.fix(finding, dry_run=not confirmed))
 
     async def _listen(self, request: web.Request) -> web.StreamResponse:
-        session = request[_SESSION]
+        session = request[SESSION]
         socket, connection = await self._open(request)
         self._events.join(connection)
         try:
@@ -284,7 +292,7 @@ class Origin:
 
     def _is_paired(self, request: web.Request) -> bool:
         """Whether the browser that sent a request is still paired."""
-        session = request[_SESSION]
+        session = request[SESSION]
         return session is LOCAL or self._sessions.is_valid(session)
 
     def _control(self) -> dict[str, Any]:
@@ -299,19 +307,8 @@ class Origin:
             raise web.HTTPServiceUnavailable(text=f"{MAX_CLIENTS} clients are connected\n")
         socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
         await socket.prepare(request)
-        self._sockets[socket] = request[_SESSION]
+        self._sockets[socket] = request[SESSION]
         return socket, Connection(socket)
-
-
-async def _object(request: web.Request) -> dict[str, Any]:
-    """The JSON object that a request carries. Raises HTTPBadRequest."""
-    try:
-        body = await request.json()
-    except (ValueError, RecursionError) as error:
-        raise web.HTTPBadRequest(text=f"not JSON: {error}\n") from error
-    if not isinstance(body, dict):
-        raise web.HTTPBadRequest(text="expected a JSON object\n")
-    return body
 
 
 def _set_cookie(request: web.Request, response: web.StreamResponse, token: str) -> None:

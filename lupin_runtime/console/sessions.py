@@ -5,10 +5,8 @@ The file holds only hashes of the tokens. The server and `lupin console revoke` 
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
-import os
 import secrets
 import time
 from collections.abc import Callable, Iterator
@@ -18,13 +16,13 @@ from pathlib import Path
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
 from lupin_runtime.console.authority import Role, Session
+from lupin_runtime.console.shared_file import locked
 from lupin_runtime.stack.runs import state_home
 
 # A browser that did not come for so long has to be paired again.
 LIFE_S = 30 * 86400.0
 MAX_SESSIONS = 200
 _NOTED_EVERY_S = 3600.0
-_LOCK_BOUND_S = 2.0
 
 
 def sessions_file() -> Path:
@@ -132,30 +130,13 @@ class Sessions:
 
     @contextmanager
     def _changing(self) -> Iterator[dict[str, Pairing]]:
-        self._path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        descriptor = os.open(self._path.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        try:
-            _lock(descriptor, self._path)
+        with locked(self._path):
             pairings = self._read()
             yield pairings
             rows = [{**asdict(pairing), "role": pairing.role.value} for pairing in pairings.values()]
             write_atomically(self._path, json.dumps({"sessions": rows}, indent=1), mode=0o600, sync=True)
-        finally:
-            os.close(descriptor)
         self.refresh()
 
 
 def _hash(token: str) -> str:
     return hashlib.sha256(token.encode()).hexdigest()
-
-
-def _lock(descriptor: int, path: Path) -> None:
-    deadline_s = time.monotonic() + _LOCK_BOUND_S
-    while True:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return
-        except BlockingIOError:
-            if time.monotonic() > deadline_s:
-                raise TimeoutError(f"another process has held the lock of {path} for {_LOCK_BOUND_S:g} s") from None
-            time.sleep(0.01)

@@ -1,0 +1,75 @@
+"""Named locations on the map, which all browsers share. `home` is where the map begins, until it is put elsewhere."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from lupin_runtime.atomic_file import MalformedFile
+from lupin_runtime.console.shared_file import change_object, read_object
+from lupin_runtime.stack.runs import state_home
+
+MAX_LOCATIONS = 500
+MAX_NAME = 64
+MAX_COORDINATE_M = 10_000.0
+HOME = "home"
+_AT_ORIGIN = {"x": 0.0, "y": 0.0, "yaw": 0.0}
+
+
+class BadLocation(ValueError):
+    """A location that can't be saved or removed, with the reason as text."""
+
+
+def locations_file() -> Path:
+    """The file of this user's locations."""
+    return state_home() / "console" / "locations.json"
+
+
+def all_locations(path: Path) -> dict[str, dict[str, float]]:
+    """The pose of each location on the map: x and y in m, yaw in rad. Raises MalformedFile and OSError."""
+    stored = read_object(path)
+    try:
+        return {HOME: dict(_AT_ORIGIN), **{_checked_name(name): _checked_pose(pose) for name, pose in stored.items()}}
+    except BadLocation as error:
+        raise MalformedFile(path, None, str(error)) from error
+
+
+def save_location(path: Path, name: Any, pose: Any) -> dict[str, dict[str, float]]:
+    """Save or replace a location; returns all. Raises BadLocation, MalformedFile and OSError."""
+    checked_name, checked_pose = _checked_name(name), _checked_pose(pose)
+
+    def add(locations: dict[str, Any]) -> dict[str, Any]:
+        if checked_name not in locations and len(locations) >= MAX_LOCATIONS:
+            raise BadLocation(f"there are {MAX_LOCATIONS} locations; remove one first")
+        return {**locations, checked_name: checked_pose}
+
+    return {HOME: dict(_AT_ORIGIN), **change_object(path, add)}
+
+
+def remove_location(path: Path, name: Any) -> dict[str, dict[str, float]]:
+    """Remove a location, or put `home` back; returns all. Raises BadLocation, MalformedFile and OSError."""
+
+    def remove(locations: dict[str, Any]) -> dict[str, Any]:
+        if name not in (*locations, HOME):
+            raise BadLocation(f"there is no location {str(name)[:MAX_NAME]!r}")
+        return {each: pose for each, pose in locations.items() if each != name}
+
+    return {HOME: dict(_AT_ORIGIN), **change_object(path, remove)}
+
+
+def _checked_name(name: Any) -> str:
+    if not isinstance(name, str) or not name.strip() or len(name) > MAX_NAME or not name.isprintable():
+        raise BadLocation(f"a location's name has up to {MAX_NAME} printable characters")
+    return name.strip()
+
+
+def _checked_pose(pose: Any) -> dict[str, float]:
+    checked = {}
+    for field in ("x", "y", "yaw"):
+        value = pose.get(field) if isinstance(pose, dict) else None
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= MAX_COORDINATE_M:
+            raise BadLocation(f"{field} is a number up to {MAX_COORDINATE_M:g}: x and y in m, yaw in rad")
+        checked[field] = float(value)
+    checked["yaw"] = math.remainder(checked["yaw"], math.tau)
+    return checked

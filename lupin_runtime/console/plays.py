@@ -1,0 +1,70 @@
+"""The API's resources about playbooks: their runs, as the journal has them, and what was deployed to which robot."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from aiohttp import web
+
+from lupin_runtime.console.api_table import Resource
+from lupin_runtime.console.program import LupinProgram, ProgramError
+
+_BOUND_S = 20.0
+_LISTED = 200
+_DEPLOY = "deploy-robot"
+_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.:@+-]{0,199}")
+_UNFINISHED = ("interrupted", "cut off", "unreachable", "failed")
+
+
+class Plays:
+    """Asks the program for its journal, which reads the disk only."""
+
+    def __init__(self, program: LupinProgram) -> None:
+        self._program = program
+
+    def resources(self) -> tuple[Resource, ...]:
+        """The routes, each with what it answers."""
+        return (
+            Resource(
+                "/_api/plays",
+                self._plays,
+                f"The last {_LISTED} runs of playbooks, newest first: playbook, robot, state, and how to go on.",
+            ),
+            Resource("/_api/plays/{play}", self._play, "One run of a playbook, with its steps."),
+            Resource("/_api/deployments", self._deployments, "The last deploy to each robot, and how it ended."),
+        )
+
+    async def _plays(self, _: web.Request) -> web.StreamResponse:
+        return web.json_response(await self._listed())
+
+    async def _play(self, request: web.Request) -> web.StreamResponse:
+        play = request.match_info["play"]
+        if not _ID.fullmatch(play) or play not in [each["run"] for each in await self._listed()]:
+            raise web.HTTPNotFound(text="there is no such run; see /_api/plays\n")
+        return web.json_response(_with_resume(await self._journal("show", "--json", play)))
+
+    async def _deployments(self, _: web.Request) -> web.StreamResponse:
+        newest: dict[str, dict[str, Any]] = {}
+        for play in await self._listed():
+            if play["playbook"] == _DEPLOY and not play["undo_of"]:
+                newest.setdefault(play["robot"], play)
+        return web.json_response(list(newest.values()))
+
+    async def _listed(self) -> list[dict[str, Any]]:
+        rows = await self._journal("list", "--json", "-n", str(_LISTED))
+        return [_with_resume(row) for row in rows]
+
+    async def _journal(self, *arguments: str) -> Any:
+        try:
+            return await self._program.run(["journal", *arguments], _BOUND_S)
+        except ProgramError as error:
+            raise web.HTTPServiceUnavailable(text=f"{error}\n") from error
+
+
+def _with_resume(play: dict[str, Any]) -> dict[str, Any]:
+    """A run with the command that goes on with it, empty where there is nothing to go on with; the path stays here."""
+    robot = f" --robot {play['robot']}" if play["robot"] else ""
+    unfinished = play["state"] in _UNFINISHED and not play["undo_of"]
+    command = f"lupin play {play['playbook']}{robot} --resume" if unfinished else ""
+    return {**{name: value for name, value in play.items() if name != "path"}, "resume": command}

@@ -1,0 +1,161 @@
+"""The page's settings, which the console keeps for every browser: one table, from which pages also take types and defaults.
+
+A key for a voice service is none of them: it stays in the browser that it was typed into. Nor are the addresses of rosbridge
+and video, which are the page's own origin.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lupin_runtime import graph
+from lupin_runtime.atomic_file import MalformedFile
+from lupin_runtime.console.shared_file import change_object, read_object
+from lupin_runtime.stack.runs import state_home
+
+VERSION = 5
+OLDEST_VERSION = 2
+# What browsers stored under these names before version 5 was not their operator's choice.
+_DROPPED_BEFORE_5 = ("polarityInvertHmi", "estopAutoOnFocusLoss")
+_KEPT_BY_BROWSERS = ("rosUrl", "webVideoServerUrl", "geminiApiKey", "voiceNamedLocations")
+_NAME = re.compile(r"[A-Za-z_/][A-Za-z0-9_/]{0,255}")
+
+
+class BadSetting(ValueError):
+    """A setting that is unknown or has a value that it can't have, with its name and what is expected."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One setting: its type is that of the default. Numbers have a range, texts may have choices or be names of ROS."""
+
+    name: str
+    default: bool | int | float | str
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[str, ...] = ()
+    ros_name: bool = False
+    max_length: int = 256
+
+    def check(self, value: Any) -> Any:
+        """The value, if it may have it. Raises BadSetting."""
+        if isinstance(self.default, bool):
+            return self._expect(value, isinstance(value, bool), "true or false")
+        if isinstance(self.default, (int, float)):
+            fits = isinstance(value, (int, float)) and not isinstance(value, bool) and self.low <= value <= self.high
+            whole = isinstance(self.default, int)
+            kind = (
+                f"a {'whole ' if whole else ''}number from {self.low:g} to {self.high:g}{f' {self.unit}' if self.unit else ''}"
+            )
+            return self._expect(value, fits and (not whole or value == int(value)), kind)
+        if self.choices:
+            return self._expect(value, value in self.choices, f"one of {', '.join(self.choices)}")
+        if self.ros_name:
+            return self._expect(value, isinstance(value, str) and bool(_NAME.fullmatch(value)), "a ROS name")
+        return self._expect(
+            value, isinstance(value, str) and len(value) <= self.max_length, f"text of up to {self.max_length} characters"
+        )
+
+    def _expect(self, value: Any, fits: bool, kind: str) -> Any:
+        if not fits:
+            raise BadSetting(f"{self.name} is {kind}, not {value!r:.60}")
+        return value
+
+
+def _topic(name: str, row: graph.Topic) -> Setting:
+    return Setting(name, row.name, ros_name=True)
+
+
+SETTINGS = (
+    _topic("cmdVelTopic", graph.CMD_VEL_MANUAL),
+    Setting("cmdVelType", "geometry_msgs/msg/Twist", choices=("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")),
+    Setting("imuTopic", "/io/imu/movement/data", ros_name=True),
+    Setting("batteryTopic", "/io/power/power_watcher", ros_name=True),
+    _topic("scanTopic", graph.SCAN),
+    _topic("odomTopic", graph.ODOM),
+    _topic("jointStatesTopic", graph.JOINT_STATES),
+    _topic("rosoutTopic", graph.ROSOUT),
+    _topic("cameraTopic", graph.BODY_IMAGE_ROBOT),
+    _topic("mapTopic", graph.MAP),
+    _topic("planTopic", graph.PLAN),
+    _topic("goalPoseTopic", graph.GOAL_POSE),
+    Setting("mapFrame", graph.MAP_FRAME, ros_name=True),
+    Setting("baseFrame", graph.BASE_FRAME, ros_name=True),
+    Setting("speedScale", 0.5, low=0.05, high=1.0),
+    Setting("armServoNamespace", "/io/servo/hiwonder", ros_name=True),
+    Setting("armRateDegPerSec", 60.0, "deg/s", 1.0, 180.0),
+    Setting("geminiModel", "models/gemini-3.1-flash-live-preview"),
+    Setting("voiceLanguage", "en-US", max_length=35),
+    Setting("voicePushToTalk", True),
+    Setting("voiceVadEnabled", True),
+    Setting("voiceVadEndHoldMs", 800, "ms", 100, 10_000),
+    Setting("voiceVadStartThreshold", 0.02, low=0.0, high=1.0),
+    Setting("voiceVadEndThreshold", 0.012, low=0.0, high=1.0),
+    Setting("voiceVadMaxUtteranceMs", 15_000, "ms", 1000, 120_000),
+    Setting("voiceMaxLinearMps", 0.3, "m/s", 0.0, 0.6),
+    Setting("voiceMaxAngularRps", 0.8, "rad/s", 0.0, 1.9),
+    Setting("voiceSystemPrompt", "", max_length=20_000),
+    Setting("theme", "dark", choices=("dark", "light")),
+    Setting("surfaceContrast", "normal", choices=("normal", "high")),
+    Setting("reduceTransparency", False),
+    Setting("debugPublish", False),
+    Setting("estopAutoOnFocusLoss", True),
+    Setting("polarityInvertHmi", False),
+)
+_BY_NAME = {setting.name: setting for setting in SETTINGS}
+
+
+def settings_file() -> Path:
+    """The file of this user's settings."""
+    return state_home() / "console" / "settings.json"
+
+
+def all_settings(path: Path) -> dict[str, Any]:
+    """Every setting, as it was changed or else by default. Raises MalformedFile and OSError."""
+    stored = read_object(path)
+    try:
+        return {setting.name: setting.check(stored.get(setting.name, setting.default)) for setting in SETTINGS}
+    except BadSetting as error:
+        raise MalformedFile(path, None, str(error)) from error
+
+
+def change_settings(path: Path, changes: Any, version: Any = VERSION) -> dict[str, Any]:
+    """Change some settings, which a page of that version stored; returns all. Raises BadSetting, MalformedFile and OSError."""
+    checked = _checked(changes, version)
+    stored = change_object(path, lambda before: {**before, **checked})
+    return {setting.name: stored.get(setting.name, setting.default) for setting in SETTINGS}
+
+
+def describe_settings() -> list[dict[str, Any]]:
+    """The table: name, default, and what a value may be."""
+    rows = []
+    for setting in SETTINGS:
+        row: dict[str, Any] = {"name": setting.name, "default": setting.default, "unit": setting.unit}
+        if math.isfinite(setting.low):
+            row.update(low=setting.low, high=setting.high)
+        if setting.choices:
+            row["choices"] = setting.choices
+        rows.append(row)
+    return rows
+
+
+def _checked(changes: Any, version: Any) -> dict[str, Any]:
+    if isinstance(version, bool) or not isinstance(version, int) or not OLDEST_VERSION <= version <= VERSION:
+        raise BadSetting(f"version is a number from {OLDEST_VERSION} to {VERSION}, not {version!r:.60}")
+    if not isinstance(changes, dict):
+        raise BadSetting("settings is an object of names and values")
+    dropped = (*_KEPT_BY_BROWSERS, *(_DROPPED_BEFORE_5 if version < VERSION else ()))
+    checked = {}
+    for name, value in changes.items():
+        if name in dropped:
+            continue
+        setting = _BY_NAME.get(name)
+        if setting is None:
+            raise BadSetting(f"there is no setting {name[:60]!r}")
+        checked[name] = setting.check(value)
+    return checked

@@ -1,0 +1,125 @@
+"""The API's resources that all browsers share: maps, named locations, settings, and the arm's library."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from typing import Any
+
+from aiohttp import web
+
+from lupin_runtime import graph
+from lupin_runtime.console.api_table import SESSION, Resource, json_object
+from lupin_runtime.console.bridge import Bridge, ServiceFailed
+from lupin_runtime.console.events import EventChannel
+from lupin_runtime.console.locations import BadLocation, all_locations, locations_file, remove_location, save_location
+from lupin_runtime.console.map_names import BadMapName, with_map_path
+from lupin_runtime.console.settings import (
+    VERSION,
+    BadSetting,
+    all_settings,
+    change_settings,
+    describe_settings,
+    settings_file,
+)
+
+_NUMBER = {"type": "number"}
+_LOCATION_BODY: dict[str, dict[str, Any]] = {
+    "name": {"type": "string"},
+    "pose": {
+        "type": ["object", "null"],
+        "properties": {"x": _NUMBER, "y": _NUMBER, "yaw": _NUMBER},
+        "description": "null removes it",
+    },
+}
+_SETTINGS_BODY: dict[str, dict[str, Any]] = {
+    "version": {"type": "integer", "description": f"of the page that stored them [{VERSION}]"},
+    "settings": {"type": "object"},
+}
+
+
+class SharedData:
+    """Used on the event loop only; files are read and written on other threads."""
+
+    def __init__(self, bridge: Bridge, events: EventChannel) -> None:
+        self._bridge = bridge
+        self._events = events
+
+    def resources(self) -> tuple[Resource, ...]:
+        """The routes, each with what it answers."""
+        return (
+            Resource(
+                "/_api/maps", self._save_map, "Save the map that is being made. Needs control.", {"name": {"type": "string"}}
+            ),
+            Resource("/_api/locations", self._locations, "The named locations on the map: x and y in m, yaw in rad."),
+            Resource("/_api/locations", self._change_location, "Save or remove a location. Needs control.", _LOCATION_BODY),
+            Resource("/_api/settings", self._settings, "The page's settings, and what each may be."),
+            Resource(
+                "/_api/settings", self._change_settings, "Change settings for all browsers. Needs control.", _SETTINGS_BODY
+            ),
+            Resource("/_api/arm/library", self._arm_library, "The arm's stored poses and sequences."),
+        )
+
+    async def _save_map(self, request: web.Request) -> web.StreamResponse:
+        name = (await json_object(request)).get("name")
+        try:
+            arguments = with_map_path(graph.SLAM_SAVE_MAP.name, {"name": {"data": name}})
+        except BadMapName as error:
+            raise web.HTTPBadRequest(text=f"{error}\n") from error
+        response = await self._call(request, graph.SLAM_SAVE_MAP, arguments)
+        self._bridge.record(request[SESSION].name, f"save map {name}")
+        if response["result"] != 0:
+            return web.json_response({"error": "no map was saved: none has been received yet"}, status=409)
+        return web.json_response({"saved": name})
+
+    async def _arm_library(self, request: web.Request) -> web.StreamResponse:
+        response = await self._call(request, graph.ARM_LIBRARY_LIST, {})
+        try:
+            return web.json_response(json.loads(response["json"]))
+        except ValueError as error:
+            raise web.HTTPBadGateway(text=f"the arm's library is damaged: {error}\n") from error
+
+    async def _call(self, request: web.Request, service: graph.Service, arguments: dict[str, Any]) -> Any:
+        try:
+            return await asyncio.wrap_future(self._bridge.request_service(request[SESSION], service.name, arguments))
+        except ServiceFailed as error:
+            raise web.HTTPServiceUnavailable(text=f"{error}\n") from error
+
+    async def _locations(self, _: web.Request) -> web.StreamResponse:
+        return web.json_response(await asyncio.to_thread(all_locations, locations_file()))
+
+    async def _change_location(self, request: web.Request) -> web.StreamResponse:
+        body = await json_object(request)
+        name, pose = body.get("name"), body.get("pose")
+        self._take_control(request)
+        try:
+            if pose is None:
+                changed = await asyncio.to_thread(remove_location, locations_file(), name)
+            else:
+                changed = await asyncio.to_thread(save_location, locations_file(), name, pose)
+        except BadLocation as error:
+            raise web.HTTPBadRequest(text=f"{error}\n") from error
+        self._bridge.record(request[SESSION].name, f"{'remove' if pose is None else 'save'} location {name}", pose)
+        self._events.push("locations", changed)
+        return web.json_response(changed)
+
+    async def _settings(self, _: web.Request) -> web.StreamResponse:
+        settings = await asyncio.to_thread(all_settings, settings_file())
+        return web.json_response({"version": VERSION, "settings": settings, "table": describe_settings()})
+
+    async def _change_settings(self, request: web.Request) -> web.StreamResponse:
+        body = await json_object(request)
+        self._take_control(request)
+        changes, version = body.get("settings"), body.get("version", VERSION)
+        try:
+            settings = await asyncio.to_thread(change_settings, settings_file(), changes, version)
+        except BadSetting as error:
+            raise web.HTTPBadRequest(text=f"{error}\n") from error
+        self._bridge.record(request[SESSION].name, "change settings", changes)
+        self._events.push("settings", settings)
+        return web.json_response({"version": VERSION, "settings": settings})
+
+    def _take_control(self, request: web.Request) -> None:
+        """What all browsers share is changed by whoever has control. Raises Refused."""
+        self._bridge.authority.take(request[SESSION], time.monotonic_ns())

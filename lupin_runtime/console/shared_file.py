@@ -1,0 +1,62 @@
+"""A JSON object on the disk that several consoles of one user read and change."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from lupin_runtime.atomic_file import MalformedFile, write_atomically
+
+_LOCK_BOUND_S = 2.0
+_MAX_BYTES = 1_000_000
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Keep other processes from changing a file; makes its folder. Raises OSError, and TimeoutError after _LOCK_BOUND_S."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    descriptor = os.open(path.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        deadline_s = time.monotonic() + _LOCK_BOUND_S
+        while True:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > deadline_s:
+                    raise TimeoutError(f"another process has held the lock of {path} for {_LOCK_BOUND_S:g} s") from None
+                time.sleep(0.01)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """The object in a file; an empty one where there is no file. Raises MalformedFile and OSError."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_BYTES + 1)
+        if len(content) > _MAX_BYTES:
+            raise ValueError(f"more than {_MAX_BYTES} bytes")
+        value = json.loads(content)
+        if not isinstance(value, dict):
+            raise ValueError("expected a JSON object")
+    except FileNotFoundError:
+        return {}
+    except (ValueError, RecursionError) as error:
+        raise MalformedFile(path, None, f"{error}; move it away to start anew") from error
+    return value
+
+
+def change_object(path: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> dict[str, Any]:
+    """Replace the object in a file by what `change` makes of it, and return that. Raises what `change` and the file raise."""
+    with locked(path):
+        changed = change(read_object(path))
+        write_atomically(path, json.dumps(changed, indent=1, allow_nan=False) + "\n", mode=0o600, sync=True)
+    return changed

@@ -1,0 +1,259 @@
+"""What all browsers share over the API: named locations, settings, maps and the arm's library."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from lupin_runtime import graph
+from lupin_runtime.console import locations, settings
+from lupin_runtime.console.shared_file import change_object
+from tests.support.console_browser import Browser
+
+if TYPE_CHECKING:
+    from lupin_runtime.console.node import Console
+    from lupin_runtime.ros import LupinNode
+    from tests.conftest import GraphHost
+
+pytestmark = pytest.mark.graph
+
+HOME = {"x": 0.0, "y": 0.0, "yaw": 0.0}
+POSE = {"x": 1.5, "y": -2.0, "yaw": 0.5}
+
+
+@pytest.fixture
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of what the browsers share."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    return tmp_path / "lupin" / "console"
+
+
+@pytest.fixture
+def console(graph_host: GraphHost, tmp_path: Path, state: Path) -> Iterator[Console]:
+    from lupin_runtime.console.node import Console
+
+    files = {"folder": str(tmp_path), "sessions_file": str(state / "sessions.json")}
+    node: Console = graph_host.add(Console({"port": 0, "rosbridge_port": 0, **files}))
+    yield node
+    node.before_shutdown()
+
+
+@pytest.fixture
+def browser(console: Console) -> Browser:
+    """The operator's browser on this computer."""
+    made = Browser(console.port)
+    made.get("/")
+    return made
+
+
+@pytest.fixture
+def peer(graph_host: GraphHost) -> LupinNode:
+    from lupin_runtime.ros import LupinNode
+
+    node: LupinNode = graph_host.add(LupinNode("peer"))
+    return node
+
+
+def journal(folder: Path) -> list[str]:
+    return [json.loads(line)["what"] for line in (folder / "console_commands.jsonl").read_text().splitlines()]
+
+
+# -- locations --------------------------------------------------------------------------------------------------------
+def test_locations_are_saved_shared_and_removed(browser: Browser, console: Console, tmp_path: Path) -> None:
+    assert browser.get("/_api/locations") == {"home": HOME}
+    socket = browser.socket("/_api/events")
+    assert browser.post("/_api/locations", name="table 3", pose=POSE) == {"home": HOME, "table 3": POSE}
+    socket.wait(lambda event: event["event"] == "locations" and "table 3" in event["value"])
+    socket.close()
+    assert browser.post("/_api/locations", name="home", pose=POSE)["home"] == POSE
+    assert Browser(console.port).get("/_api/locations") == {"home": POSE, "table 3": POSE}
+    assert browser.post("/_api/locations", name="table 3", pose=None) == {"home": POSE}
+    assert browser.post("/_api/locations", name="home", pose=None) == {"home": HOME}
+    assert "save location table 3" in journal(tmp_path) and "remove location table 3" in journal(tmp_path)
+    assert locations.locations_file().stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.parametrize(
+    ("name", "pose"),
+    [
+        ("", POSE),
+        ("   ", POSE),
+        ("a" * 65, POSE),
+        ("a\nb", POSE),
+        ("\x1b[31m", POSE),
+        ("\u202eevil", POSE),
+        (7, POSE),
+        (None, POSE),
+        ("a", {"x": 1.0}),
+        ("a", {**POSE, "x": "1"}),
+        ("a", {**POSE, "x": True}),
+        ("a", {**POSE, "y": 1e9}),
+        ("a", {**POSE, "yaw": float("nan")}),
+        ("a", {**POSE, "yaw": float("inf")}),
+        ("a", []),
+        ("nowhere", None),
+    ],
+)
+def test_locations_that_are_none_are_refused(browser: Browser, name: Any, pose: Any) -> None:
+    status, answer = browser.request("POST", "/_api/locations", {"name": name, "pose": pose})
+    assert status == 400 and answer.strip()
+    assert browser.get("/_api/locations") == {"home": HOME}
+
+
+def test_only_who_has_control_changes_what_is_shared(browser: Browser, console: Console, tmp_path: Path) -> None:
+    codes = json.loads((tmp_path / "console.json").read_text())["codes"]
+    viewer, operator = (Browser(console.port, proxied=True) for _ in range(2))
+    viewer.post("/_api/pair", code=codes["viewer"])
+    operator.post("/_api/pair", code=codes["operator"])
+    browser.post("/_api/lease", action="take")
+    for path, body in (
+        ("/_api/locations", {"name": "a", "pose": POSE}),
+        ("/_api/settings", {"settings": {"speedScale": 0.1}}),
+        ("/_api/maps", {"name": "mine"}),
+    ):
+        for other in (viewer, operator):
+            assert other.request("POST", path, body)[0] == 403
+        assert Browser(console.port, proxied=True).request("POST", path, body)[0] == 401
+    assert viewer.get("/_api/locations") == {"home": HOME}
+    assert viewer.get("/_api/settings")["settings"]["speedScale"] == 0.5
+
+
+def test_two_writers_lose_nothing(state: Path) -> None:
+    file = locations.locations_file()
+    writers = [
+        threading.Thread(target=lambda n=n: [locations.save_location(file, f"{n}-{k}", POSE) for k in range(10)]) for n in "ab"
+    ]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    assert len(locations.all_locations(file)) == 21
+    assert not [path for path in state.iterdir() if path.name.startswith(".")]
+
+
+def test_there_is_an_end_to_locations(tmp_path: Path) -> None:
+    file = tmp_path / "locations.json"
+    change_object(file, lambda _: {f"n{number}": POSE for number in range(locations.MAX_LOCATIONS)})
+    with pytest.raises(locations.BadLocation, match="remove one first"):
+        locations.save_location(file, "one more", POSE)
+    assert locations.save_location(file, "n7", HOME)["n7"] == HOME
+
+
+@pytest.mark.parametrize(
+    ("path", "content"),
+    [
+        *[(path, content) for path in ("/_api/locations", "/_api/settings") for content in ("{", "[]", "[" * 100_000, "\xff")],
+        ("/_api/locations", '{"a": 1}'),
+        ("/_api/locations", '{"a": {"x": NaN, "y": 0, "yaw": 0}}'),
+        ("/_api/settings", '{"speedScale": 7}'),
+    ],
+)
+def test_damaged_files_are_named_and_kept(browser: Browser, state: Path, path: str, content: str) -> None:
+    file = state / f"{path.rsplit('/', 1)[1]}.json"
+    file.write_text(content, encoding="latin-1")
+    status, answer = browser.request("GET", path)
+    assert status == 503 and str(file) in answer["error"]
+    assert file.read_text(encoding="latin-1") == content
+
+
+# -- settings ---------------------------------------------------------------------------------------------------------
+def test_settings_are_changed_for_all_browsers(browser: Browser, console: Console, tmp_path: Path) -> None:
+    before = browser.get("/_api/settings")
+    assert before["version"] == 5 and before["settings"] == {row["name"]: row["default"] for row in before["table"]}
+    after = browser.post("/_api/settings", settings={"speedScale": 0.25, "theme": "light", "voiceVadEndHoldMs": 900})
+    assert (after["settings"]["speedScale"], after["settings"]["theme"]) == (0.25, "light")
+    browser.post("/_api/settings", settings={"cameraTopic": "/camera/image_raw"})
+    seen = Browser(console.port).get("/_api/settings")["settings"]
+    assert (seen["speedScale"], seen["cameraTopic"], seen["mapTopic"]) == (0.25, "/camera/image_raw", "/map")
+    assert "change settings" in journal(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"unknown": 1},
+        {"speedScale": 2},
+        {"speedScale": "0.5"},
+        {"speedScale": True},
+        {"speedScale": float("nan")},
+        {"voiceVadEndHoldMs": 800.5},
+        {"theme": "pink"},
+        {"theme": []},
+        {"scanTopic": "/scan; rm"},
+        {"scanTopic": 7},
+        {"voiceLanguage": "x" * 100},
+        {"debugPublish": 1},
+        [],
+        None,
+        "speedScale",
+    ],
+)
+def test_what_settings_cannot_be_is_refused_as_a_whole(browser: Browser, changes: Any) -> None:
+    both = {"theme": "light", **changes} if isinstance(changes, dict) and "theme" not in changes else changes
+    status, answer = browser.request("POST", "/_api/settings", {"settings": both})
+    assert status == 400 and answer.strip()
+    assert browser.get("/_api/settings")["settings"]["theme"] == "dark"
+
+
+@pytest.mark.parametrize("version", [2, 3, 4, 5])
+def test_settings_of_earlier_pages_are_migrated(browser: Browser, version: int) -> None:
+    stored = {
+        "rosUrl": "ws://10.42.0.1:9090",
+        "geminiApiKey": "secret",
+        "speedScale": 0.75,
+        "polarityInvertHmi": True,
+        "estopAutoOnFocusLoss": False,
+    }
+    seen = browser.post("/_api/settings", version=version, settings=stored)["settings"]
+    assert seen["speedScale"] == 0.75 and "geminiApiKey" not in seen and "rosUrl" not in seen
+    assert (seen["polarityInvertHmi"], seen["estopAutoOnFocusLoss"]) == ((True, False) if version == 5 else (False, True))
+    assert "secret" not in settings.settings_file().read_text()
+
+
+@pytest.mark.parametrize("version", [1, 6, "5", True, None])
+def test_settings_of_other_versions_are_refused(browser: Browser, version: Any) -> None:
+    assert browser.request("POST", "/_api/settings", {"version": version, "settings": {}})[0] == 400
+
+
+# -- the robot's ------------------------------------------------------------------------------------------------------
+def test_map_is_saved_by_its_maker_under_a_plain_name(
+    graph_host: GraphHost, browser: Browser, peer: LupinNode, state: Path
+) -> None:
+    from lupin_runtime.ros.node import interface
+
+    asked: list[str] = []
+
+    def save(request: Any, response: Any) -> Any:
+        asked.append(request.name.data)
+        response.result = len(asked) - 1  # it has a map the first time only
+        return response
+
+    peer.create_service(interface(graph.SLAM_SAVE_MAP.type), graph.SLAM_SAVE_MAP.name, save)
+    graph_host.until(lambda: browser.request("POST", "/_api/maps", {"name": "green house"})[0] == 200)
+    assert asked == [str(state.parent / "maps" / "green house")]
+    status, answer = browser.request("POST", "/_api/maps", {"name": "green house"})
+    assert status == 409 and "none has been received" in answer["error"]
+    for name in ("../../etc/passwd", "", "a/b", None, "x" * 100):
+        assert browser.request("POST", "/_api/maps", {"name": name})[0] == 400
+    assert len(asked) == 2
+
+
+def test_library_of_the_arm_is_passed_on(graph_host: GraphHost, browser: Browser, peer: LupinNode) -> None:
+    from lupin_runtime.ros.node import interface
+
+    status, answer = browser.request("GET", "/_api/arm/library")
+    assert status == 503 and "does not exist" in answer
+    library = {"poses": [{"name": "wave"}], "sequences": []}
+
+    def tell(_: Any, response: Any) -> Any:
+        response.success, response.json = True, json.dumps(library)
+        return response
+
+    peer.create_service(interface(graph.ARM_LIBRARY_LIST.type), graph.ARM_LIBRARY_LIST.name, tell)
+    graph_host.until(lambda: browser.request("GET", "/_api/arm/library")[0] == 200)
+    assert browser.get("/_api/arm/library") == library
