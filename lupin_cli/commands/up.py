@@ -78,14 +78,20 @@ def command(
     from lupin_cli.run.mission_client import goal_count
     from lupin_runtime.stack.table import Options
 
+    no_cameras = _why_no_cameras() if cameras and target == "sim" else ""
+    if no_cameras and mission:
+        echo(f"lupin up: --mission: the tags are read by the cameras: {no_cameras}", err=True)
+        raise typer.Exit(USAGE_ERROR)
     unavailable = _unavailable(web, joystick, rviz and not headless, foxglove, video and web and cameras and target == "sim")
+    if no_cameras:
+        unavailable["cameras"] = no_cameras
     options = Options(
         target=target,
         world=world,
         layout=_layout(world, target),
         seed=seed,
         speed=speed,
-        cameras=cameras,
+        cameras=cameras and not no_cameras,
         slam=slam,
         map_file=map_file.resolve() if map_file else None,
         initial_pose=_pose(initial_pose, map_file),
@@ -140,6 +146,13 @@ def _check_files(map_file: Path | None, overrides: Path | None) -> None:
     except (ValueError, OSError) as error:
         echo(f"lupin up: {error}", err=True)
         raise typer.Exit(USAGE_ERROR) from error
+
+
+def _why_no_cameras() -> str:
+    """Why this machine cannot simulate cameras, with what to install; empty where it can."""
+    from lupin_sim.graphics import DISABLED, NO_GRAPHICS, usable_backend
+
+    return NO_GRAPHICS if usable_backend() == DISABLED else ""
 
 
 def _check_foxglove_extra() -> None:

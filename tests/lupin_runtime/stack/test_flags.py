@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
 from lupin_cli.commands.up import _pose, _unavailable, command
 from lupin_runtime.stack import table
@@ -56,6 +57,16 @@ def test_pictures_of_the_simulated_cameras_are_served_with_the_console() -> None
     for without in ("video", "cameras"):
         assert not serves(console=True, **{without: False})
     assert not serves(console=True, target="robot")
+
+
+def test_mission_without_graphics_is_refused_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    from lupin_sim import graphics
+
+    monkeypatch.setattr(graphics, "usable_backend", lambda: graphics.DISABLED)
+    program = typer.Typer()
+    program.command()(command)
+    done = CliRunner().invoke(program, ["--mission"])
+    assert done.exit_code == 2 and "apt-get install libegl1 libgl1" in done.output
 
 
 def test_port_of_foxglove_that_is_in_use_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
