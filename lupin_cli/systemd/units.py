@@ -86,7 +86,8 @@ def render(unit: str, variables: Mapping[str, object]) -> str:
 def robot_units(user: str, release: str, setup_lines: Sequence[str]) -> dict[str, str]:
     """The units of a release, by file name. `setup_lines` run before the units' programs. Raises UnitError."""
     variables = {"user": user, "release": release, "set_up": setup_lines}
-    return {unit: render(unit, variables) for unit in ("lupin-onboard.service", "lupin-auto-home.service")}
+    names = ("lupin-onboard.service", "lupin-cameras.service", "lupin-auto-home.service")
+    return {unit: render(unit, variables) for unit in names}
 
 
 def clock_sync_unit(laptop: str, script: str = CLOCK_SYNC_SCRIPT) -> str:

@@ -1,32 +1,13 @@
 """The robot's part of the stack, as a systemd service: `python -m lupin_runtime.stack.onboard`.
 
-It runs the drive bus, e-stop, arm, gripper and light strip in the environment in which it is started. It notifies systemd of
-READY when all are up, and until then reports the conditions that it waits for. Exit status: 0 stopped by a signal, 1 a process
-did not come up or was given up. systemd then starts it again, which also helps where it started before its network interface.
+It runs the drive bus, e-stop, arm, gripper and light strip in the environment in which it is started.
 """
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
-import time
-from typing import TYPE_CHECKING
-
-from lupin_runtime.ros.sd_notify import Notifier
-from lupin_runtime.stack.dds import GRAPH_VARIABLES
-from lupin_runtime.stack.retention import remove_old_runs
-from lupin_runtime.stack.runs import Run, RunError, create_run
-from lupin_runtime.stack.supervisor import Supervisor
+from lupin_runtime.stack.service import exit_with, serve
 from lupin_runtime.stack.table import ONBOARD, Options
-from lupin_runtime.stack.usage import start_ticks
 
-if TYPE_CHECKING:
-    from lupin_runtime.stack.graph_monitor import GraphMonitor
-
-STEP_S = 0.1
-STATE_PERIOD_S = 1.0
-MAX_RUNS = 5  # they are in memory
 WATCHED = ("estop", "drive")  # systemd restarts the unit where these do not respond
 
 
@@ -36,88 +17,5 @@ def onboard_options() -> Options:
     return Options(target=ONBOARD, **off)  # type: ignore[arg-type]
 
 
-def failure(supervisor: Supervisor) -> str:
-    """Why the service cannot continue; empty while it can."""
-    for stage in supervisor.stalled():
-        waits = "; ".join(supervisor.waiting_for(stage))
-        return f"{stage.row.name} did not come up: {waits}" if waits else f"{stage.row.name}: {stage.why}"
-    return ""
-
-
-def progress(supervisor: Supervisor) -> str:
-    """One line that lists the processes that are up and the conditions that are waited for."""
-    waiting = [f"{s.row.name} ({'; '.join(supervisor.waiting_for(s))})" for s in supervisor.stages if supervisor.waiting_for(s)]
-    up = [stage.row.name for stage in supervisor.stages if supervisor.all_up([stage.row.name])]
-    return f"up: {', '.join(up) or 'nothing yet'}" + (f"; waiting for: {', '.join(waiting)}" if waiting else "")
-
-
-def main() -> int:
-    """Run until a signal arrives or a process fails for good; returns the exit status."""
-    notifier = Notifier()
-    stop: list[int] = []
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, lambda number, _: stop.append(number))
-    try:
-        run, _lock = create_run()
-    except RunError as error:
-        print(error, file=sys.stderr)
-        return 1
-    remove_old_runs(MAX_RUNS)
-    graph = {name: os.environ[name] for name in GRAPH_VARIABLES if name in os.environ}
-    run.write_info(
-        {
-            "id": run.id,
-            "pid": os.getpid(),
-            "start_ticks": start_ticks(os.getpid()),
-            "started": time.time(),
-            "environment": graph,
-            "options": {"target": ONBOARD},
-        }
-    )
-    print(f"onboard: {' '.join(f'{name}={value}' for name, value in graph.items()) or 'no ROS variables are set'}", flush=True)
-
-    from lupin_runtime.stack.graph_monitor import GraphMonitor
-
-    # No rates are measured: a subscription to the map would transfer it over the wireless link for no use.
-    monitor = GraphMonitor(rated=())
-    options = onboard_options().in_folder(run.path)
-    supervisor = Supervisor(options, run, dict(os.environ), monitor, own_output=True)
-    try:
-        return _supervise(supervisor, monitor, notifier, run, stop)
-    finally:
-        notifier.stopping()
-        supervisor.stop()
-        monitor.close()
-
-
-def _supervise(supervisor: Supervisor, monitor: GraphMonitor, notifier: Notifier, run: Run, stop: list[int]) -> int:
-    notified_ready, state_due_s, deaths = False, 0.0, 0
-    while not stop:
-        monitor.spin(STEP_S)
-        supervisor.step()
-        if all(supervisor.liveness.responds(name) for name in WATCHED) or not notified_ready:
-            notifier.alive()
-        for death in supervisor.deaths[deaths:]:
-            print(f"{death.stage} {death.status}: {death.consequence}", file=sys.stderr, flush=True)
-        deaths = len(supervisor.deaths)
-        why = failure(supervisor)
-        if why:
-            print(why, file=sys.stderr, flush=True)
-            return 1
-        if supervisor.all_up() and not notified_ready:
-            notified_ready = True
-            print(progress(supervisor), flush=True)
-            notifier.ready()
-        notifier.status(progress(supervisor))
-        if time.monotonic() >= state_due_s:
-            state_due_s = time.monotonic() + STATE_PERIOD_S
-            run.write_state({**supervisor.snapshot(), "id": run.id, "alarms": list(monitor.alarms)})
-    return 0
-
-
 if __name__ == "__main__":
-    status = main()
-    sys.stdout.flush()
-    sys.stderr.flush()
-    # Interpreter shutdown after DDS is slow and may abort; all output has been flushed.
-    os._exit(status)
+    exit_with(serve(onboard_options(), WATCHED))

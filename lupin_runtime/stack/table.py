@@ -14,6 +14,7 @@ from typing import Any
 from lupin_runtime import graph
 from lupin_runtime.stack.readiness import ActionReady, MissionReady, Port, Readiness, ServiceReady, TopicSample, TransformReady
 
+ROBOT_CAMERAS = "cameras"  # the target of the robot's camera service
 ONBOARD = "onboard"  # the target of the processes on the robot; `lupin up --target robot` starts those of the laptop
 CONSOLE_PORT = 8090
 ROSBRIDGE_PORT = 9090  # where every client of rosbridge looks for it
@@ -150,6 +151,22 @@ def _estop(_: Options) -> Parameters:
 
 def _console(options: Options) -> Parameters:
     return {"folder": str(options.run_path), "host": "", "tls": True}
+
+
+def _video(options: Options) -> Parameters:
+    # Browsers reach the robot's pictures through the laptop's console, other programs directly.
+    return {"host": "0.0.0.0"} if options.target == ROBOT_CAMERAS else {}
+
+
+def _camera_driver(kind: str) -> ProcessRow:
+    return ProcessRow(
+        f"{kind}-camera",
+        (),
+        when=lambda o: o.target == ROBOT_CAMERAS,
+        command=lambda _: ["-m", "lupin_runtime.cameras.driver", kind],
+        sends_heartbeats=False,
+        optional=True,
+    )
 
 
 def _light_strip(options: Options) -> Parameters:
@@ -334,10 +351,12 @@ TABLE: tuple[ProcessRow, ...] = (
         optional=True,
         next_command="lupin logs console",
     ),
+    _camera_driver("body"),
+    _camera_driver("gripper"),
     ProcessRow(
         "video",
-        (NodeRow("lupin_runtime.cameras.node:VideoServer"),),
-        when=lambda o: o.console and o.video and o.simulated and o.cameras,
+        (NodeRow("lupin_runtime.cameras.node:VideoServer", _video),),
+        when=lambda o: o.target == ROBOT_CAMERAS or (o.console and o.video and o.simulated and o.cameras),
         ready=(Port(VIDEO_PORT),),
         memory_max_mb=256,
         optional=True,
@@ -368,6 +387,9 @@ class Launch:
 def rows(options: Options) -> tuple[ProcessRow, ...]:
     """The rows that a run with these options starts, each with the nodes that the options select."""
     selected = (replace(row, nodes=tuple(n for n in row.nodes if n.when(options))) for row in TABLE if row.when(options))
+    if options.target == ROBOT_CAMERAS:
+        # Pictures are what that service is for; a camera may be absent.
+        return tuple(replace(row, optional=row.name != "video") for row in selected)
     if _on_robot(options):
         # `lupin-auto-home` repairs the vendor's controllers, and starts after these processes: they must not wait for topics
         # that the controllers publish.

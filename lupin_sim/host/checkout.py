@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from lupin_sim.host.host import Robot
 
 CURRENT_RELEASE = "/opt/lupin/current"
-UNITS = ("lupin-onboard.service", "lupin-auto-home.service")
+UNITS = ("lupin-onboard.service", "lupin-cameras.service", "lupin-auto-home.service")
 # Sourced on the robot before Lupin's programs. The simulated computer has no ROS except the vendor's workspace.
 SETUP_LINES = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
 LOGIND_CONFIG = "/etc/systemd/logind.conf.d/60-lupin.conf"

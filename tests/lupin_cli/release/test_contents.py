@@ -14,11 +14,13 @@ import pytest
 from lupin_cli.commands import home
 from lupin_cli.package_data import shipped_folder
 from lupin_cli.release.contents import RobotPlatform, release_files
+from lupin_runtime.cameras.service import camera_options
 from lupin_runtime.stack.onboard import onboard_options
 from lupin_runtime.stack.table import rows
 
 PROJECT = Path(__file__).resolve().parents[3]
 LIKE_THIS_MACHINE = RobotPlatform(platform.machine(), sys.version_info[:2], "")
+WITHOUT_IT_JPEG_ONLY = {"cv2"}  # raw pictures are refused then, with what to install
 WITH_ROS = RobotPlatform("aarch64", (3, 10), "humble")
 
 
@@ -26,10 +28,12 @@ def programs() -> set[str]:
     """The modules that run on the robot: those in unit files, those that commands start there, and the onboard nodes."""
     templates = "".join(path.read_text() for path in shipped_folder("systemd").glob("*.service.in"))
     modules = set(re.findall(r"-m (lupin_runtime[\w.]+)", templates))
-    assert modules == {"lupin_runtime.stack.onboard", "lupin_runtime.arm.auto_home"}
-    nodes = {node.path.split(":")[0] for row in rows(onboard_options()) for node in row.nodes}
-    assert len(nodes) >= 3, "expected the nodes of estop, drive and body"
-    return modules | nodes | {home.MODULE, "lupin_runtime.stack.process"}
+    assert modules == {"lupin_runtime.stack.onboard", "lupin_runtime.arm.auto_home", "lupin_runtime.cameras.service"}
+    started = [*rows(onboard_options()), *rows(camera_options())]
+    nodes = {node.path.split(":")[0] for row in started for node in row.nodes}
+    assert len(nodes) >= 4, "expected the nodes of estop, drive, body and video"
+    drivers = {row.command(camera_options())[1] for row in started if row.command is not None}
+    return modules | nodes | drivers | {home.MODULE, "lupin_runtime.stack.process"}
 
 
 def source_of(module: str) -> Path | None:
@@ -103,9 +107,14 @@ def test_release_for_robot_without_ros_has_all_foreign_packages() -> None:
     }
     _, foreign = closure(programs())
     assert {"rclpy", "geometry_msgs"} <= foreign, "expected the imports of the onboard nodes"
-    assert foreign | {"lupin_msgs", "mirte_msgs"} <= names
+    assert (foreign - WITHOUT_IT_JPEG_ONLY) | {"lupin_msgs", "mirte_msgs"} <= names
 
 
 def test_robot_with_ros_needs_ros_packages_only() -> None:
     _, foreign = closure(programs())
-    assert {name for name in foreign if not name.endswith(("_msgs", "_srvs", "_interfaces"))} == {"rclpy"}
+    assert {name for name in foreign if not name.endswith(("_msgs", "_srvs", "_interfaces"))} == {
+        "rclpy",
+        "numpy",  # as every message class of it
+        "yaml",  # as its launch files
+        *WITHOUT_IT_JPEG_ONLY,
+    }

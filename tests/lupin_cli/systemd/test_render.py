@@ -72,7 +72,7 @@ def test_invalid_variable_is_rejected_with_reason(change: dict[str, Any], messag
 
 def test_unknown_unit_error_lists_known_units() -> None:
     with pytest.raises(units.UnitError, match=r"there are: lupin-auto-home\.service, .*lupin-onboard\.service"):
-        units.render("lupin-cameras.service", VALID_VARIABLES)
+        units.render("lupin-voice.service", VALID_VARIABLES)
 
 
 PRINTABLE_WORD = st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=20)

@@ -1,0 +1,35 @@
+"""The robot's cameras, as a systemd service: `python -m lupin_runtime.cameras.service`.
+
+It runs the vendor's drivers as `/etc/lupin/cameras.yaml` says, and the video server.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from lupin_runtime.atomic_file import MalformedFile
+from lupin_runtime.cameras.configuration import read_configuration
+from lupin_runtime.stack.service import exit_with, serve
+from lupin_runtime.stack.table import ROBOT_CAMERAS, Options
+
+WATCHED = ("video",)  # systemd restarts the unit where it does not respond
+
+
+def camera_options() -> Options:
+    """The options that select the processes of the service."""
+    off = dict.fromkeys(("slam", "navigation", "twin", "perception", "flowers", "mission", "record"), False)
+    return Options(target=ROBOT_CAMERAS, **off)  # type: ignore[arg-type]
+
+
+def main() -> int:
+    """Run until a signal arrives; returns the exit status, 1 where the configuration is malformed."""
+    try:
+        read_configuration()
+    except (MalformedFile, OSError) as error:
+        print(error, file=sys.stderr, flush=True)
+        return 1
+    return serve(camera_options(), WATCHED)
+
+
+if __name__ == "__main__":
+    exit_with(main())

@@ -1,0 +1,205 @@
+"""Keeping a camera's driver running: with real processes that hold a device, in a root of their own."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from lupin_runtime.cameras import driver
+from lupin_runtime.cameras.configuration import CameraConfiguration, Gripper
+from lupin_runtime.cameras.devices import GRIPPER
+from lupin_runtime.cameras.holders import end, find_holders
+
+# Holds its argument open, as a camera driver does; with a second argument it hears no signal but the last.
+HOLD = """#!{python}
+import signal, sys, time
+file = open(sys.argv[1])
+if len(sys.argv) > 2:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+print("holds", flush=True)
+time.sleep(600)
+"""
+
+Hold = Callable[..., "subprocess.Popen[bytes]"]
+
+
+@pytest.fixture
+def device(tmp_path: Path) -> Path:
+    """The gripper camera's device file, with the name that the kernel gives it."""
+    folder = tmp_path / "sys/class/video4linux/video2"
+    folder.mkdir(parents=True)
+    (folder / "name").write_text("USB 2.0 PC Cam\n")
+    (tmp_path / "dev").mkdir()
+    (tmp_path / "dev/video2").touch()
+    return tmp_path / "dev/video2"
+
+
+@pytest.fixture
+def hold(tmp_path: Path) -> Iterator[Hold]:
+    """Starts programs of any name that hold a file."""
+    running: list[subprocess.Popen[bytes]] = []
+
+    def start(program: str, file: Path, *arguments: str) -> subprocess.Popen[bytes]:
+        path = tmp_path / program
+        path.write_text(HOLD.format(python=sys.executable))
+        path.chmod(0o755)
+        process = subprocess.Popen([str(path), str(file), *arguments], stdout=subprocess.PIPE)
+        running.append(process)
+        assert process.stdout is not None and process.stdout.readline() == b"holds\n"
+        return process
+
+    yield start
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def ros2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A `ros2` whose driver holds the device, in a process of its own that gets no signals; returns the file of its calls."""
+    calls = tmp_path / "calls"
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    (programs / "usb_cam_node_exe").write_text(HOLD.format(python=sys.executable))
+    script = f'#!/bin/sh\necho "$@" >> {calls}\n{programs}/usb_cam_node_exe {tmp_path}/dev/video2 & wait\n'
+    (programs / "ros2").write_text(script)
+    for path in programs.iterdir():
+        path.chmod(0o755)
+    calls.touch()
+    shell = shutil.which("sh")
+    assert shell is not None
+    monkeypatch.setenv("PATH", f"{programs}:{Path(shell).parent}:/usr/bin:/bin")
+    monkeypatch.setattr(driver, "LOOK_S", 0.05)
+    monkeypatch.setattr(driver, "AGAIN_S", 0.05)
+    return calls
+
+
+@pytest.fixture
+def camera_driver(tmp_path: Path) -> Iterator[Callable[..., None]]:
+    """Starts a driver of the gripper camera; it is ended after the test."""
+    ended = threading.Event()
+    threads: list[threading.Thread] = []
+
+    def start(configuration: CameraConfiguration | None = None) -> None:
+        runs = driver.CameraDriver(GRIPPER, configuration or CameraConfiguration(), ended, tmp_path)
+        threads.append(threading.Thread(target=runs.run))
+        threads[-1].start()
+
+    yield start
+    ended.set()
+    for thread in threads:
+        thread.join(20.0)
+        assert not thread.is_alive()
+
+
+def until(condition: Callable[[], Any], what: str) -> Any:
+    deadline_s = time.monotonic() + 20.0
+    while not (value := condition()):
+        assert time.monotonic() < deadline_s, what
+        time.sleep(0.01)
+    return value
+
+
+def test_holders_are_found_with_their_programs(device: Path, hold: Hold, tmp_path: Path) -> None:
+    assert find_holders([device]) == []
+    (tmp_path / "other").touch()
+    hold("innocent", tmp_path / "other")
+    driver_process, person = hold("usb_cam_node_exe", device), hold("cheese", device)
+    found = {holder.pid: (holder.program, holder.is_driver, holder.device) for holder in find_holders([device])}
+    assert found == {
+        driver_process.pid: ("usb_cam_node_exe", True, str(device)),
+        person.pid: ("cheese", False, str(device)),
+    }
+
+
+@pytest.mark.parametrize("deaf", [(), ("deaf",)], ids=["hears", "deaf"])
+def test_drivers_are_ended_by_their_process(
+    device: Path, hold: Hold, deaf: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import signal
+
+    monkeypatch.setattr(
+        "lupin_runtime.cameras.holders._ENDING", ((signal.SIGINT, 0.3), (signal.SIGTERM, 0.3), (signal.SIGKILL, 5.0))
+    )
+    process = hold("usb_cam_node_exe", device, *deaf)
+    (holder,) = find_holders([device])
+    assert end(holder)
+    process.wait(5.0)
+    assert end(holder), "it is gone already"
+
+
+def test_vendors_driver_gives_way(device: Path, hold: Hold, ros2: Path, camera_driver: Callable[..., None]) -> None:
+    vendor = hold("usb_cam_node_exe", device)
+    camera_driver()
+    vendor.wait(20.0)
+    until(lambda: ros2.read_text().count("\n") == 1, "the start of our driver")
+    until(lambda: len(find_holders([device])) == 1, "our driver on the device")
+
+
+def test_somebody_else_is_named_and_left_alone(
+    device: Path, hold: Hold, ros2: Path, camera_driver: Callable[..., None], capfd: pytest.CaptureFixture[str]
+) -> None:
+    person = hold("cheese", device)
+    camera_driver()
+    said = until(lambda: capfd.readouterr().out, "a message")
+    assert f"held by cheese (process {person.pid})" in said and f"kill {person.pid}" in said
+    time.sleep(0.3)
+    assert person.poll() is None and ros2.read_text() == ""
+    person.kill()
+    until(ros2.read_text, "the start of our driver")
+
+
+def test_camera_is_waited_for_and_taken_up_again(
+    device: Path, ros2: Path, camera_driver: Callable[..., None], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    name = tmp_path / "sys/class/video4linux/video2/name"
+    name.rename(tmp_path / "unplugged")
+    camera_driver()
+    until(lambda: "no gripper camera is connected" in capfd.readouterr().out, "a message")
+    (tmp_path / "unplugged").rename(name)
+    until(lambda: ros2.read_text().count("\n") == 1, "the start of the driver")
+    (ours,) = until(lambda: find_holders([device]), "the driver on the device")
+    name.rename(tmp_path / "unplugged")
+    psutil.Process(ours.pid).kill()
+    until(lambda: "no gripper camera is connected" in capfd.readouterr().out, "a message")
+    (tmp_path / "unplugged").rename(name)
+    until(lambda: ros2.read_text().count("\n") == 2, "the next start")
+
+
+def test_end_leaves_no_process(device: Path, ros2: Path, tmp_path: Path) -> None:
+    ended = threading.Event()
+    thread = threading.Thread(target=driver.CameraDriver(GRIPPER, CameraConfiguration(), ended, tmp_path).run)
+    thread.start()
+    until(lambda: find_holders([device]), "the driver on the device")
+    ended.set()
+    thread.join(20.0)
+    assert not thread.is_alive() and find_holders([device]) == [] and ros2.read_text().count("\n") == 1
+
+
+def test_camera_that_is_switched_off_stays_off(
+    device: Path, ros2: Path, camera_driver: Callable[..., None], capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert device.exists()
+    camera_driver(CameraConfiguration(gripper=Gripper(enabled=False)))
+    until(lambda: "is switched off in /etc/lupin/cameras.yaml" in capfd.readouterr().out, "a message")
+    time.sleep(0.3)
+    assert ros2.read_text() == ""
+
+
+def test_missing_vendor_software_is_named(
+    device: Path, camera_driver: Callable[..., None], capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert device.exists()
+    monkeypatch.setenv("PATH", "/nonexistent")
+    camera_driver()
+    until(lambda: "ros2 cannot be started" in capfd.readouterr().out, "a message")
