@@ -146,7 +146,7 @@ class Origin:
             check_encryption(request)
         session = None
         try:
-            session = self._sessions.find(request.cookies.get(COOKIE, ""))
+            session = self._find_session(request)
             if session is None and is_loopback(request):
                 session = LOCAL
             if session is not None:
@@ -169,11 +169,19 @@ class Origin:
                 response.headers.setdefault(name, value)
         return response
 
+    def _find_session(self, request: web.Request) -> Session | None:
+        token = request.cookies.get(COOKIE, "")
+        session = self._sessions.find(token)
+        if session is not None and self._sessions.is_use_due(token):
+            noting = asyncio.ensure_future(asyncio.to_thread(self._sessions.note_use, token))
+            noting.add_done_callback(lambda done: done.cancelled() or done.exception())  # a full disk keeps nobody out
+        return session
+
     # -- the page -----------------------------------------------------------------------------------------------------
     async def _page(self, request: web.Request) -> web.StreamResponse:
         response = web.FileResponse(_PAGE / "index.html")
         if request.get(SESSION) is LOCAL and "text/html" in request.headers.get("Accept", ""):
-            _, token = self._sessions.add(device_kind(request.headers.get("User-Agent", "")), Role.OPERATOR)
+            _, token = await self._pair_browser(request, Role.OPERATOR)
             _set_cookie(request, response, token)
         return response
 
@@ -194,14 +202,18 @@ class Origin:
         except Refused:
             await asyncio.sleep(_WRONG_CODE_PAUSE_S)
             raise
-        before = self._sessions.find(request.cookies.get(COOKIE, ""))
-        session, token = self._sessions.add(device_kind(request.headers.get("User-Agent", "")), role)
+        before = self._find_session(request)
+        session, token = await self._pair_browser(request, role)
         if before is not None:
-            self._sessions.revoke(before.name)
+            await asyncio.to_thread(self._sessions.revoke, before.name)
         self._bridge.record(session.name, f"paired as {role.value}", request.remote)
         response = web.json_response({"name": session.name, "role": role.value})
         _set_cookie(request, response, token)
         return response
+
+    async def _pair_browser(self, request: web.Request, role: Role) -> tuple[Session, str]:
+        kind = device_kind(request.headers.get("User-Agent", ""))
+        return await asyncio.to_thread(self._sessions.add, kind, role)
 
     # -- rosbridge ----------------------------------------------------------------------------------------------------
     async def _ros(self, request: web.Request) -> web.StreamResponse:

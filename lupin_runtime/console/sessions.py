@@ -5,9 +5,11 @@ The file holds only hashes of the tokens. The server and `lupin console revoke` 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import secrets
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -44,16 +46,19 @@ class Pairing:
 class Sessions:
     """The paired browsers of this user. `clock` is the wall clock in seconds.
 
-    Raises MalformedFile where the file is damaged: nothing is dropped silently.
+    Whatever changes the file waits for other processes and for the disk: not for the thread that serves browsers. Raises
+    MalformedFile where the file is damaged: nothing is dropped silently. Where that happens later, the sessions that were read
+    stay valid, because people must be able to stop the robot, and every change is refused.
     """
 
     def __init__(self, path: Path, clock: Callable[[], float] = time.time) -> None:
         self._path = path
         self._clock = clock
         self._seen: tuple[int, int, int] | None = None
-        self._pairings: dict[str, Pairing] = {}
         self._sessions: dict[str, Session] = {}
-        self.refresh()
+        self._noted_s: dict[str, float] = {}
+        self._reading = threading.Lock()
+        self._pairings: dict[str, Pairing] = self._read()
 
     def all(self) -> list[Pairing]:
         """The paired browsers, the one used last first."""
@@ -79,15 +84,26 @@ class Sessions:
         self.refresh()
         key = _hash(token)
         pairing = self._pairings.get(key)
-        now_s = self._clock()
-        if pairing is None or now_s - pairing.used_s > LIFE_S:
+        if pairing is None or self._clock() - pairing.used_s > LIFE_S:
             return None
-        if abs(now_s - pairing.used_s) > _NOTED_EVERY_S:
-            with self._changing() as pairings:
-                if key not in pairings:
-                    return None
-                pairings[key] = replace(pairings[key], used_s=now_s)
         return self._sessions.setdefault(key, Session(pairing.name, pairing.role))
+
+    def is_use_due(self, token: str) -> bool:
+        """Whether `note_use` is to be called for a session that was found. True once in a while."""
+        key, now_s = _hash(token), self._clock()
+        pairing = self._pairings.get(key)
+        noted_s = self._noted_s.get(key, pairing.used_s if pairing else now_s)
+        if abs(now_s - noted_s) <= _NOTED_EVERY_S:
+            return False
+        self._noted_s[key] = now_s
+        return True
+
+    def note_use(self, token: str) -> None:
+        """Keep that a browser was here: one that did not come for LIFE_S is forgotten."""
+        key = _hash(token)
+        with self._changing() as pairings:
+            if key in pairings:
+                pairings[key] = replace(pairings[key], used_s=self._clock())
 
     def is_valid(self, session: Session) -> bool:
         """Whether a session that was found is still paired."""
@@ -104,15 +120,17 @@ class Sessions:
 
     def refresh(self) -> None:
         """Read the file where another process has changed it."""
-        try:
-            status = self._path.stat()
-        except FileNotFoundError:
-            self._seen, self._pairings = None, {}
-            return
-        seen = (status.st_mtime_ns, status.st_ino, status.st_size)
-        if seen != self._seen:
-            self._pairings = self._read()
-            self._seen = seen
+        with self._reading:
+            try:
+                status = self._path.stat()
+            except FileNotFoundError:
+                self._seen, self._pairings = None, {}
+                return
+            seen = (status.st_mtime_ns, status.st_ino, status.st_size)
+            if seen != self._seen:
+                with contextlib.suppress(MalformedFile, OSError):
+                    self._pairings = self._read()
+                self._seen = seen
 
     def _read(self) -> dict[str, Pairing]:
         try:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import socket
 import ssl
+import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from lupin_runtime import graph
 from lupin_runtime.console.authority import Role
 from lupin_runtime.console.sessions import Sessions
+from lupin_runtime.console.shared_file import locked
 from tests.support.console_browser import Browser
 from tests.support.rosbridge_client import RosbridgeClient
 
@@ -181,10 +184,26 @@ def test_client_that_says_nothing_does_not_keep_others_out(console: Console) -> 
         connection.close()
 
 
-def test_damaged_file_of_sessions_is_named(console: Console, tmp_path: Path) -> None:
+def test_damaged_file_of_sessions_pairs_nobody_and_keeps_nobody_from_the_stop(
+    phone: Browser, console: Console, tmp_path: Path
+) -> None:
+    phone.post("/_api/pair", code=code(tmp_path))
     (tmp_path / "sessions.json").write_text("{")
-    status, answer = Browser(console.port).request("GET", "/_api/session")
+    assert phone.post("/_api/stop", engaged=True)["stop"]
+    status, answer = Browser(console.port, proxied=True).request("POST", "/_api/pair", {"code": code(tmp_path)})
     assert status == 503 and "sessions.json" in answer["error"]
+
+
+def test_stop_waits_for_no_slow_disk(phone: Browser, console: Console, tmp_path: Path) -> None:
+    phone.post("/_api/pair", code=code(tmp_path))
+    with ThreadPoolExecutor() as pool:
+        with locked(tmp_path / "sessions.json"):
+            joining = Browser(console.port, proxied=True)
+            waiting = pool.submit(joining.request, "POST", "/_api/pair", {"code": code(tmp_path)})
+            time.sleep(0.3)
+            assert phone.post("/_api/stop", engaged=True)["stop"]
+            assert not waiting.done(), "the pairing still waits for the lock"
+        assert waiting.result(20.0)[0] == 200
 
 
 def test_browser_of_another_computer_is_sent_to_https(
@@ -219,6 +238,8 @@ def test_browser_of_another_computer_is_sent_to_https(
 
 
 # -- control ----------------------------------------------------------------------------------------------------------
+
+
 @pytest.fixture
 def anne(console: Console, tmp_path: Path) -> Browser:
     browser = Browser(console.port, proxied=True)

@@ -60,8 +60,11 @@ def test_session_ends_when_it_is_not_used(path: Path, clock: Clock) -> None:
     sessions = Sessions(path, clock)
     _, used = sessions.add("phone", Role.OPERATOR)
     _, left = sessions.add("phone", Role.OPERATOR)
+    assert not sessions.is_use_due(used)
     clock.now_s += LIFE_S - 1
     assert sessions.find(used) is not None
+    assert sessions.is_use_due(used) and not sessions.is_use_due(used), "once is enough"
+    sessions.note_use(used)
     clock.now_s += 2
     assert sessions.find(used) is not None
     assert sessions.find(left) is None
@@ -71,7 +74,8 @@ def test_clock_that_is_set_back_ends_no_session(path: Path, clock: Clock) -> Non
     sessions = Sessions(path, clock)
     _, token = sessions.add("phone", Role.OPERATOR)
     clock.now_s -= 10 * LIFE_S
-    assert sessions.find(token) is not None
+    assert sessions.find(token) is not None and sessions.is_use_due(token)
+    sessions.note_use(token)
     clock.now_s += 10 * LIFE_S
     assert sessions.find(token) is None, "long unused by the clock that it was used under"
 
@@ -125,6 +129,19 @@ def test_damaged_file_is_named_and_kept(path: Path, content: str) -> None:
     with pytest.raises(MalformedFile, match=r"sessions\.json.*move it away"):
         Sessions(path)
     assert path.read_text() == content
+
+
+def test_sessions_outlive_damage_to_the_file(path: Path, clock: Clock) -> None:
+    sessions = Sessions(path, clock)
+    session, token = sessions.add("phone", Role.OPERATOR)
+    content = path.read_text()
+    path.write_text(content[:50])
+    assert sessions.find(token) is session and sessions.is_valid(session)
+    with pytest.raises(MalformedFile):
+        sessions.add("phone", Role.OPERATOR)
+    assert path.read_text() == content[:50]
+    path.write_text('{"sessions": []}')
+    assert sessions.find(token) is None and not sessions.is_valid(session)
 
 
 def test_file_is_plain_json(path: Path, clock: Clock) -> None:
