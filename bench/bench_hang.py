@@ -1,11 +1,12 @@
 """What happens when a process hangs or dies while the robot drives, for every process of a simulated run.
 
-    python -m bench.bench_hang [--signal STOP|KILL] [--source goal|teleop|mission] [--only REGEX] [--load N] [--json]
+    python -m bench.bench_hang [--signal STOP|KILL] [--source goal|teleop|mission|browser]
+        [--only REGEX] [--load N] [--json]
 
 Starts the stack with `lupin up`. For each process: let the robot drive, send the signal, and measure when the wheels are at
 rest, when `lupin status` reports it, and when the process is replaced. Limits: at rest within 1.0 s (KILL: 0.35 s), reported
-within 3 s. A stopped supervisor replaces nothing: it is continued after it was reported. `--load` runs this many busy processes
-beside it.
+within 3 s. With `--source browser` a client of the console drives, and only the console is disturbed (0.5 s). A stopped
+supervisor replaces nothing: it is continued after it was reported. `--load` runs this many busy processes beside it.
 """
 
 from __future__ import annotations
@@ -19,19 +20,27 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from websockets.exceptions import ConnectionClosed
+
 from bench.detached_run import start_run, stop_run
 from lupin_runtime import graph
+from lupin_runtime.console.description import read_description
 from lupin_runtime.stack.alarms import alarms
 from lupin_runtime.stack.runs import Run
+from tests.support.console_browser import Browser
 from tests.support.release_rig import ReleaseRig
+from tests.support.rosbridge_client import RosbridgeClient
 
 LIMIT_REST_S = {"STOP": 1.0, "KILL": 0.35}
+LIMIT_CONSOLE_REST_S = 0.5
 LIMIT_REPORTED_S = 3.0
-SUPERVISOR = "supervisor"
+SUPERVISOR, CONSOLE = "supervisor", "console"
 # The run ends with the simulator, and the mission with its process: these come last.
 LAST = ("mission", SUPERVISOR, "sim")
 MOVING_M_S = 0.02
@@ -80,7 +89,27 @@ class HangRig(ReleaseRig):
             self.rest_then_stream(graph.CMD_VEL_MANUAL)
         elif source == "goal":
             self.go()
+        elif source == "browser":
+            self._browse()
         self.until(lambda: self.speeds and self.speeds[-1][1] > 0.1, "motion", 60.0)
+
+    def _browse(self) -> None:
+        """Drive by a client of the console, until that does not take it any more."""
+        console = read_description(self.run.path)
+        assert console is not None
+        browser, client = Browser(console.port), RosbridgeClient(console.rosbridge_port)
+        browser.get("/")
+        # A console that was lost has left the stop engaged.
+        self.until(lambda: browser.post("/_api/stop", engaged=False)["stop"] == [], "the release", 20.0)
+
+        def stream() -> None:
+            with suppress(ConnectionClosed, OSError):
+                while True:
+                    client.send("publish", topic=graph.CMD_VEL_MANUAL.name, msg={"linear": {"x": 0.3 * self.sign}})
+                    time.sleep(0.05)
+
+        client.send("publish", topic=graph.CMD_VEL_MANUAL.name, msg={})
+        threading.Thread(target=stream, daemon=True).start()
 
     def disturb(self, name: str, number: signal.Signals, source: str) -> Result:
         """Send a signal to the process `name` while the robot drives."""
@@ -131,7 +160,8 @@ def _at_rest_s(speeds: list[tuple[float, float]], began_s: float) -> float | Non
 
 def measure_all(names: str, number: signal.Signals, source: str, world: str) -> dict[str, Result]:
     """Measure every process whose name matches."""
-    arguments = ["--world", world, *(["--mission"] if source == "mission" else [])]
+    options = {"mission": ["--mission"], "browser": ["--web"]}
+    arguments = ["--world", world, *options.get(source, [])]
     results: dict[str, Result] = {}
     run, rig = start_run(arguments), None
     try:
@@ -139,6 +169,8 @@ def measure_all(names: str, number: signal.Signals, source: str, world: str) -> 
         ordered = [name for name in present if name not in LAST] + [name for name in LAST if name in present]
         for name in ordered:
             if not re.search(names, name) or (name == SUPERVISOR and number == signal.SIGKILL):
+                continue
+            if source == "browser" and name != CONSOLE:
                 continue
             if rig is None or not run.alive():
                 run = run if run.alive() else start_run(arguments)
@@ -162,7 +194,7 @@ def main() -> int:
     """Print the table; return 1 if a limit was missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--signal", choices=sorted(LIMIT_REST_S), default="STOP")
-    parser.add_argument("--source", choices=("goal", "teleop", "mission"), default="goal")
+    parser.add_argument("--source", choices=("goal", "teleop", "mission", "browser"), default="goal")
     parser.add_argument("--world", default="walled")
     parser.add_argument("--only", default="", help="regular expression for the names of the processes")
     parser.add_argument("--load", type=int, default=0, help="busy processes beside the run")
@@ -176,7 +208,7 @@ def main() -> int:
     finally:
         for process in busy:
             process.kill()
-    limit_s = LIMIT_REST_S[options.signal]
+    limit_s = LIMIT_CONSOLE_REST_S if options.source == "browser" else LIMIT_REST_S[options.signal]
     failed = 0
     heads = [f"{head:>9s}" for head in ("at rest", "reported", "status", "replaced")]
     table = [f"{'process':12s} {' '.join(heads)}  why ({options.signal}, {options.source})"]
