@@ -64,7 +64,7 @@ class _SharedArm:
     def _move_to(self, node: LupinNode) -> None:
         self._publisher = node.publisher(graph.ARM_TRAJECTORY)
         self._subscriptions = (
-            subscribe_estop(node, self._on_estop),
+            *subscribe_estop(node, self._on_estop),
             node.subscription(graph.JOINT_STATES, self._receive, raw=True),
             node.subscription(graph.ARM_TRAJECTORY, self._on_trajectory),
         )

@@ -19,6 +19,7 @@ from lupin_runtime.drive.twist import ZERO, HardLimits, Twist, decode, encode
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.priority import serve_first
 from lupin_runtime.ros.publisher_watch import PublisherWatch
+from lupin_runtime.safety.estop_subscription import subscribe_stops
 
 TICK_HZ = 20.0
 STATUS_PERIOD_NS = 200_000_000  # at most 5 Hz
@@ -76,7 +77,7 @@ class TwistMux(LupinNode):
         )
         self._alarms: tuple[str, ...] = ()
         # The executor serves subscriptions in the order of their creation: the e-stop first.
-        self.subscription(graph.ESTOP_STATE, self._on_estop)
+        subscribe_stops(self, self._on_estop)
         for key, topic in INPUT_TOPICS.items():
             self.subscription(topic, self._forwarder(key), qos=INPUT_QOS, raw=True)
         self.create_timer(1.0 / TICK_HZ, self._on_tick)
@@ -101,8 +102,8 @@ class TwistMux(LupinNode):
 
         return forward
 
-    def _on_estop(self, message: Any) -> None:
-        self._send(self._bus.handle_estop_state(bool(message.data), self.elapsed_clock_ns()))
+    def _on_estop(self, stop: bool) -> None:
+        self._send(self._bus.handle_estop_state(stop, self.elapsed_clock_ns()))
 
     def _on_tick(self) -> None:
         now_ns = self.elapsed_clock_ns()

@@ -1,24 +1,48 @@
-"""Subscribes a node to the e-stop state through an EStopMonitor, so that every node releases by the same evidence."""
+"""Subscribes a node to the e-stop, so that every node engages and releases by the same evidence."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 from rclpy.subscription import Subscription
-from std_msgs.msg import Bool
 
 from lupin_runtime import graph
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.safety.estop_monitor import EStopMonitor
 
 
-def subscribe_estop(node: LupinNode, on_state: Callable[[bool], None], topic: graph.Topic = graph.ESTOP_STATE) -> Subscription:
-    """Call `on_state` with every message of the e-stop state: whether the e-stop is engaged, by the rules of EStopMonitor."""
+def subscribe_estop(
+    node: LupinNode, on_state: Callable[[bool], None], topic: graph.Topic = graph.ESTOP_STATE
+) -> tuple[Subscription, ...]:
+    """Call `on_state` with every message: whether the e-stop is engaged, by the rules of EStopMonitor."""
     monitor = EStopMonitor(lambda: node.count_publishers(topic.name))
 
-    def receive(message: Bool) -> None:
-        monitor.update(bool(message.data), time.monotonic_ns())
+    def receive(stop: bool) -> None:
+        monitor.update(stop, time.monotonic_ns())
         on_state(monitor.engaged)
 
-    return node.subscription(topic, receive)
+    return subscribe_stops(node, receive, topic)
+
+
+def subscribe_stops(
+    node: LupinNode, on_message: Callable[[bool], None], topic: graph.Topic = graph.ESTOP_STATE
+) -> tuple[Subscription, ...]:
+    """Call `on_message` with every message of the e-stop's state, and with True when its process missed a press.
+
+    A process that replaces the e-stop's is discovered by one node after the other, on a busy machine within seconds: the stop
+    with which it makes good a missed press may be over by then. The drive bus, which states the missed press, is known to all.
+    """
+    missed = False
+
+    def on_state(message: Any) -> None:
+        on_message(bool(message.data) or missed)
+
+    def on_missed_press(message: Any) -> None:
+        nonlocal missed
+        missed = bool(message.data)
+        if missed:
+            on_message(True)
+
+    return node.subscription(topic, on_state), node.subscription(graph.ESTOP_MISSED_PRESS, on_missed_press)

@@ -118,7 +118,7 @@ class EstopWitness(LupinNode):
         self._engaged_value = self.parameter("engaged_value", True)
         self._press = MissedPress()
         self._console_server = ConsoleServerStop()
-        self._published = False
+        self._published: bool | None = None  # so that the first value ends what a former witness stated
         self._output = self.publisher(graph.ESTOP_MISSED_PRESS)
         self.subscription(graph.ESTOP_STATE, self._on_state)
         self.subscription(graph.ESTOP_BUTTON, self._on_button)
