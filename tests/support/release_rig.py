@@ -62,11 +62,13 @@ class ReleaseRig:
         self._clients: dict[str, Any] = {}
         self._publishers: dict[str, Any] = {}
         self.engaged: bool | None = None
+        self.button_down = False
         self.mission = ""
         self.locks: list[str] = []
         self.sign = 1.0
         self.node.subscription(graph.JOINT_STATES, self._on_joints)
         self.node.subscription(graph.ESTOP_STATE, self._on_estop)
+        self.node.subscription(graph.ESTOP_BUTTON, self._on_button)
         self.node.subscription(graph.MISSION_STATE, self._on_mission)
         self.node.subscription(graph.DRIVE_STATUS, self._on_drive)
         self.node.create_timer(STREAM_PERIOD_S / 2, self._publish_streams)
@@ -97,6 +99,9 @@ class ReleaseRig:
 
     def _on_estop(self, message: Any) -> None:
         self.engaged = bool(message.data)
+
+    def _on_button(self, message: Any) -> None:
+        self.button_down = bool(message.value)
 
     def _on_mission(self, message: Any) -> None:
         self.mission = str(message.lifecycle_state)
@@ -175,6 +180,7 @@ class ReleaseRig:
         state = json.loads((self._folder / "state.json").read_text())
         os.kill(next(int(stage["pid"]) for stage in state["stages"] if stage["name"] == "estop"), signal.SIGSTOP)
         self.call(graph.SIM_PRESS_ESTOP, data=True)
+        self.until(lambda: self.button_down, "message of the button, which is sent ten times a second")
         self.call(graph.SIM_PRESS_ESTOP, data=False)
         self.until(lambda: self.engaged is True, "stop by the e-stop's next process")
 
