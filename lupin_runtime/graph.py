@@ -207,8 +207,9 @@ def compressed(image: Topic) -> Topic:
 
 
 def camera_info(image: Topic) -> Topic:
-    """The calibration published beside a raw image topic."""
-    return replace(image, name=image.name.rsplit("/", 1)[0] + "/camera_info", type="sensor_msgs/msg/CameraInfo")
+    """The calibration published with each picture of a raw image topic; so small that the doctor can wait for one instead."""
+    name = image.name.rsplit("/", 1)[0] + "/camera_info"
+    return replace(image, name=name, type="sensor_msgs/msg/CameraInfo", probed=True)
 
 
 # -- services ---------------------------------------------------------------------------------------------------------

@@ -179,6 +179,8 @@ def lupin_robot() -> Iterator[Host]:
         keep_shared_memory(host.robot)
         for name, text in units.robot_units("mirte", CURRENT_RELEASE, SETUP_LINES).items():
             assert inside("sh", "-c", f"cat > /etc/systemd/system/{name}", stdin=text).status == 0
-        done = inside("sh", "-ec", "systemctl daemon-reload; systemctl enable --quiet lupin-onboard lupin-auto-home")
+        done = inside(
+            "sh", "-ec", "systemctl daemon-reload; systemctl enable --quiet lupin-onboard lupin-cameras lupin-auto-home"
+        )
         assert done.status == 0, done.stderr
         yield host

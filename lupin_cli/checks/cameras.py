@@ -1,14 +1,30 @@
-"""Cameras held by another process than their owner."""
+"""Cameras that are held by another process than their owner, not connected, or without a driver that works."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from lupin_cli.checks.base import Check, Finding, Snapshot
 from lupin_cli.checks.findings import make_finding
 from lupin_cli.checks.remote_command import command_on_robot
+from lupin_cli.facts.camera_drivers import CAMERA_DRIVERS
 from lupin_cli.facts.devices import DEVICES
 from lupin_cli.facts.units import CAMERAS, UNIT_STATES, VENDOR
+from lupin_runtime.cameras.driver_state import ABSENT, ENDED, HELD, NO_DRIVER, DriverState
+
+SYMPTOMS = {
+    "body": "no images of the body camera: a mission finds no tags",
+    "gripper": "no images of the gripper camera: a mission sees no flowers from above",
+}
+MANY_ENDS = 2  # a driver that ended once may have been unplugged, and is started again
+JOURNAL = "sudo journalctl -b -u lupin-cameras -n 50"
+
+
+def _running_drivers(snapshot: Snapshot) -> Mapping[str, DriverState]:
+    """The states by camera; empty where the camera service does not run and says nothing of the present."""
+    drivers, units = snapshot.robot_fact(CAMERA_DRIVERS), snapshot.robot_fact(UNIT_STATES)
+    unit = units.get(CAMERAS) if units else None
+    return drivers if drivers and unit is not None and unit.running else {}
 
 
 def find_held_cameras(snapshot: Snapshot) -> Iterator[Finding]:
@@ -19,17 +35,59 @@ def find_held_cameras(snapshot: Snapshot) -> Iterator[Finding]:
     lupin, vendor = units.get(CAMERAS), units.get(VENDOR)
     owner = CAMERAS if lupin and (lupin.running or lupin.active == "failed") else VENDOR if vendor and vendor.running else ""
     wrong = [holder for holder in devices.holders_of("/dev/video") if owner and holder.unit != owner]
-    if not wrong:
+    if wrong:
+        programs = sorted(
+            {f"{holder.program} ({holder.unit if holder.unit != '-' else 'started by hand'})" for holder in wrong}
+        )
+        pids = " ".join(sorted({str(holder.pid) for holder in wrong}))
+        yield make_finding(
+            "camera-held",
+            where="robot",
+            cause=f"{', '.join(programs)} holds the cameras, which belong to {owner}",
+            evidence=(*(holder.line() for holder in wrong), *((lupin.line(),) if lupin else ())),
+            command=command_on_robot(snapshot, f"kill {pids}; sudo systemctl restart {owner}"),
+        )
         return
-    programs = sorted({f"{holder.program} ({holder.unit if holder.unit != '-' else 'started by hand'})" for holder in wrong})
-    pids = " ".join(sorted({str(holder.pid) for holder in wrong}))
-    yield make_finding(
-        "camera-held",
-        where="robot",
-        cause=f"{', '.join(programs)} holds the cameras, which belong to {owner}",
-        evidence=(*(holder.line() for holder in wrong), *((lupin.line(),) if lupin else ())),
-        command=command_on_robot(snapshot, f"kill {pids}; sudo systemctl restart {owner}"),
-    )
+    # The depth camera is a device of the USB bus.
+    for name, driver in _running_drivers(snapshot).items():
+        if driver.state == HELD:
+            yield make_finding(
+                "camera-held",
+                where="robot",
+                cause=driver.text,
+                evidence=(f"{name}: {driver.text}",),
+                command=command_on_robot(snapshot, JOURNAL),
+                about=name,
+            )
 
 
-CHECKS = (Check("cameras", find_held_cameras, robot=(DEVICES, UNIT_STATES)),)
+def find_driver_faults(snapshot: Snapshot) -> Iterator[Finding]:
+    """The camera service runs, and a camera that is not switched off is not connected, or its driver does not run."""
+    for name, driver in _running_drivers(snapshot).items():
+        if driver.state == ABSENT:
+            id = "camera-absent"
+            cause = f"no {name} camera is connected: it is not plugged in, or the vendor's udev rules do not know it"
+            command = "lsusb; ls -l /dev/astra* /dev/video*"
+        elif driver.state == NO_DRIVER:
+            id, command = "camera-driver-missing", "command -v ros2 || tail -n 5 ~/.bashrc"
+            cause = f"the vendor's driver of the {name} camera cannot be started"
+        elif driver.state == ENDED and driver.ends >= MANY_ENDS:
+            id, command = "camera-driver-failing", JOURNAL
+            cause = f"the driver of the {name} camera ends again and again, {driver.ends} times so far"
+        else:
+            continue
+        yield make_finding(
+            id,
+            where="robot",
+            symptom=SYMPTOMS.get(name, ""),
+            cause=cause,
+            evidence=(f"{name}: {driver.text}",),
+            command=command_on_robot(snapshot, command),
+            about=name,
+        )
+
+
+CHECKS = (
+    Check("cameras", find_held_cameras, robot=(DEVICES, UNIT_STATES, CAMERA_DRIVERS)),
+    Check("cameras.drivers", find_driver_faults, robot=(CAMERA_DRIVERS, UNIT_STATES)),
+)

@@ -17,6 +17,7 @@ from lupin_cli.checks.base import Finding, Fix, Severity
 _LINK = "tests/lupin_cli/doctor/test_doctor_on_host.py"
 _SETUP = "tests/lupin_cli/doctor/test_setup_on_host.py"
 _HEALTH = "tests/lupin_cli/checks/test_checks_on_host.py"
+_CAMERAS = "tests/lupin_cli/systemd/test_cameras_on_host.py"
 _GRAPH = "tests/lupin_cli/checks/test_graph_checks_on_host.py"
 _PROBE = "tests/lupin_runtime/stack/test_graph_probe.py"
 # Tests that judge output captured from a machine.
@@ -66,6 +67,7 @@ _SILENT = f"{_GRAPH}::test_silent_sensor_and_silent_board_are_distinguished"
 _GRAPH_FAULTS = f"{_GRAPH}::test_simultaneous_graph_faults_are_each_named"
 _ZEROS = f"{_GRAPH}::test_gamepad_zeros_and_type_mismatch_are_named"
 _REAL_NODES = f"{_PROBE}::test_faults_of_real_nodes_give_exactly_their_findings"
+_CAMERA_FAULTS = f"{_CAMERAS}::test_each_fault_of_a_camera_is_named_alone"
 _LATE_JOINER = f"{_PROBE}::test_separate_shared_memory_is_found_with_udp_as_the_fix"
 
 # In the order in which a person would ask: link, discovery, processes, the rest. Checks run in the order of their modules.
@@ -143,6 +145,8 @@ FINDINGS: tuple[FindingRow, ...] = (
         _PORT),
     FindingRow("port-123-taken", "ports", "ports", "the NTP server for the robot does not start: Address already in use",
         _PORT),
+    FindingRow("port-8091-taken", "ports", "ports", "the robot's cameras give no pictures: Address already in use",
+        f"{_CAMERAS}::test_program_on_the_port_of_the_pictures_is_named"),
     FindingRow("python-missing", "software", "software.release", "nothing of Lupin can run on the robot", _PREREQUISITE),
     FindingRow("not-deployed", "software", "software.release", "without the laptop there is no drive bus, e-stop and home pose",
         _RELEASE, severity=Severity.WARNING, playbook="deploy-robot"),
@@ -206,6 +210,7 @@ FINDINGS: tuple[FindingRow, ...] = (
         "telemetry is live, and no drive command, arm service or controller call gets through",
         f"{_GRAPH}::test_dual_homed_robot_shows_one_way_data", playbook="single-home"),
     FindingRow("topic-silent", "topic_delivery", "graph.silent", "everything that needs the topic waits for it", _SILENT),
+    FindingRow("camera-silent", "topic_delivery", "graph.cameras", "a camera's picture is black or stands still", _SILENT),
     FindingRow("graph-not-visited", "topic_delivery", "graph.visit",
         "no program of the laptop can join the graph, or the doctor cannot",
         f"{_GRAPH_CAPTURES}::test_failed_graph_visit_is_named", severity=Severity.WARNING),
@@ -242,6 +247,10 @@ FINDINGS: tuple[FindingRow, ...] = (
     FindingRow("camera-held", "cameras", "cameras",
         "black or missing camera images; 'Device or resource busy' in the system journal",
         f"{_HEALTH}::test_stray_camera_holder_is_named_with_its_pid", note="the device is a file"),
+    FindingRow("camera-absent", "cameras", "cameras.drivers", "no images of a camera", _CAMERA_FAULTS),
+    FindingRow("camera-driver-missing", "cameras", "cameras.drivers", "no images of a camera", _CAMERA_FAULTS),
+    FindingRow("camera-driver-failing", "cameras", "cameras.drivers", "no images of a camera, or interrupted ones",
+        _CAMERA_FAULTS),
     FindingRow("filesystem-read-only", "resources", "machine.storage", "logs stop, settings are lost, a deploy fails", _DISK),
     FindingRow("shared-memory-full", "resources", "machine.storage", "new nodes see names and get no samples, or die at start",
         f"{_HEALTH}::test_full_shared_memory_is_named", playbook="sweep"),

@@ -8,6 +8,7 @@ from __future__ import annotations
 # These are observed over DDS: while discovery or the link is broken, they describe that break and not the robot.
 SEEN_OVER_THE_GRAPH = frozenset(
     {
+        "camera-silent",
         "controller-manager-missing",
         "controller-manager-silent",
         "controllers-not-active",

@@ -1,4 +1,4 @@
-"""Ports of the laptop that Lupin or its NTP server needs, held by another program."""
+"""Ports that Lupin or its NTP server needs, held by another program."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from dataclasses import dataclass
 
 from lupin_cli.checks.base import Check, Finding, Snapshot
 from lupin_cli.checks.findings import make_finding
+from lupin_cli.checks.remote_command import command_on
+from lupin_cli.facts.base import Facts
 from lupin_cli.facts.sockets import SOCKETS, Socket
+from lupin_cli.facts.units import CAMERAS, UNIT_STATES
 
 
 @dataclass(frozen=True)
 class ReservedPort:
-    """A port of the laptop, the finding if it is taken, and a word in the name or command line of its owner."""
+    """A port, the finding if it is taken, and a word in the name or command line of its owner."""
 
     finding: str
     protocol: str
@@ -20,27 +23,38 @@ class ReservedPort:
     owner: str
 
 
-RESERVED = (
+LAPTOP_PORTS = (
     ReservedPort("port-8090-taken", "tcp", 8090, "lupin"),  # the operator's page
     ReservedPort("port-9090-taken", "tcp", 9090, "lupin"),  # rosbridge, over which the page reaches the graph
     ReservedPort("port-123-taken", "udp", 123, "chronyd"),  # the clock that the robot follows
 )
 
 
+ROBOT_PORTS = (ReservedPort("port-8091-taken", "tcp", 8091, "lupin"),)  # the cameras' pictures
+
+
 def find_taken_ports(snapshot: Snapshot) -> Iterator[Finding]:
-    """Another program holds a port of the laptop. A process that this user may not see is not reported."""
-    sockets = snapshot.laptop.get(SOCKETS)
-    if sockets is None:
-        return
-    for reserved in RESERVED:
+    """Another program holds a port. A process that this user may not see is not reported."""
+    yield from _taken(snapshot, snapshot.laptop, LAPTOP_PORTS)
+    units = snapshot.robot_fact(UNIT_STATES)
+    if snapshot.robot is not None and units is not None and units.get(CAMERAS):
+        yield from _taken(snapshot, snapshot.robot, ROBOT_PORTS)
+
+
+def _taken(snapshot: Snapshot, machine: Facts, ports: tuple[ReservedPort, ...]) -> Iterator[Finding]:
+    sockets = machine.get(SOCKETS)
+    for reserved in ports if sockets is not None else ():
+        assert sockets is not None
         for socket in sockets.on(reserved.protocol, reserved.port):
             if socket.pid and not _is_owner(socket, reserved):
+                robot = machine is snapshot.robot
                 yield make_finding(
                     reserved.finding,
-                    where="laptop",
+                    where="robot" if robot else "laptop",
                     cause=f"{socket.process} (process {socket.pid}) holds {reserved.protocol.upper()} {reserved.port}",
                     evidence=(socket.line(), socket.command),
-                    command=f"kill {socket.pid}",
+                    command=command_on(snapshot, "robot", f"sudo kill {socket.pid}") if robot else f"kill {socket.pid}",
+                    explains={f"unit-restarting:{CAMERAS}", f"unit-failed:{CAMERAS}"} if robot else (),
                 )
                 break
 
@@ -49,4 +63,4 @@ def _is_owner(socket: Socket, reserved: ReservedPort) -> bool:
     return reserved.owner in socket.process or reserved.owner in socket.command
 
 
-CHECKS = (Check("ports", find_taken_ports, laptop=(SOCKETS,)),)
+CHECKS = (Check("ports", find_taken_ports, laptop=(SOCKETS,), robot=(SOCKETS, UNIT_STATES)),)

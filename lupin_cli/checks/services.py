@@ -13,13 +13,19 @@ from lupin_cli.facts.versions import VERSIONS
 
 JOURNAL_LINES = 4
 MANY_RESTARTS = 3  # a service that was restarted this often since boot will fail again
-DEPLOYED = (ONBOARD, AUTO_HOME)  # every deploy installs these; cameras and clock sync are optional
+DEPLOYED = (ONBOARD, AUTO_HOME)  # every deploy installs these; early releases have no cameras, and clock sync is optional
 # What the operator misses while a unit is down.
 SYMPTOMS = {
     ONBOARD: "no drive bus, no e-stop, no arm presets, no lights",
     CAMERAS: "no camera images",
     AUTO_HOME: "controllers stay stuck after a boot, and the arm never moves to its home pose",
     CLOCK_SYNC: "the clock is wrong after a boot",
+}
+
+MISSING_SYMPTOMS = {
+    ONBOARD: "after a boot, manual drive, e-stop, arm and lights do not work",
+    CAMERAS: "no camera images on the page",
+    AUTO_HOME: "the arm never moves to its home pose",
 }
 
 
@@ -46,7 +52,7 @@ def find_vendor_down(snapshot: Snapshot) -> Iterator[Finding]:
         explains={
             "unit-not-running", "unit-failed", "oneshot-failed", "unit-restarting", "controller-manager-missing",
             "controller-manager-silent", "controllers-not-active", "drive-sink-unheard", "board-wedged", "topic-silent",
-            "discovery-server-missing",
+            "camera-silent", "discovery-server-missing",
         },
     )  # fmt: skip
 
@@ -56,19 +62,17 @@ def find_unit_faults(snapshot: Snapshot) -> Iterator[Finding]:
     units, versions = snapshot.robot_fact(UNIT_STATES), snapshot.robot_fact(VERSIONS)
     if units is None or not units.systemd:
         return
-    deployed = versions is not None and versions.release is not None and bool(versions.release.current)
+    release = versions.release if versions is not None else None
+    deployed = release is not None and bool(release.current)
     for name in LUPIN_UNITS:
         unit = units.get(name)
         if unit is not None:
             yield from _unit_faults(snapshot, unit)
-        elif name in DEPLOYED and deployed:
-            onboard = name == ONBOARD
+        elif deployed and (name in DEPLOYED or (name == CAMERAS and release is not None and release.cameras)):
             yield make_finding(
                 "unit-missing",
                 where="robot",
-                symptom="after a boot, manual drive, e-stop, arm and lights do not work"
-                if onboard
-                else "the arm never moves to its home pose",
+                symptom=MISSING_SYMPTOMS[name],
                 cause=f"a release is deployed, but {name} is not installed",
                 evidence=(f"{name}: LoadState=not-found",),
                 command="lupin deploy robot",
@@ -153,6 +157,7 @@ def _down(snapshot: Snapshot, id: str, unit: Unit, cause: str, command: str) -> 
         playbook=None if by_playbook else "",
         # Without the onboard unit, no node publishes that the stop is released.
         explains={"bus-locked"} if onboard else (),
+        about=unit.name,
     )
 
 

@@ -8,9 +8,11 @@ from lupin_cli.checks.base import Check, Finding, Snapshot
 from lupin_cli.checks.controllers import visited_graphs
 from lupin_cli.checks.findings import make_finding
 from lupin_cli.checks.packet_evidence import data_reaches_robot, packet_lines
+from lupin_cli.checks.remote_command import command_on_robot
 from lupin_cli.facts.graph import GRAPH, Endpoint, Graph
 from lupin_cli.facts.packets import PACKETS
-from lupin_runtime.graph import MOTOR_BOARD, topics
+from lupin_cli.facts.units import CAMERAS
+from lupin_runtime.graph import BODY_IMAGE_ROBOT, BODY_IMAGE_SIM, GRIPPER_IMAGE, MOTOR_BOARD, camera_info, topics
 
 KNOWN_TOPICS = frozenset(topic.name for topic in topics())
 REPEATED_TOPICS = tuple(topic for topic in topics() if topic.repeats)  # silence on them is a fault
@@ -93,7 +95,7 @@ def find_names_without_samples(snapshot: Snapshot) -> Iterator[Finding]:
                 *(packet_lines(snapshot) if graph.kind == "robot" else ()),
             ),
             command="export FASTDDS_BUILTIN_TRANSPORTS=UDPv4" if shared_memory else "lupin transport",
-            explains={"topic-silent", "one-way-data", "board-wedged"},
+            explains={"topic-silent", "camera-silent", "one-way-data", "board-wedged"},
         )
 
 
@@ -144,6 +146,32 @@ def find_silent_topics(snapshot: Snapshot) -> Iterator[Finding]:
             )
 
 
+def find_silent_cameras(snapshot: Snapshot) -> Iterator[Finding]:
+    """A camera's driver is in the graph and publishes no pictures: what it publishes with each does not arrive."""
+    for graph in visited_graphs(snapshot):
+        if not _received_data(graph) or graph.udp_heard:
+            continue
+        for image in (BODY_IMAGE_SIM, BODY_IMAGE_ROBOT, GRIPPER_IMAGE):
+            name = camera_info(image).name
+            topic = graph.topic(name)
+            if graph.sample_count(name) != 0 or topic is None or all(end.is_ghost for end in topic.publishers):
+                continue
+            yield make_finding(
+                "camera-silent",
+                where=graph.machine,
+                symptom=f"no pictures on {image.name}",
+                cause=f"the driver that publishes {image.name} runs and delivers no pictures",
+                evidence=(
+                    f"{name} on {graph.name}: published by {', '.join(end.node for end in topic.publishers)}, 0 samples",
+                    *_received_data(graph),
+                ),
+                command="lupin logs"
+                if graph.kind == "sim"
+                else command_on_robot(snapshot, f"sudo systemctl restart {CAMERAS}; sudo journalctl -b -u {CAMERAS} -n 50"),
+                about=image.name,
+            )
+
+
 def is_board_silent(graph: Graph) -> bool:
     """Whether every topic of the motor board has a publisher and no samples, while other data arrives."""
     counts = [graph.sample_count(name) for name in BOARD_TOPICS if graph.sample_count(name) is not None]
@@ -182,5 +210,6 @@ CHECKS = (
         followup_robot=(PACKETS,),
     ),
     Check("graph.silent", find_silent_topics, laptop=(GRAPH,), followup_laptop=(GRAPH,)),
+    Check("graph.cameras", find_silent_cameras, laptop=(GRAPH,), followup_laptop=(GRAPH,)),
     Check("graph.visit", find_failed_visits, laptop=(GRAPH,), followup_laptop=(GRAPH,)),
 )

@@ -9,13 +9,13 @@ from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, integer, parse_sections
 
-# ss may omit the owner of a socket that was just opened, so it runs again if all owners are missing. If another user owns the
-# discovery server's port, it runs as root, since that owner is always needed.
+# ss may omit the owner of a socket that was just opened, so it runs again if all owners are missing. If another user owns
+# the port of the discovery server or of the cameras, it runs as root, since that owner is always needed.
 PROBE = (
     PRELUDE
     + r"""found=$(ss -H -lntup) || exit 1
 case $found in *udp*) printf '%s\n' "$found" | grep -q '^udp.*users:' || { sleep 0.1; found=$(ss -H -lntup); } ;; esac
-nobody=$(printf '%s\n' "$found" | grep -E ':11811[[:space:]]' | grep -v 'users:')
+nobody=$(printf '%s\n' "$found" | grep -E ':(11811|8091)[[:space:]]' | grep -v 'users:')
 [ -z "$nobody" ] || { sudo -n true 2>/dev/null && found=$(sudo -n ss -H -lntup); }
 echo '@@ sockets'; printf '%s\n' "$found"
 pids=$(printf '%s\n' "$found" | grep -oE 'pid=[0-9]+' | cut -d= -f2 | sort -un)

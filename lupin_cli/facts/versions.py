@@ -28,6 +28,9 @@ echo '@@ previous'; readlink {ROOT}/previous
 echo '@@ releases'; ls {ROOT}/releases 2>/dev/null
 echo '@@ incoming'; ls -A {ROOT}/incoming 2>/dev/null
 echo '@@ reachable'; [ -e {ROOT}/current/ ] && echo yes
+for f in {ROOT}/current/venv/lib/python3*/site-packages/lupin_runtime/cameras/service.py; do
+  [ -e "$f" ] && echo '@@ cameras'
+done
 echo '@@ release.json'; cat {ROOT}/current/release.json 2>/dev/null
 echo '@@ end'
 """
@@ -45,6 +48,7 @@ class Release:
     incoming: tuple[str, ...]
     version: str  # of Lupin
     python: tuple[int, ...]  # version that it was built for
+    cameras: bool = False  # it has the camera service
 
 
 @dataclass(frozen=True)
@@ -97,6 +101,7 @@ def _release(sections: Sections) -> Release:
         incoming=sections.lines("incoming"),
         version=version,
         python=python,
+        cameras=sections.get("cameras") is not None,
     )
 
 

@@ -12,16 +12,19 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.cameras.configuration import CONFIGURATION, CameraConfiguration, read_configuration
 from lupin_runtime.cameras.devices import BODY, GRIPPER, Camera, find_camera, is_enabled
+from lupin_runtime.cameras.driver_state import ABSENT, ENDED, HELD, NO_DRIVER, OFF, RUNNING, DriverState, write_state
 from lupin_runtime.cameras.holders import end, find_holders
 from lupin_runtime.ros.supervision import end_with_parent
 
 LOOK_S = 2.0
 AGAIN_S = 4.0  # a driver that ends at once must not fill the journal
+STEADY_S = 10.0  # a driver that ran for this long has not failed again
 _ENDING = ((signal.SIGINT, 4.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0))
 
 
@@ -30,17 +33,19 @@ class CameraDriver:
 
     def __init__(self, kind: str, configuration: CameraConfiguration, ended: threading.Event, root: Path = Path("/")) -> None:
         self._kind, self._configuration, self._ended, self._root = kind, configuration, ended, root
-        self._said = ""
+        self._reported: DriverState | None = None
+        self._ends = 0  # of drivers that ended by themselves, one after the other
 
     def run(self) -> None:
         """Run."""
         if not is_enabled(self._kind, self._configuration):
-            self._say(f"the {self._kind} camera is switched off in {CONFIGURATION}")
+            self._report(OFF, f"the {self._kind} camera is switched off in {CONFIGURATION}")
             self._ended.wait()
         while not self._ended.is_set():
             camera = find_camera(self._kind, self._configuration, self._root)
             if camera is None:
-                self._say(f"no {self._kind} camera is connected")
+                self._ends = 0
+                self._report(ABSENT, f"no {self._kind} camera is connected")
                 self._ended.wait(LOOK_S)
             elif self._free(camera):
                 self._drive(camera)
@@ -51,11 +56,12 @@ class CameraDriver:
         """End the drivers that hold the camera; False where somebody else holds it, whom nobody but a person may end."""
         for holder in find_holders(camera.devices):
             if not holder.is_driver:
-                self._say(f"the {self._kind} camera is held by {holder}, which is no camera driver; end it: kill {holder.pid}")
+                text = f"the {self._kind} camera is held by {holder} and is no camera driver; end it: kill {holder.pid}"
+                self._report(HELD, text)
                 return False
-            self._say(f"ending {holder}")
+            print(f"ending {holder}", flush=True)
             if not end(holder):
-                self._say(f"{holder} did not end")
+                self._report(HELD, f"the {self._kind} camera is held by {holder}, which did not end")
                 return False
         return True
 
@@ -64,22 +70,31 @@ class CameraDriver:
             # In a session of its own, because the ros2 command passes no signal on to the driver.
             process = subprocess.Popen(camera.command, stdin=subprocess.DEVNULL, start_new_session=True)
         except OSError as error:
-            self._say(f"{camera.command[0]} cannot be started: {error.strerror}; is the vendor's workspace sourced?")
+            self._report(
+                NO_DRIVER, f"{camera.command[0]} cannot be started: {error.strerror}; is the vendor's workspace sourced?"
+            )
             self._ended.wait(AGAIN_S)
             return
-        self._say(f"started: {' '.join(camera.command)}")
+        print(f"started: {' '.join(camera.command)}", flush=True)
+        started_s = time.monotonic()
         while process.poll() is None and not self._ended.wait(0.2):
-            pass
+            if not self._ends or time.monotonic() - started_s > STEADY_S:
+                self._ends = 0
+                self._report(RUNNING, f"the driver of the {self._kind} camera runs")
         _end_group(process)
         if not self._ended.is_set():
-            self._say(f"the driver of the {self._kind} camera ended with status {process.returncode}")
+            self._ends += 1
+            times = f", {self._ends} times in a row" if self._ends > 1 else ""
+            self._report(ENDED, f"the driver of the {self._kind} camera ended with status {process.returncode}{times}")
             self._ended.wait(AGAIN_S)
 
-    def _say(self, text: str) -> None:
-        """Print what is new."""
-        if text != self._said:
+    def _report(self, state: str, text: str) -> None:
+        """Print what is new, and keep it for the doctor."""
+        new = DriverState(state, text, self._ends)
+        if new != self._reported:
             print(text, flush=True)
-        self._said = text
+            write_state(self._kind, new)
+        self._reported = new
 
 
 def _end_group(process: subprocess.Popen[bytes]) -> None:

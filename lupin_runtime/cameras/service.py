@@ -26,7 +26,7 @@ def main() -> int:
     try:
         read_configuration()
     except (MalformedFile, OSError) as error:
-        print(error, file=sys.stderr, flush=True)
+        print(f"error: {error}", file=sys.stderr, flush=True)  # a word by which the doctor finds the line
         return 1
     return serve(camera_options(), WATCHED)
 

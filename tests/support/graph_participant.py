@@ -72,6 +72,10 @@ class Participant:
                 self.repeat(graph.CMD_VEL_JOY, encode(ZERO))
             case "stop":
                 self.repeat(graph.HMI_ESTOP, interface(graph.HMI_ESTOP.type)(data=True), 0.2)
+            case "camera":
+                self.node.publisher(graph.camera_info(graph.BODY_IMAGE_ROBOT))
+                if arguments == ["works"]:
+                    self.repeat(graph.camera_info(graph.GRIPPER_IMAGE), interface("sensor_msgs/msg/CameraInfo")())
             case "reader":
                 self.node.subscription(graph.SCAN, lambda _: None, qos=graph.REL10)
             case "mistyped":

@@ -6,27 +6,18 @@ Only the health checks run; the network checks have tests beside the doctor's. E
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from lupin_cli import __version__
 from lupin_cli.checks import cameras, clocks, resources, services, software
-from lupin_cli.connection.destination import Destination
-from lupin_cli.connection.host_keys import KnownHosts
-from lupin_cli.connection.local import LocalTarget
-from lupin_cli.connection.ssh import SshTarget
-from lupin_cli.doctor.engine import diagnose
-from lupin_cli.doctor.gathering import gather_snapshot
-from lupin_cli.facts.link import Link
 from lupin_sim.host.fixtures import boot_or_skip
+from tests.support.examined_robot import ExaminedRobot
 
 if TYPE_CHECKING:
-    from lupin_cli.checks.base import Finding
-    from lupin_sim.host import Host
+    pass
 
 pytestmark = pytest.mark.host
 
@@ -89,41 +80,8 @@ systemctl restart chrony
 DROP_IN = "/run/systemd/system/lupin-onboard.service.d"
 
 
-class DeployedRobot:
-    """A booted robot with a deployed release, and the connection over which the checks examine it from the laptop."""
-
-    def __init__(self, host: Host, folder: Path) -> None:
-        self.host = host
-        place = Destination("10.42.0.1", 22, "mirte", (str(host.key),), identities_only=True)
-        self.target = SshTarget("robot", place, KnownHosts(folder / "own", host.known_hosts))
-
-    def run_as_root(self, script: str) -> str:
-        """Run a shell script on the robot as root."""
-        done = self.host.robot.inside("sh", "-c", script, timeout_s=60.0)
-        assert done.status == 0, done.stderr
-        return str(done.stdout)
-
-    def findings(self) -> list[Finding]:
-        """The root causes that the checks find. They must examine everything."""
-        with self.host.on_laptop():
-            snapshot = gather_snapshot(CHECKS, LocalTarget(), lambda: (self.target, Link("robot", "10.42.0.1")))
-        report = diagnose(CHECKS, snapshot)
-        assert snapshot.link is not None and snapshot.link.reachable
-        assert report.check_errors == () and report.unknown == ()
-        return [root.finding for root in report.roots]
-
-    def root_causes(self) -> list[str]:
-        return sorted(finding.id for finding in self.findings())
-
-    def wait_until(self, condition: Callable[[], bool], what: str, limit_s: float = 60.0) -> None:
-        deadline = time.monotonic() + limit_s
-        while not condition():
-            assert time.monotonic() < deadline, f"{what} did not come about within {limit_s:g} s"
-            time.sleep(0.1)
-
-    def state(self, unit: str) -> str:
-        done = self.host.robot.inside("systemctl", "show", "-P", "ActiveState", unit)
-        return str(done.stdout).strip()
+class DeployedRobot(ExaminedRobot):
+    """A booted robot with a deployed release."""
 
     def fail_onboard(self, *rules: str) -> None:
         """Restart the onboard unit as a service that fails at once, with the additional settings `rules`."""
@@ -144,7 +102,7 @@ class DeployedRobot:
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DeployedRobot]:
     with boot_or_skip() as host:
-        deployed = DeployedRobot(host, tmp_path_factory.mktemp("health"))
+        deployed = DeployedRobot(host, tmp_path_factory.mktemp("health"), CHECKS)
         deployed.run_as_root(DEPLOY)
         yield deployed
         deployed.target.close()
@@ -180,6 +138,11 @@ def test_unit_missing_after_deploy_is_named(robot: DeployedRobot) -> None:
     robot.run_as_root(
         f"mv /root/lupin-auto-home.service {unit}; systemctl daemon-reload; systemctl enable -q --now lupin-auto-home"
     )
+    service = "/opt/lupin/current/venv/lib/python3.11/site-packages/lupin_runtime/cameras/service.py"
+    robot.run_as_root(f"mkdir -p $(dirname {service}); touch {service}")
+    (finding,) = robot.findings()
+    assert finding.id == "unit-missing" and "lupin-cameras.service" in finding.cause, "this release has the camera service"
+    robot.run_as_root("rm -r /opt/lupin/current/venv")
 
 
 def test_start_limit_differs_from_stopped_unit(robot: DeployedRobot) -> None:

@@ -135,6 +135,9 @@ def test_silent_sensor_and_silent_board_are_distinguished(laptop: GraphLaptop) -
     laptop.order("sim", "scan", "none")
     laptop.order("sim", "board", "none")
     laptop.wait_for_findings()
+    with laptop.participant("camera", "works"):
+        laptop.wait_for_findings("camera-silent")
+    laptop.wait_for_findings()
 
 
 def test_unconfigured_controllers_explain_silent_topics(laptop: GraphLaptop) -> None:

@@ -16,6 +16,7 @@ from lupin_cli.facts.clock import Clock, Offset
 from lupin_cli.facts.devices import Devices, Holder
 from lupin_cli.facts.storage import Storage
 from lupin_cli.facts.units import CAMERAS, CLOCK_SYNC, Unit, Units
+from lupin_runtime.cameras.driver_state import ENDED, DriverState
 from tests.support.findings import assert_findings_match_rows
 from tests.support.optional import present
 from tests.support.snapshots import HEALTHY_LAPTOP, HEALTHY_ROBOT, captured, snapshot_of, values
@@ -172,8 +173,31 @@ def holder(unit: str) -> Devices:
     return result
 
 
+WITH_CAMERAS: dict[str, Any] = {
+    "lupin_cameras": {**installed(CAMERAS), "sub": "running", "type": "simple", "active_since_s": 99.0}
+}
+
+
+def test_states_of_camera_drivers_are_findings_while_the_service_runs() -> None:
+    drivers: dict[str, Any] = {"camera-drivers": "failing-and-absent"}
+    found = root_findings(make_snapshot(units=units(**WITH_CAMERAS), **drivers))
+    assert [(finding.id, finding.about) for finding in found] == [
+        ("camera-driver-failing", "body"),
+        ("camera-absent", "gripper"),
+    ]
+    assert "status 3" in found[0].evidence[0]
+    no_service: dict[str, Any] = {"camera-drivers": "no-service"}
+    assert ids(make_snapshot(units=units(**WITH_CAMERAS), **no_service)) == []
+    assert ids(make_snapshot(**drivers)) == [], "the files of a service that was removed"
+
+
+def test_driver_that_ended_once_may_have_been_unplugged() -> None:
+    once: dict[str, Any] = {"camera-drivers": {"body": DriverState(ENDED, "ended with status 1", 1)}}
+    assert ids(make_snapshot(units=units(**WITH_CAMERAS), **once)) == []
+
+
 def test_camera_owner_is_the_running_camera_unit_or_the_vendor() -> None:
-    ours = units(lupin_cameras={**installed(CAMERAS), "sub": "running", "type": "simple", "active_since_s": 99.0})
+    ours = units(**WITH_CAMERAS)
     assert ids(make_snapshot(devices=holder("lupin-cameras.service"), units=ours)) == []
     assert ids(make_snapshot(devices=holder("mirte-ros.service"), units=ours)) == ["camera-held"]
     assert ids(make_snapshot(devices=holder("mirte-ros.service"))) == []

@@ -1,12 +1,17 @@
-"""The cameras' unit on the simulated computer, which has no cameras: pictures are served, and nothing else is disturbed."""
+"""The cameras' unit on the simulated computer, whose cameras are links in /dev and whose driver is a script."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
+from lupin_cli.checks import cameras, ports, services
 from lupin_sim.host import Host
+from tests.support.examined_robot import ExaminedRobot
 from tests.support.waiting import wait_until
 
 from .test_units_on_host import LIMIT_S, journal, show, state
@@ -15,6 +20,12 @@ pytestmark = pytest.mark.host
 
 UNIT, ONBOARD = "lupin-cameras", "lupin-onboard"
 CONFIGURATION = "/etc/lupin/cameras.yaml"
+CHECKS = (*services.CHECKS, *cameras.CHECKS, *ports.CHECKS)
+PLUG_IN, UNPLUG = "touch /dev/astradepth /dev/astrauvc", "rm -f /dev/astradepth /dev/astrauvc"
+ROS2 = "/usr/local/bin/ros2"
+END_DRIVER = """for p in /proc/[0-9]*; do
+  [ "$(readlink $p/fd/0)" = /dev/astradepth ] && kill "${p#/proc/}"
+done"""
 
 
 def shell(host: Host, script: str) -> str:
@@ -30,47 +41,63 @@ def pictures(host: Host) -> str:
     return done.stdout.strip()
 
 
-def test_cameras_are_served_waited_for_and_restarted(robot_host: Host) -> None:
-    shell(robot_host, f"systemctl start {ONBOARD} {UNIT}")
-    onboard = show(robot_host, ONBOARD, "MainPID")
-    assert state(robot_host, UNIT) == "active"
-    assert show(robot_host, UNIT, "StatusText") == "up: body-camera, gripper-camera, video"
-    assert json.loads(pictures(robot_host)) == []
-    log = journal(robot_host, UNIT)
-    assert "no body camera is connected" in log and "no gripper camera is connected" in log
-
-    stages = json.loads(shell(robot_host, "cat /run/lupin-cameras/lupin/runs/*/state.json"))["stages"]
-    (video,) = [stage for stage in stages if stage["name"] == "video"]
-    shell(robot_host, f"kill -9 {video['pid']}")
-    wait_until(lambda: "video" in journal(robot_host, UNIT).split("restarted")[0], lambda: journal(robot_host, UNIT), LIMIT_S)
-    wait_until(lambda: pictures(robot_host) == "[]", lambda: journal(robot_host, UNIT), LIMIT_S)
-    assert show(robot_host, UNIT, "NRestarts") == "0"
-
-    first = show(robot_host, UNIT, "MainPID")
-    shell(robot_host, f"kill -9 {first}")
-    wait_until(
-        lambda: show(robot_host, UNIT, "MainPID") not in (first, "0") and state(robot_host, UNIT) == "active",
-        lambda: journal(robot_host, UNIT),
-        LIMIT_S,
-    )
-    shell(robot_host, f"systemctl stop {UNIT}")
-    assert "lupin_runtime.cameras" not in shell(robot_host, "cat /proc/[0-9]*/cmdline 2>/dev/null | tr '\\0' ' ' || true")
-    assert show(robot_host, ONBOARD, "MainPID") == onboard and state(robot_host, ONBOARD) == "active"
-
-
-def test_malformed_configuration_is_named_in_the_journal(robot_host: Host) -> None:
-    shell(robot_host, f"mkdir -p /etc/lupin; echo 'color: {{fps: fast}}' > {CONFIGURATION}")
+@contextmanager
+def configured(host: Host, text: str) -> Iterator[None]:
+    """Another configuration until the block ends; then that of the computer without cameras, and the unit stopped."""
+    shell(host, f"cp {CONFIGURATION} /run/cameras.yaml; echo '{text}' > {CONFIGURATION}")
     try:
+        yield
+    finally:
+        shell(host, f"systemctl stop {UNIT}; systemctl reset-failed; mv /run/cameras.yaml {CONFIGURATION}")
+
+
+def test_cameras_are_served_waited_for_and_restarted(robot_host: Host) -> None:
+    with configured(robot_host, "{}"):
+        shell(robot_host, f"systemctl start {ONBOARD} {UNIT}")
+        onboard = show(robot_host, ONBOARD, "MainPID")
+        assert state(robot_host, UNIT) == "active"
+        assert show(robot_host, UNIT, "StatusText") == "up: body-camera, gripper-camera, video"
+        assert json.loads(pictures(robot_host)) == []
+        log = journal(robot_host, UNIT)
+        assert "no body camera is connected" in log and "no gripper camera is connected" in log
+
+        stages = json.loads(shell(robot_host, "cat /run/lupin-cameras/lupin/runs/*/state.json"))["stages"]
+        (video,) = [stage for stage in stages if stage["name"] == "video"]
+        shell(robot_host, f"kill -9 {video['pid']}")
+        wait_until(
+            lambda: "video" in journal(robot_host, UNIT).split("restarted")[0], lambda: journal(robot_host, UNIT), LIMIT_S
+        )
+        wait_until(lambda: pictures(robot_host) == "[]", lambda: journal(robot_host, UNIT), LIMIT_S)
+        assert show(robot_host, UNIT, "NRestarts") == "0"
+
+        first = show(robot_host, UNIT, "MainPID")
+        shell(robot_host, f"kill -9 {first}")
+        wait_until(
+            lambda: show(robot_host, UNIT, "MainPID") not in (first, "0") and state(robot_host, UNIT) == "active",
+            lambda: journal(robot_host, UNIT),
+            LIMIT_S,
+        )
+        shell(robot_host, f"systemctl stop {UNIT}")
+        assert "lupin_runtime.cameras" not in shell(robot_host, "cat /proc/[0-9]*/cmdline 2>/dev/null | tr '\\0' ' ' || true")
+        assert show(robot_host, ONBOARD, "MainPID") == onboard and state(robot_host, ONBOARD) == "active"
+
+
+def test_malformed_configuration_is_named_in_the_journal(robot_host: Host, tmp_path: Path) -> None:
+    wrong = f"{CONFIGURATION}: color.fps is a whole number from 1 to 60, not 'fast'"
+    with configured(robot_host, "color: {fps: fast}"):
+        shell(robot_host, f"systemctl start {ONBOARD}")
         assert robot_host.robot.inside("systemctl", "start", UNIT, timeout_s=LIMIT_S).status != 0
-        assert f"{CONFIGURATION}: color.fps is a whole number from 1 to 60, not 'fast'" in journal(robot_host, UNIT)
+        assert wrong in journal(robot_host, UNIT)
+        robot = ExaminedRobot(robot_host, tmp_path, CHECKS)
+        (finding,) = robot.findings()
+        assert finding.id == "unit-restarting" and any(wrong in line for line in finding.evidence)
+        robot.target.close()
         shell(robot_host, f"echo 'gripper: {{enabled: false}}' > {CONFIGURATION}; systemctl restart {UNIT}")
         wait_until(
             lambda: f"the gripper camera is switched off in {CONFIGURATION}" in journal(robot_host, UNIT),
             lambda: journal(robot_host, UNIT),
             LIMIT_S,
         )
-    finally:
-        shell(robot_host, f"systemctl stop {UNIT}; rm -f {CONFIGURATION}")
 
 
 def test_vendors_restart_restarts_the_cameras(robot_host: Host) -> None:
@@ -83,3 +110,67 @@ def test_vendors_restart_restarts_the_cameras(robot_host: Host) -> None:
         LIMIT_S,
     )
     shell(robot_host, f"systemctl stop {UNIT}")
+
+
+@pytest.fixture
+def robot(robot_host: Host, tmp_path: Path) -> Iterator[ExaminedRobot]:
+    """The robot with all units running, of which the checks find nothing."""
+    shell(robot_host, f"systemctl start {ONBOARD} {UNIT} lupin-auto-home")
+    examined = ExaminedRobot(robot_host, tmp_path, CHECKS)
+    assert examined.root_causes() == []
+    yield examined
+    examined.target.close()
+
+
+def test_each_fault_of_a_camera_is_named_alone(robot: ExaminedRobot) -> None:
+    def comes_about(*expected: str) -> None:
+        robot.wait_until(lambda: robot.root_causes() == sorted(expected), f"{expected}, not {robot.findings()}")
+
+    host = robot.host
+    try:
+        with configured(host, "gripper: {enabled: false}"):
+            shell(host, f"systemctl restart {UNIT}")
+            comes_about("camera-absent")
+            shell(host, PLUG_IN)
+            comes_about("camera-driver-missing")
+            shell(host, f"printf '#!/bin/sh\\nexit 3\\n' > {ROS2}; chmod +x {ROS2}")
+            comes_about("camera-driver-failing")
+            (finding,) = robot.findings()
+            assert "status 3" in finding.evidence[0]
+            shell(host, f"printf '#!/bin/sh\\nexec sleep infinity < /dev/astradepth\\n' > {ROS2}")
+            comes_about()
+            shell(host, f"{END_DRIVER}; {UNPLUG}")
+            comes_about("camera-absent")
+
+            person = "systemd-run -q --unit=stray --uid=mirte sh -c 'exec sleep 300 < /dev/astradepth'"
+            shell(host, f"systemctl stop {UNIT}; {PLUG_IN}; chmod a+r /dev/astradepth; {person}; systemctl start {UNIT}")
+            comes_about("camera-held")
+            (finding,) = robot.findings()
+            assert "sleep (process" in finding.cause
+            shell(host, "systemctl stop stray")
+            comes_about()
+
+            shell(host, f"systemctl disable -q {UNIT}")
+            comes_about("unit-not-enabled")
+            shell(host, f"systemctl enable -q {UNIT}; systemctl stop {UNIT}")
+            comes_about("unit-not-running")
+            shell(host, f"systemctl start {UNIT}")
+            comes_about()
+    finally:
+        shell(host, f"systemctl stop stray 2>/dev/null || true; {UNPLUG}; rm -f {ROS2}")
+
+
+def test_program_on_the_port_of_the_pictures_is_named(robot: ExaminedRobot) -> None:
+    host = robot.host
+    server = "systemd-run -q --unit=stray --uid=mirte python3 -m http.server 8091"
+    shell(host, f"systemctl stop {UNIT}; {server}; sleep 1; systemctl start --no-block {UNIT}")
+    try:
+        (finding,) = robot.findings()
+        assert finding.id == "port-8091-taken" and "python3" in finding.cause
+        wait_until(lambda: "8091 is in use" in journal(host, UNIT), lambda: journal(host, UNIT), LIMIT_S)
+        robot.wait_until(lambda: show(host, UNIT, "NRestarts") != "0", "a restart of the unit", 90.0)
+        assert robot.root_causes() == ["port-8091-taken"]
+    finally:
+        shell(host, "systemctl stop stray")
+    robot.wait_until(lambda: state(host, UNIT) == "active", "the start of the unit", 90.0)
+    assert robot.root_causes() == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import pytest
 from lupin_runtime.cameras import driver
 from lupin_runtime.cameras.configuration import CameraConfiguration, Gripper
 from lupin_runtime.cameras.devices import GRIPPER
+from lupin_runtime.cameras.driver_state import ABSENT, ENDED, HELD, NO_DRIVER, OFF, RUNNING
 from lupin_runtime.cameras.holders import end, find_holders
 
 # Holds its argument open, as a camera driver does; with a second argument it hears no signal but the last.
@@ -82,6 +84,16 @@ def ros2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(driver, "LOOK_S", 0.05)
     monkeypatch.setattr(driver, "AGAIN_S", 0.05)
     return calls
+
+
+@pytest.fixture
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], dict[str, Any]]:
+    """Reads the state that the doctor would see; empty before there is one."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(folder))
+    file = folder / "gripper.json"
+    return lambda: json.loads(file.read_text()) if file.exists() else {"state": ""}
 
 
 @pytest.fixture
@@ -203,3 +215,61 @@ def test_missing_vendor_software_is_named(
     monkeypatch.setenv("PATH", "/nonexistent")
     camera_driver()
     until(lambda: "ros2 cannot be started" in capfd.readouterr().out, "a message")
+
+
+@pytest.mark.usefixtures("ros2")
+def test_every_state_is_kept_for_the_doctor(
+    device: Path, hold: Hold, camera_driver: Callable[..., None], kept: Callable[[], dict[str, Any]], tmp_path: Path
+) -> None:
+    name = tmp_path / "sys/class/video4linux/video2/name"
+    name.rename(tmp_path / "unplugged")
+    camera_driver()
+    until(lambda: kept()["state"] == ABSENT, "the absent camera")
+    person = hold("cheese", device)
+    (tmp_path / "unplugged").rename(name)
+    until(lambda: kept()["state"] == HELD, "the held camera")
+    assert f"cheese (process {person.pid})" in kept()["text"]
+    person.kill()
+    until(lambda: kept()["state"] == RUNNING, "the running driver")
+    for ends in (1, 2, 3):
+        (ours,) = until(lambda: find_holders([device]), "the driver on the device")
+        psutil.Process(ours.pid).kill()
+        until(lambda ends=ends: kept()["ends"] == ends, f"end {ends}")
+        assert kept()["state"] == ENDED
+    assert kept()["text"].endswith("3 times in a row")
+
+
+@pytest.mark.usefixtures("ros2")
+def test_driver_that_runs_again_has_not_failed(
+    device: Path,
+    camera_driver: Callable[..., None],
+    kept: Callable[[], dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(driver, "STEADY_S", 0.3)
+    camera_driver()
+    (ours,) = until(lambda: find_holders([device]), "the driver on the device")
+    until(lambda: kept()["state"] == RUNNING, "the running driver")
+    psutil.Process(ours.pid).kill()
+    until(lambda: kept()["state"] == ENDED, "the end")
+    until(lambda: kept() == {"state": RUNNING, "text": "the driver of the gripper camera runs", "ends": 0}, "the next driver")
+
+
+def test_missing_software_and_switched_off_cameras_are_kept_for_the_doctor(
+    device: Path, camera_driver: Callable[..., None], kept: Callable[[], dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert device.exists()
+    monkeypatch.setenv("PATH", "/nonexistent")
+    camera_driver()
+    until(lambda: kept()["state"] == NO_DRIVER, "the missing driver")
+    camera_driver(CameraConfiguration(gripper=Gripper(enabled=False)))
+    until(lambda: kept()["state"] == OFF, "the camera that is switched off")
+
+
+@pytest.mark.usefixtures("ros2")
+def test_states_that_cannot_be_kept_stop_no_driver(
+    device: Path, camera_driver: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RUNTIME_DIRECTORY", "/nonexistent")
+    camera_driver()
+    until(lambda: find_holders([device]), "the driver on the device")

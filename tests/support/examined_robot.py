@@ -1,0 +1,58 @@
+"""A booted robot that checks examine over SSH, as the doctor does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lupin_cli.checks import Check
+from lupin_cli.connection.destination import Destination
+from lupin_cli.connection.host_keys import KnownHosts
+from lupin_cli.connection.local import LocalTarget
+from lupin_cli.connection.ssh import SshTarget
+from lupin_cli.doctor.engine import diagnose
+from lupin_cli.doctor.gathering import gather_snapshot
+from lupin_cli.facts.link import Link
+
+if TYPE_CHECKING:
+    from lupin_cli.checks.base import Finding
+    from lupin_sim.host import Host
+
+
+class ExaminedRobot:
+    """A booted robot, and the connection over which `checks` examine it from the laptop."""
+
+    def __init__(self, host: Host, folder: Path, checks: tuple[Check, ...]) -> None:
+        self.host, self.checks = host, checks
+        place = Destination("10.42.0.1", 22, "mirte", (str(host.key),), identities_only=True)
+        self.target = SshTarget("robot", place, KnownHosts(folder / "own", host.known_hosts))
+
+    def run_as_root(self, script: str) -> str:
+        """Run a shell script on the robot as root."""
+        done = self.host.robot.inside("sh", "-c", script, timeout_s=60.0)
+        assert done.status == 0, done.stderr
+        return str(done.stdout)
+
+    def findings(self) -> list[Finding]:
+        """The root causes that the checks find. They must examine everything."""
+        with self.host.on_laptop():
+            snapshot = gather_snapshot(self.checks, LocalTarget(), lambda: (self.target, Link("robot", "10.42.0.1")))
+        report = diagnose(self.checks, snapshot)
+        assert snapshot.link is not None and snapshot.link.reachable
+        assert report.check_errors == () and report.unknown == ()
+        return [root.finding for root in report.roots]
+
+    def root_causes(self) -> list[str]:
+        return sorted(finding.id for finding in self.findings())
+
+    def wait_until(self, condition: Callable[[], bool], what: str, limit_s: float = 60.0) -> None:
+        deadline = time.monotonic() + limit_s
+        while not condition():
+            assert time.monotonic() < deadline, f"{what} did not come about within {limit_s:g} s"
+            time.sleep(0.1)
+
+    def state(self, unit: str) -> str:
+        done = self.host.robot.inside("systemctl", "show", "-P", "ActiveState", unit)
+        return str(done.stdout).strip()
