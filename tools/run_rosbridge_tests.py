@@ -2,7 +2,7 @@
 
     python -m tools.run_rosbridge_tests FOLDER [NAME ...]
 
-FOLDER is a checkout of rosbridge_suite (2.7 or later). Its tests are written for ROS 2's launch system, of which they need only
+FOLDER is a checkout of rosbridge_suite for ROS 2. Its tests are written for ROS 2's launch system, of which they need only
 what starts the server: that is replaced by a few small modules. They also need the packages autobahn and twisted, and some
 example_interfaces; a test that lacks something is reported as such. Exit status: 0 all passed, 1 not.
 """
@@ -21,7 +21,9 @@ from lupin_runtime.stack.dds import claim_domain, loopback_environment
 
 TEST_BOUND_S = 120.0
 _STUBS = {
-    "launch/__init__.py": "",
+    "launch/__init__.py": (
+        "from launch import actions, substitutions\nfrom launch.launch_description import LaunchDescription\n"
+    ),
     "launch/action.py": "class Action: ...\n",
     "launch/launch_description.py": "class LaunchDescription:\n    def __init__(self, actions): self.actions = actions\n",
     "launch/actions.py": (

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -234,7 +235,7 @@ def test_every_state_is_kept_for_the_doctor(
     for ends in (1, 2, 3):
         (ours,) = until(lambda: find_holders([device]), "the driver on the device")
         psutil.Process(ours.pid).kill()
-        until(lambda ends=ends: kept()["ends"] == ends, f"end {ends}")
+        until(partial(lambda count: kept()["ends"] == count, ends), f"end {ends}")
         assert kept()["state"] == ENDED
     assert kept()["text"].endswith("3 times in a row")
 
