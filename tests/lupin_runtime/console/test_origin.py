@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+import lupin_runtime
 from lupin_runtime import graph
 from lupin_runtime.console.authority import Role
 from lupin_runtime.console.sessions import Sessions
@@ -175,6 +176,14 @@ def test_page_may_run_only_its_own_scripts_and_lie_in_no_frame(console: Console)
         assert browser.get(path)
     for path in ("/page/../origin.py", "/page/%2e%2e/origin.py", "/page//etc/passwd", "/page/"):
         assert browser.request("GET", path)[0] in (403, 404)
+
+
+def test_page_is_the_installed_one_and_browsers_keep_no_copy(console: Console) -> None:
+    browser = Browser(console.port)
+    page = Path(lupin_runtime.__file__).parent / "console" / "page"
+    for path, file in (("/", "index.html"), ("/page/console.js", "console.js"), ("/page/console.css", "console.css")):
+        assert browser.get(path) == (page / file).read_text(encoding="utf-8")
+        assert browser.answer_headers["Cache-Control"] == "no-store"
 
 
 def test_client_that_says_nothing_does_not_keep_others_out(console: Console) -> None:
