@@ -51,8 +51,9 @@ def find_holders(devices: Iterable[Path]) -> list[Holder]:
         with contextlib.suppress(OSError):  # it has ended, or is another user's
             targets = {str(link.readlink()) for link in (folder / "fd").iterdir()}
             held = sorted(wanted & targets)
-            if held:
-                found.append(Holder(int(folder.name), _program(folder), held[0]))
+            program = _program(folder) if held else ""
+            if program:  # else it has ended since
+                found.append(Holder(int(folder.name), program, held[0]))
     return found
 
 

@@ -77,7 +77,8 @@ def test_repeating_probed_and_monitored_topics_are_these() -> None:
     monitored = (graph.SCAN, graph.MAP, graph.MISSION_STATE, graph.ESTOP_STATE, graph.CMD_VEL_NAV)
     assert names(topic for topic in graph.topics() if topic.repeats) == names(repeating)
     assert names(graph_probe.ROBOT_TOPICS) == names(robot)
-    assert names(graph_probe.PROBED_TOPICS) == names((*repeating, *states))
+    pictures = tuple(map(graph.camera_info, (graph.BODY_IMAGE_SIM, graph.BODY_IMAGE_ROBOT, graph.GRIPPER_IMAGE)))
+    assert names(graph_probe.PROBED_TOPICS) == names((*repeating, *states, *pictures))
     assert names(topic for topic in graph.topics() if topic.monitored) == names(monitored)
     assert names(t for t in graph.topics() if t.monitored and t.repeats) == names((graph.SCAN, graph.ESTOP_STATE))
 

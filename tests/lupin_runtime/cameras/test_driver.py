@@ -196,7 +196,8 @@ def test_end_leaves_no_process(device: Path, ros2: Path, tmp_path: Path) -> None
     until(lambda: find_holders([device]), "the driver on the device")
     ended.set()
     thread.join(20.0)
-    assert not thread.is_alive() and find_holders([device]) == [] and ros2.read_text().count("\n") == 1
+    assert not thread.is_alive() and ros2.read_text().count("\n") == 1
+    until(lambda: find_holders([device]) == [], "the end of the driver")
 
 
 def test_camera_that_is_switched_off_stays_off(
