@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from lupin_runtime import graph
+from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 
 STREAM_PERIOD_S = 0.05
 STREAM_M_S = 0.15
@@ -180,13 +181,16 @@ class ReleaseRig:
         self.until(lambda: self.engaged is pressed and bool(self.locks) is pressed, f"e-stop state {pressed}")
 
     def press_unheard(self) -> None:
-        """Press and release the button while `estop_bridge` hangs, and wait until the process that replaces it engages."""
+        """Press and release the button while `estop_bridge` hangs, and wait until the drive bus counts it as engaged.
+
+        The state of the process that replaces it may be over before this client has discovered its publisher.
+        """
         state = json.loads((self._folder / "state.json").read_text())
         os.kill(next(int(stage["pid"]) for stage in state["stages"] if stage["name"] == "estop"), signal.SIGSTOP)
         self.call(graph.SIM_PRESS_ESTOP, data=True)
         self.until(lambda: self.button_down, "message of the button, which is sent ten times a second")
         self.call(graph.SIM_PRESS_ESTOP, data=False)
-        self.until(lambda: self.engaged is True, "stop by the e-stop's next process")
+        self.until(lambda: ESTOP_ENGAGED in self.locks, "stop that was missed")
 
     # -- truth ---------------------------------------------------------------------------------------------------------
     def trajectory(self) -> list[tuple[float, float, float]]:
