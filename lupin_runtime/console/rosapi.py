@@ -131,7 +131,9 @@ class RosApi:
 
     # -- services and actions -----------------------------------------------------------------------------------------
     def _visible_services(self) -> dict[str, str]:
-        return _visible(self._node.get_service_names_and_types())
+        found = self._node.get_service_names_and_types()
+        # The graph lists the services of clients too, whose servers have gone.
+        return _visible([(name, kinds) for name, kinds in found if self._node.count_services(name)])
 
     def _service_names(self) -> Response:
         return {"services": list(self._visible_services())}

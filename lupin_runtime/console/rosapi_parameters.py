@@ -172,7 +172,9 @@ class RosApiParameters:
             self._send(service_class, service, message, answered, failed)
 
     def _available_services(self) -> set[str]:
-        return {name for name, _ in self._node.get_service_names_and_types()}
+        # The graph lists the services of clients too, this server's among them.
+        found = self._node.get_service_names_and_types()
+        return {name for name, _ in found if self._node.count_services(name)}
 
     def _send(self, service_class: Any, service: str, request: Any, answered: Callable[[Any], None], failed: Failed) -> None:
         """Call a service of the graph; one of the functions is called once, at the latest after TIMEOUT_S."""

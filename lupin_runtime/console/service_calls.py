@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -18,6 +19,7 @@ from lupin_runtime.console.cdr import Format, decoder
 
 READY_S = 1.0  # how long a service that the graph does not list yet is waited for
 TIMEOUT_S = 5.0
+MAX_CLIENTS = 100  # of the graph; the one that was used longest ago makes room
 _POLL_S = 0.02
 
 Done = Callable[[bool, Any], None]  # whether it succeeded, and the response's values or the reason as text
@@ -30,8 +32,9 @@ class ServiceCalls:
         self._node = node
         self._now = now
         self._group = ReentrantCallbackGroup()
-        self._clients: dict[tuple[str, str], Client] = {}
-        self._last: dict[str, Client] = {}  # by the service's name
+        self._clients: dict[tuple[str, str], Client] = {}  # by name and type, the last used last
+        self._last: dict[str, tuple[str, str]] = {}  # the key of the client that last served a name
+        self._open: Counter[tuple[str, str]] = Counter()  # requests without a response yet
         self._waiting: dict[int, tuple[float, Callable[[], bool], Callable[[], None]]] = {}
         self._number = 0
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a stopped /clock must not stop a timeout
@@ -46,35 +49,55 @@ class ServiceCalls:
         name = service if service.startswith("/") else f"/{service}"
 
         def start() -> bool:
-            client = self._client(name)
-            if client is None:
+            key = self._ready(name)
+            if key is None:
                 return False
-            self._send(client, arguments, timeout_s, done)
+            self._send(key, arguments, timeout_s, done)
             return True
 
+        def give_up() -> None:
+            self._forget([key for key in self._clients if key[0] == name])
+            done(False, f"Service {name} does not exist")
+
         if not start():
-            self._wait(time.monotonic() + READY_S, start, lambda: done(False, f"Service {name} does not exist"))
+            self._wait(time.monotonic() + READY_S, start, give_up)
 
-    def _client(self, name: str) -> Client | None:
-        """The client of a service whose server is there, or None."""
+    def _ready(self, name: str) -> tuple[str, str] | None:
+        """The key of the client of a service whose server is there, or None."""
         last = self._last.get(name)
-        if last is not None and last.service_is_ready():
+        if last is not None and self._clients[last].service_is_ready():
+            self._clients[last] = self._clients.pop(last)
             return last  # listing all services of a large graph takes longer than the call
-        kinds = dict(self._node.get_service_names_and_types()).get(name)
-        if not kinds:
-            return None
-        key = (name, kinds[0])
-        client = self._clients.get(key)
-        if client is None:
-            try:
-                service_class = interfaces.find(kinds[0], "srv")
-            except interfaces.UnknownType:
-                return None
-            client = self._clients[key] = self._node.create_client(service_class, name, callback_group=self._group)
-        self._last[name] = client
-        return client if client.service_is_ready() else None
+        # The graph lists the types of clients too, this server's among them: which type is served shows when it is ready.
+        for kind in dict(self._node.get_service_names_and_types()).get(name, ()):
+            key = (name, kind)
+            if self._get_or_create(key) and self._clients[key].service_is_ready():
+                self._last[name] = key
+                return key
+        return None
 
-    def _send(self, client: Client, arguments: Any, timeout_s: float, done: Done) -> None:
+    def _get_or_create(self, key: tuple[str, str]) -> bool:
+        if key in self._clients:
+            return True
+        try:
+            service_class = interfaces.find(key[1], "srv")
+        except interfaces.UnknownType:
+            return False
+        if len(self._clients) >= MAX_CLIENTS:
+            self._forget(list(self._clients)[: len(self._clients) - MAX_CLIENTS + 1])
+        self._clients[key] = self._node.create_client(service_class, key[0], callback_group=self._group)
+        return True
+
+    def _forget(self, keys: Iterable[tuple[str, str]]) -> None:
+        """Destroy clients that wait for no response."""
+        for key in keys:
+            if not self._open[key]:
+                self._node.destroy_client(self._clients.pop(key))
+                if self._last.get(key[0]) == key:
+                    del self._last[key[0]]
+
+    def _send(self, key: tuple[str, str], arguments: Any, timeout_s: float, done: Done) -> None:
+        client = self._clients[key]
         request_class = client.srv_type.Request
         try:
             request = values.fill(request_class, values.by_name(request_class, arguments), self._now)
@@ -83,10 +106,12 @@ class ServiceCalls:
             return
         decode = decoder(client.srv_type.Response, Format.JSON)
         future = client.call_async(request)
+        self._open[key] += 1
         number = self._number = self._number + 1
 
         def finish(answered: Future) -> None:
             self._waiting.pop(number, None)
+            self._open -= Counter([key])
             if answered.cancelled():
                 done(False, "Timeout exceeded while waiting for service response")
             elif answered.exception() is not None:

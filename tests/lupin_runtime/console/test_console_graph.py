@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -146,6 +147,74 @@ def test_subscription_follows_publishers_that_come_later(graph_host: GraphHost, 
     best_effort = peer.create_publisher(String, "/later", qos_profile(graph.BEST1))
     graph_host.until(lambda: best_effort.get_subscription_count(), what="a compatible subscription")
     graph_host.until(lambda: best_effort.publish(String(data="heard")) or _has(client, "/later"))
+
+
+def test_client_stays_connected_while_the_graph_goes_and_comes_back(graph_host: GraphHost, connect: Connect) -> None:
+    client = connect()
+    client.send("subscribe", topic="/state", type="std_msgs/String")
+    client.send("advertise", topic="/command", type="std_msgs/String")
+    # The next robot offers another QoS: the subscription follows it too.
+    for number, qos in enumerate((graph.REL10, graph.LATCHED1, graph.BEST1)):
+        _use_robot(graph_host, client, f"robot_{number}", qos)
+        graph_host.until(partial(_lacks, client, "/ask"), what="a graph without the robot")
+
+
+def test_service_that_comes_back_with_another_type_is_called(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
+    from std_srvs.srv import Empty, Trigger
+
+    client = connect()
+    for kind, fields in ((Trigger, {"success", "message"}), (Empty, set()), (Trigger, {"success", "message"})):
+        service = peer.create_service(kind, "/changing", lambda _, response: response)
+        graph_host.until(lambda: client.call("/changing")["result"], what="an answer")
+        assert set(client.call("/changing")["values"]) == fields
+        peer.destroy_service(service)
+        graph_host.until(partial(_lacks, client, "/changing"), what="a graph without the service")
+        assert client.call("/changing")["values"] == "Service /changing does not exist"
+
+
+def test_number_of_ros_clients_is_limited(graph_host: GraphHost, peer: LupinNode, connect: Connect, console: Console) -> None:
+    from std_srvs.srv import Trigger
+
+    from lupin_runtime.console.service_calls import MAX_CLIENTS
+
+    client = connect()
+    names = [f"/many_{number}" for number in range(MAX_CLIENTS + 5)]
+    for name in names:
+        peer.create_service(Trigger, name, lambda _, response: response)
+    before = len(list(console.clients))
+    for name in names:
+        graph_host.until(partial(_is_answered, client, name), what=name)
+    assert len(list(console.clients)) - before <= MAX_CLIENTS
+    assert client.call(names[0])["result"], "one that made room is made again"
+
+
+def _is_answered(client: RosbridgeClient, service: str) -> bool:
+    return bool(client.call(service)["result"])
+
+
+def _lacks(client: RosbridgeClient, service: str) -> bool:
+    return service not in client.call("/rosapi/services")["values"]["services"]
+
+
+def _use_robot(graph_host: GraphHost, client: RosbridgeClient, name: str, qos: graph.Qos) -> None:
+    """Let a robot come, hear its state, command it, call it, and let it go."""
+    from std_msgs.msg import String
+    from std_srvs.srv import Trigger
+
+    from lupin_runtime.ros import LupinNode
+    from lupin_runtime.ros.node import qos_profile
+
+    commands: list[Any] = []
+    robot = LupinNode(name)
+    states = robot.create_publisher(String, "/state", qos_profile(qos))
+    robot.create_subscription(String, "/command", commands.append, 10)
+    robot.create_service(Trigger, "/ask", lambda _, response: response)
+    graph_host.add(robot)
+    graph_host.until(lambda: states.publish(String(data="on")) or _has(client, "/state"), what="a state")
+    client.send("publish", topic="/command", msg={"data": "go"})
+    graph_host.until(lambda: commands, what="a command")
+    graph_host.until(lambda: client.call("/ask")["result"], what="an answer")
+    graph_host.remove(robot)
 
 
 def _has(client: RosbridgeClient, topic: str) -> bool:
