@@ -28,10 +28,13 @@ def output_of(host: Host, *command: str) -> str:
     return host.robot.inside("sh", "-c", " ".join(command)).stdout.strip()
 
 
-def running_release(host: Host) -> str:
-    """The id of the release that the main process of lupin-onboard was started from."""
-    line = output_of(host, "tr '\\0' ' ' < /proc/$(systemctl show -p MainPID --value lupin-onboard)/cmdline")
-    return line.split("/opt/lupin/releases/")[1].split("/")[0]
+def running_releases(host: Host) -> set[str]:
+    """The ids of the releases that the main processes of lupin-onboard and lupin-cameras were started from."""
+    lines = [
+        output_of(host, f"tr '\\0' ' ' < /proc/$(systemctl show -p MainPID --value {unit})/cmdline")
+        for unit in ("lupin-onboard", "lupin-cameras")
+    ]
+    return {line.split("/opt/lupin/releases/")[1].split("/")[0] for line in lines}
 
 
 @pytest.fixture
@@ -55,17 +58,16 @@ def test_deploy_repeat_replace_rollback_remove(robot_host: Host, lupin: Lupin, n
 
     first = lupin("deploy", "robot", "--no-check")
     assert first.exit_code == 0, first.output
-    assert output_of(host, "systemctl is-active lupin-onboard; systemctl is-enabled lupin-onboard lupin-auto-home").split() == [
-        "active",
-        "enabled",
-        "enabled",
-    ]
+    states = output_of(host, "systemctl is-active lupin-onboard lupin-cameras").split()
+    assert states == ["active", "active"]
+    states = output_of(host, "systemctl is-enabled lupin-onboard lupin-cameras lupin-auto-home").split()
+    assert states == ["enabled", "enabled", "enabled"]
     assert output_of(host, "systemctl is-active lupin-auto-home") == "inactive", (
         "auto-home moves the arm, so it starts at the next boot only"
     )
     assert output_of(host, REMOVES_IPC) == "b false"
     old = output_of(host, CURRENT_ID)
-    assert running_release(host) == old
+    assert running_releases(host) == {old}
     again = lupin("deploy", "robot")
     assert (again.exit_code, "nothing to do" in again.output) == (0, True), again.output
 
@@ -74,7 +76,7 @@ def test_deploy_repeat_replace_rollback_remove(robot_host: Host, lupin: Lupin, n
     assert replaced.exit_code == 0, replaced.output
     new = output_of(host, CURRENT_ID)
     assert new != old
-    assert running_release(host) == new
+    assert running_releases(host) == {new}
 
     # Packets queued for a laptop that is gone cannot fill the buffers of the robot's own processes.
     assert output_of(host, "cat /proc/sys/net/ipv4/neigh/eth0/unres_qlen_bytes") == "65536"
@@ -82,7 +84,7 @@ def test_deploy_repeat_replace_rollback_remove(robot_host: Host, lupin: Lupin, n
     back = lupin("deploy", "robot", "--rollback", "--no-check")
     assert back.exit_code == 0, back.output
     assert output_of(host, CURRENT_ID) == old
-    assert running_release(host) == old
+    assert running_releases(host) == {old}
 
     removed = lupin("deploy", "robot", "--remove")
     assert removed.exit_code == 0, removed.output
