@@ -14,7 +14,7 @@ from lupin_runtime.cameras.driver_state import ABSENT, ENDED, HELD, NO_DRIVER, D
 
 SYMPTOMS = {
     "body": "no images of the body camera: a mission finds no tags",
-    "gripper": "no images of the gripper camera: a mission sees no flowers from above",
+    "gripper": "no images of the gripper camera: a mission finds no flowers",
 }
 MANY_ENDS = 2  # a driver that ended once may have been unplugged, and is started again
 JOURNAL = "sudo journalctl -b -u lupin-cameras -n 50"

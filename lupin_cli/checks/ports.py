@@ -28,8 +28,6 @@ LAPTOP_PORTS = (
     ReservedPort("port-9090-taken", "tcp", 9090, "lupin"),  # rosbridge, over which the page reaches the graph
     ReservedPort("port-123-taken", "udp", 123, "chronyd"),  # the clock that the robot follows
 )
-
-
 ROBOT_PORTS = (ReservedPort("port-8091-taken", "tcp", 8091, "lupin"),)  # the cameras' pictures
 
 
@@ -43,11 +41,12 @@ def find_taken_ports(snapshot: Snapshot) -> Iterator[Finding]:
 
 def _taken(snapshot: Snapshot, machine: Facts, ports: tuple[ReservedPort, ...]) -> Iterator[Finding]:
     sockets = machine.get(SOCKETS)
-    for reserved in ports if sockets is not None else ():
-        assert sockets is not None
+    if sockets is None:
+        return
+    robot = machine is snapshot.robot
+    for reserved in ports:
         for socket in sockets.on(reserved.protocol, reserved.port):
             if socket.pid and not _is_owner(socket, reserved):
-                robot = machine is snapshot.robot
                 yield make_finding(
                     reserved.finding,
                     where="robot" if robot else "laptop",
