@@ -85,7 +85,7 @@ class Doctor:
     async def _examine(self) -> None:
         try:
             diagnosis = await self._run(["doctor", "--json"], EXAMINATION_BOUND_S)
-            self._update(diagnosis=diagnosis, examined_s=round(time.time()))
+            self._update(diagnosis=diagnosis, examined_s=round(time.time(), 3))
         except DoctorError as error:
             self._update(problem=str(error))
         finally:

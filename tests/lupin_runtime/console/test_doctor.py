@@ -47,7 +47,7 @@ def orphan() -> Iterator[Path]:
     lock.unlink(missing_ok=True)
 
 
-def examined(browser: Browser, after_s: int = 0) -> dict[str, Any]:
+def examined(browser: Browser, after_s: float = 0.0) -> dict[str, Any]:
     """The state after an examination that ended later than `after_s`."""
     deadline_s = time.monotonic() + BOUND_S
     while True:
