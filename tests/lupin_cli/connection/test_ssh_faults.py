@@ -235,7 +235,9 @@ class Relay:
         self._open.set()
 
     def reset(self) -> None:
-        for end in self._sockets:
+        # A client that sees the first reset may connect again at once: its new connection is not to be reset.
+        ends, self._sockets = self._sockets, []
+        for end in ends:
             with contextlib.suppress(OSError):  # closed already
                 reset(end)
                 end.shutdown(socket.SHUT_RDWR)
