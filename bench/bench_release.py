@@ -17,7 +17,8 @@ import sys
 import tempfile
 
 from bench.detached_run import start_run, stop_run
-from tests.support.release_rig import CASES, Measured, ReleaseRig
+from tests.support.release_cases import CASES
+from tests.support.release_rig import Measured, ReleaseRig
 
 LIMIT_M, LIMIT_RAD = 0.001, 0.02
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,12 +44,6 @@ class ExaminedRobot:
 
     def root_causes(self) -> list[str]:
         return sorted(finding.id for finding in self.findings())
-
-    def wait_until(self, condition: Callable[[], bool], what: str, limit_s: float = 60.0) -> None:
-        deadline = time.monotonic() + limit_s
-        while not condition():
-            assert time.monotonic() < deadline, f"{what} did not come about within {limit_s:g} s"
-            time.sleep(0.1)
 
     def state(self, unit: str) -> str:
         done = self.host.robot.inside("systemctl", "show", "-P", "ActiveState", unit)

@@ -15,11 +15,14 @@ from lupin_cli import __version__
 from lupin_cli.checks import cameras, clocks, resources, services, software
 from lupin_sim.host.fixtures import boot_or_skip
 from tests.support.examined_robot import ExaminedRobot
+from tests.support.waiting import wait_until
 
 if TYPE_CHECKING:
     pass
 
 pytestmark = pytest.mark.host
+
+LIMIT_S = 60.0
 
 CHECKS = (*clocks.CHECKS, *services.CHECKS, *resources.CHECKS, *software.CHECKS, *cameras.CHECKS)
 UNIT = """[Unit]
@@ -114,7 +117,7 @@ def test_deployed_robot_has_no_findings(robot: DeployedRobot) -> None:
 
 def test_failed_oneshot_shows_its_journal_lines(robot: DeployedRobot) -> None:
     robot.run_as_root("touch /tmp/stuck; systemctl restart --no-block lupin-auto-home")
-    robot.wait_until(lambda: robot.state("lupin-auto-home") == "failed", "the failure of the oneshot")
+    wait_until(lambda: robot.state("lupin-auto-home") == "failed", "the failure of the oneshot", LIMIT_S)
     (finding,) = robot.findings()
     assert finding.id == "oneshot-failed" and finding.fix.playbook == "heal"
     assert any("lupin-auto-home" in line and "Failed with result" in line for line in finding.evidence)
@@ -123,10 +126,10 @@ def test_failed_oneshot_shows_its_journal_lines(robot: DeployedRobot) -> None:
 
 def test_failed_unit_differs_from_restarting_unit(robot: DeployedRobot) -> None:
     robot.fail_onboard("Restart=no")
-    robot.wait_until(lambda: robot.state("lupin-onboard") == "failed", "the failure")
+    wait_until(lambda: robot.state("lupin-onboard") == "failed", "the failure", LIMIT_S)
     assert robot.root_causes() == ["unit-failed"]
     robot.fail_onboard("Restart=always", "RestartSec=60")
-    robot.wait_until(lambda: robot.state("lupin-onboard") == "activating", "the pause before it is started again")
+    wait_until(lambda: robot.state("lupin-onboard") == "activating", "the pause before it is started again", LIMIT_S)
     assert robot.root_causes() == ["unit-restarting"]
     robot.restore_onboard()
 
@@ -149,7 +152,7 @@ def test_start_limit_differs_from_stopped_unit(robot: DeployedRobot) -> None:
     robot.run_as_root("systemctl stop lupin-onboard")
     assert robot.root_causes() == ["unit-not-running"]
     robot.fail_onboard()
-    robot.wait_until(lambda: robot.state("lupin-onboard") == "failed", "the start limit")
+    wait_until(lambda: robot.state("lupin-onboard") == "failed", "the start limit", LIMIT_S)
     assert robot.root_causes() == ["unit-start-limit"]
     robot.restore_onboard()
 
@@ -210,7 +213,7 @@ def test_stopped_chrony_is_named(robot: DeployedRobot) -> None:
 def test_laptop_not_serving_time_is_named(robot: DeployedRobot) -> None:
     robot.host.serve_ntp()
     robot.run_as_root(INSTALL_CLOCK_SYNC)
-    robot.wait_until(lambda: robot.root_causes() == [], "an answer of the laptop's NTP server")
+    wait_until(lambda: robot.root_causes() == [], "an answer of the laptop's NTP server", LIMIT_S)
     with robot.host.robot.with_fault("chrony-not-serving"):
         robot.run_as_root("systemctl restart chrony")  # chrony counts a source that answered once as reachable
         (finding,) = robot.findings()
@@ -288,7 +291,7 @@ def test_missing_prerequisites_of_lupin_are_named(robot: DeployedRobot, fault: A
 
 def test_simultaneous_health_faults_are_each_named(robot: DeployedRobot) -> None:
     robot.run_as_root("systemctl stop chrony; touch /tmp/stuck; systemctl restart --no-block lupin-auto-home")
-    robot.wait_until(lambda: robot.state("lupin-auto-home") == "failed", "the failure of the oneshot")
+    wait_until(lambda: robot.state("lupin-auto-home") == "failed", "the failure of the oneshot", LIMIT_S)
     with robot.host.robot.with_fault("clock-wrong", offset_s=300.0):
         assert robot.root_causes() == ["chrony-not-running", "clock-drift", "oneshot-failed"]
     robot.run_as_root(

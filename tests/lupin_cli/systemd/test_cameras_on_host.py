@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -41,6 +42,13 @@ def pictures(host: Host) -> str:
     return done.stdout.strip()
 
 
+def video_stage(host: Host) -> dict[str, Any]:
+    """The video server, as the camera service describes it."""
+    stages = json.loads(shell(host, "cat /run/lupin-cameras/lupin/runs/*/state.json"))["stages"]
+    (video,) = [stage for stage in stages if stage["name"] == "video"]
+    return dict(video)
+
+
 @contextmanager
 def configured(host: Host, text: str) -> Iterator[None]:
     """Another configuration until the block ends; then that of the computer without cameras, and the unit stopped."""
@@ -61,11 +69,12 @@ def test_cameras_are_served_waited_for_and_restarted(robot_host: Host) -> None:
         log = journal(robot_host, UNIT)
         assert "no body camera is connected" in log and "no gripper camera is connected" in log
 
-        stages = json.loads(shell(robot_host, "cat /run/lupin-cameras/lupin/runs/*/state.json"))["stages"]
-        (video,) = [stage for stage in stages if stage["name"] == "video"]
-        shell(robot_host, f"kill -9 {video['pid']}")
+        killed = video_stage(robot_host)["pid"]
+        shell(robot_host, f"kill -9 {killed}")
         wait_until(
-            lambda: "video" in journal(robot_host, UNIT).split("restarted")[0], lambda: journal(robot_host, UNIT), LIMIT_S
+            lambda: (now := video_stage(robot_host))["phase"] == "up" and now["pid"] != killed,
+            lambda: journal(robot_host, UNIT),
+            LIMIT_S,
         )
         wait_until(lambda: pictures(robot_host) == "[]", lambda: journal(robot_host, UNIT), LIMIT_S)
         assert show(robot_host, UNIT, "NRestarts") == "0"
@@ -124,7 +133,7 @@ def robot(robot_host: Host, tmp_path: Path) -> Iterator[ExaminedRobot]:
 
 def test_each_fault_of_a_camera_is_named_alone(robot: ExaminedRobot) -> None:
     def comes_about(*expected: str) -> None:
-        robot.wait_until(lambda: robot.root_causes() == sorted(expected), f"{expected}, not {robot.findings()}")
+        wait_until(lambda: robot.root_causes() == sorted(expected), lambda: f"{expected}, but {robot.root_causes()}", LIMIT_S)
 
     host = robot.host
     try:
@@ -168,9 +177,9 @@ def test_program_on_the_port_of_the_pictures_is_named(robot: ExaminedRobot) -> N
         (finding,) = robot.findings()
         assert finding.id == "port-8091-taken" and "python3" in finding.cause
         wait_until(lambda: "8091 is in use" in journal(host, UNIT), lambda: journal(host, UNIT), LIMIT_S)
-        robot.wait_until(lambda: show(host, UNIT, "NRestarts") != "0", "a restart of the unit", 90.0)
+        wait_until(lambda: show(host, UNIT, "NRestarts") != "0", "a restart of the unit", 90.0)
         assert robot.root_causes() == ["port-8091-taken"]
     finally:
         shell(host, "systemctl stop stray")
-    robot.wait_until(lambda: state(host, UNIT) == "active", "the start of the unit", 90.0)
+    wait_until(lambda: state(host, UNIT) == "active", "the start of the unit", 90.0)
     assert robot.root_causes() == []

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import socket
 import ssl
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import psutil
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -21,6 +21,7 @@ from lupin_runtime.console.sessions import Sessions
 from lupin_runtime.console.shared_file import locked
 from tests.support.console_browser import Browser
 from tests.support.rosbridge_client import RosbridgeClient
+from tests.support.waiting import wait_until
 
 if TYPE_CHECKING:
     from lupin_runtime.console.node import Console
@@ -203,13 +204,18 @@ def test_damaged_file_of_sessions_pairs_nobody_and_keeps_nobody_from_the_stop(
     assert status == 503 and "sessions.json" in answer["error"]
 
 
+def openings(path: Path) -> int:
+    """How often this process has a file open."""
+    return [file.path for file in psutil.Process().open_files()].count(str(path))
+
+
 def test_stop_waits_for_no_slow_disk(phone: Browser, console: Console, tmp_path: Path) -> None:
     phone.post("/_api/pair", code=code(tmp_path))
     with ThreadPoolExecutor() as pool:
         with locked(tmp_path / "sessions.json"):
             joining = Browser(console.port, proxied=True)
             waiting = pool.submit(joining.request, "POST", "/_api/pair", {"code": code(tmp_path)})
-            time.sleep(0.3)
+            wait_until(lambda: openings(tmp_path / "sessions.lock") == 2, "the pairing at the lock")
             assert phone.post("/_api/stop", engaged=True)["stop"]
             assert not waiting.done(), "the pairing still waits for the lock"
         assert waiting.result(20.0)[0] == 200

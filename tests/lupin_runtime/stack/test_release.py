@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from tests.support.release_rig import CASES, Case, ReleaseRig
+from tests.support.release_cases import CASES, Case
+from tests.support.release_rig import ReleaseRig
 
 pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
 
