@@ -43,16 +43,16 @@ def _taken(snapshot: Snapshot, machine: Facts, ports: tuple[ReservedPort, ...]) 
     sockets = machine.get(SOCKETS)
     if sockets is None:
         return
-    robot = machine is snapshot.robot
+    robot = machine.machine == "robot"
     for reserved in ports:
         for socket in sockets.on(reserved.protocol, reserved.port):
             if socket.pid and not _is_owner(socket, reserved):
                 yield make_finding(
                     reserved.finding,
-                    where="robot" if robot else "laptop",
+                    where=machine.machine,
                     cause=f"{socket.process} (process {socket.pid}) holds {reserved.protocol.upper()} {reserved.port}",
                     evidence=(socket.line(), socket.command),
-                    command=command_on(snapshot, "robot", f"sudo kill {socket.pid}") if robot else f"kill {socket.pid}",
+                    command=command_on(snapshot, machine.machine, f"{'sudo ' if robot else ''}kill {socket.pid}"),
                     explains={f"unit-restarting:{CAMERAS}", f"unit-failed:{CAMERAS}"} if robot else (),
                 )
                 break

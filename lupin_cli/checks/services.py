@@ -63,12 +63,14 @@ def find_unit_faults(snapshot: Snapshot) -> Iterator[Finding]:
     if units is None or not units.systemd:
         return
     release = versions.release if versions is not None else None
-    deployed = release is not None and bool(release.current)
+    expected: tuple[str, ...] = ()
+    if release is not None and release.current:
+        expected = (*DEPLOYED, CAMERAS) if release.cameras else DEPLOYED
     for name in LUPIN_UNITS:
         unit = units.get(name)
         if unit is not None:
             yield from _unit_faults(snapshot, unit)
-        elif deployed and (name in DEPLOYED or (name == CAMERAS and release is not None and release.cameras)):
+        elif name in expected:
             yield make_finding(
                 "unit-missing",
                 where="robot",

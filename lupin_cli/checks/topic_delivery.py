@@ -123,18 +123,23 @@ def find_one_way_data(snapshot: Snapshot) -> Iterator[Finding]:
         )
 
 
+def _silent_publishers(graph: Graph, name: str) -> str:
+    """The nodes that publish a topic of which no sample arrived; empty where there are none, or only nodes that have ended."""
+    topic = graph.topic(name)
+    if topic is None or graph.sample_count(name) != 0 or all(end.is_ghost for end in topic.publishers):
+        return ""
+    return ", ".join(end.node for end in topic.publishers)
+
+
 def find_silent_topics(snapshot: Snapshot) -> Iterator[Finding]:
     """A topic that should repeat has a publisher and delivers nothing, while other data arrives."""
     for graph in visited_graphs(snapshot):
         if not _received_data(graph) or graph.udp_heard:
             continue
         for row in REPEATED_TOPICS:
-            topic = graph.topic(row.name)
-            if graph.sample_count(row.name) != 0 or topic is None or (row.name in BOARD_TOPICS and is_board_silent(graph)):
+            publishers = _silent_publishers(graph, row.name)
+            if not publishers or (row.name in BOARD_TOPICS and is_board_silent(graph)):
                 continue
-            if all(end.is_ghost for end in topic.publishers):
-                continue
-            publishers = ", ".join(end.node for end in topic.publishers)
             yield make_finding(
                 "topic-silent",
                 where=graph.machine,
@@ -153,8 +158,8 @@ def find_silent_cameras(snapshot: Snapshot) -> Iterator[Finding]:
             continue
         for image in (BODY_IMAGE_SIM, BODY_IMAGE_ROBOT, GRIPPER_IMAGE):
             name = camera_info(image).name
-            topic = graph.topic(name)
-            if graph.sample_count(name) != 0 or topic is None or all(end.is_ghost for end in topic.publishers):
+            publishers = _silent_publishers(graph, name)
+            if not publishers:
                 continue
             yield make_finding(
                 "camera-silent",
@@ -162,7 +167,7 @@ def find_silent_cameras(snapshot: Snapshot) -> Iterator[Finding]:
                 symptom=f"no pictures on {image.name}",
                 cause=f"the driver that publishes {image.name} runs and delivers no pictures",
                 evidence=(
-                    f"{name} on {graph.name}: published by {', '.join(end.node for end in topic.publishers)}, 0 samples",
+                    f"{name} on {graph.name}: published by {publishers}, 0 samples",
                     *_received_data(graph),
                 ),
                 command="lupin logs"

@@ -15,8 +15,8 @@ PROBE = (
     PRELUDE
     + r"""found=$(ss -H -lntup) || exit 1
 case $found in *udp*) printf '%s\n' "$found" | grep -q '^udp.*users:' || { sleep 0.1; found=$(ss -H -lntup); } ;; esac
-nobody=$(printf '%s\n' "$found" | grep -E ':(11811|8091)[[:space:]]' | grep -v 'users:')
-[ -z "$nobody" ] || { sudo -n true 2>/dev/null && found=$(sudo -n ss -H -lntup); }
+unowned=$(printf '%s\n' "$found" | grep -E ':(11811|8091)[[:space:]]' | grep -v 'users:')
+[ -z "$unowned" ] || { sudo -n true 2>/dev/null && found=$(sudo -n ss -H -lntup); }
 echo '@@ sockets'; printf '%s\n' "$found"
 pids=$(printf '%s\n' "$found" | grep -oE 'pid=[0-9]+' | cut -d= -f2 | sort -un)
 echo '@@ commands'; grep -zHas '' $(for pid in $pids; do echo "/proc/$pid/cmdline"; done) /dev/null | tr '\n\0' ' \n'
