@@ -207,7 +207,7 @@ def compressed(image: Topic) -> Topic:
 
 
 def camera_info(image: Topic) -> Topic:
-    """The calibration published with each picture of a raw image topic; so small that the doctor can wait for one instead."""
+    """The calibration, which is published with every picture of a raw image topic: the doctor waits for it, as it is small."""
     name = image.name.rsplit("/", 1)[0] + "/camera_info"
     return replace(image, name=name, type="sensor_msgs/msg/CameraInfo", probed=True)
 

@@ -61,7 +61,7 @@ class CameraDriver:
                 return False
             print(f"ending {holder}", flush=True)
             if not end(holder):
-                self._report(HELD, f"the {self._kind} camera is held by {holder}, which did not end")
+                self._report(HELD, f"the {self._kind} camera is held by {holder} and did not end")
                 return False
         return True
 

@@ -174,7 +174,8 @@ class Origin:
         session = self._sessions.find(token)
         if session is not None and self._sessions.is_use_due(token):
             noting = asyncio.ensure_future(asyncio.to_thread(self._sessions.note_use, token))
-            noting.add_done_callback(lambda done: done.cancelled() or done.exception())  # a full disk keeps nobody out
+            # Its error, as of a full disk, is dropped: it must not keep the browser out.
+            noting.add_done_callback(lambda done: done.cancelled() or done.exception())
         return session
 
     # -- the page -----------------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from rclpy.action import get_action_names_and_types
 from rclpy.node import Node, NodeNameNonExistentError
 
 from lupin_runtime.console import interfaces
-from lupin_runtime.console.rosapi_parameters import Done, RosApiParameters
+from lupin_runtime.console.rosapi_parameters import Done, RosApiParameters, served_services
 from lupin_runtime.console.type_definitions import full_text, type_definitions
 from lupin_runtime.record.definitions import share_folders
 
@@ -131,9 +131,7 @@ class RosApi:
 
     # -- services and actions -----------------------------------------------------------------------------------------
     def _visible_services(self) -> dict[str, str]:
-        found = self._node.get_service_names_and_types()
-        # The graph lists the services of clients too, whose servers have gone.
-        return _visible([(name, kinds) for name, kinds in found if self._node.count_services(name)])
+        return _visible(served_services(self._node))
 
     def _service_names(self) -> Response:
         return {"services": list(self._visible_services())}

@@ -41,6 +41,11 @@ class _Call:
     future: Future | None = None
 
 
+def served_services(node: Node) -> list[tuple[str, list[str]]]:
+    """Names and types of the services that have a server. The graph lists those that only have clients, too."""
+    return [(name, kinds) for name, kinds in node.get_service_names_and_types() if node.count_services(name)]
+
+
 class RosApiParameters:
     """All methods are called on the thread of the node's executor, and so is `done`, once per call.
 
@@ -172,9 +177,7 @@ class RosApiParameters:
             self._send(service_class, service, message, answered, failed)
 
     def _available_services(self) -> set[str]:
-        # The graph lists the services of clients too, this server's among them.
-        found = self._node.get_service_names_and_types()
-        return {name for name, _ in found if self._node.count_services(name)}
+        return {name for name, _ in served_services(self._node)}
 
     def _send(self, service_class: Any, service: str, request: Any, answered: Callable[[Any], None], failed: Failed) -> None:
         """Call a service of the graph; one of the functions is called once, at the latest after TIMEOUT_S."""

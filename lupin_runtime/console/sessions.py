@@ -46,9 +46,10 @@ class Pairing:
 class Sessions:
     """The paired browsers of this user. `clock` is the wall clock in seconds.
 
-    Whatever changes the file waits for other processes and for the disk: not for the thread that serves browsers. Raises
-    MalformedFile where the file is damaged: nothing is dropped silently. Where that happens later, the sessions that were read
-    stay valid, because people must be able to stop the robot, and every change is refused.
+    `add`, `note_use` and `revoke` wait for other processes and for the disk, so they must not be called in an event loop.
+
+    Raises MalformedFile where the file is damaged: nothing is dropped silently. Where that happens later, the sessions that
+    were read stay valid, because people must be able to stop the robot, and every change is refused.
     """
 
     def __init__(self, path: Path, clock: Callable[[], float] = time.time) -> None:

@@ -31,8 +31,8 @@ def subscribe_stops(
 ) -> tuple[Subscription, ...]:
     """Call `on_message` with every message of the e-stop's state, and with True when its process missed a press.
 
-    A process that replaces the e-stop's is discovered by one node after the other, on a busy machine within seconds: the stop
-    with which it makes good a missed press may be over by then. The drive bus, which states the missed press, is known to all.
+    The process that replaces the e-stop's makes good a missed press by a short stop. On a busy machine a node may discover
+    that process only after the stop has ended, but it has long discovered the drive process, which reports the missed press.
     """
     missed = False
 
