@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-BOUND_S = 3600.0
+TIMEOUT_S = 3600.0
 # Hours long: only when asked for by name.
 LONG = {"mission", "triage"}
 
@@ -29,7 +29,7 @@ def main() -> int:
         print(f"\n== {name}", flush=True)
         began = time.monotonic()
         try:
-            status = subprocess.run([sys.executable, "-m", f"bench.bench_{name}"], timeout=BOUND_S, check=False).returncode
+            status = subprocess.run([sys.executable, "-m", f"bench.bench_{name}"], timeout=TIMEOUT_S, check=False).returncode
         except subprocess.TimeoutExpired:
             status = -1
         print(f"== {name}: {'ok' if status == 0 else f'status {status}'} in {time.monotonic() - began:.0f} s", flush=True)

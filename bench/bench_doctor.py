@@ -58,7 +58,7 @@ sys.exit(0 if ended == 0 else 1)
 """
 # The doctor feels instant below one second; the ratios are least factors by which the peers take longer.
 LIMIT_S, PYINFRA_LIMIT, ANSIBLE_LIMIT = 1.0, 5.0, 20.0
-READY_BOUND_S = 90.0
+READY_TIMEOUT_S = 90.0
 PAUSE_S = 1.0  # between commands: cleaning up after one must not slow the next
 
 
@@ -101,7 +101,7 @@ class Doctor:
 
     def until_healthy(self) -> None:
         """Run until the doctor finds nothing: a robot that has just booted needs time."""
-        deadline = time.monotonic() + READY_BOUND_S
+        deadline = time.monotonic() + READY_TIMEOUT_S
         while self.run().status != 0 and time.monotonic() < deadline:
             self.findings.clear()
             self.unknown.clear()

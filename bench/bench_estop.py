@@ -28,7 +28,7 @@ AT_REST_RAD_S = 0.05
 SPEED_M_S = 0.4
 LIMITS_MS = {"zero_at_sink": 50.0, "wheels_at_rest": 300.0}
 CONSOLE_LIMIT_MS = 60.0
-BOUND_S = 10.0
+TIMEOUT_S = 10.0
 # The release takes effect after 0.5 to 0.7 s, and discovery of the bench's publisher may take a second.
 REST_S = 2.0
 
@@ -83,11 +83,11 @@ class Probe:
         return start
 
     def wait_for(self, what: str, condition: Callable[[], float | None]) -> float:
-        """Wait until `condition` returns a value, and return it. Raises SystemExit with `what` after BOUND_S."""
-        deadline = time.monotonic() + BOUND_S
+        """Wait until `condition` returns a value, and return it. Raises SystemExit with `what` after TIMEOUT_S."""
+        deadline = time.monotonic() + TIMEOUT_S
         while (value := condition()) is None:
             if time.monotonic() > deadline:
-                raise SystemExit(f"waited {BOUND_S:.0f} s for {what}")
+                raise SystemExit(f"waited {TIMEOUT_S:.0f} s for {what}")
             time.sleep(0.002)
         return value
 

@@ -45,7 +45,7 @@ SUPERVISOR, CONSOLE = "supervisor", "console"
 LAST = ("mission", SUPERVISOR, "sim")
 MOVING_M_S = 0.02
 REST_S = 0.3
-WATCH_S, REPLACED_BOUND_S = 3.5, 40.0
+WATCH_S, REPLACED_TIMEOUT_S = 3.5, 40.0
 STATUS_ARGUMENTS = ("-m", "lupin_cli.app", "status", "--json", "--run")
 
 
@@ -119,7 +119,7 @@ class HangRig(ReleaseRig):
         began_s = time.monotonic()
         os.kill(pid, number)
         reported_s, status_exit, replaced_s = None, 0, None
-        deadline = began_s + REPLACED_BOUND_S
+        deadline = began_s + REPLACED_TIMEOUT_S
         while time.monotonic() < deadline:
             elapsed_s = time.monotonic() - began_s
             stage = self.stage(name)

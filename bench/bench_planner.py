@@ -1,7 +1,7 @@
 """Global planning on 2000 x 2000 cells: time, and length against an exact reference and a peer.
 
 Limits: 100 ms a plan, 1 % over the shortest path. The exact reference is the tangent graph over the boxes' corners; the peer is
-SciPy's Dijkstra over the 8-neighbourhood, on a quarter of the map: the graph of the whole takes it a gigabyte.
+SciPy's Dijkstra over the 8-neighborhood, on a quarter of the map: the graph of the whole takes it a gigabyte.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def best_ms(work: Callable[[], Any]) -> tuple[float, float, Any]:
 
 
 def peer(grid: GridMap, start: tuple[int, int], goal: tuple[int, int]) -> tuple[float, float]:
-    """SciPy's Dijkstra over free cells: ms, building included, and metres."""
+    """SciPy's Dijkstra over free cells: ms, building included, and meters."""
     began = time.thread_time()
     squares = squared_distances((grid.cells >= 65).view(np.uint8), 8, to_edges=True)
     free = squares >= (2 * RADIUS_M / RESOLUTION_M) ** 2
@@ -87,8 +87,8 @@ def peer(grid: GridMap, start: tuple[int, int], goal: tuple[int, int]) -> tuple[
         b.append(index[there][both])
         w.append(np.full(len(a[-1]), math.hypot(dx, dy) * RESOLUTION_M))
     graph = csr_matrix((np.concatenate(w), (np.concatenate(a), np.concatenate(b))), shape=(free.size, free.size))
-    metres = dijkstra(graph, directed=False, indices=index[start])[index[goal]]
-    return (time.thread_time() - began) * 1e3, float(metres)
+    meters = dijkstra(graph, directed=False, indices=index[start])[index[goal]]
+    return (time.thread_time() - began) * 1e3, float(meters)
 
 
 def main() -> int:

@@ -1,4 +1,4 @@
-"""The pose graph optimiser on a Manhattan world of 3500 nodes and 5500 edges, from odometry and from poor initial guesses.
+"""The pose graph optimizer on a Manhattan world of 3500 nodes and 5500 edges, from odometry and from poor initial guesses.
 
 Limits: the best chi2 that any solver found, to a millionth, within 1 s. The reference solver, for chi2 and speed, is a textbook
 Gauss-Newton (complex numbers for poses, numeric Jacobian, SciPy's sparse solver) that starts at the ground truth, the easiest
@@ -19,7 +19,7 @@ from scipy.sparse import block_diag, csr_matrix
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
-from lupin_runtime.slam.pose_graph import Edges, edge_chi2, optimise
+from lupin_runtime.slam.pose_graph import Edges, edge_chi2, optimize
 from lupin_runtime.slam.se2 import wrap
 
 Array = NDArray[np.float64]
@@ -105,7 +105,7 @@ def solve_reference(truth: Array, edges: Edges) -> tuple[float, float]:
 
 
 def main() -> int:
-    """Optimise from every initial guess; return 1 if the best chi2 or the time limit is missed."""
+    """Optimize from every initial guess; return 1 if the best chi2 or the time limit is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--nodes", type=int, default=3500)
     parser.add_argument("--edges", type=int, default=5500)
@@ -125,7 +125,7 @@ def main() -> int:
             "random, σ = 30 m": rng.normal(size=truth.shape) * (30.0, 30.0, 3.0),
             "all at the origin": np.zeros_like(truth),
         }
-        solutions = {guess_name: optimise(guess, edges) for guess_name, guess in guesses.items()}
+        solutions = {guess_name: optimize(guess, edges) for guess_name, guess in guesses.items()}
         best_chi2 = min(reference_chi2, *(solution.chi2_after for solution in solutions.values()))
         for guess_name, solution in solutions.items():
             cases.append(

@@ -103,7 +103,7 @@ class Methods:
         """Lupin: connect, run one batch, close."""
         target = SshTarget("robot", self._destination, KnownHosts(self._directory / "known", self._directory / "none"))
         try:
-            outputs = target.batch([Script(str(n), text) for n, text in enumerate(self._scripts)], bound_s=60.0)
+            outputs = target.batch([Script(str(n), text) for n, text in enumerate(self._scripts)], timeout_s=60.0)
         finally:
             target.close()
         return [outputs[str(n)].stdout for n in range(len(self._scripts))]

@@ -33,7 +33,7 @@ Detector = Callable[[NDArray[np.uint8]], list[tuple[int, Corners]]]
 def ours(engine_name: str) -> Detector:
     """Return Lupin's detector with the engine of that name."""
     engine = make_engine(engine_name)
-    return lambda grey: [(d.id, d.corners) for d in detect(grey, engine)]
+    return lambda gray: [(d.id, d.corners) for d in detect(gray, engine)]
 
 
 def library(quad_decimate: float) -> Detector:
@@ -42,7 +42,7 @@ def library(quad_decimate: float) -> Detector:
 
     detector = Library(families="tag36h11", nthreads=1, quad_decimate=quad_decimate)
     # The library's pixel coordinates start at a pixel's corner; its corners run counter-clockwise from the bottom left.
-    return lambda grey: [(d.tag_id, d.corners[[3, 2, 1, 0]] - 0.5) for d in detector.detect(grey)]
+    return lambda gray: [(d.tag_id, d.corners[[3, 2, 1, 0]] - 0.5) for d in detector.detect(gray)]
 
 
 def views(repeats: int, seed: int) -> Iterator[tuple[float, View]]:

@@ -33,7 +33,7 @@ from lupin_sim.host import HostError
 
 # Some faults restart the stack, which cleans up what others leave behind; a full disk prevents injecting the others.
 INJECTED_LATE = {"stale-resources": 1, "software": 2, "disk": 3}
-REPEAT_BOUND_S = 10.0  # for faults that show late: a DDS lease, a poll of chrony
+REPEAT_TIMEOUT_S = 10.0  # for faults that show late: a DDS lease, a poll of chrony
 
 
 @dataclass
@@ -78,7 +78,7 @@ def fill_in(result: FaultResult, report: dict[str, Any]) -> None:
 def diagnose(rig: Rig, cases: Sequence[Case], result: FaultResult) -> dict[str, Any]:
     """Run the doctor, again while a finding is missing: some faults show late."""
     shell = next((case.shell for case in cases if case.shell != "sourced"), "sourced")
-    deadline = time.monotonic() + REPEAT_BOUND_S
+    deadline = time.monotonic() + REPEAT_TIMEOUT_S
     while True:
         result.runs += 1
         report = rig.doctor(env=rig.shells[shell], robot=cases[0].robot)

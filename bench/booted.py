@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from lupin_sim.host import Host
 
 PROJECT_BENCH = Path(__file__).resolve().parent
-COMMAND_BOUND_S = 300.0
+COMMAND_TIMEOUT_S = 300.0
 # The setup lines of units for this robot, which has no ROS except the vendor's.
 SETUP_LINES = ("source ~/mirte_ws/install/setup.bash",)
 LUPIN = (sys.executable, "-m", "lupin_cli.app")
@@ -46,21 +46,21 @@ class Operator:
     environment: dict[str, str] = field(default_factory=dict)
 
     def run(
-        self, command: Sequence[str], environment: Mapping[str, str] | None = None, bound_s: float = COMMAND_BOUND_S
+        self, command: Sequence[str], environment: Mapping[str, str] | None = None, timeout_s: float = COMMAND_TIMEOUT_S
     ) -> TimedRun:
         """Run a command on the laptop, without the environment of this process."""
         from lupin_sim.host.host import PROJECT
 
         start = time.perf_counter()
         try:
-            done = self.host.run(command, timeout_s=bound_s, env=dict(environment or self.environment), cwd=str(PROJECT))
+            done = self.host.run(command, timeout_s=timeout_s, env=dict(environment or self.environment), cwd=str(PROJECT))
         except subprocess.TimeoutExpired:
             return TimedRun(time.perf_counter() - start, -1, "", "", cut=True)
         return TimedRun(time.perf_counter() - start, done.returncode, done.stdout, done.stderr)
 
-    def lupin(self, *words: str, bound_s: float = COMMAND_BOUND_S) -> TimedRun:
+    def lupin(self, *words: str, timeout_s: float = COMMAND_TIMEOUT_S) -> TimedRun:
         """Run `lupin WORDS`."""
-        return self.run([*LUPIN, *words], bound_s=bound_s)
+        return self.run([*LUPIN, *words], timeout_s=timeout_s)
 
     def require(self, ran: TimedRun, *statuses: int) -> TimedRun:
         """Return the run if its exit status is one of these (default 0); otherwise stop the benchmark with its output."""

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from lupin_runtime.stack.runs import Run, find_live_run
 
-UP_BOUND_S = 120.0
+UP_TIMEOUT_S = 120.0
 
 
 def start_run(arguments: Sequence[str]) -> Run:
@@ -25,10 +25,10 @@ def start_run(arguments: Sequence[str]) -> Run:
     if started is None:
         raise SystemExit(up.returncode or 1)
     run = find_live_run(started[1])  # by its id, since other runs may be up
-    deadline = time.monotonic() + UP_BOUND_S
+    deadline = time.monotonic() + UP_TIMEOUT_S
     while not (stages := run.state().get("stages")) or any(stage["phase"] != "up" for stage in stages):
         if time.monotonic() > deadline:
-            raise SystemExit(f"the stack was not up within {UP_BOUND_S:.0f} s: lupin logs {run.id}")
+            raise SystemExit(f"the stack was not up within {UP_TIMEOUT_S:.0f} s: lupin logs {run.id}")
         time.sleep(0.2)
     os.environ.update(run.info()["environment"])
     return run

@@ -21,7 +21,7 @@ from lupin_sim.host.host import PROJECT
 
 ADDRESS, OTHER_ADDRESS, NAME = "10.42.0.1", "192.168.42.1", "greenhouse"
 LUPIN = [sys.executable, "-m", "lupin_cli.app"]
-START_BOUND_S, END_BOUND_S, HEALTH_BOUND_S, DOCTOR_BOUND_S = 90.0, 60.0, 120.0, 180.0
+START_TIMEOUT_S, END_TIMEOUT_S, HEALTH_TIMEOUT_S, DOCTOR_TIMEOUT_S = 90.0, 60.0, 120.0, 180.0
 
 # A participant of the graph: its role and arguments follow.
 PARTICIPANT = [sys.executable, "-m", "tests.support.graph_participant"]
@@ -130,9 +130,9 @@ class Rig:
         if done.returncode != 0:
             raise RigError(f"lupin {' '.join(words)}: {done.stdout[-300:]} {done.stderr[-500:]}")
 
-    def root(self, script: str, bound_s: float = 60.0) -> str:
+    def root(self, script: str, timeout_s: float = 60.0) -> str:
         """Run a script on the robot as root. Raises RigError."""
-        done = self.host.robot.inside("sh", "-ec", script, timeout_s=bound_s)
+        done = self.host.robot.inside("sh", "-ec", script, timeout_s=timeout_s)
         if done.status != 0:
             raise RigError(f"{script[:80]!r} exited with {done.status}: {done.stderr[-300:]}")
         return str(done.stdout)
@@ -141,7 +141,7 @@ class Rig:
         """The JSON report of `lupin doctor`, with its wall time in `took_s`. Raises RigError."""
         began = time.monotonic()
         command = [*LUPIN, "doctor", "--robot", robot, "--json", *words]
-        done = self.host.run(command, env=env or self.sourced_env, cwd=str(PROJECT), timeout_s=DOCTOR_BOUND_S)
+        done = self.host.run(command, env=env or self.sourced_env, cwd=str(PROJECT), timeout_s=DOCTOR_TIMEOUT_S)
         try:
             report: dict[str, Any] = json.loads(done.stdout)
         except ValueError:
@@ -150,16 +150,16 @@ class Rig:
             raise RigError(f"exit status {done.returncode}, and the JSON says {report['status']}")
         return report | {"took_s": round(time.monotonic() - began, 2)}
 
-    def until_healthy(self, env: Mapping[str, str] | None = None, bound_s: float = HEALTH_BOUND_S) -> int:
+    def until_healthy(self, env: Mapping[str, str] | None = None, timeout_s: float = HEALTH_TIMEOUT_S) -> int:
         """Run the doctor until it finds nothing; returns the number of runs. Raises RigError with the remaining findings."""
-        deadline, runs = time.monotonic() + bound_s, 0
+        deadline, runs = time.monotonic() + timeout_s, 0
         while True:
             report, runs = self.doctor(env=env), runs + 1
             if report["status"] == 0:
                 return runs
             if time.monotonic() > deadline:
                 lines = [f"{f['id']}: {f['cause']} {f['evidence']}" for f in report["findings"]]
-                raise RigError(f"not healthy after {bound_s:g} s: {'; '.join(lines)} {report['unknown']} {report['broken']}")
+                raise RigError(f"not healthy after {timeout_s:g} s: {'; '.join(lines)} {report['unknown']} {report['broken']}")
 
     def start_participant(
         self, role: str, *arguments: str, env: Mapping[str, str] | None = None, name: str = "", called: str = ""
@@ -169,7 +169,7 @@ class Rig:
         process: subprocess.Popen[str] = self.host.popen(
             command, env or self.sourced_env, cwd=str(PROJECT), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
-        timer = threading.Timer(START_BOUND_S, process.kill)
+        timer = threading.Timer(START_TIMEOUT_S, process.kill)
         timer.start()
         try:
             assert process.stdout is not None
@@ -190,7 +190,7 @@ class Rig:
             return
         process.terminate()
         try:
-            process.communicate(timeout=END_BOUND_S)
+            process.communicate(timeout=END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()

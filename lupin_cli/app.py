@@ -41,7 +41,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "replay": ("Results", "Play back a recorded run."),
     "report": ("Results", "Build the report of a recorded run."),
     "foxglove": ("Tools", "Write the layout for Foxglove and Lichtblick."),
-    "map": ("Tools", "Build and optimise maps and plan paths on them, without a robot."),
+    "map": ("Tools", "Build and optimize maps and plan paths on them, without a robot."),
     "tags": ("Tools", "Find AprilTags in pictures."),
 }
 

@@ -24,9 +24,9 @@ _KEY = (
     r"(?:s|[_-]?\d{1,2})?(?:[_-](?:hash|value|base64|b64|text|raw))?"
 )
 _SHORT_KEY = r"(?:(?<![a-z0-9])pass|(?<=[a-z0-9][_-])(?:pass|pwd|pin)(?<!gpio[_-]pin))"
-_COLOUR = r"(?:\x1b\[[0-9;]{0,20}m)?"
+_COLOR = r"(?:\x1b\[[0-9;]{0,20}m)?"
 # `psk=`, `"psk": `, `\"psk\": `, `psk => `, `added 'psk' value `
-_IS = rf"\\*[\"'\]]?{_COLOUR}[ \t]{{0,8}}(?:=>|:=|[=:]|(?<=['\"] )value(?=[ \t])){_COLOUR}[ \t]{{0,8}}{_COLOUR}"
+_IS = rf"\\*[\"'\]]?{_COLOR}[ \t]{{0,8}}(?:=>|:=|[=:]|(?<=['\"] )value(?=[ \t])){_COLOR}[ \t]{{0,8}}{_COLOR}"
 _QUOTED = (
     r'"(?P<d>(?:[^"\\\r\n]|\\[^\r\n])*+)"?'
     r"|'(?P<q>(?:[^'\\\r\n]|\\[^\r\n]|'\\'')*+)'?"

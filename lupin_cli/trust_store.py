@@ -12,7 +12,7 @@ from pathlib import Path
 
 from lupin_runtime.atomic_file import write_atomically
 
-BOUND_S = 180.0  # hooks of the program may rebuild Java's store
+TIMEOUT_S = 180.0  # hooks of the program may rebuild Java's store
 _SBIN = "/usr/local/sbin:/usr/sbin:/sbin"  # where a user's PATH may not lead
 
 
@@ -87,7 +87,7 @@ class TrustStore:
         if program is None:
             raise TrustStoreError(f"{self.program} is not installed")
         try:
-            done = subprocess.run([program, *options], capture_output=True, text=True, errors="replace", timeout=BOUND_S)
+            done = subprocess.run([program, *options], capture_output=True, text=True, errors="replace", timeout=TIMEOUT_S)
         except (OSError, subprocess.TimeoutExpired) as error:
             raise TrustStoreError(f"{self.program}: {error}") from error
         if done.returncode != 0:

@@ -1,4 +1,4 @@
-"""Plane and quaternion geometry shared by the cores: radians, metres, REP-103 axes, quaternions as (x, y, z, w)."""
+"""Plane and quaternion geometry shared by the cores: radians, meters, REP-103 axes, quaternions as (x, y, z, w)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
 
 @dataclass(frozen=True)
 class Pose2:
-    """A pose, or a rigid motion, in the plane: metres and radians."""
+    """A pose, or a rigid motion, in the plane: meters and radians."""
 
     x: float = 0.0
     y: float = 0.0
@@ -49,5 +49,5 @@ class Pose2:
         return self.x + c * x - s * y, self.y + s * x + c * y
 
     def distance_to(self, other: Pose2) -> float:
-        """Metres between the two origins."""
+        """Meters between the two origins."""
         return math.hypot(self.x - other.x, self.y - other.y)

@@ -18,7 +18,7 @@ class GridMap:
     """Occupancy of a rectangle of the map frame.
 
     `cells` is int8 of shape (height, width): -1 unknown, 0 free .. 100 occupied; row 0 is the lowest y.
-    (`origin_x`, `origin_y`) is the outer corner of cell (0, 0), in metres.
+    (`origin_x`, `origin_y`) is the outer corner of cell (0, 0), in meters.
     """
 
     cells: NDArray[np.int8]
@@ -49,8 +49,8 @@ class GridMap:
             math.floor((x - self.origin_x) / self.resolution_m),
         )
 
-    def centre_of(self, row: int, column: int) -> tuple[float, float]:
-        """(x, y) of a cell's centre."""
+    def center_of(self, row: int, column: int) -> tuple[float, float]:
+        """(x, y) of a cell's center."""
         return (
             self.origin_x + (column + 0.5) * self.resolution_m,
             self.origin_y + (row + 0.5) * self.resolution_m,

@@ -23,7 +23,7 @@ class LayoutError(ValueError):
 
 @dataclass(frozen=True)
 class Table:
-    """The footprint of a table: metres, sides along the axes."""
+    """The footprint of a table: meters, sides along the axes."""
 
     x0: float
     x1: float
@@ -31,7 +31,7 @@ class Table:
     y1: float
 
     @property
-    def centre(self) -> tuple[float, float]:
+    def center(self) -> tuple[float, float]:
         """The middle of the footprint."""
         return (self.x0 + self.x1) / 2, (self.y0 + self.y1) / 2
 
@@ -46,7 +46,7 @@ class Table:
 
 @dataclass(frozen=True)
 class TagLocation:
-    """Where a layout puts a tag, metres."""
+    """Where a layout puts a tag, meters."""
 
     x: float
     y: float

@@ -1,6 +1,6 @@
 """A transform tree with history: tf2's buffer without ROS.
 
-Rotations are quaternions (x, y, z, w), translations metres, times integer nanoseconds. A lookup between two samples of
+Rotations are quaternions (x, y, z, w), translations meters, times integer nanoseconds. A lookup between two samples of
 one edge interpolates linearly in translation and spherically in rotation; it never extrapolates.
 """
 

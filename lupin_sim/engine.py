@@ -183,7 +183,7 @@ class Simulation:
         return c * vx + s * vy, -s * vx + c * vy, wz
 
     def scan(self) -> NDArray[np.float32]:
-        """Ranges of shape (360,) in the frame `laser`, metres; inf for no return."""
+        """Ranges of shape (360,) in the frame `laser`, meters; inf for no return."""
         return self._lidar.scan(self.data)
 
     def true_ranges(self) -> NDArray[np.float64]:

@@ -20,7 +20,7 @@ SPEED_MPS = 0.45
 TURN_RADPS = 1.2
 INSPECTION_S = 2.0
 HOME = mirte.ARM_START_RAD
-# This pose shows the flowers of a planter from half a metre in front of its tag.
+# This pose shows the flowers of a planter from half a meter in front of its tag.
 INSPECT = (0.0, 0.60, -0.80, -1.47)
 DRIVING_LED, INSPECTING_LED = (0, 255, 128), (180, 0, 255)
 

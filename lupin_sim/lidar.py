@@ -32,7 +32,7 @@ class Lidar:
         self._range = np.zeros(mirte.LIDAR_RAYS)
 
     def true_ranges(self, data: mujoco.MjData) -> NDArray[np.float64]:
-        """Noise-free ranges of shape (360,), metres in the frame `laser`; inf if nothing is within 12 m."""
+        """Noise-free ranges of shape (360,), meters in the frame `laser`; inf if nothing is within 12 m."""
         rotation = data.site_xmat[self._site].reshape(3, 3)
         rays = np.ascontiguousarray(self._rays @ rotation.T).ravel()
         mujoco.mj_multiRay(
@@ -52,7 +52,7 @@ class Lidar:
         return np.where(self._range < 0, np.inf, self._range)
 
     def scan(self, data: mujoco.MjData) -> NDArray[np.float32]:
-        """Ranges of shape (360,) as the sensor reports them: with noise, in whole millimetres, inf for no return."""
+        """Ranges of shape (360,) as the sensor reports them: with noise, in whole millimeters, inf for no return."""
         ranges = self.true_ranges(data)
         noise = self._rng.normal(size=ranges.shape)
         lost = self._rng.random(ranges.shape) < DROPOUT

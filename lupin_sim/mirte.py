@@ -1,4 +1,4 @@
-"""The dimensions of a MIRTE Master: metres, kilograms, radians, in `base_link` (floor level, x forward, y left, z up).
+"""The dimensions of a MIRTE Master: meters, kilograms, radians, in `base_link` (floor level, x forward, y left, z up).
 
 They come from the vendor's public URDF and controller configuration. Where the two disagree, this module has the controller's
 value, because the robot's odometry and limits follow it.
@@ -18,10 +18,10 @@ WHEEL_LEVER_M = 0.225
 WHEEL_MAX_RADPS = 18.84
 WHEEL_DEAD_ZONE = 0.10  # fraction of full speed below which the motor driver outputs 0
 COMMAND_TIMEOUT_S = 0.25
-# Front left, rear left, rear right, front right: the order of the vendor's drivers. (x, y) of the wheel centres.
-WHEEL_CENTRES = ((0.085, 0.128), (-0.085, 0.128), (-0.085, -0.123), (0.085, -0.123))
+# Front left, rear left, rear right, front right: the order of the vendor's drivers. (x, y) of the wheel centers.
+WHEEL_CENTERS = ((0.085, 0.128), (-0.085, 0.128), (-0.085, -0.123), (0.085, -0.123))
 WHEEL_WIDTH_M = 0.055
-WHEEL_CENTRE_HEIGHT_M = 0.0525
+WHEEL_CENTER_HEIGHT_M = 0.0525
 BASE_MASS_KG = 6.5
 OUTER_RADIUS_M = 0.22  # of the circle about base_link that contains the base
 
@@ -36,7 +36,7 @@ IMAGE_WIDTH, IMAGE_HEIGHT = 640, 480
 CAMERA_HFOV_RAD = math.radians(60.0)
 FOCAL_PX = IMAGE_WIDTH / 2 / math.tan(CAMERA_HFOV_RAD / 2)
 CAMERA_VFOV_RAD = 2 * math.atan(IMAGE_HEIGHT / 2 / FOCAL_PX)
-# The renderer's optical axis meets the image midway between the middle pixels' centres.
+# The renderer's optical axis meets the image midway between the middle pixels' centers.
 PRINCIPAL_POINT_PX = ((IMAGE_WIDTH - 1) / 2, (IMAGE_HEIGHT - 1) / 2)
 
 LED_COUNT = 12
@@ -89,7 +89,7 @@ _APERTURE_M = (0.0656, 0.0462, 0.0310, 0.0108, 0.0087, 0.0008)
 
 
 def aperture_from_gripper(angle_rad: float) -> float:
-    """Opening between the fingers, metres; angles outside the joint's range are clamped."""
+    """Opening between the fingers, meters; angles outside the joint's range are clamped."""
     return _interpolate(angle_rad, _GRIPPER_RAD, _APERTURE_M)
 
 

@@ -123,7 +123,7 @@ def picture(world: World, out: Path, camera: str = "overview", frames: Sequence[
     """Write a picture of a world; the suffix of `out` selects PNG or JPEG.
 
     With `frames` the robot is at their end, and its path is drawn. Without, it is at the start; for its own cameras it is half
-    a metre in front of the first tag. Raises ValueError for an unknown camera or file type, GraphicsUnavailable without OpenGL,
+    a meter in front of the first tag. Raises ValueError for an unknown camera or file type, GraphicsUnavailable without OpenGL,
     OSError if the file cannot be written.
     """
     _check_arguments(camera, out, PICTURE_TYPES)

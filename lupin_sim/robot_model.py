@@ -113,13 +113,13 @@ def _add_hull(base: mujoco.MjsBody) -> None:
         **_VISUAL,
     )
     on_edge = [math.sqrt(0.5), math.sqrt(0.5), 0, 0]
-    for joint, (x, y) in zip(graph.WHEEL_JOINTS, mirte.WHEEL_CENTRES):
+    for joint, (x, y) in zip(graph.WHEEL_JOINTS, mirte.WHEEL_CENTERS):
         name = joint.removesuffix("_joint")
         base.add_geom(
             name=name,
             type=_GEOM.mjGEOM_CYLINDER,
             size=[mirte.WHEEL_RADIUS_M, mirte.WHEEL_WIDTH_M / 2, 0],
-            pos=[x, y, mirte.WHEEL_CENTRE_HEIGHT_M],
+            pos=[x, y, mirte.WHEEL_CENTER_HEIGHT_M],
             quat=on_edge,
             rgba=list(_RUBBER),
             mass=0.3,
@@ -130,7 +130,7 @@ def _add_hull(base: mujoco.MjsBody) -> None:
             name=f"{name}_hub",
             type=_GEOM.mjGEOM_CYLINDER,
             size=[0.030, mirte.WHEEL_WIDTH_M / 2 + 0.002, 0],
-            pos=[x, y, mirte.WHEEL_CENTRE_HEIGHT_M],
+            pos=[x, y, mirte.WHEEL_CENTER_HEIGHT_M],
             quat=on_edge,
             rgba=list(_HUB),
             mass=0,
@@ -184,7 +184,7 @@ def _add_link(
     servo: mirte.Servo,
     axis: list[float],
     mass: float,
-    centre: list[float],
+    center: list[float],
     inertia: list[float],
 ) -> mujoco.MjsBody:
     link = parent.add_body(name=name, pos=at)
@@ -199,7 +199,7 @@ def _add_link(
         frictionloss=0.03,
     )
     link.mass = mass
-    link.ipos = centre
+    link.ipos = center
     link.inertia = inertia
     link.explicitinertial = True
     return link

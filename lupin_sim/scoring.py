@@ -24,7 +24,7 @@ MIN_PATH_M = 0.5
 
 @dataclass(frozen=True)
 class EstimatedTag:
-    """A tag in the result of a run: metres in the map frame. Without a flower, `species` is "" and `anomaly` False."""
+    """A tag in the result of a run: meters in the map frame. Without a flower, `species` is "" and `anomaly` False."""
 
     id: int
     x: float
@@ -36,7 +36,7 @@ class EstimatedTag:
 
 @dataclass(frozen=True)
 class Score:
-    """The score of a run; None for a value without data. Errors are in metres, after alignment."""
+    """The score of a run; None for a value without data. Errors are in meters, after alignment."""
 
     tags_total: int
     tags_reachable: int

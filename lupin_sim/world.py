@@ -1,4 +1,4 @@
-"""A greenhouse as data: metres and radians in the world frame, which only the simulator knows."""
+"""A greenhouse as data: meters and radians in the world frame, which only the simulator knows."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lupin_runtime.geometry import Pose2
 
 TAG_EDGE_M = 0.100  # black square
 TAG_PLATE_M = 0.125  # black square and white margin of one module on each side
-TAG_HEIGHT_M = 0.15  # plate centre above the floor
+TAG_HEIGHT_M = 0.15  # plate center above the floor
 BOX_HEIGHT_M = 0.30
 WALL_THICKNESS_M = 0.10
 WALL_HEIGHT_M = 0.5  # above lidar and body camera, low enough for pictures from outside
@@ -34,7 +34,7 @@ class Box:
 
     @property
     def pose(self) -> Pose2:
-        """The centre, heading along the normal of the front."""
+        """The center, heading along the normal of the front."""
         return Pose2(self.x, self.y, self.yaw)
 
     def corners(self) -> tuple[tuple[float, float], ...]:
@@ -48,7 +48,7 @@ class Box:
         return math.hypot(max(0.0, abs(u) - self.depth / 2), max(0.0, abs(v) - self.width / 2))
 
     def faces(self) -> tuple[tuple[Pose2, float], ...]:
-        """The four sides: pose of the centre, heading outwards, and width."""
+        """The four sides: pose of the center, heading outwards, and width."""
         sides = (
             (self.depth / 2, 0.0, self.width),
             (self.width / 2, math.pi / 2, self.depth),
@@ -71,7 +71,7 @@ class Pillar:
 
 @dataclass(frozen=True)
 class Tag:
-    """An AprilTag plate: its centre, and the heading of its outward normal; `box` is the name of the box that it hangs on."""
+    """An AprilTag plate: its center, and the heading of its outward normal; `box` is the name of the box that it hangs on."""
 
     id: int
     x: float
@@ -82,13 +82,13 @@ class Tag:
 
     @property
     def pose(self) -> Pose2:
-        """The centre of the plate, heading along the outward normal."""
+        """The center of the plate, heading along the outward normal."""
         return Pose2(self.x, self.y, self.yaw)
 
 
 @dataclass(frozen=True)
 class Flower:
-    """A flower: `z` is the centre of its head, `base_z` the start of its stem, `facing` the heading of a bug on it."""
+    """A flower: `z` is the center of its head, `base_z` the start of its stem, `facing` the heading of a bug on it."""
 
     species: str
     bug: bool

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from lupin_runtime.stack.dds import claim_domain, loopback_environment
 
-TEST_BOUND_S = 120.0
+TEST_TIMEOUT_S = 120.0
 _STUBS = {
     "launch/__init__.py": (
         "from launch import actions, substitutions\nfrom launch.launch_description import LaunchDescription\n"
@@ -74,10 +74,10 @@ def _run(path: Path, folder: Path, stubs: Path) -> str:
     try:
         with log.open("w") as output:
             done = subprocess.run(
-                command, env=environment, stdout=output, stderr=output, timeout=TEST_BOUND_S, check=False, cwd=stubs
+                command, env=environment, stdout=output, stderr=output, timeout=TEST_TIMEOUT_S, check=False, cwd=stubs
             )
     except subprocess.TimeoutExpired:
-        return f"timed out after {TEST_BOUND_S:g} s"
+        return f"timed out after {TEST_TIMEOUT_S:g} s"
     finally:
         claim.release()
     if done.returncode == 0:

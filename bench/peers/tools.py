@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 REQUIREMENTS = Path(__file__).with_name("requirements.txt")
-INSTALL_BOUND_S = 900.0
+INSTALL_TIMEOUT_S = 900.0
 
 
 def programs() -> Path:
@@ -31,7 +31,7 @@ def programs() -> Path:
             print(f"installing pyinfra and Ansible into {folder}: takes a minute, once", file=sys.stderr, flush=True)
             pip = [str(folder / "bin" / "python"), "-m", "pip", "install", "-q", "--disable-pip-version-check"]
             for command in ([sys.executable, "-m", "venv", "--clear", str(folder)], [*pip, "-r", str(REQUIREMENTS)]):
-                done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_BOUND_S, check=False)
+                done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_TIMEOUT_S, check=False)
                 if done.returncode != 0:
                     raise SystemExit(
                         f"not measured: the peers can't be installed; without them: --no-peers\n{done.stderr[-800:]}"

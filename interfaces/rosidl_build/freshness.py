@@ -43,7 +43,7 @@ def _tools_digest(toolchain: Toolchain) -> bytes:
         digest.update(source.read_bytes())
     for compiler in (toolchain.c_compiler, toolchain.cxx_compiler):
         digest.update(subprocess.run([*compiler, "--version"], capture_output=True, check=True).stdout)
-    facts = [sysconfig.get_config_var("SOABI"), toolchain.optimisation]
+    facts = [sysconfig.get_config_var("SOABI"), toolchain.optimization]
     facts += [f"{name}=={importlib.metadata.version(name)}" for name in BUILD_DISTRIBUTIONS]
     digest.update("\0".join(facts).encode())
     return digest.digest()

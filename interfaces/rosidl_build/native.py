@@ -87,7 +87,7 @@ def _unit_name(source: Path, root: Path, generator: str) -> str:
 
 def compile_units(units: Iterable[TranslationUnit], include_dirs: Iterable[Path], toolchain: Toolchain) -> None:
     """Compile translation units in parallel, the heaviest first."""
-    flags = ["-fPIC", "-w", "-DNDEBUG", toolchain.optimisation]
+    flags = ["-fPIC", "-w", "-DNDEBUG", toolchain.optimization]
     flags += [f"-D{stock}={ours}" for stock, ours in STOCK_LOOKUPS.items()]
     flags += [f"-I{folder}" for folder in (*include_dirs, *toolchain.include_dirs)]
 

@@ -18,7 +18,7 @@ class Toolchain:
     cxx_compiler: tuple[str, ...]
     ros_prefix: Path
     include_dirs: tuple[Path, ...]
-    optimisation: str
+    optimization: str
 
     @property
     def library_dir(self) -> Path:
@@ -53,7 +53,7 @@ def find_toolchain() -> Toolchain:
         cxx_compiler=cxx_compiler,
         ros_prefix=prefix,
         include_dirs=(*_ros_include_dirs(prefix), python_include, _numpy_include()),
-        optimisation=os.environ.get("LUPIN_INTERFACES_OPTIMISATION", "-O1"),
+        optimization=os.environ.get("LUPIN_INTERFACES_OPTIMISATION", "-O1"),
     )
 
 

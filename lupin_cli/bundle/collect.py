@@ -279,7 +279,7 @@ def _playbook_journals(max_age_s: float | None) -> Iterator[Collected]:
 def strip_undo_state(lines: Iterable[bytes]) -> tuple[bytes, int]:
     """Remove the `before` values from a playbook journal's lines. Returns the rest, and the number of unreadable lines.
 
-    `before` holds whole files for undo, in which secrets cannot be recognised reliably. A truncated line may contain such a
+    `before` holds whole files for undo, in which secrets cannot be recognized reliably. A truncated line may contain such a
     file too, so unreadable lines are dropped.
     """
     kept, unreadable = [], 0

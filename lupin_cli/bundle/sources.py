@@ -118,7 +118,7 @@ SOURCES: tuple[Source, ...] = (
         "systemctl cat --no-pager 'lupin-*' 'mirte-*' chrony.service", machines=_ROBOT_ONLY,
     ),
     command(
-        "network/state.txt", "addresses, routes, neighbours, sockets",
+        "network/state.txt", "addresses, routes, neighbors, sockets",
         "ip -details address\nip rule\nip route show table all\nip neigh\nss -tuanp\niw dev\niw reg get\n"
         "cat /etc/resolv.conf /etc/hosts",
         root=True,
@@ -191,7 +191,7 @@ def read_sources(
 def _run(target: Target, sources: Sequence[Source], max_age_s: float | None, *, root: bool) -> dict[str, Output]:
     scripts = [Script(each.path, script_of(each, max_age_s), each.timeout_s, root and each.root) for each in sources]
     missing = Output(None, "", "the machine gave no answer")
-    outputs = target.batch(scripts, bound_s=max(each.timeout_s for each in sources) + _BATCH_SLACK_S)
+    outputs = target.batch(scripts, timeout_s=max(each.timeout_s for each in sources) + _BATCH_SLACK_S)
     return {each.path: outputs.get(each.path, missing) for each in sources}
 
 

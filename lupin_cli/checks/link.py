@@ -126,7 +126,7 @@ def find_missing_carrier(snapshot: Snapshot) -> Iterator[Finding]:
     addresses, routes, address = snapshot.laptop.get(ADDRESSES), snapshot.laptop.get(ROUTES), robot_address(snapshot)
     if addresses is None or routes is None or not address:
         return
-    near = [each for each in addresses.every if each.scope == "global" and each.has_neighbour(address)]
+    near = [each for each in addresses.every if each.scope == "global" and each.has_neighbor(address)]
     if near and not any(each.up and each.carrier for each in near):
         interface = near[0].interface
         yield make_finding(

@@ -14,7 +14,7 @@ from lupin_cli.facts.graph import GRAPH
 from lupin_cli.facts.system_journal import SYSTEM_JOURNAL
 from lupin_cli.facts.units import UNIT_STATES, VENDOR
 from lupin_runtime.graph import BATTERY
-from lupin_runtime.safety.battery_monitor import LOW_THRESHOLD, normalise
+from lupin_runtime.safety.battery_monitor import LOW_THRESHOLD, normalize
 
 # Words of kernel messages about a lost serial device.
 SERIAL_TROUBLE = (
@@ -85,7 +85,7 @@ def find_battery_faults(snapshot: Snapshot) -> Iterator[Finding]:
         if graph.battery is None:
             continue
         percentage, voltage = graph.battery
-        charge = normalise(percentage)
+        charge = normalize(percentage)
         shown = "NaN" if percentage is None else f"{percentage:.3f}"
         volts = "NaN" if voltage is None else f"{voltage:.2f} V"
         line = f"{BATTERY.name} on {graph.name}: percentage {shown}, voltage {volts}"

@@ -15,8 +15,8 @@ from lupin_cli.facts.ros_processes import ROS_PROCESSES
 from lupin_cli.facts.shared_memory import SHARED_MEMORY
 from lupin_cli.facts.sockets import SOCKETS
 
-PROBE_BOUND_S = 15.0
-CHANGE_BOUND_S = 60.0
+PROBE_TIMEOUT_S = 15.0
+CHANGE_TIMEOUT_S = 60.0
 _FACTS: tuple[Fact[Any], ...] = (ROS_PROCESSES, SOCKETS, SHARED_MEMORY, PROCESS_TREE)
 
 # The kernel may have reused a PID since the probe, so the start time is compared before every signal.
@@ -63,7 +63,7 @@ def find_stale(
     See `make_plan` for `runs` and `ourselves`.
     """
     scripts = [Script(fact.name, fact.probe, fact.timeout_s, root=user_id == 0) for fact in _FACTS]
-    outputs = target.batch(scripts, bound_s=PROBE_BOUND_S)
+    outputs = target.batch(scripts, timeout_s=PROBE_TIMEOUT_S)
 
     def value(fact: Fact[Value]) -> Value:
         try:
@@ -100,5 +100,5 @@ def clean_up(
 
 def _run(target: Target, script: str, user_id: int) -> set[str]:
     """Run a script and return its output lines. If the connection breaks, lines are missing and their items count as failed."""
-    output = target.run(script, root=user_id == 0, bound_s=CHANGE_BOUND_S)
+    output = target.run(script, root=user_id == 0, timeout_s=CHANGE_TIMEOUT_S)
     return set(output.stdout.splitlines())

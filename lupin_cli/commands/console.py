@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from lupin_runtime.console.description import ConsoleDescription
     from lupin_runtime.console.sessions import Sessions
 
-UP_BOUND_S = 30.0
+UP_TIMEOUT_S = 30.0
 RUN = typer.Option(None, "--run", help="A part of the run's id, if several runs are up.")
 AS_JSON = typer.Option(False, "--json", help="Print JSON, alone on standard output.")
 app = typer.Typer(
@@ -87,7 +87,7 @@ def _wait_for(folder: Path, child: Any) -> ConsoleDescription | None:
     """The console once it listens; None where its process ends before."""
     from lupin_runtime.console.description import read_description
 
-    deadline_s = time.monotonic() + UP_BOUND_S
+    deadline_s = time.monotonic() + UP_TIMEOUT_S
     while child.poll() is None and time.monotonic() < deadline_s:
         described = read_description(folder)
         if described is not None and described.pid == child.pid:

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from lupin_runtime.stack.recorded import RecordedProcess
     from lupin_runtime.stack.runs import Run
 
-STOP_BOUND_S = 30.0
-HUNG_BOUND_S = 5.0  # for a supervisor that does not respond
+STOP_TIMEOUT_S = 30.0
+HUNG_TIMEOUT_S = 5.0  # for a supervisor that does not respond
 # The processes of a killed supervisor end by themselves within 5 s, unless they hang too.
-ORPHAN_BOUND_S = 7.0
+ORPHAN_TIMEOUT_S = 7.0
 
 
 def command(
@@ -61,22 +61,22 @@ def _stop(run: Run, supervisor: RecordedProcess) -> bool:
     hung = supervisor_silent_s(run.state()) > 0.0
     supervisor.signal(signal.SIGCONT)  # a process that SIGSTOP suspended handles SIGTERM only after SIGCONT
     processes = processes_of(run)
-    if _until(lambda: not run.alive(), HUNG_BOUND_S if hung else STOP_BOUND_S):
+    if _until(lambda: not run.alive(), HUNG_TIMEOUT_S if hung else STOP_TIMEOUT_S):
         echo(f"run {run.id} stopped")
         return True
     killed = [supervisor] if supervisor.signal(signal.SIGKILL) else []
-    _until(lambda: not any(process.exists() for process in processes), ORPHAN_BOUND_S)
+    _until(lambda: not any(process.exists() for process in processes), ORPHAN_TIMEOUT_S)
     killed += [process for process in processes if process.signal(signal.SIGKILL)]
     names = ", ".join(process.name for process in killed)
-    if not _until(lambda: not run.alive() and not any(process.exists() for process in killed), HUNG_BOUND_S):
+    if not _until(lambda: not run.alive() and not any(process.exists() for process in killed), HUNG_TIMEOUT_S):
         echo(f"run {run.id} did not stop, although these were killed: {names}; restart this computer", err=True)
         return False
     echo(f"run {run.id} stopped; killed, because they did not stop: {names}")
     return True
 
 
-def _until(condition: Callable[[], bool], bound_s: float) -> bool:
-    deadline = time.monotonic() + bound_s
+def _until(condition: Callable[[], bool], timeout_s: float) -> bool:
+    deadline = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > deadline:
             return False

@@ -14,7 +14,7 @@ from lupin_cli.exit_codes import FAILURE, SUCCESS, UNREACHABLE
 from lupin_cli.terminal import echo
 
 MODULE = "lupin_runtime.arm.auto_home"
-BOUND_S = 240.0
+TIMEOUT_S = 240.0
 
 
 def command(
@@ -41,7 +41,7 @@ def command(
         inventory = load(config)
         for one in select_robots(inventory, robot):
             with connect(one, inventory) as target:
-                output = run_module(target, one, MODULE, *arguments, bound_s=BOUND_S, on_line=echo)
+                output = run_module(target, one, MODULE, *arguments, timeout_s=TIMEOUT_S, on_line=echo)
             if output.status == NOT_DEPLOYED:
                 echo(f"{one.name} has no release of Lupin under {RELEASE}; next: lupin deploy robot", err=True)
             elif output.status is None:
@@ -61,9 +61,9 @@ def _home_local_run(run: str | None, arguments: tuple[str, ...]) -> int:
         return UNREACHABLE
     process = subprocess.Popen([sys.executable, "-u", "-m", MODULE, *arguments], env={**os.environ, **environment})
     try:
-        return SUCCESS if process.wait(BOUND_S) == 0 else FAILURE
+        return SUCCESS if process.wait(TIMEOUT_S) == 0 else FAILURE
     except subprocess.TimeoutExpired:
-        echo(f"did not finish within {BOUND_S:g} s; see: lupin status", err=True)
+        echo(f"did not finish within {TIMEOUT_S:g} s; see: lupin status", err=True)
         return FAILURE
     finally:
         if process.poll() is None:

@@ -1,4 +1,4 @@
-"""`lupin map`: builds maps from logs, optimises pose graphs and plans on maps, without a robot."""
+"""`lupin map`: builds maps from logs, optimizes pose graphs and plans on maps, without a robot."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from lupin_cli.terminal import echo
 if TYPE_CHECKING:
     from lupin_runtime.slam.offline import OfflineScan
 
-app = typer.Typer(help="Build, plan on and optimise maps.", add_completion=False, rich_markup_mode=None, no_args_is_help=True)
+app = typer.Typer(help="Build, plan on and optimize maps.", add_completion=False, rich_markup_mode=None, no_args_is_help=True)
 
 
 @app.callback()
 def maps() -> None:
-    """Build, plan on and optimise maps, without a robot."""
+    """Build, plan on and optimize maps, without a robot."""
 
 
 @app.command()
 def build(
     log: Path = typer.Argument(..., help="A CARMEN log (FLASER or ROBOTLASER1 lines; .gz too), or an MCAP recording of a run."),
     out: Path = typer.Option(..., "--out", help="Folder for map.yaml, map.pgm, trajectory.tum and graph.g2o."),
-    resolution: float = typer.Option(0.05, "--resolution", help="Metres per cell.", min=0.01, max=1.0),
+    resolution: float = typer.Option(0.05, "--resolution", help="Meters per cell.", min=0.01, max=1.0),
     max_range: float = typer.Option(
         None, "--max-range", help="Largest range to use, m (default: 40, or 12 for a recording).", min=0.5
     ),
@@ -107,12 +107,12 @@ app.command("plan")(plan)
 @app.command()
 def optimize(
     graph: Path = typer.Argument(..., help="A pose graph in g2o's text format: VERTEX_SE2, EDGE_SE2."),
-    out: Path = typer.Option(None, "--out", help="Where to write the optimised graph."),
+    out: Path = typer.Option(None, "--out", help="Where to write the optimized graph."),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON object, alone on standard output."),
 ) -> None:
     """Find the poses that fit a pose graph's edges best.
 
-    chi2 is g2o's: the sum over edges of e' Omega e. Exit status: 0 optimised, 1 it cannot be optimised or
+    chi2 is g2o's: the sum over edges of e' Omega e. Exit status: 0 optimized, 1 it cannot be optimized or
     written, 2 usage error or a malformed file.
     """
     from dataclasses import replace
@@ -120,7 +120,7 @@ def optimize(
     from lupin_runtime.atomic_file import MalformedFile
     from lupin_runtime.slam.g2o import read_g2o, write_g2o
     from lupin_runtime.slam.pose_graph import GraphError
-    from lupin_runtime.slam.pose_graph import optimise as solve
+    from lupin_runtime.slam.pose_graph import optimize as solve
 
     if not graph.is_file():
         echo(f"{graph}: no such file; expected a g2o graph", err=True)

@@ -19,15 +19,15 @@ def _point(text: str, option: str) -> tuple[float, float]:
     except ValueError:
         x = y = math.nan
     if not (math.isfinite(x) and math.isfinite(y)):
-        echo(f"{option}: expected X,Y in metres such as 1.5,-0.3, found {text!r}", err=True)
+        echo(f"{option}: expected X,Y in meters such as 1.5,-0.3, found {text!r}", err=True)
         raise typer.Exit(USAGE_ERROR)
     return x, y
 
 
 def plan(
     map_file: Path = typer.Argument(..., metavar="MAP.yaml", help="A map as map_server and slam_toolbox save it."),
-    start: str = typer.Option(..., "--from", metavar="X,Y", help="Start, metres in the map's frame."),
-    goal: str = typer.Option(..., "--to", metavar="X,Y", help="Goal, metres in the map's frame."),
+    start: str = typer.Option(..., "--from", metavar="X,Y", help="Start, meters in the map's frame."),
+    goal: str = typer.Option(..., "--to", metavar="X,Y", help="Goal, meters in the map's frame."),
     radius: float = typer.Option(0.22, "--radius", help="The path's minimum distance from occupied cells, m."),
     tolerance: float = typer.Option(0.0, "--tolerance", help="How far from an unreachable goal the path may end, m."),
     unknown: bool = typer.Option(True, "--unknown/--no-unknown", help="Allow paths through unknown cells."),
@@ -48,7 +48,7 @@ def plan(
     ends = _point(start, "--from"), _point(goal, "--to")
     for name, value in (("--radius", radius), ("--tolerance", tolerance)):
         if not (math.isfinite(value) and value >= 0.0):
-            echo(f"{name}: expected metres, 0 or more, found {value}", err=True)
+            echo(f"{name}: expected meters, 0 or more, found {value}", err=True)
             raise typer.Exit(USAGE_ERROR)
     try:
         grid = load_map(map_file)

@@ -38,10 +38,10 @@ _LISTED_WORLDS = ("demo", "course", "random:1", "walled")
 def worlds(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
     """List the greenhouses: size, tags, flowers, and how many tags the robot can reach."""
     from lupin_sim.reachability import reachable_tags
-    from lupin_sim.worlds import CATALOGUE, load_world
+    from lupin_sim.worlds import CATALOG, load_world
 
     rows = []
-    for entry, name in zip(CATALOGUE, _LISTED_WORLDS):
+    for entry, name in zip(CATALOG, _LISTED_WORLDS):
         world = load_world(name)
         length, breadth = world.size_m
         rows.append(

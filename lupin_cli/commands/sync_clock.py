@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from lupin_cli.playbook.results import Result
 
 PLAYBOOK, INSTALL = "sync-clock", "install-clock-sync"
-MEASURE_BOUND_S = 15.0
+MEASURE_TIMEOUT_S = 15.0
 NTP_WAIT_S = 0.7
 
 
@@ -142,7 +142,7 @@ def measure_clock(target: SshTarget) -> OffsetEstimate:
     from lupin_cli.link.clock_offset import ClockError, measure_target
 
     try:
-        return measure_target(target, MEASURE_BOUND_S)
+        return measure_target(target, MEASURE_TIMEOUT_S)
     except (ClockError, OSError, EOFError) as error:
         reason = str(error) or type(error).__name__
         raise TargetError(
@@ -186,7 +186,7 @@ def _laptop_variables(target: SshTarget) -> dict[str, str]:
     """The playbook variables for this machine's address as the robot's sshd sees it, and for the network around it."""
     from ipaddress import IPv4Address, ip_network
 
-    output = target.run('echo "${SSH_CONNECTION%% *}"', bound_s=10.0).stdout.strip()
+    output = target.run('echo "${SSH_CONNECTION%% *}"', timeout_s=10.0).stdout.strip()
     try:
         address = str(IPv4Address(output))
     except ValueError:

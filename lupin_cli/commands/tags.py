@@ -28,7 +28,7 @@ def detect(
     """Find the tags of family 36h11: ids and corners.
 
     Corners are those of the black square as an upright print shows them - top-left, top-right, bottom-right, bottom-left - in
-    pixels, x to the right and y down, the centre of the first pixel being 0, 0.
+    pixels, x to the right and y down, the center of the first pixel being 0, 0.
 
     Exit status: 0 all images were read, with or without tags in them; 1 one could not be read; 2 usage.
     """
@@ -61,11 +61,11 @@ def _detect_in_file(path: Path, engine: Any) -> dict[str, Any]:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as error:
         return {**result, "error": f"cannot be read: {error.strerror or error}"}
-    grey = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
-    if grey is None:
+    gray = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
+    if gray is None:
         return {**result, "error": f"is not an image that OpenCV can read ({data.size} bytes)"}
-    result["height"], result["width"] = grey.shape[:2]
-    for found in detect_tags(np.asarray(grey, np.uint8), engine):
+    result["height"], result["width"] = gray.shape[:2]
+    for found in detect_tags(np.asarray(gray, np.uint8), engine):
         corners = [[round(float(x), 3), round(float(y), 3)] for x, y in found.corners]
         result["tags"].append({"id": found.id, "corners": corners, "hamming": found.hamming, "fit": round(found.fit, 4)})
     return result

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 DEFAULT_GOAL = {"sim": "all", "robot": "5"}
-DETACH_BOUND_S = 20.0
+DETACH_TIMEOUT_S = 20.0
 
 
 def command(
@@ -32,7 +32,7 @@ def command(
     speed: float = typer.Option(1.0, help="Simulated seconds per second."),
     headless: bool = typer.Option(False, "--headless", help="Open no console and no window."),
     slam: bool = typer.Option(True, "--slam/--no-slam", help="Build a map while driving."),
-    map_file: Path = typer.Option(None, "--map", help="Localise on this saved map (YAML) instead of mapping."),
+    map_file: Path = typer.Option(None, "--map", help="Localize on this saved map (YAML) instead of mapping."),
     initial_pose: str = typer.Option(
         None, metavar="X,Y,YAW", help="Start pose on that map, m and rad [0,0,0 in the sim, AMCL's default on the robot]."
     ),
@@ -272,7 +272,7 @@ def _detach() -> None:
         stderr=subprocess.PIPE,
         start_new_session=True,
     )
-    deadline = time.monotonic() + DETACH_BOUND_S
+    deadline = time.monotonic() + DETACH_TIMEOUT_S
     while time.monotonic() < deadline and child.poll() is None:
         mine = [run for run in live_runs() if run.id not in before and run.info().get("pid") == child.pid]
         if mine:
@@ -280,5 +280,5 @@ def _detach() -> None:
             return
         time.sleep(0.05)
     said = child.stderr.read().decode(errors="replace") if child.poll() is not None and child.stderr else ""
-    echo(f"the run did not start within {DETACH_BOUND_S:.0f} s\n{said}", err=True)
+    echo(f"the run did not start within {DETACH_TIMEOUT_S:.0f} s\n{said}", err=True)
     raise typer.Exit(UNREACHABLE)

@@ -52,8 +52,8 @@ class Target(Protocol):
     user: str
     address: str  # the host name or address by which this machine reaches it
 
-    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
-        """Run all scripts in parallel in one round trip. Return one output for each, by name, also if `bound_s` ended it."""
+    def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:
+        """Run all scripts in parallel in one round trip. Return one output for each, by name, also if `timeout_s` ended it."""
 
     def run(
         self,
@@ -61,15 +61,15 @@ class Target(Protocol):
         *,
         root: bool = False,
         stdin: bytes = b"",
-        bound_s: float = 60.0,
+        timeout_s: float = 60.0,
         on_line: Callable[[str], None] | None = None,
     ) -> Output:
         """Run one script with standard input. `on_line` gets each line of its output as it is printed."""
 
-    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, bound_s: float = 60.0) -> None:
+    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, timeout_s: float = 60.0) -> None:
         """Write a file atomically: a temporary file in the same directory, synced, then renamed."""
 
-    def get(self, path: str, *, root: bool = False, bound_s: float = 60.0) -> bytes | None:
+    def get(self, path: str, *, root: bool = False, timeout_s: float = 60.0) -> bytes | None:
         """Return the content of a file, or None if it does not exist."""
 
     def close(self) -> None:

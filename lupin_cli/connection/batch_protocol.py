@@ -38,7 +38,7 @@ _FRAME_LIMIT_BYTES = 8192  # no frame is longer; more than this without a line's
 # What the login shell is given. It may be any shell, so this is one plain command without a single quote inside its quotes.
 READ_PROGRAM = "exec /bin/sh -c 'eval \"$(head -c {size})\"'"
 # The same for a batch. This `timeout` also terminates processes that hold a pipe of the batch after Lupin stopped reading it.
-_READ_BATCH = "exec timeout -k 1 {bound_s} /bin/sh -c 'eval \"$(head -c {size})\"'"
+_READ_BATCH = "exec timeout -k 1 {timeout_s} /bin/sh -c 'eval \"$(head -c {size})\"'"
 
 # Debian gives SSH commands no sbin, and messages must be in one language to be parsed. Variables by which users adjust
 # programs for interactive work are unset. SHLVL=2: a bash whose input is a socket takes itself for a login shell and reads the
@@ -51,7 +51,7 @@ ENVIRONMENT = (
     f"export LC_ALL SHLVL PATH; unset {_USER_SETTINGS}\n"
 )
 
-# run_script INDEX BOUND_S TEXT: run one script, with only four processes, because forty scripts run at once on a small board.
+# run_script INDEX TIMEOUT_S TEXT: run one script, with only four processes, because forty scripts run at once on a small board.
 #   `timeout` gives it a process group of its own, so that the background processes it leaves are terminated with it.
 #   Frames are written to fd 4. fd 3 collects the script's standard error, which the shell itself reads up to an end line; the
 #   script's children must not inherit either.
@@ -108,23 +108,23 @@ class BatchProgram:
     reader: FrameReader
 
 
-def batch_program(scripts: Sequence[Script], bound_s: float, sudo_password: str | None = None) -> BatchProgram:
-    """Return the program for `scripts`, each bounded by its own timeout and by `bound_s` (in whole seconds, rounded up).
+def batch_program(scripts: Sequence[Script], timeout_s: float, sudo_password: str | None = None) -> BatchProgram:
+    """Return the program for `scripts`, each bounded by its own timeout and by `timeout_s` (in whole seconds, rounded up).
 
     All root scripts run in one sudo, or directly if the user is root. Raises ValueError as `validate` does.
     """
     validate(scripts)
     nonce = secrets.token_hex(8)
-    bounds_s = [_whole_seconds(script, bound_s) for script in scripts]
+    timeouts_s = [_whole_seconds(script, timeout_s) for script in scripts]
     calls: dict[bool, list[str]] = {False: [], True: []}
     for index, script in enumerate(scripts):
-        calls[script.root].append(f"run_script {index} {bounds_s[index]} {shlex.quote(script.text)}")
+        calls[script.root].append(f"run_script {index} {timeouts_s[index]} {shlex.quote(script.text)}")
     user_calls = [_READ_CLOCK, *calls[False]]
     if calls[True]:
-        user_calls.append(_as_root(_program(nonce, calls[True]), max(bounds_s) + 3, sudo_password))
+        user_calls.append(_as_root(_program(nonce, calls[True]), max(timeouts_s) + 3, sudo_password))
     program = _program(nonce, user_calls).encode("utf-8", "surrogateescape")
-    command = _READ_BATCH.format(bound_s=max(bounds_s, default=1) + 3, size=len(program))
-    return BatchProgram(command, program, FrameReader(nonce, list(scripts), bounds_s))
+    command = _READ_BATCH.format(timeout_s=max(timeouts_s, default=1) + 3, size=len(program))
+    return BatchProgram(command, program, FrameReader(nonce, list(scripts), timeouts_s))
 
 
 def validate(scripts: Sequence[Script]) -> None:
@@ -137,9 +137,9 @@ def validate(scripts: Sequence[Script]) -> None:
             raise ValueError(f"script {script.name!r} has a NUL in it or more than {ARGUMENT_LIMIT_BYTES} bytes")
 
 
-def _whole_seconds(script: Script, bound_s: float) -> int:
+def _whole_seconds(script: Script, timeout_s: float) -> int:
     """busybox's `timeout` takes whole seconds only."""
-    return max(1, math.ceil(min(script.timeout_s, bound_s)))
+    return max(1, math.ceil(min(script.timeout_s, timeout_s)))
 
 
 def sudo_command(password: str | None) -> str:
@@ -160,10 +160,10 @@ def sudo_check(password: str | None) -> str:
 SKIP_PASSWORD = 'while IFS= read -r skipped && [ "$skipped" != lupin-begins ]; do :; done'  # noqa: S105 -- no password
 
 
-def _as_root(program: str, bound_s: int, password: str | None) -> str:
+def _as_root(program: str, timeout_s: int, password: str | None) -> str:
     runner = shlex.quote(SKIP_PASSWORD + '; eval "$(cat)"')
     given = "" if password is None else f"printf '%s\\n' {shlex.quote(password)}; "
-    sudo = f"{sudo_command(password)} timeout -k 1 {bound_s} /bin/sh -c {runner}"
+    sudo = f"{sudo_command(password)} timeout -k 1 {timeout_s} /bin/sh -c {runner}"
     return (
         f'{{ p={shlex.quote(program)}; if [ "$(id -u)" = 0 ]; then ( exec 1>&4; eval "$p" ); else '
         f"x=$( {{ {sudo_check(password)} && {{ {given}printf 'lupin-begins\\n%s' \"$p\"; }} | {sudo}; }} 2>&1 >&4 ); "
@@ -184,9 +184,9 @@ class _PartialOutput:
 class FrameReader:
     """Assembles the outputs of a batch from the program's output, which may arrive in pieces of any size."""
 
-    def __init__(self, nonce: str, scripts: list[Script], bounds_s: list[int]) -> None:
+    def __init__(self, nonce: str, scripts: list[Script], timeouts_s: list[int]) -> None:
         self._prefix = nonce.encode() + b" "
-        self._scripts, self._bounds_s = scripts, bounds_s
+        self._scripts, self._bounds_s = scripts, timeouts_s
         self._partial = [_PartialOutput() for _ in scripts]
         self._rest = b""
         self._hellos = 0
@@ -246,9 +246,9 @@ class FrameReader:
     def outputs(self, why_cut: str) -> dict[str, Output]:
         """Return one output for each script, by name. `why_cut` becomes the standard error of incomplete ones without any."""
         rows = zip(self._scripts, self._bounds_s, self._partial)
-        return {script.name: self._output(script, bound_s, part, why_cut) for script, bound_s, part in rows}
+        return {script.name: self._output(script, timeout_s, part, why_cut) for script, timeout_s, part in rows}
 
-    def _output(self, script: Script, bound_s: int, part: _PartialOutput, why_cut: str) -> Output:
+    def _output(self, script: Script, timeout_s: int, part: _PartialOutput, why_cut: str) -> Output:
         try:
             raw = base64.b64decode(b"".join(part.stdout))
         except binascii.Error:  # cut within a group of four
@@ -262,8 +262,8 @@ class FrameReader:
             refused = script.root and self.refusal is not None
             # Also if its status has arrived already: its output comes after that.
             status, stderr = None, f"{ROOT_REFUSED}{self.refusal}" if refused else (stderr or why_cut)
-        elif status in TIMEOUT_STATUSES and part.duration_s >= bound_s - 0.05:
-            status, stderr = None, stderr or f"no end within {bound_s} s"
+        elif status in TIMEOUT_STATUSES and part.duration_s >= timeout_s - 0.05:
+            status, stderr = None, stderr or f"no end within {timeout_s} s"
         return Output(
             status,
             raw[:STDOUT_CAP_BYTES].decode("utf-8", "backslashreplace"),

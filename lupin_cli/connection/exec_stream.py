@@ -38,8 +38,8 @@ class RunProgram:
     mark: bytes
 
 
-def run_program(script: str, *, root: bool, stdin: bytes, bound_s: float, sudo_password: str | None) -> RunProgram:
-    """Return the program that runs `script` with `stdin`. It ends at `bound_s` also if the connection is lost.
+def run_program(script: str, *, root: bool, stdin: bytes, timeout_s: float, sudo_password: str | None) -> RunProgram:
+    """Return the program that runs `script` with `stdin`. It ends at `timeout_s` also if the connection is lost.
 
     The shell reads no further than its own text: what follows is the script's standard input, byte for byte.
     """
@@ -47,7 +47,7 @@ def run_program(script: str, *, root: bool, stdin: bytes, bound_s: float, sudo_p
     # The script shares its standard input with the shell: `head` takes the text and no byte more.
     text = f"{ENVIRONMENT}printf '{mark}\\n'; printf '{mark}\\n' >&2\n{script}\n".encode("utf-8", "surrogateescape")
     inner = f'eval "$(head -c {len(text)})"'
-    bounded = f"timeout -k 2 {max(1, math.ceil(bound_s))} /bin/sh -c {shlex.quote(inner)}"
+    bounded = f"timeout -k 2 {max(1, math.ceil(timeout_s))} /bin/sh -c {shlex.quote(inner)}"
     lead = b""
     if root:
         # Already root: no sudo. With a password: sudo may or may not have read the line that holds it.
@@ -151,7 +151,7 @@ class OutputCollector:
         lines = (self._kept[1].text() if self._script_started[1] else preamble).strip().splitlines()
         return lines[-1] if lines else ""
 
-    def output(self, status: int | None, duration_s: float, bound_s: float, lost: str = "") -> Output:
+    def output(self, status: int | None, duration_s: float, timeout_s: float, lost: str = "") -> Output:
         """Return the run's Output. `lost` is the reason why the connection was lost.
 
         A status by which `timeout` reports that it terminated the script counts as none if the bound has passed.
@@ -160,11 +160,11 @@ class OutputCollector:
             for rest in self._unfinished_lines:
                 if rest:
                     self._on_line(rest)
-        if status in TIMEOUT_STATUSES and duration_s >= bound_s - 0.05:
+        if status in TIMEOUT_STATUSES and duration_s >= timeout_s - 0.05:
             status = None
         stdout, stderr = (kept.text() for kept in self._kept)
         if lost:
             status, stderr = None, f"{stderr}\nthe link was lost: {lost}".lstrip()
         elif status is None and not stderr:
-            stderr = f"no end within {bound_s:g} s"
+            stderr = f"no end within {timeout_s:g} s"
         return Output(status, stdout, stderr, duration_s, any(kept.omitted for kept in self._kept) or status is None)

@@ -20,15 +20,15 @@ ANSWER_TIMEOUT_S = 30.0
 
 
 class ConnectionWatchdog:
-    """Closes a connection that does not reply to keepalive requests, and any connection after `bound_s`.
+    """Closes a connection that does not reply to keepalive requests, and any connection after `timeout_s`.
 
     The second limit is needed because some of paramiko's waits have no timeout.
     """
 
-    def __init__(self, transport: paramiko.Transport, bound_s: float) -> None:
+    def __init__(self, transport: paramiko.Transport, timeout_s: float) -> None:
         self.transport = transport
         self.timed_out = False  # the connection was closed because there was no reply
-        self._deadline = time.monotonic() + bound_s
+        self._deadline = time.monotonic() + timeout_s
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="lupin-keepalive", daemon=True)
 

@@ -32,18 +32,18 @@ class LocalTarget:
         self.user = pwd.getpwuid(os.getuid()).pw_name
         self._sudo_password = sudo_password
 
-    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
+    def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:
         """See `Target.batch`. If any script needs sudo, one program runs all of them, so that sudo runs once."""
         if os.geteuid() == 0 or not any(script.root for script in scripts):
-            return run_in_parallel(scripts, bound_s, _environment())
-        program = batch_program(scripts, bound_s, self._sudo_password)
+            return run_in_parallel(scripts, timeout_s, _environment())
+        program = batch_program(scripts, timeout_s, self._sudo_password)
         with _shell(program.command, program.payload) as process:
-            for is_stderr, data in _read(process, time.monotonic() + bound_s):
+            for is_stderr, data in _read(process, time.monotonic() + timeout_s):
                 if not is_stderr:
                     program.reader.feed(data)
                 if program.reader.done:
                     break
-        return program.reader.outputs(f"no end within {bound_s:g} s")
+        return program.reader.outputs(f"no end within {timeout_s:g} s")
 
     def run(
         self,
@@ -51,30 +51,30 @@ class LocalTarget:
         *,
         root: bool = False,
         stdin: bytes = b"",
-        bound_s: float = 60.0,
+        timeout_s: float = 60.0,
         on_line: Callable[[str], None] | None = None,
     ) -> Output:
         """See `Target.run`."""
-        program = run_program(script, root=root, stdin=stdin, bound_s=bound_s, sudo_password=self._sudo_password)
+        program = run_program(script, root=root, stdin=stdin, timeout_s=timeout_s, sudo_password=self._sudo_password)
         collector = OutputCollector(program.mark, on_line)
         start = time.monotonic()
         with _shell(program.command, program.payload) as process:
-            for is_stderr, data in _read(process, start + bound_s):
+            for is_stderr, data in _read(process, start + timeout_s):
                 collector.feed(data, is_stderr)
             status = process.poll()
         if root and not collector.script_started and status is not None:
             raise RootRefused(
                 f"{self.name}: root is refused to {self.user}: {collector.last_error or 'sudo printed nothing'}", "sudo -v"
             )
-        return collector.output(status, time.monotonic() - start, bound_s)
+        return collector.output(status, time.monotonic() - start, timeout_s)
 
-    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, bound_s: float = 60.0) -> None:
+    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, timeout_s: float = 60.0) -> None:
         """See `Target.put`."""
-        output = self.run(write_file_script(path, len(data), mode), root=root, stdin=data, bound_s=bound_s)
+        output = self.run(write_file_script(path, len(data), mode), root=root, stdin=data, timeout_s=timeout_s)
         if not output.ok:
             raise TargetError(f"{self.name}: could not write {path}: {failure_reason(output)}; it is unchanged")
 
-    def get(self, path: str, *, root: bool = False, bound_s: float = 60.0) -> bytes | None:
+    def get(self, path: str, *, root: bool = False, timeout_s: float = 60.0) -> bytes | None:
         """See `Target.get`."""
         if not root or os.geteuid() == 0:
             try:
@@ -83,7 +83,7 @@ class LocalTarget:
                 return None
             except OSError as error:
                 raise TargetError(f"{self.name}: could not read {path}: {error.strerror}") from error
-        return decode_file(self.name, path, self.run(read_file_script(path), root=True, bound_s=bound_s))
+        return decode_file(self.name, path, self.run(read_file_script(path), root=True, timeout_s=timeout_s))
 
     def close(self) -> None:
         """See `Target.close`. There is nothing to close."""

@@ -30,8 +30,8 @@ _END_SIGNALS = (signal.SIGTERM, signal.SIGKILL)
 _STDERR_CAP_BYTES = STDERR_LINES * STDERR_COLUMNS
 
 
-def run_in_parallel(scripts: Sequence[Script], bound_s: float, environment: Mapping[str, str]) -> dict[str, Output]:
-    """Run `scripts` as this user, each bounded by its own timeout and by `bound_s`. Return one output for each, by name.
+def run_in_parallel(scripts: Sequence[Script], timeout_s: float, environment: Mapping[str, str]) -> dict[str, Output]:
+    """Run `scripts` as this user, each bounded by its own timeout and by `timeout_s`. Return one output for each, by name.
 
     Raises ValueError as `batch_protocol.validate` does.
     """
@@ -40,10 +40,10 @@ def run_in_parallel(scripts: Sequence[Script], bound_s: float, environment: Mapp
     with selectors.DefaultSelector() as selector:
         try:
             for script in scripts:
-                running.append(_RunningScript(script, bound_s, environment, selector))
+                running.append(_RunningScript(script, timeout_s, environment, selector))
             while unfinished := [each for each in running if not each.done]:
-                timeout_s = min(each.due_s for each in unfinished) - time.monotonic()
-                for key, _ in selector.select(max(0.0, timeout_s)):
+                wait_s = min(each.due_s for each in unfinished) - time.monotonic()
+                for key, _ in selector.select(max(0.0, wait_s)):
                     key.data(key.fd)
                 for each in unfinished:
                     each.enforce_bound()
@@ -71,10 +71,10 @@ class _RunningScript:
     """A script in a process group of its own, so that the background processes it leaves are terminated with it."""
 
     def __init__(
-        self, script: Script, bound_s: float, environment: Mapping[str, str], selector: selectors.BaseSelector
+        self, script: Script, timeout_s: float, environment: Mapping[str, str], selector: selectors.BaseSelector
     ) -> None:
         self.script = script
-        self._bound_s = min(script.timeout_s, bound_s)
+        self._timeout_s = min(script.timeout_s, timeout_s)
         self._selector = selector
         self._process = subprocess.Popen(
             ["/bin/sh", "-c", ENVIRONMENT + script.text],
@@ -86,7 +86,7 @@ class _RunningScript:
         )
         assert self._process.stdout is not None and self._process.stderr is not None
         self._started_s = time.monotonic()
-        self.due_s = self._started_s + self._bound_s  # when `enforce_bound` acts, unless the script has ended
+        self.due_s = self._started_s + self._timeout_s  # when `enforce_bound` acts, unless the script has ended
         self._duration_s: float | None = None  # set when its shell has ended
         self._signals_sent = 0  # at its bound and after it
         self._given_up = False  # a background process holds a pipe, or the kernel does not let the script end
@@ -152,7 +152,7 @@ class _RunningScript:
         stderr = "\n".join(line[:STDERR_COLUMNS] for line in lines)
         status, timed_out = self._process.returncode, self._signals_sent > 0
         if timed_out:
-            status, stderr = None, stderr or f"no end within {self._bound_s:g} s"
+            status, stderr = None, stderr or f"no end within {self._timeout_s:g} s"
         elif self._given_up:
             stderr = f"{stderr}\n{HELD_BY_STRAY}".lstrip()
         return Output(

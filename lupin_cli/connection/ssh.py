@@ -83,17 +83,17 @@ class SshTarget:
 
     # -- what a target can do
 
-    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
+    def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:
         """See `Target.batch`. Raises Unreachable if the connection is lost before anything was received."""
-        program = batch_program(scripts, bound_s, self._sudo_password)
-        deadline = time.monotonic() + bound_s
-        why = f"no end within {bound_s:g} s"
+        program = batch_program(scripts, timeout_s, self._sudo_password)
+        deadline = time.monotonic() + timeout_s
+        why = f"no end within {timeout_s:g} s"
         shell_ended, last_error = False, ""
         self.clock_reading = None
         sent_ns = left_ns = 0
-        with ConnectionWatchdog(self.connect(), bound_s + 1.0) as watchdog:
+        with ConnectionWatchdog(self.connect(), timeout_s + 1.0) as watchdog:
             try:
-                with _exec(watchdog.transport, program.command, bound_s) as channel:
+                with _exec(watchdog.transport, program.command, timeout_s) as channel:
                     with contextlib.suppress(OSError):  # a shell that has ended takes no input; its output is still read
                         channel.sendall(program.payload[:-1])
                         sent_ns, left_ns = time.time_ns(), time.monotonic_ns()
@@ -129,27 +129,27 @@ class SshTarget:
         *,
         root: bool = False,
         stdin: bytes = b"",
-        bound_s: float = 60.0,
+        timeout_s: float = 60.0,
         on_line: Callable[[str], None] | None = None,
     ) -> Output:
         """See `Target.run`."""
-        program = run_program(script, root=root, stdin=stdin, bound_s=bound_s, sudo_password=self._sudo_password)
+        program = run_program(script, root=root, stdin=stdin, timeout_s=timeout_s, sudo_password=self._sudo_password)
         collector = OutputCollector(program.mark, on_line)
         status, lost = None, ""
         start = time.monotonic()
-        with ConnectionWatchdog(self.connect(), bound_s + 1.0) as watchdog:
+        with ConnectionWatchdog(self.connect(), timeout_s + 1.0) as watchdog:
             try:
-                with _exec(watchdog.transport, program.command, bound_s) as channel:
+                with _exec(watchdog.transport, program.command, timeout_s) as channel:
                     # On a thread of its own, because the robot may stop reading until its own output is read.
                     send = threading.Thread(target=send_input, args=(channel, program.payload), name="lupin-stdin", daemon=True)
                     send.start()
-                    for is_stderr, data in read_output(channel, start + bound_s):
+                    for is_stderr, data in read_output(channel, start + timeout_s):
                         collector.feed(data, is_stderr)
                     if channel.exit_status_ready() and channel.exit_status >= 0:
                         status = channel.exit_status
             except CONNECTION_ERRORS as error:
                 lost = str(error) or type(error).__name__
-            if status is None and time.monotonic() < start + bound_s and _is_gone(watchdog.transport):
+            if status is None and time.monotonic() < start + timeout_s and _is_gone(watchdog.transport):
                 lost = watchdog.reason if watchdog.timed_out else lost or watchdog.reason
         if status is not None and not collector.script_started:
             if root and collector.shell_started and collector.last_error:
@@ -158,32 +158,32 @@ class SshTarget:
                     f"lupin robots check {self.name} --ask-sudo-password",
                 )
             raise self._shell_refused(collector.last_error)
-        return collector.output(status, time.monotonic() - start, bound_s, lost)
+        return collector.output(status, time.monotonic() - start, timeout_s, lost)
 
-    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, bound_s: float = 60.0) -> None:
+    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, timeout_s: float = 60.0) -> None:
         """See `Target.put`."""
         if not root:
-            with ConnectionWatchdog(self.connect(), bound_s + 1.0) as watchdog:
+            with ConnectionWatchdog(self.connect(), timeout_s + 1.0) as watchdog:
                 if self._sftp.put(watchdog.transport, path, data, mode):
                     return
         # As root, or if SFTP is not served or reports no more than "Failure": a shell writes the file or says why not.
-        output = self.run(write_file_script(path, len(data), mode), root=root, stdin=data, bound_s=bound_s)
+        output = self.run(write_file_script(path, len(data), mode), root=root, stdin=data, timeout_s=timeout_s)
         if not output.ok:
             self._require_link(output, f"{path} is unchanged or complete")
             raise TargetError(f"{self.name}: could not write {path}: {failure_reason(output)}; it is unchanged")
 
-    def get(self, path: str, *, root: bool = False, bound_s: float = 60.0) -> bytes | None:
+    def get(self, path: str, *, root: bool = False, timeout_s: float = 60.0) -> bytes | None:
         """See `Target.get`."""
-        output = self.run(read_file_script(path), root=root, bound_s=bound_s)
+        output = self.run(read_file_script(path), root=root, timeout_s=timeout_s)
         self._require_link(output, f"while {path} was read")
         return decode_file(self.name, path, output)
 
-    def open_run(self, script: str, bound_s: float) -> paramiko.Channel:
+    def open_run(self, script: str, timeout_s: float) -> paramiko.Channel:
         """Start `script` and return its channel, for exchanges in both directions. Close it. Raises Unreachable."""
-        program = run_program(script, root=False, stdin=b"", bound_s=bound_s, sudo_password=None)
+        program = run_program(script, root=False, stdin=b"", timeout_s=timeout_s, sudo_password=None)
         try:
-            channel = self.connect().open_session(timeout=min(bound_s, HANDSHAKE_TIMEOUT_S))
-            channel.settimeout(bound_s)
+            channel = self.connect().open_session(timeout=min(timeout_s, HANDSHAKE_TIMEOUT_S))
+            channel.settimeout(timeout_s)
             channel.exec_command(program.command)
             channel.sendall(program.payload)
             received = bytearray()
@@ -210,11 +210,11 @@ class SshTarget:
 
 
 @contextlib.contextmanager
-def _exec(transport: paramiko.Transport, command: str, bound_s: float) -> Iterator[paramiko.Channel]:
+def _exec(transport: paramiko.Transport, command: str, timeout_s: float) -> Iterator[paramiko.Channel]:
     """A channel on which `command` runs; closed at the end."""
-    channel = transport.open_session(timeout=min(bound_s, HANDSHAKE_TIMEOUT_S))
+    channel = transport.open_session(timeout=min(timeout_s, HANDSHAKE_TIMEOUT_S))
     try:
-        channel.settimeout(bound_s)
+        channel.settimeout(timeout_s)
         channel.exec_command(command)
         yield channel
     finally:

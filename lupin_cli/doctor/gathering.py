@@ -74,7 +74,7 @@ def gather_facts(target: Target, machine: str, facts: Sequence[Fact[Any]], robot
     if shared:
         scripts.append(Script(_SHARED, assignment + join_probes(probes), max(fact.timeout_s for fact in shared)))
     sent_ns = time.time_ns()
-    outputs = target.batch(scripts, bound_s=max(fact.timeout_s for fact in facts) + BATCH_SLACK_S)
+    outputs = target.batch(scripts, timeout_s=max(fact.timeout_s for fact in facts) + BATCH_SLACK_S)
     if joined := outputs.pop(_SHARED, None):
         outputs |= zip([fact.name for fact in shared], split_outputs(joined, probes))
     values = {fact.name: parse_fact(fact, outputs.get(fact.name)) for fact in facts}

@@ -30,7 +30,7 @@ class Address:
         state = "UP" if self.up and self.carrier else "NO-CARRIER" if self.up else "DOWN"
         return f"{self.interface} {state} {self.address}/{self.prefix_length}"
 
-    def has_neighbour(self, address: str) -> bool:
+    def has_neighbor(self, address: str) -> bool:
         """Whether `address` is in this interface's network. Raises ValueError if it is not an address."""
         return ip_address(address) in ip_interface(f"{self.address}/{self.prefix_length}").network
 

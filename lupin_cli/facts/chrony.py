@@ -57,7 +57,7 @@ class Tracking:
     raw: str
 
     @property
-    def synchronised(self) -> bool:
+    def synchronized(self) -> bool:
         """Whether chrony is synchronized to a reference."""
         return self.leap != "Not synchronised" and self.stratum > 0
 

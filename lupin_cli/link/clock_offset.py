@@ -52,8 +52,8 @@ class Channel(Protocol):
 class SshChannelOpener(Protocol):
     """A robot over SSH."""
 
-    def open_run(self, script: str, bound_s: float) -> Channel:
-        """Start `script` and return a channel to its standard input and output, open for at most `bound_s`."""
+    def open_run(self, script: str, timeout_s: float) -> Channel:
+        """Start `script` and return a channel to its standard input and output, open for at most `timeout_s`."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +132,8 @@ class LineExchange:
         return line.decode("ascii", "backslashreplace")
 
 
-def measure(exchange: LineExchange, samples: int = _SAMPLES, bound_s: float = _SAMPLING_S) -> OffsetEstimate:
-    """Measure with up to `samples` exchanges in `bound_s`, but at least three. Raises ClockError, OSError, EOFError."""
+def measure(exchange: LineExchange, samples: int = _SAMPLES, timeout_s: float = _SAMPLING_S) -> OffsetEstimate:
+    """Measure with up to `samples` exchanges in `timeout_s`, but at least three. Raises ClockError, OSError, EOFError."""
     wall_ns, started_ns = time.time_ns(), time.monotonic_ns()
 
     def now_ns() -> int:
@@ -142,7 +142,7 @@ def measure(exchange: LineExchange, samples: int = _SAMPLES, bound_s: float = _S
         return wall_ns + time.monotonic_ns() - started_ns
 
     taken: list[Sample] = []
-    while len(taken) < samples and (len(taken) < 3 or time.monotonic_ns() - started_ns < bound_s * 1e9):
+    while len(taken) < samples and (len(taken) < 3 or time.monotonic_ns() - started_ns < timeout_s * 1e9):
         sent_ns = now_ns()
         answer = exchange.request()
         received_ns = now_ns()
@@ -153,12 +153,12 @@ def measure(exchange: LineExchange, samples: int = _SAMPLES, bound_s: float = _S
 
 
 def measure_target(
-    target: SshChannelOpener, within_s: float, samples: int = _SAMPLES, bound_s: float = _SAMPLING_S
+    target: SshChannelOpener, within_s: float, samples: int = _SAMPLES, timeout_s: float = _SAMPLING_S
 ) -> OffsetEstimate:
     """The offset of the clock of `target`, over one channel that is open for at most `within_s`. Raises as `measure`, and
     TargetError."""
     with contextlib.closing(target.open_run(CLOCK_SCRIPT, within_s)) as channel:
-        return measure(LineExchange(channel.sendall, channel.recv), samples, bound_s)
+        return measure(LineExchange(channel.sendall, channel.recv), samples, timeout_s)
 
 
 def ntp_offset(host: str, timeout_s: float = 1.0, port: int = 123) -> Offset | None:

@@ -117,8 +117,8 @@ def measure(target: SshTarget, laptop: Target, robot_ip: str, laptop_ip: str) ->
 
 
 @contextlib.contextmanager
-def _channel(target: SshTarget, script: str, bound_s: float) -> Iterator[paramiko.Channel]:
-    channel = target.open_run(script, bound_s)
+def _channel(target: SshTarget, script: str, timeout_s: float) -> Iterator[paramiko.Channel]:
+    channel = target.open_run(script, timeout_s)
     try:
         yield channel
     except (OSError, EOFError) as error:
@@ -166,8 +166,8 @@ def ping(laptop: Target, address: str) -> Ping | None:
             if host.packets_sent:  # otherwise there is no route
                 return Ping(PINGS, host.packets_received, tuple(host.rtts))
     script = f"ping -n -c {PINGS} -i {PING_INTERVAL_S} -W 1 {shlex.quote(address)}"
-    bound_s = PINGS * PING_INTERVAL_S + 5
-    output = laptop.batch([Script("ping", script, bound_s)], bound_s)["ping"]
+    timeout_s = PINGS * PING_INTERVAL_S + 5
+    output = laptop.batch([Script("ping", script, timeout_s)], timeout_s)["ping"]
     try:
         return parse_ping(output.stdout)
     except ValueError:

@@ -10,7 +10,7 @@ from lupin_cli.link.clock_offset import ClockError, Sample, estimate, parse_epoc
 from lupin_cli.operations.base import OperationError
 
 _CLOCK = Script("clock", "date +%s.%N", 5.0)
-_BOUND_S = 8.0
+_TIMEOUT_S = 8.0
 _SAMPLES = 3
 
 
@@ -22,7 +22,7 @@ def take_samples(target: Target) -> Output:
     lines = []
     for _ in range(_SAMPLES):
         sent_ns, before_ns = time.time_ns(), time.monotonic_ns()
-        output = target.batch([_CLOCK], _BOUND_S)[_CLOCK.name]
+        output = target.batch([_CLOCK], _TIMEOUT_S)[_CLOCK.name]
         received_ns = sent_ns + time.monotonic_ns() - before_ns
         reading = (output.stdout.strip() or output.stderr.strip() or "nothing").splitlines()[0]
         lines.append(f"{sent_ns} {received_ns} {reading}\n")

@@ -77,7 +77,7 @@ read -r now rest </proc/uptime
 date -s "@$(awk -v t={time.time() + delay_s:.3f} -v a="$begun" -v b="$now" 'BEGIN {{ printf "%.2f", t + b - a }}')" >/dev/null
 """
         what = "set the clock (not under a running stack)"
-        change(target, script, what, root=True, bound_s=10.0, next_command="lupin sync-clock")
+        change(target, script, what, root=True, timeout_s=10.0, next_command="lupin sync-clock")
 
     def report(self, output: Output) -> dict[str, Any]:
         return offset_values(parse_offset(output))

@@ -42,14 +42,14 @@ class Command(Operation):
         return Difference(f"run: {_first_line(self.run)}", f"+{self.run.strip()}".replace("\n", "\n+"), {"ran": True})
 
     def change(self, target: Target, difference: Difference) -> None:
-        change(target, self.run, f"run {_first_line(self.run)!r}", root=self.root, bound_s=self.timeout_s)
+        change(target, self.run, f"run {_first_line(self.run)!r}", root=self.root, timeout_s=self.timeout_s)
 
     def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         if not self.reverse:
             raise OperationError(
                 f"the step has no script that undoes {_first_line(self.run)!r}; give it one with reverse: SCRIPT"
             )
-        change(target, self.reverse, f"run {_first_line(self.reverse)!r}", root=self.root, bound_s=self.timeout_s)
+        change(target, self.reverse, f"run {_first_line(self.reverse)!r}", root=self.root, timeout_s=self.timeout_s)
 
 
 def _first_line(script: str) -> str:

@@ -35,7 +35,7 @@ class Controllers(Operation):
     def change(self, target: Target, difference: Difference) -> None:
         # systemd does not restart a failed oneshot by itself, and counts one that has ended well as running.
         script = f"systemctl reset-failed {AUTO_HOME} 2>/dev/null\nsystemctl restart {AUTO_HOME}"
-        change(target, script, "activate the controllers", root=True, bound_s=300.0, next_command=self.inspect_command)
+        change(target, script, "activate the controllers", root=True, timeout_s=300.0, next_command=self.inspect_command)
 
 
 def _removed(lines: list[str]) -> str:

@@ -90,11 +90,11 @@ class DiscoveryServer(Operation):
                 return
             time.sleep(_PAUSE_S)
         script = _START.replace("PORT", str(self.port)).replace("LOG", self.log)
-        change(target, script, "start the discovery server", bound_s=20.0, next_command=self.inspect_command)
+        change(target, script, "start the discovery server", timeout_s=20.0, next_command=self.inspect_command)
 
     def report(self, output: Output) -> dict[str, Any]:
         return {"listens": bool(self._addresses(output))}
 
     def undo(self, target: Target, before: Mapping[str, Any]) -> None:
-        change(target, _STOP.replace("LOG", self.log), "terminate the discovery server", bound_s=20.0)
+        change(target, _STOP.replace("LOG", self.log), "terminate the discovery server", timeout_s=20.0)
         query(target, "true")

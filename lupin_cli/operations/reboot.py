@@ -56,7 +56,7 @@ class Reboot(Operation):
     def change(self, target: Target, difference: Difference) -> None:
         old = difference.before["boot_id"]
         with contextlib.suppress(TargetError):  # the reboot closes the connection, sometimes before the command has returned
-            target.run("sync; systemctl reboot", root=True, bound_s=15.0)
+            target.run("sync; systemctl reboot", root=True, timeout_s=15.0)
         deadline = time.monotonic() + self.back_within_s
         while True:
             target.close()

@@ -237,7 +237,7 @@ def _archives(entries: Sequence[Entry]) -> Iterator[tuple[int, bytes]]:
 
 
 def _run(target: Target, script: str, what: str, *, root: bool = False, stdin: bytes = b"") -> Output:
-    return change(target, script, what, root=root, stdin=stdin, bound_s=300.0, next_command="lupin deploy robot")
+    return change(target, script, what, root=root, stdin=stdin, timeout_s=300.0, next_command="lupin deploy robot")
 
 
 def _last_line(output: Output) -> str:

@@ -58,8 +58,8 @@ class Restart(Operation):
     def change(self, target: Target, difference: Difference) -> None:
         unit = quote(self.unit)
         script = f"systemctl reset-failed -- {unit} 2>/dev/null\nsystemctl restart -- {unit}"
-        change(target, script, f"restart {self.unit}", root=True, bound_s=300.0, next_command=self.inspect_command)
+        change(target, script, f"restart {self.unit}", root=True, timeout_s=300.0, next_command=self.inspect_command)
 
     def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         """Restart again, so that the unit reads what the other steps' undo restored."""
-        change(target, f"systemctl try-restart -- {quote(self.unit)}", f"restart {self.unit}", root=True, bound_s=300.0)
+        change(target, f"systemctl try-restart -- {quote(self.unit)}", f"restart {self.unit}", root=True, timeout_s=300.0)

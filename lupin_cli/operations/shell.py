@@ -70,12 +70,12 @@ def change(
     what: str,
     *,
     root: bool = False,
-    bound_s: float = 60.0,
+    timeout_s: float = 60.0,
     stdin: bytes = b"",
     next_command: str = "",
 ) -> Output:
     """Run a script that changes something; raises OperationError that names `what` it should do and what it printed."""
-    output = target.run(script, root=root, stdin=stdin, bound_s=bound_s)
+    output = target.run(script, root=root, stdin=stdin, timeout_s=timeout_s)
     if output.status is None:
         _require_reachable(target)
     if not output.ok:

@@ -41,15 +41,15 @@ class StepTarget:
             self.deadline += time.monotonic() - began
             yield
 
-    def remaining(self, bound_s: float) -> float:
-        """Return the rest of the step's time, at most `bound_s`; raises OperationError if nothing is left."""
+    def remaining(self, timeout_s: float) -> float:
+        """Return the rest of the step's time, at most `timeout_s`; raises OperationError if nothing is left."""
         left = self.deadline - time.monotonic()
         if left <= 0:
             raise OperationError("the step's time is up; give it more with 'timeout' in the playbook")
-        return min(bound_s, left)
+        return min(timeout_s, left)
 
-    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
-        return self._target.batch(scripts, self.remaining(bound_s))
+    def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:
+        return self._target.batch(scripts, self.remaining(timeout_s))
 
     def run(
         self,
@@ -57,7 +57,7 @@ class StepTarget:
         *,
         root: bool = False,
         stdin: bytes = b"",
-        bound_s: float = 60.0,
+        timeout_s: float = 60.0,
         on_line: Callable[[str], None] | None = None,
     ) -> Output:
         def forward_line(line: str) -> None:
@@ -66,20 +66,20 @@ class StepTarget:
             if self.on_line is not None:
                 self.on_line(line)
 
-        bound_s = self.remaining(bound_s)
+        timeout_s = self.remaining(timeout_s)
         if self.record is None:
-            return self._target.run(script, root=root, stdin=stdin, bound_s=bound_s, on_line=on_line)
-        output = self._target.run(script, root=root, stdin=stdin, bound_s=bound_s, on_line=forward_line)
+            return self._target.run(script, root=root, stdin=stdin, timeout_s=timeout_s, on_line=on_line)
+        output = self._target.run(script, root=root, stdin=stdin, timeout_s=timeout_s, on_line=forward_line)
         text = output.stdout + (f"\n[errors]\n{output.stderr}" if output.stderr else "")
         if text.strip():
             self.record(_both_ends(text))
         return output
 
-    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, bound_s: float = 60.0) -> None:
-        self._target.put(path, data, mode=mode, root=root, bound_s=self.remaining(bound_s))
+    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, timeout_s: float = 60.0) -> None:
+        self._target.put(path, data, mode=mode, root=root, timeout_s=self.remaining(timeout_s))
 
-    def get(self, path: str, *, root: bool = False, bound_s: float = 60.0) -> bytes | None:
-        return self._target.get(path, root=root, bound_s=self.remaining(bound_s))
+    def get(self, path: str, *, root: bool = False, timeout_s: float = 60.0) -> bytes | None:
+        return self._target.get(path, root=root, timeout_s=self.remaining(timeout_s))
 
     def close(self) -> None:
         self._target.close()

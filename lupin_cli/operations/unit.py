@@ -100,7 +100,7 @@ class Unit(Operation):
         if self.state == "started":
             lines.append(f"systemctl start -- {unit}")
         script = "set -e\n" + "\n".join(lines)
-        change(target, script, f"set {self.unit}", root=True, bound_s=300.0, next_command=self.inspect_command)
+        change(target, script, f"set {self.unit}", root=True, timeout_s=300.0, next_command=self.inspect_command)
 
     def report(self, output: Output) -> dict[str, Any]:
         properties = self._properties(output)
@@ -121,4 +121,4 @@ class Unit(Operation):
             lines.append(f"systemctl {'start' if before['active'] else 'stop'} -- {unit}")
         if lines:
             script = "set -e\n" + "\n".join(lines)
-            change(target, script, f"restore {self.unit}", root=True, bound_s=300.0, next_command=self.inspect_command)
+            change(target, script, f"restore {self.unit}", root=True, timeout_s=300.0, next_command=self.inspect_command)

@@ -22,7 +22,7 @@ from lupin_cli.operations.base import OperationError
 
 LEASE_PATH = "/run/lupin-lease"
 _TAKEN = 7
-_BOUND_S = 20.0
+_TIMEOUT_S = 20.0
 
 # A complete folder is renamed into place, so a lease always has its owner's name in it; `mv` fails if the lease is taken. Its
 # age comes from the uptime, since the robot's wall clock may be wrong.
@@ -104,7 +104,7 @@ class Lease:
         self.held = False
 
     def _run(self, script: str, owner: str = "") -> tuple[int, str]:
-        output = self._target.run(script, root=True, stdin=owner.encode(), bound_s=_BOUND_S)
+        output = self._target.run(script, root=True, stdin=owner.encode(), timeout_s=_TIMEOUT_S)
         if output.status is None:
             raise Unreachable(
                 f"{self._target.name} did not answer the request for its lease: {output.stderr.strip()}", "lost", "lupin doctor"

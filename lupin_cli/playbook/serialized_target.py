@@ -23,9 +23,9 @@ class SerializedTarget:
         with self._lock:
             yield self._target
 
-    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
+    def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:
         with self.reserved() as target:
-            return target.batch(scripts, bound_s)
+            return target.batch(scripts, timeout_s)
 
     def run(
         self,
@@ -33,19 +33,19 @@ class SerializedTarget:
         *,
         root: bool = False,
         stdin: bytes = b"",
-        bound_s: float = 60.0,
+        timeout_s: float = 60.0,
         on_line: Callable[[str], None] | None = None,
     ) -> Output:
         with self.reserved() as target:
-            return target.run(script, root=root, stdin=stdin, bound_s=bound_s, on_line=on_line)
+            return target.run(script, root=root, stdin=stdin, timeout_s=timeout_s, on_line=on_line)
 
-    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, bound_s: float = 60.0) -> None:
+    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, timeout_s: float = 60.0) -> None:
         with self.reserved() as target:
-            target.put(path, data, mode=mode, root=root, bound_s=bound_s)
+            target.put(path, data, mode=mode, root=root, timeout_s=timeout_s)
 
-    def get(self, path: str, *, root: bool = False, bound_s: float = 60.0) -> bytes | None:
+    def get(self, path: str, *, root: bool = False, timeout_s: float = 60.0) -> bytes | None:
         with self.reserved() as target:
-            return target.get(path, root=root, bound_s=bound_s)
+            return target.get(path, root=root, timeout_s=timeout_s)
 
     def close(self) -> None:
         """Do nothing: the laptop needs no connection."""

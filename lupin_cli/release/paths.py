@@ -40,7 +40,7 @@ def remote_command(robot: Robot, module: str, *arguments: str) -> str:
 
 
 def run_module(
-    target: Target, robot: Robot, module: str, *arguments: str, bound_s: float, on_line: Callable[[str], None] | None = None
+    target: Target, robot: Robot, module: str, *arguments: str, timeout_s: float, on_line: Callable[[str], None] | None = None
 ) -> Output:
     """Run a module of the release and wait for its exit. Raises TargetError if the robot cannot be reached."""
-    return target.run(remote_command(robot, module, *arguments), bound_s=bound_s, on_line=on_line)
+    return target.run(remote_command(robot, module, *arguments), timeout_s=timeout_s, on_line=on_line)

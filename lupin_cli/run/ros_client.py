@@ -14,8 +14,8 @@ from lupin_cli.exit_codes import FAILURE, UNREACHABLE
 from lupin_cli.terminal import echo
 from lupin_runtime.graph import Service
 
-SERVER_BOUND_S = 5.0
-RESPONSE_BOUND_S = 10.0
+SERVER_TIMEOUT_S = 5.0
+RESPONSE_TIMEOUT_S = 10.0
 
 
 class RosSession:
@@ -25,9 +25,9 @@ class RosSession:
         self.node = node
         self._executor = executor
 
-    def wait(self, condition: Callable[[], bool], bound_s: float) -> bool:
-        """Spin until `condition()` holds; returns False after `bound_s`."""
-        deadline = time.monotonic() + bound_s
+    def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Spin until `condition()` holds; returns False after `timeout_s`."""
+        deadline = time.monotonic() + timeout_s
         while not condition():
             if time.monotonic() > deadline:
                 return False
@@ -37,12 +37,12 @@ class RosSession:
     def call(self, service: Service, request: Any) -> Any:
         """The service's response. Exits with status 1 where the service has no server or does not respond."""
         client = self.node.client(service)
-        if not self.wait(client.service_is_ready, SERVER_BOUND_S):
-            echo(f"{service.name} has no server after {SERVER_BOUND_S:.0f} s; see what runs with: lupin status", err=True)
+        if not self.wait(client.service_is_ready, SERVER_TIMEOUT_S):
+            echo(f"{service.name} has no server after {SERVER_TIMEOUT_S:.0f} s; see what runs with: lupin status", err=True)
             raise typer.Exit(FAILURE)
         future = client.call_async(request)
-        if not self.wait(future.done, RESPONSE_BOUND_S):
-            echo(f"{service.name} did not respond within {RESPONSE_BOUND_S:.0f} s", err=True)
+        if not self.wait(future.done, RESPONSE_TIMEOUT_S):
+            echo(f"{service.name} did not respond within {RESPONSE_TIMEOUT_S:.0f} s", err=True)
             raise typer.Exit(FAILURE)
         return future.result()
 
@@ -57,7 +57,7 @@ def join_run(run: str | None) -> Iterator[RosSession]:
     except RunError as error:
         echo(str(error), err=True)
         raise typer.Exit(UNREACHABLE) from error
-    # Imported here, because rclpy reads the environment when it is initialised.
+    # Imported here, because rclpy reads the environment when it is initialized.
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 

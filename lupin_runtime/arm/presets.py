@@ -13,7 +13,7 @@ PRESETS: dict[str, Arm] = {
     "tuck": (0.0, -1.40, 1.40, 0.0),
     "pick": (0.0, -0.60, 0.80, -0.40),
     "place": (0.0, 0.20, 0.80, -0.40),
-    # Leans back and looks down at the pots by 0.1 rad from half a metre before a tag. Every flower of the row is then in the
+    # Leans back and looks down at the pots by 0.1 rad from half a meter before a tag. Every flower of the row is then in the
     # gripper camera's image, as measured on rendered frames. (The former pose, (0, -0.40, 0.90, -0.80), looked over them.)
     "inspect": (0.0, 0.60, -0.80, -1.47),
 }

@@ -99,11 +99,11 @@ class CameraDriver:
 
 def _end_group(process: subprocess.Popen[bytes]) -> None:
     """End a driver and all that it has started."""
-    for number, bound_s in _ENDING:
+    for number, timeout_s in _ENDING:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, number)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(bound_s)
+            process.wait(timeout_s)
             break
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)

@@ -67,10 +67,10 @@ def end(holder: Holder) -> bool:
         # The descriptor is of one process for good: this is the one that was found, or its number has been given away.
         if _program(Path(f"/proc/{holder.pid}")) != holder.program:
             return False
-        for number, bound_s in _ENDING:
+        for number, timeout_s in _ENDING:
             with contextlib.suppress(ProcessLookupError):
                 signal.pidfd_send_signal(descriptor, number)
-            if select.select([descriptor], [], [], bound_s)[0]:
+            if select.select([descriptor], [], [], timeout_s)[0]:
                 return True
         return False
     finally:

@@ -12,7 +12,7 @@ from lupin_runtime.cameras.image_message import RawImage
 DEFAULT_QUALITY = 75
 MAX_PIXELS = 40_000_000
 _FARTHEST_M = 10.0  # of a depth image: drawn black, as what is not known; what is near is white
-_MILLIMETRES = 0.001
+_MILLIMETERS = 0.001
 
 # How OpenCV makes blue, green and red of each encoding; None where the pixels are that, or gray, already.
 _CONVERSIONS: dict[str, str | None] = {
@@ -93,7 +93,7 @@ def _near_is_white(image: RawImage) -> Pixels:
     values = _rows(image, kind, 1)[:, :, 0]
     if image.encoding == "mono16":
         return (values >> 8).astype(np.uint8)
-    distances = values.astype(np.float32) * (_MILLIMETRES if kind.kind == "u" else 1.0)
+    distances = values.astype(np.float32) * (_MILLIMETERS if kind.kind == "u" else 1.0)
     known = np.isfinite(distances) & (distances > 0)
     nearness = 1.0 - np.clip(np.where(known, distances, _FARTHEST_M) / _FARTHEST_M, 0.0, 1.0)
     return (nearness * 255).astype(np.uint8)

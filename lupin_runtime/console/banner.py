@@ -13,7 +13,7 @@ from lupin_runtime.stack.dds import DiscoveryMode
 
 QUIET_ZONE = 4  # modules around the code, ISO/IEC 18004
 _HALF_BLOCKS = (" ", "▄", "▀", "█")  # by two modules, the upper one counting twice
-_BLACK_ON_WHITE, _RESET = "\x1b[38;5;16;48;5;231m", "\x1b[0m"  # of the 256 colours, which themes do not change
+_BLACK_ON_WHITE, _RESET = "\x1b[38;5;16;48;5;231m", "\x1b[0m"  # of the 256 colors, which themes do not change
 _MIN_COLUMNS = 24
 
 
@@ -135,7 +135,7 @@ def _printable(text: str) -> str:
 def qr_lines(text: str, screen: Screen) -> list[str]:
     """The QR code of `text` in half blocks: two rows of modules in a line. Where the screen is too narrow, a line that says so.
 
-    With colour it is black on white, whatever the terminal's theme; without, light blocks on a dark background are assumed.
+    With color it is black on white, whatever the terminal's theme; without, light blocks on a dark background are assumed.
     """
     import segno
 

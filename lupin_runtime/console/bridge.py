@@ -217,8 +217,8 @@ class Bridge:
         if service.lstrip("/").startswith("rosapi/"):
             self._call_rosapi(client, "/" + service.lstrip("/"), arguments, done)
             return
-        bound_s = TIMEOUT_S if timeout_s is None or not math.isfinite(timeout_s) else float(timeout_s)
-        self._run(client, "call_service", lambda: self._services.call(service, arguments, bound_s, done))
+        limit_s = TIMEOUT_S if timeout_s is None or not math.isfinite(timeout_s) else float(timeout_s)
+        self._run(client, "call_service", lambda: self._services.call(service, arguments, limit_s, done))
 
     def request_service(self, session: Session, service: str, arguments: dict[str, Any]) -> Future[Any]:
         """Call a service for a request of the API. Raises Refused; the future gets the response or a ServiceFailed."""

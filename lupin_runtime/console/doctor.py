@@ -9,8 +9,8 @@ from typing import Any
 
 from lupin_runtime.console.program import LupinProgram, ProgramError
 
-EXAMINATION_BOUND_S = 90.0
-FIX_BOUND_S = 300.0
+EXAMINATION_TIMEOUT_S = 90.0
+FIX_TIMEOUT_S = 300.0
 
 
 class DoctorError(RuntimeError):
@@ -55,7 +55,7 @@ class Doctor:
             arguments += ["--var", f"{name}={value}"]
         self._update(busy=f"{'previewing' if dry_run else 'playing'} {fix['playbook']}", problem="")
         try:
-            return await self._run(arguments, FIX_BOUND_S)
+            return await self._run(arguments, FIX_TIMEOUT_S)
         finally:
             self._update(busy="")
             if not dry_run:
@@ -84,17 +84,17 @@ class Doctor:
 
     async def _examine(self) -> None:
         try:
-            diagnosis = await self._run(["doctor", "--json"], EXAMINATION_BOUND_S)
+            diagnosis = await self._run(["doctor", "--json"], EXAMINATION_TIMEOUT_S)
             self._update(diagnosis=diagnosis, examined_s=round(time.time(), 3))
         except DoctorError as error:
             self._update(problem=str(error))
         finally:
             self._update(busy="")
 
-    async def _run(self, arguments: list[str], bound_s: float) -> dict[str, Any]:
+    async def _run(self, arguments: list[str], timeout_s: float) -> dict[str, Any]:
         """The JSON object that a command prints. Raises DoctorError."""
         try:
-            result = await self._program.run(arguments, bound_s)
+            result = await self._program.run(arguments, timeout_s)
         except ProgramError as error:
             raise DoctorError(str(error)) from error
         if not isinstance(result, dict):

@@ -10,7 +10,7 @@ from aiohttp import web
 from lupin_runtime.console.api_table import Resource
 from lupin_runtime.console.program import LupinProgram, ProgramError
 
-_BOUND_S = 20.0
+_TIMEOUT_S = 20.0
 _LISTED = 200
 _DEPLOY = "deploy-robot"
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.:@+-]{0,199}")
@@ -57,7 +57,7 @@ class Plays:
 
     async def _journal(self, *arguments: str) -> Any:
         try:
-            return await self._program.run(["journal", *arguments], _BOUND_S)
+            return await self._program.run(["journal", *arguments], _TIMEOUT_S)
         except ProgramError as error:
             raise web.HTTPServiceUnavailable(text=f"{error}\n") from error
 

@@ -8,7 +8,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-_STOP_BOUND_S = 5.0
+_STOP_TIMEOUT_S = 5.0
 
 
 class ProgramError(RuntimeError):
@@ -21,16 +21,16 @@ class LupinProgram:
     def __init__(self, command: Sequence[str]) -> None:
         self._command = list(command)
 
-    async def run(self, arguments: Sequence[str], bound_s: float) -> Any:
+    async def run(self, arguments: Sequence[str], timeout_s: float) -> Any:
         """The JSON that a command prints. Raises ProgramError."""
         pipe = asyncio.subprocess.PIPE
         process = await asyncio.create_subprocess_exec(
             *self._command, *arguments, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe
         )
         try:
-            output, errors = await asyncio.wait_for(process.communicate(), bound_s)
+            output, errors = await asyncio.wait_for(process.communicate(), timeout_s)
         except asyncio.TimeoutError:
-            raise ProgramError(f"lupin {arguments[0]} did not end within {bound_s:g} s") from None
+            raise ProgramError(f"lupin {arguments[0]} did not end within {timeout_s:g} s") from None
         finally:
             if process.returncode is None:
                 await _end(process)
@@ -45,7 +45,7 @@ async def _end(process: asyncio.subprocess.Process) -> None:
     with contextlib.suppress(ProcessLookupError):
         process.terminate()
     try:
-        await asyncio.wait_for(process.wait(), _STOP_BOUND_S)
+        await asyncio.wait_for(process.wait(), _STOP_TIMEOUT_S)
     except asyncio.TimeoutError:
         process.kill()
         await process.wait()

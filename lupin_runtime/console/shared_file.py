@@ -13,24 +13,24 @@ from typing import Any
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
 
-_LOCK_BOUND_S = 2.0
+_LOCK_TIMEOUT_S = 2.0
 _MAX_BYTES = 1_000_000
 
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Keep other processes from changing a file; makes its folder. Raises OSError, and TimeoutError after _LOCK_BOUND_S."""
+    """Keep other processes from changing a file; makes its folder. Raises OSError, and TimeoutError after _LOCK_TIMEOUT_S."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     descriptor = os.open(path.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
-        deadline_s = time.monotonic() + _LOCK_BOUND_S
+        deadline_s = time.monotonic() + _LOCK_TIMEOUT_S
         while True:
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 break
             except BlockingIOError:
                 if time.monotonic() > deadline_s:
-                    raise TimeoutError(f"another process has held the lock of {path} for {_LOCK_BOUND_S:g} s") from None
+                    raise TimeoutError(f"another process has held the lock of {path} for {_LOCK_TIMEOUT_S:g} s") from None
                 time.sleep(0.01)
         yield
     finally:

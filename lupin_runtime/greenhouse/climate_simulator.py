@@ -39,7 +39,7 @@ SETTINGS = {
     "noise_sigma": "a number",
     "angle": "a number",
     "decay_distance": "a positive number",
-    "position": "a point [x, y] in metres",
+    "position": "a point [x, y] in meters",
     "dynamics": "the name of a dynamics",
 }
 
@@ -180,7 +180,7 @@ def check_tag_file(path: Path) -> None:
             raise GreenhouseConfigError(f"{where} is {tag!r}, expected an object with x, y and sensors")
         for key in ("x", "y"):
             if not _is_number(tag.get(key)):
-                raise GreenhouseConfigError(f"{where} has {key} = {tag.get(key)!r}, expected metres")
+                raise GreenhouseConfigError(f"{where} has {key} = {tag.get(key)!r}, expected meters")
         sensors = tag.get("sensors")
         if not isinstance(sensors, list) or not all(isinstance(name, str) for name in sensors):
             raise GreenhouseConfigError(f"{where} has sensors = {sensors!r}, expected a list of sensor names")
@@ -225,7 +225,7 @@ def _check_setting(path: Path, name: str, key: str, node: yaml.Node, dynamics: t
     good: dict[str, Callable[[], bool]] = {
         "a number": lambda: _is_number(value),
         "a positive number": lambda: _is_number(value) and value > 0,
-        "a point [x, y] in metres": lambda: isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)),
+        "a point [x, y] in meters": lambda: isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)),
         "the name of a dynamics": lambda: value in dynamics,
     }
     if not good[wanted]():

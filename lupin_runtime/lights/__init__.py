@@ -4,11 +4,11 @@ This package exports the cores; the node is in `lupin_runtime.lights.node`.
 """
 
 from lupin_runtime.lights.motion import MotionDetector
-from lupin_runtime.lights.palette import COLOURS, LIFECYCLE, PHASE, Rgb, permutation
+from lupin_runtime.lights.palette import COLORS, LIFECYCLE, PHASE, Rgb, permutation
 from lupin_runtime.lights.precedence import RULES, Light, Mission, View, choose, shown
 
 __all__ = [
-    "COLOURS",
+    "COLORS",
     "LIFECYCLE",
     "PHASE",
     "RULES",

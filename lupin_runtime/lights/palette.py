@@ -27,7 +27,7 @@ GREEN = Rgb(0, 255, 0)
 BATTERY_LOW = Rgb(255, 0, 128)
 OFF = Rgb(0, 0, 0)
 
-COLOURS = {name: value for name, value in globals().items() if isinstance(value, Rgb)}
+COLORS = {name: value for name, value in globals().items() if isinstance(value, Rgb)}
 
 # Lifecycle states of a mission in progress, and of one at rest.
 IN_PROGRESS = {

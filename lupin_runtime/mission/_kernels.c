@@ -1,7 +1,7 @@
 /* What a camera on the robot sees of a grid map's surfaces, and the travel distance to every cell.
  *
- * Grids are int8 (height, width), row 0 at the lowest y; -1 unknown, 0 free .. 100 occupied. Lengths are metres.
- * A surface is a row of 4 doubles (x, y, nx, ny): the centre of the free cell in front of it and its outward unit normal.
+ * Grids are int8 (height, width), row 0 at the lowest y; -1 unknown, 0 free .. 100 occupied. Lengths are meters.
+ * A surface is a row of 4 doubles (x, y, nx, ny): the center of the free cell in front of it and its outward unit normal.
  * A pose is a row of 4 doubles (x, y, yaw, weight).
  */
 #include <math.h>

@@ -16,7 +16,7 @@ _SHORTEN_STEP_M = 0.1
 
 @dataclass(frozen=True)
 class Approach:
-    """A goal in front of a tag: metres and radians in the map frame. `derived_from` names the rule that produced it."""
+    """A goal in front of a tag: meters and radians in the map frame. `derived_from` names the rule that produced it."""
 
     tag_id: str
     goal_x: float
@@ -35,7 +35,7 @@ def clamp_standoff(standoff_m: float) -> float:
 def compute_approach(
     tag_id: str, layout: Layout, standoff_m: float, fallback_yaw: float, override: Override | None = None
 ) -> Approach:
-    """Return the approach to a tag of the layout, on the line from its table's centre through the tag.
+    """Return the approach to a tag of the layout, on the line from its table's center through the tag.
 
     Raises KeyError for a tag that the layout lacks.
     """
@@ -114,9 +114,9 @@ def _approach_from_table(tag_id: str, tag: tuple[float, float], layout: Layout, 
         return None
     table_id, table = min(
         layout.tables.items(),
-        key=lambda item: (math.hypot(tag[0] - item[1].centre[0], tag[1] - item[1].centre[1]), item[0]),
+        key=lambda item: (math.hypot(tag[0] - item[1].center[0], tag[1] - item[1].center[1]), item[0]),
     )
-    dx, dy = tag[0] - table.centre[0], tag[1] - table.centre[1]
+    dx, dy = tag[0] - table.center[0], tag[1] - table.center[1]
     distance = math.hypot(dx, dy)
     if distance < 1e-6:
         return None
@@ -129,7 +129,7 @@ def _approach_from_table(tag_id: str, tag: tuple[float, float], layout: Layout, 
 
 
 def _shorter_standoffs(standoff_m: float) -> Iterator[float]:
-    """Yield the standoff, then shorter ones: the pose must not be inside a neighbouring table."""
+    """Yield the standoff, then shorter ones: the pose must not be inside a neighboring table."""
     steps = int((standoff_m - MIN_STANDOFF_M) / _SHORTEN_STEP_M + 1e-9)
     for step in range(steps + 1):
         yield standoff_m - step * _SHORTEN_STEP_M

@@ -28,7 +28,7 @@ class ClearanceMap:
         return ClearanceMap(grid, distance.astype(np.float32), (grid.cells >= 0) & (grid.cells <= free_thresh))
 
     def distance_at(self, x: float, y: float) -> float:
-        """Return the distance to the nearest obstacle in metres; 0 for a point that is not known to be free."""
+        """Return the distance to the nearest obstacle in meters; 0 for a point that is not known to be free."""
         row, column = self.grid.cell_of(x, y)
         if not self.grid.contains(row, column) or not self.free[row, column]:
             return 0.0

@@ -70,7 +70,7 @@ class Coverage:
             self._thin_out()
 
     def _thin_out(self) -> None:
-        """Merge neighbouring samples of the older half. Their view on the current map was evaluated before."""
+        """Merge neighboring samples of the older half. Their view on the current map was evaluated before."""
         half = len(self._samples) // 2
         old = self._samples[:half]
         merged = [(*a[:3], a[3] + b[3]) for a, b in zip(old[::2], old[1::2])]

@@ -9,7 +9,7 @@ from lupin_runtime.mission.hsm_spec import SEPARATOR, HsmSpec, StateSpec
 
 @dataclass(frozen=True)
 class Arrow:
-    """An arrow between two states, labelled with every trigger that takes it."""
+    """An arrow between two states, labeled with every trigger that takes it."""
 
     source: str
     dest: str

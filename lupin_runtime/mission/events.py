@@ -31,7 +31,7 @@ class EventLabel:
 def label_event(code: str) -> EventLabel:
     """Look a code up by its part before the first `:` or space; the rest is detail.
 
-    An unknown code becomes a warning labelled with the code itself.
+    An unknown code becomes a warning labeled with the code itself.
     """
     if not code:
         return EventLabel("", INFO, "")

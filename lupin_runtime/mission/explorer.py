@@ -174,7 +174,7 @@ def _is_worth_a_detour(viewpoint: Viewpoint, frontier_travel_m: float) -> bool:
 
 
 def _travel_to(frontier: Frontier, grid: GridMap, travel: NDArray[np.float32] | None) -> float:
-    """Return the travel distance to a frontier in metres; 0 where the robot's position is unknown."""
+    """Return the travel distance to a frontier in meters; 0 where the robot's position is unknown."""
     if travel is None:
         return 0.0
     row, column = grid.cell_of(frontier.x, frontier.y)

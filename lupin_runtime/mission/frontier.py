@@ -16,7 +16,7 @@ from lupin_runtime.gridmap import UNKNOWN, GridMap
 class FrontierSettings:
     """Thresholds are occupancies 0..100. `radius_cells` >= 0 overrides `clearance_m`.
 
-    The clearance is in metres because a clearance of 4 cells (0.20 m) put goals inside the planner's inflation radius of
+    The clearance is in meters because a clearance of 4 cells (0.20 m) put goals inside the planner's inflation radius of
     0.25 m, where no path can end.
     """
 
@@ -36,7 +36,7 @@ class FrontierSettings:
 
 @dataclass(frozen=True)
 class Frontier:
-    """A cluster of frontier cells. `x` and `y` are its member cell nearest to the centroid, metres in the map frame."""
+    """A cluster of frontier cells. `x` and `y` are its member cell nearest to the centroid, meters in the map frame."""
 
     x: float
     y: float
@@ -46,7 +46,7 @@ class Frontier:
 
 
 def frontier_cells(grid: GridMap, settings: FrontierSettings) -> NDArray[np.bool_]:
-    """Return a mask (height, width) of free cells with an unknown 4-neighbour and no obstacle in the clearance square."""
+    """Return a mask (height, width) of free cells with an unknown 4-neighbor and no obstacle in the clearance square."""
     cells = grid.cells
     unknown = cells == UNKNOWN
     next_to_unknown = np.zeros_like(unknown)
@@ -72,7 +72,7 @@ def find_frontiers(
 ) -> list[Frontier]:
     """Return every frontier cluster that is large enough, best first.
 
-    The score is size / (1 + distance to the robot in metres), or the size if the robot's position is unknown. Equal scores
+    The score is size / (1 + distance to the robot in meters), or the size if the robot's position is unknown. Equal scores
     are ordered by the clusters' first cells, row-major.
     """
     settings = settings or FrontierSettings()
@@ -90,12 +90,12 @@ def find_frontiers(
     kept = kept[np.argsort(first[kept], kind="stable")]
     mean_row = np.bincount(cluster, weights=rows) / sizes
     mean_column = np.bincount(cluster, weights=columns) / sizes
-    off_centre = (rows - mean_row[cluster]) ** 2 + (columns - mean_column[cluster]) ** 2
+    off_center = (rows - mean_row[cluster]) ** 2 + (columns - mean_column[cluster]) ** 2
     found: list[Frontier] = []
     for index in kept:
         members = np.flatnonzero(cluster == index)
-        best = members[np.argmin(off_centre[members])]
-        x, y = grid.centre_of(int(rows[best]), int(columns[best]))
+        best = members[np.argmin(off_center[members])]
+        x, y = grid.center_of(int(rows[best]), int(columns[best]))
         size = int(sizes[index])
         score = size / (1.0 + math.hypot(x - robot_xy[0], y - robot_xy[1])) if robot_xy is not None else float(size)
         found.append(Frontier(x, y, size, kept.size, score))

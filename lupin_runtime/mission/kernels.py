@@ -23,7 +23,7 @@ _MAX_START_OFFSET_M = 0.5
 
 @dataclass(frozen=True)
 class CameraModel:
-    """What the body camera can resolve: metres and radians; the camera is `x_m` ahead of the base and looks along +x.
+    """What the body camera can resolve: meters and radians; the camera is `x_m` ahead of the base and looks along +x.
 
     A tag of `tag_edge_m` is readable where it appears at least `min_tag_px` wide, foreshortening included (36h11 is always
     detected at 20 px). The field of view is narrowed by a margin, so that a tag at the edge counts only when the whole tag
@@ -96,12 +96,12 @@ class CameraView:
         _kernels().add_view_time(self._cells, self._view, surfaces, len(surfaces), poses, len(poses), seen_s)
 
     def gains(self, surfaces: Floats, weights: Floats, poses: Floats) -> Floats:
-        """Return for each pose (m, 4) the metres of surface that it sees, weighted with `weights` (n,): (m,)."""
+        """Return for each pose (m, 4) the meters of surface that it sees, weighted with `weights` (n,): (m,)."""
         gains = np.zeros(len(poses))
         if len(surfaces) and len(poses):
             _kernels().view_gain(self._cells, self._view, surfaces, weights, len(surfaces), poses, len(poses), gains)
-        metres: Floats = gains * self._view.resolution
-        return metres
+        meters: Floats = gains * self._view.resolution
+        return meters
 
     def visibility(self, surfaces: Floats, poses: Floats) -> NDArray[np.bool_]:
         """Return a mask (m, n): whether pose m sees surface n."""
@@ -111,7 +111,7 @@ class CameraView:
 
 
 def travel_distances(clearance: ClearanceMap, start: Pose2, room_m: float) -> NDArray[np.float32] | None:
-    """Return the travel distance in metres from `start` to every cell (height, width), infinite where no path leads.
+    """Return the travel distance in meters from `start` to every cell (height, width), infinite where no path leads.
 
     Paths stay on cells that keep `room_m` to obstacles. Returns None if `start` is not within 0.5 m of such a cell.
     """

@@ -36,10 +36,10 @@ def tag_order(tag_id: str) -> tuple[int, int, str]:
     return (0, int(tag_id), tag_id) if tag_id.isascii() and tag_id.isdigit() else (1, 0, tag_id)
 
 
-def nearest_neighbour_order(
+def nearest_neighbor_order(
     tag_ids: Iterable[str], positions: Mapping[str, tuple[float, float]], start: tuple[float, float] | None
 ) -> list[str]:
-    """Order tags by greedy nearest neighbour from `start`; equal distances are ordered by id.
+    """Order tags by greedy nearest neighbor from `start`; equal distances are ordered by id.
 
     Without a start, or if no tag has a position, the order is by id. Tags without a position come last.
     """
@@ -140,7 +140,7 @@ class ExplorationMission:
 
 
 class MonitoringMission:
-    """Visits the discovered tags in monitoring rounds, each in nearest-neighbour order.
+    """Visits the discovered tags in monitoring rounds, each in nearest-neighbor order.
 
     `rounds` 0 continues forever. A tag that is discovered during a round is added at the end of the order.
     """
@@ -150,7 +150,7 @@ class MonitoringMission:
     def __init__(
         self, positions: Mapping[str, tuple[float, float]], start: tuple[float, float] | None, rounds: int = 0
     ) -> None:
-        self._order = nearest_neighbour_order(positions, positions, start)
+        self._order = nearest_neighbor_order(positions, positions, start)
         self._cursor = 0
         self._rounds = rounds
         self._tallies = {OK: 0, SCAN_FAILED: 0, UNREACHABLE: 0}

@@ -37,7 +37,7 @@ def find_outer_walls(grid: GridMap, rows: Floats, labels: NDArray[np.int32], sta
     c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
 
     def distances_to_edges(columns: Floats, rows_: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return metres to the nearer edge along each axis of the rectangle, and the inward sign along each axis."""
+        """Return meters to the nearer edge along each axis of the rectangle, and the inward sign along each axis."""
         u, v = c * (columns - cx) + s * (rows_ - cy), -s * (columns - cx) + c * (rows_ - cy)
         du, dv = (width / 2 - np.abs(u)) * grid.resolution_m, (height / 2 - np.abs(v)) * grid.resolution_m
         return du, dv, -np.sign(u), -np.sign(v)

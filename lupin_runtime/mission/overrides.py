@@ -17,7 +17,7 @@ class OverridesError(ValueError):
 
 @dataclass(frozen=True)
 class Override:
-    """An operator's values for the approach to one tag, metres and radians; None keeps the computed value."""
+    """An operator's values for the approach to one tag, meters and radians; None keeps the computed value."""
 
     goal_x: float | None = None
     goal_y: float | None = None

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class MapPose:
-    """Position in metres and orientation as a quaternion, in the map frame.
+    """Position in meters and orientation as a quaternion, in the map frame.
 
     For a tag, +Z of the orientation points out of the marker.
     """

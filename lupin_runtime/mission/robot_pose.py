@@ -44,7 +44,7 @@ def frames_of(data: bytes) -> bytes:
 class PolledTransform:
     """The newest transform between two frames, chained from the newest transform of each step.
 
-    The steps' stamps may differ by some tens of milliseconds, which is a centimetre at half a metre per second.
+    The steps' stamps may differ by some tens of milliseconds, which is a centimeter at half a meter per second.
     """
 
     def __init__(self, node: LupinNode, target: str, source: str) -> None:

@@ -46,7 +46,7 @@ def find_surfaces(grid: GridMap, free_thresh: int = 20, occupied_thresh: int = 6
     rows, unknown = [], []
     for index, (step_row, step_column) in enumerate(steps):
         r, c = np.nonzero(faces[index])
-        near = [_neighbourhood(face, r, c, reach) for face in faces]
+        near = [_neighborhood(face, r, c, reach) for face in faces]
         # One or two sides do not define a line: they are steps of a slanted surface, whose sides' directions are averaged.
         count = near[index].sum(axis=1)
         first, second = (2, 3) if index < 2 else (0, 1)
@@ -69,7 +69,7 @@ def _components(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.
     return np.asarray(labels, np.int32), np.asarray(stats, np.int32)
 
 
-def _neighbourhood(mask: NDArray[np.bool_], r: NDArray[np.intp], c: NDArray[np.intp], reach: int) -> NDArray[np.float64]:
+def _neighborhood(mask: NDArray[np.bool_], r: NDArray[np.intp], c: NDArray[np.intp], reach: int) -> NDArray[np.float64]:
     """Return the mask in the square around each of n cells: (n, (2 reach + 1)^2), row-major, 0 outside the grid."""
     padded = np.pad(mask, reach)
     dr, dc = (d.ravel() for d in np.mgrid[0 : 2 * reach + 1, 0 : 2 * reach + 1])
@@ -78,7 +78,7 @@ def _neighbourhood(mask: NDArray[np.bool_], r: NDArray[np.intp], c: NDArray[np.i
 
 
 def _slope(near: NDArray[np.float64], reach: int, across_columns: bool) -> NDArray[np.float64]:
-    """Fit lines through the cells of `_neighbourhood` and return their slopes: columns per row, or rows per column.
+    """Fit lines through the cells of `_neighborhood` and return their slopes: columns per row, or rows per column.
 
     Only sides with the same direction are fitted, so neither a corner nor the back of a thin wall tilts a normal.
     """

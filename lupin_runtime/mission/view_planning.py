@@ -28,7 +28,7 @@ def greedy_cover(visible: NDArray[np.bool_], weights: NDArray[np.float64], min_g
 
 
 def order_stops(from_start: NDArray[np.float64], between: NDArray[np.float64]) -> list[int]:
-    """Return the order of n stops on a short open tour: nearest neighbour from the start, then 2-opt (Croes 1958).
+    """Return the order of n stops on a short open tour: nearest neighbor from the start, then 2-opt (Croes 1958).
 
     `from_start` (n,) and `between` (n, n) are travel distances; infinite where no path leads.
     """

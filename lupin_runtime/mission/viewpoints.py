@@ -27,7 +27,7 @@ _TURN_COST_M = 0.3  # a turn of the robot by one radian costs as much as this tr
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pose of the robot that shows `gain_m` metres of unseen surface, `travel_m` metres of travel away."""
+    """A pose of the robot that shows `gain_m` meters of unseen surface, `travel_m` meters of travel away."""
 
     pose: Pose2
     gain_m: float

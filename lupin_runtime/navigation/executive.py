@@ -1,4 +1,4 @@
-"""The executive: plan, follow, check, recover, fail with a reason. It replaces Nav2's behaviour tree.
+"""The executive: plan, follow, check, recover, fail with a reason. It replaces Nav2's behavior tree.
 
 It is free of ROS: the caller passes a `View` at the controller's frequency and drives the velocity that it returns.
 """
@@ -20,7 +20,7 @@ from lupin_runtime.navigation.checkers import GoalChecker, GoalTolerance, Progre
 from lupin_runtime.navigation.costmap import Costmap
 from lupin_runtime.navigation.mppi import MppiController, NoValidControl
 from lupin_runtime.navigation.planning import NoPath, Plan
-from lupin_runtime.navigation.recoveries import STANDSTILL, BackUp, Behaviour, BehaviourLimits, Spin, Velocity, Wait
+from lupin_runtime.navigation.recoveries import STANDSTILL, BackUp, Behavior, BehaviorLimits, Spin, Velocity, Wait
 from lupin_runtime.navigation.tracked_path import TrackedPath
 
 _LOG_SLOW_PERIOD_S = 30.0
@@ -108,7 +108,7 @@ class PlanSource(Protocol):
 
 @dataclass(frozen=True)
 class ExecutiveParameters:
-    """Times in seconds, distances in metres."""
+    """Times in seconds, distances in meters."""
 
     planner_period_s: float = 1.0
     blocked_replan_s: float = 0.4
@@ -127,7 +127,7 @@ class ExecutiveParameters:
     # How fast the noted age of a scan decays, in seconds per second: a machine that stalled is likely to stall again soon.
     forgiveness: float = 0.2
     tolerance: GoalTolerance = field(default_factory=GoalTolerance)
-    behaviours: BehaviourLimits = field(default_factory=BehaviourLimits)
+    behaviors: BehaviorLimits = field(default_factory=BehaviorLimits)
 
 
 class _Phase(Enum):
@@ -192,7 +192,7 @@ class Executive:
         self._driven_m = 0.0
         self._last_pose: Pose2 | None = None
         self._recoveries = 0
-        self._behaviour: Behaviour | None = None
+        self._behavior: Behavior | None = None
         self._planning_since_s: float | None = None
         self._last_request_s = -math.inf
         self._retried = False
@@ -412,16 +412,16 @@ class Executive:
 
     # -- recoveries ----------------------------------------------------------------------------------------------------
     def _begin_recovery(self, reason: str) -> None:
-        limits = self._p.behaviours
-        table: tuple[Callable[[], Behaviour | None], ...] = (
+        limits = self._p.behaviors
+        table: tuple[Callable[[], Behavior | None], ...] = (
             lambda: None,
             lambda: BackUp(limits=limits),
             lambda: Spin(limits=limits),
             lambda: Wait(),
         )
-        self._behaviour = table[self._recoveries % len(table)]()
+        self._behavior = table[self._recoveries % len(table)]()
         self._recoveries += 1
-        name = self._behaviour.name if self._behaviour else "clear the costmaps"
+        name = self._behavior.name if self._behavior else "clear the costmaps"
         self._log(f"recovery {self._recoveries} of {self._p.max_recoveries}, {name}: {reason}")
         self._planner.clear()
         self._clear_local()
@@ -430,11 +430,11 @@ class Executive:
 
     def _recover(self, base: Pose2, view: View) -> Velocity:
         velocity = None
-        if self._behaviour is not None and view.local is not None:
-            velocity = self._behaviour.tick(base, view.local, view.now_s)
+        if self._behavior is not None and view.local is not None:
+            velocity = self._behavior.tick(base, view.local, view.now_s)
         if velocity is not None:
             return velocity
-        self._behaviour = None
+        self._behavior = None
         self._progress_checker.reset()
         self._controller.reset()
         self._last_request_s = -math.inf

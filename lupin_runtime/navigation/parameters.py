@@ -11,7 +11,7 @@ from lupin_runtime.navigation.costmap import Inflation, ScanLimits
 from lupin_runtime.navigation.executive import ExecutiveParameters
 from lupin_runtime.navigation.mppi import MppiParameters
 from lupin_runtime.navigation.planning import PlannerParameters
-from lupin_runtime.navigation.recoveries import BehaviourLimits
+from lupin_runtime.navigation.recoveries import BehaviorLimits
 
 T = TypeVar("T")
 
@@ -94,7 +94,7 @@ def declare_settings(node: Declares) -> Settings:
                 fine_yaw=node.parameter("goal_checker.fine_yaw_tolerance", goal.fine_yaw),
                 settle_s=node.parameter("goal_checker.settle_s", goal.settle_s),
             ),
-            behaviours=declared(node, "behavior_server.", BehaviourLimits()),
+            behaviors=declared(node, "behavior_server.", BehaviorLimits()),
         ),
         inflation=inflation,
         local=declared(node, "local_costmap.", LOCAL),

@@ -15,7 +15,7 @@ STANDSTILL: Velocity = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class BehaviourLimits:
+class BehaviorLimits:
     """Speeds of the recoveries (rad/s, m/s), and how far ahead of the robot they look for obstacles (s)."""
 
     max_rotational_vel: float = 1.0
@@ -24,11 +24,11 @@ class BehaviourLimits:
     simulate_ahead_time: float = 2.0
     backup_speed: float = 0.15
     cycle_frequency: float = 10.0
-    # The hull's corner is 0.21 m from the centre: a robot nearer to an obstacle must not turn.
+    # The hull's corner is 0.21 m from the center: a robot nearer to an obstacle must not turn.
     turning_radius_m: float = 0.21
 
 
-class Behaviour(Protocol):
+class Behavior(Protocol):
     """One recovery. `tick` returns the velocity to drive, or None once it has ended, successful or not."""
 
     name: str
@@ -47,7 +47,7 @@ class Wait:
         self._duration_s = duration_s
         self._until_s: float | None = None
 
-    def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:  # noqa: ARG002 -- Behaviour's signature
+    def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:  # noqa: ARG002 -- Behavior's signature
         """Standstill until the time is over."""
         if self._until_s is None:
             self._until_s = now_s + self._duration_s
@@ -59,8 +59,8 @@ class Spin:
 
     name = "spin"
 
-    def __init__(self, angle_rad: float = math.pi / 2, limits: BehaviourLimits | None = None) -> None:
-        self._limits = limits or BehaviourLimits()
+    def __init__(self, angle_rad: float = math.pi / 2, limits: BehaviorLimits | None = None) -> None:
+        self._limits = limits or BehaviorLimits()
         self._left_rad = abs(angle_rad)
         self._sign = math.copysign(1.0, angle_rad)
         self._last_yaw: float | None = None
@@ -91,8 +91,8 @@ class BackUp:
     name = "backup"
     _DIRECTIONS = 16
 
-    def __init__(self, distance_m: float = 0.3, limits: BehaviourLimits | None = None) -> None:
-        self._limits = limits or BehaviourLimits()
+    def __init__(self, distance_m: float = 0.3, limits: BehaviorLimits | None = None) -> None:
+        self._limits = limits or BehaviorLimits()
         self._distance_m = distance_m
         self._start: Pose2 | None = None
         self._heading: float | None = None
@@ -128,7 +128,7 @@ class BackUp:
         return None if best is None else best[1]
 
     def _clearance_along(self, robot: Pose2, costmap: Costmap, heading: float, distance_m: float) -> float | None:
-        """Clearance in metres at the end of the path; None if the path comes nearer to an obstacle than the robot is now."""
+        """Clearance in meters at the end of the path; None if the path comes nearer to an obstacle than the robot is now."""
         clearance_now = costmap.distance_at(robot.x, robot.y)
         # Half a cell of slack: distances jump by that much between cells.
         min_clearance = min(clearance_now, self._limits.turning_radius_m + costmap.resolution_m) - 0.5 * costmap.resolution_m

@@ -91,7 +91,7 @@ class RobotState:
         return pose
 
     def map_from_odom(self) -> Pose2 | None:
-        """The localisation's correction, if it is fresh."""
+        """The localization's correction, if it is fresh."""
         return self._correction.pose(self._now_s())
 
     def map_from_base(self) -> Pose2 | None:

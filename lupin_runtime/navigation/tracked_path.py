@@ -28,11 +28,11 @@ class TrackedPath:
 
     @property
     def remaining_m(self) -> float:
-        """Metres from the robot's position to the path's end."""
+        """Meters from the robot's position to the path's end."""
         return float(self._arc_lengths_m[-1] - self._arc_lengths_m[self._index])
 
     def advance(self, robot: Pose2) -> float:
-        """Advance to the nearest point within reach; returns the robot's (map frame) distance from it in metres."""
+        """Advance to the nearest point within reach; returns the robot's (map frame) distance from it in meters."""
         end = int(np.searchsorted(self._arc_lengths_m, self._arc_lengths_m[self._index] + _MAX_ADVANCE_M, side="right"))
         window = self.points[self._index : max(end, self._index + 1)]
         distances_m = np.hypot(window[:, 0] - robot.x, window[:, 1] - robot.y)

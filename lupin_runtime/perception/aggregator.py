@@ -195,7 +195,7 @@ class PerceptionAggregator(LupinNode):
             transform.stamp_ns,
             map_from_camera @ transform.camera_from_tag,
             map_from_camera.translation,
-            self._motion.travelled,
+            self._motion.traveled,
             self._motion.unrest_m,
         )
         self._registry.add(tag_id, sighting)
@@ -337,12 +337,12 @@ class PerceptionAggregator(LupinNode):
         self._observations.publish(self._observation(target, observed, box, anchor, height_m))
 
     def _anchor(self, box: Box | None, registered: bool, tag: KnownTag | None) -> tuple[Pose, float]:
-        """The pose of the pot, and the height of its flowers in metres."""
+        """The pose of the pot, and the height of its flowers in meters."""
         if registered and box is not None:
-            centre = box.centre()
-            pose = Pose(position=Point(x=centre.x, y=centre.y, z=box.size.height))
+            center = box.center()
+            pose = Pose(position=Point(x=center.x, y=center.y, z=box.size.height))
             q = pose.orientation
-            q.x, q.y, q.z, q.w = quaternion_from_yaw(centre.yaw)
+            q.x, q.y, q.z, q.w = quaternion_from_yaw(center.yaw)
             return pose, box.size.height
         if tag is not None:
             height_m = max(0.0, tag.pose.translation[2] - self._mount_height_m + self._box_size.height)

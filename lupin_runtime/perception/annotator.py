@@ -14,7 +14,7 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from lupin_runtime import graph
-from lupin_runtime.perception.images import ImageError, grey_pixels
+from lupin_runtime.perception.images import ImageError, gray_pixels
 from lupin_runtime.perception.messages import tag_entry
 from lupin_runtime.perception.tag_pose_estimation import Intrinsics, tag_pose
 from lupin_runtime.perception.tags import detect, make_engine
@@ -85,11 +85,11 @@ class TagAnnotator(LupinNode):
     def _on_image(self, message: Image) -> None:
         self._images += 1
         try:
-            grey = grey_pixels(message)
+            gray = gray_pixels(message)
         except ImageError as error:
             self.get_logger().warning(f"image dropped: {error}", throttle_duration_sec=5.0)
             return
-        intrinsics = self._intrinsics(grey.shape[1])
+        intrinsics = self._intrinsics(gray.shape[1])
         if intrinsics is None:
             return
         frame = message.header.frame_id or graph.BODY_CAMERA_FRAME
@@ -97,7 +97,7 @@ class TagAnnotator(LupinNode):
         time_ns = stamp_ns(message.header.stamp)
         entries: dict[int, dict[str, Any]] = {}
         transforms: list[TransformStamped] = []
-        for found in detect(grey, self._engine):
+        for found in detect(gray, self._engine):
             pose = tag_pose(found.corners, intrinsics, self._edge_m, up)
             if pose is None or found.id in entries:
                 continue

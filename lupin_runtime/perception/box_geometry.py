@@ -22,7 +22,7 @@ class MalformedBoxes(ValueError):
 
 @dataclass(frozen=True)
 class BoxSize:
-    """Metres: along the front, away from it, and up."""
+    """Meters: along the front, away from it, and up."""
 
     width: float = 0.80
     depth: float = 0.40
@@ -73,7 +73,7 @@ class Box:
             return ()
         return self.place(1.0, 0.0), self.place(-1.0, 0.0), self.place(-1.0, 1.0), self.place(1.0, 1.0)
 
-    def centre(self) -> Pose2:
+    def center(self) -> Pose2:
         """The middle of the box, heading out of its front."""
         x, y = self.place(0.0, 0.5)
         return Pose2(x, y, math.atan2(self.normal[1], self.normal[0]))
@@ -105,11 +105,11 @@ def box_from_tag(
     return Box((position[0] + lx * lateral_offset_m, position[1] + ly * lateral_offset_m), normal, size)
 
 
-def box_from_map(centre: Pose2, size: BoxSize) -> Box:
-    """A registered box: `centre` in the map, its yaw out of the front."""
-    normal = (math.cos(centre.yaw), math.sin(centre.yaw))
+def box_from_map(center: Pose2, size: BoxSize) -> Box:
+    """A registered box: `center` in the map, its yaw out of the front."""
+    normal = (math.cos(center.yaw), math.sin(center.yaw))
     half = size.depth / 2.0
-    return Box((centre.x + normal[0] * half, centre.y + normal[1] * half), normal, size)
+    return Box((center.x + normal[0] * half, center.y + normal[1] * half), normal, size)
 
 
 def read_boxes(text: str) -> dict[str, Box]:
@@ -145,7 +145,7 @@ def read_boxes(text: str) -> dict[str, Box]:
 
 def lateral_fraction(
     pan_rad: float,
-    centre_rad: float,
+    center_rad: float,
     image_x: float,
     image_width: float = 640.0,
     half_span_rad: float = 0.5,
@@ -157,7 +157,7 @@ def lateral_fraction(
     `raw` does not clamp positions beyond the ends: a clamped one would be on the wrong bench.
     """
     across = min(1.0, max(-1.0, (image_x / image_width - 0.5) * 2.0))
-    fraction = (pan_rad - centre_rad + across * half_fov_rad) / (half_span_rad + half_fov_rad)
+    fraction = (pan_rad - center_rad + across * half_fov_rad) / (half_span_rad + half_fov_rad)
     return fraction if raw else min(1.0, max(-1.0, fraction))
 
 
@@ -166,7 +166,7 @@ def column_of(fraction: float, columns: int) -> int:
     return min(columns - 1, max(0, int((fraction + 1.0) / 2.0 * columns)))
 
 
-def column_centre(column: int, columns: int) -> float:
+def column_center(column: int, columns: int) -> float:
     """The fraction in the middle of a column."""
     return -1.0 + (2 * column + 1) / columns
 

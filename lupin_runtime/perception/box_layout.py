@@ -11,16 +11,16 @@ from lupin_runtime.geometry import Pose2
 from lupin_runtime.layout import Layout, Table
 from lupin_runtime.perception.box_geometry import BoxSize, Point2, rigid_fit
 
-# A layout is accurate to a decimetre; a tag further off is another one, or hangs elsewhere.
+# A layout is accurate to a decimeter; a tag further off is another one, or hangs elsewhere.
 MAX_RESIDUAL_M = 0.35
 MIN_BASELINE_M = 0.5  # between two tags: nearer ones do not determine a rotation
 
 
 @dataclass(frozen=True)
 class LayoutBox:
-    """The box behind one tag in the layout's frame: `centre` faces out of the side on which the tag hangs, at `tag`."""
+    """The box behind one tag in the layout's frame: `center` faces out of the side on which the tag hangs, at `tag`."""
 
-    centre: Pose2
+    center: Pose2
     size: BoxSize
     tag: Point2
 
@@ -50,7 +50,7 @@ def _facing(table: Table, x: float, y: float, height_m: float) -> LayoutBox:
         (abs(x - table.x1), 0.0, along_y, along_x, (table.x1, clamped_y)),
     )
     _, yaw, width, depth, tag = min(sides, key=lambda side: side[0])
-    return LayoutBox(Pose2(*table.centre, yaw), BoxSize(width, depth, height_m), tag)
+    return LayoutBox(Pose2(*table.center, yaw), BoxSize(width, depth, height_m), tag)
 
 
 def register(boxes: Mapping[str, LayoutBox], found: Mapping[str, Point2]) -> Pose2 | None:
@@ -76,7 +76,7 @@ def registered(boxes: Mapping[str, LayoutBox], map_from_layout: Pose2) -> list[d
     """The boxes as entries of `/perception/box_geometry_json`, in the map."""
     entries = []
     for tag_id, box in boxes.items():
-        centre = map_from_layout @ box.centre
+        center = map_from_layout @ box.center
         size = {"width": box.size.width, "depth": box.size.depth, "height": box.size.height}
-        entries.append({"id": tag_id, "x": centre.x, "y": centre.y, "yaw": centre.yaw, **size})
+        entries.append({"id": tag_id, "x": center.x, "y": center.y, "yaw": center.yaw, **size})
     return entries

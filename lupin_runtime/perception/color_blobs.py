@@ -24,12 +24,12 @@ BANDS: tuple[tuple[Band, ...], ...] = (
     (((0, 0, 0), (179, 255, 50)),),
 )
 
-WORKING_WIDTH_PX = 320  # a flower half a metre away is 25 pixels wide even then, and a frame costs a quarter
+WORKING_WIDTH_PX = 320  # a flower half a meter away is 25 pixels wide even then, and a frame costs a quarter
 MAX_AREA_SHARE = 0.15  # of the image: a larger blob is floor, wall or paper
 MIN_PETAL_SHARE = 0.35  # of a flower's outline; a bug covers half of it at most
 MIN_FILLING = 0.45  # of its own bounding box, which an ellipse fills to 0.79
 MAX_ASPECT = 3.0
-# The black of a printed tag, whose white modules look like small flowers: dark, and greyer than soil or a wall in the shade.
+# The black of a printed tag, whose white modules look like small flowers: dark, and grayer than soil or a wall in the shade.
 INK_VALUE, INK_SATURATION = 90, 40
 MAX_INK_SHARE = 0.35  # of the rim of a white blob; a bug that sits on the petals covers less
 RIM_PX = 4

@@ -76,8 +76,8 @@ def _template(tag_id: int, blur_u: int, blur_v: int) -> _Template:
     sigma_u, sigma_v = (_BLUR_GRID[step] * PICTURE_PX_PER_MODULE for step in (blur_u, blur_v))
     fine = cv2.GaussianBlur(fine, (0, 0), sigma_u, sigmaY=sigma_v, borderType=cv2.BORDER_REPLICATE)
     px_per_unit = PICTURE_PX_PER_MODULE * MODULES / 2.0
-    centre = (fine.shape[0] - 1) / 2.0
-    x, y = ((centre + px_per_unit * axis).astype(np.float32) for axis in (_U, _V))
+    center = (fine.shape[0] - 1) / 2.0
+    x, y = ((center + px_per_unit * axis).astype(np.float32) for axis in (_U, _V))
     gradient_u = cv2.Sobel(fine, cv2.CV_32F, 1, 0, ksize=1) * (px_per_unit / 2.0)
     gradient_v = cv2.Sobel(fine, cv2.CV_32F, 0, 1, ksize=1) * (px_per_unit / 2.0)
     value, du, dv = (
@@ -103,26 +103,26 @@ def _template_for(tag_id: int, corners: Array, blur_px: float) -> _Template:
 
 
 class _Fit:
-    """One tag in one image, in coordinates centred on it and scaled to its size: the equations are well conditioned there."""
+    """One tag in one image, in coordinates centerd on it and scaled to its size: the equations are well conditioned there."""
 
-    def __init__(self, grey: NDArray[np.uint8], corners: Array, size_px: float) -> None:
-        self.grey = grey
-        self.centre, self.scale = corners.mean(axis=0), size_px / 2.0
-        local = ((corners - self.centre) / self.scale).astype(np.float32)
+    def __init__(self, gray: NDArray[np.uint8], corners: Array, size_px: float) -> None:
+        self.gray = gray
+        self.center, self.scale = corners.mean(axis=0), size_px / 2.0
+        local = ((corners - self.center) / self.scale).astype(np.float32)
         self.h = np.asarray(cv2.getPerspectiveTransform(UNIT_CORNERS.astype(np.float32), local), np.float64)
 
     def corners(self) -> Array:
         w = self.h @ _UNIT_POINTS
-        return np.asarray((w[:2] / w[2]).T * self.scale + self.centre)
+        return np.asarray((w[:2] / w[2]).T * self.scale + self.center)
 
     def sample(self) -> tuple[Array, NDArray[np.bool_]]:
         """Sample the image at the sample points; returns the values, and which points lie inside it."""
         w = self.h @ _PLANE
-        px = (w[0] / w[2] * self.scale + self.centre[0]).astype(np.float32)
-        py = (w[1] / w[2] * self.scale + self.centre[1]).astype(np.float32)
-        height, width = self.grey.shape
+        px = (w[0] / w[2] * self.scale + self.center[0]).astype(np.float32)
+        py = (w[1] / w[2] * self.scale + self.center[1]).astype(np.float32)
+        height, width = self.gray.shape
         inside = (px >= 0) & (px <= width - 1) & (py >= 0) & (py <= height - 1)
-        seen = cv2.remap(self.grey, px, py, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        seen = cv2.remap(self.gray, px, py, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return seen.ravel().astype(np.float64), inside
 
     def refine(self, template: _Template) -> bool:
@@ -170,8 +170,8 @@ class _Fit:
         return np.stack([gx * _U, gx * _V, gx, gy * _U, gy * _V, gy, radial * _U, radial * _V])
 
 
-def align(grey: NDArray[np.uint8], tag_id: int, corners: Array) -> Alignment:
-    """Refine corners (4, 2), top-left first and clockwise in pixels (centre of the first pixel = 0, 0), of a detection.
+def align(gray: NDArray[np.uint8], tag_id: int, corners: Array) -> Alignment:
+    """Refine corners (4, 2), top-left first and clockwise in pixels (center of the first pixel = 0, 0), of a detection.
 
     Returns the corners unchanged if the template does not fit or the tag is too small.
     """
@@ -180,7 +180,7 @@ def align(grey: NDArray[np.uint8], tag_id: int, corners: Array) -> Alignment:
     module_px = size_px / MODULES
     if module_px < MIN_MODULE_PX:
         return Alignment(given, 0.0)
-    fit = _Fit(grey, given, size_px)
+    fit = _Fit(gray, given, size_px)
     if not fit.refine(_template_for(tag_id, given, FIRST_BLUR_PX)):
         return Alignment(given, 0.0)
     image, inside = fit.sample()

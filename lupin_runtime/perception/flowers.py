@@ -97,7 +97,7 @@ class Accumulator:
         self._detections.clear()
         return True
 
-    def add(self, seen: Iterable[FlowerDetection], pan_rad: float, pan_centre_rad: float) -> None:
+    def add(self, seen: Iterable[FlowerDetection], pan_rad: float, pan_center_rad: float) -> None:
         """Add one image's detections, if something is in focus. `pan_rad` is positive to the right, as the image's x is."""
         if self.target is None:
             return
@@ -111,7 +111,7 @@ class Accumulator:
             x1, _, x2, _ = detection.box_px
             fraction = geometry.lateral_fraction(
                 pan_rad,
-                pan_centre_rad,
+                pan_center_rad,
                 (x1 + x2) / 2.0,
                 o.image_width,
                 o.pan_half_span_rad,
@@ -164,7 +164,7 @@ def summarise(detections: Sequence[BoxDetection], box: Box | None, anchor: Point
 def count_distinct(detections: Sequence[BoxDetection], columns: int) -> int:
     """Count the different things that were detected: by their tracks if there are any, else by the columns they occupy.
 
-    Two neighbours may share a column, so the count is never lower than what one image shows at once.
+    Two neighbors may share a column, so the count is never lower than what one image shows at once.
     """
     tracks = {d.track_id for d in detections if d.track_id is not None}
     if tracks:
@@ -187,18 +187,18 @@ def place_flowers(detections: Sequence[BoxDetection], box: Box, options: FlowerO
         columns.setdefault(geometry.column_of(min(1.0, max(-1.0, d.fraction)), n), []).append(d)
     placed = []
     for column, members in sorted(columns.items()):
-        neighbours = _fullest_image([d for d in members if not d.anomaly])
-        if len(neighbours) < 2:
+        neighbors = _fullest_image([d for d in members if not d.anomaly])
+        if len(neighbors) < 2:
             best = max((d for d in members if not d.anomaly), key=lambda d: d.confidence, default=None)
-            neighbours = [best or BoxDetection("", True, 0.0, geometry.column_centre(column, n))]
+            neighbors = [best or BoxDetection("", True, 0.0, geometry.column_center(column, n))]
         infested = {
-            min(range(len(neighbours)), key=lambda k: abs(neighbours[k].fraction - bug.fraction))
+            min(range(len(neighbors)), key=lambda k: abs(neighbors[k].fraction - bug.fraction))
             for bug in members
             if bug.anomaly
         }
         depth = geometry.column_depth(column, options.base_depth_frac, options.depth_jitter_frac)
-        for k, flower in enumerate(neighbours):
-            fraction = geometry.column_centre(column, n) + (2.0 / n) * ((k + 0.5) / len(neighbours) - 0.5)
+        for k, flower in enumerate(neighbors):
+            fraction = geometry.column_center(column, n) + (2.0 / n) * ((k + 0.5) / len(neighbors) - 0.5)
             placed.append(PlacedFlower(box.place(fraction, depth), flower.species, flower.confidence, k in infested))
     return tuple(placed)
 

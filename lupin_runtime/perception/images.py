@@ -22,7 +22,7 @@ class _Encoding:
     """Bytes per pixel, and OpenCV's conversions; None if none is needed."""
 
     channels: int
-    to_grey: int | None
+    to_gray: int | None
     to_bgr: int | None
 
 
@@ -40,11 +40,11 @@ _ENCODINGS = {
 }
 
 
-def grey_pixels(message: Any) -> Pixels:
-    """Decode a sensor_msgs Image or CompressedImage to grey (height, width). Raises ImageError."""
+def gray_pixels(message: Any) -> Pixels:
+    """Decode a sensor_msgs Image or CompressedImage to gray (height, width). Raises ImageError."""
     if hasattr(message, "format"):
         return _decompress(message, cv2.IMREAD_GRAYSCALE)
-    return _convert(message, lambda encoding: encoding.to_grey)
+    return _convert(message, lambda encoding: encoding.to_gray)
 
 
 def bgr_pixels(message: Any) -> Pixels:

@@ -2,7 +2,7 @@
 
 A tag is placed in the map of that moment. When SLAM closes a loop, the poses of the loop shift, each by its own amount, and
 tags seen from them have to shift, too. The graph shows only the shift of the newest pose (`map` -> `odom` jumps), but the path
-since the first visit of the recognised place is known, and so are the errors of odometry: the shift spreads over that path
+since the first visit of the recognized place is known, and so are the errors of odometry: the shift spreads over that path
 as over a chain of equally uncertain motions with fixed ends (Lu & Milios 1997, linearised).
 """
 
@@ -20,14 +20,14 @@ from lupin_runtime.geometry import Pose2, wrap_angle
 Array = NDArray[np.float64]
 
 PATH_STEP_M = 0.2
-TURN_LEVER_M = 0.3  # a turn in place counts as this many metres per radian: wheels slip in turns, too
+TURN_LEVER_M = 0.3  # a turn in place counts as this many meters per radian: wheels slip in turns, too
 MAX_PATH = 2000
 
-# Scan matching corrects the newest pose by centimetres, which is tracking; only a closed loop moves old places.
+# Scan matching corrects the newest pose by centimeters, which is tracking; only a closed loop moves old places.
 JUMP_M = 0.08
 JUMP_RAD = 0.03
 # Slipping wheels, or a table that holds the robot, make odometry wrong by up to the motion it reports, and SLAM corrects that:
-# only the robot's pose was wrong, not the map. A contact turns the robot by up to a radian for this many metres.
+# only the robot's pose was wrong, not the map. A contact turns the robot by up to a radian for this many meters.
 SLIP_WINDOW_S = 0.6
 SLIP_LEVER_M = 0.5
 # A larger correction than usual means that the robot's pose was wrong, and may still be wrong for a moment.
@@ -38,8 +38,8 @@ NEW_MAP_M = 3.0
 NEW_MAP_RAD = 1.0
 
 LOOP_MIN_M = 3.0  # of path between a place and its second visit
-LOOP_REACH_M = 4.0  # a lidar recognises a place from this distance
-# Odometry's uncertainty per metre: ratio of turning (rad) to sliding (m). Only the ratio matters.
+LOOP_REACH_M = 4.0  # a lidar recognizes a place from this distance
+# Odometry's uncertainty per meter: ratio of turning (rad) to sliding (m). Only the ratio matters.
 TURN_SIGMA, SLIDE_SIGMA = 0.02, 0.03
 
 
@@ -60,14 +60,14 @@ class MapJump:
     # A correction that may be the robot's own error: nothing moves, but earlier sightings may be wrong by this much.
     doubt_m: float = 0.0
 
-    def motion_at(self, travelled: float) -> Pose2:
-        """Return new_map_from_old_map for sightings from the path at `travelled` metres."""
+    def motion_at(self, traveled: float) -> Pose2:
+        """Return new_map_from_old_map for sightings from the path at `traveled` meters."""
         if self.whole is not None:
             return self.whole
         if self.doubt_m > 0.0:
             return Pose2()
         x, y, dx, dy, turn = (
-            float(np.interp(travelled, self.stations, values))
+            float(np.interp(traveled, self.stations, values))
             for values in (self.x, self.y, self.shift_x, self.shift_y, self.turn)
         )
         # Turn about the robot's place, then shift.
@@ -79,7 +79,7 @@ class MapMotion:
     """Follows the robot's path in the map, and detects jumps of the map."""
 
     def __init__(self) -> None:
-        self.travelled = 0.0
+        self.traveled = 0.0
         self._map_from_odom: Pose2 | None = None
         self._last_odom: Pose2 | None = None
         self._stations: list[float] = []
@@ -92,7 +92,7 @@ class MapMotion:
         """Process the newest transforms, both of about `time_s`; returns a jump if the map has, or may have, moved."""
         if self._last_odom is not None:
             step = self._last_odom.inverse() @ odom_from_base
-            self.travelled += math.hypot(step.x, step.y) + TURN_LEVER_M * abs(step.yaw)
+            self.traveled += math.hypot(step.x, step.y) + TURN_LEVER_M * abs(step.yaw)
             self._steps.append((time_s, math.hypot(step.x, step.y), abs(step.yaw)))
         while self._steps and not 0.0 <= time_s - self._steps[0][0] <= SLIP_WINDOW_S:
             self._steps.popleft()
@@ -113,15 +113,15 @@ class MapMotion:
         return jump
 
     def _extend(self, pose: Pose2) -> None:
-        if not self._stations or self.travelled - self._stations[-1] >= PATH_STEP_M:
-            self._stations.append(self.travelled)
+        if not self._stations or self.traveled - self._stations[-1] >= PATH_STEP_M:
+            self._stations.append(self.traveled)
             self._path.append(pose)
         if len(self._path) > MAX_PATH:
             del self._path[: MAX_PATH // 4], self._stations[: MAX_PATH // 4]
 
     @property
     def unrest_m(self) -> float:
-        """The extra uncertainty of the robot's pose in metres, by the largest recent correction."""
+        """The extra uncertainty of the robot's pose in meters, by the largest recent correction."""
         return max(0.0, max((shift for _, shift in self._corrections), default=0.0) - USUAL_CORRECTION_M)
 
     def _may_be_slip(self, shift_m: float, turned: float) -> bool:
@@ -138,7 +138,7 @@ class MapMotion:
         if was.distance_to(now) > NEW_MAP_M or abs(turned) > NEW_MAP_RAD or len(self._path) < 2:
             return MapJump(empty, empty, empty, empty, empty, empty, whole=now @ was.inverse())
         first = self._first_moved(now)
-        stations = np.array([*self._stations[first:], self.travelled])
+        stations = np.array([*self._stations[first:], self.traveled])
         poses = [*self._path[first:], was]
         x, y = np.array([p.x for p in poses]), np.array([p.y for p in poses])
         length = np.maximum(np.diff(stations), 1e-6)
@@ -163,12 +163,12 @@ class MapMotion:
         lever_y = total * x - np.concatenate([[0.0], np.cumsum(turns * mx)])
         shift_x = np.concatenate([[0.0], np.cumsum(slide_x)]) + lever_x
         shift_y = np.concatenate([[0.0], np.cumsum(slide_y)]) + lever_y
-        self._last_jump = self.travelled
+        self._last_jump = self.traveled
         return MapJump(stations, x, y, shift_x, shift_y, total)
 
     def _first_moved(self, now: Pose2) -> int:
         """Index of the first pose that moves: the older visit nearest to the robot's corrected pose."""
-        old = [i for i, station in enumerate(self._stations) if station <= self.travelled - LOOP_MIN_M]
+        old = [i for i, station in enumerate(self._stations) if station <= self.traveled - LOOP_MIN_M]
         if old:
             nearest = min(old, key=lambda i: self._path[i].distance_to(now))
             if self._path[nearest].distance_to(now) <= LOOP_REACH_M:

@@ -20,7 +20,7 @@ from lupin_runtime.transforms import Quaternion, Transform, Vector, multiply, ro
 
 Array = NDArray[np.float64]
 
-# Standard deviations. One place's share of the robot's error; range error per metre squared; bearing error per metre.
+# Standard deviations. One place's share of the robot's error; range error per meter squared; bearing error per meter.
 PLACE_SIGMA_M = 0.02
 RANGE_SIGMA_PER_M2 = 0.002
 BEARING_SIGMA_PER_M = 0.01
@@ -37,12 +37,12 @@ NORMAL_SIGMA_RAD = math.radians(1.0)
 
 @dataclass(frozen=True)
 class Sighting:
-    """One sighting: `pose` is map_from_tag, `camera` the camera's position in the map; `travelled` the path length, m."""
+    """One sighting: `pose` is map_from_tag, `camera` the camera's position in the map; `traveled` the path length, m."""
 
     stamp_ns: int
     pose: Transform
     camera: Vector
-    travelled: float = 0.0
+    traveled: float = 0.0
     spread_m: float = 0.0  # added uncertainty: while the map is unsettled, and after it has moved
 
     @cached_property
@@ -140,7 +140,7 @@ class TagRegistry:
     def follow(self, jump: MapJump) -> None:
         """Move every sighting with the part of the path from which it was made."""
         for tag_id, kept in self._sightings.items():
-            self._sightings[tag_id] = [s.moved(jump.motion_at(s.travelled), jump.doubt_m) for s in kept]
+            self._sightings[tag_id] = [s.moved(jump.motion_at(s.traveled), jump.doubt_m) for s in kept]
         self._fused.clear()
 
     def forget_times(self) -> None:
@@ -185,7 +185,7 @@ class TagRegistry:
 
 
 def fuse(sightings: list[Sighting]) -> tuple[Transform, float]:
-    """Fuse sightings: the pose, and the standard error of its position in metres."""
+    """Fuse sightings: the pose, and the standard error of its position in meters."""
     ordered = sorted(sightings, key=lambda s: s.order)
     crowd: dict[tuple[int, int], int] = {}
     for s in ordered:

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 # Used where a camera publishes an empty calibration: the values of the simulated body camera at 640 x 480.
 FALLBACK_FOCAL_PX = 554.254691191187
-FALLBACK_CENTRE_PX = (320.5, 240.5)
+FALLBACK_CENTER_PX = (320.5, 240.5)
 FALLBACK_WIDTH_PX = 640
 
 # Corner noise after the fit to the whole tag, and how far from vertical a plate hangs. The penalty of a plate that lies
@@ -33,7 +33,7 @@ _Candidate = tuple[Array, Array, float]
 
 @dataclass(frozen=True, eq=False)
 class Intrinsics:
-    """A pinhole camera: the 3 x 3 matrix and OpenCV's distortion coefficients (empty: none); pixel centres at whole numbers."""
+    """A pinhole camera: the 3 x 3 matrix and OpenCV's distortion coefficients (empty: none); pixel centers at whole numbers."""
 
     matrix: Array
     distortion: Array
@@ -52,14 +52,14 @@ class Intrinsics:
     def fallback(width_px: int) -> Intrinsics:
         """The assumed camera, for images of its shape at any size."""
         scale = (width_px or FALLBACK_WIDTH_PX) / FALLBACK_WIDTH_PX
-        cx, cy = FALLBACK_CENTRE_PX
+        cx, cy = FALLBACK_CENTER_PX
         f = FALLBACK_FOCAL_PX * scale
         return Intrinsics(np.array([[f, 0.0, cx * scale], [0.0, f, cy * scale], [0.0, 0.0, 1.0]]), np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
 class TagPose:
-    """camera_from_tag: x of the upright tag to the right, y up, z out of the plate; metres.
+    """camera_from_tag: x of the upright tag to the right, y up, z out of the plate; meters.
 
     `error_px` is the root mean square distance of the projected corners, `other_error_px` that of the mirrored solution.
     """
@@ -137,7 +137,7 @@ def _is_usable(candidate: _Candidate) -> bool:
 
 
 def _from_homography(points: Array, pixels: Array, matrix: Array) -> tuple[Array, Array] | None:
-    """An initial pose: the columns of the homography, orthonormalised (Zhang 2000)."""
+    """An initial pose: the columns of the homography, orthonormalized (Zhang 2000)."""
     rays = np.linalg.solve(matrix, np.vstack([pixels.T, np.ones(4)]))
     rows = []
     for (u, v, _), (x, y, w) in zip(points, rays.T):
@@ -148,7 +148,7 @@ def _from_homography(points: Array, pixels: Array, matrix: Array) -> tuple[Array
         h = np.append(np.linalg.solve(system[:, :8], -system[:, 8]), 1.0).reshape(3, 3)
     except np.linalg.LinAlgError:
         return None
-    # The last entry is 1: the plate's centre is in front of the camera by construction.
+    # The last entry is 1: the plate's center is in front of the camera by construction.
     scale = 2.0 / (np.linalg.norm(h[:, 0]) + np.linalg.norm(h[:, 1]))
     columns = np.column_stack([h[:, 0], h[:, 1], np.cross(h[:, 0], h[:, 1]) * scale]) * scale
     if not np.isfinite(columns).all():

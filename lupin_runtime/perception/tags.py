@@ -1,7 +1,7 @@
-"""Finds the tags of family 36h11 in a grey image: two engines, one order of corners, corners refined on the whole tag.
+"""Finds the tags of family 36h11 in a gray image: two engines, one order of corners, corners refined on the whole tag.
 
 It uses the AprilTag library where it is installed, else OpenCV's ArUco module. Both give top-left, top-right,
-bottom-right, bottom-left as an upright official print shows them, in pixels, the centre of the first pixel being (0, 0).
+bottom-right, bottom-left as an upright official print shows them, in pixels, the center of the first pixel being (0, 0).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lupin_runtime.apriltag import tag_image
 from lupin_runtime.perception.corner_refinement import align
 
-Grey = NDArray[np.uint8]
+Gray = NDArray[np.uint8]
 
 # At full resolution the library spends nine tenths of its time on quads of sensor noise. Smoothing the parts with less
 # contrast than a tag has makes full resolution cheaper than half resolution was.
@@ -54,22 +54,22 @@ class TagEngine(Protocol):
 
     name: str
 
-    def find(self, grey: Grey) -> Iterable[tuple[int, NDArray[np.float64], int]]:
-        """Yield the tags of a grey image, in no particular order."""
+    def find(self, gray: Gray) -> Iterable[tuple[int, NDArray[np.float64], int]]:
+        """Yield the tags of a gray image, in no particular order."""
 
 
 class EngineMissing(ImportError):
     """The requested engine is not installed."""
 
 
-def smooth_low_contrast(grey: Grey) -> tuple[Grey, float]:
+def smooth_low_contrast(gray: Gray) -> tuple[Gray, float]:
     """Smooth the parts with too little contrast for a tag; returns the image and the share of unchanged pixels."""
     kernel = np.ones((CONTRAST_WINDOW_PX, CONTRAST_WINDOW_PX), np.uint8)
-    contrast = cv2.subtract(cv2.dilate(grey, kernel), cv2.erode(grey, kernel))
+    contrast = cv2.subtract(cv2.dilate(gray, kernel), cv2.erode(gray, kernel))
     threshold = float(np.clip(CONTRAST_OVER_MEDIAN * np.median(contrast[::4, ::4]), *CONTRAST_LIMITS))
     keep = cv2.threshold(contrast, threshold, 255, cv2.THRESH_BINARY)[1]
-    smoothed = cv2.blur(grey, (SMOOTHING_PX, SMOOTHING_PX))
-    cv2.copyTo(grey, keep, smoothed)
+    smoothed = cv2.blur(gray, (SMOOTHING_PX, SMOOTHING_PX))
+    cv2.copyTo(gray, keep, smoothed)
     return np.asarray(smoothed, np.uint8), cv2.countNonZero(keep) / keep.size
 
 
@@ -88,8 +88,8 @@ class AprilTagEngine:
         # One detector for both resolutions: each detector holds a table of 35 MB.
         self._detector = Detector(families="tag36h11", nthreads=1, quad_decimate=1.0)
 
-    def find(self, grey: Grey) -> Iterable[tuple[int, NDArray[np.float64], int]]:
-        prepared, busy = smooth_low_contrast(grey)
+    def find(self, gray: Gray) -> Iterable[tuple[int, NDArray[np.float64], int]]:
+        prepared, busy = smooth_low_contrast(gray)
         self._detector.tag_detector_ptr.contents.quad_decimate = 2.0 if busy > BUSY_SHARE else 1.0
         for found in self._detector.detect(prepared):
             # The library's pixel coordinates start at a pixel's corner; its corners run counter-clockwise from the bottom left.
@@ -113,12 +113,12 @@ class ArucoEngine:
         self._detector = detector_class(self._dictionary, self._parameters) if detector_class else None
         self._first_corner = self._learn_first_corner()
 
-    def _detect(self, grey: Grey) -> list[tuple[int, NDArray[np.float64]]]:
+    def _detect(self, gray: Gray) -> list[tuple[int, NDArray[np.float64]]]:
         if self._detector is not None:
-            corners, ids, _ = self._detector.detectMarkers(grey)
+            corners, ids, _ = self._detector.detectMarkers(gray)
         else:
             detect_markers = getattr(cv2.aruco, "detectMarkers")  # noqa: B009 - newer stubs don't know it
-            corners, ids, _ = detect_markers(grey, self._dictionary, parameters=self._parameters)
+            corners, ids, _ = detect_markers(gray, self._dictionary, parameters=self._parameters)
         if ids is None:
             return []
         return [(int(i), np.asarray(c, np.float64).reshape(4, 2)) for i, c in zip(np.ravel(ids), corners)]
@@ -131,11 +131,11 @@ class ArucoEngine:
         shown = np.pad(tag_image(0, 16), 32, constant_values=255)
         answer = [corners for tag_id, corners in self._detect(shown) if tag_id == 0]
         if len(answer) != 1:
-            raise RuntimeError(f"OpenCV {cv2.__version__} does not recognise the official tag36h11 id 0")
+            raise RuntimeError(f"OpenCV {cv2.__version__} does not recognize the official tag36h11 id 0")
         return int(np.argmin(answer[0].sum(axis=1)))
 
-    def find(self, grey: Grey) -> Iterable[tuple[int, NDArray[np.float64], int]]:
-        for tag_id, corners in self._detect(grey):
+    def find(self, gray: Gray) -> Iterable[tuple[int, NDArray[np.float64], int]]:
+        for tag_id, corners in self._detect(gray):
             yield tag_id, np.roll(corners, -self._first_corner, axis=0), 0
 
 
@@ -157,18 +157,18 @@ def make_engine(name: str = "auto") -> TagEngine:
     return ENGINES[name]()
 
 
-def detect(grey: Grey, engine: TagEngine) -> list[TagDetection]:
-    """Detect the tags of a grey (height, width) uint8 image, sorted by id; of two with the same id the larger is first.
+def detect(gray: Gray, engine: TagEngine) -> list[TagDetection]:
+    """Detect the tags of a gray (height, width) uint8 image, sorted by id; of two with the same id the larger is first.
 
     Raises ValueError for an image of another shape or type.
     """
-    if grey.ndim != 2 or grey.dtype != np.uint8:
-        raise ValueError(f"a grey image (height, width) of uint8 was expected, not {grey.shape} of {grey.dtype}")
+    if gray.ndim != 2 or gray.dtype != np.uint8:
+        raise ValueError(f"a gray image (height, width) of uint8 was expected, not {gray.shape} of {gray.dtype}")
     detections: list[TagDetection] = []
-    if min(grey.shape) < MIN_SIDE_PX:
+    if min(gray.shape) < MIN_SIDE_PX:
         return detections
-    for tag_id, corners, hamming in engine.find(np.ascontiguousarray(grey)):
-        aligned = align(grey, tag_id, corners)
+    for tag_id, corners, hamming in engine.find(np.ascontiguousarray(gray)):
+        aligned = align(gray, tag_id, corners)
         fits = aligned.correlation >= (MIN_FIT_WITH_WRONG_BITS if hamming else MIN_FIT)
         untold = aligned.correlation == 0.0 and hamming == 0
         if fits or untold:

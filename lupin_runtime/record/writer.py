@@ -79,7 +79,7 @@ class RecordingWriter:
         return self._writer.register_channel(topic, "cdr", self._schemas[type_name], {"offered_qos_profiles": qos_yaml(qos)})
 
     def write(self, channel: int, data: bytes, log_ns: int, publish_ns: int, sequence: int = 0) -> None:
-        """Add one serialised message."""
+        """Add one serialized message."""
         self._writer.add_message(channel, log_ns, data, publish_ns, sequence)
         self.messages += 1
 

@@ -17,7 +17,7 @@ from lupin_runtime.report.palette import HEAT_ALPHA, heat_rgb
 from lupin_runtime.report.tags import TagResult
 from lupin_runtime.twin.field import FieldRequest, IdwOptions, interpolate
 
-# Nearest-neighbour upscaling keeps the cells' edges sharp in browsers that smooth images.
+# Nearest-neighbor upscaling keeps the cells' edges sharp in browsers that smooth images.
 MAP_SCALE = 3
 HEAT_CELL_M = 0.05
 _MAX_CELLS = 200_000
@@ -28,7 +28,7 @@ _MAP_COLORS = {"light": ((255, 255, 253), (48, 52, 58)), "dark": ((36, 41, 49), 
 
 @dataclass(frozen=True)
 class Extent:
-    """A rectangle in the map frame, metres."""
+    """A rectangle in the map frame, meters."""
 
     x0: float
     y0: float
@@ -37,12 +37,12 @@ class Extent:
 
     @property
     def width(self) -> float:
-        """Size along x in metres."""
+        """Size along x in meters."""
         return self.x1 - self.x0
 
     @property
     def height(self) -> float:
-        """Size along y in metres."""
+        """Size along y in meters."""
         return self.y1 - self.y0
 
     def grown_to(self, x: float, y: float, margin: float = 0.0) -> Extent:

@@ -16,7 +16,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class TagPlacement:
-    """Position of a tag in the map, metres, and the direction that its face points to (None for a tag that faces up)."""
+    """Position of a tag in the map, meters, and the direction that its face points to (None for a tag that faces up)."""
 
     x: float
     y: float
@@ -121,7 +121,7 @@ class CameraImage:
 
 @dataclass(frozen=True)
 class LidarScan:
-    """A lidar scan: ranges in metres (NaN for none), the first beam at `angle_min` in the laser frame."""
+    """A lidar scan: ranges in meters (NaN for none), the first beam at `angle_min` in the laser frame."""
 
     t_s: float
     angle_min: float

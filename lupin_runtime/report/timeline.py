@@ -65,7 +65,7 @@ def build_timeline(log: RunLog) -> Timeline:
 
 
 def _bands(samples: list[MissionSample], end_s: float, label: Callable[..., str]) -> list[Band]:
-    """Join consecutive samples with the same label; samples labelled "" make no band."""
+    """Join consecutive samples with the same label; samples labeled "" make no band."""
     bands: list[Band] = []
     for sample, following in zip(samples, [*samples[1:], None]):
         name, to_s = label(sample), following.t_s if following is not None else end_s

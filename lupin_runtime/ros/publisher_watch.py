@@ -37,11 +37,11 @@ class PublisherWatch:
             found.append(f"a second node {self.expected}")
         return tuple(f"{self.topic} is also published by {intruder}, {self.danger}" for intruder in found)
 
-    def _lasts(self, what: str, seen: bool, now_ns: int, bound_s: float) -> bool:
+    def _lasts(self, what: str, seen: bool, now_ns: int, timeout_s: float) -> bool:
         if not seen:
             self._since_ns.pop(what, None)
             return False
-        return now_ns - self._since_ns.setdefault(what, now_ns) > bound_s * 1e9
+        return now_ns - self._since_ns.setdefault(what, now_ns) > timeout_s * 1e9
 
 
 def _printable(name: str) -> str:

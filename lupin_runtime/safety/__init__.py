@@ -4,7 +4,7 @@ This package exports the cores; the node is in `lupin_runtime.safety.node`. It i
 in this path.
 """
 
-from lupin_runtime.safety.battery_monitor import BatteryEdge, BatteryMonitor, normalise
+from lupin_runtime.safety.battery_monitor import BatteryEdge, BatteryMonitor, normalize
 from lupin_runtime.safety.console_stop import ConsoleStop
 from lupin_runtime.safety.estop import EstopSources, EstopState
 from lupin_runtime.safety.estop_monitor import EStopEdge, EStopMonitor
@@ -17,5 +17,5 @@ __all__ = [
     "EStopMonitor",
     "EstopSources",
     "EstopState",
-    "normalise",
+    "normalize",
 ]

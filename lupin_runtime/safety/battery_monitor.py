@@ -15,7 +15,7 @@ class BatteryEdge(enum.Enum):
     RECOVERED = "recovered"
 
 
-def normalise(percentage: object) -> float | None:
+def normalize(percentage: object) -> float | None:
     """BatteryState.percentage as a fraction in [0, 1]; None where it is not a percentage.
 
     Some drivers report 0..1, others 0..100, and NaN when they only know the voltage. A value above 1 is read as percent. A
@@ -43,7 +43,7 @@ class BatteryMonitor:
 
     def update(self, percentage: object) -> BatteryEdge | None:
         """Handle a BatteryState.percentage; returns the edge that it caused, or None."""
-        value = normalise(percentage)
+        value = normalize(percentage)
         if value is None:
             return None
         self.percentage = value

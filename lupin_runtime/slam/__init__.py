@@ -1,1 +1,1 @@
-"""Mapping and localisation: scan matching, a pose graph with loop closure, occupancy grids, and AMCL on a saved map."""
+"""Mapping and localization: scan matching, a pose graph with loop closure, occupancy grids, and AMCL on a saved map."""

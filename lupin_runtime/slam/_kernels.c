@@ -1,4 +1,4 @@
-/* The hot loops of mapping and localisation. Poses are (x, y, yaw) triples of doubles in metres and radians; rasters are
+/* The hot loops of mapping and localization. Poses are (x, y, yaw) triples of doubles in meters and radians; rasters are
  * row-major with row 0 at the lowest y, `x0, y0` the outer corner of cell (0, 0). Callers check shapes (kernels.py). */
 
 #include <math.h>
@@ -6,12 +6,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MAX_SIDE 8 /* neighbours on each side that a normal is fitted to */
+#define MAX_SIDE 8 /* neighbors on each side that a normal is fitted to */
 
 /* ---- scans ------------------------------------------------------------------------------------------------------- */
 
 /* Normals of scan points in beam order, towards the sensor at (sx, sy); (0, 0) where no line fits.
- * `step` is the angle between beams: neighbours join while their gap is what a slanted wall at that range may show. */
+ * `step` is the angle between beams: neighbors join while their gap is what a slanted wall at that range may show. */
 void scan_normals(const double *xy, int n, double sx, double sy, double step, double *normal)
 {
     for (int i = 0; i < n; i++) {
@@ -179,9 +179,9 @@ typedef struct {
     const uint8_t *pyramid;
     int width, height, n, half;
     int64_t area;
-    const int32_t *cells; /* angles x n x 2, cells of the points with the window's centre as offset */
+    const int32_t *cells; /* angles x n x 2, cells of the points with the window's center as offset */
     const double *yaw_penalty;
-    double place_penalty; /* per squared cell of distance from the window's centre */
+    double place_penalty; /* per squared cell of distance from the window's center */
     const int32_t *avoid; /* avoided x 5: angle, col, row, and how far around each in angles and cells */
     int avoided;
     float best;
@@ -322,7 +322,7 @@ static int solve3(const double *h, const double *b, double *x)
 }
 
 /* Gauss-Newton on `pose`: distances of the points to the lines of their nearest surfels, under a Cauchy kernel, and a prior.
- * The gate shrinks from `gate` to `gate_end` metres. `sigma_of` (n) is each point's own standard deviation.
+ * The gate shrinks from `gate` to `gate_end` meters. `sigma_of` (n) is each point's own standard deviation.
  * Receives the measurement's information (without prior) in `info`, and inliers, weighted square sum, mean |r| in `stats`.
  * Returns the number of points with a partner. */
 int refine_pose(const double *xy, const double *normal, const double *sigma_of, int n, const int32_t *slot,
@@ -484,7 +484,7 @@ void count_conflicts(const int32_t *seen, const int32_t *hit, int width, int hei
     }
 }
 
-/* ---- localisation ---------------------------------------------------------------------------------------------------- */
+/* ---- localization ---------------------------------------------------------------------------------------------------- */
 
 /* Sum over the beams (`xy`, n) of `table[distance to the nearest obstacle in cells / 8]` for every particle; `distance` is
  * in eighths of a cell, clipped at 255, and what lies outside the raster counts as 255. */

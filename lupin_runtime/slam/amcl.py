@@ -1,8 +1,8 @@
-"""Adaptive Monte Carlo localisation on a saved map: particles show where the robot may be, a refinement gives the exact pose.
+"""Adaptive Monte Carlo localization on a saved map: particles show where the robot may be, a refinement gives the exact pose.
 
 Motion and sensor models are Nav2's omni model and likelihood field (Thrun, Burgard, Fox 2005, 5.4, 6.4, 8.3); the number of
 particles follows Fox's KLD bound (2003). The published covariance is honest: particles alone are too thinned to measure
-centimetres, so the refined pose has the information of its scan, and the cloud's spread in directions without information.
+centimeters, so the refined pose has the information of its scan, and the cloud's spread in directions without information.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Belief:
 
 
 def _scaled(weights: Array, log_likelihood: Array, exponent: float) -> Array:
-    """Multiply weights (n,) by a power of the likelihood, and normalise."""
+    """Multiply weights (n,) by a power of the likelihood, and normalize."""
     score = np.log(np.maximum(weights, 1e-300)) + exponent * log_likelihood
     scaled = np.exp(score - score.max())
     return np.asarray(scaled / scaled.sum())

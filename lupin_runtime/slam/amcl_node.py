@@ -1,4 +1,4 @@
-"""Localisation on a saved map, under AMCL's name, topics and parameters."""
+"""Localization on a saved map, under AMCL's name, topics and parameters."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Array = NDArray[np.floating]
 
 # Nav2's covariance of an initial pose without one (m², m², rad²).
 INITIAL_COVARIANCE = np.diag([0.25, 0.25, 0.068])
-# Scans that are used after an initial pose although the robot has not moved, so that a resting robot is localised too.
+# Scans that are used after an initial pose although the robot has not moved, so that a resting robot is localized too.
 FIRST_SCANS = 4
 
 
@@ -150,14 +150,14 @@ class AmclNode(LupinNode):
             if newest is not None and newest < stamp:
                 return
             self._scan = None
-            self._localise(scan, stamp)
+            self._localize(scan, stamp)
         except TransformUnavailable as error:
             self.get_logger().warning(f"scan dropped: {error}", throttle_duration_sec=5.0)
         except ValueError as error:
             self._scan = None
             self.get_logger().error(f"scan dropped: {error}", throttle_duration_sec=5.0)
 
-    def _localise(self, scan: LaserScan, stamp: int) -> None:
+    def _localize(self, scan: LaserScan, stamp: int) -> None:
         self._last_stamp_ns = stamp
         odom = self._tree.lookup(self._odom_frame, self._base_frame, stamp).to_pose2()
         if self._grid is None:

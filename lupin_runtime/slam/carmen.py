@@ -35,7 +35,7 @@ _KEPT_PROBLEMS = 20
 
 @dataclass(frozen=True)
 class LogScan:
-    """One scan: `ranges` (N,) in metres, the angle of the first and between two, the robot's odometry, the stamp as written."""
+    """One scan: `ranges` (N,) in meters, the angle of the first and between two, the robot's odometry, the stamp as written."""
 
     stamp: str
     ranges: NDArray[np.float64]

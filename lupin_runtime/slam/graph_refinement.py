@@ -1,4 +1,4 @@
-"""Refines a finished graph: matches every keyframe again, now against all its neighbours, and optimises the whole graph.
+"""Refines a finished graph: matches every keyframe again, now against all its neighbors, and optimizes the whole graph.
 
 While mapping, a scan is matched only against earlier ones. Here it is matched against everything around it, which removes
 errors where they arose, whereas a loop closure only spreads them along the loop.
@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from lupin_runtime.slam.keyframes import Edge, KeyframeGraph
 from lupin_runtime.slam.local_map import FieldShape, LocalMap
-from lupin_runtime.slam.pose_graph import Limits, optimise
+from lupin_runtime.slam.pose_graph import Limits, optimize
 from lupin_runtime.slam.scan_matching import Match, Window, match
 from lupin_runtime.slam.se2 import relative_pose, rotate_information
 
@@ -25,10 +25,10 @@ Array = NDArray[np.floating]
 
 @dataclass(frozen=True)
 class RefinementSettings:
-    """How keyframes are matched again: search window of each round, number and distance of neighbours, acceptance limits."""
+    """How keyframes are matched again: search window of each round, number and distance of neighbors, acceptance limits."""
 
     rounds: tuple[Window, ...] = (Window(0.5, 0.10), Window(0.2, 0.04), Window(0.1, 0.02))
-    neighbours: int = 24
+    neighbors: int = 24
     radius_m: float = 6.0
     ties: int = 4
     min_score: float = 0.4
@@ -43,9 +43,9 @@ def refine_graph(
     shape: FieldShape | None = None,
     progress: Callable[[float], None] = lambda _share: None,
 ) -> None:
-    """Move the keyframes of a closed graph to where they fit all their neighbours best.
+    """Move the keyframes of a closed graph to where they fit all their neighbors best.
 
-    The graph keeps its edges and gains edges to neighbours (`ties`). `progress` receives the finished share, 0 to 1."""
+    The graph keeps its edges and gains edges to neighbors (`ties`). `progress` receives the finished share, 0 to 1."""
     settings = settings or RefinementSettings()
     kept = list(graph.edges)
     local = LocalMap(shape)
@@ -61,7 +61,7 @@ def refine_graph(
                 progress(done / total)
         graph.replace_edges(kept + ties)
         edges, _ = graph.as_edges()
-        solution = optimise(
+        solution = optimize(
             poses,
             edges,
             robust=np.ones(len(edges), bool),
@@ -76,7 +76,7 @@ def refine_graph(
 def _ties(
     graph: KeyframeGraph, local: LocalMap, tree: cKDTree, poses: Array, number: int, window: Window, s: RefinementSettings
 ) -> list[Edge]:
-    away, near = tree.query(poses[number, :2], k=min(s.neighbours + 1, len(graph)), distance_upper_bound=s.radius_m)
+    away, near = tree.query(poses[number, :2], k=min(s.neighbors + 1, len(graph)), distance_upper_bound=s.radius_m)
     near = near[np.isfinite(away) & (near != number)]
     if not len(near):
         return []

@@ -89,18 +89,18 @@ def build_pyramid(pyramid: NDArray[np.uint8]) -> None:
 
 
 def search_window(
-    pyramid: NDArray[np.uint8], corner: tuple[float, float], cell_m: float, xy: Array, centre: tuple[float, float],
+    pyramid: NDArray[np.uint8], corner: tuple[float, float], cell_m: float, xy: Array, center: tuple[float, float],
     yaws: Array, yaw_penalty: Array, half_cells: int, place_penalty: float, floor: float, avoid: NDArray[np.int32],
 ) -> tuple[float, int, int, int] | None:  # fmt: skip
-    """Find the best pose of a window: (score, index of yaw, columns and rows from the centre), or None below `floor`.
+    """Find the best pose of a window: (score, index of yaw, columns and rows from the center), or None below `floor`.
 
-    `avoid` (k, 5) excludes boxes: index of yaw, column, row of their centre, and their half widths in yaws and in cells.
+    `avoid` (k, 5) excludes boxes: index of yaw, column, row of their center, and their half widths in yaws and in cells.
     """
     levels, height, width = pyramid.shape
     found = np.empty(3, np.int32)
     score = c_double()
     status = _library.search_window(
-        pyramid, levels, width, height, *corner, cell_m, xy, len(xy), *centre, yaws, yaw_penalty, len(yaws), half_cells,
+        pyramid, levels, width, height, *corner, cell_m, xy, len(xy), *center, yaws, yaw_penalty, len(yaws), half_cells,
         place_penalty, floor, avoid, len(avoid), found, byref(score),
     )  # fmt: skip
     if status < 0:

@@ -17,13 +17,13 @@ from lupin_runtime.slam.scan import ScanPoints
 Array = NDArray[np.floating]
 Index = NDArray[np.int64]
 
-# Metres that a turn of one radian adds to the length of an edge: turning on the spot adds uncertainty, too.
+# Meters that a turn of one radian adds to the length of an edge: turning on the spot adds uncertainty, too.
 TURN_AS_M = 0.3
 
 
 @dataclass(frozen=True)
 class Edge:
-    """One relative pose, as in `pose_graph.Edges`; a closure may be wrong and is optimised under a robust kernel.
+    """One relative pose, as in `pose_graph.Edges`; a closure may be wrong and is optimized under a robust kernel.
 
     `lost_m` is added to the edge's length where its motion was guessed, not measured.
     """
@@ -109,7 +109,7 @@ class KeyframeGraph:
         self._joined = len(self.edges)
 
     def path_lengths(self, start: int, limit: float = np.inf) -> Array:
-        """Compute the metres along the graph (n,) from a keyframe to all others; inf beyond `limit`."""
+        """Compute the meters along the graph (n,) from a keyframe to all others; inf beyond `limit`."""
         n = len(self)
         if self._joined < len(self.edges):
             self._measure()

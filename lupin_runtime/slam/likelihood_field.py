@@ -60,7 +60,7 @@ class LikelihoodField:
         return kernels.particle_scores(particles, points, self._distance_eighths, corner, self.grid.resolution_m, self._table)
 
     def sample(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """Distance (n,) m at points of the map and its gradient, bilinear between the centres of cells."""
+        """Distance (n,) m at points of the map and its gradient, bilinear between the centers of cells."""
         h, w = self.distance_m.shape
         u = np.clip((x - self.grid.origin_x) / self.grid.resolution_m - 0.5, 0.0, w - 1.001)
         v = np.clip((y - self.grid.origin_y) / self.grid.resolution_m - 0.5, 0.0, h - 1.001)

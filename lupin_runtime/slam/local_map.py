@@ -67,7 +67,7 @@ def grow(block: NDArray[Any], size: int) -> NDArray[Any]:
 
 @dataclass(frozen=True)
 class FieldShape:
-    """Resolution of local maps, their reach around their centre, and the standard deviation of the likelihood, metres."""
+    """Resolution of local maps, their reach around their center, and the standard deviation of the likelihood, meters."""
 
     cell_m: float = 0.05
     reach_m: float = 14.0
@@ -103,15 +103,15 @@ class LocalMap:
         level: NDArray[np.uint8] = self._pyramid[0]
         return level
 
-    def build(self, pool: ScanPool, numbers: Index, poses: Array, centre: tuple[float, float]) -> None:
-        """Draw the scans `numbers` (k,) of the pool at `poses` (k, 3), without points beyond the reach of `centre`."""
+    def build(self, pool: ScanPool, numbers: Index, poses: Array, center: tuple[float, float]) -> None:
+        """Draw the scans `numbers` (k,) of the pool at `poses` (k, 3), without points beyond the reach of `center`."""
         shape = self.shape
         pad = (1 << (shape.levels - 1)) + self._stamp.shape[0]
         c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
         x, y = pool.corners[numbers, :, 0], pool.corners[numbers, :, 1]
         extents = np.stack((c * x - s * y + poses[:, :1], s * x + c * y + poses[:, 1:2]), axis=2).reshape(-1, 2)
-        low = np.maximum(extents.min(axis=0), np.array(centre) - shape.reach_m)
-        high = np.minimum(extents.max(axis=0), np.array(centre) + shape.reach_m)
+        low = np.maximum(extents.min(axis=0), np.array(center) - shape.reach_m)
+        high = np.minimum(extents.max(axis=0), np.array(center) + shape.reach_m)
         low = np.floor(low / shape.cell_m).astype(int) - pad
         high = np.ceil(np.maximum(high, low * shape.cell_m) / shape.cell_m).astype(int) + pad
         width, height = int(high[0] - low[0]), int(high[1] - low[1])
@@ -134,7 +134,7 @@ class LocalMap:
         kernels.draw_field(self._marks, marks, self._stamp, self._pyramid[0])
 
     def marked_points(self) -> Array:
-        """The centres (n, 2) of the cells that hold points, in the frame of the map."""
+        """The centers (n, 2) of the cells that hold points, in the frame of the map."""
         rows, columns = np.divmod(self._marks[: self._mark_count], self.size[1])
         middles: Array = np.stack((columns + 0.5, rows + 0.5), axis=1) * self.shape.cell_m + np.array(self.corner)
         return middles

@@ -52,7 +52,7 @@ class LoopSettings:
     distance_m: float = 3.0
     beyond_path_m: float = 8.0
     max_window: Window = field(default_factory=lambda: Window(8.0, 0.6))
-    drift_m: tuple[float, float] = (0.05, 0.015)  # at once, per metre of path
+    drift_m: tuple[float, float] = (0.05, 0.015)  # at once, per meter of path
     drift_rad: tuple[float, float] = (0.03, 0.003)
     chain: int = 10
     group: int = 24
@@ -76,7 +76,7 @@ class LoopSettings:
 
 @dataclass(frozen=True)
 class Closure:
-    """A recognised place: `measured` (3,) is the pose of keyframe `head` in the map around `tail`; `was` (3,) its old one."""
+    """A recognized place: `measured` (3,) is the pose of keyframe `head` in the map around `tail`; `was` (3,) its old one."""
 
     tail: int
     head: int
@@ -97,14 +97,14 @@ class LoopCloser:
         self.searches = 0
 
     def drop_pending(self) -> None:
-        """Drop pending closures: after an optimisation they refer to an outdated map."""
+        """Drop pending closures: after an optimization they refer to an outdated map."""
         self._pending.clear()
 
     def find_closures(self, graph: KeyframeGraph, number: int) -> list[Closure]:
         """Return the closures of keyframe `number` to accept now: none, one, or several that agree."""
         lengths = graph.path_lengths(number)
         far = self.settings.far
-        # A wide search is expensive, and what it did not find start it will not find a few centimetres further.
+        # A wide search is expensive, and what it did not find start it will not find a few centimeters further.
         resting = self._missed is not None and bool(lengths[self._missed] < far.rest_m)
         for candidate in self._candidates(graph, number, lengths):
             wide = self._window(float(lengths[candidate])).half_m > far.window_m
@@ -152,20 +152,20 @@ class LoopCloser:
         # The local map must cover the whole window, else the true pose may lose to a wrong one that is covered.
         wider = window.half_m if window.half_m > s.far.window_m else 0.0
         limit = round(s.group * (1.0 + wider / s.group_path_m))
-        group = self._neighbourhood(graph, candidate, s.group_path_m + wider, limit, lengths > s.beyond_path_m)
+        group = self._neighborhood(graph, candidate, s.group_path_m + wider, limit, lengths > s.beyond_path_m)
         if len(group) < s.chain:
             return None
-        centre = (float(poses[candidate, 0]), float(poses[candidate, 1]))
-        self._local.build(graph.pool, group, poses[group], centre)
+        center = (float(poses[candidate, 0]), float(poses[candidate, 1]))
+        self._local.build(graph.pool, group, poses[group], center)
         source = self._merged_scan(graph, number, lengths)
-        fit = self._unambiguous_match(graph, group, centre, number, lengths, source, start, window)
+        fit = self._unambiguous_match(graph, group, center, number, lengths, source, start, window)
         if fit is None:
             return None
         tail = int(group[np.argmin(np.hypot(*(poses[group, :2] - fit.pose[:2]).T))])
         return Closure(tail, number, fit.pose, start, self._information(fit), fit.score)
 
     def _unambiguous_match(
-        self, graph: KeyframeGraph, group: Index, centre: tuple[float, float], number: int, lengths: Array, source: ScanPoints,
+        self, graph: KeyframeGraph, group: Index, center: tuple[float, float], number: int, lengths: Array, source: ScanPoints,
         start: Array, window: Window,
     ) -> Match | None:  # fmt: skip
         """The only pose of the window that passes every test; None if there is none, or more than one."""
@@ -183,7 +183,7 @@ class LoopCloser:
             tried.append(found[1])
             min_score = max(min_score, s.rival * found[0])
             fit = refine(self._local, source, found[1], found[1], np.eye(3) * 4.0, points)
-            if not self._passes_tests(graph, group, centre, number, lengths, source, fit, far):
+            if not self._passes_tests(graph, group, center, number, lengths, source, fit, far):
                 continue
             if passed is not None:
                 return None
@@ -191,7 +191,7 @@ class LoopCloser:
         return None if far else passed
 
     def _passes_tests(
-        self, graph: KeyframeGraph, group: Index, centre: tuple[float, float], number: int, lengths: Array, source: ScanPoints,
+        self, graph: KeyframeGraph, group: Index, center: tuple[float, float], number: int, lengths: Array, source: ScanPoints,
         fit: Match, far: bool,
     ) -> bool:  # fmt: skip
         s = self.settings
@@ -199,7 +199,7 @@ class LoopCloser:
             return False
         if far and fit.overlap < s.far.overlap:
             return False
-        conflict = self._conflict(graph, group, graph.poses[group], centre, source.thinned(0.1), fit.pose)
+        conflict = self._conflict(graph, group, graph.poses[group], center, source.thinned(0.1), fit.pose)
         if conflict > s.max_conflict or not far:
             return conflict <= s.max_conflict
         around = self._source_keyframes(lengths)
@@ -210,10 +210,10 @@ class LoopCloser:
 
     @staticmethod
     def _information(fit: Match) -> Array:
-        # Both neighbourhoods are slightly bent: a closure is never as exact as a match of neighbouring scans.
+        # Both neighborhoods are slightly bent: a closure is never as exact as a match of neighboring scans.
         return np.asarray(np.linalg.inv(fit.covariance + np.diag([0.01**2, 0.01**2, 0.004**2])))
 
-    def _neighbourhood(self, graph: KeyframeGraph, number: int, path_m: float, limit: int, allowed: NDArray[np.bool_]) -> Index:
+    def _neighborhood(self, graph: KeyframeGraph, number: int, path_m: float, limit: int, allowed: NDArray[np.bool_]) -> Index:
         near = np.flatnonzero((graph.path_lengths(number, path_m) <= path_m) & allowed)
         away = np.hypot(*(graph.poses[near, :2] - graph.poses[number, :2]).T)
         return near[np.argsort(away, kind="stable")[:limit]]
@@ -237,13 +237,13 @@ class LoopCloser:
         return ScanPoints(np.concatenate(xy), np.concatenate(normal), np.concatenate(sigma), graph.pool.sensor[number])
 
     def _conflict(
-        self, graph: KeyframeGraph, numbers: Index, poses: Array, centre: tuple[float, float], points: Array, pose: Array
+        self, graph: KeyframeGraph, numbers: Index, poses: Array, center: tuple[float, float], points: Array, pose: Array
     ) -> float:
         """Return the share of `points` at `pose` in space that the keyframes `numbers` at `poses` saw through."""
         cell, reach = 0.1, self._local.shape.reach_m
         size = 2 * math.ceil(reach / cell)
         seen, hit = np.zeros((size, size), np.int32), np.zeros((size, size), np.int32)
-        first = (math.floor((centre[0] - reach) / cell), math.floor((centre[1] - reach) / cell))
+        first = (math.floor((center[0] - reach) / cell), math.floor((center[1] - reach) / cell))
         corner = (first[0] * cell, first[1] * cell)
         for number, at in zip(numbers, poses):
             scan = graph.pool.scan(int(number))

@@ -251,7 +251,7 @@ def _read_pgm(path: Path) -> tuple[NDArray[np.uint16], int]:
 
 
 def _read_image(path: Path) -> tuple[NDArray[np.uint16], int]:
-    """Read any image of OpenCV's, as `_read_pgm` does; colors become grey, transparent pixels the grey of unknown cells."""
+    """Read any image of OpenCV's, as `_read_pgm` does; colors become gray, transparent pixels the gray of unknown cells."""
     import cv2
 
     data = np.frombuffer(path.read_bytes(), np.uint8)
@@ -262,10 +262,10 @@ def _read_image(path: Path) -> tuple[NDArray[np.uint16], int]:
     if image is None or image.dtype not in (np.uint8, np.uint16) or image.shape[0] * image.shape[1] > _MAX_PIXELS:
         raise MalformedFile(path, None, f"expected an image, found {len(data)} bytes that OpenCV cannot read")
     maximum = int(np.iinfo(image.dtype).max)
-    grey = image if image.ndim == 2 else image[:, :, :3].mean(axis=2)
+    gray = image if image.ndim == 2 else image[:, :, :3].mean(axis=2)
     if image.ndim == 3 and image.shape[2] == 4:
-        grey = np.where(image[:, :, 3] < maximum, maximum * _PIXEL_UNKNOWN / 255.0, grey)
-    return np.rint(grey).astype(np.uint16), maximum
+        gray = np.where(image[:, :, 3] < maximum, maximum * _PIXEL_UNKNOWN / 255.0, gray)
+    return np.rint(gray).astype(np.uint16), maximum
 
 
 _READERS: dict[str, Callable[[Path], tuple[NDArray[np.uint16], int]]] = {

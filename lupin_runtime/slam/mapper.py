@@ -20,7 +20,7 @@ from lupin_runtime.slam.keyframes import KeyframeGraph
 from lupin_runtime.slam.local_map import FieldShape, LocalMap
 from lupin_runtime.slam.loop_closure import LoopCloser, LoopSettings, information_at_head
 from lupin_runtime.slam.occupancy import OccupancyMap, OccupancySettings
-from lupin_runtime.slam.pose_graph import Limits, edge_chi2, optimise
+from lupin_runtime.slam.pose_graph import Limits, edge_chi2, optimize
 from lupin_runtime.slam.scan import MIN_POINTS, Beams, ScanPoints, ScanReader
 from lupin_runtime.slam.scan_matching import Match, Window, match
 from lupin_runtime.slam.se2 import compose, relative_pose, rotate_information
@@ -42,7 +42,7 @@ MOVES_PER_SCAN = 10
 
 @dataclass(frozen=True)
 class MotionNoise:
-    """Standard deviations of odometry: floors per scan, shares of travel and of turning, turning per metre."""
+    """Standard deviations of odometry: floors per scan, shares of travel and of turning, turning per meter."""
 
     floor_m: float = 0.004
     floor_rad: float = 0.003
@@ -60,7 +60,7 @@ class MotionNoise:
 
 @dataclass(frozen=True)
 class MapperSettings:
-    """When a mapper adds keyframes, accepts matches and ignores odometry. Distances in metres, angles in radians.
+    """When a mapper adds keyframes, accepts matches and ignores odometry. Distances in meters, angles in radians.
 
     Within `revisit_m` of an old keyframe none is added (0: always add). A scan that fits nowhere becomes a keyframe only
     `lost_m` or `lost_rad` from the last one: a crowd around the robot is no new room.
@@ -116,7 +116,7 @@ class AnchoredPose:
 
 
 class Mapper:
-    """Simultaneous localisation and mapping."""
+    """Simultaneous localization and mapping."""
 
     def __init__(self, settings: MapperSettings | None = None) -> None:
         self.settings = settings or MapperSettings()
@@ -126,7 +126,7 @@ class Mapper:
         self._judge = ScanJudge()
         self._local = LocalMap(self.settings.field_shape)
         self._local_keyframes = np.zeros(0, np.int64)
-        self._local_centre: Array | None = None
+        self._local_center: Array | None = None
         self._closer = LoopCloser(self.settings.loops, self.settings.field_shape) if self.settings.loops else None
         self._anchored_pose: AnchoredPose | None = None
         self._drawn_offset: dict[int, Array] = {}
@@ -231,7 +231,7 @@ class Mapper:
     def _refresh_local(self, guess: Array) -> None:
         """Rebuild the local map if the robot has left its middle, or the graph has changed."""
         assert self._anchored_pose is not None
-        if self._local_centre is not None and np.hypot(*(self._local_centre[:2] - guess[:2])) < 1.0:
+        if self._local_center is not None and np.hypot(*(self._local_center[:2] - guess[:2])) < 1.0:
             return
         s = self.settings
         poses = self.graph.poses
@@ -243,7 +243,7 @@ class Mapper:
         self._local.build(
             self.graph.pool, self._local_keyframes, poses[self._local_keyframes], (float(guess[0]), float(guess[1]))
         )
-        self._local_centre = guess.copy()
+        self._local_center = guess.copy()
 
     # -- keyframes -----------------------------------------------------------------------------------------------------
 
@@ -287,7 +287,7 @@ class Mapper:
             self._join(number, pose, fit)
         self._anchored_pose = AnchoredPose(number, np.zeros(3))
         self._last_keyframe_s = stamp_s
-        self._local_centre = None
+        self._local_center = None
         self._draw(number, scan, np.zeros(3))
         return number
 
@@ -328,19 +328,19 @@ class Mapper:
         if closures:
             surprise = max(float(np.hypot(*(closure.measured - closure.was)[:2])) for closure in closures)
             self._unsettled += len(closures)
-            # Closures that agree with the map are optimised in batches, which grow with the graph: so the number of
-            # optimisations per keyframe is bounded.
+            # Closures that agree with the map are optimized in batches, which grow with the graph: so the number of
+            # optimizations per keyframe is bounded.
             if surprise > AGREES_M or self._unsettled > len(self.graph) / KEYFRAMES_PER_WAIT:
-                self.optimise(KERNELS if surprise > SURPRISE_M else KERNELS[-1:])
+                self.optimize(KERNELS if surprise > SURPRISE_M else KERNELS[-1:])
         return bool(closures)
 
-    def optimise(self, kernels: tuple[float, ...] = KERNELS) -> None:
-        """Optimise the whole graph, drop closures that it contradicts, and update map and local map."""
+    def optimize(self, kernels: tuple[float, ...] = KERNELS) -> None:
+        """Optimize the whole graph, drop closures that it contradicts, and update map and local map."""
         for last in (False, True):
             edges, closures = self.graph.as_edges()
             poses = self.graph.poses.copy()
             for kernel in kernels:
-                poses = optimise(
+                poses = optimize(
                     poses, edges, robust=closures, robust_scale=kernel, limits=Limits(10, 1e-5), trust_guess=True
                 ).poses
             wrong = np.flatnonzero(closures & (edge_chi2(poses, edges) > CONTRADICTED_CHI2))
@@ -351,6 +351,6 @@ class Mapper:
         if self._closer is not None:
             self._closer.drop_pending()
         self._unsettled = 0
-        self._local_centre = None
+        self._local_center = None
         if self.occupancy is not None:
             self.occupancy.move({key: compose(self.graph.poses[key], offset) for key, offset in self._drawn_offset.items()})

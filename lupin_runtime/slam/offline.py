@@ -25,7 +25,7 @@ from lupin_runtime.slam.scan_matching import Window
 
 Array = NDArray[np.floating]
 
-# Beyond this range a laser's points are too far apart to match well: one degree is most of a metre.
+# Beyond this range a laser's points are too far apart to match well: one degree is most of a meter.
 USABLE_RANGE_M = 40.0
 
 
@@ -90,10 +90,10 @@ def scans_from_carmen(log: CarmenLog, range_max_m: float = USABLE_RANGE_M) -> li
 
 
 def no_return_limit_m(ranges: Sequence[Array]) -> float:
-    """Find the smallest range reading, in metres, that means "no return" in a log; inf if there is none.
+    """Find the smallest range reading, in meters, that means "no return" in a log; inf if there is none.
 
-    Such a reading is far more frequent than its neighbours, and hardly any reading is larger. A laser may have several
-    (dazzled, no echo, too far), a few centimetres apart: the smallest is returned.
+    Such a reading is far more frequent than its neighbors, and hardly any reading is larger. A laser may have several
+    (dazzled, no echo, too far), a few centimeters apart: the smallest is returned.
     """
     readings = np.concatenate([np.zeros(0), *ranges])
     values = np.sort(np.round(readings[np.isfinite(readings)], 3))
@@ -102,7 +102,7 @@ def no_return_limit_m(ranges: Sequence[Array]) -> float:
     total = len(values)
     distinct, first, counts = np.unique(values, return_index=True, return_counts=True)
     beyond = total - first - counts
-    # The average number of readings per centimetre in the range just below.
+    # The average number of readings per centimeter in the range just below.
     below = np.searchsorted(values, 0.9 * distinct) - np.searchsorted(values, 0.5 * distinct)
     usual = below / np.maximum(40.0 * distinct, 1.0)
     stands_out = (counts >= max(10.0, 0.0005 * total)) & (counts >= 20.0 * usual)
@@ -165,7 +165,7 @@ def build_map(
             progress("match", index / len(scans))
     if mapper.anchored_pose is None:
         raise NothingToMap(f"none of {len(scans)} scans has enough returns within its range limits")
-    mapper.optimise()
+    mapper.optimize()
     closures = sum(edge.closure for edge in mapper.graph.edges)
     if refine and len(mapper.graph) > 2:
         refine_graph(mapper.graph, shape=settings.field_shape, progress=lambda share: progress("refine", share))

@@ -30,12 +30,12 @@ class ParameterRow:
 
 
 TABLE: tuple[ParameterRow, ...] = (
-    ParameterRow("mode", "mapping", "only mapping: amcl does the localisation"),
+    ParameterRow("mode", "mapping", "only mapping: amcl does the localization"),
     ParameterRow("odom_frame", graph.ODOM_FRAME, "the frame under map"),
     ParameterRow("map_frame", graph.MAP_FRAME, "the frame of the map"),
     ParameterRow("base_frame", graph.BASE_FRAME, "the robot"),
     ParameterRow("scan_topic", graph.SCAN.name, "where scans come from"),
-    ParameterRow("resolution", 0.05, "metres per cell of the map"),
+    ParameterRow("resolution", 0.05, "meters per cell of the map"),
     ParameterRow("min_laser_range", 0.25, "shortest reading used, m"),
     ParameterRow("max_laser_range", 12.0, "longest reading used, m"),
     ParameterRow("minimum_travel_distance", 0.3, "way between keyframes, m"),

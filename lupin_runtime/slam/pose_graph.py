@@ -1,6 +1,6 @@
-"""Least squares on SE(2) pose graphs: sparse Levenberg-Marquardt from a guess or from a linear initialisation.
+"""Least squares on SE(2) pose graphs: sparse Levenberg-Marquardt from a guess or from a linear initialization.
 
-A pose is (x, y, yaw) in metres and radians; an edge is the pose of its head in the frame of its tail. The cost is g2o's:
+A pose is (x, y, yaw) in meters and radians; an edge is the pose of its head in the frame of its tail. The cost is g2o's:
 chi2 = sum of e' Omega e, with e the translation and yaw of measurement^-1 * tail^-1 * head, the yaw wrapped.
 """
 
@@ -54,7 +54,7 @@ class Edges:
 
 @dataclass(frozen=True)
 class Solution:
-    """The result of `optimise`: poses (N, 3), g2o's chi2 before and after, its initial guess, its accepted steps."""
+    """The result of `optimize`: poses (N, 3), g2o's chi2 before and after, its initial guess, its accepted steps."""
 
     poses: Array
     chi2_before: float
@@ -176,14 +176,14 @@ def _step(pattern: BlockPattern, blocks: tuple[Array, Array, Array, Array, Array
 
 @dataclass(frozen=True)
 class Limits:
-    """When `optimise` stops. `relative_gain` is the smallest relative decrease of the cost for another step."""
+    """When `optimize` stops. `relative_gain` is the smallest relative decrease of the cost for another step."""
 
     iterations: int = 100
     relative_gain: float = 1e-10
     budget_s: float = float("inf")
 
 
-def optimise(
+def optimize(
     poses: Array,
     edges: Edges,
     fixed: Index | None = None,

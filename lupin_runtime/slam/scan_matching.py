@@ -29,7 +29,7 @@ PRIOR_WEIGHT = 0.004
 
 @dataclass(frozen=True)
 class Window:
-    """The poses to search: half the width in metres, half the range of yaw in radians."""
+    """The poses to search: half the width in meters, half the range of yaw in radians."""
 
     half_m: float
     half_rad: float

@@ -1,4 +1,4 @@
-"""Plane poses as arrays (x, y, yaw), metres and radians."""
+"""Plane poses as arrays (x, y, yaw), meters and radians."""
 
 from __future__ import annotations
 

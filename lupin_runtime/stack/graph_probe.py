@@ -27,17 +27,17 @@ from lupin_runtime.stack.known_graphs import KnownGraph, known_graphs
 
 # Names are complete once they have not changed for this long.
 SETTLE_S = 0.6
-JOIN_BOUND_S = 4.0
+JOIN_TIMEOUT_S = 4.0
 # Console and drive bus repeat at 20 and 1 Hz: this is long enough to see which source is active.
 LISTEN_S = 1.2
-SAMPLE_BOUND_S = 4.0
+SAMPLE_TIMEOUT_S = 4.0
 # A first sample takes up to 3.3 s through a discovery server. While no topic has delivered, the bound is twice as long.
-SILENCE_BOUND_S = 8.0
-CALL_BOUND_S = 3.0
-WAIT_BOUND_S = 10.0
+SILENCE_TIMEOUT_S = 8.0
+CALL_TIMEOUT_S = 3.0
+WAIT_TIMEOUT_S = 10.0
 POLL_S, RESCAN_S = 0.1, 0.4
 # Two probes, one after the other, on a busy machine.
-PROBE_BOUND_S = 35.0
+PROBE_TIMEOUT_S = 35.0
 
 # Published by every working robot: until all of them are seen, a missing one may be late.
 ROBOT_TOPICS = tuple(topic for topic in graph.topics() if topic.repeats and topic.from_vendor)
@@ -81,9 +81,9 @@ class GraphSession:
         self.node.destroy_node()
         self._rclpy.try_shutdown()
 
-    def until(self, condition: Callable[[], bool], bound_s: float) -> bool:
+    def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Handle messages until `condition()` holds; False after the bound."""
-        deadline = time.monotonic() + bound_s
+        deadline = time.monotonic() + timeout_s
         while not condition():
             if time.monotonic() > deadline:
                 return False
@@ -107,7 +107,7 @@ class GraphSession:
             # Node names travel like data and topic names with discovery: one of the two may never arrive.
             return bool(seen["nodes"] or seen["topics"]) and now_s - since_s > SETTLE_S
 
-        self.until(settled, JOIN_BOUND_S)
+        self.until(settled, JOIN_TIMEOUT_S)
         return round(time.monotonic() - self._started_s, 3)
 
     def _subscribe_and_call(self) -> None:
@@ -229,22 +229,24 @@ class GraphSession:
                 unchanged = self._names == before
                 self._subscribe_and_call()
             self._advance_calls()
-            all_called = len(self.calls) == len(PROBED_SERVICES) or now_s - started_s > CALL_BOUND_S
+            all_called = len(self.calls) == len(PROBED_SERVICES) or now_s - started_s > CALL_TIMEOUT_S
             waiting = [*self._topics_waited_for(), *self._calls_waited_for()]
             if unchanged and not waiting and not self.inputs and self._is_complete():
                 return True
             return (
-                all_called and now_s - started_s > LISTEN_S and all(now_s - since_s > bound_s for since_s, bound_s in waiting)
+                all_called
+                and now_s - started_s > LISTEN_S
+                and all(now_s - since_s > timeout_s for since_s, timeout_s in waiting)
             )
 
-        self.until(done, WAIT_BOUND_S)
+        self.until(done, WAIT_TIMEOUT_S)
         end_s = time.monotonic()
         for name, since_s in self._since_s.items():
-            bound_s = CALL_BOUND_S if name in self.calls else SAMPLE_BOUND_S
+            timeout_s = CALL_TIMEOUT_S if name in self.calls else SAMPLE_TIMEOUT_S
             answered = self.calls[name]["answered"] if name in self.calls else self.samples[name]["count"]
             # A server that was listed but never became ready got no request, so nothing is known of its answer.
             not_sent = name in self._pending and self._pending[name][2] is None
-            if not answered and (end_s - since_s < bound_s or not_sent):
+            if not answered and (end_s - since_s < timeout_s or not_sent):
                 (self.calls if name in self.calls else self.samples).pop(name)
 
     def _is_complete(self) -> bool:
@@ -253,12 +255,12 @@ class GraphSession:
 
     def _topics_waited_for(self) -> list[tuple[float, float]]:
         """(start of the wait, its bound in seconds) of every subscribed topic without a sample."""
-        bound_s = SAMPLE_BOUND_S if any(sample["count"] for sample in self.samples.values()) else SILENCE_BOUND_S
-        return [(self._since_s[name], bound_s) for name, sample in self.samples.items() if not sample["count"]]
+        timeout_s = SAMPLE_TIMEOUT_S if any(sample["count"] for sample in self.samples.values()) else SILENCE_TIMEOUT_S
+        return [(self._since_s[name], timeout_s) for name, sample in self.samples.items() if not sample["count"]]
 
     def _calls_waited_for(self) -> list[tuple[float, float]]:
         """(start of the wait, its bound in seconds) of every call without a response."""
-        return [(self._since_s[name], CALL_BOUND_S) for name, call in self.calls.items() if not call["answered"]]
+        return [(self._since_s[name], CALL_TIMEOUT_S) for name, call in self.calls.items() if not call["answered"]]
 
 
 _STATE_DECODERS: dict[graph.Topic, Callable[[Any], Any]] = {
@@ -313,7 +315,7 @@ def _finish(process: subprocess.Popen[str], deadline_s: float) -> dict[str, Any]
     except subprocess.TimeoutExpired:
         process.kill()
         process.communicate()
-        return {"error": f"the graph probe did not end within {PROBE_BOUND_S:.0f} s"}
+        return {"error": f"the graph probe did not end within {PROBE_TIMEOUT_S:.0f} s"}
     with suppress(ValueError):
         seen = json.loads(out)
         if isinstance(seen, dict):
@@ -332,7 +334,7 @@ def probe_all(graphs: tuple[KnownGraph, ...]) -> list[dict[str, Any]]:
 
     Where names were seen but no sample arrived, a second probe without shared memory shows whether shared memory is the cause.
     """
-    deadline_s = time.monotonic() + PROBE_BOUND_S
+    deadline_s = time.monotonic() + PROBE_TIMEOUT_S
     processes = [_start(known.environment) for known in graphs]
     results = []
     try:

@@ -77,7 +77,7 @@ class Session:
         os.environ.clear()
         os.environ.update(environment)
         disable_lttng_shm()
-        # Imported here, because rclpy reads the environment when it is first imported and initialised.
+        # Imported here, because rclpy reads the environment when it is first imported and initialized.
         from lupin_runtime.stack.graph_monitor import GraphMonitor
 
         self.run.write_info(

@@ -22,7 +22,7 @@ class FieldError(ValueError):
 
 @dataclass(frozen=True)
 class FieldRequest:
-    """A sensor and a rectangle of the map, metres, in cells of `resolution` metres."""
+    """A sensor and a rectangle of the map, meters, in cells of `resolution` meters."""
 
     sensor: str
     resolution: float
@@ -89,9 +89,9 @@ class Field:
 
 
 def interpolate(request: FieldRequest, samples: Sequence[tuple[float, float, float]], options: IdwOptions) -> Field:
-    """Interpolate (x, y, value) samples at the cells' centres. Raises FieldError for an invalid request.
+    """Interpolate (x, y, value) samples at the cells' centers. Raises FieldError for an invalid request.
 
-    A cell farther than `max_distance_m` from the nearest sample is unknown. A cell within a millimetre of a sample has its
+    A cell farther than `max_distance_m` from the nearest sample is unknown. A cell within a millimeter of a sample has its
     value. Every other cell has the weighted mean of the samples within the falloff radius, or the nearest value if there are
     none.
     """

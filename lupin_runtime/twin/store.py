@@ -17,7 +17,7 @@ Point2 = tuple[float, float]
 
 @dataclass(frozen=True)
 class TwinPose:
-    """The pose of a tag in the map frame, metres and quaternion."""
+    """The pose of a tag in the map frame, meters and quaternion."""
 
     position: Vector
     orientation: Quaternion

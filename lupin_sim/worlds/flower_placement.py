@@ -8,7 +8,7 @@ import numpy as np
 
 from lupin_sim.world import SPECIES, Box, Flower, Tag
 
-# Distance of the flowers behind the side with the tag. At this distance the gripper camera, half a metre in front of the tag,
+# Distance of the flowers behind the side with the tag. At this distance the gripper camera, half a meter in front of the tag,
 # sees all of them in one image.
 ROW_DEPTH_M = 0.09
 SPACING_M = 0.12

@@ -17,7 +17,7 @@ from lupin_sim.worlds.tag_placement import nearest, project
 # The packaged layout has aisles of 0.45 m, too narrow for a robot of 0.44 m. Stretched by 1.8, the narrowest is 1.0 m.
 COURSE_STRETCH = 1.8
 STRETCH_RANGE = (1.0, 5.0)
-# From the outermost table to the wall, so that the robot can be half a metre in front of a tag that faces outwards.
+# From the outermost table to the wall, so that the robot can be half a meter in front of a tag that faces outwards.
 WALL_MARGIN_M = 1.1
 START_CLEARANCE_M = 0.40
 MAX_COORDINATE_M = 100.0  # a larger coordinate is a mistake, usually of units
@@ -95,7 +95,7 @@ def world_from_layout(layout: Layout, name: str, seed: int, stretch: float = 1.0
 
 def _planter(name: str, table: Table, dx: float, dy: float) -> Box:
     """A planter whose front faces south; its width is along x."""
-    x, y = table.centre[0] + dx, table.centre[1] + dy
+    x, y = table.center[0] + dx, table.center[1] + dy
     return Box(name, x, y, -math.pi / 2, width=table.x1 - table.x0, depth=table.y1 - table.y0)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from lupin_runtime.geometry import Pose2
 from lupin_sim.world import TAG_PLATE_M, Box, Tag
 
-# Minimum distance of the centres of two tags on one side, so that no plate covers another.
+# Minimum distance of the centers of two tags on one side, so that no plate covers another.
 TAG_SPACING_M = TAG_PLATE_M + 0.02
 
 

@@ -18,7 +18,7 @@ _FENCE_X, _POST_SPACING_M, _POST_RADIUS_M = 4.3, 0.30, 0.03
 
 
 def walled(seed: int = 0) -> World:
-    """5.5 by 4 metres, three tags; the east end, with tag 5, is fenced off."""
+    """5.5 by 4 meters, three tags; the east end, with tag 5, is fenced off."""
     boxes = (
         Box("bench_middle", 2.3, 2.0, _SOUTH, 1.4, 0.5),
         Box("bench_fenced", 5.3, 2.0, _WEST, 1.2, 0.4),

@@ -83,7 +83,7 @@ def test_changed_tool_makes_everything_stale(tmp_path: Path, versions: dict[str,
     write_package(tmp_path, "a_msgs")
     before = keys(tmp_path)
     assert keys(tmp_path) == before
-    assert keys(tmp_path, replace(TOOLS, optimisation="-O2")) != before
+    assert keys(tmp_path, replace(TOOLS, optimization="-O2")) != before
     versions["ros-rosidl-generator-py"] = "2.0"
     assert keys(tmp_path) != before
 

@@ -154,11 +154,11 @@ class GraphClient:
         self.newest[name] = message
         self.count[name] += 1
 
-    def spin_until(self, condition: Callable[..., Any], what: str, bound_s: float = DEADLINE_S) -> Odometry | bool | int:
-        """Spin until a condition is true, and return its value; fails the test after `bound_s`."""
-        end = time.monotonic() + bound_s
+    def spin_until(self, condition: Callable[..., Any], what: str, timeout_s: float = DEADLINE_S) -> Odometry | bool | int:
+        """Spin until a condition is true, and return its value; fails the test after `timeout_s`."""
+        end = time.monotonic() + timeout_s
         while not (value := condition()):
-            assert time.monotonic() < end, f"not within {bound_s:g} s: {what}"
+            assert time.monotonic() < end, f"not within {timeout_s:g} s: {what}"
             self._executor.spin_once(timeout_sec=0.05)
         return value
 

@@ -34,7 +34,7 @@ def test_base_follows_the_commanded_twist(twist: tuple[float, float, float], dri
     assert math.hypot(moved.x - 3.0, moved.y - 2.0) == pytest.approx(2.0 * math.hypot(*twist[:2]), abs=0.06)
 
 
-def test_base_rotates_about_its_centre(drive: Callable[..., Any]) -> None:
+def test_base_rotates_about_its_center(drive: Callable[..., Any]) -> None:
     simulation = Simulation(HALL)
     drive(simulation, (0.0, 0.0, 1.0), 1.5)
     assert simulation.true_pose.yaw == pytest.approx(1.5, abs=0.12)
@@ -45,8 +45,8 @@ def test_driving_with_rotation_stays_on_the_circle(drive: Callable[..., Any]) ->
     """The slide joints are aligned with the world's axes, so that an outdated heading would widen the circle."""
     simulation = Simulation(HALL)
     drive(simulation, (0.3, 0.0, 0.6), 8.0)
-    centre = (3.0, 2.5)
-    radius = math.hypot(simulation.true_pose.x - centre[0], simulation.true_pose.y - centre[1])
+    center = (3.0, 2.5)
+    radius = math.hypot(simulation.true_pose.x - center[0], simulation.true_pose.y - center[1])
     assert radius == pytest.approx(0.5, abs=0.03)
 
 

@@ -47,7 +47,7 @@ def test_detector_reads_plates_upright(detector: Detector) -> None:
 def test_rendered_tags_are_upright_and_in_place(
     demo_camera: Camera, in_front_of: Callable[..., Any], detector: Detector
 ) -> None:
-    """From half a metre, slightly off axis, each tag is found upright and within millimetres of its true position."""
+    """From half a meter, slightly off axis, each tag is found upright and within millimeters of its true position."""
     for tag in demo_camera.world.tags:
         pose = in_front_of(tag, 0.5, left_m=0.06, turn_rad=0.08)
         found = detect(detector, demo_camera.capture("body_camera", pose), tag.id)
@@ -62,7 +62,7 @@ def test_rendered_tags_are_upright_and_in_place(
 
 
 @pytest.mark.parametrize("distance", [0.75, 1.0, 1.5])
-def test_tags_are_detected_from_up_to_1_5_metres(
+def test_tags_are_detected_from_up_to_1_5_meters(
     demo_camera: Camera, in_front_of: Callable[..., Any], detector: Detector, distance: float
 ) -> None:
     world = demo_camera.world

@@ -107,7 +107,7 @@ def test_walled_has_one_unreachable_tag() -> None:
     # The posts stop the robot and not the view: there is no solid between the aisle and the tag.
     tag = world.tag(FENCED_TAG)
     assert world.clearance(*tag.pose.apply(1.4, 0.0)) > 0.25
-    assert all(world.clearance(*tag.pose.apply(centimetres / 100, 0.0)) > 0.05 for centimetres in range(6, 140, 2))
+    assert all(world.clearance(*tag.pose.apply(centimeters / 100, 0.0)) > 0.05 for centimeters in range(6, 140, 2))
 
 
 @pytest.mark.parametrize(

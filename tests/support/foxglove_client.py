@@ -15,7 +15,7 @@ from typing import Any
 import aiohttp
 
 SUBPROTOCOL = "foxglove.sdk.v1"
-ANSWER_BOUND_S = 20.0
+ANSWER_TIMEOUT_S = 20.0
 # Of the server's binary frames.
 _MESSAGE_DATA, _TIME = 1, 2
 _MESSAGE_HEADER = struct.Struct("<BIQ")  # opcode, subscription id, time in ns
@@ -102,10 +102,10 @@ class FoxgloveClient:
         return [message.data for message in self.messages if message.topic == topic]
 
     def until(self, condition: Callable[[], Any], what: str) -> Any:
-        """Wait for a condition and return its value; fails the test after ANSWER_BOUND_S."""
-        deadline_s = time.monotonic() + ANSWER_BOUND_S
+        """Wait for a condition and return its value; fails the test after ANSWER_TIMEOUT_S."""
+        deadline_s = time.monotonic() + ANSWER_TIMEOUT_S
         while not (value := condition()):
-            assert time.monotonic() < deadline_s, f"{what} did not come within {ANSWER_BOUND_S:g} s"
+            assert time.monotonic() < deadline_s, f"{what} did not come within {ANSWER_TIMEOUT_S:g} s"
             time.sleep(0.002)
         return value
 
@@ -187,9 +187,9 @@ class FoxgloveClient:
             self.times_ns.append(_TIME_FRAME.unpack(frame)[1])
 
     def _call(self, coroutine: Coroutine[Any, Any, Any]) -> Any:
-        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(ANSWER_BOUND_S)
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(ANSWER_TIMEOUT_S)
 
     def _stop_loop(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(ANSWER_BOUND_S)
+        self._thread.join(ANSWER_TIMEOUT_S)
         self._loop.close()

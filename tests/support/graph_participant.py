@@ -26,7 +26,7 @@ from lupin_runtime.drive.twist import ZERO, encode  # noqa: E402
 from lupin_runtime.ros import LupinNode  # noqa: E402
 from lupin_runtime.ros.node import interface  # noqa: E402
 
-MATCH_BOUND_S = 45.0
+MATCH_TIMEOUT_S = 45.0
 ORDERS = ("sim", "battery", "press", "switch")
 
 
@@ -39,10 +39,10 @@ class Participant:
         self.node = LupinNode(f"triage_{role}")
 
     def wait_until(self, condition: Callable[[], Any]) -> None:
-        deadline = time.monotonic() + MATCH_BOUND_S
+        deadline = time.monotonic() + MATCH_TIMEOUT_S
         while not condition():
             if time.monotonic() > deadline:
-                sys.exit(f"{self.role}: no counterpart on the graph after {MATCH_BOUND_S:g} s")
+                sys.exit(f"{self.role}: no counterpart on the graph after {MATCH_TIMEOUT_S:g} s")
             rclpy.spin_once(self.node, timeout_sec=0.05)
 
     def repeat(self, row: Any, message: Any, period_s: float = 0.05) -> None:

@@ -40,7 +40,7 @@ ROBOT_ROOM_M = 0.24
 class MissionSimulator:
     """An orchestrator, its ports and the world behind them.
 
-    `range_sigma_m` is the noise of lidar ranges; `pose_sigma_m` that of the estimated pose, in metres and radians.
+    `range_sigma_m` is the noise of lidar ranges; `pose_sigma_m` that of the estimated pose, in meters and radians.
     Further keyword arguments are parameters of MissionConfig.
     """
 
@@ -216,7 +216,7 @@ class MissionSimulator:
             if (dr, dc) == (1, 1):
                 break
             row, column = row + dr - 1, column + dc - 1
-            path.append(self._grid(cells).centre_of(row, column))
+            path.append(self._grid(cells).center_of(row, column))
         end = path[-1] if path else (self.pose.x, self.pose.y)
         if math.hypot(end[0] - goal.x, end[1] - goal.y) > 0.3:
             return None

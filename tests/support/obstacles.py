@@ -11,7 +11,7 @@ from lupin_runtime.navigation.costmap import BeamPoses, Costmap, LocalCostmap, R
 
 
 def costmap_with_obstacles(*points: tuple[float, float]) -> Costmap:
-    """A local costmap around the origin, in metres, where one beam hit each of the points."""
+    """A local costmap around the origin, in meters, where one beam hit each of the points."""
     costmap = LocalCostmap()
     costmap.roll_to(0.0, 0.0)
     for x, y in points:

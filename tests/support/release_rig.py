@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 STREAM_PERIOD_S = 0.05
 STREAM_M_S = 0.15
-BOUND_S = 30.0
+TIMEOUT_S = 30.0
 MOVING_M_S = 0.05
 MOVING_RAD_S = 0.1
 # Two places of the map in a straight, free line; a case drives to the one that is farther away.
 PLACES = ((0.1, 0.0), (1.5, 0.0))
 MOVED_M, MOVED_RAD = 0.05, 0.05
 SEQUENCE = "release_rig"
-MOTION_BOUND_S = 20.0
+MOTION_TIMEOUT_S = 20.0
 # A process that was killed counts as a publisher of the e-stop until its lease ends, which each node notices in its own time: a
 # goal that comes between is refused, and a person asks again.
 ASKED_AGAIN = 3
@@ -129,12 +129,12 @@ class ReleaseRig:
                 publisher.publish(message)
 
     # -- acting --------------------------------------------------------------------------------------------------------
-    def until(self, condition: Callable[[], Any], what: str, bound_s: float = BOUND_S) -> Any:
+    def until(self, condition: Callable[[], Any], what: str, timeout_s: float = TIMEOUT_S) -> Any:
         """The first true value of the condition; raises TimeoutError with `what`."""
-        deadline = time.monotonic() + bound_s
+        deadline = time.monotonic() + timeout_s
         while not (value := condition()):
             if time.monotonic() > deadline:
-                raise TimeoutError(f"no {what} within {bound_s:g} s")
+                raise TimeoutError(f"no {what} within {timeout_s:g} s")
             time.sleep(0.01)
         return value
 
@@ -262,7 +262,7 @@ class ReleaseRig:
             history = self._joint_history[-1]
             for _ in range(ASKED_AGAIN if unheard else 1):
                 case.newer(self)
-                moves = self._moves((x, y), history[1], MOTION_BOUND_S / (ASKED_AGAIN if unheard else 1))
+                moves = self._moves((x, y), history[1], MOTION_TIMEOUT_S / (ASKED_AGAIN if unheard else 1))
                 if moves:
                     break
         finally:
@@ -272,12 +272,12 @@ class ReleaseRig:
         self.wait_for_rest()
         return Measured(base_m, joints_rad, moves)
 
-    def _moves(self, position: tuple[float, float], joints: dict[str, float], bound_s: float) -> bool:
+    def _moves(self, position: tuple[float, float], joints: dict[str, float], timeout_s: float) -> bool:
         def moved() -> bool:
             return math.dist(position, self.current()[1:]) > MOVED_M or _largest(joints, self._joint_history[-1][1]) > MOVED_RAD
 
         try:
-            return bool(self.until(moved, "motion by a newer command", bound_s))
+            return bool(self.until(moved, "motion by a newer command", timeout_s))
         except TimeoutError:
             return False
 

@@ -11,7 +11,7 @@ from typing import Any
 import cbor2
 from websockets.sync.client import ClientConnection, connect
 
-ANSWER_BOUND_S = 20.0
+ANSWER_TIMEOUT_S = 20.0
 
 
 class RosbridgeClient:
@@ -28,7 +28,7 @@ class RosbridgeClient:
         """Send one message."""
         self.socket.send(json.dumps({"op": op, **fields}))
 
-    def wait(self, condition: Callable[[dict[str, Any]], Any], timeout_s: float = ANSWER_BOUND_S) -> dict[str, Any]:
+    def wait(self, condition: Callable[[dict[str, Any]], Any], timeout_s: float = ANSWER_TIMEOUT_S) -> dict[str, Any]:
         """The first message, of all received, that fulfils the condition."""
         seen, deadline_s = 0, time.monotonic() + timeout_s
         while True:

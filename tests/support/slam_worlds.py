@@ -48,7 +48,7 @@ class World:
 
 
 def box(x: float, y: float, width: float, depth: float, yaw: float = 0.0) -> Array:
-    """The four sides of a rectangle around its centre."""
+    """The four sides of a rectangle around its center."""
     c, s = math.cos(yaw), math.sin(yaw)
     corners = [
         (c * u - s * v + x, s * u + c * v + y)
@@ -58,7 +58,7 @@ def box(x: float, y: float, width: float, depth: float, yaw: float = 0.0) -> Arr
 
 
 def greenhouse() -> World:
-    """9 x 7 m, two columns of tables along the walls and an island in the middle, aisles of at least a metre."""
+    """9 x 7 m, two columns of tables along the walls and an island in the middle, aisles of at least a meter."""
     parts = [box(4.5, 3.5, 9.0, 7.0)]
     parts += [box(x, y, 1.1, 0.25) for x in (2.0, 4.5, 7.0) for y in (1.4, 5.6)]
     parts += [box(x, y, 0.25, 1.1) for x in (2.6, 6.4) for y in (3.0, 4.2)]
@@ -174,7 +174,7 @@ def office(seed: int = 0, size: float = 1.0) -> tuple[World, list[tuple[float, f
 def corridor(
     length: float = 40.0, depth: float = 25.0, width: float = 2.2, pitch: float = 5.0
 ) -> tuple[World, list[tuple[float, float]]]:
-    """A corridor around a block with a door niche every `pitch` metres, all alike, and a tour of two laps."""
+    """A corridor around a block with a door niche every `pitch` meters, all alike, and a tour of two laps."""
     segments: list[tuple[float, float, float, float]] = []
 
     def wall(frm: tuple[float, float], to: tuple[float, float], outwards: float) -> None:
@@ -221,7 +221,7 @@ def follow(points: list[tuple[float, float]], speed: float, turn_rate: float, st
 
 @dataclass(frozen=True)
 class Drift:
-    """Errors of an odometry: scale of travel and turning, turning per metre, and noise as shares of each."""
+    """Errors of an odometry: scale of travel and turning, turning per meter, and noise as shares of each."""
 
     travel_scale: float = 0.01
     turn_scale: float = 0.01
@@ -253,7 +253,7 @@ def drifting(truth: Array, drift: Drift, rng: np.random.Generator) -> Array:
 @dataclass(frozen=True)
 class Trouble:
     """Other disturbances: people (legs) around the robot in every scan, the share of invalid readings, the share of readings
-    without a return (glass, black), and wheel slips: chance per step, metres, radians."""
+    without a return (glass, black), and wheel slips: chance per step, meters, radians."""
 
     people: int = 0
     nonsense: float = 0.0
@@ -343,7 +343,7 @@ def office_log(
     turn_rate: float = 0.5,
     range_max: float = 81.0,
 ) -> Log:
-    """A log like public ones: 180 degrees of laser, a scan every few seconds, odometry with errors of tens of metres."""
+    """A log like public ones: 180 degrees of laser, a scan every few seconds, odometry with errors of tens of meters."""
     world, tour = office(seed, size)
     truth = follow(tour, speed, turn_rate, 0.1)
     angles = -math.pi / 2 + np.arange(beams) * math.pi / (180 if beams == 180 else beams - 1)

@@ -21,7 +21,7 @@ SUPERSAMPLING = 4
 
 @dataclass(frozen=True)
 class View:
-    """A grey image of one tag, with its true corners TL, TR, BR, BL in pixels (pixel centres are whole numbers) and pose."""
+    """A gray image of one tag, with its true corners TL, TR, BR, BL in pixels (pixel centers are whole numbers) and pose."""
 
     image: NDArray[np.uint8]
     tag_id: int
@@ -31,7 +31,7 @@ class View:
 
 
 def background(rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Draw a room of grey rectangles with shading."""
+    """Draw a room of gray rectangles with shading."""
     image = np.full((HEIGHT, WIDTH), rng.integers(90, 170), np.float32)
     for _ in range(14):
         x, y = rng.integers(0, WIDTH), rng.integers(0, HEIGHT)
@@ -75,7 +75,7 @@ def render(
         return np.asarray(pixels[:, :2] / pixels[:, 2:])
 
     s = SUPERSAMPLING
-    # In the super-sampled image, the pixel centre x lies at s * x + (s - 1) / 2.
+    # In the super-sampled image, the pixel center x lies at s * x + (s - 1) / 2.
     plate_px = project(art_edge_m) * s + (s - 1) / 2
     n = art.shape[0]
     art_px = np.array([[-0.5, -0.5], [n - 0.5, -0.5], [n - 0.5, n - 0.5], [-0.5, n - 0.5]], np.float32)
@@ -90,8 +90,8 @@ def render(
     if blur_px > 0:
         image = cv2.GaussianBlur(image, (0, 0), blur_px)
     image = image + rng.normal(0, noise, image.shape)
-    grey = np.clip(np.round(image), 0, 255).astype(np.uint8)
-    return View(grey, tag_id, project(edge_m), rotation, translation)
+    gray = np.clip(np.round(image), 0, 255).astype(np.uint8)
+    return View(gray, tag_id, project(edge_m), rotation, translation)
 
 
 def at_range(

@@ -48,7 +48,7 @@ def keeps_clear(a: NDArray[np.float64], b: NDArray[np.float64], boxes: Sequence[
 def shortest_length(
     boxes: Sequence[Box], start: tuple[float, float], goal: tuple[float, float], radius_m: float, size_m: float, chords: int = 5
 ) -> float:
-    """Metres from start to goal within the square (0, 0) to (size, size); infinity if there is no path."""
+    """Meters from start to goal within the square (0, 0) to (size, size); infinity if there is no path."""
     points = [start, goal]
     for x0, y0, x1, y1 in boxes:
         for x, y, from_rad in ((x1, y1, 0.0), (x0, y1, 0.5), (x0, y0, 1.0), (x1, y0, 1.5)):
@@ -74,7 +74,7 @@ def shortest_length(
 def random_boxes(
     cells: int, count: int, sides: tuple[int, int], seed: int, resolution_m: float = 0.05
 ) -> tuple[GridMap, list[Box]]:
-    """A square map with boxes along cell borders, with free start and goal corners; the map and the boxes in metres."""
+    """A square map with boxes along cell borders, with free start and goal corners; the map and the boxes in meters."""
     random = np.random.default_rng(seed)
     grid = np.zeros((cells, cells), np.int8)
     boxes = []

@@ -10,7 +10,7 @@ from typing import Any
 
 from lupin_runtime.cameras.mjpeg import PartReader
 
-BOUND_S = 20.0
+TIMEOUT_S = 20.0
 
 
 class VideoClient:
@@ -58,8 +58,8 @@ class VideoClient:
 
     def _connection(self) -> http.client.HTTPConnection:
         if self._trust is None:
-            return http.client.HTTPConnection("127.0.0.1", self._port, timeout=BOUND_S)
-        return http.client.HTTPSConnection("127.0.0.1", self._port, timeout=BOUND_S, context=self._trust)
+            return http.client.HTTPConnection("127.0.0.1", self._port, timeout=TIMEOUT_S)
+        return http.client.HTTPSConnection("127.0.0.1", self._port, timeout=TIMEOUT_S, context=self._trust)
 
 
 class Stream:

@@ -114,8 +114,8 @@ SIMD static void column_pass(uint16_t *restrict best, const uint16_t *restrict s
     }
 }
 
-/* Squared distance of every cell's centre to the nearest set cell, exact up to `reach` cells, saturated beyond.
- * edges = 0: to the set cell's centre, in cells. edges = 1: to its square, in half cells (reach up to 90).
+/* Squared distance of every cell's center to the nearest set cell, exact up to `reach` cells, saturated beyond.
+ * edges = 0: to the set cell's center, in cells. edges = 1: to its square, in half cells (reach up to 90).
  * Two separable passes (Saito & Toriwaki 1994), the second one cut at the reach. Returns 0, or -1 without memory. */
 int64_t squared_distances(const uint8_t *set, int64_t height, int64_t width, int64_t reach, int64_t edges, uint16_t *out) {
     uint16_t *squares = malloc((size_t)(height * width) * sizeof(uint16_t));
@@ -144,13 +144,13 @@ int64_t squared_distances(const uint8_t *set, int64_t height, int64_t width, int
     return 0;
 }
 
-/* Costs and distances from squared distances. `cost_of` and `metres_of` are tables over the squared distance in cells.
+/* Costs and distances from squared distances. `cost_of` and `meters_of` are tables over the squared distance in cells.
  * Unknown cells stay unknown unless an obstacle is within the inscribed radius, as in Nav2's inflation layer. */
 void look_up_costs(const uint8_t *base, const uint16_t *squares, int64_t cells, const uint8_t *cost_of,
-                   const float *metres_of, uint8_t *cost, float *metres) {
+                   const float *meters_of, uint8_t *cost, float *meters) {
     for (int64_t i = 0; i < cells; i++) {
         const uint8_t inflated = cost_of[squares[i]];
-        metres[i] = metres_of[squares[i]];
+        meters[i] = meters_of[squares[i]];
         cost[i] = base[i] == UNKNOWN ? (inflated >= INSCRIBED ? inflated : UNKNOWN)
                                      : (inflated > base[i] ? inflated : base[i]);
     }

@@ -25,7 +25,7 @@ SELF_RADIUS_M = 0.13
 class Costmap:
     """A snapshot: `cost` uint8 and `distance_m` float32, both (height, width), row 0 at the lowest y.
 
-    `distance_m` is from a cell's centre to the nearest lethal cell's centre, exact up to the inflation's reach.
+    `distance_m` is from a cell's center to the nearest lethal cell's center, exact up to the inflation's reach.
     """
 
     cost: NDArray[np.uint8]
@@ -47,7 +47,7 @@ class Costmap:
         return bool(0 <= row < height and 0 <= column < width)
 
     def distance_at(self, x: float, y: float) -> float:
-        """Metres from a point's cell to the nearest lethal one; infinity outside the costmap."""
+        """Meters from a point's cell to the nearest lethal one; infinity outside the costmap."""
         row, column = self.cell_of(x, y)
         return float(self.distance_m[row, column]) if self.contains(row, column) else math.inf
 
@@ -83,10 +83,10 @@ class _Layers:
             base = np.where(marked, np.uint8(LETHAL), static)
         lethal = np.ascontiguousarray(base == LETHAL).view(np.uint8)
         squares = kernels.squared_distances(lethal, self.inflation.reach_cells(self.resolution_m))
-        cost_of, metres_of = self.inflation.tables(self.resolution_m)
+        cost_of, meters_of = self.inflation.tables(self.resolution_m)
         cost = np.empty(base.shape, np.uint8)
         distance_m = np.empty(base.shape, np.float32)
-        kernels.look_up_costs(base, squares, base.size, cost_of, metres_of, cost, distance_m)
+        kernels.look_up_costs(base, squares, base.size, cost_of, meters_of, cost, distance_m)
         return Costmap(cost, distance_m, self.resolution_m, self.origin_x, self.origin_y)
 
 
@@ -107,7 +107,7 @@ class LocalCostmap:
         self._anchor: tuple[int, int] | None = None
 
     def roll_to(self, x: float, y: float) -> None:
-        """Centre the window on a point of the odometry frame."""
+        """Center the window on a point of the odometry frame."""
         resolution = self._layers.resolution_m
         anchor = math.floor(y / resolution) - self._cells // 2, math.floor(x / resolution) - self._cells // 2
         if self._anchor is not None and anchor != self._anchor:

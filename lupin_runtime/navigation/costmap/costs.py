@@ -24,7 +24,7 @@ class Inflation:
     """How cost falls off around an obstacle.
 
     Distances are exact up to `reach_m`, and `reach_m` plus a cell beyond. It is larger than `radius_m`, since the planner
-    and the controller use metres, not costs.
+    and the controller use meters, not costs.
     """
 
     robot_radius_m: float = 0.22
@@ -33,7 +33,7 @@ class Inflation:
     reach_m: float = 0.7
 
     def cost(self, distance_m: float) -> int:
-        """Cost at a distance from the nearest lethal cell's centre.
+        """Cost at a distance from the nearest lethal cell's center.
 
         254 at it, 253 within the robot's radius, then 252 exp(-scaling (d - robot radius)) up to `radius_m`, as in Nav2.
         """
@@ -50,16 +50,16 @@ class Inflation:
         return max(1, math.ceil(max(self.reach_m, self.radius_m, self.robot_radius_m) / resolution_m))
 
     def tables(self, resolution_m: float) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Cost and metres of every squared distance in cells up to the reach."""
+        """Cost and meters of every squared distance in cells up to the reach."""
         return _tables(self, resolution_m)
 
 
 @lru_cache(maxsize=8)
 def _tables(inflation: Inflation, resolution_m: float) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     size = (inflation.reach_cells(resolution_m) + 1) ** 2 + 1
-    metres = np.sqrt(np.arange(size, dtype=np.float64)) * resolution_m
-    cost = np.array([inflation.cost(float(d)) for d in metres], dtype=np.uint8)
-    return cost, metres.astype(np.float32)
+    meters = np.sqrt(np.arange(size, dtype=np.float64)) * resolution_m
+    cost = np.array([inflation.cost(float(d)) for d in meters], dtype=np.uint8)
+    return cost, meters.astype(np.float32)
 
 
 def _occupancy_table() -> NDArray[np.int8]:

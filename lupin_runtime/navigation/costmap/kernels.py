@@ -41,9 +41,9 @@ MAX_EDGE_REACH_CELLS = 90
 
 
 def squared_distances(set_cells: NDArray[np.uint8], reach_cells: int, to_edges: bool = False) -> NDArray[np.uint16]:
-    """Squared distance of each cell's centre to the nearest non-zero cell of `set_cells` (height, width).
+    """Squared distance of each cell's center to the nearest non-zero cell of `set_cells` (height, width).
 
-    To its centre in cells, or with `to_edges` to its square in half cells. Exact up to the reach; farther reads
+    To its center in cells, or with `to_edges` to its square in half cells. Exact up to the reach; farther reads
     (reach + 1)^2, or (2 reach + 1)^2. Raises ValueError for a reach beyond the 16 bits, MemoryError.
     """
     limit = MAX_EDGE_REACH_CELLS if to_edges else MAX_REACH_CELLS

@@ -59,7 +59,7 @@ class ObstacleLayer:
         self._miss = -(-self.HIT // misses_to_clear)
 
     def observe(self, scan: RangeScan, poses: BeamPoses, limits: ScanLimits, geometry: NDArray[np.float64]) -> int:
-        """Mark and clear with a scan; `geometry`: origin x and y, resolution, metres. Returns the number of usable beams."""
+        """Mark and clear with a scan; `geometry`: origin x and y, resolution, meters. Returns the number of usable beams."""
         if not np.isfinite([scan.angle_min_rad, scan.angle_increment_rad]).all():
             return 0
         ranges = scan.ranges_m

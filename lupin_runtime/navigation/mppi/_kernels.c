@@ -2,7 +2,7 @@
  * theoretic MPC"; the critics are those of Nav2's MPPI controller).
  *
  * Trajectories are simulated side by side, LANES at a time, so that every loop over a time step is a loop over lanes with
- * contiguous float32 arrays. Coordinates: metres from the robot along the axes of the odometry frame. */
+ * contiguous float32 arrays. Coordinates: meters from the robot along the axes of the odometry frame. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -32,10 +32,10 @@ typedef struct {
     float velocity[3];
     float yaw;
     float goal_x, goal_y, goal_yaw;
-    float grid_x, grid_y, cells_per_metre; /* corner of the padded distance grid */
+    float grid_x, grid_y, cells_per_meter; /* corner of the padded distance grid */
     int32_t grid_height, grid_width;
     float collision_distance, margin_reach;
-    float path_points_per_metre;
+    float path_points_per_meter;
     int32_t path_size;
     int32_t use_repulsion, use_goal, use_goal_angle, use_align, use_follow, use_angle, use_forward;
 } Scene;
@@ -76,9 +76,9 @@ static inline void advance(float *x, float *y, float *yaw, float *c, float *s, f
     *yaw += turn;
 }
 
-/* Metres to the nearest obstacle. The grid carries a rim of one far cell, where everything outside lands. */
+/* Meters to the nearest obstacle. The grid carries a rim of one far cell, where everything outside lands. */
 static inline float distance_at(const Scene *scene, const float *grid, float x, float y) {
-    float column = (x - scene->grid_x) * scene->cells_per_metre, row = (y - scene->grid_y) * scene->cells_per_metre;
+    float column = (x - scene->grid_x) * scene->cells_per_meter, row = (y - scene->grid_y) * scene->cells_per_meter;
     column = minimum(maximum(column, 0.0f), (float)(scene->grid_width - 1));
     row = minimum(maximum(row, 0.0f), (float)(scene->grid_height - 1));
     return grid[(int32_t)row * scene->grid_width + (int32_t)column];
@@ -171,7 +171,7 @@ SIMD static void align(const Settings *settings, const Scene *scene, const float
         for (int j = 0; j < LANES; j++) {
             const float dx = x[j] - x[j - LANES], dy = y[j] - y[j - LANES];
             along[j] += sqrtf(dx * dx + dy * dy);
-            const int32_t at = (int32_t)minimum(along[j] * scene->path_points_per_metre + 0.5f, last);
+            const int32_t at = (int32_t)minimum(along[j] * scene->path_points_per_meter + 0.5f, last);
             const float ex = path_x[at] - x[j], ey = path_y[at] - y[j], use = path_free[at];
             sum[j] += use * sqrtf(ex * ex + ey * ey);
             samples[j] += use;
@@ -242,7 +242,7 @@ int64_t lanes(void) { return LANES; }
  * controls (3, steps): the sequence, replaced by the weighted mean. noise (tiles, steps, 3, LANES): unit normal.
  * grid: padded distances. path: x, y and 1 where free, path_size points evenly spaced. scratch: see mppi/kernels.py.
  * best_controls (3, steps): the cheapest sample. Returns 0, or 1 when every trajectory collides (controls untouched). */
-int64_t optimise(const Settings *settings, const Scene *scene, float *controls, const float *noise, const float *grid,
+int64_t optimize(const Settings *settings, const Scene *scene, float *controls, const float *noise, const float *grid,
                  const float *path_x, const float *path_y, const float *path_free, float *costs, float *reached,
                  float *tracks, void *tile_memory, float *best_controls, Outcome *outcome) {
     const int32_t tiles = settings->tiles, steps = settings->steps;

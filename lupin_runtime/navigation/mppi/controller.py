@@ -1,4 +1,4 @@
-"""The MPPI controller: one optimisation per cycle, warm-started from the last one."""
+"""The MPPI controller: one optimization per cycle, warm-started from the last one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class NoValidControl(Exception):
 
 @dataclass(frozen=True)
 class Command:
-    """A body-frame velocity (m/s, m/s, rad/s) and statistics of the optimisation.
+    """A body-frame velocity (m/s, m/s, rad/s) and statistics of the optimization.
 
     `collision_free_count` is the number of samples that do not collide, `furthest_path_index` the index of the
     furthest point of the local path next to which one of these ends.
@@ -105,7 +105,7 @@ class MppiController:
         free = path.free.astype(np.float32)
         for _ in range(p.iteration_count):
             offset = int(self._random.integers(0, _NOISE_OFFSET_RANGE // 16)) * 16
-            failed = kernels.optimise(
+            failed = kernels.optimize(
                 *(byref(self._kernel_parameters), byref(inputs), self._controls, self._noise_pool[offset:].ctypes.data, grid),
                 *(path_x, path_y, free, self._costs, self._reached, self._tracks, self._tile_memory.ctypes.data),
                 *(self._best, byref(self._outcome)),
@@ -150,14 +150,14 @@ class MppiController:
             goal_yaw=goal.yaw,
             grid_x=costmap.origin_x - costmap.resolution_m - robot.x,
             grid_y=costmap.origin_y - costmap.resolution_m - robot.y,
-            cells_per_metre=1.0 / costmap.resolution_m,
+            cells_per_meter=1.0 / costmap.resolution_m,
             grid_height=shape[0],
             grid_width=shape[1],
             collision_distance=collision_radius_m,
             # As in Nav2, the margin costs nothing outside the inflated cells. Otherwise, in a narrow aisle, the spread of the
             # samples alone would cost more than any progress saves.
             margin_reach=p.obstacles.inflation_radius - collision_radius_m + 0.5 * costmap.resolution_m,
-            path_points_per_metre=1.0 / path.spacing_m,
+            path_points_per_meter=1.0 / path.spacing_m,
             path_size=len(path.x),
         )
         inputs.use_repulsion = remaining > p.obstacles.near_goal_distance

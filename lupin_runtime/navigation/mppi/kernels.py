@@ -37,9 +37,9 @@ class CycleInputs(Structure):
 
     _fields_ = (
         ("velocity", c_float * 3),
-        *((name, c_float) for name in ("yaw", "goal_x", "goal_y", "goal_yaw", "grid_x", "grid_y", "cells_per_metre")),
+        *((name, c_float) for name in ("yaw", "goal_x", "goal_y", "goal_yaw", "grid_x", "grid_y", "cells_per_meter")),
         *((name, c_int32) for name in ("grid_height", "grid_width")),
-        *((name, c_float) for name in ("collision_distance", "margin_reach", "path_points_per_metre")),
+        *((name, c_float) for name in ("collision_distance", "margin_reach", "path_points_per_meter")),
         *((name, c_int32) for name in ("path_size", "use_repulsion", "use_goal", "use_goal_angle", "use_align")),
         *((name, c_int32) for name in ("use_follow", "use_angle", "use_forward")),
     )
@@ -62,9 +62,9 @@ _library.tile_bytes.restype = c_int64
 LANES = int(_library.lanes())
 TILE_BYTES = int(_library.tile_bytes())
 
-optimise = _library.optimise
-optimise.restype = c_int64
-optimise.argtypes = [
+optimize = _library.optimize
+optimize.restype = c_int64
+optimize.argtypes = [
     *(POINTER(KernelParameters), POINTER(CycleInputs), _F32_2D, c_void_p, _F32_2D),
     *(_F32, _F32, _F32, _F32, _F32, _F32, c_void_p, _F32_2D, POINTER(CycleResult)),
 ]

@@ -19,8 +19,8 @@ class ConstraintCritic:
 class ObstaclesCritic:
     """Penalises collisions, poses near obstacles (the margin), and any lack of room (the repulsion).
 
-    Distances are in metres from the circle of the collision radius around the robot's centre. The margin's cost moreover
-    applies only within `inflation_radius` of the centre.
+    Distances are in meters from the circle of the collision radius around the robot's center. The margin's cost moreover
+    applies only within `inflation_radius` of the center.
     """
 
     repulsion_weight: float = 1.5
@@ -115,7 +115,7 @@ class MppiParameters:
     gamma: float = 0.015
     prune_distance: float = 1.7  # length of the path that a cycle considers, m
     seed: int = 1  # of the noise
-    robot_radius: float = 0.22  # m; a pose collides where its centre is this near to an obstacle
+    robot_radius: float = 0.22  # m; a pose collides where its center is this near to an obstacle
     # The smallest collision radius (m), half the robot's width: a robot that already stands nearer to an obstacle than its
     # radius must be able to leave, but never to touch it.
     least_radius: float = 0.17

@@ -1,11 +1,11 @@
-/* A grid of cells as blocks of 8 x 8, one 64-bit word each, with the queries of a search: neighbours and lines of sight. */
+/* A grid of cells as blocks of 8 x 8, one 64-bit word each, with the queries of a search: neighbors and lines of sight. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
 /* MANY_NODES keeps a search through a map of 2000 x 2000 cells within tens of milliseconds. */
-enum { EDGE = 8, FEW_CELLS = 65536, MANY_NODES = 300000, MAX_NEIGHBOURS = 128 };
+enum { EDGE = 8, FEW_CELLS = 65536, MANY_NODES = 300000, MAX_NEIGHBORS = 128 };
 
 #define ALL (~(uint64_t)0)
 #define COLUMN_FIRST 0x0101010101010101ULL
@@ -40,7 +40,7 @@ static uint64_t flood(uint64_t seed, uint64_t mask) {
     }
 }
 
-/* Cells of a block round which a shortest path may bend: a diagonal neighbour is blocked and both cells beside it are free. */
+/* Cells of a block round which a shortest path may bend: a diagonal neighbor is blocked and both cells beside it are free. */
 static uint64_t corner_bits(const Field *field, int64_t row, int64_t column) {
     uint64_t grid[3][3];
     for (int r = 0; r < 3; r++)
@@ -178,7 +178,7 @@ static int is_blocked(const Field *field, int64_t x, int64_t y) {
     return x < 0 || y < 0 || x >= field->width || y >= field->height || field->blocked[y * field->width + x];
 }
 
-/* Whether every cell that the segment between two cells' centres touches is free. */
+/* Whether every cell that the segment between two cells' centers touches is free. */
 static int sees(const Field *field, int32_t ax, int32_t ay, int32_t bx, int32_t by) {
     const int64_t dx = bx - ax, dy = by - ay, wide = llabs(dx), tall = llabs(dy), sx = dx < 0 ? -1 : 1, sy = dy < 0 ? -1 : 1;
     int64_t x = ax, y = ay;
@@ -255,7 +255,7 @@ static int32_t component_at(const Field *field, int64_t x, int64_t y) {
     return -1;
 }
 
-static int neighbours(const Field *field, int32_t node, int32_t *out) {
+static int neighbors(const Field *field, int32_t node, int32_t *out) {
     const int64_t b = field->block[node], row = b / field->columns, column = b % field->columns;
     const uint64_t mask = field->mask[node];
     const uint64_t beyond[4] = {(mask & COLUMN_LAST) >> 7, (mask & COLUMN_FIRST) << 7, mask >> 56, mask << 56};

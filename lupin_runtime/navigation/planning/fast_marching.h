@@ -103,7 +103,7 @@ int64_t march(const float *slowness, int64_t height, int64_t width, int64_t star
     return reached;
 }
 
-/* Time and its gradient between four centres; returns 0 where one of them was not reached. */
+/* Time and its gradient between four centers; returns 0 where one of them was not reached. */
 static int interpolate(const float *time, int64_t height, int64_t width, double x, double y, double *value, double *gx,
                        double *gy) {
     const double fx = floor(x - 0.5), fy = floor(y - 0.5);
@@ -119,8 +119,8 @@ static int interpolate(const float *time, int64_t height, int64_t width, double 
     return 1;
 }
 
-/* Follow the arrival times down from `from` (x, y in cells, centres at .5) to the cell `to`, along their gradient or, where
- * that fails and without `smooth`, from centre to centre. Writes up to `capacity` points (x, y); returns their number, or -1
+/* Follow the arrival times down from `from` (x, y in cells, centers at .5) to the cell `to`, along their gradient or, where
+ * that fails and without `smooth`, from center to center. Writes up to `capacity` points (x, y); returns their number, or -1
  * when the descent does not end. */
 int64_t descend(const float *time, int64_t height, int64_t width, const double *from, int64_t to, int64_t smooth,
                 double *path, int64_t capacity) {
@@ -145,7 +145,7 @@ int64_t descend(const float *time, int64_t height, int64_t width, const double *
                 }
             }
         }
-        /* Along walls: from centre to centre, never between two diagonal cells of which one is blocked. */
+        /* Along walls: from center to center, never between two diagonal cells of which one is blocked. */
         const int64_t row = (int64_t)floor(y), column = (int64_t)floor(x);
         if (row < 0 || column < 0 || row >= height || column >= width) return -1;
         float best = time[row * width + column];

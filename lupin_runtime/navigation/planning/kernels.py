@@ -51,7 +51,7 @@ def march(slowness: NDArray[np.float32], start: Cell, goal: Cell | None) -> tupl
 
 
 def descend(times: NDArray[np.float32], origin: tuple[float, float], to: Cell) -> NDArray[np.float64]:
-    """Descend `times`: points (n, 2) as (x, y) in cells from `origin` (centres at .5) to the cell `to`, both included.
+    """Descend `times`: points (n, 2) as (x, y) in cells from `origin` (centers at .5) to the cell `to`, both included.
 
     Raises ArithmeticError if the times do not lead there.
     """

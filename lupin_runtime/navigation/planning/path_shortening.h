@@ -309,7 +309,7 @@ static void band_cut(Band *band) {
  * `path` holds `count` points and has room for `capacity`. Returns the new count, or -1 where there is no room. */
 static int64_t lay_round(const uint8_t *occupied, int64_t height, int64_t width, Vec2 *path, int64_t count, int64_t capacity,
                          double radius) {
-    /* What is free on the grid may be short of the radius by a few thousandths of a cell between two centres. */
+    /* What is free on the grid may be short of the radius by a few thousandths of a cell between two centers. */
     Band band = {occupied, height, width, radius - 0.02, path, count, capacity};
     if (!band_push(&band)) return -1;
     band_cut(&band);

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Plan:
-    """A path (n, 2) of points (x, y) in metres from the start to `goal`, which may be beside the requested goal."""
+    """A path (n, 2) of points (x, y) in meters from the start to `goal`, which may be beside the requested goal."""
 
     points: NDArray[np.float64]
 
@@ -21,12 +21,12 @@ class Plan:
 
     @property
     def length_m(self) -> float:
-        """Metres along the path."""
+        """Meters along the path."""
         return float(arc_lengths(self.points)[-1])
 
 
 def arc_lengths(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Metres along a polyline (n, 2) up to each of its points."""
+    """Meters along a polyline (n, 2) up to each of its points."""
     steps = np.hypot(*np.diff(points, axis=0).T) if len(points) > 1 else np.zeros(0)
     return np.concatenate(([0.0], np.cumsum(steps)))
 
@@ -45,7 +45,7 @@ def evenly_spaced(points: NDArray[np.float64], spacing_m: float) -> NDArray[np.f
 
 
 def smoothed(points: NDArray[np.float64], passes: int = 3) -> NDArray[np.float64]:
-    """Smooth the kinks of a grid: each inner point moves towards its neighbours' midpoint."""
+    """Smooth the kinks of a grid: each inner point moves towards its neighbors' midpoint."""
     out = points.copy()
     for _ in range(passes):
         out[1:-1] = 0.25 * out[:-2] + 0.5 * out[1:-1] + 0.25 * out[2:]

@@ -47,7 +47,7 @@ class NoPath(Exception):
 class PlannerParameters:
     """`tolerance`: how far from the goal a path may end if the goal cannot be reached (m).
 
-    Within `preferred_clearance_m` of an obstacle a metre costs up to `1 + clearance_weight` times as much, so that a path
+    Within `preferred_clearance_m` of an obstacle a meter costs up to `1 + clearance_weight` times as much, so that a path
     runs in the middle of an aisle and takes corners wide; within `tight_m` of the robot's hull it costs `tight_cost` times as
     much, since a sampling controller drives there slowly or not at all. Unknown space costs `unknown_cost` times
     as much as free space.
@@ -69,7 +69,7 @@ class PlannerParameters:
 def plan(costmap: Costmap, start: Point, goal: Point, parameters: PlannerParameters | None = None) -> Plan:
     """Plan a path in the costmap's frame from `start` to `goal`, or to the nearest reachable point within the tolerance.
 
-    It keeps the robot's radius from the centres of lethal cells, except near a start that is nearer: a robot that is
+    It keeps the robot's radius from the centers of lethal cells, except near a start that is nearer: a robot that is
     already too near to an obstacle may leave. Raises NoPath.
     """
     p = parameters or PlannerParameters()
@@ -83,7 +83,7 @@ def plan(costmap: Costmap, start: Point, goal: Point, parameters: PlannerParamet
         found = _nearest_reached(times, costmap, goal, p.tolerance)
         if found is None:
             raise _failure(costmap, start, goal, goal_cell, times, p)
-        goal_cell, goal = found, _centre(costmap, found)
+        goal_cell, goal = found, _center(costmap, found)
     cells = kernels.descend(times, _in_cells(costmap, goal), start_cell)
     points = np.array([costmap.origin_x, costmap.origin_y]) + cells[::-1] * costmap.resolution_m
     points = np.vstack((start, points[1:] if len(points) > 2 else points[-1:]))
@@ -204,7 +204,7 @@ def _failure(
     )
 
 
-def _centre(costmap: Costmap, cell: kernels.Cell) -> Point:
+def _center(costmap: Costmap, cell: kernels.Cell) -> Point:
     return (
         costmap.origin_x + (cell[1] + 0.5) * costmap.resolution_m,
         costmap.origin_y + (cell[0] + 0.5) * costmap.resolution_m,

@@ -64,7 +64,7 @@ typedef struct {
     float *cost;      /* from the start, in cells */
     int32_t *parent;
     uint8_t *state;
-    uint8_t *bent;    /* no straight line leads from the parent, which is a neighbour then */
+    uint8_t *bent;    /* no straight line leads from the parent, which is a neighbor then */
     Heap heap;
 } Search;
 
@@ -77,10 +77,10 @@ static int sees_node(const Field *field, int32_t a, int32_t b) {
     return sees(field, field->x[a], field->y[a], field->x[b], field->y[b]);
 }
 
-/* A node's parent was assumed to be in sight and is not: take the best of the closed neighbours and of their parents. */
+/* A node's parent was assumed to be in sight and is not: take the best of the closed neighbors and of their parents. */
 static void reconsider(const Field *field, Search *search, int32_t node, const int32_t *around, int count) {
-    float costs[2 * MAX_NEIGHBOURS];
-    int32_t parents[2 * MAX_NEIGHBOURS];
+    float costs[2 * MAX_NEIGHBORS];
+    int32_t parents[2 * MAX_NEIGHBORS];
     int choices = 0, nearest = -1;
     float least = INFINITY;
     for (int i = 0; i < count; i++) {
@@ -121,7 +121,7 @@ static void reconsider(const Field *field, Search *search, int32_t node, const i
 
 /* Returns 1 with the chain of parents filled, 0 when the goal can't be reached, -1 without memory. */
 static int search_run(const Field *field, Search *search, int32_t start, int32_t goal) {
-    int32_t around[MAX_NEIGHBOURS];
+    int32_t around[MAX_NEIGHBORS];
     for (int64_t i = 0; i < field->components; i++) search->cost[i] = INFINITY;
     memset(search->state, 0, (size_t)field->components);
     search->cost[start] = 0.0f;
@@ -134,7 +134,7 @@ static int search_run(const Field *field, Search *search, int32_t start, int32_t
         const Entry top = heap_pop(&search->heap);
         const int32_t node = top.node;
         if (search->state[node] == CLOSED) continue;
-        const int count = neighbours(field, node, around);
+        const int count = neighbors(field, node, around);
         if (search->parent[node] >= 0 && !search->bent[node] && !sees_node(field, search->parent[node], node)) {
             reconsider(field, search, node, around, count);
             const float key = search->cost[node] + apart(field, node, goal);
@@ -164,9 +164,9 @@ static int search_run(const Field *field, Search *search, int32_t start, int32_t
 }
 
 /* -- from nodes to a string ---------------------------------------------------------------------------------------------- */
-static Point centre_of(int64_t x, int64_t y) { return (Point){x * UNIT + UNIT / 2, y * UNIT + UNIT / 2}; }
+static Point center_of(int64_t x, int64_t y) { return (Point){x * UNIT + UNIT / 2, y * UNIT + UNIT / 2}; }
 
-/* Append the cells from one node to another one of a neighbouring block that it does not see: breadth first through the free
+/* Append the cells from one node to another one of a neighboring block that it does not see: breadth first through the free
  * cells of the rectangle that holds both blocks. Returns 0 without memory. */
 static int append_bend(const Field *field, String *string, int32_t from, int32_t to) {
     enum { SPAN = 2 * EDGE };
@@ -194,7 +194,7 @@ static int append_bend(const Field *field, String *string, int32_t from, int32_t
     }
     for (int cell = goal; cell != start; cell = came[cell]) way[length++] = (int16_t)cell;
     while (length-- > 0)
-        if (string_add(string, centre_of(x0 + way[length] % SPAN, y0 + way[length] / SPAN)) < 0) return 0;
+        if (string_add(string, center_of(x0 + way[length] % SPAN, y0 + way[length] / SPAN)) < 0) return 0;
     return 1;
 }
 
@@ -256,11 +256,11 @@ int64_t shortest_path(const uint8_t *blocked, const uint8_t *occupied, int64_t h
             memset(search.state, 0, n);
             int32_t *stack = search.parent;
             int64_t depth = 0;
-            int32_t around[MAX_NEIGHBOURS];
+            int32_t around[MAX_NEIGHBORS];
             stack[depth++] = start;
             search.state[start] = CLOSED;
             while (depth > 0) {
-                const int count = neighbours(&field, stack[--depth], around);
+                const int count = neighbors(&field, stack[--depth], around);
                 for (int i = 0; i < count; i++)
                     if (search.state[around[i]] != CLOSED) {
                         search.state[around[i]] = CLOSED;
@@ -301,12 +301,12 @@ int64_t shortest_path(const uint8_t *blocked, const uint8_t *occupied, int64_t h
     }
     const Point first = {(int64_t)floor(ends[0] * UNIT), (int64_t)floor(ends[1] * UNIT)};
     const Point last = {(int64_t)floor(ends[2] * UNIT), (int64_t)floor(ends[3] * UNIT)};
-    int whole = string_add(&string, first) >= 0 && string_add(&string, centre_of(start_x, start_y)) >= 0;
+    int whole = string_add(&string, first) >= 0 && string_add(&string, center_of(start_x, start_y)) >= 0;
     for (int64_t i = 1; whole && i < nodes; i++) {
         if (search.bent[chain[i]])
             whole = append_bend(&field, &string, chain[i - 1], chain[i]);
         else
-            whole = string_add(&string, centre_of(field.x[chain[i]], field.y[chain[i]])) >= 0;
+            whole = string_add(&string, center_of(field.x[chain[i]], field.y[chain[i]])) >= 0;
     }
     free(chain);
     if (goal == start && whole) {
@@ -324,7 +324,7 @@ int64_t shortest_path(const uint8_t *blocked, const uint8_t *occupied, int64_t h
             shifted.block = blocks;
             whole = append_bend(&shifted, &string, 0, 1);
         } else {
-            whole = string_add(&string, centre_of(goal_cell[0], goal_cell[1])) >= 0;
+            whole = string_add(&string, center_of(goal_cell[0], goal_cell[1])) >= 0;
         }
     }
     if (!whole || string_add(&string, last) < 0) goto done;

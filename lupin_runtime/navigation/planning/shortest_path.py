@@ -22,7 +22,7 @@ def find_shortest_path(
     tolerance_m: float = 0.0,
     allow_unknown: bool = True,
 ) -> Plan:
-    """Find the shortest path of a disc of `radius_m` from `start` to `goal` (metres, map frame): lines of any angle.
+    """Find the shortest path of a disc of `radius_m` from `start` to `goal` (meters, map frame): lines of any angle.
 
     Occupied cells are solid squares, and the path keeps `radius_m` from them, to a fiftieth of a cell. If the goal cannot
     be reached, the path ends at the nearest reachable point within `tolerance_m`. Raises NoPath, and ValueError for a radius

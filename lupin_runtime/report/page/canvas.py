@@ -1,4 +1,4 @@
-"""Converts metres of the map frame to the drawing's units."""
+"""Converts meters of the map frame to the drawing's units."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MARGIN_M = 0.4
 class Canvas:
     """The drawing's extent and the size of its symbols, computed from the run's data.
 
-    One unit of the drawing is a centimetre; y points down.
+    One unit of the drawing is a centimeter; y points down.
     """
 
     def __init__(self, report: ReportInput) -> None:
@@ -31,12 +31,12 @@ class Canvas:
 
     @property
     def width(self) -> float:
-        """Width in centimetres."""
+        """Width in centimeters."""
         return self.extent.width * 100.0
 
     @property
     def height(self) -> float:
-        """Height in centimetres."""
+        """Height in centimeters."""
         return self.extent.height * 100.0
 
     def at(self, x: float, y: float) -> tuple[float, float]:

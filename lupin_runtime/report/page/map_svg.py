@@ -1,4 +1,4 @@
-"""The map of a run as SVG: occupancy, path, tags, flowers and truth. One unit is a centimetre, y points down."""
+"""The map of a run as SVG: occupancy, path, tags, flowers and truth. One unit is a centimeter, y points down."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def draw_map(report: ReportInput, canvas: Canvas, heat: Sequence[HeatMap]) -> Ma
         _scale_bar(canvas),
     ]
     count = sum(item.pose is not None for item in report.tags)
-    label = f"Map, {canvas.extent.width:.1f} by {canvas.extent.height:.1f} metres, with the path driven and {count} tags"
+    label = f"Map, {canvas.extent.width:.1f} by {canvas.extent.height:.1f} meters, with the path driven and {count} tags"
     return element(
         "svg",
         *layers,

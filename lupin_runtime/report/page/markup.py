@@ -30,7 +30,7 @@ def join(parts: Iterable[str]) -> Markup:
 
 
 def _shorten(value: Any) -> Any:
-    """Write floats with two decimals: a hundredth of a pixel or centimetre is precise enough."""
+    """Write floats with two decimals: a hundredth of a pixel or centimeter is precise enough."""
     return f"{value:.2f}".rstrip("0").rstrip(".") if isinstance(value, float) else value
 
 

@@ -22,7 +22,7 @@ _IMAGE_PX = 240
 
 
 def replay_data(report: ReportInput, canvas: Canvas) -> dict[str, Any]:
-    """Return plain data for the script. Poses are in tenths of a second, centimetres of the canvas and milliradians."""
+    """Return plain data for the script. Poses are in tenths of a second, centimeters of the canvas and milliradians."""
     log = report.log
     bands = report.timeline
     return {
@@ -100,6 +100,6 @@ def _scans(report: ReportInput) -> dict[str, Any] | None:
 
 
 def _pack(scan: LidarScan, every: int) -> str:
-    """Encode ranges in whole centimetres as base64 of little-endian uint16; 0 means no echo."""
-    centimetres = np.nan_to_num(scan.ranges[::every] * 100.0, nan=0.0).clip(0, 65535).astype("<u2")
-    return base64.b64encode(centimetres.tobytes()).decode("ascii")
+    """Encode ranges in whole centimeters as base64 of little-endian uint16; 0 means no echo."""
+    centimeters = np.nan_to_num(scan.ranges[::every] * 100.0, nan=0.0).clip(0, 65535).astype("<u2")
+    return base64.b64encode(centimeters.tobytes()).decode("ascii")

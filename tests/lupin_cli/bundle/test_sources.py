@@ -88,8 +88,8 @@ def test_output_until_timeout_is_kept_with_remark() -> None:
 class SudoRefused(LocalTarget):
     """This machine, with a user that sudo refuses."""
 
-    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:
-        outputs = super().batch([script for script in scripts if not script.root], bound_s)
+    def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:
+        outputs = super().batch([script for script in scripts if not script.root], timeout_s)
         return outputs | {each.name: Output(None, "", "root refused: a password is required") for each in scripts if each.root}
 
 
@@ -104,7 +104,7 @@ def test_source_refused_by_sudo_is_read_as_user() -> None:
 class Unreached(LocalTarget):
     """A machine that can no longer be reached."""
 
-    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:  # noqa: ARG002 -- Target's signature
+    def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:  # noqa: ARG002 -- Target's signature
         raise Unreachable("the link went", "lost")
 
 

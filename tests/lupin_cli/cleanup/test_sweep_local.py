@@ -23,7 +23,7 @@ print("up", flush=True)
 while True:
     time.sleep(1)
 """
-BOUND_S = 60.0
+TIMEOUT_S = 60.0
 
 
 class Sandbox:
@@ -59,7 +59,7 @@ class Sandbox:
         return process, self.files() - before
 
     def run(self, *command: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run([*self._enter, *command], env=self.environment, capture_output=True, text=True, timeout=BOUND_S)
+        return subprocess.run([*self._enter, *command], env=self.environment, capture_output=True, text=True, timeout=TIMEOUT_S)
 
     def sweep(self, *arguments: str) -> tuple[int, dict[str, Any]]:
         """Run `lupin sweep --json`. Returns its exit status and output."""
@@ -72,7 +72,7 @@ class Sandbox:
 
     def stale_process(self) -> dict[str, Any]:
         """Wait until a dry run plans to terminate exactly one process, and return it."""
-        deadline = time.monotonic() + BOUND_S
+        deadline = time.monotonic() + TIMEOUT_S
         while not (found := self.sweep("--dry-run")[1]["culprits"]):
             assert time.monotonic() < deadline, "no stale process was found"
         process: dict[str, Any]
@@ -120,7 +120,7 @@ def test_memory_of_killed_process_is_removed_and_of_live_one_kept(sandbox: Sandb
     # The kernel releases the files of a killed process one by one, and the live process may take over a dead one's port file.
     dead = left - alive
     segments = {name for name in dead if "port" not in name}
-    deadline = time.monotonic() + BOUND_S
+    deadline = time.monotonic() + TIMEOUT_S
     while not segments <= files_of(plan, "orphans") and time.monotonic() < deadline:
         status, plan = sandbox.sweep("--dry-run")
     assert status == 1 and segments and segments <= files_of(plan, "orphans") <= dead
@@ -144,7 +144,7 @@ def test_process_without_parent_and_its_memory_are_removed(sandbox: Sandbox, sto
     shell, files = sandbox.node(LEAVE_BEHIND)
     assert shell.stdin is not None and files
     shell.stdin.close()
-    shell.wait(BOUND_S)
+    shell.wait(TIMEOUT_S)
     stale = sandbox.stale_process()
     assert stale["why"] == "its parent process is gone" and stale["ports"] and "left_over" in stale["command"]
     if stopped:

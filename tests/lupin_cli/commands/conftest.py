@@ -16,7 +16,7 @@ from lupin_sim.host.operator import create_home, environment_without_ros
 if TYPE_CHECKING:
     from lupin_sim.host import Host
 
-BOUND_S = 150.0
+TIMEOUT_S = 150.0
 
 
 class Operator:
@@ -28,7 +28,7 @@ class Operator:
 
     def run(self, *words: str) -> subprocess.CompletedProcess[str]:
         """Run `lupin WORDS`."""
-        return self.host.run([sys.executable, "-m", "lupin_cli.app", *words], env=self.environment, timeout_s=BOUND_S)
+        return self.host.run([sys.executable, "-m", "lupin_cli.app", *words], env=self.environment, timeout_s=TIMEOUT_S)
 
     def run_json(self, *words: str) -> tuple[int, dict[str, Any]]:
         """Run `lupin WORDS --json`. Returns its exit status and output."""

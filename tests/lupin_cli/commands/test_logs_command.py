@@ -15,7 +15,7 @@ import pytest
 
 from lupin_runtime.stack.runs import Run, create_run
 
-BOUND_S = 60.0
+TIMEOUT_S = 60.0
 
 
 @pytest.fixture
@@ -49,24 +49,24 @@ def test_follow_shows_every_line_also_after_the_log_was_shortened(tmp_path: Path
     reader.start()
     try:
         (nav,) = tmp_path.glob("lupin/runs/*/logs/nav.log")
-        assert lines.get(timeout=BOUND_S) == "nav          first"
+        assert lines.get(timeout=TIMEOUT_S) == "nav          first"
         with nav.open("a") as log:
             log.write("second, a longer line\nthi")
             log.flush()
-            assert lines.get(timeout=BOUND_S) == "nav          second, a longer line"
+            assert lines.get(timeout=TIMEOUT_S) == "nav          second, a longer line"
             log.write("rd\n")
-        assert lines.get(timeout=BOUND_S) == "nav          third"
+        assert lines.get(timeout=TIMEOUT_S) == "nav          third"
         nav.write_text("after\n")  # as the supervisor does with a log that is too long
-        assert lines.get(timeout=BOUND_S) == "nav          after"
+        assert lines.get(timeout=TIMEOUT_S) == "nav          after"
         (nav.parent / "twin.log").write_text("late\n")
-        assert lines.get(timeout=BOUND_S) == "twin         late"
+        assert lines.get(timeout=TIMEOUT_S) == "twin         late"
         with nav.open("a") as log:
             log.write("the last line\n")
         run()
-        assert lines.get(timeout=BOUND_S) == "nav          the last line"
-        assert child.wait(BOUND_S) == 0
+        assert lines.get(timeout=TIMEOUT_S) == "nav          the last line"
+        assert child.wait(TIMEOUT_S) == 0
     finally:
         child.kill()
-        child.wait(BOUND_S)
-        reader.join(BOUND_S)
+        child.wait(TIMEOUT_S)
+        reader.join(TIMEOUT_S)
         child.stdout.close()

@@ -63,11 +63,11 @@ def test_sudo_password_is_accepted_only_if_it_is_right(fresh_host: Host) -> None
     scripts = [Script("root", "id -u; cat", root=True), Script("user", "echo fine")]
     for password, expected in (("mirte_mirte", "0\n"), (None, ""), ('it\'s "wrong"', "")):
         with robot_of(fresh_host, sudo_password=password) as target:
-            outputs = target.batch(scripts, bound_s=20)
+            outputs = target.batch(scripts, timeout_s=20)
             assert outputs["root"].stdout == expected and outputs["user"].stdout == "fine\n"
             if expected:
                 # sudo may remember the password now, and must not pass it on as a script or its input.
-                assert target.batch(scripts, bound_s=20)["root"].stdout == expected
+                assert target.batch(scripts, timeout_s=20)["root"].stdout == expected
                 assert target.run("id -u; cat", root=True, stdin=b"given").stdout == "0\ngiven"
                 target.put("/etc/lupin.test", b"data", root=True)
             else:
@@ -86,7 +86,7 @@ def test_password_that_sudo_does_not_need_is_discarded(host: Host) -> None:
 def test_user_without_sudo_rights_gets_root_refused(fresh_host: Host) -> None:
     fresh_host.robot.inject_fault("sudo-refused")
     with robot_of(fresh_host, sudo_password="mirte_mirte") as target:
-        assert "root refused" in target.batch([Script("root", "id", root=True)], bound_s=20)["root"].stderr
+        assert "root refused" in target.batch([Script("root", "id", root=True)], timeout_s=20)["root"].stderr
         with pytest.raises(RootRefused):
             target.run("id", root=True)
 
@@ -95,7 +95,7 @@ def test_sudo_password_is_in_no_command_line_or_environment(fresh_host: Host) ->
     fresh_host.robot.inject_fault("sudo-password")
     with robot_of(fresh_host, sudo_password="mirte_mirte") as target:
         search = "cat /proc/[0-9]*/cmdline /proc/[0-9]*/environ 2>/dev/null | tr '\\0' '\\n' | grep -c mirte_mirt[e]"
-        outputs = target.batch([Script("root", search, root=True), Script("user", search)], bound_s=20)
+        outputs = target.batch([Script("root", search, root=True), Script("user", search)], timeout_s=20)
         assert outputs["root"].stdout == outputs["user"].stdout == "0\n"
         assert target.run(search, root=True).stdout == "0\n"
 
@@ -106,7 +106,7 @@ def test_pulled_cable_ends_batch_at_its_bound(fresh_host: Host) -> None:
         cut = threading.Timer(5.0, fresh_host.robot.inject_fault, ("cable-cut",), {"link": "eth0"})
         cut.start()
         start = time.monotonic()
-        outputs = target.batch([Script("early", "echo early"), Script("late", "sleep 9; echo late", 20.0)], bound_s=12)
+        outputs = target.batch([Script("early", "echo early"), Script("late", "sleep 9; echo late", 20.0)], timeout_s=12)
         assert time.monotonic() - start < 40
         assert outputs["early"].stdout == "early\n" and outputs["late"].status is None
         cut.join()
@@ -120,12 +120,12 @@ def test_pulled_cable_ends_batch_at_its_bound(fresh_host: Host) -> None:
 def test_target_reconnects_after_robot_reboots_during_run(fresh_host: Host) -> None:
     with robot_of(fresh_host, timeout_s=2.0) as target:
         before = target.run("cat /proc/sys/kernel/random/boot_id").stdout
-        assert target.run("systemctl reboot; sleep 60", root=True, bound_s=30).status is None
+        assert target.run("systemctl reboot; sleep 60", root=True, timeout_s=30).status is None
         deadline = time.monotonic() + 60
         kinds = set()
         while time.monotonic() < deadline:
             try:
-                after = target.batch([Script("id", "cat /proc/sys/kernel/random/boot_id")], bound_s=5)["id"].stdout
+                after = target.batch([Script("id", "cat /proc/sys/kernel/random/boot_id")], timeout_s=5)["id"].stdout
             except Unreachable as error:
                 kinds.add(error.kind)
                 continue

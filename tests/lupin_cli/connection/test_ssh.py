@@ -133,7 +133,7 @@ def test_batch_reads_the_clock_and_its_failure_clears_it(own_sshd: tuple[Popen[s
 
 def test_script_is_ended_at_its_timeout_and_others_finish(target: Target) -> None:
     start = time.monotonic()
-    outputs = target.batch([Script("hangs", "echo begun; sleep 100", 1.0), Script("fine", "echo fine")], bound_s=30)
+    outputs = target.batch([Script("hangs", "echo begun; sleep 100", 1.0), Script("fine", "echo fine")], timeout_s=30)
     assert time.monotonic() - start < 25
     assert outputs["hangs"].status is None and outputs["hangs"].stdout == "begun\n"
     assert outputs["fine"].stdout == "fine\n"
@@ -141,7 +141,7 @@ def test_script_is_ended_at_its_timeout_and_others_finish(target: Target) -> Non
 
 def test_batch_bound_ends_script_that_ignores_sigterm(target: Target) -> None:
     start = time.monotonic()
-    outputs = target.batch([Script("stubborn", "trap '' TERM HUP; echo begun; while :; do sleep 1; done", 60.0)], bound_s=2)
+    outputs = target.batch([Script("stubborn", "trap '' TERM HUP; echo begun; while :; do sleep 1; done", 60.0)], timeout_s=2)
     assert time.monotonic() - start < 25
     assert outputs["stubborn"].status is None and outputs["stubborn"].truncated
 
@@ -154,7 +154,7 @@ def test_background_process_that_holds_pipe_delays_no_batch(target: Target) -> N
             Script("stray", "setsid sleep 20 & sleep 0.5; echo left a stray"),
             Script("fine", "echo fine"),
         ],
-        bound_s=50,
+        timeout_s=50,
     )
     assert time.monotonic() - start < 15
     assert outputs["child"].stdout == "left a child\n" and outputs["child"].ok
@@ -164,7 +164,7 @@ def test_background_process_that_holds_pipe_delays_no_batch(target: Target) -> N
 
 def test_batch_truncates_100_megabytes(target: Target) -> None:
     outputs = target.batch(
-        [Script("much", "head -c 100000000 /dev/zero | tr '\\0' x", 20.0), Script("fine", "echo fine")], bound_s=40
+        [Script("much", "head -c 100000000 /dev/zero | tr '\\0' x", 20.0), Script("fine", "echo fine")], timeout_s=40
     )
     assert outputs["much"].truncated and len(outputs["much"].stdout) == STDOUT_CAP_BYTES
     assert outputs["fine"].stdout == "fine\n" and not outputs["fine"].truncated
@@ -186,7 +186,7 @@ def test_root_script_runs_as_root(target: Target) -> None:
 
 def test_batch_leaves_no_process_running(target: Target) -> None:
     mark = f"3{os.getpid()}{time.monotonic_ns() % 1000}"
-    target.batch([Script("a", f"sleep {mark} & sleep {mark}", 1.0)], bound_s=20)
+    target.batch([Script("a", f"sleep {mark} & sleep {mark}", 1.0)], timeout_s=20)
     deadline = time.monotonic() + 15
     while time.monotonic() < deadline and _running(f"sleep {mark}"):
         time.sleep(0.05)
@@ -218,7 +218,7 @@ def test_run_keeps_head_and_tail_of_100_megabytes(target: Target) -> None:
     lines: list[int] = []
     script = "echo begun; head -c 100000000 /dev/zero | tr '\\0' x; echo; echo ended; echo done >&2"
     tracemalloc.start()
-    output = target.run(script, bound_s=90, on_line=lambda line: lines.append(len(line)))
+    output = target.run(script, timeout_s=90, on_line=lambda line: lines.append(len(line)))
     peak_bytes = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert output.ok and output.truncated and output.stderr == "done\n"
@@ -242,14 +242,14 @@ def test_long_line_is_split_wherever_its_end_arrives() -> None:
 
 def test_run_is_ended_at_its_bound(target: Target) -> None:
     start = time.monotonic()
-    output = target.run("echo begun; sleep 100", bound_s=4.0)
+    output = target.run("echo begun; sleep 100", timeout_s=4.0)
     assert time.monotonic() - start < 30
     assert output.status is None and output.stdout == "begun\n"
 
 
 def test_run_does_not_wait_for_daemon_that_holds_pipe(target: Target) -> None:
     start = time.monotonic()
-    output = target.run("setsid sleep 30 & echo started", bound_s=25)
+    output = target.run("setsid sleep 30 & echo started", timeout_s=25)
     assert time.monotonic() - start < 20
     assert output.ok and output.stdout == "started\n"
 
@@ -307,7 +307,7 @@ def test_open_run_exchanges_lines_without_preamble(sshd: Sshd) -> None:
     from lupin_cli.connection.ssh import SshTarget
 
     target = SshTarget("robot", sshd.destination, sshd.known_hosts())
-    channel = target.open_run("while read -r word; do echo got $word; done", bound_s=20)
+    channel = target.open_run("while read -r word; do echo got $word; done", timeout_s=20)
     for word in (b"one", b"two"):
         channel.sendall(word + b"\n")
         answer = b""

@@ -27,11 +27,11 @@ from lupin_cli.connection.ssh import SshTarget
 if TYPE_CHECKING:
     from tests.lupin_cli.connection.conftest import Sshd
 
-Behaviour = Callable[[socket.socket], None]
+Behavior = Callable[[socket.socket], None]
 
 
 @contextlib.contextmanager
-def server(behave: Behaviour) -> Iterator[int]:
+def server(behave: Behavior) -> Iterator[int]:
     """A TCP server on loopback that treats each connection as `behave` does."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
 
@@ -45,7 +45,7 @@ def server(behave: Behaviour) -> Iterator[int]:
         listener.shutdown(socket.SHUT_RDWR)
 
 
-def _guarded(behave: Behaviour, connection: socket.socket) -> None:
+def _guarded(behave: Behavior, connection: socket.socket) -> None:
     with connection, contextlib.suppress(OSError):
         behave(connection)
 
@@ -107,7 +107,7 @@ def target_at(port: int, tmp_path: Path, **more: float) -> SshTarget:
         (speaks_http, "lost"),
     ],
 )
-def test_server_without_ssh_banner_is_classified(behave: Behaviour, kind: str, tmp_path: Path) -> None:
+def test_server_without_ssh_banner_is_classified(behave: Behavior, kind: str, tmp_path: Path) -> None:
     start = time.monotonic()
     with server(behave) as port, pytest.raises(Unreachable) as caught:
         target_at(port, tmp_path).connect()
@@ -251,7 +251,7 @@ def test_reset_during_batch_keeps_output_and_reconnects(sshd: Sshd) -> None:
         target.connect()
         threading.Timer(4.0, relay.reset).start()
         start = time.monotonic()
-        outputs = target.batch([Script("quick", "echo heard"), Script("slow", "sleep 30", 40.0)], bound_s=50)
+        outputs = target.batch([Script("quick", "echo heard"), Script("slow", "sleep 30", 40.0)], timeout_s=50)
         assert time.monotonic() - start < 29
         assert outputs["quick"].stdout == "heard\n" and outputs["slow"].status is None
         assert "link" in outputs["slow"].stderr
@@ -266,8 +266,8 @@ def test_half_open_connection_is_given_up_at_the_bound(sshd: Sshd) -> None:
         target.connect()
         relay.cut()
         for attempt in (
-            lambda: target.batch([Script("a", "echo a")], bound_s=1.0)["a"].status,
-            lambda: target.run("echo a", bound_s=1.0).status,
+            lambda: target.batch([Script("a", "echo a")], timeout_s=1.0)["a"].status,
+            lambda: target.run("echo a", timeout_s=1.0).status,
         ):
             start = time.monotonic()
             try:
@@ -300,9 +300,9 @@ def test_silent_connection_is_given_up_before_a_long_bound(
         start = time.monotonic()
         try:
             if what == "run":
-                reason = target.run(f"touch {begun}; sleep 300", bound_s=300).stderr
+                reason = target.run(f"touch {begun}; sleep 300", timeout_s=300).stderr
             else:
-                reason = target.batch([Script("slow", f"touch {begun}; sleep 300", 300.0)], bound_s=300)["slow"].stderr
+                reason = target.batch([Script("slow", f"touch {begun}; sleep 300", 300.0)], timeout_s=300)["slow"].stderr
         except Unreachable as error:  # a batch of which nothing had arrived
             reason = str(error)
         assert time.monotonic() - start < 60
@@ -315,7 +315,7 @@ def test_silent_script_on_answering_connection_is_awaited(sshd: Sshd, monkeypatc
     monkeypatch.setattr("lupin_cli.connection.keepalive.KEEPALIVE_AFTER_S", 0.1)
     monkeypatch.setattr("lupin_cli.connection.keepalive.ANSWER_TIMEOUT_S", 1.5)
     target = SshTarget("robot", sshd.destination, sshd.known_hosts())
-    assert target.run("sleep 2.5; echo there", bound_s=60).stdout == "there\n"
+    assert target.run("sleep 2.5; echo there", timeout_s=60).stdout == "there\n"
     target.close()
 
 
@@ -330,7 +330,7 @@ def test_link_cut_during_write_keeps_old_or_new_file(sshd: Sshd, tmp_path: Path,
         target.connect()
         threading.Timer(after_s, relay.reset).start()
         try:
-            target.put(str(path), new, root=True, bound_s=20)
+            target.put(str(path), new, root=True, timeout_s=20)
         except TargetError:
             assert path.read_bytes() in (b"old", new)  # the answer may be lost after the rename
         else:

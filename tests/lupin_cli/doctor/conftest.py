@@ -27,7 +27,7 @@ class ScriptedMachine:
     user: str = "mirte"
     asked: list[list[str]] = field(default_factory=list)
 
-    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:  # noqa: ARG002 -- Target's signature
+    def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:  # noqa: ARG002 -- Target's signature
         self.asked.append([script.name for script in scripts])
         return {script.name: self.answers[script.name] for script in scripts if script.name in self.answers}
 

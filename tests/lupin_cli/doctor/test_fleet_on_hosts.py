@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.host
 
-BOUND_S = 60.0
+TIMEOUT_S = 60.0
 DOCTOR = [sys.executable, "-m", "lupin_cli.app", "doctor", "--all", "--json", "--only", "link.*", "--only", "discovery.*"]
 
 
@@ -62,7 +62,7 @@ def test_fleet_robots_are_diagnosed_independently(fleet: Laptop) -> None:
     killed.inject_fault("server-killed")
     hung.inject_fault("sshd-hung")
     slow.inject_fault("slow-link", delay_ms=150.0, jitter_ms=20.0)
-    done = fleet.host.run(DOCTOR, env=fleet.sourced_env, cwd=str(PROJECT), timeout_s=BOUND_S)
+    done = fleet.host.run(DOCTOR, env=fleet.sourced_env, cwd=str(PROJECT), timeout_s=TIMEOUT_S)
     report = results(done.stdout)
     assert report == {
         "pot-1": (0, None, []),
@@ -79,7 +79,7 @@ def test_cable_cut_after_login_affects_only_that_robot(fleet: Laptop) -> None:
     doctor_process: subprocess.Popen[Any] = fleet.host.popen(
         DOCTOR, env=fleet.sourced_env, cwd=str(PROJECT), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    with killed_after(doctor_process, BOUND_S):
+    with killed_after(doctor_process, TIMEOUT_S):
         wait_until(
             lambda: "Accepted publickey" in cut.inside("journalctl", "-q", "-o", "cat", "-u", "ssh").stdout,
             "the login",

@@ -98,7 +98,7 @@ def test_ping_of_iputils_and_busybox_is_parsed() -> None:
 class PingProgram(LocalTarget):
     """This machine, with a ping(1) that prints IPUTILS."""
 
-    def batch(self, scripts: Sequence[Script], bound_s: float = 10.0) -> dict[str, Output]:  # noqa: ARG002 -- Target's signature
+    def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:  # noqa: ARG002 -- Target's signature
         return {script.name: Output(0, IPUTILS) for script in scripts}
 
 

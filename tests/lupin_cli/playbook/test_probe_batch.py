@@ -39,9 +39,9 @@ class CountingTarget(LocalTarget):
         super().__init__("robot")
         self.batches: list[int] = []
 
-    def batch(self, scripts: Any, bound_s: float = 10.0) -> dict[str, Output]:
+    def batch(self, scripts: Any, timeout_s: float = 10.0) -> dict[str, Output]:
         self.batches.append(len(scripts))
-        return super().batch(scripts, bound_s)
+        return super().batch(scripts, timeout_s)
 
 
 def test_run_without_changes_is_one_batch(load_playbook: LoadPlaybook, tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def test_what_is_written_holds(file: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "named"),
     [
-        ("colour: {}", "colour"),
+        ("color: {}", "color"),
         ("color: {rate: 1}", "rate"),
         ("color: 7", "color: expected keys"),
         ("[]", "expected keys"),

@@ -72,11 +72,11 @@ def test_gray_is_gray() -> None:
 
 @pytest.mark.parametrize("big_endian", [False, True])
 def test_what_is_near_is_white_and_what_is_unknown_black(big_endian: bool) -> None:
-    metres = np.full((32, 64), 9.0, np.float32)
-    metres[:, :16], metres[:, 16:32], metres[:, 32:48] = 0.5, np.nan, np.inf
-    millimetres = np.where(np.isfinite(metres), metres * 1000, 0).astype(np.uint16)
+    meters = np.full((32, 64), 9.0, np.float32)
+    meters[:, :16], meters[:, 16:32], meters[:, 32:48] = 0.5, np.nan, np.inf
+    millimeters = np.where(np.isfinite(meters), meters * 1000, 0).astype(np.uint16)
     order = ">" if big_endian else "<"
-    for pixels, encoding in ((metres.astype(f"{order}f4"), "32FC1"), (millimetres.astype(f"{order}u2"), "16UC1")):
+    for pixels, encoding in ((meters.astype(f"{order}f4"), "32FC1"), (millimeters.astype(f"{order}u2"), "16UC1")):
         shown = decoded(encode(raw(pixels, encoding, big_endian=big_endian)))[:, :, 0]
         assert shown[:, 4:12].min() > 230 and shown[:, 20:44].max() < 8 and 15 < shown[:, 52:60].mean() < 40
 

@@ -62,7 +62,7 @@ def test_queries_of_web_video_server_are_understood(query: dict[str, str], reque
         {"topic": "/c", "width": "8"},
         {"topic": "/c", "width": "9" * 400},
         {"topic": "/c", "type": "h264"},
-        {"topic": "/c", "colour": "1"},
+        {"topic": "/c", "color": "1"},
     ],
 )
 def test_what_is_not_understood_is_refused(query: dict[str, str]) -> None:

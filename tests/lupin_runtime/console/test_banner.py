@@ -64,7 +64,7 @@ def test_pairing_url_takes_the_place_in_the_qr_code() -> None:
     assert read_qr(text) == PAIRING and PAIRING in text
 
 
-def test_code_without_colour_is_light_on_dark() -> None:
+def test_code_without_color_is_light_on_dark() -> None:
     text = banner(URLS, SERVER, Screen(80, True, True, False), pairing_url=PAIRING)
     assert "\x1b" not in text
     assert read_qr(text, inverted=True) == PAIRING

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.graph
 
-BOUND_S = 90.0
+TIMEOUT_S = 90.0
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def orphan() -> Iterator[Path]:
 
 def examined(browser: Browser, after_s: float = 0.0) -> dict[str, Any]:
     """The state after an examination that ended later than `after_s`."""
-    deadline_s = time.monotonic() + BOUND_S
+    deadline_s = time.monotonic() + TIMEOUT_S
     while True:
         state: dict[str, Any] = browser.get("/_api/doctor")
         assert not state["problem"]

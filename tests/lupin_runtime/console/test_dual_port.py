@@ -21,7 +21,7 @@ from cryptography.x509.oid import NameOID
 from lupin_runtime.console import dual_port
 from lupin_runtime.console.dual_port import DualPort
 
-BOUND_S = 20.0
+TIMEOUT_S = 20.0
 
 
 @pytest.fixture
@@ -62,7 +62,10 @@ async def serving(context: ssl.SSLContext | None) -> AsyncIterator[int]:
 
 
 async def get(url: str) -> str:
-    async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(BOUND_S)) as session, session.get(url, ssl=False) as answer:
+    async with (
+        aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(TIMEOUT_S)) as session,
+        session.get(url, ssl=False) as answer,
+    ):
         return await answer.text()
 
 
@@ -89,7 +92,7 @@ def test_without_a_certificate_it_is_plain() -> None:
 def test_client_that_says_too_little_or_nonsense_stops_nobody(tls: ssl.SSLContext, first: bytes) -> None:
     async def scenario() -> None:
         async with serving(tls) as port:
-            with socket.create_connection(("127.0.0.1", port), BOUND_S) as half:
+            with socket.create_connection(("127.0.0.1", port), TIMEOUT_S) as half:
                 half.sendall(first)
                 assert await get(f"https://127.0.0.1:{port}/") == "https"
             assert await get(f"http://127.0.0.1:{port}/") == "http"
@@ -103,7 +106,7 @@ def test_silent_client_is_disconnected(tls: ssl.SSLContext, monkeypatch: pytest.
     async def scenario() -> None:
         async with serving(tls) as port:
             reader, writer = await asyncio.open_connection("127.0.0.1", port)
-            assert await asyncio.wait_for(reader.read(), BOUND_S) == b""
+            assert await asyncio.wait_for(reader.read(), TIMEOUT_S) == b""
             writer.close()
 
     asyncio.run(scenario())
@@ -133,4 +136,4 @@ def test_connections_of_one_address_are_limited_and_become_free(tls: ssl.SSLCont
                     continue
                 break
 
-    asyncio.run(asyncio.wait_for(scenario(), 2 * BOUND_S))
+    asyncio.run(asyncio.wait_for(scenario(), 2 * TIMEOUT_S))

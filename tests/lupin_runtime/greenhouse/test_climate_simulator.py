@@ -142,7 +142,7 @@ def test_import_loads_no_gui_or_plotting_library() -> None:
         ("[]", r"layout\.json:1: the layout has no object 'tags'"),
         ('{"tags": []}', r"layout\.json:1: the layout has no object 'tags'"),
         ('{"tags": {\n"1": 3}}', r"layout\.json:2: tag 1 is 3"),
-        ('{"tags": {\n\n"1": {"x": "a", "y": 1, "sensors": []}}}', r"layout\.json:3: tag 1 has x = 'a', expected metres"),
+        ('{"tags": {\n\n"1": {"x": "a", "y": 1, "sensors": []}}}', r"layout\.json:3: tag 1 has x = 'a', expected meters"),
         ('{"tags": {"1": {"x": NaN, "y": 1, "sensors": []}}}', r"layout\.json:1: tag 1 has x = nan"),
         ('{"tags": {"1": {"x": 1, "y": 1}}}', r"layout\.json:1: tag 1 has sensors = None"),
         ('{"tags": {\n"1": {"x": 1, "y": 1, "sensors": ["ph"]}}}', r"layout\.json:2: tag 1 has the sensor 'ph'"),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from lupin_runtime import graph
-from lupin_runtime.lights import COLOURS
+from lupin_runtime.lights import COLORS
 
 if TYPE_CHECKING:
     from mirte_msgs.srv import SetNeopixel_Response
@@ -86,7 +86,7 @@ class Robot:
         return future.result()
 
     def shows(self, name: str) -> bool:
-        return bool(self.colors) and self.colors[-1] == tuple(COLOURS[name])
+        return bool(self.colors) and self.colors[-1] == tuple(COLORS[name])
 
     def wait_for(self, name: str) -> None:
         self.host.until(lambda: self.shows(name), what=f"{name} on the strip")
@@ -181,4 +181,4 @@ def test_strip_is_untouched_in_standby_where_configured(graph_host: GraphHost) -
     robot.wait_for("GREEN")
     robot.driving = False
     robot.wait_for("BLUE")
-    assert set(robot.colors[:-1]) <= {tuple(COLOURS["GREEN"]), tuple(COLOURS["OFF"])}
+    assert set(robot.colors[:-1]) <= {tuple(COLORS["GREEN"]), tuple(COLORS["OFF"])}

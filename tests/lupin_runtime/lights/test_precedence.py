@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_runtime.lights import (
-    COLOURS,
+    COLORS,
     LIFECYCLE,
     RULES,
     Light,
@@ -29,15 +29,15 @@ PHASES = ("", "LOCALIZING", "NAVIGATING", "SCANNING", "CONFIRMING", "PUBLISHING"
 MISSION = st.builds(
     Mission, st.sampled_from(STATES), st.sampled_from(PHASES), st.booleans(), st.booleans(), st.booleans(), st.booleans()
 )
-COLOUR = st.builds(Rgb, *[st.integers(0, 255)] * 3)
-VIEW = st.builds(View, st.none() | MISSION, st.booleans(), st.none() | COLOUR, st.booleans(), st.booleans(), st.booleans())
+COLOR = st.builds(Rgb, *[st.integers(0, 255)] * 3)
+VIEW = st.builds(View, st.none() | MISSION, st.booleans(), st.none() | COLOR, st.booleans(), st.booleans(), st.booleans())
 
 
 @given(VIEW)
 def test_stop_or_fault_is_red_regardless_of_age(view: Any) -> None:
     mission = view.mission
     if view.estop or (mission and (mission.estop or mission.lifecycle == "FAULT")):
-        assert choose(view) == ("e-stop or fault", Light(COLOURS["RED"]))
+        assert choose(view) == ("e-stop or fault", Light(COLORS["RED"]))
     else:
         assert choose(view)[0] != "e-stop or fault"
 
@@ -95,17 +95,17 @@ def test_every_mission_state_has_its_color(lifecycle: str) -> None:
     ],
 )
 def test_light_rules_match_the_examples(view: Any, color: str, blinking: bool) -> None:
-    assert choose(view)[1] == Light(COLOURS[color], blinking)
+    assert choose(view)[1] == Light(COLORS[color], blinking)
 
 
 @given(st.floats(0, 1e6), st.floats(0.1, 5))
 def test_blinking_light_is_on_in_the_first_half_period(now_s: float, hz: float) -> None:
     on = (now_s * hz) % 1.0 < 0.5
-    assert shown(Light(COLOURS["GREEN"], True), now_s, hz) == COLOURS["GREEN" if on else "OFF"]
-    assert shown(Light(COLOURS["GREEN"]), now_s, hz) == COLOURS["GREEN"]
+    assert shown(Light(COLORS["GREEN"], True), now_s, hz) == COLORS["GREEN" if on else "OFF"]
+    assert shown(Light(COLORS["GREEN"]), now_s, hz) == COLORS["GREEN"]
 
 
-@given(COLOUR, st.permutations("RGB"))
+@given(COLOR, st.permutations("RGB"))
 def test_permutation_matches_the_wiring_of_the_strip(color: Any, order: list[str]) -> None:
     sent = [color[index] for index in permutation("".join(order))]
     assert dict(zip(order, sent)) == dict(zip("RGB", color))

@@ -21,7 +21,7 @@ from tests.support.mission_rig import tag_orientation
 BED = Layout({"Bed": Table(0.0, 1.0, 0.0, 0.4)}, {"41": TagLocation(0.5, 0.4), "42": TagLocation(0.5, 0.2)})
 
 
-def test_goal_is_on_line_from_table_centre_and_faces_tag() -> None:
+def test_goal_is_on_line_from_table_center_and_faces_tag() -> None:
     approach = compute_approach("41", BED, 0.5, 9.0)
     assert (approach.goal_x, approach.goal_y) == pytest.approx((0.5, 0.9))
     assert approach.goal_yaw == pytest.approx(-math.pi / 2)
@@ -66,7 +66,7 @@ def test_goal_without_clear_standoff_falls_back_to_tag() -> None:
     assert (approach.standoff_m, approach.derived_from) == (0.0, "fallback")
 
 
-@pytest.mark.parametrize("layout", [BED, Layout({}, BED.tags)], ids=["at the centre", "no tables"])
+@pytest.mark.parametrize("layout", [BED, Layout({}, BED.tags)], ids=["at the center", "no tables"])
 def test_tag_without_normal_falls_back_to_tag(layout: Layout) -> None:
     assert compute_approach("42", layout, 0.5, 0.7).derived_from == "fallback"
 

@@ -27,7 +27,7 @@ RES = 0.05
 def _room(
     boxes: Sequence[tuple[float, float, float, float]] = ((3.0, 2.0, 0.8, 0.4),), size: tuple[float, float] = (6.0, 5.0)
 ) -> GridMap:
-    """Return a room of size (x, y) metres with 0.1 m walls and boxes (centre x, y, width, depth); the origin is its corner."""
+    """Return a room of size (x, y) meters with 0.1 m walls and boxes (center x, y, width, depth); the origin is its corner."""
     cells = np.zeros((round(size[1] / RES), round(size[0] / RES)), np.int8)
     cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = 100, 100, 100, 100
     for x, y, width, depth in boxes:

@@ -25,8 +25,8 @@ def _reference_frontier_cells(grid: np.ndarray[Any, Any], radius: int, free: int
     result = np.zeros(grid.shape, bool)
     for r in range(height):
         for c in range(width):
-            neighbours = [(r + 1, c), (r - 1, c), (r, c + 1), (r, c - 1)]
-            unknown = any(0 <= a < height and 0 <= b < width and grid[a, b] == -1 for a, b in neighbours)
+            neighbors = [(r + 1, c), (r - 1, c), (r, c + 1), (r, c - 1)]
+            unknown = any(0 <= a < height and 0 <= b < width and grid[a, b] == -1 for a, b in neighbors)
             square = grid[max(0, r - radius) : r + radius + 1, max(0, c - radius) : c + radius + 1]
             result[r, c] = 0 <= grid[r, c] <= free and unknown and not (square >= occupied).any()
     return result
@@ -101,7 +101,7 @@ def test_equal_clusters_are_ordered_by_first_cell() -> None:
     assert goal is not None and goal.y < 0.5
 
 
-def test_clearance_is_in_metres() -> None:
+def test_clearance_is_in_meters() -> None:
     assert FrontierSettings().radius(0.05) == 7
     assert FrontierSettings().radius(0.1) == 4
     assert FrontierSettings(radius_cells=2).radius(0.05) == 2

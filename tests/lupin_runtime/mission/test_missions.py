@@ -17,7 +17,7 @@ from lupin_runtime.mission.missions import (
     ExplorationMission,
     InspectionMission,
     MonitoringMission,
-    nearest_neighbour_order,
+    nearest_neighbor_order,
     tag_order,
 )
 
@@ -63,20 +63,20 @@ def test_tag_ids_sort_numerically_then_alphabetically() -> None:
     assert sorted(["b", "10", "9", "a", "²"], key=tag_order) == ["9", "10", "a", "b", "²"]
 
 
-def test_nearest_neighbour_breaks_ties_by_id() -> None:
+def test_nearest_neighbor_breaks_ties_by_id() -> None:
     positions = {"10": (1.0, 0.0), "9": (-1.0, 0.0), "2": (5.0, 0.0)}
-    assert nearest_neighbour_order(positions, positions, (0.0, 0.0)) == ["9", "10", "2"]
+    assert nearest_neighbor_order(positions, positions, (0.0, 0.0)) == ["9", "10", "2"]
 
 
 def test_order_without_start_or_positions_is_by_id() -> None:
     positions = {"10": (1.0, 0.0), "9": (9.0, 0.0)}
-    assert nearest_neighbour_order(positions, positions, None) == ["9", "10"]
-    assert nearest_neighbour_order(["3", "1"], {}, (0.0, 0.0)) == ["1", "3"]
+    assert nearest_neighbor_order(positions, positions, None) == ["9", "10"]
+    assert nearest_neighbor_order(["3", "1"], {}, (0.0, 0.0)) == ["1", "3"]
 
 
 @given(st.dictionaries(st.integers(0, 40).map(str), st.tuples(st.floats(-20, 20), st.floats(-20, 20)), min_size=1, max_size=12))
 def test_each_step_goes_to_nearest_remaining_tag(positions: dict[str, tuple[float, float]]) -> None:
-    order = nearest_neighbour_order(positions, positions, (0.0, 0.0))
+    order = nearest_neighbor_order(positions, positions, (0.0, 0.0))
     assert sorted(order) == sorted(positions)
     current = (0.0, 0.0)
     for index, tag in enumerate(order):
@@ -138,6 +138,6 @@ def test_monitoring_without_tags_is_complete() -> None:
         ("something else", WARN, "something else"),
     ],
 )
-def test_events_are_labelled_by_prefix(code: str, severity: int, label: str) -> None:
+def test_events_are_labeled_by_prefix(code: str, severity: int, label: str) -> None:
     event = label_event(code)
     assert (event.code, event.severity, event.label) == (code or "", severity, label)

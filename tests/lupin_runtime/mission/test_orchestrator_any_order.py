@@ -127,11 +127,11 @@ def test_any_order_of_inputs_keeps_invariants(make_rig: type[Rig]) -> None:
             self.rig.navigation.ready = up
 
         @rule(answers=st.booleans(), acknowledges=st.booleans())
-        def navigation_behaviour(self, answers: bool, acknowledges: bool) -> None:
+        def navigation_behavior(self, answers: bool, acknowledges: bool) -> None:
             self.rig.navigation.accepts, self.rig.navigation.acknowledges_cancels = answers, acknowledges
 
         @rule(answers=st.booleans(), status=st.sampled_from([0, 0, 1]), detected=st.booleans())
-        def service_behaviour(self, answers: bool, status: int, detected: bool) -> None:
+        def service_behavior(self, answers: bool, status: int, detected: bool) -> None:
             rig = self.rig
             rig.greenhouse.replies, rig.greenhouse.status = answers, status
             rig.confirmer.replies, rig.confirmer.detected = answers, detected

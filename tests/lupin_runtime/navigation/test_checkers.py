@@ -37,7 +37,7 @@ def test_headings_are_compared_across_the_wrap_at_pi() -> None:
     assert checker.reached(Pose2(1.0, 1.0, math.pi - 0.05), Pose2(1.0, 1.0, -math.pi + 0.05), 0.0)
 
 
-def test_robot_is_stuck_after_ten_seconds_without_half_a_metre() -> None:
+def test_robot_is_stuck_after_ten_seconds_without_half_a_meter() -> None:
     checker = ProgressChecker()
     assert not checker.stuck(Pose2(), 0.0)
     assert not checker.stuck(Pose2(0.4, 0.0), 9.9)

@@ -51,7 +51,7 @@ def _robot_class() -> type[Any]:
         return Transform((pose.x, pose.y, 0.0), (0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2)))
 
     class TinyRobot(LupinNode):
-        """A kinematic base with odometry, a lidar and perfect localisation.
+        """A kinematic base with odometry, a lidar and perfect localization.
 
         It publishes the clock, SPEED times as fast as the wall clock, in steps: a slow machine only makes the test slower.
         """

@@ -56,7 +56,7 @@ def test_path_keeps_the_radius_from_every_wall(seed: int, boxes: int) -> None:
     except NoPath as refusal:
         assert refusal.failure in (PlanFailure.NO_VALID_PATH, PlanFailure.GOAL_OCCUPIED)
         return
-    # A point of a free cell may be half a cell's diagonal nearer than its centre; the guarantee is for cells.
+    # A point of a free cell may be half a cell's diagonal nearer than its center; the guarantee is for cells.
     assert (clearances(costmap, found.points) > RADIUS_M).all()
     assert tuple(found.points[0]) == pytest.approx(start)
     assert math.dist(found.goal, goal) <= PlannerParameters().tolerance

@@ -23,9 +23,9 @@ def test_wait_ends_after_its_duration() -> None:
     assert wait.tick(Pose2(), costmap_with_obstacles(), 7.0) is None
 
 
-def _run(behaviour: BackUp | Spin, costmap: Costmap, seconds: float = 20.0) -> Pose2:
+def _run(behavior: BackUp | Spin, costmap: Costmap, seconds: float = 20.0) -> Pose2:
     robot, now = Pose2(), 0.0
-    while (velocity := behaviour.tick(robot, costmap, now)) is not None:
+    while (velocity := behavior.tick(robot, costmap, now)) is not None:
         robot = robot @ Pose2(velocity[0] * 0.05, velocity[1] * 0.05, velocity[2] * 0.05)
         now += 0.05
         assert now < seconds

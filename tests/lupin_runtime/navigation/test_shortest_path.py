@@ -109,7 +109,7 @@ def test_gap_passes_only_discs_that_fit() -> None:
 
 
 def _geodesics(cells: np.ndarray, start: tuple[int, int]) -> np.ndarray:
-    """Lengths in cells from a cell over the 8-neighbourhood without cutting corners."""
+    """Lengths in cells from a cell over the 8-neighborhood without cutting corners."""
     height, width = cells.shape
     free = cells == 0
     rows, columns, weights = [], [], []
@@ -163,7 +163,7 @@ def test_maze_of_thin_walls_is_solved(seed: int) -> None:
     random = np.random.default_rng(seed)
     cells = empty(161, 161)
     cells[::8, :] = cells[:, ::8] = 100
-    # Open a door from every room to a neighbour of a random spanning tree: exactly one way leads anywhere.
+    # Open a door from every room to a neighbor of a random spanning tree: exactly one way leads anywhere.
     seen, stack = {(0, 0)}, [(0, 0)]
     while stack:
         r, c = stack[-1]

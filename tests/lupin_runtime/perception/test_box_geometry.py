@@ -17,10 +17,10 @@ from tests.support.optional import present
 if TYPE_CHECKING:
     from lupin_runtime.perception.box_geometry import Box, BoxSize
 
-metres = st.floats(-20.0, 20.0)
+meters = st.floats(-20.0, 20.0)
 angles = st.floats(-math.pi, math.pi)
 sizes = st.builds(g.BoxSize, st.floats(0.1, 3.0), st.floats(0.1, 3.0), st.floats(0.0, 2.0))
-boxes = st.builds(lambda x, y, yaw, size: g.box_from_map(Pose2(x, y, yaw), size), metres, metres, angles, sizes)
+boxes = st.builds(lambda x, y, yaw, size: g.box_from_map(Pose2(x, y, yaw), size), meters, meters, angles, sizes)
 
 
 @given(boxes, st.floats(-1.5, 1.5), st.floats(-0.5, 1.5))
@@ -36,7 +36,7 @@ def test_box_contains_exactly_what_is_placed_in_it(box: Box, fraction: float, de
 
 
 @given(boxes, st.floats(0.01, 1.0))
-def test_margin_applies_in_metres_on_every_side(box: Box, margin: float) -> None:
+def test_margin_applies_in_meters_on_every_side(box: Box, margin: float) -> None:
     inside, outside = 0.99 * margin, 1.01 * margin
     for sign in (-1.0, 1.0):
         assert box.contains(*box.place(sign * (1.0 + inside / (box.size.width / 2)), 0.5), margin_m=margin)
@@ -53,11 +53,11 @@ def test_footprint_corners_are_in_the_documented_order(box: Box) -> None:
     assert math.dist(corners[1], corners[2]) == pytest.approx(box.size.depth)
 
 
-@given(metres, metres, angles, sizes)
-def test_box_from_the_map_keeps_its_centre(x: float, y: float, yaw: float, size: BoxSize) -> None:
-    centre = g.box_from_map(Pose2(x, y, yaw), size).centre()
-    assert (centre.x, centre.y) == pytest.approx((x, y), abs=1e-9)
-    assert math.cos(centre.yaw - yaw) == pytest.approx(1.0)
+@given(meters, meters, angles, sizes)
+def test_box_from_the_map_keeps_its_center(x: float, y: float, yaw: float, size: BoxSize) -> None:
+    center = g.box_from_map(Pose2(x, y, yaw), size).center()
+    assert (center.x, center.y) == pytest.approx((x, y), abs=1e-9)
+    assert math.cos(center.yaw - yaw) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("size", [g.BoxSize(0.0, 0.4), g.BoxSize(0.8, 0.0), g.BoxSize(-1.0, 0.4)])
@@ -110,19 +110,19 @@ def test_only_the_raw_fraction_exceeds_the_ends() -> None:
 def test_column_contains_its_fractions(fraction: float, columns: int) -> None:
     column = g.column_of(fraction, columns)
     assert 0 <= column < columns
-    assert abs(g.column_centre(column, columns) - fraction) <= 1.0 / columns + 1e-9
+    assert abs(g.column_center(column, columns) - fraction) <= 1.0 / columns + 1e-9
 
 
-def test_column_centres_and_depths_follow_the_formula() -> None:
-    assert [g.column_centre(k, 7) for k in (0, 3, 6)] == pytest.approx([-6 / 7, 0.0, 6 / 7])
+def test_column_centers_and_depths_follow_the_formula() -> None:
+    assert [g.column_center(k, 7) for k in (0, 3, 6)] == pytest.approx([-6 / 7, 0.0, 6 / 7])
     assert g.column_depth(3, 0.5, 0.18) == pytest.approx(0.5 + (3 * 0.6180339887498949 % 1.0 - 0.5) * 0.36)
     assert all(0.0 <= g.column_depth(k, base, 0.9) <= 1.0 for k in range(20) for base in (0.0, 0.5, 1.0))
 
 
-points = st.lists(st.tuples(metres, metres), min_size=3, max_size=8)
+points = st.lists(st.tuples(meters, meters), min_size=3, max_size=8)
 
 
-@given(points, metres, metres, angles)
+@given(points, meters, meters, angles)
 def test_rigid_fit_recovers_the_motion(source: list[tuple[float, float]], x: float, y: float, yaw: float) -> None:
     spread = max(math.dist(a, b) for a in source for b in source)
     assume(spread > 0.1)

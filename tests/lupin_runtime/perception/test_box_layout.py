@@ -43,7 +43,7 @@ def test_box_faces_the_side_nearest_to_its_tag(
     tag: tuple[float, float], yaw: float, size: tuple[float, float], on_face: tuple[float, float]
 ) -> None:
     box = boxes_of(layout(x=tag), 0.3)["x"]
-    assert wrap_angle(box.centre.yaw - yaw) == pytest.approx(0.0)
+    assert wrap_angle(box.center.yaw - yaw) == pytest.approx(0.0)
     assert (box.size.width, box.size.depth) == pytest.approx(size)
     assert box.tag == pytest.approx(on_face)
 

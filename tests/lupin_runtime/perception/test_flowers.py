@@ -97,11 +97,11 @@ def test_count_uses_tracks_or_columns_without_a_tracker() -> None:
     assert look([detection(RED, 100)], [detection(RED, 600)]).flower_count == 2
 
 
-def test_neighbours_in_one_column_count_if_one_image_shows_both() -> None:
+def test_neighbors_in_one_column_count_if_one_image_shows_both() -> None:
     assert look([detection(RED, 300), detection(RED, 340)]).flower_count == 2
 
 
-def test_neighbours_in_one_column_share_its_width() -> None:
+def test_neighbors_in_one_column_share_its_width() -> None:
     found = look([detection(RED, 320)], [detection(RED, 345), detection(PINK, 300), detection(BUG, 344)])
     assert [(b.species, b.anomaly) for b in found.flowers] == [("tulip_pink", False), ("tulip_red", True)]
     fractions = [BOX.coordinates(*b.position)[0] for b in found.flowers]

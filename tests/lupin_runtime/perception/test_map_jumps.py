@@ -20,7 +20,7 @@ LATER_S = 1e4
 
 
 def rectangle(width: float = 6.0, height: float = 4.0, step: float = 0.1) -> list[Pose2]:
-    """True poses of a lap around a rectangle, turning in place at the corners, to a metre past the start."""
+    """True poses of a lap around a rectangle, turning in place at the corners, to a meter past the start."""
     poses = [Pose2()]
     for length, turn in ((width, 1), (height, 1), (width, 1), (height, 1), (1.0, 0)):
         poses += [poses[-1] @ Pose2(x=step) for _ in [0]]
@@ -81,7 +81,7 @@ def follow(motion: MapMotion, odometry: list[Pose2], map_from_odom: Pose2 = ORIG
     stations, jumps = [], []
     for k, pose in enumerate(odometry):
         jump = motion.update(STEP_S * k, map_from_odom, pose)
-        stations.append(motion.travelled)
+        stations.append(motion.traveled)
         if jump is not None:
             jumps.append(jump)
     return stations, jumps
@@ -92,10 +92,10 @@ def test_static_map_makes_no_jump() -> None:
     motion = MapMotion()
     _stations, jumps = follow(motion, truth)
     assert jumps == []
-    assert motion.travelled == pytest.approx(21.0 + 0.3 * 2 * math.pi, rel=1e-6)
+    assert motion.traveled == pytest.approx(21.0 + 0.3 * 2 * math.pi, rel=1e-6)
 
 
-def test_corrections_of_centimetres_are_no_jump() -> None:
+def test_corrections_of_centimeters_are_no_jump() -> None:
     motion = MapMotion()
     rng = np.random.default_rng(0)
     for k, pose in enumerate(rectangle()):
@@ -104,7 +104,7 @@ def test_corrections_of_centimetres_are_no_jump() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_loop_closure_moves_old_tags_as_the_pose_graph_does(seed: int) -> None:
-    """Tags placed on a drifting lap are wrong by decimetres; the jump of map -> odom alone corrects most of it."""
+    """Tags placed on a drifting lap are wrong by decimeters; the jump of map -> odom alone corrects most of it."""
     rng = np.random.default_rng(seed)
     truth = rectangle()[::3]
     odometry = drifting(truth, rng, turn_bias=0.004)

@@ -108,16 +108,16 @@ class Bench:
         self.tf.send_static(to_message("base_link", graph.BODY_CAMERA_FRAME, self.time_ns, mount))
 
     def image(
-        self, grey_or_color: np.ndarray, encoding: str = "mono8", frame: str = graph.BODY_CAMERA_FRAME, step: None = None
+        self, gray_or_color: np.ndarray, encoding: str = "mono8", frame: str = graph.BODY_CAMERA_FRAME, step: None = None
     ) -> Image:
         from sensor_msgs.msg import Image
 
         from lupin_runtime.ros import stamp_from_ns
 
-        height, width = grey_or_color.shape[:2]
+        height, width = gray_or_color.shape[:2]
         data = array("B")
-        data.frombytes(np.ascontiguousarray(grey_or_color).tobytes())
-        channels = 1 if grey_or_color.ndim == 2 else grey_or_color.shape[2]
+        data.frombytes(np.ascontiguousarray(gray_or_color).tobytes())
+        channels = 1 if gray_or_color.ndim == 2 else gray_or_color.shape[2]
         message = Image(height=height, width=width, encoding=encoding, step=step or width * channels, data=data)
         message.header.stamp = stamp_from_ns(self.time_ns)
         message.header.frame_id = frame
@@ -346,7 +346,7 @@ def test_sighting_uses_the_robot_pose_at_its_stamp(bench: Any, aggregator: Perce
     bench.send_robot(odom_from_base=(0.0, 0.0, math.pi), stamp_ns=first_ns + 2 * STEP_NS)
     bench.host.until(lambda: aggregator._registry.sightings("7") == 1)
     pose = present(aggregator._registry.get("7")).pose
-    # Halfway through the turn: the camera, 0.15 m in front of the base's centre, faced along y.
+    # Halfway through the turn: the camera, 0.15 m in front of the base's center, faced along y.
     assert pose.translation[:2] == pytest.approx((0.0, 1.15), abs=1e-6)
 
 
@@ -379,7 +379,7 @@ def test_known_tags_follow_a_jump_of_the_map(bench: Any, aggregator: PerceptionA
         bench.send_robot(bench.map_from_odom, bench.odom_from_base)
         if k == 0:
             bench.host.until(lambda: aggregator._motion._path, what="the start of the path")
-    bench.host.until(lambda: aggregator._motion.travelled > 5.8, what="the whole path")
+    bench.host.until(lambda: aggregator._motion.traveled > 5.8, what="the whole path")
     for _ in range(3):
         bench.send_tag(7, (1.0, 0.0, 0.15))
     before = bench.discovered(7, 3).pose_in_map.position.x

@@ -163,13 +163,13 @@ def test_newer_sightings_weigh_more_after_a_map_jump() -> None:
     registry = TagRegistry()
     for k in range(20):
         look = sighting(rng, 0.2, 1.0, k)
-        registry.add("7", Sighting(look.stamp_ns, look.pose, look.camera, travelled=8.0))
+        registry.add("7", Sighting(look.stamp_ns, look.pose, look.camera, traveled=8.0))
     registry.follow(_jump(-0.3))
     assert present(registry.get("7")).pose.translation[0] == pytest.approx(TAG[0] - 0.3, abs=0.01)
     assert present(registry.get("7")).spread_m > 0.05
     for k in range(5):  # new sightings show that the map moved by 25 cm here, not by 30
         look = sighting(rng, 0.5, 0.8, 100 + k, offset=(-0.25, 0.0, 0.0))
-        registry.add("7", Sighting(look.stamp_ns, look.pose, look.camera, travelled=12.0))
+        registry.add("7", Sighting(look.stamp_ns, look.pose, look.camera, traveled=12.0))
     assert present(registry.get("7")).pose.translation[0] == pytest.approx(TAG[0] - 0.25, abs=0.01)
 
 
@@ -177,13 +177,13 @@ def test_sightings_from_before_the_loop_stay() -> None:
     rng = np.random.default_rng(1)
     registry = TagRegistry()
     look = sighting(rng, 0.2, 1.0, 0)
-    registry.add("7", Sighting(0, look.pose, look.camera, travelled=2.0))
+    registry.add("7", Sighting(0, look.pose, look.camera, traveled=2.0))
     before = present(registry.get("7")).pose
     registry.follow(_jump(-0.3))
     assert present(registry.get("7")).pose == before
 
 
-def test_doubt_moves_nothing_and_favours_newer_sightings() -> None:
+def test_doubt_moves_nothing_and_favors_newer_sightings() -> None:
     rng = np.random.default_rng(1)
     registry = TagRegistry()
     for k in range(20):

@@ -61,7 +61,7 @@ def test_tag_axes_are_x_right_y_up_z_out_of_the_plate(tag_views: ModuleType) -> 
     assert pose.transform.translation == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
 
 
-def test_pose_at_2_metres_is_within_1_cm_and_2_degrees(tag_views: ModuleType) -> None:
+def test_pose_at_2_meters_is_within_1_cm_and_2_degrees(tag_views: ModuleType) -> None:
     engine, rng = tags.make_engine(), np.random.default_rng(6)
     distances, angles = [], []
     for degrees in (-50, -35, -20, -5, 10, 25, 40, 50):

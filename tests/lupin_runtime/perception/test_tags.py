@@ -74,9 +74,9 @@ def test_aruco_engine_works_with_the_opencv_4_6_interface(monkeypatch: pytest.Mo
     new_detector, new_parameters = aruco.ArucoDetector, aruco.DetectorParameters
 
     def detect_markers(
-        grey: np.ndarray, dictionary: Dictionary, parameters: DetectorParameters
+        gray: np.ndarray, dictionary: Dictionary, parameters: DetectorParameters
     ) -> tuple[Sequence[Any], Any, Sequence[Any]]:
-        return new_detector(dictionary, parameters).detectMarkers(grey)
+        return new_detector(dictionary, parameters).detectMarkers(gray)
 
     class Old:
         DICT_APRILTAG_36h11 = aruco.DICT_APRILTAG_36h11
@@ -163,8 +163,8 @@ def test_tiny_images_are_no_error(shape: tuple[int, int]) -> None:
     assert tags.detect(np.zeros(shape, np.uint8), tags.make_engine("apriltag")) == []
 
 
-def test_image_that_is_not_grey_is_refused(engine: TagEngine) -> None:
-    with pytest.raises(ValueError, match="grey image"):
+def test_image_that_is_not_gray_is_refused(engine: TagEngine) -> None:
+    with pytest.raises(ValueError, match="gray image"):
         tags.detect(np.zeros((480, 640, 3), np.uint8), engine)
     with pytest.raises(ValueError, match="uint8"):
         tags.detect(np.zeros((480, 640), np.float32), engine)

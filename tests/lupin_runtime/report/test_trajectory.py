@@ -77,7 +77,7 @@ def test_path_continues_after_clock_jumps_back() -> None:
     assert len(builder.build()) == 5
 
 
-def test_speed_is_in_metres_per_second() -> None:
+def test_speed_is_in_meters_per_second() -> None:
     builder = TrajectoryBuilder()
     drive_straight(builder, 5.0, speed=0.4)
     assert speeds(builder.build())[5:-5] == pytest.approx(0.4, abs=0.01)

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lupin_runtime.safety import BatteryEdge, BatteryMonitor, EStopEdge, EStopMonitor, normalise
+from lupin_runtime.safety import BatteryEdge, BatteryMonitor, EStopEdge, EStopMonitor, normalize
 from lupin_runtime.safety.estop_monitor import QUIET_S, RELEASE_COUNT
 
 
 @given(st.one_of(st.floats(), st.integers(-10, 200)))
-def test_normalised_battery_is_a_fraction_or_none(value: float) -> None:
-    out = normalise(value)
+def test_normalized_battery_is_a_fraction_or_none(value: float) -> None:
+    out = normalize(value)
     if not math.isfinite(value) or value < 0:
         assert out is None
     else:
@@ -25,7 +25,7 @@ def test_normalised_battery_is_a_fraction_or_none(value: float) -> None:
 
 @given(st.floats(2, 100))
 def test_battery_percent_and_fraction_are_equivalent(percent: float) -> None:
-    assert normalise(percent) == pytest.approx(normalise(percent / 100.0))
+    assert normalize(percent) == pytest.approx(normalize(percent / 100.0))
 
 
 @pytest.mark.parametrize("junk", [None, "80", True, math.nan, math.inf, -math.inf, -1, -0.01, [0.5]])

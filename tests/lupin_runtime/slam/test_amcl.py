@@ -1,4 +1,4 @@
-"""Localisation on a saved map: accuracy, honest covariances, the number of particles."""
+"""Localization on a saved map: accuracy, honest covariances, the number of particles."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def rasterised(world: World, cell: float = 0.05) -> GridMap:
     return GridMap(cells, cell, float(low[0]), float(low[1]))
 
 
-def localise(
+def localize(
     grid: GridMap, log: Log, seed: int, start: np.ndarray | None = None, last: int | None = None, blind: range = range(0)
 ) -> tuple[np.ndarray, np.ndarray, list[Belief]]:
     """Run a filter along a log in the map's frame; returns errors (n, 3), covariances (n, 3, 3) and beliefs."""
@@ -66,7 +66,7 @@ def localise(
 
 
 def nees(errors: np.ndarray, covariances: np.ndarray) -> np.ndarray:
-    """Normalised estimation error squared (n,): three on average if the covariances are right."""
+    """Normalized estimation error squared (n,): three on average if the covariances are right."""
     result: np.ndarray = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors)
     return result
 
@@ -74,7 +74,7 @@ def nees(errors: np.ndarray, covariances: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(3))
 def test_covariance_on_a_true_map_matches_the_error(seed: int) -> None:
     log = slam_worlds.greenhouse_log(1.5, seed=20 + seed)
-    errors, covariances, beliefs = localise(rasterised(slam_worlds.greenhouse()), log, seed)
+    errors, covariances, beliefs = localize(rasterised(slam_worlds.greenhouse()), log, seed)
     settled = slice(5, None)
     assert np.sqrt((errors[settled, :2] ** 2).sum(axis=1).mean()) < 0.04
     assert np.sqrt((errors[settled, 2] ** 2).mean()) < math.radians(0.5)
@@ -103,7 +103,7 @@ def test_vague_initial_pose_converges_at_rest_and_stays_honest(wrong_m: float) -
 
 def test_covariance_on_a_built_map_covers_the_error(mapped: MappingRun, greenhouse_log: Log) -> None:
     log = slam_worlds.greenhouse_log(1.0, seed=31)
-    errors, covariances, beliefs = localise(present(mapped.mapper.grid()), log, 1, start=greenhouse_log.truth[0])
+    errors, covariances, beliefs = localize(present(mapped.mapper.grid()), log, 1, start=greenhouse_log.truth[0])
     assert 0.1 < nees(errors[5:], covariances[5:]).mean() < 5.0
     refined = np.array([belief.refined for belief in beliefs])
     assert refined.mean() > 0.9
@@ -113,7 +113,7 @@ def test_covariance_on_a_built_map_covers_the_error(mapped: MappingRun, greenhou
 def test_covariance_without_scans_grows_and_covers_the_error() -> None:
     log = slam_worlds.greenhouse_log(0.6, seed=4)
     blind = range(150, 360)
-    errors, covariances, beliefs = localise(rasterised(slam_worlds.greenhouse()), log, 0, blind=blind)
+    errors, covariances, beliefs = localize(rasterised(slam_worlds.greenhouse()), log, 0, blind=blind)
     traces = covariances[:, 0, 0] + covariances[:, 1, 1]
     assert traces[-1] > 20 * np.median(traces[5:25])
     assert not beliefs[-1].refined
@@ -166,7 +166,7 @@ def test_omni_model_spreads_sideways_as_well() -> None:
     amcl.predict(np.array([0.0, 0.5, 0.0]))  # a mecanum base drives to its left
     x, y, yaw = amcl.particles.T
     assert y.mean() == pytest.approx(0.5, abs=0.03) and abs(x.mean()) < 0.03
-    expected = math.sqrt(0.2 * 0.25)  # alpha 0.2, half a metre
+    expected = math.sqrt(0.2 * 0.25)  # alpha 0.2, half a meter
     for spread in (x.std(), y.std(), yaw.std()):
         assert spread == pytest.approx(expected, rel=0.1)
 

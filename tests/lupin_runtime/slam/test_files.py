@@ -84,7 +84,7 @@ def test_turned_origin_is_resampled_onto_the_frame_axes(tmp_path: Path) -> None:
     text = (tmp_path / "m.yaml").read_text().replace("2.0, 0]", f"2.0, {math.pi / 2}]")
     (tmp_path / "m.yaml").write_text(text)
     turned = load_map(tmp_path / "m.yaml")
-    # The cell's centre, (3.05, 0.55) from the corner, turned by 90 degrees.
+    # The cell's center, (3.05, 0.55) from the corner, turned by 90 degrees.
     row, column = turned.cell_of(1.0 - 0.55, 2.0 + 3.05)
     assert turned.cells[row, column] == 100
     assert (turned.cells == 100).sum() == 1
@@ -92,12 +92,12 @@ def test_turned_origin_is_resampled_onto_the_frame_axes(tmp_path: Path) -> None:
 
 
 def test_transparent_png_cells_are_unknown(tmp_path: Path) -> None:
-    grey = np.array([[0, 254, 205], [254, 254, 0]], np.uint8)
-    cv2.imwrite(str(tmp_path / "grey.png"), grey)
-    cv2.imwrite(str(tmp_path / "deep.png"), grey.astype(np.uint16) * 257)
-    clear = np.dstack((grey, grey, grey, np.array([[255, 255, 255], [255, 0, 255]], np.uint8)))
+    gray = np.array([[0, 254, 205], [254, 254, 0]], np.uint8)
+    cv2.imwrite(str(tmp_path / "gray.png"), gray)
+    cv2.imwrite(str(tmp_path / "deep.png"), gray.astype(np.uint16) * 257)
+    clear = np.dstack((gray, gray, gray, np.array([[255, 255, 255], [255, 0, 255]], np.uint8)))
     cv2.imwrite(str(tmp_path / "clear.png"), clear)
-    for name, middle in (("grey", 0), ("deep", 0), ("clear", -1)):
+    for name, middle in (("gray", 0), ("deep", 0), ("clear", -1)):
         (tmp_path / "m.yaml").write_text(GOOD.replace("m.pgm", f"{name}.png"))
         np.testing.assert_array_equal(load_map(tmp_path / "m.yaml").cells, [[0, middle, 100], [100, 0, -1]])
     (tmp_path / "clear.png").write_bytes(b"\x89PNG nothing")

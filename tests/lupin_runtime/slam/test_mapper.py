@@ -204,7 +204,7 @@ def test_long_loop_closes() -> None:
     assert rmse(place) < 0.1 and place.max() < 0.4
 
 
-def test_closure_that_corrects_by_metres_needs_a_second_one() -> None:
+def test_closure_that_corrects_by_meters_needs_a_second_one() -> None:
     log = slam_worlds.office_log(1)
     run = MappingRun(log, MapperSettings(revisit_m=0.0, loops=None, occupancy=None, field_shape=FieldShape(reach_m=25.0)))
     run.process(0, len(log.stamps))

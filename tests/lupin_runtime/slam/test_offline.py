@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="module")
 def office() -> Log:
-    """A floor with a loop of 100 m: 180 degrees of laser, a scan in three seconds, people, slips, drift of tens of metres."""
+    """A floor with a loop of 100 m: 180 degrees of laser, a scan in three seconds, people, slips, drift of tens of meters."""
     drift = slam_worlds.Drift(travel_scale=0.03, turn_scale=0.05, turn_per_m=0.02, travel_noise=0.15, turn_noise=0.08)
     trouble = slam_worlds.Trouble(people=3, nonsense=0.01, nothing=0.04, slip=0.0004)
     log = slam_worlds.office_log(2, drift=drift, trouble=trouble)

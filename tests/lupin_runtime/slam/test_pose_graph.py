@@ -1,4 +1,4 @@
-"""The optimiser against known optima: closed graphs, a general solver, good and poor guesses."""
+"""The optimizer against known optima: closed graphs, a general solver, good and poor guesses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lupin_runtime.slam.pose_graph import (
     anchors_of,
     edge_chi2,
     linear_guess,
-    optimise,
+    optimize,
     residuals,
 )
 from lupin_runtime.slam.se2 import wrap
@@ -74,7 +74,7 @@ def test_exact_measurements_give_the_truth_from_any_guess(seed: int, scale: floa
     exact = Edges(edges.tail, edges.head, relative_pose(truth[edges.tail], truth[edges.head]), edges.information)
     guess = np.random.default_rng(seed).normal(size=truth.shape) * scale
     guess[0] = truth[0]
-    solution = optimise(guess, exact)
+    solution = optimize(guess, exact)
     assert solution.chi2_after < 1e-6
     np.testing.assert_allclose(solution.poses[:, :2], truth[:, :2], atol=1e-5)
     np.testing.assert_allclose(wrap(solution.poses[:, 2] - truth[:, 2]), 0.0, atol=1e-6)
@@ -86,14 +86,14 @@ def test_optimum_equals_that_of_a_general_solver(seed: int) -> None:
     reference = general_optimum(truth, edges)
     for guess in (odometry(edges, 40), np.zeros_like(truth), np.random.default_rng(seed).normal(size=truth.shape) * 20):
         guess[0] = truth[0]
-        solution = optimise(guess, edges)
+        solution = optimize(guess, edges)
         assert solution.chi2_after == pytest.approx(reference, rel=1e-6)
         assert solution.converged
 
 
 def test_thousands_of_poses_reach_one_optimum_from_any_guess() -> None:
     truth, edges = random_graph(7, 1500, 900, 0.1, 0.1)
-    good, poor = optimise(truth, edges), optimise(np.zeros_like(truth), edges)
+    good, poor = optimize(truth, edges), optimize(np.zeros_like(truth), edges)
     assert good.chi2_after == pytest.approx(poor.chi2_after, rel=1e-9)
     assert poor.started_from == "linear"
     # The expected chi2 of a correct model: the number of residuals less the unknowns.
@@ -107,13 +107,13 @@ def test_correlated_information_matrix_is_used_in_full() -> None:
     root = rng.normal(size=(len(edges), 3, 3)) * 5
     information = root @ root.transpose(0, 2, 1) + np.eye(3)
     edges = Edges(edges.tail, edges.head, edges.motion, information)
-    assert optimise(odometry(edges, 25), edges).chi2_after == pytest.approx(general_optimum(truth, edges), rel=1e-6)
+    assert optimize(odometry(edges, 25), edges).chi2_after == pytest.approx(general_optimum(truth, edges), rel=1e-6)
 
 
 def test_fixed_vertices_do_not_move() -> None:
     _, edges = random_graph(2, 20, 10)
     guess = odometry(edges, 20)
-    solution = optimise(guess, edges, fixed=np.array([3, 9]))
+    solution = optimize(guess, edges, fixed=np.array([3, 9]))
     np.testing.assert_array_equal(solution.poses[[3, 9]], guess[[3, 9]])
     assert solution.chi2_after > 0.0
 
@@ -123,7 +123,7 @@ def test_each_part_of_a_split_graph_keeps_its_own_frame() -> None:
     keep = (edges.tail < 10) == (edges.head < 10)
     split = Edges(edges.tail[keep], edges.head[keep], edges.motion[keep], edges.information[keep])
     assert np.flatnonzero(anchors_of(20, split)).tolist() == [0, 10]
-    solution = optimise(odometry(edges, 20), split)
+    solution = optimize(odometry(edges, 20), split)
     assert solution.converged and np.isfinite(solution.poses).all()
 
 
@@ -143,9 +143,9 @@ def test_wrong_closure_under_a_robust_kernel_bends_nothing() -> None:
     lied = Edges(edges.tail, edges.head, wrong, edges.information)
     soft = np.zeros(len(edges), bool)
     soft[59:] = True
-    plain = optimise(truth, lied)
-    robust = optimise(truth, lied, robust=soft)
-    correct = optimise(truth, edges)
+    plain = optimize(truth, lied)
+    robust = optimize(truth, lied, robust=soft)
+    correct = optimize(truth, edges)
     off = np.hypot(*(robust.poses - correct.poses)[:, :2].T).max()
     assert off < 0.05
     assert np.hypot(*(plain.poses - correct.poses)[:, :2].T).max() > 4 * off
@@ -164,19 +164,19 @@ def test_wrong_closure_under_a_robust_kernel_bends_nothing() -> None:
 def test_invalid_graph_is_refused_with_its_reason(spoil: Callable[..., Any], says: str) -> None:
     truth, edges = random_graph(0, 10, 3)
     with pytest.raises(GraphError, match=says):
-        optimise(truth, spoil(edges))
+        optimize(truth, spoil(edges))
 
 
 def test_graph_without_edges_stays_unchanged() -> None:
     nothing = Edges(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
     poses = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 0.1]])
-    np.testing.assert_array_equal(optimise(poses, nothing).poses, poses)
-    np.testing.assert_array_equal(optimise(poses[:1], nothing).poses, poses[:1])
+    np.testing.assert_array_equal(optimize(poses, nothing).poses, poses)
+    np.testing.assert_array_equal(optimize(poses[:1], nothing).poses, poses[:1])
 
 
 def test_graph_with_all_vertices_fixed_stays_unchanged() -> None:
     truth, edges = random_graph(4, 12, 5)
-    solution = optimise(truth, edges, fixed=np.arange(12))
+    solution = optimize(truth, edges, fixed=np.arange(12))
     np.testing.assert_array_equal(solution.poses, truth)
     assert solution.chi2_after == pytest.approx(solution.chi2_before)
 

@@ -47,7 +47,7 @@ AROUND = [(3.5 + dx, 2.2 + dy, yaw) for dx, dy, yaw in ((0, 0, 0), (0.3, 0, 0.4)
     turn=st.floats(-0.2, 0.2),
     seed=st.integers(0, 100),
 )
-def test_offset_of_decimetres_is_recovered_to_millimetres(dx: float, dy: float, turn: float, seed: int) -> None:
+def test_offset_of_decimeters_is_recovered_to_millimeters(dx: float, dy: float, turn: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     local = local_of(greenhouse(), AROUND, rng)
     truth = np.array([3.45, 2.25, 0.1])

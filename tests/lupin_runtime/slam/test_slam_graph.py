@@ -282,7 +282,7 @@ def test_corrupt_session_starts_a_new_map_with_a_warning(graph_host: GraphHost, 
     graph_host.until(lambda: robot.error_m() < 0.05)
 
 
-# -- localisation ----------------------------------------------------------------------------------------------------------
+# -- localization ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

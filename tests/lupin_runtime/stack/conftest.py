@@ -16,7 +16,7 @@ from typing import Any
 import psutil
 import pytest
 
-UP_BOUND_S = 90.0
+UP_TIMEOUT_S = 90.0
 
 
 class Up:
@@ -57,16 +57,16 @@ class Up:
         path = folder / "sim_state.json" if folder is not None else None
         return json.loads(path.read_text()) if path is not None and path.exists() else {}
 
-    def until(self, condition: Callable[[dict[str, Any]], bool], what: str, bound_s: float = UP_BOUND_S) -> dict[str, Any]:
+    def until(self, condition: Callable[[dict[str, Any]], bool], what: str, timeout_s: float = UP_TIMEOUT_S) -> dict[str, Any]:
         """The first state in which the condition holds."""
-        deadline = time.monotonic() + bound_s
+        deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             state = self.state()
             if state.get("stages") and condition(state):
                 return state
             assert self.process.poll() is None, f"ended while waiting for {what}: {self.process.communicate()}"
             time.sleep(0.1)
-        raise AssertionError(f"no {what} within {bound_s} s: {self.state()}")
+        raise AssertionError(f"no {what} within {timeout_s} s: {self.state()}")
 
     def wait_up(self) -> dict[str, Any]:
         """The first state in which every stage is up."""
@@ -82,14 +82,14 @@ class Up:
         os.kill(pid, signal.SIGKILL)
         return pid
 
-    def lupin(self, *arguments: str, bound_s: float = 60.0) -> subprocess.CompletedProcess[str]:
+    def lupin(self, *arguments: str, timeout_s: float = 60.0) -> subprocess.CompletedProcess[str]:
         """Run another `lupin` command of the same user."""
         return subprocess.run(
             [sys.executable, "-m", "lupin_cli.app", *arguments],
             env=self.environment,
             capture_output=True,
             text=True,
-            timeout=bound_s,
+            timeout=timeout_s,
             check=False,
         )
 
@@ -98,12 +98,12 @@ class Up:
         twist = self.simulator().get("twist") or [0.0, 0.0, 0.0]
         return float((twist[0] ** 2 + twist[1] ** 2) ** 0.5)
 
-    def wait(self, condition: Callable[[], Any], what: str, bound_s: float = UP_BOUND_S) -> Any:
+    def wait(self, condition: Callable[[], Any], what: str, timeout_s: float = UP_TIMEOUT_S) -> Any:
         """Wait for the first true value of the condition; fail where the run ends."""
-        deadline = time.monotonic() + bound_s
+        deadline = time.monotonic() + timeout_s
         while not (value := condition()):
             assert self.process.poll() is None, f"ended while waiting for {what}: {self.process.communicate()}"
-            assert time.monotonic() < deadline, f"no {what} within {bound_s:.0f} s: {self.simulator()} {self.state()}"
+            assert time.monotonic() < deadline, f"no {what} within {timeout_s:.0f} s: {self.simulator()} {self.state()}"
             time.sleep(0.1)
         return value
 
@@ -118,9 +118,9 @@ class Up:
         pids = [stage["pid"] for stage in self.state()["stages"] if stage["pid"] is not None]
         return [psutil.Process(pid) for pid in pids if psutil.pid_exists(pid)]
 
-    def result(self, bound_s: float = 60.0) -> tuple[int, dict[str, Any]]:
+    def result(self, timeout_s: float = 60.0) -> tuple[int, dict[str, Any]]:
         """Exit status and the JSON object of a run that was started with --json."""
-        out, err = self.process.communicate(timeout=bound_s)
+        out, err = self.process.communicate(timeout=timeout_s)
         assert out.strip(), err
         return self.process.returncode, json.loads(out)
 
@@ -170,11 +170,11 @@ class Observer:
     def _spin(self) -> None:
         self._executor.spin_until_future_complete(self._end)
 
-    def until(self, condition: Callable[[], Any], what: str, bound_s: float = 30.0) -> Any:
+    def until(self, condition: Callable[[], Any], what: str, timeout_s: float = 30.0) -> Any:
         """The first true value of the condition."""
-        deadline = time.monotonic() + bound_s
+        deadline = time.monotonic() + timeout_s
         while not (value := condition()):
-            assert time.monotonic() < deadline, f"no {what} within {bound_s:.0f} s"
+            assert time.monotonic() < deadline, f"no {what} within {timeout_s:.0f} s"
             time.sleep(0.02)
         return value
 

@@ -66,7 +66,7 @@ CORRUPT = {
         "not a number": (json.dumps(LAYOUT, indent=1).replace("0.5", "NaN", 1).encode(), True),
         "endless": (json.dumps(LAYOUT, indent=1).replace("0.5", "1e999", 1).encode(), True),
         "huge": (json.dumps(LAYOUT, indent=1).replace("0.5", "1" + 400 * "0", 1).encode(), True),
-        "kilometres": (json.dumps(LAYOUT, indent=1).replace("0.5", "5000", 1).encode(), True),
+        "kilometers": (json.dumps(LAYOUT, indent=1).replace("0.5", "5000", 1).encode(), True),
         "digits without end": (json.dumps(LAYOUT, indent=1).replace("0.5", 6000 * "9", 1).encode(), False),
         "nested without end": (b"[" * NEST, False),
         "empty": (b"", False),

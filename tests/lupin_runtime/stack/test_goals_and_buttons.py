@@ -56,14 +56,14 @@ class Goals:
         speeds = (twist.linear.x, twist.linear.y, twist.angular.z)
         self.fastest = max(self.fastest, *map(abs, speeds))
 
-    def go(self, x: float, y: float, bound_s: float = 90.0) -> Any:
+    def go(self, x: float, y: float, timeout_s: float = 90.0) -> Any:
         """Drive to a point of the map; returns the result, or None where the goal was rejected."""
         sent = self._observer.within(lambda: self._client.send_goal_async(self._type.Goal(pose=pose_message(x, y))))
         handle = self._observer.until(lambda: sent.done() and sent.result(), "answer to the goal")
         if not handle.accepted:
             return None
         result = self._observer.within(handle.get_result_async)
-        return self._observer.until(lambda: result.done() and result.result(), "end of the drive", bound_s)
+        return self._observer.until(lambda: result.done() and result.result(), "end of the drive", timeout_s)
 
 
 def test_goal_in_a_wall_is_refused_and_the_next_succeeds(launch: Callable[..., Any], join: Callable[..., Any]) -> None:
@@ -146,11 +146,11 @@ class Buttons:
             return ""
         return f"{message.lifecycle_state}.{message.mission_phase}" if message.mission_phase else message.lifecycle_state
 
-    def until(self, what: str, condition: Callable[[], Any], bound_s: float = 90.0) -> None:
-        self.observer.until(lambda: self.mission is not None and condition(), f"{what} (last {self.state})", bound_s)
+    def until(self, what: str, condition: Callable[[], Any], timeout_s: float = 90.0) -> None:
+        self.observer.until(lambda: self.mission is not None and condition(), f"{what} (last {self.state})", timeout_s)
 
-    def until_state(self, state: str, bound_s: float = 90.0) -> None:
-        self.until(state, lambda: self.state == state, bound_s)
+    def until_state(self, state: str, timeout_s: float = 90.0) -> None:
+        self.until(state, lambda: self.state == state, timeout_s)
 
     def call(self, service: Any) -> Any:
         from std_srvs.srv import Trigger

@@ -110,10 +110,10 @@ def test_robot_stopped_after_discovery_gives_names_no_samples(
 
     monkeypatch.setattr(graph_probe.GraphSession, "subscribe", stop_and_subscribe)
     monkeypatch.setattr(graph_probe.GraphSession, "call", call_the_stopped)
-    monkeypatch.setattr(graph_probe, "SILENCE_BOUND_S", 4.0)
+    monkeypatch.setattr(graph_probe, "SILENCE_TIMEOUT_S", 4.0)
     started = time.monotonic()
     seen = read(json.dumps(graph_probe.probe_graph()))
-    assert time.monotonic() - started < graph_probe.PROBE_BOUND_S
+    assert time.monotonic() - started < graph_probe.PROBE_TIMEOUT_S
     assert len(seen.nodes) >= 1 and len(seen.samples) >= 5
     assert ids(seen) == ["names-no-samples"]
 

@@ -12,7 +12,7 @@ import pytest
 
 pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
 
-MISSION_BOUND_S = 900.0
+MISSION_TIMEOUT_S = 900.0
 RESTARTABLE = ("perception", "twin", "recorder", "body", "estop", "drive", "nav", "slam")
 
 
@@ -22,9 +22,9 @@ def speed_m_s(run: Any) -> float:
     return float((twist[0] ** 2 + twist[1] ** 2) ** 0.5)
 
 
-def until_moving(run: Any, bound_s: float = 60.0) -> None:
+def until_moving(run: Any, timeout_s: float = 60.0) -> None:
     """Wait until the robot drives."""
-    deadline = time.monotonic() + bound_s
+    deadline = time.monotonic() + timeout_s
     while speed_m_s(run) < 0.1:
         assert time.monotonic() < deadline, run.state().get("mission")
         time.sleep(0.2)
@@ -32,7 +32,7 @@ def until_moving(run: Any, bound_s: float = 60.0) -> None:
 
 def test_mission_reads_every_tag_and_writes_a_report(launch: Callable[..., Any]) -> None:
     run = launch("--mission", "--headless", "--json", "--world", "random:1")
-    status, result = run.result(MISSION_BOUND_S)
+    status, result = run.result(MISSION_TIMEOUT_S)
     assert (status, result["state"]) == (0, "DONE"), result
     assert result["tags_found"] == result["tags_read"] == result["tags_reachable"] > 0
     assert result["collisions"] == 0
@@ -70,7 +70,7 @@ def test_mission_survives_process_deaths_and_an_estop(launch: Callable[..., Any]
         assert speed_m_s(run) < 0.005 and run.state()["mission"]["paused"]
         time.sleep(0.2)
     assert run.lupin("mission", "resume").returncode == 0
-    status, result = run.result(MISSION_BOUND_S)
+    status, result = run.result(MISSION_TIMEOUT_S)
     assert (status, result["state"]) == (0, "DONE"), result
     assert result["tags_read"] == result["tags_reachable"] == result["tags_total"] - 1
     assert result["collisions"] == 0

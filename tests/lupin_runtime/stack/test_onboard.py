@@ -21,7 +21,7 @@ from tests.support.waiting import wait_until
 if TYPE_CHECKING:
     from tests.conftest import GraphHost
 
-BOUND_S = 60.0
+TIMEOUT_S = 60.0
 
 
 def test_onboard_rows_are_estop_drive_body_without_needs() -> None:
@@ -50,7 +50,7 @@ def test_onboard_nodes_use_the_robots_sink_and_color_order() -> None:
 def test_onboard_notifies_ready_restarts_and_stops_cleanly(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))
-        manager.settimeout(BOUND_S)
+        manager.settimeout(TIMEOUT_S)
         service = subprocess.Popen(
             [sys.executable, "-m", "lupin_runtime.stack.onboard"],
             env={**os.environ, "XDG_STATE_HOME": str(tmp_path), "NOTIFY_SOCKET": str(tmp_path / "notify")},
@@ -68,13 +68,13 @@ def test_onboard_notifies_ready_restarts_and_stops_cleanly(tmp_path: Path) -> No
             wait_until(
                 lambda: stages(tmp_path)["drive"]["restarts"] == 1 and stages(tmp_path)["drive"]["phase"] == "up",
                 "the restart of the drive bus",
-                BOUND_S,
+                TIMEOUT_S,
             )
             assert stages(tmp_path)["estop"]["pid"] == state["estop"]["pid"]
             pids = [stage["pid"] for stage in stages(tmp_path).values()]
         finally:
             service.send_signal(signal.SIGTERM)
-            text, _ = service.communicate(timeout=BOUND_S)
+            text, _ = service.communicate(timeout=TIMEOUT_S)
     assert service.returncode == 0, text
     assert "drive ended by SIGKILL: restarted" in text
     assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
@@ -92,19 +92,19 @@ def test_monitor_resubscribes_until_a_sample_arrives(graph_host: GraphHost, monk
     monitor, condition, created = module.GraphMonitor(rated=()), TopicSample(graph.ESTOP_STATE), []
     make_probe = monitor._make_probe
     monkeypatch.setattr(monitor, "_make_probe", lambda wanted: created.append(wanted) or make_probe(wanted))  # type: ignore[func-returns-value]
-    deadline = time.monotonic() + BOUND_S
+    deadline = time.monotonic() + TIMEOUT_S
     while len(created) < 3 and time.monotonic() < deadline:
         assert not monitor.satisfied(condition)
         monitor.spin(0.05)
     assert created == [condition] * 3
-    monkeypatch.setattr(module, "RESUBSCRIBE_AFTER_S", BOUND_S)
+    monkeypatch.setattr(module, "RESUBSCRIBE_AFTER_S", TIMEOUT_S)
     node = LupinNode("speaker")
     publisher = node.publisher(graph.ESTOP_STATE)
     message = publisher.msg_type()
     node.create_timer(0.1, lambda: publisher.publish(message))
     graph_host.add(node)
     while not monitor.satisfied(condition):
-        assert time.monotonic() < deadline + BOUND_S
+        assert time.monotonic() < deadline + TIMEOUT_S
         monitor.spin(0.05)
     monitor._executor.shutdown(timeout_sec=1.0)
     monitor.node.destroy_node()

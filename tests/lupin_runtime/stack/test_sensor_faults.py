@@ -12,7 +12,7 @@ from lupin_runtime import graph
 
 pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
 
-MISSION_BOUND_S = 900.0
+MISSION_TIMEOUT_S = 900.0
 LOOK_S = 4.0
 DRIVING_M_S, AT_REST_M_S = 0.1, 0.005
 
@@ -80,7 +80,7 @@ def test_mission_survives_sensor_faults_and_clock_jumps(launch: Callable[..., An
     assert "navigation aborted, SENSOR_LOST" in run.log("nav")
     stays_at_rest(run)
     order(String(data="scan none"))
-    status, result = run.result(MISSION_BOUND_S)
+    status, result = run.result(MISSION_TIMEOUT_S)
     assert (status, result["state"]) == (0, "DONE"), result
     assert result["tags_read"] == result["tags_reachable"] == result["tags_total"] - 1
     assert result["collisions"] == 0

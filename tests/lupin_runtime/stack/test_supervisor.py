@@ -68,8 +68,8 @@ def supervise(run: Run, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..
         one.stop()
 
 
-def until(supervisor: Supervisor, condition: Callable[[], bool], bound_s: float = 10.0) -> None:
-    deadline = time.monotonic() + bound_s
+def until(supervisor: Supervisor, condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
+    deadline = time.monotonic() + timeout_s
     while not condition():
         supervisor.step()
         assert time.monotonic() < deadline, supervisor.snapshot()

@@ -24,8 +24,8 @@ def up(launch: Callable[..., Any]) -> Callable[..., Any]:
     return lambda *arguments, **options: launch("--json", *BARE, *arguments, **options)
 
 
-def gone(processes: list[psutil.Process], bound_s: float = 12.0) -> bool:
-    _, alive = psutil.wait_procs(processes, timeout=bound_s)
+def gone(processes: list[psutil.Process], timeout_s: float = 12.0) -> bool:
+    _, alive = psutil.wait_procs(processes, timeout=timeout_s)
     return not [p for p in alive if p.is_running() and p.status() != psutil.STATUS_ZOMBIE]
 
 

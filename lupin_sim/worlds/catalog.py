@@ -42,7 +42,7 @@ def _random(argument: str, seed: int) -> World:
     return random_world(int(argument) if argument else seed)
 
 
-CATALOGUE: tuple[Entry, ...] = (
+CATALOG: tuple[Entry, ...] = (
     Entry(
         "demo",
         "",
@@ -64,12 +64,12 @@ def load_world(name: str, seed: int = 0) -> World:
     """The world of a name such as `demo`, `course:2`, `random:7`, or of a layout file's path. Raises WorldError."""
     kind, _, argument = name.partition(":")
     try:
-        for entry in CATALOGUE:
+        for entry in CATALOG:
             if entry.name == kind:
                 return entry.make(argument, seed)
         if name.endswith(".json") or "/" in name:
             return layout_file(name, seed)
     except LayoutError as error:
         raise WorldError(str(error)) from None
-    kinds = ", ".join(f"{e.name}:{e.argument}" if e.argument else e.name for e in CATALOGUE)
+    kinds = ", ".join(f"{e.name}:{e.argument}" if e.argument else e.name for e in CATALOG)
     raise WorldError(f"there is no world {name!r}; there are {kinds}, or the path of a layout file (*.json)")
