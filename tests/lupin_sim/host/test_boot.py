@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 from lupin_sim.host import Host
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.host
 
@@ -35,6 +37,7 @@ def test_robot_and_laptop_see_only_their_own_interfaces(host: Host) -> None:
 
 def test_laptop_sees_only_its_own_processes(host: Host) -> None:
     with host.popen(["sleep", "60"]) as sleeper:
+        wait_until(lambda: Path(f"/proc/{sleeper.pid}/comm").read_text() == "sleep\n", "nsenter to execute the program")
         seen = host.run(["sh", "-c", "cat /proc/[0-9]*/comm"]).stdout.split()
         sleeper.kill()
     assert seen == ["sleep", "sleep", "sh"]
