@@ -1,1 +1,1 @@
-"""Measurements against a peer or a limit in the same run. Quote ratios: machines are noisy, and no test asserts a time."""
+"""Benchmarks: each measures Lupin and a peer or a limit in the same run. Quote the ratios, since machines are noisy."""

@@ -1,4 +1,4 @@
-"""`python -m bench [NAME…]`: run the benchmarks one after another, each in a process of its own."""
+"""`python -m bench [NAME…]`: run the benchmarks one after another, each in its own process."""
 
 from __future__ import annotations
 
@@ -9,21 +9,24 @@ import time
 from pathlib import Path
 
 TIMEOUT_S = 3600.0
-# Hours long: only when asked for by name.
+# These take hours, so they run only if they are named on the command line.
 LONG = {"mission", "triage"}
 
 
 def main() -> int:
-    """Run the named benchmarks one after another; return 1 if any missed its limit, else 0."""
+    """Run the named benchmarks one after another; return 1 if any failed, else 0."""
     names = sorted(path.stem.removeprefix("bench_") for path in Path(__file__).parent.glob("bench_*.py"))
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help=f"of: {', '.join(names)}; without one all but {', '.join(sorted(LONG))}"
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help=f"benchmarks to run: {', '.join(names)}; default: all except {', '.join(sorted(LONG))}",
     )
     chosen = parser.parse_args().names or [name for name in names if name not in LONG]
     unknown = [name for name in chosen if name not in names]
     if unknown:
-        parser.error(f"no benchmark {', '.join(unknown)}; there are: {', '.join(names)}")
+        parser.error(f"unknown benchmark {', '.join(unknown)}; choose from: {', '.join(names)}")
     failed = []
     for name in chosen:
         print(f"\n== {name}", flush=True)

@@ -1,7 +1,7 @@
-"""The measured offset of a robot's clock over SSH: how often the truth is within its error bound, and the bound's size.
+"""The offset of a robot's clock as Lupin measures it over SSH: how often its error bound holds, and how large the bound is.
 
-For comparison, a simple script: `date` over one `ssh`, with half the round trip as the bound. Limits: the true offset within
-the bound in 99 % of runs; a bound of at most 5 ms on a link of 2 ms. Needs root (a simulated computer).
+For comparison, a simple script: `date` over one `ssh`, with half the round trip as the bound. Limits: the true offset is within
+the bound in 99 % of runs; the bound is at most 5 ms on a link with a round trip of 2 ms. Needs root (a simulated computer).
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ LINKS: tuple[tuple[float, float], ...] = ((0.0, 0.0), (1.0, 0.2), (10.0, 5.0), (
 
 
 def truth_s(host: Any) -> float:
-    """The true offset of the robot's clock, from the simulation."""
+    """Return the true offset of the robot's clock, from the simulation."""
     return float(host.robot.state["clock_offset_s"])
 
 
-def one_link(host: Any, target: Any, link: tuple[float, float], runs: int, rng: random.Random) -> dict[str, Any]:
-    """Measure `runs` times at exactly known offsets, most of them with a drifting crystal."""
+def measure_link(host: Any, target: Any, link: tuple[float, float], runs: int, rng: random.Random) -> dict[str, Any]:
+    """Measure `runs` times at exactly known offsets, mostly with a clock that drifts."""
     from lupin_cli.commands.sync_clock import measure_clock
 
     errors, bounds, within, durations = [], [], 0, []
@@ -59,7 +59,7 @@ def one_link(host: Any, target: Any, link: tuple[float, float], runs: int, rng: 
 
 
 def measure_ssh_date(host: Any, runs: int) -> dict[str, float]:
-    """The bound and the error of `ssh robot date`."""
+    """Return the median bound and the median error of `ssh robot date`."""
     host.robot.inject_fault("clock-wrong", offset_s=0.0)
     bounds, errors = [], []
     for _ in range(runs):
@@ -72,10 +72,10 @@ def measure_ssh_date(host: Any, runs: int) -> dict[str, float]:
 
 
 def main() -> int:
-    """Measure the offset over every kind of link; return 1 if a limit is exceeded or no computer can be booted."""
+    """Measure the offset over every link; return 1 if a limit is missed or no computer can be booted."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=50, help="per link")
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--runs", type=int, default=50, help="measure this often on each link")
+    parser.add_argument("--json", action="store_true", help="print only one JSON line, at the end")
     options = parser.parse_args()
     from lupin_sim.host import Host
     from lupin_sim.host.prerequisites import missing_prerequisite
@@ -93,7 +93,7 @@ def main() -> int:
             for link in LINKS:
                 if link[0]:
                     host.robot.inject_fault("slow-link", delay_ms=link[0], jitter_ms=link[1])
-                rows.append(one_link(host, target, link, options.runs, rng))
+                rows.append(measure_link(host, target, link, options.runs, rng))
                 rows[-1]["ssh_date"] = measure_ssh_date(host, 3)
                 if link[0]:
                     host.robot.undo_fault("slow-link")
@@ -115,7 +115,7 @@ def main() -> int:
     else:
         print(
             f"true offset within the bound in {100 * within:.1f} % of {total} runs (limit {100 * WITHIN_LIMIT:.0f} %); "
-            f"bound on 2 ms at most {on_two_ms['bound_ms_max']:.2f} ms (limit {BOUND_LIMIT_S * 1e3:.0f} ms), "
+            f"bound on the 2 ms link at most {on_two_ms['bound_ms_max']:.2f} ms (limit {BOUND_LIMIT_S * 1e3:.0f} ms), "
             f"{result['bound_vs_ssh_date']} times tighter than `ssh date`"
         )
     return 0 if within >= WITHIN_LIMIT and on_two_ms["bound_ms_max"] <= BOUND_LIMIT_S * 1e3 else 1

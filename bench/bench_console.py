@@ -1,9 +1,9 @@
-"""The console's server: throughput, service calls beside a camera, five clients, a silent one, the e-stop, and an idle server.
+"""The console's server: throughput, service calls during video, five clients, a client that never reads, the e-stop, idling.
 
     python -m bench.bench_console [--seconds 10] [--only REGEX] [--suite FOLDER] [--json]
 
-Each part runs a server and a load in processes and on a graph of their own. With `--seconds 3600 --only five`, the growth of
-memory is that of an hour. With FOLDER, a checkout of rosbridge_suite, its server is measured too, with the same load.
+Each part starts a server and a load generator as separate processes on a private graph. `--seconds 3600 --only five` measures
+the growth of memory over an hour. With FOLDER, a checkout of rosbridge_suite, its server is measured too, with the same load.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ LIMITS = {
 }
 AT_LEAST = ("messages_per_cpu_s",)
 SMALL_HZ = 10_000.0
-_ANSWER_S = 20.0
+_ANSWER_TIMEOUT_S = 20.0
 
 
-# -- processes of their own ---------------------------------------------------------------------------------------------
+# -- the measured processes ---------------------------------------------------------------------------------------------
 def serve() -> int:
-    """Run the console's server; prints its port."""
+    """Run the console's server, and print its port once it listens."""
     from lupin_runtime.console.node import Console
     from lupin_runtime.ros import run
 
@@ -60,7 +60,7 @@ def serve() -> int:
 
 
 def publish(kind: str, seconds: float) -> int:
-    """Publish small messages as fast as SMALL_HZ, or what a robot publishes, and answer calls; prints the number sent."""
+    """Publish `small` messages at SMALL_HZ, or what a `robot` publishes, and answer calls; print how many were sent."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from std_srvs.srv import SetBool
@@ -101,38 +101,38 @@ def publish(kind: str, seconds: float) -> int:
 
 # -- the rig ------------------------------------------------------------------------------------------------------------
 @dataclass
-class Rig:
-    """A server and its graph."""
+class ServerRig:
+    """A running server and its private graph."""
 
     port: int
     process: psutil.Process
     environment: dict[str, str]
     exits: ExitStack
 
-    def client(self) -> ClientConnection:
-        """A connection to the server."""
+    def connect_client(self) -> ClientConnection:
+        """Open a connection to the server."""
         return self.exits.enter_context(connect(f"ws://127.0.0.1:{self.port}", max_size=None, max_queue=None))
 
-    def load(self, kind: str, seconds: float) -> subprocess.Popen[str]:
-        """Start a load."""
+    def start_load(self, kind: str, seconds: float) -> subprocess.Popen[str]:
+        """Start a process that publishes for some seconds; see `publish`."""
         command = [sys.executable, "-m", "bench.bench_console", "--as", kind, "--seconds", str(seconds)]
         process = subprocess.Popen(command, env=self.environment, stdout=subprocess.PIPE, text=True)
         self.exits.callback(process.wait, 60)
         return process
 
     def memory_mb(self) -> float:
-        """The memory that is the server's own."""
+        """Return the server's unshared memory."""
         return float(self.process.memory_full_info().uss) / 1e6
 
     def cpu_s(self) -> float:
-        """The processor time that the server has used."""
+        """Return the CPU time that the server has used."""
         times = self.process.cpu_times()
         return float(times.user + times.system)
 
 
 @contextmanager
-def rig(suite: Path | None = None, module: str = "bench.bench_console") -> Iterator[Rig]:
-    """Start a server on a graph of its own: that of a checkout of rosbridge_suite, or of a benchmark's module."""
+def server_rig(suite: Path | None = None, module: str = "bench.bench_console") -> Iterator[ServerRig]:
+    """Start the server of a rosbridge_suite checkout, or else of a benchmark's module, on a private graph."""
     claim = claim_domain()
     with ExitStack() as exits, tempfile.TemporaryDirectory() as directory:
         exits.callback(claim.release)
@@ -148,7 +148,9 @@ def rig(suite: Path | None = None, module: str = "bench.bench_console") -> Itera
         exits.callback(server.wait, 20)
         exits.callback(server.terminate)
         assert server.stdout is not None  # it is a pipe
-        yield Rig(int(server.stdout.readline()), psutil.Process(server.pid), environment, exits.enter_context(ExitStack()))
+        yield ServerRig(
+            int(server.stdout.readline()), psutil.Process(server.pid), environment, exits.enter_context(ExitStack())
+        )
 
 
 def send(client: ClientConnection, op: str, **fields: Any) -> None:
@@ -157,7 +159,7 @@ def send(client: ClientConnection, op: str, **fields: Any) -> None:
 
 
 def receive(client: ClientConnection, timeout_s: float) -> int:
-    """Count the messages until none comes for a while."""
+    """Receive messages until none arrives for `timeout_s`, and return their number."""
     count = 0
     try:
         while True:
@@ -167,14 +169,14 @@ def receive(client: ClientConnection, timeout_s: float) -> int:
         return count
 
 
-# -- the parts ----------------------------------------------------------------------------------------------------------
+# -- the parts of the benchmark -----------------------------------------------------------------------------------------
 def small_messages(seconds: float, suite: Path | None = None) -> dict[str, float]:
-    """Small messages to one client: how many the server passes on per second of its processor time."""
-    with rig(suite) as server:
-        client = server.client()
+    """Measure how many small messages the server forwards to one client per second of its CPU time."""
+    with server_rig(suite) as server:
+        client = server.connect_client()
         send(client, "subscribe", topic="/bench/small", type="std_msgs/String", queue_length=1000)
-        load = server.load("small", seconds)
-        client.recv(timeout=_ANSWER_S)
+        load = server.start_load("small", seconds)
+        client.recv(timeout=_ANSWER_TIMEOUT_S)
         before_s = server.cpu_s()
         received = receive(client, 1.5)
         used_s = server.cpu_s() - before_s
@@ -182,27 +184,27 @@ def small_messages(seconds: float, suite: Path | None = None) -> dict[str, float
         return {"messages_per_cpu_s": received / used_s, "received": received, "sent": int(load.stdout.readline())}
 
 
-def calls_beside_a_robot(seconds: float) -> dict[str, float]:
-    """Service calls while another client gets camera, scan, map and transforms."""
-    with rig() as server:
-        watcher, caller = server.client(), server.client()
+def calls_during_robot_load(seconds: float) -> dict[str, float]:
+    """Measure service calls while another client receives camera, scan, map and transforms."""
+    with server_rig() as server:
+        watcher, caller = server.connect_client(), server.connect_client()
         for row in (graph.TF, graph.SCAN, graph.ODOM, graph.MAP, graph.compressed(graph.BODY_IMAGE_ROBOT)):
             send(watcher, "subscribe", topic=row.name, type=row.type, compression="cbor")
-        server.load("robot", seconds + 3.0)
+        server.start_load("robot", seconds + 3.0)
         threading.Thread(target=receive, args=(watcher, seconds), daemon=True).start()
-        times_ms = _call_for(caller, seconds)
+        times_ms = _call_repeatedly(caller, seconds)
         return {"call_median_ms": statistics.median(times_ms), "call_p99_ms": statistics.quantiles(times_ms, n=100)[98]}
 
 
 def five_clients(seconds: float) -> dict[str, float]:
-    """Transforms, scan, map and odometry to five clients: the server's share of a core."""
-    with rig() as server:
-        clients = [server.client() for _ in range(5)]
+    """Measure the server's CPU and memory growth while five clients receive transforms, scan, map and odometry."""
+    with server_rig() as server:
+        clients = [server.connect_client() for _ in range(5)]
         for client in clients:
             for row in (graph.TF, graph.SCAN, graph.ODOM, graph.MAP):
                 send(client, "subscribe", topic=row.name, type=row.type, compression="cbor")
             threading.Thread(target=receive, args=(client, seconds), daemon=True).start()
-        server.load("robot", seconds + 6.0)
+        server.start_load("robot", seconds + 6.0)
         time.sleep(4.0)
         before_s, before_mb = server.cpu_s(), server.memory_mb()
         time.sleep(seconds)
@@ -213,38 +215,38 @@ def five_clients(seconds: float) -> dict[str, float]:
 
 
 def silent_client(seconds: float) -> dict[str, float]:
-    """A client that subscribes and never reads: what it costs at most, and another's calls before it comes and beside it."""
-    with rig() as server:
-        caller = server.client()
-        server.load("robot", 2 * seconds + 8.0)
-        alone_ms, before_mb = _call_for(caller, seconds), server.memory_mb()
+    """Measure the peak memory for a client that never reads, and another client's calls before and after it subscribes."""
+    with server_rig() as server:
+        caller = server.connect_client()
+        server.start_load("robot", 2 * seconds + 8.0)
+        alone_ms, before_mb = _call_repeatedly(caller, seconds), server.memory_mb()
         silent = server.exits.enter_context(connect(f"ws://127.0.0.1:{server.port}", max_size=None, max_queue=1))
         for row in (graph.TF, graph.SCAN, graph.ODOM, graph.MAP, graph.compressed(graph.BODY_IMAGE_ROBOT)):
             send(silent, "subscribe", topic=row.name, type=row.type)
         peak_mb, beside_ms = before_mb, []
         deadline_s = time.monotonic() + seconds
         while time.monotonic() < deadline_s:
-            beside_ms += _call_for(caller, 0.5)
+            beside_ms += _call_repeatedly(caller, 0.5)
             peak_mb = max(peak_mb, server.memory_mb())
         return {
             "call_p99_alone_ms": statistics.quantiles(alone_ms, n=100)[98],
-            "call_p99_beside_silent_ms": statistics.quantiles(beside_ms, n=100)[98],
+            "call_p99_with_silent_ms": statistics.quantiles(beside_ms, n=100)[98],
             "silent_client_mb": peak_mb - before_mb,
         }
 
 
-def _call_for(caller: ClientConnection, seconds: float) -> list[float]:
-    """Call a service again and again; returns the times in ms."""
+def _call_repeatedly(caller: ClientConnection, seconds: float) -> list[float]:
+    """Call a service repeatedly for some seconds; return the times in ms."""
     times_ms: list[float] = []
     answered = False
-    while not answered:  # until the load has come up
-        send(caller, "call_service", service="/bench/call", timeout=_ANSWER_S)
-        answered = json.loads(caller.recv(timeout=_ANSWER_S))["result"]
+    while not answered:  # until the load generator offers the service
+        send(caller, "call_service", service="/bench/call", timeout=_ANSWER_TIMEOUT_S)
+        answered = json.loads(caller.recv(timeout=_ANSWER_TIMEOUT_S))["result"]
     deadline_s = time.monotonic() + seconds
     while time.monotonic() < deadline_s:
         began_s = time.perf_counter()
         send(caller, "call_service", service="/bench/call")
-        answer = json.loads(caller.recv(timeout=_ANSWER_S))
+        answer = json.loads(caller.recv(timeout=_ANSWER_TIMEOUT_S))
         times_ms.append((time.perf_counter() - began_s) * 1e3)
         if not answer["result"]:
             raise SystemExit(f"a call failed: {answer['values']}")
@@ -253,9 +255,9 @@ def _call_for(caller: ClientConnection, seconds: float) -> list[float]:
 
 
 def stop_to_topic(presses: int) -> dict[str, float]:
-    """A client's stop, from the frame that is sent to the message on the console's stop topic."""
-    with rig() as server:
-        watcher, presser = server.client(), server.client()
+    """Measure the time from a client's stop frame to the message on the console's stop topic."""
+    with server_rig() as server:
+        watcher, presser = server.connect_client(), server.connect_client()
         name = graph.HMI_ESTOP.name
         send(watcher, "subscribe", topic=graph.CONSOLE_STOP.name, type=graph.CONSOLE_STOP.type)
         times_ms = []
@@ -263,23 +265,23 @@ def stop_to_topic(presses: int) -> dict[str, float]:
         for number in range(presses):
             began_s = time.perf_counter()
             send(presser, "publish", topic=name, msg={"data": True})
-            while not _is_engaged(watcher):
+            while not _next_is_engaged(watcher):
                 pass
             times_ms.append((time.perf_counter() - began_s) * 1e3)
             send(presser, "publish", topic=name, msg={"data": False})
-            while _is_engaged(watcher):
+            while _next_is_engaged(watcher):
                 pass
             time.sleep(0.05 + 0.001 * (number % 7))
         return {"stop_p99_ms": statistics.quantiles(times_ms, n=100)[98]}
 
 
-def _is_engaged(watcher: Any) -> bool:
-    return bool(json.loads(json.loads(watcher.recv(timeout=_ANSWER_S))["msg"]["data"])["engaged"])
+def _next_is_engaged(watcher: Any) -> bool:
+    return bool(json.loads(json.loads(watcher.recv(timeout=_ANSWER_TIMEOUT_S))["msg"]["data"])["engaged"])
 
 
 def idle(seconds: float) -> dict[str, float]:
-    """A server without clients."""
-    with rig() as server:
+    """Measure a server without clients."""
+    with server_rig() as server:
         time.sleep(3.0)
         before_s = server.cpu_s()
         time.sleep(seconds)
@@ -288,12 +290,12 @@ def idle(seconds: float) -> dict[str, float]:
 
 
 def main() -> int:
-    """Measure every part, or be one of the measured processes with `--as`."""
+    """Measure every part; with `--as`, run one of the measured processes instead."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--only", default="", help="regular expression for the names of the parts")
-    parser.add_argument("--suite", type=Path, help="checkout of rosbridge_suite, to be measured too")
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--seconds", type=float, default=10.0, help="measure each part for this long")
+    parser.add_argument("--only", default="", help="measure only the parts whose name matches this regular expression")
+    parser.add_argument("--suite", type=Path, help="also measure the server of this checkout of rosbridge_suite")
+    parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
     parser.add_argument("--as", dest="role", choices=("server", "small", "robot"), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.role == "server":
@@ -302,7 +304,7 @@ def main() -> int:
         return publish(options.role, options.seconds)
     parts: dict[str, Callable[[], dict[str, float]]] = {
         "small messages": lambda: small_messages(options.seconds),
-        "calls": lambda: calls_beside_a_robot(options.seconds),
+        "calls": lambda: calls_during_robot_load(options.seconds),
         "five clients": lambda: five_clients(options.seconds),
         "silent client": lambda: silent_client(options.seconds),
         "stop": lambda: stop_to_topic(60),

@@ -1,26 +1,26 @@
-"""Wall time of `lupin doctor` over SSH, against its slowest probe, and against pyinfra and Ansible gathering the same facts.
+"""The wall time of `lupin doctor` over SSH, compared with its slowest probe and with pyinfra and Ansible for the same facts.
 
 Boots a simulated robot and runs `lupin doctor --robot mirte` on the laptop. Times are medians of whole commands, interpreter
 and imports included, in random order with the peers. No doctor can be faster than its slowest probe, so that is the reference.
 The robot's SSH log gives the number of connections.
 
-The comparison is fair in these points: the peers gather the same facts with tasks of their own, as these tools are used
-(pyinfra by `server.Command` facts, Ansible by `shell` tasks), once with a task for each of our scripts and once with a task for
-each probe in them, once from the robot alone and once from both machines, as the doctor does (see peers/facts.py). Both run at
-their best: pipelining, no facts of Ansible's own, and an open connection for Ansible, while pyinfra and the doctor connect
-each time. They judge nothing, while the doctor also compares the clocks and runs all checks. It is unfair in one point: neither
-peer is made for independent probes. A user who put all scripts into one task with `&` and `wait` would have written our batch.
+The comparison is fair in these points: the peers gather the same facts as these tools usually do (pyinfra by `server.Command`
+facts, Ansible by `shell` tasks), once with a task for each of Lupin's scripts and once with a task for each probe in them, once
+from the robot alone and once from both machines, as the doctor does (see peers/facts.py). Both have their best settings:
+pipelining, none of Ansible's own facts, and an open connection for Ansible, while pyinfra and the doctor connect each time.
+They judge nothing, while the doctor also compares the clocks and runs all checks. It is unfair in one point: neither peer is
+made for independent probes. A user who put all scripts into one task with `&` and `wait` would have rewritten Lupin's batch.
 
 `floor` is the connection alone: an interpreter, paramiko, one login, and a batch of one `true`. It takes as long as OpenSSH's
 client (both 0.31 s), so the ratio to the floor is what a doctor without probes would reach.
 
-The comparison leaves out the visit to the graph, which listens for a second or two by design and which the peers lack; the
-robot's stack does not run either, because it would take CPU from the laptop. `--graph` measures the whole doctor on a healthy
-robot with the vendor's stack and Lupin's units running.
+The comparison leaves out the checks of the ROS graph, which listen for a second or two by design and which the peers lack. The
+robot's stack does not run, because it would take CPU from the laptop. `--graph` measures the whole doctor on a healthy robot
+with the vendor's stack and Lupin's units running.
 
 On a shared machine, other work changes the times; `--busy` gives both simulated machines priority over it.
 
-The cable between the two machines adds no delay; `--delay-ms` adds that of a radio.
+The cable between the two machines adds no delay; `--delay-ms` adds a delay like that of a radio.
 
     python -m bench.bench_doctor [--rounds N] [--no-peers] [--way scripts|questions] [--delay-ms MS] [--graph] [--busy] [--json]
 
@@ -37,7 +37,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from bench.booted import PROJECT_BENCH, Operator, TimedRun, booted_operator, load, median, peer_tools, raise_priority
+from bench.booted import PROJECT_BENCH, Operator, TimedRun, booted_operator, load_average, median, peer_tools, raise_priority
 from bench.peers import facts as peers
 
 if TYPE_CHECKING:
@@ -48,18 +48,19 @@ import os, sys
 from pathlib import Path
 from lupin_cli.connection.destination import Destination
 address, key, known_hosts = sys.argv[1:]
-place = Destination(address, 22, "mirte", (key,), identities_only=True)
+destination = Destination(address, 22, "mirte", (key,), identities_only=True)
 from lupin_cli.connection.base import Script
 from lupin_cli.connection.ssh import SshTarget
 from lupin_cli.connection.host_keys import KnownHosts
-target = SshTarget("robot", place, KnownHosts(Path(os.devnull), user_file=Path(known_hosts)))
-ended = target.batch([Script("nothing", "true")])["nothing"].status
-sys.exit(0 if ended == 0 else 1)
+target = SshTarget("robot", destination, KnownHosts(Path(os.devnull), user_file=Path(known_hosts)))
+status = target.batch([Script("nothing", "true")])["nothing"].status
+sys.exit(0 if status == 0 else 1)
 """
-# The doctor feels instant below one second; the ratios are least factors by which the peers take longer.
-LIMIT_S, PYINFRA_LIMIT, ANSIBLE_LIMIT = 1.0, 5.0, 20.0
+LIMIT_S = 1.0  # below it, the doctor feels instant
+# How many times as long as the doctor the peers should take; printed for comparison, and not part of the exit status.
+MIN_PYINFRA_RATIO, MIN_ANSIBLE_RATIO = 5.0, 20.0
 READY_TIMEOUT_S = 90.0
-PAUSE_S = 1.0  # between commands: cleaning up after one must not slow the next
+PAUSE_S = 1.0  # between commands, so that the cleanup after one does not slow down the next
 
 
 def set_up(session: Operator) -> dict[str, str]:
@@ -70,14 +71,14 @@ def set_up(session: Operator) -> dict[str, str]:
     return {**session.environment, **{name: report[name] for name in report if name.startswith(("ROS_", "RMW_", "FASTRTPS_"))}}
 
 
-def logins(session: Operator) -> int:
-    """How many SSH logins the robot has accepted."""
+def count_logins(session: Operator) -> int:
+    """Return how many SSH logins the robot has accepted."""
     read = "journalctl --sync; journalctl -q -o cat -u ssh"
-    return int(session.host.robot.inside("sh", "-c", read).stdout.count("Accepted publickey"))
+    return int(session.host.robot.run_as_root("sh", "-c", read).stdout.count("Accepted publickey"))
 
 
-class Doctor:
-    """Repeated runs of `lupin doctor`, and their times."""
+class DoctorRuns:
+    """Runs `lupin doctor` repeatedly, and records times and findings."""
 
     def __init__(self, session: Operator, environment: Mapping[str, str], *words: str) -> None:
         self._session, self._environment = session, environment
@@ -100,7 +101,7 @@ class Doctor:
         return ran
 
     def until_healthy(self) -> None:
-        """Run until the doctor finds nothing: a robot that has just booted needs time."""
+        """Run the doctor until it finds nothing, for at most READY_TIMEOUT_S: a robot that has just booted needs time."""
         deadline = time.monotonic() + READY_TIMEOUT_S
         while self.run().status != 0 and time.monotonic() < deadline:
             self.findings.clear()
@@ -110,24 +111,24 @@ class Doctor:
 
     def report(self) -> dict[str, Any]:
         """The medians, findings and unknown facts of all runs."""
-        beyond = [wall - slowest for wall, slowest in zip(self.walls, self.slowest)]
+        above_slowest = [wall - slowest for wall, slowest in zip(self.walls, self.slowest)]
         return {
             "wall_s": median(self.walls),
             "slowest_probe_s": median(self.slowest),
-            "beyond_slowest_s": median(beyond),
+            "above_slowest_s": median(above_slowest),
             "limit_s": LIMIT_S,
             "findings": sorted(self.findings),
             "unknown": sorted(self.unknown),
-            "load": load(),
+            "load_average": load_average(),
         }
 
 
 def compare(
-    rounds: int, with_peers: bool, busy: bool, delay_ms: float, ways: Sequence[str], note: Callable[[str], None]
+    rounds: int, with_peers: bool, busy: bool, delay_ms: float, task_sizes: Sequence[str], note: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Measure the doctor without the visit to the graph, in random order with the peers."""
+    """Measure the doctor without the checks of the ROS graph, and the peers if asked to; `note` prints progress."""
     with booted_operator() as session:
-        doctor = Doctor(session, set_up(session), *(word for name in peers.graph_checks() for word in ("--skip", name)))
+        doctor = DoctorRuns(session, set_up(session), *(word for name in peers.graph_checks() for word in ("--skip", name)))
         if busy:
             raise_priority(session.host)
         if delay_ms:
@@ -135,25 +136,25 @@ def compare(
         doctor.run()
         doctor.walls.clear()
         doctor.slowest.clear()
-        before = logins(session)
+        before = count_logins(session)
         for _ in range(rounds):
             doctor.run()
-        result: dict[str, Any] = {"connections": round((logins(session) - before) / rounds, 2)}
+        result: dict[str, Any] = {"connections": round((count_logins(session) - before) / rounds, 2)}
         result = {**doctor.report(), **result}
         if with_peers:
             with peer_tools(session) as tools:
                 result["peers"] = {
-                    f"{way} of {ends}": _compare_with_peers(
-                        session, doctor, tools, peers.questions_for(tools.address, way, ends), rounds, note
+                    f"{size}, {machines}": _compare_with_peers(
+                        session, doctor, tools, peers.questions_for(tools.address, size, machines), rounds, note
                     )
-                    for way in ways
-                    for ends in peers.MACHINES
+                    for size in task_sizes
+                    for machines in peers.MACHINES
                 }
     return result
 
 
 def _compare_with_peers(
-    session: Operator, doctor: Doctor, tools: Tools, questions: peers.Questions, rounds: int, note: Callable[[str], None]
+    session: Operator, doctor: DoctorRuns, tools: Tools, questions: peers.Questions, rounds: int, note: Callable[[str], None]
 ) -> dict[str, Any]:
     tasks = sum(map(len, questions.values()))
     commands = {"pyinfra": peers.pyinfra(tools, questions), "ansible": peers.ansible(tools, questions)}
@@ -161,9 +162,8 @@ def _compare_with_peers(
     floor = [sys.executable, "-c", FLOOR, tools.address, str(tools.key), str(tools.known_hosts)]
     random_order = random.Random(tasks)
     for round_ in range(rounds + 1):  # the first one warms caches
-        for name in random_order.sample(
-            sorted(walls), len(walls)
-        ):  # so that no tool always runs after the one that leaves most work behind
+        # A random order, so that no tool always runs after the one that leaves most work behind.
+        for name in random_order.sample(sorted(walls), len(walls)):
             time.sleep(PAUSE_S)
             if name == "lupin":
                 ran = doctor.run()
@@ -175,20 +175,20 @@ def _compare_with_peers(
             walls[name].append(ran.wall_s)
         note(f"{tasks} tasks, round {round_}: " + ", ".join(f"{n} {w[-1]:.2f} s" for n, w in walls.items()))
     summary: dict[str, Any] = {"tasks": tasks, **{f"{name}_s": median(w[1:]) for name, w in walls.items()}}
-    for name, limit in (("pyinfra", PYINFRA_LIMIT), ("ansible", ANSIBLE_LIMIT)):
-        times = {
-            ours: round(median([theirs / own for theirs, own in zip(walls[name][1:], walls[ours][1:])]), 1)
-            for ours in ("lupin", "floor")
+    for name, limit in (("pyinfra", MIN_PYINFRA_RATIO), ("ansible", MIN_ANSIBLE_RATIO)):
+        ratios = {
+            base: round(median([peer / ours for peer, ours in zip(walls[name][1:], walls[base][1:])]), 1)
+            for base in ("lupin", "floor")
         }
-        summary |= {f"{name}_times": times["lupin"], f"{name}_wanted": limit, f"{name}_times_the_floor": times["floor"]}
-    return {**summary, "load": load()}
+        summary |= {f"{name}_ratio": ratios["lupin"], f"{name}_min_ratio": limit, f"{name}_ratio_to_floor": ratios["floor"]}
+    return {**summary, "load_average": load_average()}
 
 
 def measure_whole(rounds: int, busy: bool, note: Callable[[str], None]) -> dict[str, Any]:
     """Measure the whole doctor on a robot with the vendor's stack and Lupin's units running."""
     with booted_operator(vendor_robot=True) as session:
         session.require(session.lupin("deploy", "robot", "--no-check"))
-        doctor = Doctor(session, set_up(session))
+        doctor = DoctorRuns(session, set_up(session))
         doctor.until_healthy()
         if busy:
             raise_priority(session.host, stack=True)
@@ -201,13 +201,20 @@ def measure_whole(rounds: int, busy: bool, note: Callable[[str], None]) -> dict[
 def main() -> int:
     """Time the doctor and its peers; return 1 if the doctor exceeds the limit or opens more than one connection."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--no-peers", action="store_true", help="Measure the doctor alone; install nothing.")
-    parser.add_argument("--way", action="append", choices=peers.TASK_SIZES, help="How the peers' tasks are cut; default: both.")
-    parser.add_argument("--delay-ms", type=float, default=0.0, help="Delay of the link in each direction.")
-    parser.add_argument("--graph", action="store_true", help="Also measure the whole doctor, with its visit to the graph.")
-    parser.add_argument("--busy", action="store_true", help="Give the measured machines priority over other work.")
-    parser.add_argument("--json", action="store_true", help="Print one line of JSON, alone on standard output.")
+    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this often")
+    parser.add_argument("--no-peers", action="store_true", help="measure the doctor only, and do not install the peers")
+    parser.add_argument(
+        "--way",
+        action="append",
+        choices=peers.TASK_SIZES,
+        help="give the peers tasks of this size; may be repeated; default: both",
+    )
+    parser.add_argument("--delay-ms", type=float, default=0.0, help="delay packets by this time in each direction")
+    parser.add_argument("--graph", action="store_true", help="also measure the whole doctor, with the checks of the ROS graph")
+    parser.add_argument(
+        "--busy", action="store_true", help="run the measured processes with real-time priority, if this machine has other work"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON line on standard output, and nothing else")
     options = parser.parse_args()
 
     def note(text: str) -> None:

@@ -1,12 +1,12 @@
-"""The drive bus: the latency that twist_mux adds, compared with a plain relay, and the time from the e-stop's edge to zero.
+"""The drive bus: the latency that twist_mux adds, compared with a plain relay, and the time from the e-stop's button to zero.
 
     python -m bench.bench_drive [--seconds 20] [--presses 40] [--load 2] [--ordinary] [--json]
 
 Bus, bridge and relay each run in their own process and session, as in the stack, on a private graph on loopback. The added
-latency of a command is the time between the source's and the output's publication, both stamped by the middleware: a source
-that published directly to the sink would be earlier by that time. The relay (an rclpy node that only publishes what it
-receives) gets the same messages. `--load` starts this number of busy processes with ordinary scheduling. The time to stop is
-from before the publication of the button's edge to the arrival of zero.
+latency of a command is the time from its publication by the source to its publication by the bus or the relay, both stamped by
+the middleware. The relay, an rclpy node that only publishes what it receives, gets the same messages. `--load` starts this
+number of busy processes with ordinary scheduling. The time to stop is measured from just before the button's press is published
+until zero arrives.
 """
 
 from __future__ import annotations
@@ -41,15 +41,18 @@ BUSY = "x = 0\nwhile True:\n    x += 1"
 
 
 def relay_node() -> LupinNode:
-    """The relay: deserializes a Twist and publishes it again, like any small rclpy node."""
+    """Return the relay: a node that deserializes each Twist and publishes it again."""
     node = LupinNode("relay")
     out = node.publisher(RELAY_SINK)
     node.subscription(graph.CMD_VEL_AUTO, out.publish, qos=graph.BEST1)
     return node
 
 
-class Probe:
-    """Publishes commands and the button; records the publication times (ns, system clock) of the outputs by their y value."""
+class DriveClient:
+    """Publishes commands and the button's state.
+
+    Records when the source, the bus and the relay published each command, which its y value identifies (ns, system clock).
+    """
 
     def __init__(self) -> None:
         import rclpy
@@ -96,12 +99,12 @@ class Probe:
         self.button.publish(self._button_type(value=pressed))
 
     def wait_for_motion(self, timeout_s: float = 20.0) -> None:
-        """Command zero and then motion until motion arrives at the sink."""
+        """Send zero and then motion, repeatedly, until motion arrives at the sink. Exits after the timeout."""
         self.moving.clear()
         deadline = time.monotonic() + timeout_s
         while not self.moving.is_set():
             if time.monotonic() > deadline:
-                raise SystemExit("bench_drive: no command reached the sink within 20 s; is the bus locked?")
+                raise SystemExit(f"bench_drive: no command reached the sink within {timeout_s:g} s; is the bus locked?")
             self.auto.publish(ZERO_BYTES)
             time.sleep(0.02)  # the bus reads only the newest command, and it must see zero before motion
             self.auto.publish(encode(Twist(0.1, 0.0, 0.0)))
@@ -116,10 +119,10 @@ class Probe:
 
 
 def percentiles(values_ms: list[float]) -> dict[str, float]:
-    """Median, 99th percentile and maximum, ms."""
+    """Return the median, the 99th percentile, the maximum (ms) and the number of values. Exits if there are none."""
     ordered = sorted(values_ms)
     if not ordered:
-        raise SystemExit("bench_drive: nothing was received")
+        raise SystemExit("bench_drive: no message was received")
     return {
         "median_ms": round(ordered[len(ordered) // 2], 3),
         "p99_ms": round(ordered[min(len(ordered) - 1, int(0.99 * len(ordered)))], 3),
@@ -128,41 +131,41 @@ def percentiles(values_ms: list[float]) -> dict[str, float]:
     }
 
 
-def measure_latency(probe: Probe, seconds: float) -> dict[str, dict[str, float]]:
-    """Publish commands at 50 Hz; the added latency of each message through the bus and through the relay."""
-    probe.wait_for_motion()
+def measure_latency(client: DriveClient, seconds: float) -> dict[str, dict[str, float]]:
+    """Publish commands at 50 Hz; return the latency that the bus and the relay add to them."""
+    client.wait_for_motion()
     period_s, count = 0.02, int(seconds / 0.02)
     start = time.monotonic()
     for index in range(1, count + 1):
-        probe.auto.publish(encode(Twist(0.2, index * 1e-6, 0.0)))
+        client.auto.publish(encode(Twist(0.2, index * 1e-6, 0.0)))
         time.sleep(max(0.0, start + index * period_s - time.monotonic()))
     time.sleep(0.5)
 
     def added(table: dict[float, int]) -> list[float]:
-        keys = [y for y in probe.direct if y > 0 and y in table]
-        return [(table[y] - probe.direct[y]) / 1e6 for y in keys]
+        keys = [y for y in client.direct if y > 0 and y in table]
+        return [(table[y] - client.direct[y]) / 1e6 for y in keys]
 
-    return {"twist_mux": percentiles(added(probe.via_mux)), "relay": percentiles(added(probe.via_relay))}
+    return {"twist_mux": percentiles(added(client.via_mux)), "relay": percentiles(added(client.via_relay))}
 
 
-def measure_stop(probe: Probe, presses: int) -> dict[str, float]:
-    """The time from the button's edge to the first zero at the sink, with commands at 50 Hz; ms."""
+def measure_stop(client: DriveClient, presses: int) -> dict[str, float]:
+    """Press the button repeatedly while commands flow at 50 Hz; return the times from press to first zero at the sink."""
     delays = []
     for _ in range(presses):
-        probe.wait_for_motion()
+        client.wait_for_motion()
         for _ in range(5):
-            probe.auto.publish(encode(Twist(0.1, 0.0, 0.0)))
+            client.auto.publish(encode(Twist(0.1, 0.0, 0.0)))
             time.sleep(0.02)
-        probe.zero_ns = 0
+        client.zero_ns = 0
         pressed_ns = time.time_ns()
-        probe.press(True)
+        client.press(True)
         deadline = time.monotonic() + 5.0
-        while not probe.zero_ns:
+        while not client.zero_ns:
             if time.monotonic() > deadline:
-                raise SystemExit("bench_drive: no zero at the sink within 5 s of the button's edge")
+                raise SystemExit("bench_drive: no zero at the sink within 5 s of the button's press")
             time.sleep(0.001)
-        delays.append((probe.zero_ns - pressed_ns) / 1e6)
-        probe.press(False)
+        delays.append((client.zero_ns - pressed_ns) / 1e6)
+        client.press(False)
         time.sleep(0.15)
     return percentiles(delays)
 
@@ -170,11 +173,13 @@ def measure_stop(probe: Probe, presses: int) -> dict[str, float]:
 def main() -> None:
     """Run both measurements and print them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--presses", type=int, default=40)
-    parser.add_argument("--load", type=int, default=os.cpu_count() or 1, help="number of busy processes")
-    parser.add_argument("--ordinary", action="store_true", help="bus and bridge do not request real-time scheduling")
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--seconds", type=float, default=20.0, help="measure the latency for this long")
+    parser.add_argument("--presses", type=int, default=40, help="press the button this often")
+    parser.add_argument(
+        "--load", type=int, default=os.cpu_count() or 1, help="start this many busy processes; default: one per CPU"
+    )
+    parser.add_argument("--ordinary", action="store_true", help="let bus and bridge run without real-time scheduling")
+    parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
     args = parser.parse_args()
 
     claim = claim_domain()
@@ -185,13 +190,13 @@ def main() -> None:
             for code in PROCESSES.values():
                 code = f"FIRST = {not args.ordinary}; {code}; {RUN}"
                 children.append(subprocess.Popen([sys.executable, "-c", code], stdout=sys.stderr, start_new_session=True))
-            probe = Probe()
-            probe.wait_for_motion()
+            client = DriveClient()
+            client.wait_for_motion()
             children += [subprocess.Popen([sys.executable, "-c", BUSY], start_new_session=True) for _ in range(args.load)]
-            serve_first()  # neither the source nor the sink is part of the measurement
-            rows = measure_latency(probe, args.seconds)
-            rows["stop"] = measure_stop(probe, args.presses)
-            probe.close()
+            serve_first()  # so that delays of this process, source and sink at once, are not measured
+            rows = measure_latency(client, args.seconds)
+            rows["stop"] = measure_stop(client, args.presses)
+            client.close()
         finally:
             for child in children:
                 child.terminate()
@@ -208,7 +213,7 @@ def main() -> None:
         print(json.dumps(result))
         return
     print(f"{'':34}{'median ms':>10}{'p99 ms':>10}{'max ms':>10}{'samples':>9}")
-    titles = ("twist_mux, added", "bare rclpy relay, added", "button edge to zero at the sink")
+    titles = ("twist_mux, added", "bare rclpy relay, added", "button press to zero at the sink")
     for title, row in zip(titles, rows.values()):
         print(f"{title:34}{row['median_ms']:10.3f}{row['p99_ms']:10.3f}{row['max_ms']:10.3f}{row['samples']:9.0f}")
     print(f"twist_mux / relay, median: {result['ratio_median']}   (load: {args.load} busy processes, {scheduling})")

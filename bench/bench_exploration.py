@@ -1,4 +1,4 @@
-"""Explorations in the mission simulator: tags found and read, distance driven, simulated time.
+"""Explorations in the mission simulator: tags read, distance driven, simulated time.
 
 The peer is a mission that explores frontiers only. Limit: every reachable tag is read.
 """
@@ -18,10 +18,14 @@ WORLDS = ("demo", *(f"random:{seed}" for seed in range(1, 21)), "course", "walle
 def main() -> int:
     """Explore every world, with the peer too unless `--no-peer`; return 1 if a mission is incomplete."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("worlds", nargs="*", default=list(WORLDS))
-    parser.add_argument("--noise", type=float, default=0.0, help="sigma of lidar ranges and poses, m and rad")
+    parser.add_argument(
+        "worlds", nargs="*", default=list(WORLDS), help="worlds to explore; default: demo, random:1 to 20, course, walled"
+    )
+    parser.add_argument(
+        "--noise", type=float, default=0.0, help="add noise of this sigma to lidar ranges (m) and poses (m, rad)"
+    )
     parser.add_argument("--no-peer", action="store_true", help="skip the mission that explores frontiers only")
-    parser.add_argument("--json", action="store_true", help="print one JSON line at the end")
+    parser.add_argument("--json", action="store_true", help="also print one JSON line at the end")
     arguments = parser.parse_args()
     print(f"{'world':12s} {'state':8s} {'read':>9s} {'explored s':>10s} {'mission s':>9s} {'driven m':>8s} {'frontiers':>14s}")
     results = []
@@ -41,7 +45,7 @@ def main() -> int:
     if arguments.json:
         print(
             json.dumps(
-                {"whole": complete, "worlds": len(results), "read": read, "reachable": reachable, "peer_read": peer_read}
+                {"complete": complete, "worlds": len(results), "read": read, "reachable": reachable, "peer_read": peer_read}
             )
         )
     return 0 if complete == len(results) else 1

@@ -1,20 +1,21 @@
-"""`--all` over twenty robots compared with one: a diagnosis, and a small playbook that changes something. Limit: twice as long.
+"""`lupin doctor --all` and `lupin play --all`: the time for twenty robots compared with one. Limit: twice as long.
 
-Twenty simulated computers do not fit on two cores, which they would also share with the laptop; the benchmark would measure
-this machine. So one computer is booted, with twenty more addresses. Each address is a robot of the inventory, with real
-connections, logins, channels and sudo. The computation on a robot is replaced by its duration:
+Twenty simulated computers would overload the two cores that they share with the laptop, and the benchmark would measure that.
+So one computer is booted, with twenty more addresses. Each address is a robot of the inventory, with real connections, logins,
+channels and sudo. The computation on a robot is replaced by its duration:
 
 * The probes of a diagnosis run once, for a single robot. Then every address sends the same output after the same time; only
   the nonce of the request and the clock are replaced.
-* The playbook really writes a file and reads a unit's state, and has a step that takes a second, as a restart does.
+* The playbook really writes a file and reads a unit's state, and has a step that takes a second, like a restart.
 
-So the figures include the cost of the command itself for twenty robots (one Python process with twenty key exchanges, batches,
-parsers, diagnoses and journals), and the logins of all robots on one machine, which in a fleet are spread over twenty. sshd
-runs without PAM and with -r, so that it does not re-execute itself for each connection: a login then takes 13 ms of the
-operator's cores instead of 46. The figures say nothing about a slow robot: all wait for the slowest one, with twenty robots as
-with two.
+So the figures include the CPU time of the command itself for twenty robots (one Python process with twenty key exchanges,
+batches, parsers, diagnoses and journals), and the logins of all robots on one machine, which in a real fleet are spread over
+twenty. sshd runs without PAM and with -r, so that it does not re-execute itself for each connection: a login then takes 13 ms
+of the operator's cores instead of 46. The figures say nothing about slow robots: a command always waits for the slowest one.
 
-    python -m bench.bench_fleet [--robots N] [--rounds N] [--busy] [--json]      needs root, as the host's tests do
+    python -m bench.bench_fleet [--robots N] [--rounds N] [--busy] [--json]
+
+Needs root, as the tests on booted hosts do.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from bench.booted import Operator, booted_operator, load, median, raise_priority
+from bench.booted import Operator, booted_operator, load_average, median, raise_priority
 from bench.peers.facts import graph_checks
 
 LIMIT = 2.0
 FIRST_BYTE = 101  # last byte of the first address, 10.42.0.101
 REPLAY = "/usr/local/lib/lupin-bench-replay"
 # Replays a diagnosis. The SSH command reads a program of a given size and runs it (connection/batch_protocol.py); a program
-# with more than ten scripts is a diagnosis. It is one Perl process, because its CPU time is taken from the operator's cores.
+# with more than ten scripts is a diagnosis. The replay is a single Perl process, since it uses CPU time of this machine.
 REPLAY_TEXT = r"""#!/usr/bin/perl
 use strict;
 use Time::HiRes qw(time sleep);
@@ -65,7 +66,7 @@ if ($output eq '') {
 }
 syswrite(STDOUT, $output);
 """
-SSHD = """UsePAM no
+SSHD_CONFIG = """UsePAM no
 MaxStartups 200
 MaxSessions 50
 Match LocalAddress 10.42.0.1??
@@ -87,12 +88,12 @@ steps:
 
 def prepare_robots(operator: Operator, robots: int) -> None:
     """Add the addresses to the simulated computer, and a robot for each address to the inventory."""
-    inside = operator.host.robot.inside
+    run_as_root = operator.host.robot.run_as_root
     numbers = range(FIRST_BYTE, FIRST_BYTE + robots)
     script = "set -e\n" + "".join(f"ip address add 10.42.0.{n}/24 dev eth0\n" for n in numbers)
     script += f"cat > {REPLAY}; chmod 755 {REPLAY}; chmod 1777 /var/tmp\n"
-    for command, text in ((script, REPLAY_TEXT), (_SSHD, SSHD.format(replay=REPLAY))):
-        done = inside("sh", "-c", command, stdin=text)
+    for command, text in ((script, REPLAY_TEXT), (_RESTART_SSHD, SSHD_CONFIG.format(replay=REPLAY))):
+        done = run_as_root("sh", "-c", command, stdin=text)
         if done.status != 0:
             raise SystemExit(f"not measured: {done.stderr}")
     known = operator.home / ".ssh" / "known_hosts"
@@ -103,66 +104,77 @@ def prepare_robots(operator: Operator, robots: int) -> None:
     (operator.home / "small.yaml").write_text(PLAYBOOK)
 
 
-_SSHD = "set -e; cat > /etc/ssh/sshd_config.d/fleet.conf; sshd -t; echo SSHD_OPTS=-r >> /etc/default/ssh; systemctl restart ssh"
+_RESTART_SSHD = (
+    "set -e; cat > /etc/ssh/sshd_config.d/fleet.conf; sshd -t; echo SSHD_OPTS=-r >> /etc/default/ssh; systemctl restart ssh"
+)
 
 
 class Fleet:
-    """The words that select one robot or all."""
+    """Times commands on one robot of the inventory, or on all."""
 
     def __init__(self, operator: Operator, robots: int) -> None:
         self._operator, self._robots = operator, robots
-        self._word = 0
+        self._note_number = 0
 
-    def _selection(self, every: bool) -> list[str]:
-        return ["--all"] if every else ["--all", "--limit", f"pot-{FIRST_BYTE}"]
+    def _selection(self, all_robots: bool) -> list[str]:
+        return ["--all"] if all_robots else ["--all", "--limit", f"pot-{FIRST_BYTE}"]
 
-    def doctor(self, every: bool) -> float:
+    def doctor(self, all_robots: bool) -> float:
         """Time a diagnosis, in seconds; all robots must have the same findings."""
         skipped = [word for name in graph_checks() for word in ("--skip", name)]
-        ran = self._operator.require(self._operator.lupin("doctor", *self._selection(every), *skipped, "--json"), 0, 1)
+        ran = self._operator.require(self._operator.lupin("doctor", *self._selection(all_robots), *skipped, "--json"), 0, 1)
         report = json.loads(ran.stdout)
-        each = report["robots"] if every else [report]
-        if len(each) != (self._robots if every else 1) or any(one["robot"]["unreachable"] or one["unknown"] for one in each):
+        robots = report["robots"] if all_robots else [report]
+        if len(robots) != (self._robots if all_robots else 1) or any(r["robot"]["unreachable"] or r["unknown"] for r in robots):
             raise SystemExit(f"not measured: not every robot was diagnosed: {ran.stdout[:2000]}")
-        if len({json.dumps([finding["id"] for finding in one["findings"]]) for one in each}) != 1:
+        if len({json.dumps([finding["id"] for finding in one["findings"]]) for one in robots}) != 1:
             raise SystemExit("not measured: robots with the same output have different findings")
         return ran.wall_s
 
-    def play(self, every: bool) -> float:
+    def play(self, all_robots: bool) -> float:
         """Time a playbook run, in seconds; the note must have been written on every robot."""
-        self._word += 1
-        words = ["play", str(self._operator.home / "small.yaml"), "-v", f"word={self._word}", *self._selection(every), "--json"]
+        self._note_number += 1
+        words = [
+            "play",
+            str(self._operator.home / "small.yaml"),
+            "-v",
+            f"word={self._note_number}",
+            *self._selection(all_robots),
+            "--json",
+        ]
         ran = self._operator.require(self._operator.lupin(*words))
         report = json.loads(ran.stdout)
-        for one in report if every else [report]:
+        for one in report if all_robots else [report]:
             if (one["state"], one["changed"]) != ("done", 1):
                 raise SystemExit(f"not measured: {one['robot']} {one['state']}, {one['changed']} changed: {one['message']}")
         return ran.wall_s
 
 
-def compare(what: Callable[[bool], float], rounds: int, note: Callable[[str], None]) -> dict[str, Any]:
-    """Measure one robot and all robots in turns, after a round that warms caches."""
-    what(False)
-    what(True)
+def compare(command: Callable[[bool], float], rounds: int, note: Callable[[str], None]) -> dict[str, Any]:
+    """Time a command on one robot and on all robots in rounds, after a round that warms caches; `note` prints progress."""
+    command(False)
+    command(True)
     pairs = []
     for round_ in range(rounds):
-        pairs.append((what(False), what(True)))
-        note(f"{what.__name__}, round {round_}: one {pairs[-1][0]:.2f} s, all {pairs[-1][1]:.2f} s")
+        pairs.append((command(False), command(True)))
+        note(f"{command.__name__}, round {round_}: one {pairs[-1][0]:.2f} s, all {pairs[-1][1]:.2f} s")
     return {
-        "one_s": median([one for one, _ in pairs]),
-        "all_s": median([every for _, every in pairs]),
-        "ratio": round(median([every / one for one, every in pairs]), 2),
-        "load": load(),
+        "one_s": median([one_s for one_s, _ in pairs]),
+        "all_s": median([all_s for _, all_s in pairs]),
+        "ratio": round(median([all_s / one_s for one_s, all_s in pairs]), 2),
+        "load_average": load_average(),
     }
 
 
 def main() -> int:
     """Time a diagnosis and a playbook on one robot and on many; return 1 if many take longer than the limit."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--robots", type=int, default=20)
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--busy", action="store_true", help="Give the measured processes real-time priority on a busy machine.")
-    parser.add_argument("--json", action="store_true", help="Print one line of JSON, alone on standard output.")
+    parser.add_argument("--robots", type=int, default=20, help="compare this many robots with one")
+    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this often")
+    parser.add_argument(
+        "--busy", action="store_true", help="run the measured processes with real-time priority, if this machine has other work"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON line on standard output, and nothing else")
     options = parser.parse_args()
 
     def note(text: str) -> None:
@@ -174,8 +186,8 @@ def main() -> int:
             raise_priority(operator.host)
         fleet = Fleet(operator, options.robots)
         fleet.doctor(False)  # runs the real probes and saves their output
-        seconds = float(operator.host.robot.inside("cat", "/var/tmp/seconds").stdout)
-        result: dict[str, Any] = {"robots": options.robots, "limit": LIMIT, "a_robots_answer_s": seconds}
+        seconds = float(operator.host.robot.run_as_root("cat", "/var/tmp/seconds").stdout)
+        result: dict[str, Any] = {"robots": options.robots, "limit": LIMIT, "robot_answer_s": seconds}
         result["doctor"] = compare(fleet.doctor, options.rounds, note)
         result["play"] = compare(fleet.play, options.rounds, note)
     if options.json:
@@ -185,7 +197,7 @@ def main() -> int:
         for name in ("doctor", "play"):
             row = result[name]
             took = f"one {row['one_s']:.2f} s, all {row['all_s']:.2f} s: {row['ratio']} times (limit {LIMIT:g})"
-            print(f"{name:6} {took}; load {row['load']}")
+            print(f"{name:6} {took}; load {row['load_average']}")
     return 0 if max(result[name]["ratio"] for name in ("doctor", "play")) <= LIMIT else 1
 
 

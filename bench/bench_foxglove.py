@@ -1,8 +1,8 @@
-"""The Foxglove server: messages per CPU-second beside the console's rosbridge, five clients, and an idle server.
+"""The Foxglove server: messages per second of CPU time, compared with the console's rosbridge; five clients; idling.
 
     python -m bench.bench_foxglove [--seconds 10] [--json]
 
-Each part runs a server and a load in processes and on a graph of their own.
+Each part starts a server and a load generator as separate processes on a private graph.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from bench.bench_console import Rig, receive, rig, small_messages
+from bench.bench_console import ServerRig, receive, server_rig, small_messages
 from lupin_runtime import graph
 
 LIMITS = {
@@ -31,11 +31,11 @@ LIMITS = {
 AT_LEAST = ("messages_per_cpu_s", "ratio_to_console")
 _MODULE = "bench.bench_foxglove"
 _SUBPROTOCOL = Subprotocol("foxglove.sdk.v1")
-_ANSWER_S = 20.0
+_ANSWER_TIMEOUT_S = 20.0
 
 
 def serve() -> int:
-    """Run the server; prints its port."""
+    """Run the server, and print its port once it listens."""
     from lupin_runtime.foxglove.node import FoxgloveBridge
     from lupin_runtime.ros import run
 
@@ -45,26 +45,26 @@ def serve() -> int:
     return run([lambda: FoxgloveBridge({"port": 0})], ready=announce)
 
 
-def subscribed_client(server: Rig, topics: Sequence[str]) -> ClientConnection:
-    """A client that is subscribed to topics, as soon as they are advertised."""
+def subscribed_client(server: ServerRig, topics: Sequence[str]) -> ClientConnection:
+    """Connect a client, and subscribe it to each topic once it is advertised."""
     address = f"ws://127.0.0.1:{server.port}"
     client = server.exits.enter_context(connect(address, subprotocols=[_SUBPROTOCOL], max_size=None, max_queue=None))
-    due = set(topics)
-    while due:
-        message = json.loads(client.recv(timeout=_ANSWER_S))
-        channels = [each for each in message.get("channels", ()) if each["topic"] in due]
-        due -= {channel["topic"] for channel in channels}
-        wanted = [{"id": channel["id"], "channelId": channel["id"]} for channel in channels]
-        client.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+    missing = set(topics)
+    while missing:
+        message = json.loads(client.recv(timeout=_ANSWER_TIMEOUT_S))
+        channels = [each for each in message.get("channels", ()) if each["topic"] in missing]
+        missing -= {channel["topic"] for channel in channels}
+        subscriptions = [{"id": channel["id"], "channelId": channel["id"]} for channel in channels]
+        client.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
     return client
 
 
 def small_messages_to_foxglove(seconds: float) -> dict[str, float]:
-    """Small messages to one client: how many the server passes on per second of its processor time."""
-    with rig(module=_MODULE) as server:
-        load = server.load("small", seconds)
+    """Measure how many small messages the server forwards to one client per second of its CPU time."""
+    with server_rig(module=_MODULE) as server:
+        load = server.start_load("small", seconds)
         client = subscribed_client(server, ["/bench/small"])
-        client.recv(timeout=_ANSWER_S)
+        client.recv(timeout=_ANSWER_TIMEOUT_S)
         before_s = server.cpu_s()
         received = receive(client, 1.5)
         used_s = server.cpu_s() - before_s
@@ -73,9 +73,9 @@ def small_messages_to_foxglove(seconds: float) -> dict[str, float]:
 
 
 def five_clients(seconds: float) -> dict[str, float]:
-    """Transforms, scan, map and odometry to five clients: the server's share of a core."""
-    with rig(module=_MODULE) as server:
-        server.load("robot", seconds + 6.0)
+    """Measure the server's CPU while five clients receive transforms, scan, map and odometry."""
+    with server_rig(module=_MODULE) as server:
+        server.start_load("robot", seconds + 6.0)
         for _ in range(5):
             client = subscribed_client(server, [row.name for row in (graph.TF, graph.SCAN, graph.ODOM, graph.MAP)])
             threading.Thread(target=receive, args=(client, seconds), daemon=True).start()
@@ -86,8 +86,8 @@ def five_clients(seconds: float) -> dict[str, float]:
 
 
 def idle(seconds: float) -> dict[str, float]:
-    """A server without clients."""
-    with rig(module=_MODULE) as server:
+    """Measure a server without clients."""
+    with server_rig(module=_MODULE) as server:
         time.sleep(3.0)
         before_s = server.cpu_s()
         time.sleep(seconds)
@@ -96,10 +96,10 @@ def idle(seconds: float) -> dict[str, float]:
 
 
 def main() -> int:
-    """Measure every part, or be the measured server with `--as`."""
+    """Measure every part; with `--as`, run the measured server instead."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--seconds", type=float, default=10.0, help="measure each part for this long")
+    parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
     parser.add_argument("--as", dest="role", choices=("server",), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.role == "server":

@@ -1,7 +1,8 @@
 """Complete missions with `lupin up --mission`: worlds `demo` and `random:1…20`, scored against the simulator's truth.
 
-Limits: DONE with every reachable tag found and read, no collision, median tag error ≤ 5 cm, trajectory RMSE ≤ 5 cm on at
-least 19 of 20; real-time factor ≥ 1; memory of all processes ≤ 1.2 GB; drivable ≤ 6 s, READY ≤ 12 s.
+Limits of a mission: it is DONE, every reachable tag is read, no collision, median tag error ≤ 5 cm, trajectory RMSE ≤ 5 cm. At
+least 19 of 20 missions should be within them. Further limits, for the figures that are only printed: real-time factor ≥ 1,
+memory of all processes ≤ 1.2 GB, drivable after ≤ 6 s, READY after ≤ 12 s.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ def run_mission(world: str) -> dict[str, Any]:
 
 
 def meets_limits(result: dict[str, Any]) -> bool:
-    """Return whether a mission's result is within the limits."""
+    """Return whether a result is within the limits of a mission."""
     return bool(
         result.get("state") == "DONE"
         and result["tags_read"] == result["tags_reachable"]
@@ -43,9 +44,10 @@ def meets_limits(result: dict[str, Any]) -> bool:
 
 
 def main() -> int:
-    """Run a mission in every world and print its scores and whether they are within the limits."""
+    """Run a mission in every world; print its scores, and whether they are within the limits."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("worlds", nargs="*", default=["demo", *(f"random:{seed}" for seed in range(1, 21))])
+    worlds = ["demo", *(f"random:{seed}" for seed in range(1, 21))]
+    parser.add_argument("worlds", nargs="*", default=worlds, help="worlds to run; default: demo and random:1 to 20")
     results = []
     columns = (
         "tags_read tags_reachable collisions trajectory_rmse_m tag_error_median_m real_time_factor memory_mb drivable_s ready_s"
@@ -59,7 +61,7 @@ def main() -> int:
         )
         print(f"{world:12s} {result['state']:9s} {cells}  {'ok' if meets_limits(result) else 'MISSED'}", flush=True)
     count = sum(map(meets_limits, results))
-    print(json.dumps({"good": count, "of": len(results), "limit": "19 of 20", "results": results}))
+    print(json.dumps({"within_limits": count, "missions": len(results), "limit": "19 of 20", "results": results}))
     return 0
 
 

@@ -1,6 +1,6 @@
-"""Navigation in closed loop: rooms of random boxes with aisles of 0.9 m, a kinematic robot with a lag, drifting odometry.
+"""Navigation in closed loop: arenas of random boxes with aisles of 0.9 m, a kinematic robot with a lag, drifting odometry.
 
-Limits: no collision, every goal reached. Speed is compared with the straight line at full speed.
+Passes if every goal is reached without a collision. The driven distance is compared with the straight lines to the goals.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from tests.support.kinematic_base import HALF_LENGTH_M, HALF_WIDTH_M, Arena, Dri
 GOALS = 5
 
 
-def hull_clearance_m(arena: Arena, track: list[Pose2]) -> float:
-    """The smallest distance between the hull's outline and a solid along a track."""
+def footprint_clearance_m(arena: Arena, track: list[Pose2]) -> float:
+    """Return the smallest distance along a track between the outline of the robot's footprint and a wall or box."""
     u = np.linspace(-1.0, 1.0, 9)
     sides = [(HALF_LENGTH_M * s, HALF_WIDTH_M * t) for s in (-1, 1) for t in u]
     outline = np.array(sides + [(HALF_LENGTH_M * t, HALF_WIDTH_M * s) for s in (-1, 1) for t in u])
@@ -27,24 +27,24 @@ def hull_clearance_m(arena: Arena, track: list[Pose2]) -> float:
     c, s = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
     x = poses[:, 0, None] + c * outline[:, 0] - s * outline[:, 1]
     y = poses[:, 1, None] + s * outline[:, 0] + c * outline[:, 1]
-    least = math.inf
+    smallest = math.inf
     for x0, y0, x1, y1 in arena.solids():
         dx, dy = np.maximum(np.maximum(x0 - x, x - x1), 0.0), np.maximum(np.maximum(y0 - y, y - y1), 0.0)
-        least = min(least, float(np.hypot(dx, dy).min()))
-    return least
+        smallest = min(smallest, float(np.hypot(dx, dy).min()))
+    return smallest
 
 
 def main() -> int:
-    """Drive through the random rooms; return 1 after a collision or a goal that was not reached."""
+    """Drive to random goals in every arena; return 1 after a collision or a goal that was not reached."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", action="store_true", help="one JSON line")
-    parser.add_argument("--worlds", type=int, default=20)
+    parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
+    parser.add_argument("--worlds", dest="arenas", type=int, default=20, metavar="N", help="drive in this many arenas")
     arguments = parser.parse_args()
     began = time.process_time()
-    collisions = reached = sent = recoveries = 0
-    driven_m = seconds = straight_m = 0.0
+    collisions = reached = sent = log_lines = 0
+    driven_m = simulated_s = straight_m = 0.0
     errors, clearances = [], []
-    for seed in range(arguments.worlds):
+    for seed in range(arguments.arenas):
         arena = random_arena(seed)
         drive = Drive(arena, Pose2(0.45, 0.45, 0.0), drift=0.02, seed=seed)
         costmap, random = drive.world.snapshot(None), np.random.default_rng(seed)
@@ -59,25 +59,25 @@ def main() -> int:
                 reached += 1
                 errors.append(drive.error_to(goal))
         collisions += drive.collisions
-        recoveries += len(drive.logs)
+        log_lines += len(drive.logs)
         driven_m += drive.driven_m()
-        seconds += drive.now_s
-        clearances.append(hull_clearance_m(arena, drive.track))
+        simulated_s += drive.now_s
+        clearances.append(footprint_clearance_m(arena, drive.track))
     median = np.median(errors, axis=0)
     result = {
-        "worlds": arguments.worlds,
+        "arenas": arguments.arenas,
         "goals": sent,
         "reached": reached,
         "collisions": collisions,
-        "least_clearance_m": round(min(clearances), 3),
-        "log_lines": recoveries,
+        "smallest_clearance_m": round(min(clearances), 3),
+        "log_lines": log_lines,
         "driven_m": round(driven_m, 1),
-        "mean_speed_m_s": round(driven_m / seconds, 3),
+        "mean_speed_m_s": round(driven_m / simulated_s, 3),
         "driven_over_straight": round(driven_m / straight_m, 3),
         "error_median_m": round(float(median[0]), 4),
         "error_median_rad": round(float(median[1]), 4),
         "error_worst_m": round(max(e[0] for e in errors), 3),
-        "cpu_share_of_real_time": round((time.process_time() - began) / seconds, 4),
+        "cpu_s_per_simulated_s": round((time.process_time() - began) / simulated_s, 4),
     }
     if arguments.json:
         print(json.dumps(result))

@@ -1,8 +1,8 @@
 """The pose graph optimizer on a Manhattan world of 3500 nodes and 5500 edges, from odometry and from poor initial guesses.
 
-Limits: the best chi2 that any solver found, to a millionth, within 1 s. The reference solver, for chi2 and speed, is a textbook
-Gauss-Newton (complex numbers for poses, numeric Jacobian, SciPy's sparse solver) that starts at the ground truth, the easiest
-initial guess.
+Limits: within a millionth of the best chi2 that any solver found, in at most 1 s. The reference solver, for chi2 and speed, is
+a textbook Gauss-Newton (complex numbers for poses, numeric Jacobian, SciPy's sparse solver) that starts at the ground truth,
+the easiest initial guess.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LIMIT_S, LIMIT_EXCESS = 1.0, 1e-6
 
 
 def make_manhattan_graph(seed: int, node_count: int, edge_count: int, sigma_xy: float, sigma_yaw: float) -> tuple[Array, Edges]:
-    """Ground truth (n, 3) of a walk on a grid, and edges with Gaussian noise (m, rad): odometry, and loop closures."""
+    """Return the true poses (n, 3) of a walk on a grid, and edges with Gaussian noise (m, rad): odometry and loop closures."""
     rng = np.random.default_rng(seed)
     walk = [(0, 0, 0)]
     heading = 0
@@ -55,7 +55,7 @@ def make_manhattan_graph(seed: int, node_count: int, edge_count: int, sigma_xy: 
 
 
 def dead_reckoned(edges: Edges, nodes: int) -> Array:
-    """Poses from the odometry edges alone."""
+    """Return the poses that follow from the odometry edges alone."""
     poses = np.zeros((nodes, 3))
     for k in range(1, nodes):
         x, y, yaw = poses[k - 1]
@@ -65,7 +65,7 @@ def dead_reckoned(edges: Edges, nodes: int) -> Array:
 
 
 def solve_reference(truth: Array, edges: Edges) -> tuple[float, float]:
-    """(chi2, seconds) of the reference solver, which starts at the ground truth, with the first pose fixed."""
+    """Return chi2 and seconds of the reference solver, which starts at the ground truth and keeps the first pose fixed."""
     began = time.perf_counter()
     nodes, m = len(truth), edges.motion
     position, yaw = truth[:, 0] + 1j * truth[:, 1], truth[:, 2].copy()
@@ -107,9 +107,9 @@ def solve_reference(truth: Array, edges: Edges) -> tuple[float, float]:
 def main() -> int:
     """Optimize from every initial guess; return 1 if the best chi2 or the time limit is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--nodes", type=int, default=3500)
-    parser.add_argument("--edges", type=int, default=5500)
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--nodes", type=int, default=3500, help="make a graph with this many nodes")
+    parser.add_argument("--edges", type=int, default=5500, help="make a graph with this many edges")
+    parser.add_argument("--json", action="store_true", help="print only the JSON line")
     options = parser.parse_args()
     cases: list[dict[str, Any]] = []
     for name, sigma_xy, sigma_yaw in (

@@ -1,4 +1,4 @@
-"""The recorder under the load of a mission: CPU and lost messages, compared with a recorder that uses callbacks.
+"""The recorder under the load of a mission: CPU time and lost messages, compared with a recorder that uses callbacks.
 
 Limit: 8 % of a core. Another process publishes every standard topic at its nominal rate, with messages of realistic size.
 """
@@ -24,7 +24,7 @@ from lupin_runtime.stack.dds import claim_domain, loopback_environment
 
 LIMIT_PERCENT = 8.0
 WARM_UP_S = 4.0
-# Topics that are published on change: typical rates while a mission drives.
+# Topics without a fixed rate, and their typical rates during a mission.
 EVENT_HZ = {
     graph.TAG_DETECTIONS.name: 10.0,
     graph.FLOWER_DETECTIONS.name: 5.0,
@@ -33,7 +33,7 @@ EVENT_HZ = {
     graph.OBSERVATIONS.name: 0.2,
 }
 RATES_HZ = {graph.TF.name: 60.0, graph.compressed(graph.BODY_IMAGE_SIM).name: 10.0}
-SILENT = {
+UNPUBLISHED = {  # during a mission in the simulator
     graph.CMD_VEL_JOY.name,
     graph.CMD_VEL_SINK_ROBOT.name,
     graph.TF_STATIC.name,
@@ -69,7 +69,7 @@ def _transform() -> Any:
 
 
 def publish(seconds: float) -> int:
-    """Publish the load for some seconds; print the number of sent messages per topic as JSON."""
+    """Publish the load for some seconds, and print the number of sent messages per topic as JSON."""
     import rclpy
 
     from lupin_runtime.record.recorded_topics import STANDARD, camera_topics
@@ -82,7 +82,7 @@ def publish(seconds: float) -> int:
     for row in STANDARD + camera_topics("always", "off", 1.0, 2.0):
         topic = row.topic
         rate = RATES_HZ.get(topic.name) or topic.rate_hz or EVENT_HZ.get(topic.name)
-        if rate and topic.name not in SILENT:
+        if rate and topic.name not in UNPUBLISHED:
             load.append(
                 [node.publisher(topic), make_message(interface(topic.type), topic.name), 1.0 / rate, 0.0, topic.name, 0]
             )
@@ -102,7 +102,7 @@ def publish(seconds: float) -> int:
 
 
 def record(output: str, with_callbacks: bool) -> int:
-    """Run the recorder, or one that does the same with a callback per message."""
+    """Run the recorder, or one that does the same with a callback for each message."""
     from lupin_runtime.ros import run
 
     if not with_callbacks:
@@ -116,7 +116,7 @@ def record(output: str, with_callbacks: bool) -> int:
     from lupin_runtime.ros import LupinNode
 
     class CallbackRecorder(LupinNode):
-        """Records with one raw subscription and one callback per topic."""
+        """Records with a raw subscription and a callback for each topic."""
 
         def __init__(self) -> None:
             super().__init__("callback_recorder")
@@ -137,7 +137,7 @@ def record(output: str, with_callbacks: bool) -> int:
 
 
 def measure(kind: str, seconds: float, folder: Path) -> dict[str, Any]:
-    """Measure one recorder with one load in a separate DDS domain."""
+    """Measure one kind of recorder under the load in a separate DDS domain."""
     claim = claim_domain()
     environment = loopback_environment(claim.domain, folder)
     output = folder / f"{kind}.mcap"
@@ -150,7 +150,7 @@ def measure(kind: str, seconds: float, folder: Path) -> dict[str, Any]:
         time.sleep(WARM_UP_S)
         before, started = recorder.cpu_times(), time.monotonic()
         time.sleep(seconds - 1.0)
-        after, took = recorder.cpu_times(), time.monotonic() - started
+        after, wall_s = recorder.cpu_times(), time.monotonic() - started
         memory_mb = recorder.memory_full_info().pss / 1e6
         sent = json.loads(load.communicate(timeout=60)[0])
         recorder.terminate()
@@ -163,9 +163,9 @@ def measure(kind: str, seconds: float, folder: Path) -> dict[str, Any]:
     throttled = {graph.IMU.name, graph.JOINT_STATES.name, graph.PLAN.name, graph.ESTOP_BUTTON.name}
     recorded = {topic.channel.topic: topic.messages for topic in Recording(output).summary().topics}
     counted = [name for name in sent if name not in throttled and not name.endswith("/compressed")]
-    used = (after.user + after.system) - (before.user + before.system)
+    used_s = (after.user + after.system) - (before.user + before.system)
     return {
-        "cpu_percent": round(100.0 * used / took, 2),
+        "cpu_percent": round(100.0 * used_s / wall_s, 2),
         "memory_mb": round(memory_mb, 1),
         "sent": sum(sent.values()),
         "lost": sum(sent[name] - recorded.get(name, 0) for name in counted),
@@ -174,29 +174,29 @@ def measure(kind: str, seconds: float, folder: Path) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Measure both recorders under load. With `--as`, be one of the measured processes instead."""
+    """Measure both recorders under load; with `--as`, run one of the measured processes instead."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--as", dest="role", choices=("load", "recorder", "ordinary"), help=argparse.SUPPRESS)
+    parser.add_argument("--seconds", type=float, default=20.0, help="measure each recorder for this long")
+    parser.add_argument("--json", action="store_true", help="print only the JSON line")
+    parser.add_argument("--as", dest="role", choices=("load", "recorder", "callbacks"), help=argparse.SUPPRESS)
     parser.add_argument("--output", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.role == "load":
         return publish(options.seconds)
     if options.role:
-        return record(options.output, options.role == "ordinary")
+        return record(options.output, options.role == "callbacks")
     with tempfile.TemporaryDirectory() as folder:
-        ours, callbacks = (measure(kind, options.seconds, Path(folder)) for kind in ("recorder", "ordinary"))
+        ours, callbacks = (measure(kind, options.seconds, Path(folder)) for kind in ("recorder", "callbacks"))
     result = {
         "recorder": ours,
-        "ordinary_callbacks": callbacks,
+        "callback_recorder": callbacks,
         "messages_per_s": round(ours["sent"] / (options.seconds + WARM_UP_S - 1.0)),
         "limit_percent": LIMIT_PERCENT,
         "ratio_to_limit": round(ours["cpu_percent"] / LIMIT_PERCENT, 2),
-        "ratio_to_ordinary": round(ours["cpu_percent"] / callbacks["cpu_percent"], 2),
+        "ratio_to_callback_recorder": round(ours["cpu_percent"] / callbacks["cpu_percent"], 2),
     }
     if not options.json:
-        for name in ("recorder", "ordinary_callbacks"):
+        for name in ("recorder", "callback_recorder"):
             row = result[name]
             print(f"{name}: {row['cpu_percent']} % of a core, {row['memory_mb']} MB, {row['lost']} of {row['sent']} lost")
         print(f"{result['messages_per_s']} messages/s, ratio to limit {result['ratio_to_limit']}")

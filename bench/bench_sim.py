@@ -1,10 +1,10 @@
-"""The simulated robot: its speed compared to real time, and the cost of its process compared to its budget.
+"""The simulated robot: its speed compared with real time, and the CPU time and memory of its process compared with limits.
 
     python -m bench.bench_sim [--seconds 20] [--world demo] [--json]
 
-First the engine alone at full speed: physics and lidar, then with both cameras at 10 fps; and a lidar revolution with one call
-for all rays, compared with one call per ray. Then the process in real time with subscriptions to all topics, both cameras raw
-and as JPEG: its CPU, memory and real-time factor, compared with the limits (45 % of a core, 300 MB, factor 1).
+First the engine alone at full speed: physics and lidar, then with both cameras at 10 fps. Next a lidar revolution with one call
+for all rays, compared with one call for each ray. Then the process in real time, with subscriptions to all topics and both
+cameras raw and as JPEG: its CPU time, memory and real-time factor, compared with the limits (45 % of a core, 300 MB, factor 1).
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from lupin_sim.cameras import CameraRig, GraphicsUnavailable, new_image
 from lupin_sim.engine import Simulation
 from lupin_sim.worlds import load_world
 
-CPU_BUDGET_PERCENT, MEMORY_BUDGET_MB = 45.0, 300.0
+CPU_LIMIT_PERCENT, MEMORY_LIMIT_MB = 45.0, 300.0
 SETTLE_S = 3.0
 
 
-def engine(world: str, seconds: float, cameras: bool) -> dict[str, float]:
-    """Measure the engine: the real-time factor, and the CPU that it would use in real time."""
+def measure_engine(world: str, seconds: float, cameras: bool) -> dict[str, float]:
+    """Run the engine at full speed; return its real-time factor, and the share of a core that it would use in real time."""
     simulation = Simulation(load_world(world))
     rig, image = (CameraRig(simulation.model) if cameras else None), new_image()
     simulation.step()
@@ -52,15 +52,15 @@ def engine(world: str, seconds: float, cameras: bool) -> dict[str, float]:
     return {"real_time_factor": seconds / wall, "cpu_percent_at_real_time": 100.0 * cpu / seconds}
 
 
-def lidar(world: str, rounds: int = 100) -> dict[str, float]:
-    """Microseconds for a revolution of 360 rays, in one call and in one call per ray, with the same results."""
+def measure_lidar(world: str, rounds: int = 100) -> dict[str, float]:
+    """Time a revolution of 360 rays in one call and in one call for each ray (microseconds). Exits if the ranges differ."""
     import mujoco
 
     simulation = Simulation(load_world(world))
     started = time.perf_counter()
     for _ in range(rounds):
         all_ranges = simulation.true_ranges()
-    one_us = (time.perf_counter() - started) / rounds * 1e6
+    one_call_us = (time.perf_counter() - started) / rounds * 1e6
     model, data = simulation.model, simulation.data
     site = model.site("lidar").id
     angles = -np.pi + 2 * np.pi / 360 * np.arange(360)
@@ -69,15 +69,15 @@ def lidar(world: str, rounds: int = 100) -> dict[str, float]:
     started = time.perf_counter()
     for _ in range(rounds):
         each_range = [mujoco.mj_ray(model, data, data.site_xpos[site], ray, groups, 1, -1, hit) for ray in rays]
-    each_us = (time.perf_counter() - started) / rounds * 1e6
+    ray_by_ray_us = (time.perf_counter() - started) / rounds * 1e6
     each_range = [np.inf if r < 0 or r > 12.0 else r for r in each_range]
     if not np.allclose(all_ranges, each_range, atol=1e-9):
         raise SystemExit("bench_sim: one call and one call per ray give different ranges")
-    return {"one_call_us": one_us, "ray_by_ray_us": each_us}
+    return {"one_call_us": one_call_us, "ray_by_ray_us": ray_by_ray_us}
 
 
-def process(world: str, seconds: float) -> dict[str, Any]:
-    """Measure CPU, memory, speed and rates of the process, with subscriptions to all of its topics."""
+def measure_process(world: str, seconds: float) -> dict[str, Any]:
+    """Run the process; return its CPU time, memory, real-time factor and rates, with subscriptions to all of its topics."""
     claim = claim_domain()
     directory = Path(tempfile.mkdtemp(prefix="lupin-bench-"))
     environment = loopback_environment(claim.domain, directory / "dds")
@@ -86,7 +86,7 @@ def process(world: str, seconds: float) -> dict[str, Any]:
         [sys.executable, "-m", "lupin_sim", "--world", world, "--run-dir", str(directory)], env=environment
     )
     try:
-        return _listen(psutil.Process(robot.pid), directory, seconds)
+        return _subscribe_and_measure(psutil.Process(robot.pid), directory, seconds)
     finally:
         robot.terminate()
         try:
@@ -97,7 +97,7 @@ def process(world: str, seconds: float) -> dict[str, Any]:
         claim.release()
 
 
-def _listen(robot: psutil.Process, directory: Path, seconds: float) -> dict[str, Any]:
+def _subscribe_and_measure(robot: psutil.Process, directory: Path, seconds: float) -> dict[str, Any]:
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
@@ -129,7 +129,7 @@ def _listen(robot: psutil.Process, directory: Path, seconds: float) -> dict[str,
     deadline = time.monotonic() + 20.0
     while not counts[graph.BODY_IMAGE_SIM.name] and not counts[graph.SCAN.name]:
         if time.monotonic() > deadline:
-            raise SystemExit("bench_sim: no scan within 20 s")
+            raise SystemExit("bench_sim: no picture and no scan within 20 s")
         spin(0.2)
     spin(SETTLE_S)
     before, wall = robot.cpu_times(), time.monotonic()
@@ -137,14 +137,14 @@ def _listen(robot: psutil.Process, directory: Path, seconds: float) -> dict[str,
     spin(seconds)
     wall = time.monotonic() - wall
     after = robot.cpu_times()
-    used = after.user + after.system - before.user - before.system
+    used_s = after.user + after.system - before.user - before.system
     memory = robot.memory_info().rss / 1e6
     state = json.loads((directory / "sim_state.json").read_text())
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
     return {
-        "cpu_percent": 100.0 * used / wall,
+        "cpu_percent": 100.0 * used_s / wall,
         "memory_mb": memory,
         "real_time_factor": state["real_time_factor"],
         "rates_hz": {name: round(count / wall, 1) for name, count in counts.items()},
@@ -154,17 +154,17 @@ def _listen(robot: psutil.Process, directory: Path, seconds: float) -> dict[str,
 def main() -> int:
     """Measure the engine with and without cameras, the lidar and the whole process, and print the results."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--world", default="demo")
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--seconds", type=float, default=20.0, help="measure each part for this long")
+    parser.add_argument("--world", default="demo", help="simulate this world of `lupin up --world`")
+    parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
     arguments = parser.parse_args()
-    result: dict[str, Any] = {"world": arguments.world, "engine": engine(arguments.world, arguments.seconds, False)}
+    result: dict[str, Any] = {"world": arguments.world, "engine": measure_engine(arguments.world, arguments.seconds, False)}
     try:
-        result["engine_with_cameras"] = engine(arguments.world, arguments.seconds, True)
+        result["engine_with_cameras"] = measure_engine(arguments.world, arguments.seconds, True)
     except GraphicsUnavailable as missing:
         print(f"bench_sim: {missing}", file=sys.stderr)
-    result["lidar"] = lidar(arguments.world)
-    result["process"] = process(arguments.world, arguments.seconds)
+    result["lidar"] = measure_lidar(arguments.world)
+    result["process"] = measure_process(arguments.world, arguments.seconds)
     if arguments.json:
         print(json.dumps(result))
         return 0
@@ -172,15 +172,15 @@ def main() -> int:
     for name in ("engine", "engine_with_cameras"):
         if name in result:
             row = result[name]
-            cost = row["cpu_percent_at_real_time"]
-            print(f"{name:22} {row['real_time_factor']:7.1f} x real time, {cost:5.1f} % of a core at real time")
+            cpu_percent = row["cpu_percent_at_real_time"]
+            print(f"{name:22} {row['real_time_factor']:7.1f} x real time, {cpu_percent:5.1f} % of a core at real time")
     rays = result["lidar"]
     ratio = rays["ray_by_ray_us"] / rays["one_call_us"]
     print(f"{'lidar, 360 rays':22} {rays['one_call_us']:7.0f} us; ray by ray {rays['ray_by_ray_us']:.0f} us: ratio {ratio:.1f}")
     row = result["process"]
-    share = row["cpu_percent"] / CPU_BUDGET_PERCENT
-    print(f"{'process, all topics':22} {row['cpu_percent']:7.1f} % of a core: {share:.2f} of its budget")
-    print(f"{'':22} {row['memory_mb']:7.0f} MB: {row['memory_mb'] / MEMORY_BUDGET_MB:.2f} of its budget")
+    share = row["cpu_percent"] / CPU_LIMIT_PERCENT
+    print(f"{'process, all topics':22} {row['cpu_percent']:7.1f} % of a core: {share:.2f} of the limit")
+    print(f"{'':22} {row['memory_mb']:7.0f} MB: {row['memory_mb'] / MEMORY_LIMIT_MB:.2f} of the limit")
     print(f"{'':22} {row['real_time_factor']:7.3f} x real time")
     return 0
 

@@ -1,6 +1,6 @@
-"""Forty scripts over SSH: one batch of Lupin, against one exec request of paramiko or one ssh process for each script.
+"""Forty scripts over SSH: one batch of Lupin, compared with a paramiko exec request or an ssh process for each script.
 
-All use the same sshd (on loopback, with a port and keys of its own), run the same forty scripts and must get the same outputs.
+All use the same sshd (on loopback, with its own port and keys), run the same forty scripts and must get the same outputs.
 `batch` opens a connection in each round, as a command of Lupin does, and so does `ssh_shared_each`, whose ssh processes share
 it. `paramiko_exec_each` has the advantage of a connection that stays open; `ssh_each` has the disadvantage of opening forty.
 The baseline, `local_baseline`, runs the forty scripts in parallel in local shells, without SSH and without time limits.
@@ -44,13 +44,13 @@ def sshd(directory: Path) -> Iterator[int]:
     """Run an sshd on loopback that accepts the key `directory`/id of this user; yield its port."""
     program = shutil.which("sshd", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
     if program is None:
-        raise SystemExit("needs sshd: apt install openssh-server")
+        raise SystemExit("not measured: sshd is not installed; apt install openssh-server")
     for name in ("host", "id"):
         subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(directory / name)], check=True)
     (directory / "authorized").write_text((directory / "id.pub").read_text())
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = int(probe.getsockname()[1])
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = int(free.getsockname()[1])
     if os.geteuid() == 0:
         Path("/run/sshd").mkdir(mode=0o755, exist_ok=True)
     (directory / "config").write_text(
@@ -63,8 +63,8 @@ def sshd(directory: Path) -> Iterator[int]:
     try:
         deadline = time.monotonic() + 20
         while time.monotonic() < deadline:
-            with socket.socket() as probe:
-                if probe.connect_ex(("127.0.0.1", port)) == 0:
+            with socket.socket() as client:
+                if client.connect_ex(("127.0.0.1", port)) == 0:
                     break
             time.sleep(0.02)
         yield port
@@ -74,7 +74,7 @@ def sshd(directory: Path) -> Iterator[int]:
 
 
 class Methods:
-    """The methods to run `scripts`; each returns their outputs in order."""
+    """Different methods to run the same scripts; each returns the outputs in the order of the scripts."""
 
     def __init__(self, directory: Path, port: int, scripts: list[str]) -> None:
         self._directory, self._scripts = directory, scripts
@@ -100,7 +100,7 @@ class Methods:
         )
 
     def batch(self) -> list[str]:
-        """Lupin: connect, run one batch, close."""
+        """Connect with Lupin, run one batch, and close."""
         target = SshTarget("robot", self._destination, KnownHosts(self._directory / "known", self._directory / "none"))
         try:
             outputs = target.batch([Script(str(n), text) for n, text in enumerate(self._scripts)], timeout_s=60.0)
@@ -109,7 +109,7 @@ class Methods:
         return [outputs[str(n)].stdout for n in range(len(self._scripts))]
 
     def paramiko_exec_each(self) -> list[str]:
-        """paramiko with its defaults: one exec_command after the other over an open connection."""
+        """Run one exec_command of paramiko after the other, with its defaults, over an open connection."""
         outputs = []
         for text in self._scripts:
             _, stdout, _ = self._client.exec_command(text, timeout=60)
@@ -117,13 +117,13 @@ class Methods:
         return outputs
 
     def ssh_each(self) -> list[str]:
-        """One ssh process and one connection for each script."""
+        """Run an ssh process with its own connection for each script."""
         return [self._run_ssh(text, []) for text in self._scripts]
 
     def ssh_shared_each(self) -> list[str]:
-        """One ssh process for each script over a shared connection, whose opening is included."""
+        """Open a shared connection, and run an ssh process over it for each script."""
         control = ["-o", f"ControlPath={self._directory}/mux"]
-        # The master inherits its standard streams and keeps them open: with pipes a reader would wait for it.
+        # The master keeps its standard streams open: a reader of a pipe would wait for it.
         null = subprocess.DEVNULL
         master = subprocess.Popen([*self._ssh, *control, "-M", "-N", *self._login], stdin=null, stdout=null, stderr=null)
         deadline = time.monotonic() + 30
@@ -140,7 +140,7 @@ class Methods:
         return subprocess.run(command, stdin=null, stdout=pipe, stderr=null, text=True, timeout=60, check=True).stdout
 
     def local_baseline(self) -> list[str]:
-        """The baseline: the scripts in parallel, without SSH."""
+        """Run the scripts in parallel, without SSH."""
         running = [subprocess.Popen(["sh", "-c", text], stdout=subprocess.PIPE, text=True) for text in self._scripts]
         return [process.communicate(timeout=60)[0] for process in running]
 
@@ -152,9 +152,9 @@ class Methods:
 def main() -> None:
     """Time all methods and print the medians."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--probes", type=int, default=40)
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--probes", type=int, default=40, help="run this many scripts")
+    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this often")
+    parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
     options = parser.parse_args()
     scripts = [SCRIPTS[n % len(SCRIPTS)] for n in range(options.probes)]
     with tempfile.TemporaryDirectory() as name, sshd(Path(name)) as port:
@@ -168,7 +168,7 @@ def main() -> None:
         ]
         expected = methods.local_baseline()
         times_s: dict[str, list[float]] = {method.__name__: [] for method in timed}
-        for _ in range(options.rounds):  # round-robin, so that other load on this machine affects all methods
+        for _ in range(options.rounds):  # round-robin, so that other load of this machine affects all methods alike
             for method in timed:
                 start = time.perf_counter()
                 outputs = method()

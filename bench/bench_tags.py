@@ -1,7 +1,7 @@
-"""Tag detection against the AprilTag library itself, on rendered views with blur, noise and clutter.
+"""Tag detection compared with the AprilTag library itself, on rendered views with blur, noise and clutter.
 
 Limits: recall and corner error at least as good as the library's, with its default settings (half resolution) and at full
-resolution; 10 ms a VGA frame on one core. Peers run on the same frames, in turns.
+resolution; 10 ms per VGA frame on one core. All detectors run on the same frames, one after the other.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def library(quad_decimate: float) -> Detector:
 
 
 def views(repeats: int, seed: int) -> Iterator[tuple[float, View]]:
-    """Every range and angle, with other ids, places, tilts, blur, noise and light."""
+    """Yield views at every range and angle, with random id, position, tilt, blur, noise and light."""
     rng = np.random.default_rng(seed)
     for range_m in RANGES_M:
         for degrees in ANGLES_DEG:
@@ -72,9 +72,9 @@ def rms(found: Corners, true: Corners) -> float:
 def main() -> int:
     """Run every detector on the same views; return 1 if Lupin misses a limit of recall, corner error or time."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repeats", type=int, default=3, help="views per range and angle")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", action="store_true", help="print the JSON line only")
+    parser.add_argument("--repeats", type=int, default=3, help="render this many views for each range and angle")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the random views")
+    parser.add_argument("--json", action="store_true", help="print only the JSON line")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     detectors = {
@@ -84,33 +84,33 @@ def main() -> int:
         "library_full": library(1.0),
     }
     hits: dict[str, list[bool]] = {name: [] for name in detectors}
-    false: dict[str, int] = dict.fromkeys(detectors, 0)
+    false_detections: dict[str, int] = dict.fromkeys(detectors, 0)
     errors: dict[str, dict[int, float]] = {name: {} for name in detectors}
     cpu_ms: dict[str, list[float]] = {name: [] for name in detectors}
     by_range: dict[str, dict[float, list[bool]]] = {name: {r: [] for r in RANGES_M} for name in detectors}
     for index, (range_m, view) in enumerate(views(options.repeats, options.seed)):
-        for name, look in detectors.items():
+        for name, detect_tags in detectors.items():
             # CPU time of this thread, which excludes other processes.
             began = time.thread_time()
-            found = look(view.image)
+            found = detect_tags(view.image)
             cpu_ms[name].append((time.thread_time() - began) * 1e3)
-            right = [corners for tag_id, corners in found if tag_id == view.tag_id]
-            hits[name].append(bool(right))
-            by_range[name][range_m].append(bool(right))
-            false[name] += sum(tag_id != view.tag_id for tag_id, _ in found)
-            if right:
-                errors[name][index] = min(rms(corners, view.corners) for corners in right)
-    # Corner errors are compared on the frames that all but the fallback engine have found.
+            correct = [corners for tag_id, corners in found if tag_id == view.tag_id]
+            hits[name].append(bool(correct))
+            by_range[name][range_m].append(bool(correct))
+            false_detections[name] += sum(tag_id != view.tag_id for tag_id, _ in found)
+            if correct:
+                errors[name][index] = min(rms(corners, view.corners) for corners in correct)
+    # Corner errors are compared on the frames in which all detectors but the fallback engine found the tag.
     common = set.intersection(*(set(errors[name]) for name in detectors if name != "lupin_aruco"))
     result: dict[str, Any] = {"frames": len(hits["lupin"]), "limit_ms": LIMIT_MS}
     for name in detectors:
-        shared = [error for index, error in errors[name].items() if index in common]
+        common_errors = [error for index, error in errors[name].items() if index in common]
         result[name] = {
             "recall": round(statistics.mean(hits[name]), 4),
             "recall_by_range": {str(r): round(statistics.mean(h), 3) for r, h in by_range[name].items()},
-            "false": false[name],
-            "corner_rms_px_median": round(statistics.median(shared), 4),
-            "corner_rms_px_p95": round(float(np.percentile(shared, 95)), 4),
+            "false_detections": false_detections[name],
+            "corner_rms_px_median": round(statistics.median(common_errors), 4),
+            "corner_rms_px_p95": round(float(np.percentile(common_errors, 95)), 4),
             "cpu_ms_median": round(statistics.median(cpu_ms[name]), 2),
             "cpu_ms_p95": round(float(np.percentile(cpu_ms[name], 95)), 2),
         }
@@ -126,13 +126,13 @@ def main() -> int:
     if not options.json:
         show(result, list(detectors))
     print(json.dumps(result))
-    reached = (
+    meets_limits = (
         result["recall_ratio"] >= 1.0
         and result["corner_error_ratio"] <= 1.0
         and result["corner_error_p95_ratio"] <= 1.0
         and result["time_ratio_to_limit"] <= 1.0
     )
-    return 0 if reached else 1
+    return 0 if meets_limits else 1
 
 
 def show(result: dict[str, Any], names: list[str]) -> None:
@@ -142,11 +142,11 @@ def show(result: dict[str, Any], names: list[str]) -> None:
     for name in names:
         r = result[name]
         print(
-            f"{name:16}{r['recall']:8.3f}{r['false']:7d}{r['corner_rms_px_median']:11.3f}{r['corner_rms_px_p95']:8.3f}"
+            f"{name:16}{r['recall']:8.3f}{r['false_detections']:7d}{r['corner_rms_px_median']:11.3f}{r['corner_rms_px_p95']:8.3f}"
             f"{r['cpu_ms_median']:8.2f}{r['cpu_ms_p95']:8.2f}"
         )
     print(
-        f"against the better of the library's two: recall x{result['recall_ratio']}, corner error "
+        f"compared with the better of the library's two: recall x{result['recall_ratio']}, corner error "
         f"x{result['corner_error_ratio']} (p95 x{result['corner_error_p95_ratio']}); "
         f"p95 time / limit {result['time_ratio_to_limit']}"
     )

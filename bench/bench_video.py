@@ -1,10 +1,10 @@
-"""Video: 640 × 480 pixels at 30 frames a second to four browsers, through the console and from the video server.
+"""Video: 640 × 480 pixels at 30 frames per second to four browsers, through the console and from the video server.
 
     python -m bench.bench_video [--seconds 10] [--suite FOLDER] [--json]
 
-A camera publishes photographs, as JPEG and raw. Processor time is that of the video server and the console together. With
-FOLDER, a checkout of rosbridge_suite, four of its clients get the JPEG pictures in the same run, as pages without a video
-server do.
+A camera publishes pictures like photographs, as JPEG or raw. CPU time is that of the video server and the console together.
+With FOLDER, a checkout of rosbridge_suite, the JPEG pictures are also sent to four of its clients as messages, as pages without
+a video server get them.
 """
 
 from __future__ import annotations
@@ -28,42 +28,42 @@ import cv2
 import numpy as np
 import psutil
 
-from bench.bench_console import rig, send
+from bench.bench_console import send, server_rig
 from lupin_runtime import graph
 from lupin_runtime.cameras.mjpeg import PartReader
 from lupin_runtime.stack.dds import claim_domain, loopback_environment
 
-LIMITS = {"cores_percent": 15.0, "delay_median_ms": 60.0}
+LIMITS = {"one_core_percent": 15.0, "delay_median_ms": 60.0}
 CLIENTS = 4
 FPS = 30.0
 SETTLE_S = 3.0
 _CAMERA = graph.BODY_IMAGE_ROBOT
 
 
-# -- processes of their own ---------------------------------------------------------------------------------------------
-def serve(make: Callable[[], Any]) -> int:
-    """Run a node; prints its port."""
+# -- the measured processes ---------------------------------------------------------------------------------------------
+def serve(make_node: Callable[[], Any]) -> int:
+    """Run a node, and print its port once it listens."""
     from lupin_runtime.ros import run
 
-    return run([make], ready=lambda nodes: print(nodes[0].port, flush=True))
+    return run([make_node], ready=lambda nodes: print(nodes[0].port, flush=True))
 
 
-def video_server() -> int:
+def serve_video() -> int:
     """Run the video server."""
     from lupin_runtime.cameras.node import VideoServer
 
     return serve(lambda: VideoServer({"port": 0}))
 
 
-def console(video_port: int) -> int:
+def serve_console(video_port: int) -> int:
     """Run the console."""
     from lupin_runtime.console.node import Console
 
     return serve(lambda: Console({"port": 0, "rosbridge_port": 0, "video_target": f"http://127.0.0.1:{video_port}"}))
 
 
-def camera(kind: str) -> int:
-    """Publish pictures with the wall clock as their stamp, until the process is ended."""
+def publish_pictures(kind: str) -> int:
+    """Publish `jpeg` or `raw` pictures, stamped with the wall clock, until the process is terminated."""
     import rclpy
     from sensor_msgs.msg import CompressedImage, Image
 
@@ -90,29 +90,29 @@ def camera(kind: str) -> int:
 
 
 # -- the rig ------------------------------------------------------------------------------------------------------------
-class Rig:
-    """A video server, a console in front of it, and a camera, on a graph of their own."""
+class VideoRig:
+    """A video server, a console in front of it, and a camera, on a private graph."""
 
     def __init__(self, environment: dict[str, str], exits: ExitStack) -> None:
         self._environment, self._exits = environment, exits
-        self.video_port, video = self._start("video")
-        self.console_port, origin = self._start("console", "--video-port", str(self.video_port))
-        self._servers = (psutil.Process(video.pid), psutil.Process(origin.pid))
+        self.video_port, video = self._start_server("video")
+        self.console_port, console = self._start_server("console", "--video-port", str(self.video_port))
+        self._servers = (psutil.Process(video.pid), psutil.Process(console.pid))
 
-    def point_camera(self, kind: str) -> None:
+    def start_camera(self, kind: str) -> None:
         """Start the camera, and wait until the video server lists it."""
-        self._start(kind, announces=False)
+        self._start(kind)
         deadline_s = time.monotonic() + 20.0
-        while not self._cameras():
+        while not self._listed_cameras():
             if time.monotonic() > deadline_s:
-                raise SystemExit("the video server has not found the camera")
+                raise SystemExit("the video server did not find the camera within 20 s")
             time.sleep(0.1)
 
     def cpu_s(self) -> float:
-        """The processor time that both servers have used."""
+        """Return the CPU time that both servers have used."""
         return sum(sum(each.cpu_times()[:2]) for each in self._servers)
 
-    def _cameras(self) -> Any:
+    def _listed_cameras(self) -> Any:
         connection = http.client.HTTPConnection("127.0.0.1", self.console_port, timeout=20)
         try:
             connection.request("GET", "/_video/streams")
@@ -120,52 +120,56 @@ class Rig:
         finally:
             connection.close()
 
-    def _start(self, role: str, *arguments: str, announces: bool = True) -> tuple[int, subprocess.Popen[str]]:
+    def _start_server(self, role: str, *arguments: str) -> tuple[int, subprocess.Popen[str]]:
+        process = self._start(role, *arguments)
+        assert process.stdout is not None  # it is a pipe
+        return int(process.stdout.readline()), process
+
+    def _start(self, role: str, *arguments: str) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "bench.bench_video", "--as", role, *arguments]
         process = subprocess.Popen(command, env=self._environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         self._exits.callback(process.wait, 20)
         self._exits.callback(process.terminate)
-        assert process.stdout is not None  # it is a pipe
-        return int(process.stdout.readline()) if announces else 0, process
+        return process
 
 
 @contextmanager
-def video_rig() -> Iterator[Rig]:
-    """Start a rig."""
+def video_rig() -> Iterator[VideoRig]:
+    """Start a VideoRig, and stop it after the block."""
     claim = claim_domain()
     with ExitStack() as exits, tempfile.TemporaryDirectory() as directory:
         exits.callback(claim.release)
         environment = loopback_environment(claim.domain, Path(directory), {**os.environ, "XDG_STATE_HOME": directory})
         with ExitStack() as processes:
-            yield Rig(environment, processes)
+            yield VideoRig(environment, processes)
 
 
 class Watcher(threading.Thread):
-    """A browser: notes how old each picture is when it has arrived."""
+    """A browser that watches a stream, and records the age of each picture at its arrival."""
 
     def __init__(self, port: int, path: str) -> None:
         super().__init__(daemon=True)
         self.delays_ms: list[float] = []
         self._connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
         self._connection.request("GET", f"{path}?topic={_CAMERA.name}")
-        self._answer = self._connection.getresponse()
-        if self._answer.status != 200:
-            raise SystemExit(f"no stream: {self._answer.read().decode()}")
+        self._response = self._connection.getresponse()
+        if self._response.status != 200:
+            raise SystemExit(f"no stream: {self._response.read().decode()}")
         self.start()
 
     def run(self) -> None:
-        """Read until the stream ends."""
+        """Read pictures until the stream ends."""
         reader = PartReader()
-        with suppress(http.client.HTTPException, ConnectionError):  # the servers are ended beneath it
-            while data := self._answer.read1(1 << 16):
+        with suppress(http.client.HTTPException, ConnectionError):  # the servers are terminated while it reads
+            while data := self._response.read1(1 << 16):
                 for _, stamp_ns in reader.feed(data):
                     self.delays_ms.append((time.time_ns() - stamp_ns) / 1e6)
 
 
 def watch(kind: str, through_console: bool, seconds: float) -> dict[str, float]:
-    """Four browsers watch a camera."""
+    """Measure the delay of the pictures, and the servers' CPU time, while four browsers watch a camera."""
     with video_rig() as servers:
-        servers.point_camera(kind)
+        servers.start_camera(kind)
         port, path = (servers.console_port, "/_video/stream") if through_console else (servers.video_port, "/stream")
         watchers = [Watcher(port, path) for _ in range(CLIENTS)]
         time.sleep(SETTLE_S)
@@ -176,7 +180,7 @@ def watch(kind: str, through_console: bool, seconds: float) -> dict[str, float]:
         elapsed_s, used_s = time.monotonic() - began_s, servers.cpu_s() - before_s
         delays_ms = [delay for watcher in watchers for delay in watcher.delays_ms]
         return {
-            "cores_percent": 100.0 * used_s / elapsed_s,
+            "one_core_percent": 100.0 * used_s / elapsed_s,
             "delay_median_ms": statistics.median(delays_ms),
             "delay_p99_ms": statistics.quantiles(delays_ms, n=100)[98],
             "fps": len(delays_ms) / elapsed_s / CLIENTS,
@@ -185,12 +189,12 @@ def watch(kind: str, through_console: bool, seconds: float) -> dict[str, float]:
 
 
 def suite_pictures(seconds: float, suite: Path) -> dict[str, float]:
-    """Four clients of rosbridge_suite get the same JPEG pictures as messages."""
-    with rig(suite) as server:
+    """Measure rosbridge_suite while four of its clients receive the same JPEG pictures as messages."""
+    with server_rig(suite) as server:
         row = graph.compressed(_CAMERA)
-        clients = [server.client() for _ in range(CLIENTS)]
+        clients = [server.connect_client() for _ in range(CLIENTS)]
         command = [sys.executable, "-m", "bench.bench_video", "--as", "jpeg"]
-        load = subprocess.Popen(command, env=server.environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        camera = subprocess.Popen(command, env=server.environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         try:
             for client in clients:
                 send(client, "subscribe", topic=row.name, type=row.type, queue_length=1)
@@ -214,25 +218,25 @@ def suite_pictures(seconds: float, suite: Path) -> dict[str, float]:
                 reader.join()
             return {"pictures_per_cpu_s": sum(counts) / (server.cpu_s() - before_s)}
         finally:
-            load.terminate()
-            load.wait(20)
+            camera.terminate()
+            camera.wait(20)
 
 
 def main() -> int:
-    """Measure every part, or be one of the measured processes with `--as`."""
+    """Measure every case; with `--as`, run one of the measured processes instead."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--suite", type=Path, help="checkout of rosbridge_suite, to be measured too")
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--seconds", type=float, default=10.0, help="measure each case for this long")
+    parser.add_argument("--suite", type=Path, help="also measure the server of this checkout of rosbridge_suite")
+    parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
     parser.add_argument("--as", dest="role", choices=("video", "console", "jpeg", "raw"), help=argparse.SUPPRESS)
     parser.add_argument("--video-port", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.role == "video":
-        return video_server()
+        return serve_video()
     if options.role == "console":
-        return console(options.video_port)
+        return serve_console(options.video_port)
     if options.role:
-        return camera(options.role)
+        return publish_pictures(options.role)
     figures = {
         f"{kind}, {'console' if through_console else 'video server'}": watch(kind, through_console, options.seconds)
         for kind in ("jpeg", "raw")
@@ -241,13 +245,13 @@ def main() -> int:
     if options.suite:
         ours = figures["jpeg, console"]["pictures_per_cpu_s"]
         peer = suite_pictures(options.seconds, options.suite)
-        figures["jpeg, rosbridge_suite"] = {**peer, "ratio": ours / peer["pictures_per_cpu_s"]}
-    met = all(part[name] <= limit for part in figures.values() for name, limit in LIMITS.items() if name in part)
+        figures["jpeg, rosbridge_suite"] = {**peer, "lupin_times_as_many": ours / peer["pictures_per_cpu_s"]}
+    met = all(case[name] <= limit for case in figures.values() for name, limit in LIMITS.items() if name in case)
     if options.json:
         print(json.dumps({"figures": figures, "limits": LIMITS, "met": met}))
     else:
-        for part, values in figures.items():
-            print(f"{part:24}" + "".join(f"  {name} {value:.1f}" for name, value in values.items()))
+        for case, values in figures.items():
+            print(f"{case:24}" + "".join(f"  {name} {value:.1f}" for name, value in values.items()))
         print("limits: " + ", ".join(f"{name} {limit:g}" for name, limit in LIMITS.items()) + ("  ok" if met else "  MISSED"))
     return 0 if met else 1
 

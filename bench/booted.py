@@ -1,4 +1,4 @@
-"""A simulated computer, and an operator on its laptop whose commands are timed from start to exit."""
+"""A simulated computer, and an operator on the laptop whose commands are timed from start to exit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 PROJECT_BENCH = Path(__file__).resolve().parent
 COMMAND_TIMEOUT_S = 300.0
-# The setup lines of units for this robot, which has no ROS except the vendor's.
+# Setup lines for the units of this robot, whose only ROS is the vendor's.
 SETUP_LINES = ("source ~/mirte_ws/install/setup.bash",)
 LUPIN = (sys.executable, "-m", "lupin_cli.app")
 PYTHON_PATH = "/usr/bin:/bin:/usr/sbin:/sbin"
@@ -28,13 +28,13 @@ PYTHON_PATH = "/usr/bin:/bin:/usr/sbin:/sbin"
 
 @dataclass(frozen=True)
 class TimedRun:
-    """A command that was run: its duration, exit status and output. `cut` if it was terminated by the limit."""
+    """A command that was run: its duration, exit status (-1 if it timed out) and output."""
 
     wall_s: float
     status: int
     stdout: str
     stderr: str
-    cut: bool = False
+    timed_out: bool = False
 
 
 @dataclass
@@ -55,7 +55,7 @@ class Operator:
         try:
             done = self.host.run(command, timeout_s=timeout_s, env=dict(environment or self.environment), cwd=str(PROJECT))
         except subprocess.TimeoutExpired:
-            return TimedRun(time.perf_counter() - start, -1, "", "", cut=True)
+            return TimedRun(time.perf_counter() - start, -1, "", "", timed_out=True)
         return TimedRun(time.perf_counter() - start, done.returncode, done.stdout, done.stderr)
 
     def lupin(self, *words: str, timeout_s: float = COMMAND_TIMEOUT_S) -> TimedRun:
@@ -65,13 +65,15 @@ class Operator:
     def require(self, ran: TimedRun, *statuses: int) -> TimedRun:
         """Return the run if its exit status is one of these (default 0); otherwise stop the benchmark with its output."""
         if ran.status not in (statuses or (0,)):
-            raise SystemExit(f"not measured: status {ran.status}{' (cut)' if ran.cut else ''}\n{ran.stdout}\n{ran.stderr}")
+            raise SystemExit(
+                f"not measured: status {ran.status}{' (timed out)' if ran.timed_out else ''}\n{ran.stdout}\n{ran.stderr}"
+            )
         return ran
 
 
 @contextlib.contextmanager
 def booted_operator(**options: Any) -> Iterator[Operator]:
-    """Boot a host (see Host.start for `options`) with an operator. Exits if this machine cannot boot one."""
+    """Boot a host and yield its operator; `options` are those of Host.start. Exits if this machine cannot boot one."""
     from lupin_sim.host import Host
     from lupin_sim.host.operator import create_home
     from lupin_sim.host.prerequisites import missing_prerequisite
@@ -87,7 +89,7 @@ def booted_operator(**options: Any) -> Iterator[Operator]:
 
 @contextlib.contextmanager
 def peer_tools(operator: Operator) -> Iterator[Tools]:
-    """pyinfra and Ansible, set up for the same operator."""
+    """Set up pyinfra and Ansible for the same operator, and yield them."""
     from bench.peers.tools import Tools
 
     folder = operator.home.parent / "peers"
@@ -99,7 +101,7 @@ def peer_tools(operator: Operator) -> Iterator[Tools]:
     null = subprocess.DEVNULL
     opened = operator.host.run(tools.shared_connection("open"), stdout=null, stderr=null, env=tools.environment)
     if opened.returncode != 0:
-        raise SystemExit(f"not measured: ssh to {tools.address} ended with {opened.returncode}")
+        raise SystemExit(f"not measured: ssh to {tools.address} exited with status {opened.returncode}")
     try:
         yield tools
     finally:
@@ -111,7 +113,7 @@ DAEMONS = ("systemd", "systemd-logind", "systemd-journal", "dbus-daemon", "sshd"
 
 
 def raise_priority(host: Host, stack: bool = False) -> None:
-    """On a busy machine, give the measured processes on laptop and robot real-time priority over all others.
+    """Give the measured processes on laptop and robot real-time priority over all other work of this machine.
 
     Nice values have no such effect if the kernel groups processes by session. The simulated robot and Lupin's units on the
     robot keep their priority, unless they are part of the measurement (`stack`).
@@ -122,17 +124,17 @@ def raise_priority(host: Host, stack: bool = False) -> None:
     for root in cgroup_roots():
         for path in (root / f"lupin-host-{host.name}").rglob("cgroup.procs"):
             for pid in path.read_text().split():
-                with contextlib.suppress(OSError):  # it has just ended
+                with contextlib.suppress(OSError):  # the process has exited meanwhile
                     if stack or Path(f"/proc/{pid}/comm").read_text().strip() in DAEMONS:
                         for task in Path(f"/proc/{pid}/task").iterdir():
                             os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(1))
 
 
-def median(runs: Sequence[float]) -> float:
-    """The median, rounded to milliseconds."""
-    return round(statistics.median(runs), 3)
+def median(values: Sequence[float]) -> float:
+    """Return the median, rounded to three decimals."""
+    return round(statistics.median(values), 3)
 
 
-def load() -> float:
-    """The load average of the last minute."""
+def load_average() -> float:
+    """Return the load average of the last minute."""
     return round(os.getloadavg()[0], 1)

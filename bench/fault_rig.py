@@ -1,5 +1,5 @@
-"""Where the bench injects faults: a booted robot with the vendor's stack, Lupin's units and a clock that it takes from the
-laptop, and a laptop across the cable that is configured for it and runs the doctor."""
+"""The machines into which the bench injects faults: a booted robot with the vendor's stack, Lupin's units and a clock that
+follows the laptop's, and across the cable a laptop that is configured for the robot and runs the doctor."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lupin_cli.exit_codes import SUCCESS
 from lupin_sim.host import Host
 from lupin_sim.host.host import PROJECT
 
 ADDRESS, OTHER_ADDRESS, NAME = "10.42.0.1", "192.168.42.1", "greenhouse"
 LUPIN = [sys.executable, "-m", "lupin_cli.app"]
-START_TIMEOUT_S, END_TIMEOUT_S, HEALTH_TIMEOUT_S, DOCTOR_TIMEOUT_S = 90.0, 60.0, 120.0, 180.0
+PARTICIPANT_START_TIMEOUT_S, PARTICIPANT_STOP_TIMEOUT_S, HEALTHY_TIMEOUT_S, DOCTOR_TIMEOUT_S = 90.0, 60.0, 120.0, 180.0
 
-# A participant of the graph: its role and arguments follow.
+# The command that starts a participant of the graph; its role and arguments follow.
 PARTICIPANT = [sys.executable, "-m", "tests.support.graph_participant"]
-RELEASE = "0a1b2c3d4e5f"
+RELEASE = "0a1b2c3d4e5f"  # an invented id; the release consists of a link to this Python and a release.json
 START_STOPPED_UNITS = """
 for unit in lupin-onboard lupin-auto-home; do
   systemctl is-failed --quiet $unit && systemctl reset-failed $unit
@@ -33,7 +34,7 @@ for unit in lupin-onboard lupin-auto-home; do
 done
 exit 0
 """
-# While auto-home runs, it would repair what the next fault breaks.
+# While it runs, auto-home would repair what the next fault breaks.
 WAIT_FOR_AUTO_HOME = """
 for second in $(seq 120); do
   systemctl show -P ActiveState lupin-auto-home | grep -q activating || exit 0
@@ -48,22 +49,22 @@ class RigError(RuntimeError):
 
 
 @dataclass
-class Rig:
+class FaultRig:
     """A booted robot, and an operator's laptop that is configured for it."""
 
     host: Host
     home: Path
     participants: dict[str, subprocess.Popen[str]] = field(default_factory=dict)
-    kept: dict[Path, str | None] = field(default_factory=dict)  # files of the laptop as they were before a fault
+    original_files: dict[Path, str | None] = field(default_factory=dict)  # the laptop's files before a fault; None: no file
 
     @classmethod
-    def start(cls) -> Rig:
-        """Boot, deploy and configure. Raises HostError, RigError."""
+    def start(cls) -> FaultRig:
+        """Boot the robot, deploy to it, and configure both machines. Raises HostError, RigError."""
         rig = cls(Host.start(vendor_robot=True), Path(tempfile.mkdtemp(prefix="lupin-triage-")))
         try:
             rig._set_up()
         except BaseException:
-            rig.end()
+            rig.stop()
             raise
         return rig
 
@@ -111,9 +112,9 @@ class Rig:
 
     @property
     def shells(self) -> dict[str, dict[str, str]]:
-        """Environments in which the doctor runs, by the names that cases use."""
-        other = {**self.sourced_env, "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
-        return {"sourced": self.sourced_env, "plain": self.bare_env, "rmw": other}
+        """Environments in which the doctor runs, by the names in Case.shell."""
+        wrong_rmw_env = {**self.sourced_env, "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+        return {"sourced": self.sourced_env, "bare": self.bare_env, "wrong-rmw": wrong_rmw_env}
 
     @property
     def sourced_env(self) -> dict[str, str]:
@@ -132,48 +133,52 @@ class Rig:
 
     def root(self, script: str, timeout_s: float = 60.0) -> str:
         """Run a script on the robot as root. Raises RigError."""
-        done = self.host.robot.inside("sh", "-ec", script, timeout_s=timeout_s)
+        done = self.host.robot.run_as_root("sh", "-ec", script, timeout_s=timeout_s)
         if done.status != 0:
             raise RigError(f"{script[:80]!r} exited with {done.status}: {done.stderr[-300:]}")
         return str(done.stdout)
 
     def doctor(self, *words: str, env: Mapping[str, str] | None = None, robot: str = NAME) -> dict[str, Any]:
-        """The JSON report of `lupin doctor`, with its wall time in `took_s`. Raises RigError."""
+        """Run `lupin doctor`; return its JSON report, with the wall time as `took_s`. Raises RigError."""
         began = time.monotonic()
         command = [*LUPIN, "doctor", "--robot", robot, "--json", *words]
         done = self.host.run(command, env=env or self.sourced_env, cwd=str(PROJECT), timeout_s=DOCTOR_TIMEOUT_S)
         try:
             report: dict[str, Any] = json.loads(done.stdout)
         except ValueError:
-            raise RigError(f"the doctor ended with {done.returncode}: {done.stderr[-500:]}") from None
+            raise RigError(f"the doctor exited with {done.returncode}: {done.stderr[-500:]}") from None
         if done.returncode != report["status"]:
-            raise RigError(f"exit status {done.returncode}, and the JSON says {report['status']}")
+            raise RigError(f"the doctor exited with {done.returncode}, but its JSON report has the status {report['status']}")
         return report | {"took_s": round(time.monotonic() - began, 2)}
 
-    def until_healthy(self, env: Mapping[str, str] | None = None, timeout_s: float = HEALTH_TIMEOUT_S) -> int:
-        """Run the doctor until it finds nothing; returns the number of runs. Raises RigError with the remaining findings."""
+    def until_healthy(self, env: Mapping[str, str] | None = None, timeout_s: float = HEALTHY_TIMEOUT_S) -> int:
+        """Run the doctor until it finds nothing, and return how often it ran. Raises RigError with the remaining findings."""
         deadline, runs = time.monotonic() + timeout_s, 0
         while True:
             report, runs = self.doctor(env=env), runs + 1
-            if report["status"] == 0:
+            if report["status"] == SUCCESS:
                 return runs
             if time.monotonic() > deadline:
                 lines = [f"{f['id']}: {f['cause']} {f['evidence']}" for f in report["findings"]]
                 raise RigError(f"not healthy after {timeout_s:g} s: {'; '.join(lines)} {report['unknown']} {report['broken']}")
 
     def start_participant(
-        self, role: str, *arguments: str, env: Mapping[str, str] | None = None, name: str = "", called: str = ""
+        self, role: str, *arguments: str, env: Mapping[str, str] | None = None, name: str = "", command_line_tag: str = ""
     ) -> None:
-        """Start a participant on the laptop, or give an order through one. `called` is an extra argument. Raises RigError."""
-        command = [*PARTICIPANT, role, *arguments, *filter(None, [called])]
+        """Start a participant in this role on the laptop; with `arguments`, give one order, and wait until its process exits.
+
+        `name` (default: the role) is the name for `stop_participant`. `command_line_tag` is an argument that the participant
+        ignores, but that others see in its command line. Raises RigError.
+        """
+        command = [*PARTICIPANT, role, *arguments, *filter(None, [command_line_tag])]
         process: subprocess.Popen[str] = self.host.popen(
             command, env or self.sourced_env, cwd=str(PROJECT), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
-        timer = threading.Timer(START_TIMEOUT_S, process.kill)
+        timer = threading.Timer(PARTICIPANT_START_TIMEOUT_S, process.kill)
         timer.start()
         try:
             assert process.stdout is not None
-            # Fast DDS prints errors of a profile before it continues without one.
+            # Lines before `up` may be Fast DDS's errors about a profile, without which it continues.
             if all(line.strip() != "up" for line in process.stdout):
                 raise RigError(f"{role} {' '.join(arguments)}: {process.communicate()[1][-300:]}")
             if arguments:
@@ -183,21 +188,21 @@ class Rig:
         finally:
             timer.cancel()
 
-    def end_participant(self, name: str) -> None:
-        """Terminate a participant with SIGTERM."""
+    def stop_participant(self, name: str) -> None:
+        """Terminate a participant, if it was started: with SIGTERM, or SIGKILL after PARTICIPANT_STOP_TIMEOUT_S."""
         process = self.participants.pop(name, None)
         if process is None:
             return
         process.terminate()
         try:
-            process.communicate(timeout=END_TIMEOUT_S)
+            process.communicate(timeout=PARTICIPANT_STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
 
     def write(self, path: Path, text: str | None) -> None:
-        """Change a file of the laptop (None removes it). `restore` writes its first version back."""
-        self.kept.setdefault(path, path.read_text() if path.exists() else None)
+        """Write a file of the laptop, or remove it if `text` is None. `restore` writes the original back."""
+        self.original_files.setdefault(path, path.read_text() if path.exists() else None)
         if text is None:
             path.unlink(missing_ok=True)
         else:
@@ -208,16 +213,16 @@ class Rig:
         """Restore the laptop's files, start Lupin's units that an undone fault left stopped, and wait for auto-home."""
         self.root(START_STOPPED_UNITS, 90.0)
         self.root(WAIT_FOR_AUTO_HOME, 150.0)
-        for path, text in self.kept.items():
+        for path, text in self.original_files.items():
             if text is None:
                 path.unlink(missing_ok=True)
             else:
                 path.write_text(text)
-        self.kept.clear()
+        self.original_files.clear()
 
-    def end(self) -> None:
-        """Stop all participants, the robot and the laptop."""
+    def stop(self) -> None:
+        """Stop all participants and both machines, and remove the laptop's home."""
         for name in list(self.participants):
-            self.end_participant(name)
+            self.stop_participant(name)
         self.host.end()
         shutil.rmtree(self.home, ignore_errors=True)

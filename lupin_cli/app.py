@@ -56,7 +56,7 @@ class LazyGroup(TyperGroup):
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002 -- click's signature
-        """Import and return a command; None if there is none of that name."""
+        """Import and return a command; None if there is no such command."""
         if cmd_name not in COMMANDS:
             return None
         module = importlib.import_module(f"lupin_cli.commands.{cmd_name.replace('-', '_')}")
@@ -128,7 +128,7 @@ def _use_utf8() -> None:
 
 
 def main() -> None:
-    """Run `lupin`. An expected error ends in one line, the next command and an exit code; an unexpected one names --debug."""
+    """Run `lupin`. An expected error prints one line and the next command; an unexpected one names --debug."""
     _use_utf8()
     try:
         app()

@@ -1,4 +1,4 @@
-"""The exit codes of `lupin`. Every command takes its codes from here; its --help says what they mean for it.
+"""The exit codes of `lupin`. Every command uses these; its --help says what they mean for it.
 
 `lupin up` passes on the codes of `lupin_runtime.stack.session`, which are the same numbers.
 """
@@ -17,6 +17,6 @@ INTERRUPTED = 130  # Ctrl-C: 128 + SIGINT
 
 
 def worst(codes: Iterable[int]) -> int:
-    """Return one code for several robots: interrupted before unreachable before failed before done."""
+    """Return one code for several robots: the first that occurs of interrupted, unreachable, failed, done."""
     found = set(codes)
     return next((code for code in (INTERRUPTED, UNREACHABLE, FAILURE) if code in found), SUCCESS)

@@ -1,4 +1,4 @@
-"""Finds and masks secrets in text, by rules that playbook journals and support archives share.
+"""Find and mask secrets in text, by rules that playbook journals and support archives share.
 
 A rule is a pattern with the secret in one of these groups: `d` (in double quotes), `q` (in single quotes), `e` (in escaped
 quotes) or `b` (bare). Every pattern runs in linear time, even on a line of a megabyte: repetitions before the secret are
@@ -62,7 +62,7 @@ _KEY_HINTS = ("pass", "secret", "token", "psk", "credential", "key")
 
 @functools.cache
 def rules() -> tuple[Rule, ...]:
-    """The rules in the order in which they are applied; compiled at the first call."""
+    """Return the rules in the order in which they are applied; compiled at the first call."""
 
     def rule(kind: str, hints: tuple[str, ...] | str, pattern: str, *, certain: bool = False) -> Rule:
         return Rule(kind, (hints,) if isinstance(hints, str) else hints, re.compile(pattern, re.I | re.M), certain)

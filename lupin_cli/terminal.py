@@ -1,7 +1,7 @@
-"""The one gate for text that comes from elsewhere: a robot, a network, a file.
+"""Printing of text that comes from elsewhere: from a robot, a network or a file.
 
-A terminal obeys escape sequences, so whatever such text is shown to a person passes `printable`, most of it through `echo`.
-JSON needs no gate: it escapes control characters itself.
+A terminal obeys escape sequences, so all such text must pass through `printable` before a person sees it, usually in `echo`.
+JSON does not need this: it escapes control characters itself.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from collections.abc import Iterator
 
 import typer
 
-# All control characters (ASCII's, DEL and the C1 set, in which U+009B begins a sequence) but tabs and line feeds.
+# All control characters (ASCII's, DEL and the C1 set, in which U+009B begins a sequence) except tabs and line feeds.
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _ERASE_LINE = "\r\x1b[K"
 
 
 def printable(text: str) -> str:
-    """Replace each control character but tabs and line breaks by U+FFFD."""
+    """Replace each control character except tabs and line breaks by U+FFFD."""
     return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", text.replace("\r\n", "\n"))
 
 
@@ -29,7 +29,7 @@ def echo(message: object = "", *, err: bool = False, nl: bool = True) -> None:
 
 
 def is_interactive() -> bool:
-    """Whether a person can be asked: standard input and standard error are a terminal."""
+    """Return whether a person can be asked: standard input and standard error are a terminal."""
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
@@ -46,5 +46,5 @@ def status_line(text: str, *, shown: bool) -> Iterator[None]:
 
 
 def erase_status_line() -> None:
-    """Erase the line that the cursor is on, so that a question can take its place."""
+    """Erase the line that the cursor is on, to make room for a question."""
     print(_ERASE_LINE, end="", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""The system's store of trusted authorities, and what to do on systems where only a person can change theirs."""
+"""The system's store of trusted authorities, and what to do on systems where only a person can change it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from lupin_runtime.atomic_file import write_atomically
 
 TIMEOUT_S = 180.0  # hooks of the program may rebuild Java's store
-_SBIN = "/usr/local/sbin:/usr/sbin:/sbin"  # where a user's PATH may not lead
+_SBIN = "/usr/local/sbin:/usr/sbin:/sbin"  # may be missing from a user's PATH
 
 
 class TrustStoreError(RuntimeError):
@@ -31,18 +31,18 @@ class TrustStore:
     removal_options: tuple[str, ...] = ()
 
     def path(self, authority_id: str) -> Path:
-        """The file of an authority in the folder."""
+        """Return the file of an authority in the folder."""
         return self.folder / f"lupin-{authority_id}.crt"
 
     def holds(self, authority_id: str, certificate: bytes) -> bool:
-        """Whether the store has this certificate."""
+        """Return whether the store has this certificate."""
         try:
             return self.path(authority_id).read_bytes() == certificate
         except OSError:
             return False
 
     def is_writable(self) -> bool:
-        """Whether this user may change it."""
+        """Return whether this user may change it."""
         return os.access(self.folder, os.W_OK)
 
     def add(self, authority_id: str, certificate: bytes) -> None:
@@ -73,12 +73,12 @@ class TrustStore:
             raise
 
     def add_command(self, authority_id: str, source: Path | str) -> str:
-        """What root types to the same effect as `add`, with the certificate in the file `source`."""
+        """Return the command by which root does the same as `add`, with the certificate in the file `source`."""
         copy = shlex.join(("sudo", "install", "-m", "644", str(source), str(self.path(authority_id))))
         return f"{copy} && {shlex.join(('sudo', self.program, *self.options))}"
 
     def remove_command(self, authority_id: str) -> str:
-        """What root types to the same effect as `remove`."""
+        """Return the command by which root does the same as `remove`."""
         remove = shlex.join(("sudo", "rm", "-f", str(self.path(authority_id))))
         return f"{remove} && {shlex.join(('sudo', self.program, *self.options, *self.removal_options))}"
 
@@ -92,7 +92,7 @@ class TrustStore:
             raise TrustStoreError(f"{self.program}: {error}") from error
         if done.returncode != 0:
             last = (done.stderr.strip() or done.stdout.strip()).splitlines()[-1:]
-            raise TrustStoreError(f"{self.program} ended with {done.returncode}: {''.join(last) or 'it printed nothing'}")
+            raise TrustStoreError(f"{self.program} exited with {done.returncode}: {''.join(last) or 'it printed nothing'}")
 
 
 DEBIAN = TrustStore(
@@ -108,7 +108,7 @@ TRUST_STORES = (
 
 
 def find_trust_store() -> TrustStore | None:
-    """The store of this system; None where Lupin cannot change it."""
+    """Return the store of this system; None if Lupin cannot change it."""
     return next((store for store in TRUST_STORES if store.folder.is_dir() and _find_program(store.program)), None)
 
 
@@ -117,7 +117,7 @@ def _find_program(name: str) -> str | None:
 
 
 def instructions(authority_id: str, file: str) -> list[tuple[str, str]]:
-    """Each system, and how to make it trust the authority whose certificate is in `file` there."""
+    """Return each system, and how to make it trust the authority whose certificate is in `file` there."""
     name, quoted = f"lupin-{authority_id}", shlex.quote(file)
     nss = f"certutil -d sql:$HOME/.pki/nssdb -A -t C,, -n {name} -i {quoted}"
     firefox = "Settings, Privacy & Security, View Certificates, Authorities, Import; tick 'Trust this CA to identify websites'"
@@ -128,10 +128,10 @@ def instructions(authority_id: str, file: str) -> list[tuple[str, str]]:
     ios = "open the file; Settings, Profile Downloaded, Install; General, About, Certificate Trust Settings: switch it on"
     return [
         *((store.system, store.add_command(authority_id, file)) for store in (DEBIAN, FEDORA)),
-        ("Chrome and Chromium on Linux, which have a store of their own (libnss3-tools or nss-tools)", nss),
-        ("Firefox on Linux, which has a store of its own", firefox),
+        ("Chrome and Chromium on Linux, which have their own store (libnss3-tools or nss-tools)", nss),
+        ("Firefox on Linux, which has its own store", firefox),
         ("macOS", macos),
-        ("Windows, in a terminal of an administrator", f"certutil -addstore -f Root {quoted}"),
+        ("Windows, in an administrator's terminal", f"certutil -addstore -f Root {quoted}"),
         ("Android", android),
         ("iOS, iPadOS", ios),
     ]

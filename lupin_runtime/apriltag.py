@@ -21,7 +21,7 @@ ID0_ROWS = ("110101", "011101", "011000", "101000", "010110", "000100")
 
 @lru_cache(maxsize=1)
 def _family() -> tuple[cv2.aruco.Dictionary, int]:
-    """OpenCV's dictionary, and the number of counter-clockwise quarter turns that make its images upright."""
+    """Return OpenCV's dictionary, and the number of counter-clockwise quarter turns that make its images upright."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     official = np.array([[int(bit) for bit in row] for row in ID0_ROWS], np.uint8)
     drawn = _draw(dictionary, 0)[1:-1, 1:-1]

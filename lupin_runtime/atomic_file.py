@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 class MalformedFile(ValueError):
-    """A file whose content is not of the expected format; the message names the file, and the line where that is known."""
+    """A file whose content is not of the expected format; the message names the file and, if it is known, the line."""
 
     def __init__(self, path: Path | str, line: int | None, problem: str) -> None:
         self.path, self.line, self.problem = Path(path), line, problem
@@ -18,7 +18,7 @@ def write_atomically(path: Path, content: str | bytes, *, mode: int = 0o644, syn
     """Replace `path` by `content` (text as UTF-8), with permissions `mode`.
 
     With `sync` the content is on the disk before it gets its name: a power cut leaves the old file or the new one. Without,
-    a power cut may cost the content. Raises OSError, as for a full disk; the old file then stays.
+    a power cut may cost the content. Raises OSError, for example if the disk is full; the old file then stays.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.{os.urandom(4).hex()}")
     try:

@@ -30,7 +30,7 @@ class Pose2:
     yaw: float = 0.0
 
     def __matmul__(self, other: Pose2) -> Pose2:
-        """Composition: `a_from_b @ b_from_c` is `a_from_c`."""
+        """Compose two poses: `a_from_b @ b_from_c` is `a_from_c`."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose2(
             self.x + c * other.x - s * other.y,
@@ -39,15 +39,15 @@ class Pose2:
         )
 
     def inverse(self) -> Pose2:
-        """`b_from_a` of an `a_from_b`."""
+        """Return `b_from_a` for `a_from_b`."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, wrap_angle(-self.yaw))
 
     def apply(self, x: float, y: float) -> tuple[float, float]:
-        """A point of the child frame, in the parent frame."""
+        """Transform a point from the child frame to the parent frame."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return self.x + c * x - s * y, self.y + s * x + c * y
 
     def distance_to(self, other: Pose2) -> float:
-        """Meters between the two origins."""
+        """Return the distance between the two origins in meters."""
         return math.hypot(self.x - other.x, self.y - other.y)

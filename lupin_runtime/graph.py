@@ -66,13 +66,13 @@ EVERY_NODE = "every node"
 VENDOR_PUBLISHERS = (LIDAR, ROS2_CONTROL, MOTOR_BOARD, CAMERAS)
 EXTERNAL_PUBLISHERS = (*VENDOR_PUBLISHERS, OPERATOR, EVERY_NODE)
 
-# Who may publish a topic, call a service or send a goal through the console: nobody, everybody who may look, or only the one
-# session that has control.
+# Who may publish a topic, call a service or send a goal through the console's server: nobody, every client, or only the client
+# that has control.
 BY_NOBODY = ""
 BY_VIEWER = "viewer"
 BY_OPERATOR = "operator"
 
-ALL = inf  # `recorded_hz` of a topic of which every message is recorded
+ALL = inf  # as `recorded_hz`: every message is recorded
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Topic:
     `recorded_hz` is the highest rate in a run's recording: ALL records every message, 0 records none.
     `repeats`: it is published continuously while its publisher works, so silence is a fault that the doctor reports.
     `probed`: the doctor waits for a sample although the topic may be silent on a healthy graph.
-    `monitored`: `lupin up` measures its rate, and reports silence where the topic also repeats.
+    `monitored`: `lupin up` measures its rate, and reports silence if the topic also repeats.
     `console`: who may publish it through the console, as one of the BY constants.
     """
 
@@ -133,13 +133,13 @@ _Row = TypeVar("_Row", Topic, Service, Action)
 # -- the drive bus ----------------------------------------------------------------------------------------------------
 # The sinks are best effort on both targets: a reliable subscriber would receive nothing, and no error would be reported.
 CMD_VEL_JOY = Topic("/cmd_vel_joy", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR,), ALL, note="gamepad with a dead-man button; silent when it is released")
-CMD_VEL_MANUAL = Topic("/cmd_vel_manual", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR, "console"), ALL, note="console joystick", console=BY_OPERATOR)
-CMD_VEL_NAV = Topic("/cmd_vel_nav", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, monitored=True, note="controller server -> velocity smoother")
-CMD_VEL_AUTO = Topic("/cmd_vel_auto", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, note="velocity smoother -> twist_mux")
-ZERO_CMD_VEL = Topic("/zero_cmd_vel", "geometry_msgs/msg/Twist", REL10, 10.0, ("drive",), note="the simulation's idle stop")
-CMD_VEL_SINK_ROBOT = Topic("/mirte_base_controller/cmd_vel", "geometry_msgs/msg/Twist", BEST1, 20.0, ("drive",), ALL, note="drive sink on the robot")
-CMD_VEL_SINK_SIM = Topic("/cmd_vel", "geometry_msgs/msg/Twist", BEST1, 20.0, ("drive",), ALL, note="drive sink in the simulation")
-DRIVE_STATUS = Topic("/lupin/drive/status", "std_msgs/msg/String", LATCHED1, 1.0, ("drive",), probed=True, note="JSON: active source, locks, ages")
+CMD_VEL_MANUAL = Topic("/cmd_vel_manual", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR, "console"), ALL, note="joystick of a console", console=BY_OPERATOR)
+CMD_VEL_NAV = Topic("/cmd_vel_nav", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, monitored=True, note="navigation's controller -> velocity smoother")
+CMD_VEL_AUTO = Topic("/cmd_vel_auto", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, note="velocity smoother -> drive bus")
+ZERO_CMD_VEL = Topic("/zero_cmd_vel", "geometry_msgs/msg/Twist", REL10, 10.0, ("drive",), note="simulation only: a constant zero, the drive bus's input of lowest priority")
+CMD_VEL_SINK_ROBOT = Topic("/mirte_base_controller/cmd_vel", "geometry_msgs/msg/Twist", BEST1, 20.0, ("drive",), ALL, note="what the drive bus sends to the robot's base")
+CMD_VEL_SINK_SIM = Topic("/cmd_vel", "geometry_msgs/msg/Twist", BEST1, 20.0, ("drive",), ALL, note="what the drive bus sends to the simulated base")
+DRIVE_STATUS = Topic("/lupin/drive/status", "std_msgs/msg/String", LATCHED1, 1.0, ("drive",), probed=True, note="JSON: the input that drives, why the bus is locked, alarms, and the age of each input")
 
 # -- sensors and state of the vehicle ---------------------------------------------------------------------------------
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", BEST1, 100.0, ("sim",), repeats=True, note="simulation only")
@@ -160,9 +160,9 @@ GRIPPER_IMAGE = Topic("/gripper_camera/image_raw", "sensor_msgs/msg/Image", REL1
 
 # -- safety -----------------------------------------------------------------------------------------------------------
 ESTOP_STATE = Topic("/e_stop_state", "std_msgs/msg/Bool", REL10, 5.0, ("estop",), ALL, repeats=True, monitored=True)
-HMI_ESTOP = Topic("/lupin/hmi/estop", "std_msgs/msg/Bool", REL10, 2.0, (OPERATOR,), ALL, note="a console's own stop; its value expires", console=BY_OPERATOR)
-CONSOLE_STOP = Topic("/lupin/console/stop", "std_msgs/msg/String", REL10, 2.0, ("console",), ALL, note="JSON: the stop of all browsers of the console's server, and whether one drives")
-ESTOP_MISSED_PRESS = Topic("/lupin/estop/missed_press", "std_msgs/msg/Bool", LATCHED1, None, ("drive",), ALL, note="a press that the e-stop's process missed while it was hung or being replaced")
+HMI_ESTOP = Topic("/lupin/hmi/estop", "std_msgs/msg/Bool", REL10, 2.0, (OPERATOR,), ALL, note="stop button of one console; true engages the e-stop, and so does silence of all consoles after a first message", console=BY_OPERATOR)
+CONSOLE_STOP = Topic("/lupin/console/stop", "std_msgs/msg/String", REL10, 2.0, ("console",), ALL, note="JSON: whether a browser of the console's server holds the stop, whether one is driving, and how often the stop was released")
+ESTOP_MISSED_PRESS = Topic("/lupin/estop/missed_press", "std_msgs/msg/Bool", LATCHED1, None, ("drive",), ALL, note="true after a press that the e-stop's process missed because it hung or was being replaced, until the e-stop has engaged")
 ESTOP_STATUS = Topic("/lupin/estop/status", "std_msgs/msg/String", LATCHED1, 1.0, ("estop",), probed=True, note="JSON: every reason for the e-stop")
 
 # -- mapping and navigation -------------------------------------------------------------------------------------------
@@ -202,12 +202,12 @@ SERVOS = (*(joint[: -len("_joint")] for joint in ARM_JOINTS), "gripper")
 
 
 def compressed(image: Topic) -> Topic:
-    """The JPEG companion of a raw image topic."""
+    """Return the JPEG topic that belongs to a raw image topic."""
     return replace(image, name=image.name + "/compressed", type="sensor_msgs/msg/CompressedImage")
 
 
 def camera_info(image: Topic) -> Topic:
-    """The calibration, which is published with every picture of a raw image topic: the doctor waits for it, as it is small."""
+    """Return the topic of a camera's calibration, which comes with every raw image. The doctor waits for it, since it is small."""
     name = image.name.rsplit("/", 1)[0] + "/camera_info"
     return replace(image, name=name, type="sensor_msgs/msg/CameraInfo", probed=True)
 
@@ -226,15 +226,15 @@ GET_FIELD = Service("/twin/get_field", "lupin_msgs/srv/GetField", console=BY_VIE
 CLEAR_MAP = Service("/lupin/nav/clear_map", "std_srvs/srv/Trigger", console=BY_OPERATOR)
 SLAM_SAVE_MAP = Service("/slam_toolbox/save_map", "slam_toolbox/srv/SaveMap", console=BY_OPERATOR)
 SLAM_RESET = Service("/slam_toolbox/reset", "slam_toolbox/srv/Reset")
-SLAM_PAUSE = Service("/slam_toolbox/pause_new_measurements", "slam_toolbox/srv/Pause", "a toggle")
+SLAM_PAUSE = Service("/slam_toolbox/pause_new_measurements", "slam_toolbox/srv/Pause", "toggles between paused and running")
 SLAM_SERIALIZE = Service("/slam_toolbox/serialize_map", "slam_toolbox/srv/SerializePoseGraph", console=BY_OPERATOR)
 SLAM_DESERIALIZE = Service("/slam_toolbox/deserialize_map", "slam_toolbox/srv/DeserializePoseGraph")
 CLEAR_LOCAL_COSTMAP = Service("/local_costmap/clear_entirely_local_costmap", "nav2_msgs/srv/ClearEntireCostmap")
 CLEAR_GLOBAL_COSTMAP = Service("/global_costmap/clear_entirely_global_costmap", "nav2_msgs/srv/ClearEntireCostmap")
 ARM_PRESET = Service("/lupin/arm/preset", "lupin_msgs/srv/SetArmPreset", console=BY_OPERATOR)
 ARM_SET_TORQUE = Service("/lupin/arm/set_torque", "std_srvs/srv/SetBool", console=BY_OPERATOR)
-ARM_INIT = Service("/lupin/arm/init", "std_srvs/srv/Trigger", console=BY_OPERATOR)
-ARM_CALIBRATE = Service("/lupin/arm/calibrate", "lupin_msgs/srv/CalibrateArm", "hardware only", console=BY_OPERATOR)
+ARM_INIT = Service("/lupin/arm/init", "std_srvs/srv/Trigger", "moves all arm joints to 0", console=BY_OPERATOR)
+ARM_CALIBRATE = Service("/lupin/arm/calibrate", "lupin_msgs/srv/CalibrateArm", "robot only", console=BY_OPERATOR)
 ARM_LIBRARY_LIST = Service("/lupin/arm/library/list", "lupin_msgs/srv/GetArmLibrary", console=BY_VIEWER)
 ARM_LIBRARY_SAVE_POSE = Service("/lupin/arm/library/save_pose", "lupin_msgs/srv/SaveArmPose", console=BY_OPERATOR)
 ARM_LIBRARY_GOTO_POSE = Service("/lupin/arm/library/goto_pose", "lupin_msgs/srv/SetArmPreset", console=BY_OPERATOR)
@@ -252,36 +252,38 @@ LIST_CONTROLLERS = Service("/controller_manager/list_controllers", "controller_m
 LOAD_CONTROLLER = Service("/controller_manager/load_controller", "controller_manager_msgs/srv/LoadController")
 CONFIGURE_CONTROLLER = Service("/controller_manager/configure_controller", "controller_manager_msgs/srv/ConfigureController")
 SWITCH_CONTROLLER = Service("/controller_manager/switch_controller", "controller_manager_msgs/srv/SwitchController")
-SIM_PRESS_ESTOP = Service("/sim/press_estop", "std_srvs/srv/SetBool", "simulation only: true presses the red button")
+SIM_PRESS_ESTOP = Service(
+    "/sim/press_estop", "std_srvs/srv/SetBool", "simulation only: true presses the red button, false releases it"
+)
 
 
 def servo_position(servo: str) -> Topic:
-    """The encoder position of one servo; `servo` is a name of SERVOS."""
+    """Return the topic of one servo's encoder position; `servo` is a name of SERVOS."""
     return Topic(f"{SERVO_NAMESPACE}/{servo}/position", "mirte_msgs/msg/ServoPosition", REL10, 10.0, (MOTOR_BOARD,))
 
 
 def servo_set_angle(servo: str) -> Service:
-    """Command one servo directly. Its controller does not know of it and moves the servo back."""
+    """Return the service that commands one servo directly. The servo's controller is not informed and moves it back."""
     return Service(f"{SERVO_NAMESPACE}/{servo}/set_angle", "mirte_msgs/srv/SetServoAngle")
 
 
 def servo_range(servo: str) -> Service:
-    """Read the limits of one servo, in radians."""
+    """Return the service that reads the limits of one servo, in radians."""
     return Service(f"{SERVO_NAMESPACE}/{servo}/get_range", "mirte_msgs/srv/GetServoRange")
 
 
 def servo_offset(servo: str) -> Service:
-    """Read the zero offset of one servo. The field is documented as centidegrees but carries raw ticks."""
+    """Return the service that reads a servo's zero offset. Its field is documented as centidegrees but carries raw ticks."""
     return Service(f"{SERVO_NAMESPACE}/{servo}/_offset", "mirte_msgs/srv/GetServoOffset")
 
 
 def servo_set_offset(servo: str) -> Service:
-    """Write the zero offset of one servo, in raw ticks."""
+    """Return the service that writes the zero offset of one servo, in raw ticks."""
     return Service(f"{SERVO_NAMESPACE}/{servo}/_set_offset", "mirte_msgs/srv/SetServoOffset")
 
 
 def arm_joint_angle(joint: str) -> Service:
-    """Command one joint through the arm bridge; `joint` is a name of ARM_JOINTS."""
+    """Return the service that commands one joint through the arm bridge; `joint` is a name of ARM_JOINTS."""
     return replace(GRIPPER_ANGLE, name=f"/lupin/arm/{joint.removesuffix('_joint')}/set_angle_with_speed")
 
 
@@ -300,7 +302,7 @@ def _rows(kind: type[_Row]) -> tuple[_Row, ...]:
 
 
 def topics() -> tuple[Topic, ...]:
-    """Every topic of the graph, including the companions of the raw images and the servos."""
+    """Return every topic of the graph, including those of the servos, JPEG images and calibrations."""
     images = (BODY_IMAGE_SIM, BODY_IMAGE_ROBOT, GRIPPER_IMAGE)
     companions = tuple(companion(image) for image in images for companion in (compressed, camera_info))
     return _rows(Topic) + companions + tuple(servo_position(servo) for servo in SERVOS)
@@ -312,17 +314,17 @@ def _topics_by_name() -> dict[str, Topic]:
 
 
 def topic(name: str) -> Topic | None:
-    """The topic of a name; None where this table has none."""
+    """Return the topic with this name, or None."""
     return _topics_by_name().get(name)
 
 
 def services() -> tuple[Service, ...]:
-    """Every service of the graph."""
+    """Return every service of the graph."""
     per_servo = (servo_set_angle, servo_range, servo_offset, servo_set_offset)
     servos = tuple(service(servo) for servo in SERVOS for service in per_servo)
     return _rows(Service) + tuple(arm_joint_angle(joint) for joint in ARM_JOINTS) + servos
 
 
 def actions() -> tuple[Action, ...]:
-    """Every action of the graph."""
+    """Return every action of the graph."""
     return _rows(Action)

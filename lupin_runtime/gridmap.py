@@ -43,19 +43,19 @@ class GridMap:
         return int(self.cells.shape[1])
 
     def cell_of(self, x: float, y: float) -> tuple[int, int]:
-        """(row, column) of the cell that contains a point; may be outside the grid."""
+        """Return (row, column) of the cell that contains a point; it may be outside the grid."""
         return (
             math.floor((y - self.origin_y) / self.resolution_m),
             math.floor((x - self.origin_x) / self.resolution_m),
         )
 
     def center_of(self, row: int, column: int) -> tuple[float, float]:
-        """(x, y) of a cell's center."""
+        """Return (x, y) of a cell's center."""
         return (
             self.origin_x + (column + 0.5) * self.resolution_m,
             self.origin_y + (row + 0.5) * self.resolution_m,
         )
 
     def contains(self, row: int, column: int) -> bool:
-        """Whether the grid has this cell."""
+        """Return whether the grid has this cell."""
         return 0 <= row < self.height and 0 <= column < self.width

@@ -1,4 +1,4 @@
-"""Layout files: the tables and tags of a greenhouse, known before the first drive.
+"""Layout files: the tables and tags of a greenhouse that are known without discovery.
 
 The format: `{"units": "m", "tables": {NAME: {"x0", "x1", "y0", "y1"}}, "tags": {ID: {"x", "y", "sensors": [...]}}}`, units m
 (the default), cm or mm. Other keys are ignored here; `sensors` is for the greenhouse's climate.
@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 _METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-_MAX_NUMBER = 1e9  # no greenhouse is larger in any unit; a whole number may be too large to be a float at all
+_MAX_NUMBER = 1e9  # no greenhouse is larger in any unit; an integer may even be too large for a float
 
 
 class LayoutError(ValueError):
-    """A layout file that cannot be used; the message names the file, the line where that is known, and the problem."""
+    """A layout file that cannot be used; the message names the file, the line if it is known, and the problem."""
 
 
 @dataclass(frozen=True)
@@ -36,17 +36,17 @@ class Table:
         return (self.x0 + self.x1) / 2, (self.y0 + self.y1) / 2
 
     def contains(self, x: float, y: float) -> bool:
-        """Whether a point lies on the table, edges included."""
+        """Return whether a point lies on the table, edges included."""
         return self.x0 <= x <= self.x1 and self.y0 <= y <= self.y1
 
     def upright(self) -> Table:
-        """The same footprint with x0 <= x1 and y0 <= y1."""
+        """Return the same footprint with x0 <= x1 and y0 <= y1."""
         return Table(min(self.x0, self.x1), max(self.x0, self.x1), min(self.y0, self.y1), max(self.y0, self.y1))
 
 
 @dataclass(frozen=True)
 class TagLocation:
-    """Where a layout puts a tag, meters."""
+    """The position of a tag in a layout, in meters."""
 
     x: float
     y: float
@@ -95,7 +95,7 @@ class LayoutText:
             document = json.loads(self._text)
         except json.JSONDecodeError as error:
             raise LayoutError(f"{self._source}:{error.lineno}: not JSON: {error.msg}") from error
-        except (ValueError, RecursionError) as error:  # numbers of thousands of digits, brackets of thousands of levels
+        except (ValueError, RecursionError) as error:  # numbers with thousands of digits, brackets thousands of levels deep
             raise LayoutError(f"{self._source}: not JSON that can be read: {error}") from error
         root = self._object(document, "the file", "")
         unit = root.get("units", "m")
@@ -113,9 +113,9 @@ class LayoutText:
         return Layout(tables, tags)
 
     def error(self, key: str, problem: str) -> LayoutError:
-        """Make the error of a problem with the value of `key`.
+        """Build the error for a problem with the value of `key`.
 
-        json keeps no positions, so the line is the first one that holds the quoted key: where a person would look.
+        The json module keeps no positions, so the line is the first one that contains the quoted key.
         """
         for number, line in enumerate(self._text.splitlines(), 1):
             if key and f'"{key}"' in line:

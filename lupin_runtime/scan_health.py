@@ -1,4 +1,4 @@
-"""Judges whether a laser scan carries news: too few returns, or the very same ranges again."""
+"""Judges whether a laser scan is usable: not if too few beams return, or if the ranges are the same as before."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lupin_runtime.geometry import Pose2, wrap_angle
 
 
 class ScanHealth(Enum):
-    """What one scan is worth."""
+    """The verdict on one scan."""
 
     GOOD = "good"
     BLIND = "too few beams returned"
@@ -23,8 +23,8 @@ class ScanHealth(Enum):
 class ScanJudge:
     """Compares each scan with the last one that differed.
 
-    A real lidar never measures the same twice; a simulated one without noise does while the robot stands. So equal ranges
-    mean a frozen lidar only once the odometry has moved by more than `still_m` or `still_rad` under them.
+    A real lidar never measures the same twice; a simulated one without noise does while the robot stands still. So equal
+    ranges mean a frozen lidar only once the odometry has moved by more than `still_m` or `still_rad` meanwhile.
     """
 
     def __init__(self, still_m: float = 0.02, still_rad: float = 0.02) -> None:

@@ -30,31 +30,31 @@ class Transform:
     rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
     def __matmul__(self, other: Transform) -> Transform:
-        """`a_from_b @ b_from_c` is `a_from_c`."""
+        """Compose two transforms: `a_from_b @ b_from_c` is `a_from_c`."""
         x, y, z = rotate(self.rotation, other.translation)
         tx, ty, tz = self.translation
         return Transform((tx + x, ty + y, tz + z), multiply(self.rotation, other.rotation))
 
     def inverse(self) -> Transform:
-        """`child_from_parent`."""
+        """Return `child_from_parent`."""
         qx, qy, qz, qw = self.rotation
         back = (-qx, -qy, -qz, qw)
         x, y, z = rotate(back, self.translation)
         return Transform((-x, -y, -z), back)
 
     def apply(self, point: Vector) -> Vector:
-        """A point of the child frame, in the parent frame."""
+        """Transform a point from the child frame to the parent frame."""
         x, y, z = rotate(self.rotation, point)
         tx, ty, tz = self.translation
         return tx + x, ty + y, tz + z
 
     def to_pose2(self) -> Pose2:
-        """The transform as seen from above: its part in the xy plane."""
+        """Return the transform as seen from above: its part in the xy plane."""
         return Pose2(self.translation[0], self.translation[1], yaw_from_quaternion(*self.rotation))
 
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Hamilton product: turn by `b`, then by `a`."""
+    """Return the Hamilton product: the rotation by `b`, then by `a`."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -66,7 +66,7 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def rotate(q: Quaternion, v: Vector) -> Vector:
-    """`v` turned by the unit quaternion `q`."""
+    """Rotate `v` by the unit quaternion `q`."""
     qx, qy, qz, qw = q
     x, y, z = v
     tx, ty, tz = 2.0 * (qy * z - qz * y), 2.0 * (qz * x - qx * z), 2.0 * (qx * y - qy * x)
@@ -93,7 +93,7 @@ def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
     return x / norm, y / norm, z / norm, w / norm
 
 
-_MAX_LATE_SAMPLES = 3  # this many consecutive samples older than the whole history are not late: the clock has gone back
+_MAX_LATE_SAMPLES = 3  # this many consecutive samples older than the whole history mean that the clock has gone back
 
 
 class _Edge:
@@ -141,7 +141,7 @@ class _Edge:
 
 
 class TransformTree:
-    """Thread-safe history of all frames, `keep_s` seconds deep; a clock that goes back by more clears it."""
+    """Thread-safe history of all frames over `keep_s` seconds; it is cleared if the clock goes back by more."""
 
     def __init__(self, keep_s: float = 10.0) -> None:
         self._keep_ns = int(keep_s * 1e9)
@@ -164,7 +164,7 @@ class TransformTree:
             edge.insert(stamp_ns, transform, self._keep_ns)
 
     def lookup(self, target: str, source: str, stamp_ns: int | None = None) -> Transform:
-        """`target_from_source` at a time, or at the newest common time for None.
+        """Return `target_from_source` at a time, or at the newest common time for None.
 
         Raises TransformUnavailable, naming what is missing.
         """

@@ -2,9 +2,9 @@
 
     python tools/build_wheel.py OUTPUT_FOLDER
 
-The interfaces are a distribution of their own in a checkout (`interfaces/`), since colcon builds the same folders on a robot.
-They are not on a package index, so this script moves the files of their wheel into Lupin's and drops the requirement. Every
-ros-* requirement is pinned to the version of requirements.lock: un-prefixed names on the index carry several ROS distributions.
+In a checkout, the interfaces are a separate distribution (`interfaces/`), since colcon builds the same folders on a robot. They
+are not on a package index, so this script copies the files of their wheel into Lupin's and drops the requirement. Every ros-*
+requirement is pinned to its version in requirements.lock, since the index has versions for several ROS distributions.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ INTERFACES = "lupin-interfaces"
 def build(source: Path, folder: Path, *options: str, constraints: Path | None = None) -> Path:
     """Build the wheel of `source` into `folder` with pip and return its path.
 
-    `constraints` holds the packages of the build environment to versions, which pip takes from its environment variable only.
+    `constraints` is a file that pins packages of the build environment; for these, pip reads it only from PIP_CONSTRAINT.
     """
     command = [sys.executable, "-m", "pip", "wheel", "-q", "--disable-pip-version-check", "--no-deps", *options]
     environment = os.environ | ({"PIP_CONSTRAINT": str(constraints)} if constraints else {})
@@ -36,12 +36,12 @@ def build(source: Path, folder: Path, *options: str, constraints: Path | None = 
 
 
 def ros_pins(lock_file: Path) -> list[str]:
-    """The exact versions of all ros-* packages of a lock file, as requirements."""
+    """Return requirements for the exact versions of all ros-* packages in a lock file."""
     return re.findall(r"^(ros-\S+==\S+)", lock_file.read_text(), flags=re.MULTILINE)
 
 
 def merged_metadata(text: str, pins: list[str]) -> str:
-    """Lupin's METADATA without the requirement of its own interfaces, and with every ros-* requirement pinned."""
+    """Return Lupin's METADATA without the requirement for its interfaces, and with every ros-* requirement pinned."""
     message = message_from_string(text)
     requirements = message.get_all("Requires-Dist", [])
     del message["Requires-Dist"]
@@ -54,7 +54,7 @@ def merged_metadata(text: str, pins: list[str]) -> str:
 
 
 def merge(lupin: Path, interfaces: Path, output: Path, pins: list[str]) -> Path:
-    """Write the files of both wheels into one named like Lupin's, below `output`."""
+    """Write the files of both wheels into one wheel in `output`, named like Lupin's, and return its path."""
     output.mkdir(parents=True, exist_ok=True)
     merged = output / lupin.name
     merged.unlink(missing_ok=True)
@@ -75,7 +75,7 @@ def merge(lupin: Path, interfaces: Path, output: Path, pins: list[str]) -> Path:
 
 
 def main(output: Path) -> None:
-    """Build both wheels in a temporary folder and merge them."""
+    """Build both wheels in a temporary folder, merge them into one in `output`, and print its path."""
     pins = ros_pins(ROOT / "requirements.lock")
     with tempfile.TemporaryDirectory(prefix="lupin-wheel-") as scratch:
         constraints = Path(scratch) / "constraints.txt"

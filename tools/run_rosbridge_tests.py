@@ -2,9 +2,9 @@
 
     python -m tools.run_rosbridge_tests FOLDER [NAME ...]
 
-FOLDER is a checkout of rosbridge_suite for ROS 2. Its tests are written for ROS 2's launch system, of which they need only
-what starts the server: that is replaced by a few small modules. They also need the packages autobahn and twisted, and some
-example_interfaces; a test that lacks something is reported as such. Exit status: 0 all passed, 1 not.
+FOLDER is a checkout of rosbridge_suite for ROS 2. Its tests use ROS 2's launch system to start the server; small modules stand
+in for it. They also need the Python packages autobahn and twisted, and some of them example_interfaces; a test without them is
+reported as failed, with the import error. Exit status: 0 all passed, 1 a test failed.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ _STUBS = {
 
 
 def main() -> int:
-    """Run every test file in a process and on a graph of its own."""
+    """Run every test file in a separate process, on a private graph."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("folder", type=Path, help="checkout of rosbridge_suite")
-    parser.add_argument("names", nargs="*", help="files to run, without .test.py")
+    parser.add_argument("names", nargs="*", help="test files to run, without .test.py; default: all")
     parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     tests = options.folder / "rosbridge_server" / "test" / "websocket"
     files = sorted(path for path in tests.glob("*.test.py") if not options.names or path.name[:-8] in options.names)
     if not files:
-        parser.error(f"there are no tests in {tests}")
+        parser.error(f"no such test files in {tests}")
     if options.inside:
         return _run_inside(files[0])
     failed = 0
@@ -86,11 +86,11 @@ def _run(path: Path, folder: Path, stubs: Path) -> str:
 
 
 def _run_inside(path: Path) -> int:
-    """Start what one test file describes, and run its tests; in a process of its own, as a reactor can't start twice."""
+    """Start the processes that a test file describes, and run its tests. Once per process: a reactor cannot start twice."""
     import unittest
 
     spec = importlib.util.spec_from_file_location(path.name[:-8], path)
-    assert spec is not None and spec.loader is not None  # of an existing file
+    assert spec is not None and spec.loader is not None  # the file exists
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     started = []
@@ -109,7 +109,7 @@ def _run_inside(path: Path) -> int:
     return 0 if result.wasSuccessful() and result.testsRun else 1
 
 
-# The tests ask a node `rosbridge_websocket` for the port.
+# The tests read the port from the parameters of a node `rosbridge_websocket`.
 _SERVER = """
 import sys
 from rclpy.node import Node

@@ -2,8 +2,8 @@
 
     python -m tools.write_docs [--check]
 
-They come from the table of findings and the faults of `bench.triage`, from the command line itself, and from the table of the
-graph. `--check` changes nothing and exits with 1 if a page differs from the code.
+Their sources are the table of findings and the faults of `bench.triage`, the command line itself, and the table of the graph.
+`--check` changes nothing, and exits with 1 if a page differs from the code.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ GENERATED = "This page is generated: `python -m tools.write_docs`."
 
 # -- docs/doctor.md ---------------------------------------------------------------------------------------------------
 def faults_by_finding() -> dict[str, list[str]]:
-    """Id of a finding → the faults of the bench that cause it.
+    """Return the faults of `bench.triage` that cause each finding, by the finding's id.
 
-    Raises KeyError for a fault whose finding has no row, and ValueError for one that hides an unknown fault.
+    Raises KeyError if a fault's finding has no row, and ValueError if a fault hides an unknown one.
     """
     if unknown := {name for case in CASES for name in case.hides} - {case.name for case in CASES}:
-        raise ValueError(f"bench.triage hides unknown faults: {sorted(unknown)}")
+        raise ValueError(f"`hides` in bench.triage names unknown faults: {sorted(unknown)}")
     faults: dict[str, list[str]] = {row.id: [] for row in FINDINGS}
     for case in CASES:
         for finding in sorted(case.expected):
@@ -42,7 +42,7 @@ def faults_by_finding() -> dict[str, list[str]]:
 
 
 def findings_table() -> str:
-    """The table of findings in Markdown, one line for each."""
+    """Return the table of findings in Markdown, with a line for each finding."""
     faults = faults_by_finding()
     rows = []
     for row in FINDINGS:
@@ -59,7 +59,7 @@ def _fix(row: FindingRow) -> str:
 
 
 def doctor_page(page: str) -> str:
-    """The page with the current table between its markers."""
+    """Return the page with the current table between its markers."""
     before, _, rest = page.partition(BEGIN)
     _, _, after = rest.partition(END)
     return f"{before}{BEGIN}\n\n{findings_table()}\n\n{END}{after}"
@@ -67,7 +67,7 @@ def doctor_page(page: str) -> str:
 
 # -- docs/commands.md -------------------------------------------------------------------------------------------------
 def commands_page() -> str:
-    """Every command with its help, arguments and options."""
+    """Return the page with every command, its help, arguments and options."""
     group = typer.main.get_command(app)
     context = group.make_context("lupin", ["doctor"], resilient_parsing=True)
     parts = ["# Commands", "", f"{GENERATED} Each text is what `--help` prints.", ""]
@@ -104,7 +104,7 @@ def _names(parameter: Any) -> str:
 
 # -- docs/topics.md ---------------------------------------------------------------------------------------------------
 def topics_page() -> str:
-    """Every topic, service and action of the graph."""
+    """Return the page with every topic, service and action of the graph."""
     topics = [
         (
             f"`{topic.name}`",
@@ -121,16 +121,19 @@ def topics_page() -> str:
     parts = [
         "# Topics, services and actions",
         "",
-        f"{GENERATED} Its source is `lupin_runtime/graph.py`. Publishers are processes of the stack, or the vendor's software.",
-        "*Console*: who may publish the topic, call the service or send a goal through the console's server.",
+        f"{GENERATED} Its source is `lupin_runtime/graph.py`.",
+        "",
+        "*Published by*: processes of the stack, the vendor's software, or `operator`: a console, a gamepad or RViz.",
+        "*Console*: who may publish the topic, call the service or send a goal through [the console's server](console.md).",
+        "`viewer` means every client, `operator` only the client that has control, – nobody.",
         "",
         "## Topics",
         "",
-        _table(("Topic", "Type", "QoS", "Rate", "Published by", "Recorded", "Console", ""), topics),
+        _table(("Topic", "Type", "QoS", "Rate", "Published by", "Recorded", "Console", "Notes"), topics),
     ]
     for heading, rows in (("Services", graph.services()), ("Actions", graph.actions())):
         table = _table(
-            (heading[:-1], "Type", "Console", ""),
+            (heading[:-1], "Type", "Console", "Notes"),
             [(f"`{row.name}`", f"`{row.type}`", row.console or "–", row.note) for row in rows],
         )
         parts += ["", f"## {heading}", "", table]

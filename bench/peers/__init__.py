@@ -1,1 +1,1 @@
-"""pyinfra and Ansible, the tools that operators would use instead of Lupin: installing, configuring and running them."""
+"""The programs that Lupin is compared with: pyinfra and Ansible, which operators would use instead, and rosbridge_suite."""

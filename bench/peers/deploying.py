@@ -1,9 +1,9 @@
-"""The no-op `lupin deploy robot` as a pyinfra deploy and as an Ansible playbook: check a release that is installed already.
+"""A `lupin deploy robot` with nothing to do, as a pyinfra deploy and as an Ansible playbook: they check an installed release.
 
-Three methods to check the release, from the one that the manuals teach to the one that uses as much knowledge as Lupin:
-  modules  their own modules for a folder: pyinfra's files.sync, Ansible's copy. They check each file separately.
-  rsync    one rsync of the folder, which compares sizes and times, as experienced users do; the robot must have rsync.
-  link     no file is checked: the release's name is given, and the target of the link `current` is compared with it.
+Three methods to check the release, from the one that the manuals teach to the one that knows as much as Lupin:
+  modules  the tools' own modules for a folder: pyinfra's files.sync, Ansible's copy. They check each file separately.
+  rsync    one rsync of the folder, as experienced users do; it compares sizes and times. The robot must have rsync.
+  link     no file is checked: the release's name is given, and compared with the target of the symlink `current`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ RSYNC = ("-rlptO", "--itemize-changes")
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """The state that is installed already: a release's files, from a local folder, and the content of root's files."""
+class InstalledState:
+    """What the robot has installed: a release, whose files are also in the local folder `files`, and root's text files."""
 
     release: str
     files: Path
@@ -34,7 +34,7 @@ class Wanted:
         return f"/opt/lupin/releases/{self.release}/"
 
 
-def pyinfra(tools: Tools, wanted: Wanted, method: str) -> list[str]:
+def pyinfra(tools: Tools, installed: InstalledState, method: str) -> list[str]:
     """Return pyinfra's command."""
     check = {
         "modules": "files.sync(src=DATA['files'], dest=DATA['folder'], add_deploy_dir=False)",
@@ -51,32 +51,32 @@ for path, content in DATA['texts'].items():
 systemd.service(service='lupin-auto-home.service', running=None, enabled=True, _sudo=True)
 systemd.service(service='lupin-onboard.service', running=True, enabled=True, _sudo=True)
 """
-    return tools.pyinfra(f"deploy-{method}", text, _data(wanted))
+    return tools.pyinfra(f"deploy-{method}", text, _data(installed))
 
 
-def _data(wanted: Wanted) -> dict[str, Any]:
+def _data(installed: InstalledState) -> dict[str, Any]:
     return {
-        "files": str(wanted.files),
-        "folder": wanted.folder.rstrip("/"),
-        "link": f"releases/{wanted.release}",
+        "files": str(installed.files),
+        "folder": installed.folder.rstrip("/"),
+        "link": f"releases/{installed.release}",
         "rsync": RSYNC,
-        "user": wanted.user,
-        "texts": dict(wanted.texts),
+        "user": installed.user,
+        "texts": dict(installed.texts),
     }
 
 
-def ansible(tools: Tools, wanted: Wanted, method: str) -> list[str]:
+def ansible(tools: Tools, installed: InstalledState, method: str) -> list[str]:
     """Return Ansible's command."""
-    target = f"{wanted.user}@{tools.address}:{wanted.folder}"
+    target = f"{installed.user}@{tools.address}:{installed.folder}"
     # The same as ansible.posix.synchronize, which is not in ansible-core.
     rsync = ["rsync", *RSYNC, "-e", f"ssh {tools.ssh_options}"]
     checks: dict[str, dict[str, Any]] = {
         "modules": {
-            "ansible.builtin.copy": {"src": f"{wanted.files}/", "dest": wanted.folder, "mode": "preserve"},
+            "ansible.builtin.copy": {"src": f"{installed.files}/", "dest": installed.folder, "mode": "preserve"},
             "become": False,
         },
         "rsync": {
-            "ansible.builtin.command": {"argv": [*rsync, f"{wanted.files}/", target]},
+            "ansible.builtin.command": {"argv": [*rsync, f"{installed.files}/", target]},
             "delegate_to": "localhost",
             "become": False,
             "register": "synced",
@@ -85,7 +85,7 @@ def ansible(tools: Tools, wanted: Wanted, method: str) -> list[str]:
         "link": {
             "ansible.builtin.file": {
                 "path": "/opt/lupin/current",
-                "src": f"releases/{wanted.release}",
+                "src": f"releases/{installed.release}",
                 "state": "link",
                 "follow": False,
             }
@@ -93,10 +93,10 @@ def ansible(tools: Tools, wanted: Wanted, method: str) -> list[str]:
     }
     tasks: list[dict[str, Any]] = [
         checks[method],
-        {"ansible.builtin.user": {"name": wanted.user, "groups": ["input"], "append": True}},
+        {"ansible.builtin.user": {"name": installed.user, "groups": ["input"], "append": True}},
         *(
             {"ansible.builtin.copy": {"content": Unsafe(content), "dest": path, "mode": "0644"}}
-            for path, content in wanted.texts.items()
+            for path, content in installed.texts.items()
         ),
         {"ansible.builtin.systemd_service": {"name": "lupin-auto-home.service", "enabled": True}},
         {"ansible.builtin.systemd_service": {"name": "lupin-onboard.service", "enabled": True, "state": "started"}},

@@ -1,4 +1,4 @@
-"""The facts of the doctor, gathered by pyinfra and Ansible with one task for each.
+"""The facts of the doctor, gathered by pyinfra and Ansible.
 
 Machines:
   robot      the robot's facts only, the usual use of these tools
@@ -22,10 +22,10 @@ from bench.peers.tools import Tools, Unsafe
 TASK_SIZES = ("scripts", "questions")
 MACHINES: Mapping[str, tuple[str, ...]] = {"robot": ("robot",), "both": ("robot", "laptop")}
 Questions = Mapping[str, Mapping[str, str]]
-"""Scripts by machine, then by the fact's name."""
+"""Scripts by machine, then by name."""
 SECTION = "echo '@@ "
-# Before its sections a probe may set the locale and variables, which each section that needs them repeats. Probes with one of
-# these strings before their first section stay whole.
+# A probe may set the locale and variables before its first section; they are repeated in each section that needs them. A probe
+# with one of these strings before its first section stays whole.
 INDIVISIBLE = ("pids=", "found=", "j()", "cd /dev/shm", "names=")
 VARIABLE = re.compile(r"([a-z]+)=")
 
@@ -38,17 +38,17 @@ def graph_checks() -> list[str]:
 
 
 def questions_for(address: str, task_size: str, machines: str) -> Questions:
-    """Return the scripts to run; `address` is the robot's, `machines` and `task_size` as above."""
+    """Return the scripts to run; `address` is the robot's, `task_size` and `machines` are described above."""
     whole = {machine: _scripts(address, machine) for machine in MACHINES[machines]}
     if task_size == "scripts":
         return whole
     return {
-        machine: {f"{name} {n}": part for name, script in scripts.items() for n, part in enumerate(_cut(script), 1)}
+        machine: {f"{name} {n}": part for name, script in scripts.items() for n, part in enumerate(_split(script), 1)}
         for machine, scripts in whole.items()
     }
 
 
-def _cut(script: str) -> list[str]:
+def _split(script: str) -> list[str]:
     lines = script.splitlines(keepends=True)
     starts = [n for n, line in enumerate(lines) if line.startswith(SECTION)]
     before = lines[: starts[0]] if starts else lines
@@ -72,7 +72,7 @@ def _scripts(address: str, machine: str) -> dict[str, str]:
 
 def pyinfra(tools: Tools, questions: Questions) -> list[str]:
     """Return pyinfra's command. It writes the facts to files, in which `require_all_answers` counts them."""
-    # pyinfra takes a non-zero exit status for a failure, in some probes it is a result.
+    # pyinfra treats a non-zero exit status as a failure, but in some probes it is a result.
     text = f"""
 from pyinfra import host
 from pyinfra.facts.server import Command

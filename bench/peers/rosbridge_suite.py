@@ -3,7 +3,7 @@
     python -m bench.peers.rosbridge_suite FOLDER
 
 FOLDER is a checkout of rosbridge_suite (BSD), which needs tornado, pymongo and pillow: pip install them for this benchmark. Its
-topics about connected clients need interfaces that no wheel has, and are left out: nothing that is measured uses them. Prints
+topics about connected clients need interfaces that no wheel has, and are left out: the benchmarks do not use them. Prints
 the port once the server listens.
 """
 
@@ -18,23 +18,23 @@ import types
 from pathlib import Path
 from typing import TextIO
 
-_UP_S = 30.0
+_LISTEN_TIMEOUT_S = 30.0
 
 
 class _ClientManager:
-    """Counts no clients."""
+    """Replaces the class that publishes the number of clients."""
 
     def __init__(self, *_: object) -> None: ...
 
     def add_client(self, *_: object) -> None:
-        """Ignore it."""
+        """Do nothing."""
 
     def remove_client(self, *_: object) -> None:
-        """Ignore it."""
+        """Do nothing."""
 
 
 def _print_port_once_listening(port: int, output: TextIO) -> None:
-    deadline_s = time.monotonic() + _UP_S
+    deadline_s = time.monotonic() + _LISTEN_TIMEOUT_S
     while time.monotonic() < deadline_s:
         try:
             socket.create_connection(("127.0.0.1", port), 1.0).close()
@@ -53,11 +53,11 @@ def main() -> None:
     clients = types.ModuleType("rosbridge_server.client_manager")
     vars(clients)["ClientManager"] = _ClientManager
     sys.modules[clients.__name__] = clients
-    with socket.socket() as chosen:
-        chosen.bind(("127.0.0.1", 0))
-        port = chosen.getsockname()[1]
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
     threading.Thread(target=_print_port_once_listening, args=(port, sys.stdout), daemon=True).start()
-    sys.stdout = sys.stderr  # the server prints what it supports
+    sys.stdout = sys.stderr  # the server prints to standard output, which is for the port only
     script = folder / "rosbridge_server" / "scripts" / "rosbridge_websocket.py"
     sys.argv = [str(script), "--port", str(port), "--address", "127.0.0.1"]
     runpy.run_path(str(script), run_name="__main__")

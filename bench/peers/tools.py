@@ -1,4 +1,4 @@
-"""pyinfra and Ansible, installed once into a cache folder and configured for one robot to be as fast as they can."""
+"""pyinfra and Ansible, installed once into a cache folder, and configured to be as fast as possible with one robot."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ INSTALL_TIMEOUT_S = 900.0
 
 
 def programs() -> Path:
-    """Return the folder of their programs. It is created on first use, named by the hash of the pinned versions."""
+    """Return the folder of the tools' programs; install them on first use. Its name contains a hash of the pinned versions."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lupin-bench"
     cache.mkdir(parents=True, exist_ok=True)
     pins = hashlib.sha256(REQUIREMENTS.read_bytes() + sys.version.encode()).hexdigest()[:12]
@@ -28,13 +28,17 @@ def programs() -> Path:
     with (cache / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "complete").exists():
-            print(f"installing pyinfra and Ansible into {folder}: takes a minute, once", file=sys.stderr, flush=True)
+            print(
+                f"installing pyinfra and Ansible into {folder}; this takes a minute, and happens once",
+                file=sys.stderr,
+                flush=True,
+            )
             pip = [str(folder / "bin" / "python"), "-m", "pip", "install", "-q", "--disable-pip-version-check"]
             for command in ([sys.executable, "-m", "venv", "--clear", str(folder)], [*pip, "-r", str(REQUIREMENTS)]):
                 done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_TIMEOUT_S, check=False)
                 if done.returncode != 0:
                     raise SystemExit(
-                        f"not measured: the peers can't be installed; without them: --no-peers\n{done.stderr[-800:]}"
+                        f"not measured: the peers could not be installed; without them: --no-peers\n{done.stderr[-800:]}"
                     )
             (folder / "complete").touch()
     return folder / "bin"
@@ -68,7 +72,7 @@ class Tools:
         return f"-F none -i {self.key} -o IdentitiesOnly=yes -o UserKnownHostsFile={self.known_hosts} {shared}"
 
     def _ansible_cfg(self) -> str:
-        # No facts of its own, no temporary files on the robot, no search for a Python, one connection for all runs.
+        # No gathering of Ansible's own facts, no temporary files on the robot, no search for Python, one connection.
         return f"""[defaults]
 inventory = {self.folder}/hosts.ini
 gathering = explicit
@@ -95,7 +99,7 @@ ssh_args = {self.ssh_options}
 
     @property
     def environment(self) -> dict[str, str]:
-        """The environment of both tools, without anything of this project's."""
+        """The environment of both tools; it contains nothing of this project."""
         return {
             "PATH": f"{programs()}:/usr/bin:/bin:/usr/sbin:/sbin",
             "HOME": str(self.folder),
@@ -110,7 +114,7 @@ ssh_args = {self.ssh_options}
         return [str(programs() / "pyinfra"), "-y", str(self.folder / f"inventory-{'-'.join(machines)}.py"), str(path)]
 
     def ansible(self, name: str, plays: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
-        """Return the command that plays these tasks, which are grouped by machine."""
+        """Return the command that runs a playbook of these tasks, which are grouped by host pattern."""
         path = self.folder / f"{name}.yml"
         path.write_text(
             yaml.dump([{"hosts": h, "gather_facts": False, "tasks": list(t)} for h, t in plays.items()], Dumper=_Dumper)
@@ -127,7 +131,7 @@ ssh_args = {self.ssh_options}
 
 
 class Unsafe(str):
-    """Text that Ansible must not take for a template."""
+    """Text that Ansible must not treat as a template."""
 
 
 class _Dumper(yaml.SafeDumper):

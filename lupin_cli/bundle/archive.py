@@ -21,7 +21,7 @@ from lupin_cli.bundle.redact import Redactor, dump_json
 MAX_FILE_BYTES = 2_000_000
 MAX_JSON_BYTES = 8_000_000  # JSON cannot be truncated
 MAX_TOTAL_BYTES = 48_000_000
-_LEAST_ROOM = 1000  # below this, an item is left out instead of truncated
+_MIN_TRUNCATED_BYTES = 1000  # below this, an item is left out instead of truncated
 FORMAT = 1
 
 README = """A support archive of Lupin, made by `lupin bundle`.
@@ -48,7 +48,7 @@ class Member:
     remark: str = ""
 
     def manifest_row(self) -> dict[str, Any]:
-        """Its entry in the manifest."""
+        """Return its entry in the manifest."""
         digest = hashlib.sha256(self.data).hexdigest()
         row = {"path": self.path, "what": self.description, "bytes": len(self.data), "sha256": digest}
         return {**row, "incomplete": self.remark} if self.remark else row
@@ -64,7 +64,7 @@ class Contents:
 
     @property
     def size(self) -> int:
-        """Bytes before compression."""
+        """The size in bytes before compression."""
         return sum(len(member.data) for member in self.members)
 
 
@@ -88,7 +88,7 @@ def assemble(
         try:
             found = _member(redactor, item, room)
         except (RecursionError, MemoryError) as error:
-            # What is too deep or too large to be masked must neither go in unmasked nor stop the others.
+            # An item that is too deep or too large to be masked must neither be archived unmasked nor stop the others.
             found = Omission(item.path, FAILED, f"it cannot be masked: {type(error).__name__}")
         if isinstance(found, Member):
             members.append(found)
@@ -133,7 +133,7 @@ def _member(redactor: Redactor, item: BundleItem, room: int) -> Member | Omissio
     limit = min(room, MAX_JSON_BYTES if is_json else MAX_FILE_BYTES)
     if len(data) <= limit:
         return Member(path, item.description, data, remark)
-    if is_json or limit < _LEAST_ROOM:
+    if is_json or limit < _MIN_TRUNCATED_BYTES:
         reason = "the archive is full" if limit == room else f"the limit is {limit}"
         return Omission(path, TOO_BIG, f"it has {len(data)} bytes; {reason}")
     cut = truncate_bytes(data, limit)
@@ -142,7 +142,7 @@ def _member(redactor: Redactor, item: BundleItem, room: int) -> Member | Omissio
 
 
 def _safe_path(path: str) -> str:
-    """A relative path that unpacks inside the archive's folder, whatever names a machine gave its files."""
+    """Return a relative path that unpacks inside the archive's folder, whatever names a machine gave its files."""
     parts = [re.sub(r"[^\w.@:+=,-]+", "_", part, flags=re.ASCII).lstrip(".") or "_" for part in path.split("/") if part]
     return "/".join(part[:120] for part in parts)
 
@@ -155,7 +155,7 @@ class CannotWrite(Exception):
 
 
 def pack(members: Iterable[Member], folder: str, time_s: float) -> bytes:
-    """A gzipped tar of the members below `folder`. Equal members give equal bytes."""
+    """Pack the members below `folder` into a gzipped tar. Equal members give equal bytes."""
     packed = io.BytesIO()
     with (
         gzip.GzipFile(filename="", mode="wb", fileobj=packed, mtime=int(time_s)) as stream,

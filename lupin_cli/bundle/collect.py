@@ -36,7 +36,7 @@ Collected = BundleItem | Omission
 
 MAX_PLAYBOOK_JOURNALS = 10
 MAX_FILE_BYTES = 2_000_000
-# Collected of a run besides its logs. The recording is not: it is large and contains pictures of the owner's greenhouse.
+# A run's files besides its logs. The recording is not collected: it is large and has pictures of the owner's greenhouse.
 RUN_FILES = ("run.json", "state.json", "result.json", "sim_state.json")
 _VARIABLES = ("PATH", "LANG", "LC_ALL", "TZ", "SHELL", "TERM", "LD_LIBRARY_PATH", "PYTHONPATH")
 _VARIABLE_PREFIXES = ("ROS_", "RMW_", "FASTRTPS_", "FASTDDS_", "LUPIN_", "AMENT_", "CYCLONEDDS_", "XDG_")
@@ -52,7 +52,7 @@ class Collector:
     robots: Sequence[Robot] = ()
     config: Config | None = None
     sudo_passwords: dict[str, str] | None = None  # by robot
-    max_age_s: float | None = None  # of lines of system journals and of playbook runs; None: since boot, and any age
+    max_age_s: float | None = None  # of system journal lines and playbook runs; None: lines since boot, and runs of any age
 
     def __post_init__(self) -> None:
         passwords = self.sudo_passwords or {}
@@ -108,10 +108,10 @@ class Collector:
         return session.get_reachable_robot(result) if result else None
 
     def _diagnose(self) -> Iterator[Collected]:
-        """Findings and facts of all machines."""
+        """Run the doctor, and yield the findings and facts of all machines."""
         try:
             examine_all(self.sessions, self._results.__setitem__)
-        except Exception as error:  # if the doctor fails, still collect the logs: they show why
+        except Exception as error:  # if the doctor fails, the logs are still collected: they show why
             yield Omission("findings", FAILED, f"the doctor failed: {type(error).__name__}: {error}")
         results = [(each.scope, self._results[each]) for each in self.sessions if each in self._results]
         for scope, result in results:
@@ -146,7 +146,7 @@ def _findings(name: str, diagnosis: Diagnosis, link: Link | None) -> Iterator[Bu
 
 
 def facts_items(folder: str, facts: Facts) -> Iterable[Collected]:
-    """The facts of a machine, and the raw output of each probe, so that parser bugs can be diagnosed."""
+    """Yield the facts of a machine, and the raw output of each probe, so that parser bugs can be diagnosed."""
     table = {name: to_plain_data(value) for name, value in sorted(facts.values.items())}
     document = {"machine": facts.machine, "asked_ns": facts.probed_ns, "facts": table}
     yield BundleItem(f"{folder}/facts.json", "the facts as they were parsed", document)
@@ -192,7 +192,7 @@ def to_plain_data(value: Any) -> Any:
 
 
 def lupin_files(config: Path, options: dict[str, Any], max_age_s: float | None) -> Iterator[Collected]:
-    """Version and environment, the inventory at `config`, the last run's logs, and the journals of the last playbook runs."""
+    """Yield version and environment, the inventory at `config`, the last run's logs, and the last playbook runs' journals."""
     yield _environment(options)
     yield _file_item(config, "laptop/lupin/lupin.toml", "the inventory of robots")
     yield from _last_run()
@@ -218,7 +218,7 @@ def _environment(options: dict[str, Any]) -> BundleItem:
 
 
 def _file_item(path: Path, archive_path: str, description: str) -> Collected:
-    """The file at `path` of this machine, as `archive_path` in the archive."""
+    """Return this machine's file at `path` as an item at `archive_path`, or an omission with the reason."""
     try:
         found = truncate_file(path, MAX_FILE_BYTES)
     except FileNotFoundError:
@@ -230,7 +230,7 @@ def _file_item(path: Path, archive_path: str, description: str) -> Collected:
 
 
 def _last_run() -> Iterator[Collected]:
-    """States and logs of the live run of `lupin up`, or of the last one."""
+    """Yield states and logs of the live run of `lupin up`, or of the last one."""
     from lupin_runtime.stack.runs import RunError, find_run
 
     try:
@@ -254,7 +254,7 @@ def _last_run() -> Iterator[Collected]:
 
 
 def _playbook_journals(max_age_s: float | None) -> Iterator[Collected]:
-    """The newest journals of playbook runs, without the file contents that are stored for undo."""
+    """Yield the newest journals of playbook runs, without the file contents that are stored for undo."""
     from lupin_cli.playbook.journal import journal_folder
 
     earliest = 0.0 if max_age_s is None else time.time() - max_age_s

@@ -16,7 +16,7 @@ _HEAD_DIVISOR = 4  # a quarter of a truncated text is its head, the rest its tai
 
 
 def encode(text: str) -> bytes:
-    """UTF-8; bytes that were not UTF-8 when the text was read are restored."""
+    """Encode as UTF-8; restore bytes that were not UTF-8 when the text was read."""
     return text.encode("utf-8", "surrogateescape")
 
 
@@ -44,7 +44,7 @@ class Truncated:
     """The head and the tail of a text: its start and its end explain more than its middle.
 
     `missing` is the size of the missing middle in words; empty if nothing is missing. Cuts are made at line ends and before
-    masking: half a line could hide that the rest of it is a secret.
+    masking: half a line may not show that it contains a secret.
     """
 
     data: bytes

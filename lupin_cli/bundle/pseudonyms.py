@@ -1,8 +1,8 @@
 """Pseudonyms for what identifies a place or a person: addresses, network names, keys, users.
 
 Equal values get equal pseudonyms within an archive, so that relations stay visible. A pseudonym has the format of the original,
-so that parsers read the masked output of a probe as well. It is recognized by its format: masking is idempotent. Private
-addresses are kept, since a diagnosis needs them.
+so that parsers can also read a probe's masked output. Pseudonyms are recognized by their format, so masking is idempotent.
+Private addresses are kept, since a diagnosis needs them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _SSIDS = tuple(
     )
 )
 # Values that are not a network name: pseudonyms, variables, templates, masks, keywords.
-_NO_SSID = re.compile(
+_NOT_AN_SSID = re.compile(
     r"(?i)(?:ssid-\d+|[{$%<\[].*|.*\*\*\*.*|[\W_]*|off|any|off/any|none|null|true|false|yes|no|hidden|auto|\d{1,3})\Z"
 )
 # A name with one of these characters is masked everywhere; a lowercase word such as `greenhouse` may mean something else.
@@ -77,7 +77,7 @@ class Pseudonyms:
 
     def learn_ssid(self, name: str) -> None:
         """Learn the name of one wireless network."""
-        if not _NO_SSID.match(name) and name.lower() not in STOCK_USERS and name not in self._names.get("ssid", {}):
+        if not _NOT_AN_SSID.match(name) and name.lower() not in STOCK_USERS and name not in self._names.get("ssid", {}):
             self._name("ssid", name, "ssid-{}")
             self._ssid_patterns = None
 
@@ -94,12 +94,12 @@ class Pseudonyms:
         return _HOME.sub(self._home, text) if self.users else text
 
     def _name(self, kind: str, value: str, template: str) -> str:
-        """The pseudonym of `value`; a new one is numbered within its kind."""
+        """Return the pseudonym of `value`; a new one is numbered within its kind."""
         names = self._names.setdefault(kind, {})
         return names.setdefault(value, template.format(len(names) + 1))
 
     def _put(self, kind: str, value: str, template: str) -> str:
-        """As `_name`, and count it."""
+        """Return the pseudonym of `value`, and count the insertion."""
         self.counts[kind] += 1
         return self._name(kind, value, template)
 
@@ -183,8 +183,8 @@ def _any_of(names: list[str], template: str) -> re.Pattern[str]:
     if not names:
         return re.compile(r"(?!)")
     # nmcli escapes colons and backslashes.
-    both = {spelling for name in names for spelling in (name, re.sub(r"([:\\])", r"\\\1", name))}
-    alternatives = "|".join(re.escape(name) for name in sorted(both, key=len, reverse=True))
+    spellings = {spelling for name in names for spelling in (name, re.sub(r"([:\\])", r"\\\1", name))}
+    alternatives = "|".join(re.escape(name) for name in sorted(spellings, key=len, reverse=True))
     return re.compile(template.replace("{}", alternatives), re.M)
 
 

@@ -64,10 +64,10 @@ class Redactor:
     def _learn_secret(self, kind: str, found: str, certain: bool) -> None:
         for secret in _secrets_in(kind, found):
             mixed = re.search(r"[0-9]", secret) and re.search(r"\D", secret)
-            shortest = _MIN_LEARNED if mixed else _MIN_LEARNED_UNIFORM
-            # `expected` is no secret in `it met token: expected`, but it is one in the line `psk=expected` of a settings file.
+            min_length = _MIN_LEARNED if mixed else _MIN_LEARNED_UNIFORM
+            # `expected` is not a secret in `it met token: expected`, but is one in the line `psk=expected` of a settings file.
             doubtful = not mixed and not (certain and secret == found)
-            if doubtful or not shortest <= len(secret) <= _MAX_LEARNED or _PLACEHOLDER.match(secret) or MASK in secret:
+            if doubtful or not min_length <= len(secret) <= _MAX_LEARNED or _PLACEHOLDER.match(secret) or MASK in secret:
                 continue
             if secret not in self._secrets:
                 self._secrets.add(secret)
@@ -145,12 +145,12 @@ class Redactor:
 
 
 def dump_json(value: Any) -> str:
-    """JSON as it is written to an archive."""
+    """Return JSON as it is written to an archive."""
     return json.dumps(value, indent=1, ensure_ascii=False) + "\n"
 
 
 def _parse_json(text: str) -> Any:
-    """The value of a JSON text; None if it is empty or not JSON."""
+    """Return the value of a JSON text; None if it is empty or not JSON."""
     try:
         return json.loads(text) if text.strip() else None
     except (ValueError, RecursionError):
@@ -158,7 +158,7 @@ def _parse_json(text: str) -> Any:
 
 
 def _secrets_in(kind: str, found: str) -> list[str]:
-    """The strings in a masked place that must be masked elsewhere too."""
+    """Return the strings in a masked place that must be masked elsewhere too."""
     if kind == "private-key":  # each of its lines may be quoted elsewhere
         return [word for word in found.split() if len(word) >= 32]
     if kind == "authorization":  # `Bearer abc`, `session=abc; Path=/`, and the rest of a command after the header
@@ -175,7 +175,7 @@ def _is_secret_key(key: str) -> bool:
 
 
 def _pattern_of(secrets: Iterable[str]) -> re.Pattern[str]:
-    """A pattern of all secrets, also as JSON and URLs escape them. Short ones and numbers match only as a whole word."""
+    """Compile a pattern of all secrets, also as escaped in JSON and URLs. Short ones and numbers match only as a whole word."""
     spellings: dict[str, str] = {}
     for secret in secrets:
         escaped = json.dumps(secret, ensure_ascii=False)[1:-1]

@@ -1,8 +1,8 @@
 """Sources: what a bundle reads from a machine beyond its facts, and how the output of each becomes an item or an omission.
 
 Each source is a shell script that changes nothing: journals, units, network, DDS, system state. Scripts run in one batch; those
-that sudo refuses run again as the user, who may be able to read a part. A script exits with NOT_FOUND if the machine has
-nothing of the kind. The first lines of a journal are read as well as the last: a race at the cold boot shows in the first.
+that sudo refuses run again as the user, who may be able to read some of it. A script exits with NOT_FOUND if the machine has
+nothing of the kind. A journal's first lines are read as well as its last: a race at cold boot shows in the first.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Source:
 
 
 def journal(path: str, description: str, *selection: str, machines: tuple[str, ...] = (ROBOT, LAPTOP)) -> Source:
-    """The system journal's lines of some units: of this boot, or since `$since`."""
+    """The system journal's lines for `selection`: of this boot, or since `$since`."""
     words = shlex.join(selection)
     script = f"""command -v journalctl >/dev/null 2>&1 || exit {NOT_FOUND}
 j() {{ journalctl --no-pager -q -o short-iso-precise ${{since:--b}} "$@" {words}; }}
@@ -52,7 +52,7 @@ echo '@@ first'; j | head -n {FIRST_LINES} | head -c {HEAD_BYTES}
 def command(
     path: str, description: str, text: str, *, root: bool = False, machines: tuple[str, ...] = (ROBOT, LAPTOP)
 ) -> Source:
-    """The output of some commands, each after its own line; the last TAIL_BYTES of it."""
+    """The output of some commands, each after the command itself; the last TAIL_BYTES of it."""
     lines = [f"echo {shlex.quote(f'$ {line}')}; {line} 2>&1" for line in text.splitlines()]
     return Source(path, description, f"{{ {'; '.join(lines)}; }} | tail -c {TAIL_BYTES}\n", root, machines)
 
@@ -130,7 +130,7 @@ SOURCES: tuple[Source, ...] = (
         "/etc/dnsmasq.d/*", "/etc/chrony/*.conf", "/etc/chrony/*/*.conf", "/etc/chrony.conf", root=True, machines=_ROBOT_ONLY,
     ),
     files(
-        "dds/files.txt", "profiles, exports and start files that select the graph",
+        "dds/files.txt", "profiles, exports and startup files that select the graph",
         *(f'"${{XDG_CONFIG_HOME:-$HOME/.config}}"/lupin/{name}' for name in ("fastdds_super_client.xml", "ros-env.sh")),
         '"$HOME"/mirte_ws/install/*.xml', '"$HOME"/.mirte_settings.sh', '"$HOME"/fastdds*.xml',
     ),
@@ -149,12 +149,12 @@ SOURCES: tuple[Source, ...] = (
 
 
 def sources_of(machine: str) -> tuple[Source, ...]:
-    """The sources of "robot" or "laptop"."""
+    """Return the sources of "robot" or "laptop"."""
     return tuple(source for source in SOURCES if machine in source.machines)
 
 
 def script_of(source: Source, max_age_s: float | None) -> str:
-    """The complete script of a source; system journals go back `max_age_s` seconds, or to the boot."""
+    """Return the complete script of a source; system journals go back `max_age_s` seconds, or to the boot."""
     since = "" if max_age_s is None else f"since=--since=-{max(1, round(max_age_s))}s\n"
     return PRELUDE + since + source.script
 
@@ -196,7 +196,7 @@ def _run(target: Target, sources: Sequence[Source], max_age_s: float | None, *, 
 
 
 def parse_source(source: Source, output: Output, folder: str, user: str, refused: str = "") -> BundleItem | Omission:
-    """The item or the omission that a source's output becomes. `refused` is the reason if sudo refused. Pure."""
+    """Turn a source's output into an item or an omission. `refused` is the reason if sudo refused. Pure."""
     path = f"{folder}/{source.path}"
     if output.status == NOT_FOUND:
         return Omission(path, ABSENT, "this machine has none")
@@ -204,19 +204,19 @@ def parse_source(source: Source, output: Output, folder: str, user: str, refused
     if not text.strip():
         error = (output.stderr.strip().splitlines() or [""])[-1]
         if output.status != 0:
-            return Omission(path, UNREADABLE, error or f"it ended with status {output.status}")
+            return Omission(path, UNREADABLE, error or f"it exited with status {output.status}")
         if refused or _FORBIDDEN.search(output.stderr):
             return Omission(path, UNREADABLE, "; ".join(filter(None, (f"{user} has no permission to read it", error, refused))))
         return Omission(path, ABSENT, error or "it is empty")
     if output.status is None or output.truncated:
-        late = "it did not finish in time"
-        remark = f"{remark}; {late}" if remark else output.stderr.strip() or late
+        timeout_remark = "it did not finish in time"
+        remark = f"{remark}; {timeout_remark}" if remark else output.stderr.strip() or timeout_remark
     as_user = f"read as {user} ({refused})" if refused else ""
     return BundleItem(path, source.description, encode(text), "; ".join(filter(None, (remark, as_user))))
 
 
 def _text(output: Output) -> tuple[str, str]:
-    """The text that the script printed, and what is missing from it. For a journal, its first lines are put before its last."""
+    """Return the text that the script printed, and what is missing from it. A journal's first lines are put before its last."""
     journal = _JOURNAL.match(output.stdout)
     if journal is None:
         if len(encode(output.stdout)) < TAIL_BYTES:

@@ -14,7 +14,7 @@ Value = TypeVar("Value")
 
 
 class Severity(str, Enum):
-    """A problem keeps the robot from working now; a warning will do so later."""
+    """A problem keeps the robot from working now; a warning is about something that will later."""
 
     PROBLEM = "problem"
     WARNING = "warning"
@@ -43,11 +43,11 @@ class Finding:
     fix: Fix
     # Findings that disappear together with this one: an id, or `id:about` for a single subject.
     explains: frozenset[str] = frozenset()
-    about: str = ""  # the subject where one id can occur several times: a topic, a machine
+    about: str = ""  # the subject, if one id can occur several times: a topic, a machine
     blocks_playbooks: frozenset[str] = frozenset()  # playbooks that fail on this machine until this finding is fixed
 
     def accounts_for(self, other: Finding) -> bool:
-        """Whether `other` is a consequence of this finding."""
+        """Return whether `other` is a consequence of this finding."""
         return bool(self.explains & {other.id, f"{other.id}:{other.about}"}) and other.id != self.id
 
 
@@ -56,16 +56,16 @@ class Snapshot:
     """The input of every check: the facts of both machines and the link between them, at one time."""
 
     laptop: Facts
-    robot: Facts | None  # None where no robot was selected or reached
-    link: Link | None = None  # None where no robot was selected
+    robot: Facts | None  # None if no robot was selected, or it was not reached
+    link: Link | None = None  # None if no robot was selected
 
     @property
     def machines(self) -> tuple[Facts, ...]:
-        """The facts of the laptop and, where it was reached, of the robot."""
+        """The facts of the laptop and, if it was reached, of the robot."""
         return (self.laptop,) if self.robot is None else (self.laptop, self.robot)
 
     def robot_fact(self, fact: Fact[Value]) -> Value | None:
-        """The value of a fact of the robot; None where the robot was not reached or the fact is unknown."""
+        """Return the value of a fact of the robot; None if the robot was not reached or the fact is unknown."""
         return None if self.robot is None else self.robot.get(fact)
 
 
@@ -73,7 +73,7 @@ class Snapshot:
 class Check:
     """A pure function from a snapshot to findings, with the facts that it needs of each machine.
 
-    `followup_*` are facts that are too expensive to gather every time. The doctor gathers them after this check returned a
+    `followup_*` are facts that are too expensive to gather every time. The doctor gathers them if this check returned a
     finding, and then runs all checks again.
     """
 

@@ -1,4 +1,4 @@
-"""Cameras that are held by another process than their owner, not connected, or without a driver that works."""
+"""Cameras that a process other than their owner holds, that are not connected, or whose driver does not work."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from lupin_cli.facts.units import CAMERAS, UNIT_STATES, VENDOR
 from lupin_runtime.cameras.driver_state import ABSENT, ENDED, HELD, NO_DRIVER, DriverState
 
 SYMPTOMS = {
-    "body": "no images of the body camera: a mission finds no tags",
-    "gripper": "no images of the gripper camera: a mission finds no flowers",
+    "body": "no images from the body camera: a mission finds no tags",
+    "gripper": "no images from the gripper camera: a mission finds no flowers",
 }
-MANY_ENDS = 2  # a driver that ended once may have been unplugged, and is started again
+MANY_EXITS = 2  # a driver that exited once may have had its camera unplugged, and is started again
 JOURNAL = "sudo journalctl -b -u lupin-cameras -n 50"
 
 
 def _running_drivers(snapshot: Snapshot) -> Mapping[str, DriverState]:
-    """The states by camera; empty where the camera service does not run and says nothing of the present."""
+    """Return the states by camera; empty if the camera service does not run, because its files are then outdated."""
     drivers, units = snapshot.robot_fact(CAMERA_DRIVERS), snapshot.robot_fact(UNIT_STATES)
     unit = units.get(CAMERAS) if units else None
     return drivers if drivers and unit is not None and unit.running else {}
 
 
 def find_held_cameras(snapshot: Snapshot) -> Iterator[Finding]:
-    """A camera is open in a process of another unit than Lupin's camera unit or, without that, the vendor's."""
+    """A camera is held by a process outside Lupin's camera unit or, without that unit, outside the vendor's."""
     devices, units = snapshot.robot_fact(DEVICES), snapshot.robot_fact(UNIT_STATES)
     if devices is None or units is None:
         return
@@ -48,7 +48,7 @@ def find_held_cameras(snapshot: Snapshot) -> Iterator[Finding]:
             command=command_on_robot(snapshot, f"kill {pids}; sudo systemctl restart {owner}"),
         )
         return
-    # The depth camera is a device of the USB bus.
+    # The depth camera is a device of the USB bus, without a /dev/video*: its driver's state shows that it is held.
     for name, driver in _running_drivers(snapshot).items():
         if driver.state == HELD:
             yield make_finding(
@@ -62,7 +62,7 @@ def find_held_cameras(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def find_driver_faults(snapshot: Snapshot) -> Iterator[Finding]:
-    """The camera service runs, and a camera that is not switched off is not connected, or its driver does not run."""
+    """The camera service runs, but a camera that is not switched off is not connected, or its driver does not run."""
     for name, driver in _running_drivers(snapshot).items():
         if driver.state == ABSENT:
             id = "camera-absent"
@@ -71,9 +71,9 @@ def find_driver_faults(snapshot: Snapshot) -> Iterator[Finding]:
         elif driver.state == NO_DRIVER:
             id, command = "camera-driver-missing", "command -v ros2 || tail -n 5 ~/.bashrc"
             cause = f"the vendor's driver of the {name} camera cannot be started"
-        elif driver.state == ENDED and driver.ends >= MANY_ENDS:
+        elif driver.state == ENDED and driver.ends >= MANY_EXITS:
             id, command = "camera-driver-failing", JOURNAL
-            cause = f"the driver of the {name} camera ends again and again, {driver.ends} times so far"
+            cause = f"the driver of the {name} camera keeps exiting, {driver.ends} times so far"
         else:
             continue
         yield make_finding(

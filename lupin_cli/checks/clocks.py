@@ -1,4 +1,4 @@
-"""The robot's clock against the laptop's, and the time daemons that keep them together.
+"""The robot's clock compared with the laptop's, and the time daemons that keep them together.
 
 The robot has no hardware clock: it boots with the time of its last shutdown. A clock step under a running ros2_control stack
 kills the controllers and leaves shared memory behind that no restart clears, so the fix for drift depends on what runs.
@@ -19,7 +19,7 @@ DRIFT_LIMIT_S = 3.0  # below this, restarting the stack costs more than the corr
 
 
 def measured_offset(snapshot: Snapshot) -> Offset | None:
-    """The robot's clock against the laptop's; None where it was not measured.
+    """Return the offset of the robot's clock from the laptop's; None if it was not measured.
 
     The exchange over the link is more precise than the times of the batch, and is preferred.
     """
@@ -33,7 +33,7 @@ def measured_offset(snapshot: Snapshot) -> Offset | None:
 
 
 def find_clock_drift(snapshot: Snapshot) -> Iterator[Finding]:
-    """The robot's clock is off for certain: the offset less its uncertainty exceeds the limit."""
+    """The robot's clock is certainly wrong: the offset minus its uncertainty exceeds the limit."""
     drift = measured_offset(snapshot)
     if drift is None or drift.at_least_s <= DRIFT_LIMIT_S or snapshot.robot is None:
         return
@@ -48,9 +48,9 @@ def find_clock_drift(snapshot: Snapshot) -> Iterator[Finding]:
     yield make_finding(
         "clock-drift",
         where="robot",
-        cause=f"the robot's clock is {drift} against the laptop's"
+        cause=f"the robot's clock is {drift} relative to the laptop's"
         + ("; its stack runs, so the clock must not be stepped without stopping it" if stack_runs else ""),
-        evidence=(f"robot's clock less the laptop's: {drift}", *lines, *((vendor.line(),) if vendor else ())),
+        evidence=(f"robot's clock minus the laptop's: {drift}", *lines, *((vendor.line(),) if vendor else ())),
         command="lupin sync-clock",
         safe=not stack_runs,
     )
@@ -72,7 +72,7 @@ def find_stock_makestep(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def find_robot_chrony_faults(snapshot: Snapshot) -> Iterator[Finding]:
-    """chrony of the robot is missing, stopped, or has no source that answers."""
+    """The robot's chrony is missing, is stopped, or has no source that answers."""
     chrony, units = snapshot.robot_fact(CHRONY), snapshot.robot_fact(UNIT_STATES)
     sync = units.get(CLOCK_SYNC) if units else None
     if chrony is None or chrony.others:
@@ -88,13 +88,13 @@ def find_robot_chrony_faults(snapshot: Snapshot) -> Iterator[Finding]:
             )
     elif not chrony.running:
         unit = units.get("chrony.service") if units else None
-        # With makestep configured, a chrony that is only started would step the clock under the running stack.
+        # With makestep configured, merely starting chrony would step the clock under the running stack.
         may_step = bool(chrony.directives("makestep"))
         yield make_finding(
             "chrony-not-running",
             severity=Severity.WARNING if sync is None else Severity.PROBLEM,
             where="robot",
-            cause="chrony is installed on the robot and does not run",
+            cause="chrony is installed on the robot but does not run",
             evidence=("pidof chronyd: nothing", *((unit.line(),) if unit else ())),
             command="lupin sync-clock --install" if may_step else command_on_robot(snapshot, "sudo systemctl restart chrony"),
             playbook="install-clock-sync" if may_step else "",
@@ -111,7 +111,7 @@ def find_robot_chrony_faults(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def find_laptop_not_serving(snapshot: Snapshot) -> Iterator[Finding]:
-    """The laptop serves no time, although the robot takes its time from the laptop."""
+    """The laptop serves no time, although the robot is set up to take its time from the laptop."""
     chrony, units = snapshot.laptop.get(CHRONY), snapshot.robot_fact(UNIT_STATES)
     if chrony is None or chrony.serves or not units or units.get(CLOCK_SYNC) is None:
         return
@@ -121,10 +121,10 @@ def find_laptop_not_serving(snapshot: Snapshot) -> Iterator[Finding]:
     if not chrony.installed:
         cause, line = "chrony is not installed on the laptop", "command -v chronyd: nothing"
     elif not chrony.running:
-        cause, line = "chrony is installed on the laptop and does not run", "pidof chronyd: nothing"
+        cause, line = "chrony is installed on the laptop but does not run", "pidof chronyd: nothing"
     else:
         cause, line = (
-            "chrony runs on the laptop and does not serve: nothing listens on port 123",
+            "chrony runs on the laptop but does not serve time: nothing listens on port 123",
             "ss -lnu: no listener on :123",
         )
     allowed = chrony.directives("allow") or ("no `allow` in chrony's configuration",)

@@ -20,7 +20,7 @@ from lupin_runtime.graph import (
 
 # A graph on which none of these is published contains no robot; other checks report that.
 ROBOT_TOPICS = (SCAN.name, ODOM.name, TF.name)
-# Silence and missing subscribers that dead controllers explain. A silent lidar has a cause of its own.
+# Silence and missing subscribers that dead controllers explain. A silent lidar has another cause.
 CONTROLLER_CONSEQUENCES = frozenset(
     {
         *(f"topic-silent:{row.name}" for row in (ODOM, JOINT_STATES, TF)),
@@ -30,18 +30,18 @@ CONTROLLER_CONSEQUENCES = frozenset(
 
 
 def has_robot(graph: Graph) -> bool:
-    """Whether a robot publishes on the graph."""
+    """Return whether a robot publishes on the graph."""
     return any(topic and topic.publishers for topic in map(graph.topic, ROBOT_TOPICS))
 
 
 def visited_graphs(snapshot: Snapshot) -> tuple[Graph, ...]:
-    """Every graph that the doctor joined and that has nodes."""
+    """Return every graph that the doctor joined and that has nodes or topics."""
     seen = snapshot.laptop.get(GRAPH)
     return seen.alive if seen else ()
 
 
 def find_inactive_controllers(snapshot: Snapshot) -> Iterator[Finding]:
-    """A controller is not loaded, or in another state than active."""
+    """A controller is not loaded or not active."""
     for graph in visited_graphs(snapshot):
         if graph.controllers is None:
             continue
@@ -88,7 +88,7 @@ def find_controller_manager_faults(snapshot: Snapshot) -> Iterator[Finding]:
             yield make_finding(
                 "controller-manager-silent",
                 where=graph.machine,
-                cause="controller_manager runs and does not answer, while other services do: it hangs, as after a clock step",
+                cause="controller_manager runs but does not answer, while other services do: it hangs, as after a clock step",
                 evidence=(each.line() for each in graph.calls),
                 command="lupin sync-clock",
                 explains=CONTROLLER_CONSEQUENCES | {"oneshot-failed"},
@@ -97,6 +97,6 @@ def find_controller_manager_faults(snapshot: Snapshot) -> Iterator[Finding]:
 
 CHECKS = (
     Check("controllers.states", find_inactive_controllers, laptop=(GRAPH,)),
-    # One unanswered call may be a busy moment: the second visit decides.
+    # One call may go unanswered because the machine is busy: the second visit decides.
     Check("controllers.manager", find_controller_manager_faults, laptop=(GRAPH,), followup_laptop=(GRAPH,)),
 )

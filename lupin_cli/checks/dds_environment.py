@@ -10,7 +10,7 @@ from lupin_cli.checks.robot_address import robot_address
 from lupin_cli.facts.addresses import ADDRESSES
 from lupin_cli.facts.ros_processes import ROS_PROCESSES, RosProcess
 from lupin_cli.facts.routes import ROUTES, RoutingTable
-from lupin_cli.facts.shell import SHELL, Shell, StartFile
+from lupin_cli.facts.shell import SHELL, Shell, StartupFile
 from lupin_cli.facts.sockets import SOCKETS, Socket, Sockets
 
 # RTPS 2.2, 9.6.1.1: participants that discover by multicast all listen here; clients of a discovery server do not.
@@ -21,22 +21,22 @@ _LOCAL = ("127.0.0.1", "localhost", "0.0.0.0")
 
 
 def server_host(server: str) -> str:
-    """The host of the first server of a ROS_DISCOVERY_SERVER value."""
+    """Return the host of the first server of a ROS_DISCOVERY_SERVER value."""
     first = next((part for part in server.split(";") if part.strip()), "")
     return first.strip().rpartition(":")[0] or first.strip()
 
 
 def multicast_socket(process: RosProcess, sockets: Sockets, domains: Iterable[int]) -> Socket | None:
-    """The socket on which `process` discovers by multicast in one of `domains`; None if it has none or only on loopback."""
+    """Return the socket on which `process` discovers by multicast in one of `domains`, or None. Loopback does not count."""
     ports = {MULTICAST_PORT + _PORTS_PER_DOMAIN * domain for domain in domains}
-    bound = (each for each in sockets.of(process.pid) if each.protocol == "udp" and each.anywhere)
+    bound = (each for each in sockets.of(process.pid) if each.protocol == "udp" and each.is_wildcard)
     return next((each for each in bound if each.port in ports), None)
 
 
 def find_multicast_only_processes(snapshot: Snapshot) -> Iterator[Finding]:
-    """A process runs without the graph's variables and only multicasts: it hears nothing of the robot."""
-    every = [process for facts in snapshot.machines for process in facts.get(ROS_PROCESSES) or ()]
-    domains = {process.domain for process in every if process.server} | {0}
+    """A process was started without ROS_DISCOVERY_SERVER and discovers by multicast only: it hears nothing from the robot."""
+    all_processes = [process for facts in snapshot.machines for process in facts.get(ROS_PROCESSES) or ()]
+    domains = {process.domain for process in all_processes if process.server} | {0}
     for facts in snapshot.machines:
         processes, sockets = facts.get(ROS_PROCESSES), facts.get(SOCKETS)
         if processes is None or sockets is None:
@@ -65,24 +65,24 @@ def find_multicast_only_processes(snapshot: Snapshot) -> Iterator[Finding]:
 def find_wrong_server(snapshot: Snapshot) -> Iterator[Finding]:
     """A process asks a discovery server at an address that the robot does not have, or that the laptop cannot reach.
 
-    While the robot cannot be asked, the addresses by which the laptop knows it count as its addresses; a broken link to them is
+    If the robot cannot be asked, the addresses by which the laptop knows it count as its addresses; a broken link to them is
     another finding.
     """
     addresses, routes = snapshot.robot_fact(ADDRESSES), snapshot.laptop.get(ROUTES)
     if addresses is not None:
-        known = {each.address: each.line() for each in addresses.every}
-        stray = "the robot has no such address"
+        known = {each.address: each.line() for each in addresses.entries}
+        mismatch = "the robot has no such address"
     elif snapshot.robot is None and routes is not None and routes.to_robot:
         known = {address: f"ip route get {address}: {' '.join(lines)}" for address, lines in routes.to_robot.items()}
         routes = None
-        stray = f"the laptop knows the robot by {' and '.join(known)}"
+        mismatch = f"the laptop knows the robot by {' and '.join(known)}"
     else:
         return
     for facts in snapshot.machines:
         for process in facts.get(ROS_PROCESSES) or ():
             if process.is_daemon or not process.server:
                 continue
-            reason = _server_fault(server_host(process.server), facts.machine == "laptop", known, stray, routes)
+            reason = _server_fault(server_host(process.server), facts.machine == "laptop", known, mismatch, routes)
             if reason:
                 yield make_finding(
                     "process-wrong-server",
@@ -93,14 +93,14 @@ def find_wrong_server(snapshot: Snapshot) -> Iterator[Finding]:
                 )
 
 
-def _server_fault(host: str, on_laptop: bool, known: Container[str], stray: str, routes: RoutingTable | None) -> str:
-    """Why `host` is the wrong server for a process; empty where it may be right."""
+def _server_fault(host: str, on_laptop: bool, known: Container[str], mismatch: str, routes: RoutingTable | None) -> str:
+    """Return why `host` is the wrong server for a process, with `mismatch` for an unknown host; empty if it may be right."""
     if not host.replace(".", "").isdigit():
         return ""  # a name: the process may resolve it differently
     if host in _LOCAL:
         return "that is the laptop, not the robot" if on_laptop else ""
     if host not in known:
-        return stray
+        return mismatch
     unroutable = on_laptop and routes is not None and not routes.leads_to(host)
     return "the laptop has no route to it" if unroutable else ""
 
@@ -110,10 +110,10 @@ def _setup_address(snapshot: Snapshot) -> str:
 
 
 def find_rmw_mismatch(snapshot: Snapshot) -> Iterator[Finding]:
-    """A process runs on another middleware than Fast DDS, the only one that reads the server's address and the profile."""
-    every = [(facts, process) for facts in snapshot.machines for process in facts.get(ROS_PROCESSES) or ()]
-    for facts, process in every:
-        others = [o for _, o in every if o is not process and o.rmw in FAST_DDS and o.domain == process.domain]
+    """A process uses a middleware other than Fast DDS, the only one that reads the server's address and the profile."""
+    located = [(facts, process) for facts in snapshot.machines for process in facts.get(ROS_PROCESSES) or ()]
+    for facts, process in located:
+        others = [o for _, o in located if o is not process and o.rmw in FAST_DDS and o.domain == process.domain]
         if not process.rmw or process.rmw in FAST_DDS or not (process.server or others):
             continue
         yield make_finding(
@@ -133,17 +133,17 @@ def find_shell_faults(snapshot: Snapshot) -> Iterator[Finding]:
         return
     if not shell.exports:
         if snapshot.link is not None and not shell.server:
-            yield _not_set_up(snapshot, shell)
+            yield _missing_setup(snapshot, shell)
         return
-    unset = [found for start in shell.start_files if (found := _unsetting_lines(start))]
-    yield from (_wrong_source_order(*found) for found in unset)
+    unsetting = [found for start in shell.start_files if (found := _unsetting_lines(start))]
+    yield from (_wrong_source_order(*found) for found in unsetting)
     if shell.server == shell.exports.get("ROS_DISCOVERY_SERVER", "") or snapshot.link is None:
         yield from _wrong_middleware(shell)
         return
     missing = [name for name in shell.exports if not shell.environment.get(name)]
     if shell.server and "ROS_DISCOVERY_SERVER" not in missing:
-        wanted = shell.exports["ROS_DISCOVERY_SERVER"]
-        cause = f"this shell asks the server at {shell.server}, but Lupin's set-up names {wanted}"
+        expected = shell.exports["ROS_DISCOVERY_SERVER"]
+        cause = f"this shell asks the server at {shell.server}, but Lupin's set-up names {expected}"
     else:
         cause = f"this shell has not sourced {shell.exports_path}: programs started in it only multicast"
     yield make_finding(
@@ -155,7 +155,7 @@ def find_shell_faults(snapshot: Snapshot) -> Iterator[Finding]:
     )
 
 
-def _not_set_up(snapshot: Snapshot, shell: Shell) -> Finding:
+def _missing_setup(snapshot: Snapshot, shell: Shell) -> Finding:
     return make_finding(
         "dds-not-set-up",
         where="laptop",
@@ -167,8 +167,8 @@ def _not_set_up(snapshot: Snapshot, shell: Shell) -> Finding:
     )
 
 
-def _unsetting_lines(start: StartFile) -> tuple[StartFile, str, str, str] | None:
-    """The line that sources the exports, a later line whose `source` unsets them, and the hook that does so; None if none."""
+def _unsetting_lines(start: StartupFile) -> tuple[StartupFile, str, str, str] | None:
+    """Return `start`, its line that sources the exports, a later line whose `source` unsets them, and the hook; or None."""
     own = next((at for at, line in enumerate(start.lines) if "ros-env.sh" in line), None)
     if own is None:
         return None
@@ -179,7 +179,7 @@ def _unsetting_lines(start: StartFile) -> tuple[StartFile, str, str, str] | None
     return None
 
 
-def _wrong_source_order(start: StartFile, own: str, later: str, hook: str) -> Finding:
+def _wrong_source_order(start: StartupFile, own: str, later: str, hook: str) -> Finding:
     own_line, later_line = own.partition(":")[0], later.partition(":")[0]
     return make_finding(
         "source-order",
@@ -208,14 +208,14 @@ def find_stale_daemon(snapshot: Snapshot) -> Iterator[Finding]:
     shell, processes = snapshot.laptop.get(SHELL), snapshot.laptop.get(ROS_PROCESSES)
     if shell is None or processes is None:
         return
-    wanted = shell.server or shell.exports.get("ROS_DISCOVERY_SERVER", "")
+    expected = shell.server or shell.exports.get("ROS_DISCOVERY_SERVER", "")
     for daemon in processes:
-        if daemon.is_daemon and wanted and daemon.server != wanted:
+        if daemon.is_daemon and expected and daemon.server != expected:
             yield make_finding(
                 "stale-daemon",
                 where="laptop",
                 cause=f"the ros2 daemon (process {daemon.pid}) is older than the set-up and asks {daemon.server or 'no one'}",
-                evidence=(daemon.line("ROS_DISCOVERY_SERVER"), f"expected: ROS_DISCOVERY_SERVER={wanted}"),
+                evidence=(daemon.line("ROS_DISCOVERY_SERVER"), f"expected: ROS_DISCOVERY_SERVER={expected}"),
                 command="ros2 daemon stop",
             )
 

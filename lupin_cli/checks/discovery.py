@@ -15,7 +15,7 @@ from lupin_cli.facts.discovery_log import DISCOVERY_LOG, DiscoveryLog
 from lupin_cli.facts.ros_processes import ROS_PROCESSES, RosProcess
 from lupin_cli.facts.sockets import SOCKETS, Socket
 
-# `env -u`: with the vendor's profile in its environment the server inherits a pinned locator and fails on a free port.
+# `env -u`: with the vendor's profile in its environment the server inherits a pinned locator and fails even on a free port.
 START_SERVER = (
     "env -u FASTRTPS_DEFAULT_PROFILES_FILE setsid fast-discovery-server -i 0 -l 0.0.0.0 "
     f"-p {DISCOVERY_PORT} >/tmp/lupin-discovery.log 2>&1 </dev/null &"
@@ -25,25 +25,25 @@ _SWITCH_ON = "echo export MIRTE_FASTDDS=true >> ~/.mirte_settings.sh; sudo syste
 
 
 def find_server_faults(snapshot: Snapshot) -> Iterator[Finding]:
-    """No usable discovery server on the robot: none listens, another program holds its port, or it is stopped or pinned."""
+    """The robot has no usable discovery server: none listens, another program has its port, or it is stopped or pinned."""
     sockets, log = snapshot.robot_fact(SOCKETS), snapshot.robot_fact(DISCOVERY_LOG)
     processes = snapshot.robot_fact(ROS_PROCESSES)
     if sockets is None or log is None or processes is None:
         return
     bound = sockets.on("udp", DISCOVERY_PORT)
     clients = [each for each in processes if _asks_local_server(each)]
-    if log.vendor in ("active", "activating") and not log.wanted and not bound:
-        yield _switched_off(snapshot, log)
+    if log.vendor in ("active", "activating") and not log.server_enabled and not bound:
+        yield _disabled_server(snapshot, log)
     elif bound:
-        yield from _port_taken(snapshot, bound, processes)
-        yield from _stopped(snapshot, bound, processes)
-        yield from _pinned(snapshot, bound)
-    elif (clients or (log.wanted and log.vendor == "active")) and not _is_starting(log, processes):
-        yield _missing(snapshot, log, clients)
+        yield from _taken_port(snapshot, bound, processes)
+        yield from _stopped_server(snapshot, bound, processes)
+        yield from _pinned_server(snapshot, bound)
+    elif (clients or (log.server_enabled and log.vendor == "active")) and not _is_starting(log, processes):
+        yield _missing_server(snapshot, log, clients)
 
 
 def _is_starting(log: DiscoveryLog, processes: tuple[RosProcess, ...]) -> bool:
-    """Whether the vendor's script may be about to start the server: the doctor may run during boot."""
+    """Return whether the vendor's script may be about to start the server: the doctor may run during boot."""
     if log.journal:
         return False  # it has failed already
     young = log.vendor_age_s is not None and log.vendor_age_s < STARTING_S
@@ -51,7 +51,7 @@ def _is_starting(log: DiscoveryLog, processes: tuple[RosProcess, ...]) -> bool:
 
 
 def lacks_server(snapshot: Snapshot) -> bool:
-    """Whether the vendor's stack runs on the robot while nothing listens on the discovery server's port."""
+    """Return whether the vendor's stack runs on the robot while nothing listens on the discovery server's port."""
     sockets = snapshot.robot_fact(SOCKETS)
     log = snapshot.robot_fact(DISCOVERY_LOG)
     return sockets is not None and log is not None and log.vendor == "active" and not sockets.on("udp", DISCOVERY_PORT)
@@ -61,16 +61,16 @@ def _asks_local_server(process: RosProcess) -> bool:
     return server_host(process.server) in ("127.0.0.1", "localhost")
 
 
-def _missing(snapshot: Snapshot, log: DiscoveryLog, clients: list[RosProcess]) -> Finding:
+def _missing_server(snapshot: Snapshot, log: DiscoveryLog, clients: list[RosProcess]) -> Finding:
     journal = " ".join(log.journal).lower()
     explains = SEEN_OVER_THE_GRAPH
     if "not found" in journal:
         explains |= {"profile-unreadable:robot"}  # the script that writes the profile did not find its tools either
-        reason = "the vendor's script did not find fast-discovery-server: PATH was not filled yet when it ran"
+        reason = "the vendor's script did not find fast-discovery-server: PATH was incomplete when it ran"
     elif "allocate" in journal:
-        reason = "the vendor's script started it before its address existed (wlan0 came late), and did not try again"
+        reason = "the vendor's script started it before its address existed (wlan0 came up late), and did not try again"
     else:
-        reason = "it has ended, or was never started; the vendor's script starts it once and does not restart it"
+        reason = "it has exited, or was never started; the vendor's script starts it once and does not restart it"
     return make_finding(
         "discovery-server-missing",
         where="robot",
@@ -85,7 +85,7 @@ def _missing(snapshot: Snapshot, log: DiscoveryLog, clients: list[RosProcess]) -
     )
 
 
-def _switched_off(snapshot: Snapshot, log: DiscoveryLog) -> Finding:
+def _disabled_server(snapshot: Snapshot, log: DiscoveryLog) -> Finding:
     return make_finding(
         "discovery-server-switched-off",
         where="robot",
@@ -100,7 +100,7 @@ def _recover_command(snapshot: Snapshot) -> str:
     return f"lupin play recover-discovery{robot_option(snapshot)}"
 
 
-def _port_taken(snapshot: Snapshot, bound: tuple[Socket, ...], processes: tuple[RosProcess, ...]) -> Iterator[Finding]:
+def _taken_port(snapshot: Snapshot, bound: tuple[Socket, ...], processes: tuple[RosProcess, ...]) -> Iterator[Finding]:
     ros_pids = {process.pid for process in processes}
     for socket in bound:
         known = socket.pid and socket.process
@@ -116,25 +116,25 @@ def _port_taken(snapshot: Snapshot, bound: tuple[Socket, ...], processes: tuple[
             )
 
 
-def _stopped(snapshot: Snapshot, bound: tuple[Socket, ...], processes: tuple[RosProcess, ...]) -> Iterator[Finding]:
+def _stopped_server(snapshot: Snapshot, bound: tuple[Socket, ...], processes: tuple[RosProcess, ...]) -> Iterator[Finding]:
     owners = {socket.pid for socket in bound}
     for process in processes:
         if process.pid in owners and process.state in ("T", "t"):
             yield make_finding(
                 "discovery-server-stopped",
                 where="robot",
-                cause=f"the discovery server (process {process.pid}) is stopped: it holds its port and answers no client",
+                cause=f"the discovery server (process {process.pid}) is stopped: it holds its port but answers no client",
                 evidence=(process.line(), f"state {process.state} in /proc/{process.pid}/stat"),
                 command=command_on_robot(snapshot, f"kill -CONT {process.pid}"),
                 explains=SEEN_OVER_THE_GRAPH,
             )
 
 
-def _pinned(snapshot: Snapshot, bound: tuple[Socket, ...]) -> Iterator[Finding]:
+def _pinned_server(snapshot: Snapshot, bound: tuple[Socket, ...]) -> Iterator[Finding]:
     for socket in bound:
         words = shlex.split(socket.command) if socket.command.count('"') % 2 == 0 and "'" not in socket.command else []
         argument = next((words[at + 1] for at, word in enumerate(words[:-1]) if word in ("-l", "--ip-address")), "0.0.0.0")
-        address = socket.address if not socket.anywhere else argument
+        address = socket.address if not socket.is_wildcard else argument
         if address not in ("0.0.0.0", "*", "[::]"):
             yield make_finding(
                 "discovery-server-pinned",

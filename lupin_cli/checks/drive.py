@@ -1,6 +1,7 @@
-"""Drive commands that reach no wheel, or reach it past the drive bus.
+"""Drive commands that reach no wheel, or bypass the drive bus.
 
-An unheard sink, an e-stop, a page or gamepad that wins the bus with zeros, and nodes that bypass the bus or forge the e-stop.
+The checks find a sink without subscribers, an engaged e-stop, a page or gamepad that holds the bus with zeros, and nodes that
+bypass the bus or forge the e-stop's state.
 """
 
 from __future__ import annotations
@@ -23,11 +24,18 @@ from lupin_runtime.graph import (
 
 # The last one is the name that people guess; it exists on no robot.
 SINKS = (CMD_VEL_SINK_ROBOT.name, CMD_VEL_SINK_SIM.name, "/mirte_base_controller/cmd_vel_unstamped")
-# Nodes that subscribe to drive commands and turn no wheel.
-ONLOOKERS = ("light_strip_bridge", "lupin_recorder", "lupin_supervisor", "rosbridge_websocket", "rosapi", "rosbag2_recorder")
-# A page that holds its stop sends zeros at 20 Hz, and the doctor listens for 1.2 s. Fewer may be a hand leaving the stick.
+# Nodes that subscribe to drive commands but turn no wheel.
+PASSIVE_SUBSCRIBERS = (
+    "light_strip_bridge",
+    "lupin_recorder",
+    "lupin_supervisor",
+    "rosbridge_websocket",
+    "rosapi",
+    "rosbag2_recorder",
+)
+# A page that holds its stop sends zeros at 20 Hz, and the doctor listens for 1.2 s. Fewer may come from a released stick.
 MANY_ZEROS = 12
-# Topic → the only node that may publish on it, the finding where another does, and what that one can do.
+# Topic → the only node that may publish on it, and the finding and the danger if another node does.
 SOLE_PUBLISHERS = {
     CMD_VEL_SINK_ROBOT.name: ("twist_mux", "drive-bypassed", "its commands bypass the drive bus and the e-stop"),
     CMD_VEL_SINK_SIM.name: ("twist_mux", "drive-bypassed", "its commands bypass the drive bus and the e-stop"),
@@ -56,7 +64,7 @@ def find_unheard_sinks(snapshot: Snapshot) -> Iterator[Finding]:
             topic = graph.topic(name)
             if topic is None or all(end.is_ghost for end in topic.publishers):
                 continue
-            if any(end.node.rpartition("/")[2] not in ONLOOKERS for end in topic.subscribers):
+            if any(end.node.rpartition("/")[2] not in PASSIVE_SUBSCRIBERS for end in topic.subscribers):
                 continue
             if dict(graph.bus_listeners).get(name, 0) > len(topic.subscribers):
                 continue  # under load, the doctor's view may lack a subscription that the bus itself is matched with
@@ -111,7 +119,7 @@ def find_engaged_stop(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def find_intruders(snapshot: Snapshot) -> Iterator[Finding]:
-    """A node publishes where only the drive bus or the e-stop bridge may."""
+    """A node publishes on a topic on which only the drive bus or the e-stop bridge may publish."""
     for graph in visited_graphs(snapshot):
         for name, (expected, id, danger) in SOLE_PUBLISHERS.items():
             topic = graph.topic(name)
@@ -155,7 +163,7 @@ def find_inputs_sending_zeros(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 CHECKS = (
-    # A bus that is only starting does not publish its own listeners yet: the second visit decides.
+    # A bus that is still starting does not publish its own listeners yet: the second visit decides.
     Check("drive.sink", find_unheard_sinks, laptop=(GRAPH,), followup_laptop=(GRAPH,)),
     Check("drive.estop", find_engaged_stop, laptop=(GRAPH,)),
     Check("drive.publishers", find_intruders, laptop=(GRAPH,)),

@@ -68,21 +68,22 @@ _GRAPH_FAULTS = f"{_GRAPH}::test_simultaneous_graph_faults_are_each_named"
 _ZEROS = f"{_GRAPH}::test_gamepad_zeros_and_type_mismatch_are_named"
 _REAL_NODES = f"{_PROBE}::test_faults_of_real_nodes_give_exactly_their_findings"
 _CAMERA_FAULTS = f"{_CAMERAS}::test_each_fault_of_a_camera_is_named_alone"
-_LATE_JOINER = f"{_PROBE}::test_separate_shared_memory_is_found_with_udp_as_the_fix"
+_LATE_JOINER = f"{_PROBE}::test_separate_shared_memory_is_found_and_udp_fixes_it"
 
 # In the order in which a person would ask: link, discovery, processes, the rest. Checks run in the order of their modules.
 # fmt: off
 FINDINGS: tuple[FindingRow, ...] = (
-    FindingRow("no-carrier", "link", "link.carrier", "nothing of the robot answers over the cable", _UNREACHABLE),
+    FindingRow("no-carrier", "link", "link.carrier", "the robot does not answer over the cable", _UNREACHABLE),
     FindingRow("wifi-roamed", "link", "link.roam",
         "the robot stops driving, its controllers seem dead; ssh says: No route to host",
         f"{_NETWORK_CAPTURES}::test_roamed_wifi_explains_unreachable_robot",
         note="NetworkManager does not run in the simulated laptop; `wifi-roam` causes the lost route for real"),
-    FindingRow("wifi-may-roam", "link", "link.roam-risk", "the link dies in the middle of a session; nobody touched anything",
+    FindingRow("wifi-may-roam", "link", "link.roam-risk",
+        "the link dies in the middle of a session, although nobody touched anything",
         f"{_NETWORK_CAPTURES}::test_equal_wifi_priorities_warn_only_over_radio", severity=Severity.WARNING, playbook="pin-wifi",
         safe=True, note="no NetworkManager"),
     FindingRow("robot-unreachable", "link", "link.reachable",
-        "nothing of the robot answers: no topics, blank panels, dead controllers", _UNREACHABLE,
+        "the robot does not answer: no topics, blank panels, dead controllers", _UNREACHABLE,
         note="no route, timeout, refused, silence, another host key"),
     FindingRow("discovery-server-missing", "discovery", "discovery.server", _NO_GRAPH,
         f"{_LINK}::test_missing_discovery_server_is_the_only_root_cause", playbook="recover-discovery", safe=True),
@@ -96,20 +97,20 @@ FINDINGS: tuple[FindingRow, ...] = (
         "telemetry arrives, commands do not: the base does not drive, arm services and list_controllers time out",
         f"{_LINK}::test_announced_address_without_route_is_named", playbook="single-home"),
     FindingRow("process-older-than-interface", "multihoming", "dds.older-than-interface",
-        "nodes are listed, and no data of them arrives over this link",
+        "nodes are listed, but none of their data arrives over this link",
         f"{_LINK}::test_process_older_than_link_address_is_named"),
     FindingRow("process-multicast-only", "dds_environment", "dds.processes",
-        "a process says it is live and shows no telemetry; a new terminal sees everything",
+        "a process claims to be live but shows no telemetry; a new terminal sees everything",
         f"{_SETUP}::test_node_from_unconfigured_shell_is_the_only_root_cause"),
     FindingRow("process-wrong-server", "dds_environment", "dds.wrong-server",
-        "a process runs and receives nothing of the robot", f"{_SETUP}::test_node_with_wrong_server_is_the_only_root_cause"),
+        "a process runs but receives nothing from the robot", f"{_SETUP}::test_node_with_wrong_server_is_the_only_root_cause"),
     FindingRow("rmw-mismatch", "dds_environment", "dds.middleware", "a process and the other nodes do not hear each other",
         f"{_NETWORK_CAPTURES}::test_process_on_another_middleware_is_named",
         note="only Fast DDS is installed in the test environment"),
     FindingRow("dds-not-set-up", "dds_environment", "dds.shell", "ros2 topic list returns 2 in every terminal of the laptop",
         _BAD_SHELL, severity=Severity.WARNING),
     FindingRow("source-order", "dds_environment", "dds.shell",
-        "every new terminal lists 2 topics, although its start file sources ros-env.sh",
+        "every new terminal lists 2 topics, although its startup file sources ros-env.sh",
         f"{_SETUP}::test_wrong_source_order_is_the_only_root_cause"),
     FindingRow("shell-multicast-only", "dds_environment", "dds.shell",
         "ros2 topic list returns 2 in this terminal: /parameter_events and /rosout", _BAD_SHELL, severity=Severity.WARNING),
@@ -145,10 +146,10 @@ FINDINGS: tuple[FindingRow, ...] = (
         _PORT),
     FindingRow("port-123-taken", "ports", "ports", "the NTP server for the robot does not start: Address already in use",
         _PORT),
-    FindingRow("port-8091-taken", "ports", "ports", "the robot's cameras give no pictures: Address already in use",
+    FindingRow("port-8091-taken", "ports", "ports", "the robot's cameras deliver no pictures: Address already in use",
         f"{_CAMERAS}::test_program_on_the_port_of_the_pictures_is_named"),
-    FindingRow("python-missing", "software", "software.release", "nothing of Lupin can run on the robot", _PREREQUISITE),
-    FindingRow("not-deployed", "software", "software.release", "without the laptop there is no drive bus, e-stop and home pose",
+    FindingRow("python-missing", "software", "software.release", "no part of Lupin can run on the robot", _PREREQUISITE),
+    FindingRow("not-deployed", "software", "software.release", "without the laptop there is no drive bus, e-stop or home pose",
         _RELEASE, severity=Severity.WARNING, playbook="deploy-robot"),
     FindingRow("release-broken", "software", "software.release", "Lupin's units fail at start", _RELEASE,
         playbook="deploy-robot"),
@@ -195,7 +196,7 @@ FINDINGS: tuple[FindingRow, ...] = (
     FindingRow("chrony-not-running", "clocks", "clock.robot",
         "the clock drifts by seconds a day, and by hours over a power-off: there is no hardware clock",
         f"{_HEALTH}::test_stopped_chrony_is_named", severity=Severity.WARNING,
-        note="asks, then plays `install-clock-sync` where chrony may step the clock"),
+        note="asks, then plays `install-clock-sync` if chrony may step the clock"),
     FindingRow("chrony-sources-silent", "clocks", "clock.robot", "the robot's clock follows no time source", _TIME_SOURCE,
         severity=Severity.WARNING, playbook="serve-clock"),
     FindingRow("chrony-not-serving", "clocks", "clock.laptop",
@@ -210,7 +211,7 @@ FINDINGS: tuple[FindingRow, ...] = (
         "telemetry is live, and no drive command, arm service or controller call gets through",
         f"{_GRAPH}::test_dual_homed_robot_shows_one_way_data", playbook="single-home"),
     FindingRow("topic-silent", "topic_delivery", "graph.silent", "everything that needs the topic waits for it", _SILENT),
-    FindingRow("camera-silent", "topic_delivery", "graph.cameras", "a camera's picture is black or stands still", _SILENT),
+    FindingRow("camera-silent", "topic_delivery", "graph.cameras", "a camera's picture is black or frozen", _SILENT),
     FindingRow("graph-not-visited", "topic_delivery", "graph.visit",
         "no program of the laptop can join the graph, or the doctor cannot",
         f"{_GRAPH_CAPTURES}::test_failed_graph_visit_is_named", severity=Severity.WARNING),
@@ -247,9 +248,9 @@ FINDINGS: tuple[FindingRow, ...] = (
     FindingRow("camera-held", "cameras", "cameras",
         "black or missing camera images; 'Device or resource busy' in the system journal",
         f"{_HEALTH}::test_stray_camera_holder_is_named_with_its_pid", note="the device is a file"),
-    FindingRow("camera-absent", "cameras", "cameras.drivers", "no images of a camera", _CAMERA_FAULTS),
-    FindingRow("camera-driver-missing", "cameras", "cameras.drivers", "no images of a camera", _CAMERA_FAULTS),
-    FindingRow("camera-driver-failing", "cameras", "cameras.drivers", "no images of a camera, or interrupted ones",
+    FindingRow("camera-absent", "cameras", "cameras.drivers", "no images from a camera", _CAMERA_FAULTS),
+    FindingRow("camera-driver-missing", "cameras", "cameras.drivers", "no images from a camera", _CAMERA_FAULTS),
+    FindingRow("camera-driver-failing", "cameras", "cameras.drivers", "no images from a camera, or interrupted ones",
         _CAMERA_FAULTS),
     FindingRow("filesystem-read-only", "resources", "machine.storage", "logs stop, settings are lost, a deploy fails", _DISK),
     FindingRow("shared-memory-full", "resources", "machine.storage", "new nodes see names and get no samples, or die at start",
@@ -272,7 +273,7 @@ _BY_ID: Mapping[str, FindingRow] = {row.id: row for row in FINDINGS}
 
 
 def modules() -> tuple[str, ...]:
-    """The modules with Lupin's own checks, in the order in which the checks run."""
+    """Return the modules with Lupin's own checks, in the order in which the checks run."""
     return tuple(f"lupin_cli.checks.{name}" for name in dict.fromkeys(row.module for row in FINDINGS))
 
 
@@ -292,14 +293,14 @@ def make_finding(
     about: str = "",
     blocks_playbooks: Iterable[str] = (),
 ) -> Finding:
-    """Build the finding `id`. Its row gives severity, symptom and playbook where the caller passes none.
+    """Build the finding `id`. Severity, symptom, playbook and safety come from its row unless they are passed.
 
-    `command` is what a person types. `playbook=""` says that in this case only a person can fix it. Raises KeyError for an id
-    without a row.
+    `command` is what a person types. Pass `playbook=""` if only a person can fix this case. Raises KeyError for an id without
+    a row.
     """
     row = _BY_ID[id]
-    chosen = row.playbook if playbook is None else playbook
-    unasked = row.safe if safe is None else safe
+    chosen_playbook = row.playbook if playbook is None else playbook
+    is_safe = row.safe if safe is None else safe
     return Finding(
         id=id,
         severity=severity or row.severity,
@@ -307,7 +308,7 @@ def make_finding(
         symptom=symptom or row.symptom,
         cause=cause,
         evidence=tuple(evidence),
-        fix=Fix(command, chosen, dict(variables or {}), safe=unasked and bool(chosen)),
+        fix=Fix(command, chosen_playbook, dict(variables or {}), safe=is_safe and bool(chosen_playbook)),
         explains=frozenset(explains),
         about=about,
         blocks_playbooks=frozenset(blocks_playbooks),

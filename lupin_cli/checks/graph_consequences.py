@@ -1,11 +1,11 @@
 """Ids of findings that disappear once the machines can communicate again; a broken link or discovery explains them.
 
-Only findings that a graph can cause belong here.
+Only findings about what is observed over a graph belong here.
 """
 
 from __future__ import annotations
 
-# These are observed over DDS: while discovery or the link is broken, they describe that break and not the robot.
+# These are observed over DDS: while discovery or the link is broken, they describe that fault and not the robot.
 SEEN_OVER_THE_GRAPH = frozenset(
     {
         "camera-silent",

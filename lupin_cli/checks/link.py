@@ -45,11 +45,11 @@ def find_unreachable_robot(snapshot: Snapshot) -> Iterator[Finding]:
     meaning, command = _FAILURES.get(link.kind, ("the robot could not be asked", "ping -c 3 {address}"))
     routes, address = snapshot.laptop.get(ROUTES), robot_address(snapshot)
     if link.kind == "no-route" and routes is not None and address and routes.leads_to(address):
-        meaning = "the laptop is on its network, and nothing answers at that address: the robot is off, or its end of the link"
+        meaning = "the laptop is on its network, and nothing answers at that address: the robot or its end of the link is off"
     yield make_finding(
         "robot-unreachable",
         where="link",
-        symptom=f"nothing of {link.robot} answers: no topics, blank panels, dead controllers",
+        symptom=f"{link.robot} does not answer: no topics, blank panels, dead controllers",
         cause=f"{link.address} cannot be reached ({link.kind}): {meaning}",
         evidence=(link.message, *(_route_lines(routes, address) if routes else ())),
         command=link.next_command or command.format(address=link.address, robot=link.robot),
@@ -63,13 +63,13 @@ def find_roamed_wifi(snapshot: Snapshot) -> Iterator[Finding]:
     if manager is None or routes is None or not manager.running or not address or routes.leads_to(address):
         return
     for device in manager.devices:
-        elsewhere = device.type == "wifi" and device.state == "connected" and not _is_access_point(device.connection)
+        on_other_network = device.type == "wifi" and device.state == "connected" and not _is_access_point(device.connection)
         saved = [
             profile
             for profile in manager.profiles
             if profile.wireless and _is_access_point(profile.name) and not profile.active
         ]
-        if elsewhere and saved:
+        if on_other_network and saved:
             yield make_finding(
                 "wifi-roamed",
                 where="laptop",
@@ -112,7 +112,7 @@ def find_roam_risk(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def _rivals(manager: NetworkManager, profile: Profile) -> list[Profile]:
-    """The other WiFi profiles to which NetworkManager gives the same priority as `profile`, or a higher one."""
+    """Return the other WiFi profiles to which NetworkManager gives the same priority as `profile`, or a higher one."""
     priority = profile.priority if profile.autoconnect else -999
     return [
         each
@@ -126,15 +126,15 @@ def find_missing_carrier(snapshot: Snapshot) -> Iterator[Finding]:
     addresses, routes, address = snapshot.laptop.get(ADDRESSES), snapshot.laptop.get(ROUTES), robot_address(snapshot)
     if addresses is None or routes is None or not address:
         return
-    near = [each for each in addresses.every if each.scope == "global" and each.has_neighbor(address)]
-    if near and not any(each.up and each.carrier for each in near):
-        interface = near[0].interface
+    on_subnet = [each for each in addresses.entries if each.scope == "global" and each.on_same_subnet(address)]
+    if on_subnet and not any(each.up and each.carrier for each in on_subnet):
+        interface = on_subnet[0].interface
         yield make_finding(
             "no-carrier",
             where="laptop",
             cause=f"{interface}, which leads to the robot at {address}, has no carrier: "
             "the cable is unplugged, or its other end is off",
-            evidence=(*(each.line() for each in near), *_route_lines(routes, address)),
+            evidence=(*(each.line() for each in on_subnet), *_route_lines(routes, address)),
             command=f"plug the cable in, then: ip -brief link show {interface}",
             explains=ROBOT_UNREACHABLE | SEEN_OVER_THE_GRAPH,
         )

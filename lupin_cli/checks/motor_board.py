@@ -30,32 +30,32 @@ JOURNAL_LINES = 5
 
 
 def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
-    """telemetrix runs and its board does not answer: commands have no effect, wheels spin freely."""
+    """telemetrix runs, but its board does not answer: commands have no effect, wheels spin freely."""
     devices = snapshot.robot_fact(DEVICES)
     journal = snapshot.robot_fact(SYSTEM_JOURNAL)
     units = snapshot.robot_fact(UNIT_STATES)
     vendor = units.get(VENDOR) if units else None
-    silent = [graph for graph in visited_graphs(snapshot) if graph.kind == "robot" and is_board_silent(graph)]
-    running = devices.telemetrix if devices else ()
+    silent_graphs = [graph for graph in visited_graphs(snapshot) if graph.kind == "robot" and is_board_silent(graph)]
+    processes = devices.telemetrix if devices else ()
     kernel = (
         [line.raw for line in journal.kernel if any(word in line.text.lower() for word in SERIAL_TROUBLE)] if journal else []
     )
     # Every process that writes to a device is in state D for an instant; it counts only with a second sign.
-    blocked = [process for process in running if process.state == "D" and (silent or kernel)]
-    gone = bool(running and devices and not devices.serials and any("disconnect" in line.lower() for line in kernel))
-    if not (silent or blocked or gone):
+    blocked_processes = [process for process in processes if process.state == "D" and (silent_graphs or kernel)]
+    left_bus = bool(processes and devices and not devices.serials and any("disconnect" in line.lower() for line in kernel))
+    if not (silent_graphs or blocked_processes or left_bus):
         return
     errors = [
         line.raw
         for line in (journal.units if journal else ())
         if "telemetrix" in line.raw.lower() and any(word in line.text.lower() for word in TELEMETRIX_TROUBLE)
     ]
-    if gone:
+    if left_bus:
         cause = "the board left the USB bus, and telemetrix continues without it"
-    elif blocked:
+    elif blocked_processes:
         cause = "telemetrix hangs in the kernel, waiting for the board's serial port"
     else:
-        cause = "telemetrix runs, and its board sends nothing"
+        cause = "telemetrix runs, but its board sends nothing"
     restart = command_on_robot(snapshot, f"sudo systemctl restart {VENDOR}")
     yield make_finding(
         "board-wedged",
@@ -64,11 +64,11 @@ def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
         evidence=(
             *(
                 f"{name}: {graph.sample_count(name)} samples"
-                for graph in silent
+                for graph in silent_graphs
                 for name in BOARD_TOPICS
                 if graph.sample_count(name) is not None
             ),
-            *(f"telemetrix: pid {process.pid} state {process.state}: {process.command}" for process in running),
+            *(f"telemetrix: pid {process.pid} state {process.state}: {process.command}" for process in processes),
             *((devices.serials or ("no /dev/ttyACM* and no /dev/ttyUSB*",)) if devices else ()),
             *kernel[-JOURNAL_LINES:],
             *errors[-JOURNAL_LINES:],
@@ -80,7 +80,7 @@ def find_wedged_board(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def find_battery_faults(snapshot: Snapshot) -> Iterator[Finding]:
-    """The battery is low, or its state cannot be read, so that missions would not end in time."""
+    """The battery is low, or its state cannot be read and missions would not end in time."""
     for graph in visited_graphs(snapshot):
         if graph.battery is None:
             continue

@@ -1,4 +1,4 @@
-"""Addresses that DDS announces: an unreachable one swallows commands, one that appeared too late is never announced."""
+"""Addresses that DDS announces: commands to an unreachable one are lost, and one that appeared too late is not announced."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lupin_cli.facts.sockets import SOCKETS, Socket, Sockets
 
 # RTPS listens on these ports in all possible domains; sockets above them belong to other programs, or only send.
 _FIRST_PORT, _LAST_PORT = 7400, 32767
-_NAMED_PROCESSES = 4
+_SHOWN_PROCESSES = 4
 
 
 def find_unroutable_address(snapshot: Snapshot) -> Iterator[Finding]:
@@ -34,26 +34,26 @@ def find_unroutable_address(snapshot: Snapshot) -> Iterator[Finding]:
     whitelists = _whitelists(robot)
     unrestricted = [each for each in processes if not each.is_server and not whitelists.get(each.profile)]
     announced = addresses.announced
-    lost = [each for each in announced if not routes.leads_to(each.address)]
-    if not lost or len(lost) == len(announced) or not unrestricted:
+    unroutable = [each for each in announced if not routes.leads_to(each.address)]
+    if not unroutable or len(unroutable) == len(announced) or not unrestricted:
         return
     units = [("mirte-ap", log.access_point), ("mirte-wifi-watchdog", log.watchdog)]
-    active = [f"{name}.service: {state}" for name, state in units if state == "active"]
+    active_units = [f"{name}.service: {state}" for name, state in units if state == "active"]
     command = (
         "sudo systemctl disable --now mirte-ap mirte-wifi-watchdog && sudo reboot"
-        if active
-        else f"sudo ip link set {lost[0].interface} down; sudo systemctl restart mirte-ros.service"
+        if active_units
+        else f"sudo ip link set {unroutable[0].interface} down; sudo systemctl restart mirte-ros.service"
     )
-    routable = [each for each in announced if each not in lost]
+    routable = [each for each in announced if each not in unroutable]
     yield make_finding(
         "robot-multi-homed",
         where="robot",
-        cause=f"the robot announces {_join_addresses(lost)} beside {_join_addresses(routable)}, "
+        cause=f"the robot announces {_join_addresses(unroutable)} beside {_join_addresses(routable)}, "
         "and the laptop has no route to the former",
         evidence=(
             *(f"robot: {each.line()}" for each in announced),
             *(f"laptop: {route.line()}" for route in routes.main),
-            *active,
+            *active_units,
             *packet_lines(snapshot),
         ),
         command=command_on_robot(snapshot, command),
@@ -66,15 +66,15 @@ def _join_addresses(addresses: list[Address]) -> str:
 
 
 def _whitelists(facts: Facts) -> dict[str, tuple[str, ...]]:
-    """Path of a DDS profile → the addresses that it restricts its users to."""
+    """Return the addresses that each DDS profile restricts its users to, by the profile's path."""
     return {profile.path: profile.whitelist for profile in facts.get(DDS_PROFILES) or ()}
 
 
 def find_older_than_interface(snapshot: Snapshot) -> Iterator[Finding]:
-    """A process started before the address of the link existed: it neither announces it nor sends from it.
+    """A process started before the link had its address, and neither announces that address nor sends from it.
 
     A participant opens a sending socket for each address that it finds when it starts (measured with Fast DDS 2.14: all but the
-    first, which is loopback). One that listens on all addresses and has no sending socket for an address is older than it.
+    first, which is loopback). If it listens on all addresses but has no sending socket for one, it is older than that address.
     """
     routes, address = snapshot.laptop.get(ROUTES), robot_address(snapshot)
     if snapshot.robot is None or routes is None or not address or not routes.leads_to(address):
@@ -98,31 +98,31 @@ def _older_processes(snapshot: Snapshot, facts: Facts, address: Address) -> Iter
     if processes is None or sockets is None:
         return
     whitelists = _whitelists(facts)
-    old = [
+    older = [
         process
         for process in processes
         if not process.is_server
         and not whitelists.get(process.profile)
         and lacks_sending_socket(process, sockets, address.address)
     ]
-    if old:
-        named = old[:_NAMED_PROCESSES]
+    if older:
+        shown = older[:_SHOWN_PROCESSES]
         yield make_finding(
             "process-older-than-interface",
             where=facts.machine,
-            cause=f"{', '.join(each.name for each in named)} started before {address.interface} had {address.address}: "
+            cause=f"{', '.join(each.name for each in shown)} started before {address.interface} had {address.address}: "
             "their DDS does not use that address",
             evidence=(
                 address.line(),
                 *(
                     f"{each.name} (process {each.pid}, {each.age_s:.0f} s old): {socket.line()}"
-                    for each in named
+                    for each in shown
                     for socket in _sending_sockets(each, sockets)
                 ),
             ),
             command=command_on_robot(snapshot, "sudo systemctl restart mirte-ros.service")
             if facts.machine == "robot"
-            else f"terminate and start again: {', '.join(str(each.pid) for each in old)}",
+            else f"terminate and start again: {', '.join(str(each.pid) for each in older)}",
             explains=SEEN_OVER_THE_GRAPH,
         )
 
@@ -132,14 +132,14 @@ def _sending_sockets(process: RosProcess, sockets: Sockets) -> list[Socket]:
 
 
 def lacks_sending_socket(process: RosProcess, sockets: Sockets, address: str) -> bool:
-    """Whether `process` listens for DDS on all addresses, sends from some, and has no socket on `address`."""
+    """Return whether `process` listens for DDS on all addresses, sends from some, and has no socket on `address`."""
     bound = [each for each in sockets.of(process.pid) if each.protocol == "udp"]
-    listens = any(each.anywhere and _FIRST_PORT <= each.port <= _LAST_PORT for each in bound)
+    listens = any(each.is_wildcard and _FIRST_PORT <= each.port <= _LAST_PORT for each in bound)
     senders = _sending_sockets(process, sockets)
     return listens and bool(senders) and not any(each.address == address for each in senders)
 
 
-_BOTH = (ADDRESSES, ROS_PROCESSES, SOCKETS, DDS_PROFILES)
+_FACTS = (ADDRESSES, ROS_PROCESSES, SOCKETS, DDS_PROFILES)
 CHECKS = (
     Check(
         "dds.multi-homed",
@@ -147,5 +147,5 @@ CHECKS = (
         laptop=(ROUTES,),
         robot=(ADDRESSES, DISCOVERY_LOG, ROS_PROCESSES, DDS_PROFILES),
     ),
-    Check("dds.older-than-interface", find_older_than_interface, laptop=(ROUTES, *_BOTH), robot=_BOTH),
+    Check("dds.older-than-interface", find_older_than_interface, laptop=(ROUTES, *_FACTS), robot=_FACTS),
 )

@@ -1,4 +1,4 @@
-"""What packets captured on both machines show of a link that is open in one direction only, as evidence lines."""
+"""Evidence lines about packets captured on both machines: in which directions the link passes data."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SHOWN_FLOWS = 4
 
 
 def packet_lines(snapshot: Snapshot) -> tuple[str, ...]:
-    """One line for each machine and direction, or why a machine could not capture. Empty where no packets were captured."""
+    """Return a line for each machine and direction, or why a machine could not capture. Empty if no capture was requested."""
     laptop, robot = _captures(snapshot)
     lines = [
         f"{machine}: packets were not captured: {packets.refused}"
@@ -22,7 +22,7 @@ def packet_lines(snapshot: Snapshot) -> tuple[str, ...]:
     laptop_addresses = set(laptop.own if laptop else ())
     robot_addresses = set(robot.own if robot else ()) - laptop_addresses
     if laptop is not None and not laptop.refused:
-        sent = [flow for flow in laptop.sent() if not robot_addresses or flow.destination in robot_addresses]
+        sent = [flow for flow in laptop.sent_flows() if not robot_addresses or flow.destination in robot_addresses]
         lines.append(f"captured on the laptop for {CAPTURE_S:.0f} s: data sent to the robot: {_format_flows(sent)}")
         lines += [
             f"captured on the laptop: {flow.count} packets to the robot's discovery server at {flow.destination}:{flow.port}"
@@ -30,19 +30,19 @@ def packet_lines(snapshot: Snapshot) -> tuple[str, ...]:
             if flow.port == DISCOVERY_PORT
         ]
     if robot is not None and not robot.refused:
-        arrived = [flow for flow in robot.arrived() if not laptop_addresses or flow.source in laptop_addresses]
-        sent = [flow for flow in robot.sent() if not laptop_addresses or flow.destination in laptop_addresses]
+        arrived = [flow for flow in robot.received_flows() if not laptop_addresses or flow.source in laptop_addresses]
+        sent = [flow for flow in robot.sent_flows() if not laptop_addresses or flow.destination in laptop_addresses]
         lines.append(f"captured on the robot: data that arrived from the laptop: {_format_flows(arrived)}")
         lines.append(f"captured on the robot: data sent to the laptop: {_format_flows(sent)}")
     return tuple(lines)
 
 
 def data_reaches_robot(snapshot: Snapshot) -> bool:
-    """Whether the capture shows data of the laptop arriving at the robot. False also where nothing was captured."""
+    """Return whether the capture shows data from the laptop arriving at the robot. False also if nothing was captured."""
     laptop, robot = _captures(snapshot)
     if laptop is None or robot is None:
         return False
-    return any(flow.is_data and flow.source in laptop.own for flow in robot.arrived())
+    return any(flow.is_data and flow.source in laptop.own for flow in robot.received_flows())
 
 
 def _captures(snapshot: Snapshot) -> tuple[Packets | None, Packets | None]:

@@ -33,27 +33,27 @@ ROBOT_PORTS = (ReservedPort("port-8091-taken", "tcp", 8091, "lupin"),)  # the ca
 
 def find_taken_ports(snapshot: Snapshot) -> Iterator[Finding]:
     """Another program holds a port. A process that this user may not see is not reported."""
-    yield from _taken(snapshot, snapshot.laptop, LAPTOP_PORTS)
+    yield from _find_taken(snapshot, snapshot.laptop, LAPTOP_PORTS)
     units = snapshot.robot_fact(UNIT_STATES)
     if snapshot.robot is not None and units is not None and units.get(CAMERAS):
-        yield from _taken(snapshot, snapshot.robot, ROBOT_PORTS)
+        yield from _find_taken(snapshot, snapshot.robot, ROBOT_PORTS)
 
 
-def _taken(snapshot: Snapshot, machine: Facts, ports: tuple[ReservedPort, ...]) -> Iterator[Finding]:
-    sockets = machine.get(SOCKETS)
+def _find_taken(snapshot: Snapshot, facts: Facts, ports: tuple[ReservedPort, ...]) -> Iterator[Finding]:
+    sockets = facts.get(SOCKETS)
     if sockets is None:
         return
-    robot = machine.machine == "robot"
+    on_robot = facts.machine == "robot"
     for reserved in ports:
         for socket in sockets.on(reserved.protocol, reserved.port):
             if socket.pid and not _is_owner(socket, reserved):
                 yield make_finding(
                     reserved.finding,
-                    where=machine.machine,
+                    where=facts.machine,
                     cause=f"{socket.process} (process {socket.pid}) holds {reserved.protocol.upper()} {reserved.port}",
                     evidence=(socket.line(), socket.command),
-                    command=command_on(snapshot, machine.machine, f"{'sudo ' if robot else ''}kill {socket.pid}"),
-                    explains={f"unit-restarting:{CAMERAS}", f"unit-failed:{CAMERAS}"} if robot else (),
+                    command=command_on(snapshot, facts.machine, f"{'sudo ' if on_robot else ''}kill {socket.pid}"),
+                    explains={f"unit-restarting:{CAMERAS}", f"unit-failed:{CAMERAS}"} if on_robot else (),
                 )
                 break
 

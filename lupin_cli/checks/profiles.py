@@ -1,4 +1,4 @@
-"""The XML profiles that make a process a super client. Fast DDS ignores each of their faults without an error."""
+"""The XML profiles that make a process a super client. Fast DDS reports no error for any fault in them."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def find_profile_faults(snapshot: Snapshot) -> Iterator[Finding]:
         for profile in facts.get(DDS_PROFILES) or ():
             shells, processes = shell_users.get(profile.path, {}), process_users.get(profile.path, {})
             if users := {**shells, **processes}:
-                # The operator's shell decides which server is meant; a process that asks another one is a finding of its own.
+                # The operator's shell decides which server is meant; a process that asks another one is another finding.
                 for id, cause in _faults(profile, shells or processes):
                     yield _profile_finding(snapshot, facts.machine, profile, id, cause, users)
 
 
 def _process_users(facts: Facts) -> dict[str, Users]:
-    """Path of a profile → the processes that name it together with a discovery server."""
+    """Return the processes that name a profile together with a discovery server, by the profile's path."""
     found: dict[str, Users] = {}
     for process in facts.get(ROS_PROCESSES) or ():
         if process.profile and process.server and not process.is_server:
@@ -39,7 +39,7 @@ def _process_users(facts: Facts) -> dict[str, Users]:
 
 
 def _shell_users(facts: Facts) -> dict[str, Users]:
-    """The same for the operator's shell on the laptop, and for the exports that a new shell gets."""
+    """Return the same for the operator's shell on the laptop, and for the exports that a new shell gets."""
     found: dict[str, Users] = {}
     shell = facts.get(SHELL) if facts.machine == "laptop" else None
     if shell is not None:
@@ -52,7 +52,7 @@ def _shell_users(facts: Facts) -> dict[str, Users]:
 
 
 def _faults(profile: Profile, users: Users) -> Iterator[tuple[str, str]]:
-    """Finding id and cause of each fault. A fault that hides the others is returned alone."""
+    """Yield the finding id and the cause of each fault; a fault that hides the others is the only one."""
     if profile.error:
         yield "profile-unreadable", f"Fast DDS cannot use the profile: {profile.error}"
         return
@@ -63,19 +63,19 @@ def _faults(profile: Profile, users: Users) -> Iterator[tuple[str, str]]:
         protocol = profile.protocol or "not given"
         yield (
             "profile-not-super-client",
-            f"discoveryProtocol is {protocol}, not SUPER_CLIENT: its users see only topics of their own",
+            f"discoveryProtocol is {protocol}, not SUPER_CLIENT: its users see only their own topics",
         )
     for server in profile.servers:
         if server.prefix != SERVER_PREFIX:
             yield "profile-wrong-prefix", f"the server's GUID prefix is {server.prefix or 'missing'}, not {SERVER_PREFIX}"
     if profile.protocol == "SUPER_CLIENT" and not profile.servers:
         yield "profile-without-server", "it names no remote server"
-    wanted = {server_host(address) for address in users.values()} - {""}
-    stray = [server for server in profile.servers if wanted and server.address not in wanted]
-    if stray:
+    expected = {server_host(address) for address in users.values()} - {""}
+    wrong_servers = [server for server in profile.servers if expected and server.address not in expected]
+    if wrong_servers:
         yield (
             "profile-wrong-address",
-            f"it points to {stray[0].address}, but ROS_DISCOVERY_SERVER to {', '.join(sorted(wanted))}",
+            f"it points to {wrong_servers[0].address}, but ROS_DISCOVERY_SERVER to {', '.join(sorted(expected))}",
         )
 
 
@@ -90,12 +90,12 @@ def _profile_finding(snapshot: Snapshot, machine: str, profile: Profile, id: str
         cause=f"{profile.path}: {cause}",
         evidence=(profile.line(), *(f"{user}: ROS_DISCOVERY_SERVER={server}" for user, server in users.items())),
         command=command,
-        about="own" if _is_lupins(snapshot, machine, profile) else machine,
+        about="own" if _is_own_profile(snapshot, machine, profile) else machine,
     )
 
 
-def _is_lupins(snapshot: Snapshot, machine: str, profile: Profile) -> bool:
-    """Whether `lupin dds setup` wrote the profile."""
+def _is_own_profile(snapshot: Snapshot, machine: str, profile: Profile) -> bool:
+    """Return whether `lupin dds setup` wrote the profile."""
     shell = snapshot.laptop.get(SHELL)
     return machine == "laptop" and shell is not None and profile.path == f"{dirname(shell.exports_path)}/{OWN_PROFILE}"
 

@@ -8,16 +8,16 @@ from lupin_cli.checks.base import Snapshot
 
 
 def command_on_robot(snapshot: Snapshot, command: str) -> str:
-    """The `ssh` line that runs `command` on the robot."""
+    """Return the `ssh` line that runs `command` on the robot."""
     address = (snapshot.link.address or snapshot.link.robot) if snapshot.link else ""
     return f"ssh {address or 'ROBOT'} {shlex.quote(command)}"
 
 
 def command_on(snapshot: Snapshot, machine: str, command: str) -> str:
-    """The line that runs `command` on `machine` ("laptop" or "robot"), typed on the laptop."""
+    """Return the line that runs `command` on `machine` ("laptop" or "robot"), typed on the laptop."""
     return command_on_robot(snapshot, command) if machine == "robot" else command
 
 
 def robot_option(snapshot: Snapshot) -> str:
-    """` --robot NAME` for a `lupin` command that acts on the robot of the snapshot; empty where none was selected."""
+    """Return ` --robot NAME` for a `lupin` command that acts on the robot of the snapshot; empty if none was selected."""
     return f" --robot {snapshot.link.robot}" if snapshot.link else ""

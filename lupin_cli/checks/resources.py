@@ -13,7 +13,7 @@ from lupin_cli.facts.storage import STORAGE, Mount
 from lupin_cli.facts.system_journal import SYSTEM_JOURNAL
 from lupin_cli.facts.thermal import THERMAL
 
-FULL_KB = 50_000  # below this logs, temporary files and deploys fail
+FULL_KB = 50_000  # below this, logs, temporary files and deploys fail
 NEARLY_FULL_KB, NEARLY_FULL = 500_000, 0.95
 SMALL_KB, SMALL_FULL_KB = 550_000, 2_000
 FEW_INODES = 0.02
@@ -25,7 +25,7 @@ WRITING_PLAYBOOKS = frozenset(
     {"install-clock-sync", "keep-shared-memory", "pin-wifi", "recover-discovery", "serve-clock", "start-onboard", "sync-clock"}
 )
 LITTLE_MEMORY, STALLED = 0.05, 0.30  # fractions: of memory available, of time that processes wait for memory
-HOT_C, TOO_HOT_C = 80.0, 90.0  # the board's vendor throttles from the first, and gives up at the second
+HOT_C, TOO_HOT_C = 80.0, 90.0  # the vendor's limits: the board is throttled from the first on, and fails at the second
 
 
 def find_storage_faults(snapshot: Snapshot) -> Iterator[Finding]:
@@ -39,7 +39,7 @@ def find_storage_faults(snapshot: Snapshot) -> Iterator[Finding]:
             yield make_finding(
                 "filesystem-read-only",
                 where=facts.machine,
-                cause=f"{paths} is read-only: the kernel remounts it so when the card fails",
+                cause=f"{paths} is read-only: the kernel remounts a file system read-only when the card fails",
                 evidence=(f"{mount.raw} (ro)" for mount in read_only),
                 command=command_on(snapshot, facts.machine, "sudo dmesg | grep -iE 'error|remount'"),
                 explains={"home-not-writable"},
@@ -53,7 +53,7 @@ def find_storage_faults(snapshot: Snapshot) -> Iterator[Finding]:
 def _full_mount(snapshot: Snapshot, machine: str, mount: Mount) -> Iterator[Finding]:
     show_largest = command_on(snapshot, machine, f"sudo du -xh --max-depth=2 {mount.path} | sort -h | tail")
     if mount.path == SHARED_MEMORY and mount.size_kb and mount.available_kb < SHARED_MEMORY_KB:
-        # The playbook asks first: it helps only if ended processes left the files, which the size does not show.
+        # `--fix` asks first: the playbook helps only if exited processes left the files, which the size does not show.
         yield make_finding(
             "shared-memory-full",
             where=machine,

@@ -1,4 +1,4 @@
-"""The address at which a robot was reached or tried."""
+"""The address at which the robot was reached, or was tried."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from lupin_cli.facts.routes import ROUTES
 
 
 def robot_address(snapshot: Snapshot) -> str:
-    """The IPv4 address of the robot on the link, reached or tried. Empty where no robot was selected or its name is unknown."""
+    """Return the robot's IPv4 address on the link. Empty if no robot was selected or its name was not resolved."""
     if snapshot.link is None:
         return ""
     address = snapshot.link.address

@@ -30,7 +30,7 @@ MISSING_SYMPTOMS = {
 
 
 def _unit_evidence(snapshot: Snapshot, unit: Unit) -> tuple[str, ...]:
-    """The unit's state and its last lines in the system journal."""
+    """Return the unit's state and its last lines in the system journal."""
     journal = snapshot.robot_fact(SYSTEM_JOURNAL)
     name = unit.name.removesuffix(".service")
     lines = [line.raw for line in (journal.units if journal else ()) if name in line.raw]
@@ -85,26 +85,28 @@ def _unit_faults(snapshot: Snapshot, unit: Unit) -> Iterator[Finding]:
     name = unit.name
     if unit.enabled in ("masked", "masked-runtime") or unit.load == "masked":
         cause, command = f"{name} is masked: systemd cannot start it", f"sudo systemctl unmask {name}"
-        yield _not_enabled(snapshot, unit, cause, _unit_evidence(snapshot, unit), command)
+        yield _unit_not_enabled(snapshot, unit, cause, _unit_evidence(snapshot, unit), command)
     elif unit.type == "oneshot":
         if unit.active == "failed":
             yield _failed_oneshot(snapshot, unit)
     elif unit.active == "failed" and _reached_start_limit(snapshot, unit):
         cause = f"{name} failed too often in a row, and systemd will not start it again"
-        yield _down(
+        yield _unit_down(
             snapshot, "unit-start-limit", unit, cause, f"sudo systemctl reset-failed {name}; sudo systemctl start {name}"
         )
     elif unit.active == "failed":
         cause = f"{name} failed: {unit.result}, exit status {unit.exit_status}"
-        yield _down(snapshot, "unit-failed", unit, cause, f"sudo systemctl restart {name}")
+        yield _unit_down(snapshot, "unit-failed", unit, cause, f"sudo systemctl restart {name}")
     elif _is_restarting(unit):
         cause = f"{name} fails and is restarted, {unit.restarts} times so far"
-        yield _down(snapshot, "unit-restarting", unit, cause, f"sudo journalctl -b -u {name} -n 50")
+        yield _unit_down(snapshot, "unit-restarting", unit, cause, f"sudo journalctl -b -u {name} -n 50")
     elif unit.active == "inactive":
-        yield _down(snapshot, "unit-not-running", unit, f"{name} is installed and not running", f"sudo systemctl start {name}")
+        yield _unit_down(
+            snapshot, "unit-not-running", unit, f"{name} is installed but not running", f"sudo systemctl start {name}"
+        )
     if unit.enabled == "disabled" and unit.active != "failed" and not _is_restarting(unit):
         cause, command = f"{name} will not start at the next boot", f"sudo systemctl enable {name}"
-        yield _not_enabled(snapshot, unit, cause, (unit.line(),), command)
+        yield _unit_not_enabled(snapshot, unit, cause, (unit.line(),), command)
 
 
 def _failed_oneshot(snapshot: Snapshot, unit: Unit) -> Finding:
@@ -132,7 +134,7 @@ def _failed_oneshot(snapshot: Snapshot, unit: Unit) -> Finding:
     )
 
 
-def _not_enabled(snapshot: Snapshot, unit: Unit, cause: str, evidence: tuple[str, ...], command: str) -> Finding:
+def _unit_not_enabled(snapshot: Snapshot, unit: Unit, cause: str, evidence: tuple[str, ...], command: str) -> Finding:
     return make_finding(
         "unit-not-enabled",
         where="robot",
@@ -143,8 +145,8 @@ def _not_enabled(snapshot: Snapshot, unit: Unit, cause: str, evidence: tuple[str
     )
 
 
-def _down(snapshot: Snapshot, id: str, unit: Unit, cause: str, command: str) -> Finding:
-    """A unit that does not run, or not for long."""
+def _unit_down(snapshot: Snapshot, id: str, unit: Unit, cause: str, command: str) -> Finding:
+    """Return the finding for a unit that does not run, or keeps restarting."""
     onboard = unit.name == ONBOARD
     # start-onboard starts drive bus and e-stop without the arm: nothing moves, so `--fix` need not ask.
     by_playbook = onboard and id != "unit-restarting"
@@ -168,7 +170,7 @@ def _severity(unit: Unit) -> Severity:
 
 
 def _reached_start_limit(snapshot: Snapshot, unit: Unit) -> bool:
-    """Whether systemd's start limit was hit. After systemd's own restarts, Result keeps the result of the last run instead."""
+    """Return whether systemd's start limit was hit. After automatic restarts, Result is that of the last run instead."""
     journal = snapshot.robot_fact(SYSTEM_JOURNAL)
     lines = [line.text for line in (journal.units if journal else ()) if line.text.startswith(f"{unit.name}:")]
     return unit.result == "start-limit-hit" or any("repeated too quickly" in text for text in lines)

@@ -1,4 +1,4 @@
-"""What is installed on the robot: a release that can run, Python, and the rights of the user."""
+"""What is installed on the robot: a release that can run, Python, and the permissions of its user."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lupin_cli.facts.versions import VERSIONS
 from lupin_cli.release.paths import ROOT
 
 DEPLOY = "lupin deploy robot"
-# Unix group → devices that it may open. The gamepad's group `input` is required only where Lupin is deployed.
+# Unix group → devices that it may open. The gamepad's group `input` is required only if Lupin is deployed.
 DEVICE_GROUPS = {"dialout": ("/dev/ttyACM", "/dev/ttyUSB"), "video": ("/dev/video",)}
 _FAILING_UNITS = frozenset({"unit-failed", "oneshot-failed", "unit-restarting", "unit-start-limit"})
 
@@ -79,17 +79,17 @@ def find_missing_groups(snapshot: Snapshot) -> Iterator[Finding]:
     if account is None or account.uid == 0:
         return
     present = [*devices.serials, *(video.device for video in devices.videos)] if devices else []
-    wanted = {group for group, paths in DEVICE_GROUPS.items() if any(path.startswith(paths) for path in present)}
+    required = {group for group, paths in DEVICE_GROUPS.items() if any(path.startswith(paths) for path in present)}
     if versions and versions.release and versions.release.current:
-        wanted.add("input")
-    lacking = sorted(group for group in wanted if group in account.known_groups and group not in account.groups)
-    if lacking:
+        required.add("input")
+    missing = sorted(group for group in required if group in account.known_groups and group not in account.groups)
+    if missing:
         yield make_finding(
             "groups-missing",
             where="robot",
-            cause=f"{account.user} is not in {', '.join(lacking)}",
+            cause=f"{account.user} is not in {', '.join(missing)}",
             evidence=(f"id -Gn: {' '.join(account.groups)}",),
-            command=command_on_robot(snapshot, f"sudo usermod -aG {','.join(lacking)} {account.user}"),
+            command=command_on_robot(snapshot, f"sudo usermod -aG {','.join(missing)} {account.user}"),
         )
 
 

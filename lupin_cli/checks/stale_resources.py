@@ -1,4 +1,4 @@
-"""What an ended launch left behind or lost: processes that still hold DDS ports, and shared memory files.
+"""What a launch that has exited left behind, or lost: processes that still hold DDS ports, and shared memory files.
 
 Segments are writable for their owner only, and logind may remove them at the end of a login (RemoveIPC).
 """
@@ -27,7 +27,7 @@ _PORT_FILE = re.compile(r"fast(?:rtps|dds)_port(\d+)")
 
 
 def sweep_command(snapshot: Snapshot, machine: str) -> str:
-    """The command that cleans up one machine. The cleanup checks each owner first and stops nothing that works."""
+    """Return the command that cleans up one machine. The cleanup checks each owner first and stops nothing that works."""
     return f"lupin sweep{robot_option(snapshot) if machine == 'robot' else ''}"
 
 
@@ -53,13 +53,13 @@ def find_stale_processes(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def find_orphaned_memory(snapshot: Snapshot) -> Iterator[Finding]:
-    """Shared memory of killed processes: new participants fail to lock it and never complete discovery."""
+    """Killed processes left shared memory: new participants fail to lock it and never complete discovery."""
     for facts in snapshot.machines:
         files = facts.get(SHARED_MEMORY) or ()
         orphans = [file for file in files if file.lockable and not file.held]
         segments = [file for file in orphans if file.is_segment]
         if not orphans or (len(segments) <= 1 and facts is snapshot.robot and lacks_server(snapshot)):
-            continue  # a single segment is the missing discovery server's, which is a finding of its own
+            continue  # a single segment belongs to the missing discovery server, which is another finding
         total_kib = sum(file.size_bytes for file in orphans) / 1024
         yield make_finding(
             "shared-memory-orphans",
@@ -87,20 +87,20 @@ def find_unshared_memory(snapshot: Snapshot) -> Iterator[Finding]:
             other = next((each for each in members if _cannot_share(each, members[0])), None)
             if other is not None:
                 line = other.line("FASTDDS_BUILTIN_TRANSPORTS")
-                yield _not_shared(facts, members[0], MemoryUser(other.pid, other.user_id, other.name, (line,)), files)
+                yield _unshared_memory(facts, members[0], MemoryUser(other.pid, other.user_id, other.name, (line,)), files)
         known = {process.pid for process in processes}
-        for unknown in filter(None, (_unreadable_user(pid, files) for pid in sorted(holders - known))):
-            near = (members[0] for members in graphs.values() if members[0].domain in unknown.domains)
-            one = next((process for process in near if process.user_id != unknown.user_id), None)
+        for stranger in filter(None, (_unreadable_user(pid, files) for pid in sorted(holders - known))):
+            same_domain = (members[0] for members in graphs.values() if members[0].domain in stranger.domains)
+            one = next((process for process in same_domain if process.user_id != stranger.user_id), None)
             if one is not None:
-                yield _not_shared(facts, one, unknown, files)
+                yield _unshared_memory(facts, one, stranger, files)
 
 
 def find_removed_memory(snapshot: Snapshot) -> Iterator[Finding]:
     """Shared memory was removed while processes use it."""
     for facts in snapshot.machines:
-        if losers := _users_of_removed_memory(facts):
-            yield _removed(snapshot, facts, losers, facts.get(ACCOUNT))
+        if users := _users_of_removed_memory(facts):
+            yield _removed_memory(snapshot, facts, users, facts.get(ACCOUNT))
 
 
 def find_memory_at_risk(snapshot: Snapshot) -> Iterator[Finding]:
@@ -126,12 +126,12 @@ def find_memory_at_risk(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def _users_of_removed_memory(facts: Facts) -> list[RosProcess]:
-    """The processes that hold memory which no other process can open any more. The doctor's own visits do not count."""
-    lost = {file.holder for file in facts.get(SHARED_MEMORY) or () if file.removed}
-    return [each for each in facts.get(ROS_PROCESSES) or () if each.pid in lost and not each.is_graph_probe]
+    """Return the processes that hold memory which no other process can open any more. The doctor's own visits do not count."""
+    holders = {file.holder for file in facts.get(SHARED_MEMORY) or () if file.removed}
+    return [each for each in facts.get(ROS_PROCESSES) or () if each.pid in holders and not each.is_graph_probe]
 
 
-def _removed(snapshot: Snapshot, facts: Facts, losers: list[RosProcess], account: Account | None) -> Finding:
+def _removed_memory(snapshot: Snapshot, facts: Facts, users: list[RosProcess], account: Account | None) -> Finding:
     user = account.user if account is not None and account.loses_memory else ""
     on_robot = facts.machine == "robot"
     return make_finding(
@@ -140,12 +140,12 @@ def _removed(snapshot: Snapshot, facts: Facts, losers: list[RosProcess], account
         cause="the shared memory of running processes was removed"
         + (f" by logind, when the last login of {user} ended" if user else ""),
         evidence=(
-            *(f"{p.name} (process {p.pid}) holds locks on files that are gone from /dev/shm" for p in losers[:4]),
+            *(f"{p.name} (process {p.pid}) holds locks on files that are gone from /dev/shm" for p in users[:4]),
             *((f"logind: RemoveIPC true; {user} does not linger",) if user else ()),
         ),
         command=_keep_memory_command(snapshot, restart=True)
         if on_robot
-        else "start these processes again: " + ", ".join(p.name for p in losers),
+        else "start these processes again: " + ", ".join(p.name for p in users),
         playbook=None if on_robot else "",
         variables={"restart": True} if on_robot else {},
         explains={"names-no-samples", "shared-memory-not-shared"},
@@ -174,7 +174,7 @@ class MemoryUser:
 
 
 def _unreadable_user(pid: int, files: tuple[SharedFile, ...]) -> MemoryUser | None:
-    """A process of another user that holds a segment: its environment is not readable, but its port files show its domains."""
+    """Return another user's process that holds a segment: it is unreadable, but its port files show its domains."""
     user = next((file.user_id for file in files if file.holder == pid and file.is_segment), None)
     ports = (int(found[1]) for file in files if file.holder == pid and (found := _PORT_FILE.fullmatch(file.name)))
     domains = frozenset((port - DOMAIN_0) // DOMAIN_GAIN for port in ports if port >= DOMAIN_0)
@@ -186,7 +186,7 @@ def _cannot_share(one: RosProcess, other: RosProcess) -> bool:
     return different_memory or one.user_id != other.user_id
 
 
-def _not_shared(facts: Facts, one: RosProcess, other: MemoryUser, files: tuple[SharedFile, ...]) -> Finding:
+def _unshared_memory(facts: Facts, one: RosProcess, other: MemoryUser, files: tuple[SharedFile, ...]) -> Finding:
     return make_finding(
         "shared-memory-not-shared",
         where=facts.machine,
@@ -206,8 +206,8 @@ def _not_shared(facts: Facts, one: RosProcess, other: MemoryUser, files: tuple[S
 
 
 _MEMORY = (SHARED_MEMORY, ROS_PROCESSES)
-# A process that is starting or ending holds no lock for a moment, or locks on files that it has removed already. Orphaned and
-# removed memory is therefore read a second time.
+# A process that is starting or exiting holds no lock for a moment, or holds locks on files that it has already removed.
+# Orphaned and removed memory is therefore read a second time.
 CHECKS = (
     Check("dds.zombies", find_stale_processes, laptop=(ROS_PROCESSES, SOCKETS), robot=(ROS_PROCESSES, SOCKETS)),
     Check("dds.shared-memory", find_unshared_memory, laptop=_MEMORY, robot=_MEMORY),

@@ -1,8 +1,8 @@
 """The checks that can run: Lupin's own, those of plug-ins, and the selection by `--only` and `--skip`.
 
 A module that `findings.FINDINGS` names exports `CHECKS`, a tuple. Other packages add checks by an entry point of the group
-`lupin.checks` that names a Check or a sequence of them. A plug-in that cannot be loaded is listed in the diagnosis and stops
-nothing else.
+`lupin.checks` that names a Check or a sequence of them. A plug-in that cannot be loaded is listed in the diagnosis and
+affects nothing else.
 """
 
 from __future__ import annotations
@@ -29,36 +29,36 @@ class UnknownCheck(ValueError):
 
 
 def built_in() -> tuple[Check, ...]:
-    """Lupin's own checks, in the order of the table of findings."""
+    """Return Lupin's own checks, in the order of the table of findings."""
     return tuple(check for module in modules() for check in importlib.import_module(module).CHECKS)
 
 
 def plugged_in(entry_points: Iterable[EntryPoint] | None = None) -> tuple[tuple[Check, ...], tuple[str, ...]]:
-    """Load the checks of other packages. Returns them, and one line for each plug-in that could not be loaded."""
+    """Load the checks of other packages. Return them, and one line for each plug-in that could not be loaded."""
     if entry_points is None:
         entry_points = _installed_entry_points()
     checks: list[Check] = []
-    failed: list[str] = []
+    errors: list[str] = []
     for entry in entry_points:
         plugin = f"plug-in {entry.name} ({entry.value})"
         try:
             loaded = entry.load()
             found = (loaded,) if isinstance(loaded, Check) else tuple(loaded)
         except Exception as error:  # foreign code may raise anything, and must not abort the diagnosis
-            failed.append(f"{plugin}: {type(error).__name__}: {error}")
+            errors.append(f"{plugin}: {type(error).__name__}: {error}")
             continue
-        if strays := [each for each in found if not isinstance(each, Check)]:
-            failed.append(f"{plugin}: {strays[0]!r} is not a lupin_cli.checks.Check")
+        if others := [each for each in found if not isinstance(each, Check)]:
+            errors.append(f"{plugin}: {others[0]!r} is not a lupin_cli.checks.Check")
             continue
         checks += found
-    return tuple(checks), tuple(failed)
+    return tuple(checks), tuple(errors)
 
 
 def _installed_entry_points() -> Iterable[EntryPoint]:
-    """The installed entry points of the group.
+    """Return the installed entry points of the group.
 
     `importlib.metadata` parses the entry points of every group, which takes longer than all checks together. It is used only
-    where the file of an installed distribution contains this group.
+    if the file of an installed distribution contains this group.
     """
     group = f"[{ENTRY_POINT_GROUP}]".encode()
     for folder in map(Path, sys.path):

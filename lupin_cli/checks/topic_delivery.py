@@ -20,9 +20,9 @@ BOARD_TOPICS = tuple(topic.name for topic in REPEATED_TOPICS if MOTOR_BOARD in t
 
 
 def qos_mismatch(publisher: Endpoint, subscriber: Endpoint) -> str:
-    """Why no sample flows from `publisher` to `subscriber`; empty where they are compatible.
+    """Return why no sample flows from `publisher` to `subscriber`; empty if they are compatible.
 
-    A subscription gets all that it requests or nothing (OMG DDS 1.4, 2.2.3, "requested versus offered").
+    A subscription gets everything that it requests, or nothing (OMG DDS 1.4, 2.2.3, "requested versus offered").
     """
     if publisher.type != subscriber.type:
         return f"published as {publisher.type}, expected as {subscriber.type}"
@@ -63,20 +63,20 @@ def _sample_counts(graph: Graph) -> tuple[str, ...]:
 
 
 def _received_data(graph: Graph) -> tuple[str, ...]:
-    """The data that arrived from the graph, as evidence lines. The answer to a call counts: it is a sample like any other."""
+    """Return the data that arrived from the graph, as evidence lines. The answer to a call counts: it is a sample too."""
     samples = (f"{name}: {count} samples" for name, count in graph.samples if count)
     return (*samples, *(call.line() for call in graph.calls if call.round_trip_s is not None))
 
 
 def find_names_without_samples(snapshot: Snapshot) -> Iterator[Finding]:
-    """Topics are listed and none delivers a sample: discovery works, and the data path does not."""
+    """Topics are listed but none delivers a sample: discovery works, the data path does not."""
     for graph in visited_graphs(snapshot):
         if not graph.samples or any(count for _, count in graph.samples):
             continue
         shared_memory = bool(graph.udp_heard)
         if not shared_memory and _received_data(graph):
-            continue  # the data path works: each publisher is silent for a reason of its own
-        other_path = ", not over UDP either: data takes another path than names" if graph.udp_heard == 0 else ""
+            continue  # the data path works: each publisher has its own reason to be silent
+        other_path = ", not even over UDP: data takes another path than names" if graph.udp_heard == 0 else ""
         yield make_finding(
             "names-no-samples",
             where=graph.machine if shared_memory else "link",
@@ -100,7 +100,7 @@ def find_names_without_samples(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def find_one_way_data(snapshot: Snapshot) -> Iterator[Finding]:
-    """Samples arrive from the robot and no call is answered, as when the robot announces an address without a route."""
+    """Samples arrive from the robot but no call is answered, as when the robot announces an address without a route."""
     for graph in visited_graphs(snapshot):
         if len(graph.calls) < 2 or any(call.round_trip_s is not None for call in graph.calls):
             continue
@@ -111,7 +111,7 @@ def find_one_way_data(snapshot: Snapshot) -> Iterator[Finding]:
         yield make_finding(
             "one-way-data",
             where="link" if graph.kind == "robot" else graph.machine,
-            cause="data arrives from the robot and does not reach it: it is sent to an address that the robot announces "
+            cause="data arrives from the robot but does not reach it: it is sent to an address that the robot announces "
             "and to which the laptop has no route",
             evidence=(
                 *(call.line() for call in graph.calls),
@@ -124,7 +124,7 @@ def find_one_way_data(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def _silent_publishers(graph: Graph, name: str) -> str:
-    """The nodes that publish a topic of which no sample arrived; empty where there are none, or only nodes that have ended."""
+    """Return the nodes that publish a topic of which no sample arrived; empty if there are none, or if all have exited."""
     topic = graph.topic(name)
     if topic is None or graph.sample_count(name) != 0 or all(end.is_ghost for end in topic.publishers):
         return ""
@@ -132,7 +132,7 @@ def _silent_publishers(graph: Graph, name: str) -> str:
 
 
 def find_silent_topics(snapshot: Snapshot) -> Iterator[Finding]:
-    """A topic that should repeat has a publisher and delivers nothing, while other data arrives."""
+    """A topic that is published repeatedly has a publisher but delivers nothing, while other data arrives."""
     for graph in visited_graphs(snapshot):
         if not _received_data(graph) or graph.udp_heard:
             continue
@@ -152,7 +152,7 @@ def find_silent_topics(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def find_silent_cameras(snapshot: Snapshot) -> Iterator[Finding]:
-    """A camera's driver is in the graph and publishes no pictures: what it publishes with each does not arrive."""
+    """A camera's driver is in the graph but publishes no pictures: the CameraInfo that comes with each does not arrive."""
     for graph in visited_graphs(snapshot):
         if not _received_data(graph) or graph.udp_heard:
             continue
@@ -165,7 +165,7 @@ def find_silent_cameras(snapshot: Snapshot) -> Iterator[Finding]:
                 "camera-silent",
                 where=graph.machine,
                 symptom=f"no pictures on {image.name}",
-                cause=f"the driver that publishes {image.name} runs and delivers no pictures",
+                cause=f"the driver that publishes {image.name} runs but delivers no pictures",
                 evidence=(
                     f"{name} on {graph.name}: published by {publishers}, 0 samples",
                     *_received_data(graph),
@@ -178,7 +178,7 @@ def find_silent_cameras(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def is_board_silent(graph: Graph) -> bool:
-    """Whether every topic of the motor board has a publisher and no samples, while other data arrives."""
+    """Return whether every topic of the motor board has a publisher and no samples, while other data arrives."""
     counts = [graph.sample_count(name) for name in BOARD_TOPICS if graph.sample_count(name) is not None]
     return len(counts) >= 2 and not any(counts) and bool(_received_data(graph)) and not graph.udp_heard
 
@@ -197,7 +197,7 @@ def find_failed_visits(snapshot: Snapshot) -> Iterator[Finding]:
             )
 
 
-# The follow-up visits the graph again: it produces the packets that are captured, and clears a machine that was only busy.
+# The follow-up visits the graph again: it produces the packets that are captured, and clears findings of a busy moment.
 CHECKS = (
     Check("graph.qos", find_qos_mismatches, laptop=(GRAPH,), followup_laptop=(GRAPH,)),
     Check(

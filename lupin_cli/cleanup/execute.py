@@ -49,18 +49,18 @@ remove() { lock=$1; shift
 class CleanupResult:
     """What a cleanup terminated and removed, what it kept, and one line for each failure."""
 
-    ended: tuple[StaleProcess, ...]
+    terminated: tuple[StaleProcess, ...]
     removed: tuple[StaleSegment, ...]
     kept: tuple[Kept, ...]
-    failed: tuple[str, ...]
+    failures: tuple[str, ...]
 
 
 def find_stale(
-    target: Target, *, user_id: int, runs: Mapping[int, str] | None = None, ourselves: frozenset[int] = frozenset()
+    target: Target, *, user_id: int, runs: Mapping[int, str] | None = None, own_pids: frozenset[int] = frozenset()
 ) -> CleanupPlan:
     """Plan the cleanup of `target`; change nothing. Probes run as root if `user_id` is 0. Raises TargetError.
 
-    See `make_plan` for `runs` and `ourselves`.
+    See `make_plan` for `runs` and `own_pids`.
     """
     scripts = [Script(fact.name, fact.probe, fact.timeout_s, root=user_id == 0) for fact in _FACTS]
     outputs = target.batch(scripts, timeout_s=PROBE_TIMEOUT_S)
@@ -72,30 +72,30 @@ def find_stale(
             raise TargetError(f"{target.name}: {fact.name} cannot be read: {error}", "lupin doctor") from error
 
     processes, sockets, files, tree = value(ROS_PROCESSES), value(SOCKETS), value(SHARED_MEMORY), value(PROCESS_TREE)
-    return make_plan(processes, sockets, files, tree, user_id=user_id, runs=runs, ourselves=ourselves)
+    return make_plan(processes, sockets, files, tree, user_id=user_id, runs=runs, own_pids=own_pids)
 
 
 def clean_up(
-    target: Target, *, user_id: int, runs: Mapping[int, str] | None = None, ourselves: frozenset[int] = frozenset()
+    target: Target, *, user_id: int, runs: Mapping[int, str] | None = None, own_pids: frozenset[int] = frozenset()
 ) -> CleanupResult:
     """Terminate and remove what `find_stale` finds. Raises TargetError.
 
     Processes are terminated first; the plan is then made again, since their shared memory has become stale.
     """
-    plan = find_stale(target, user_id=user_id, runs=runs, ourselves=ourselves)
+    plan = find_stale(target, user_id=user_id, runs=runs, own_pids=own_pids)
     processes, answers = plan.processes, set()
     if processes:
         lines = [f"terminate {process.pid} {process.start_ticks} &" for process in processes]
         answers |= _run(target, _TERMINATE + "\n".join([*lines, "wait"]), user_id)
-        plan = find_stale(target, user_id=user_id, runs=runs, ourselves=ourselves)
+        plan = find_stale(target, user_id=user_id, runs=runs, own_pids=own_pids)
     if plan.segments:
         lines = [shlex.join(["remove", segment.lock, *segment.files]) for segment in plan.segments]
         answers |= _run(target, _REMOVE + "\n".join(lines), user_id)
-    ended = tuple(process for process in processes if f"ended {process.pid}" in answers)
+    terminated = tuple(process for process in processes if f"ended {process.pid}" in answers)
     removed = tuple(segment for segment in plan.segments if f"removed {segment.files[0]}" in answers)
-    failed = [f"{each.name} ({each.pid}) could not be terminated" for each in processes if each not in ended]
-    failed += [f"{each.files[0]} could not be removed: in use by now" for each in plan.segments if each not in removed]
-    return CleanupResult(ended, removed, plan.kept, tuple(failed))
+    failures = [f"{each.name} ({each.pid}) could not be terminated" for each in processes if each not in terminated]
+    failures += [f"{each.files[0]} could not be removed: it is in use by now" for each in plan.segments if each not in removed]
+    return CleanupResult(terminated, removed, plan.kept, tuple(failures))
 
 
 def _run(target: Target, script: str, user_id: int) -> set[str]:

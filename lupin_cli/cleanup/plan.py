@@ -1,9 +1,9 @@
 """Decides which ROS processes and shared memory of a machine are stale. Pure: facts in, plan out.
 
-A process is terminated only if all of this holds: it is a ROS process (by its libraries) that holds a DDS port, it belongs to
-no live run of Lupin, it is not a discovery server, its parent is gone, and no service manager supervises it unless it is
-stopped (state T). The daemon of the `ros2` command only has to be outside live runs. The plan lists the other processes on DDS
-ports with the reason why they are kept.
+A process is terminated only if all of these conditions hold: it is a ROS process (by its libraries) that holds a DDS port; it
+does not belong to a live run of Lupin; it is not a discovery server; its parent is gone; and no service manager supervises it,
+or it is stopped (state T). The daemon of the `ros2` command is terminated unless it belongs to a live run. The plan lists the
+other processes on DDS ports with the reason why they are kept.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lupin_cli.facts.sockets import Sockets
 
 # RTPS 2.2, 9.6.1.1: unicast ports of a domain's first 19 participants, 7410 to 7447 in domain 0.
 _FIRST_PORT, _LAST_PORT, _PORTS_PER_DOMAIN = 7410, 7447, 250
-# The kernel makes one of these the parent of a process whose own parent ended.
+# The kernel makes one of these the parent of a process whose own parent has exited.
 _REAPERS = ("systemd", "init", "tini", "dumb-init", "docker-init", "containerd-shim")
 
 
@@ -77,11 +77,11 @@ def make_plan(
     *,
     user_id: int,
     runs: Mapping[int, str] | None = None,
-    ourselves: Collection[int] = (),
+    own_pids: Collection[int] = (),
 ) -> CleanupPlan:
     """Plan the cleanup of one machine.
 
-    `user_id` is the user that would clean up, `runs` maps the PIDs of live runs to their names, and `ourselves` are the PIDs of
+    `user_id` is the user that would clean up, `runs` maps the PIDs of live runs to their names, and `own_pids` are the PIDs of
     the cleaning program itself.
     """
     stale, kept = [], []
@@ -91,7 +91,7 @@ def make_plan(
         if not ports and not process.is_daemon:
             continue
         subject = f"{process.name} ({process.pid}){_on(ports)}"
-        if reason := _reason_to_keep(process, tree, runs or {}, ourselves):
+        if reason := _reason_to_keep(process, tree, runs or {}, own_pids):
             kept.append(Kept(subject, reason))
         elif user_id not in (0, process.user_id):
             kept.append(Kept(subject, f"belongs to user {process.user_id}", True))
@@ -99,7 +99,7 @@ def make_plan(
             start_ticks = tree.processes[process.pid].start_ticks
             reason = _reason_to_terminate(process)
             stale.append(StaleProcess(process.pid, start_ticks, process.name, process.command, ports, reason))
-    for socket in sockets.every:
+    for socket in sockets.entries:
         if socket.protocol == "udp" and _FIRST_PORT <= socket.port <= _LAST_PORT and socket.pid and socket.pid not in by_pid:
             kept.append(Kept(f"{socket.process} ({socket.pid}) on {socket.port}", "is not a ROS process"))
     segments, kept_segments = _stale_segments(files, tree, user_id)
@@ -122,13 +122,13 @@ def _on(ports: tuple[int, ...]) -> str:
     return f" on {', '.join(map(str, ports))}" if ports else ""
 
 
-def _reason_to_keep(process: RosProcess, tree: ProcessTree, runs: Mapping[int, str], ourselves: Collection[int]) -> str:
+def _reason_to_keep(process: RosProcess, tree: ProcessTree, runs: Mapping[int, str], own_pids: Collection[int]) -> str:
     """Why a ROS process must not be terminated; empty if it may be."""
     lineage = [process.pid, *(ancestor.pid for ancestor in tree.ancestors(process.pid))]
     run = next((runs[pid] for pid in lineage if pid in runs), "")
     if run:
         return f"part of the live run {run}; stop that with: lupin down"
-    if process.pid in ourselves:
+    if process.pid in own_pids:
         return "does the cleanup"
     if process.is_daemon:
         return ""

@@ -1,1 +1,1 @@
-"""One module per verb: a plain verb is a function `command`, a verb with verbs of its own is a Typer called `app`."""
+"""One module per verb: a plain verb is a function `command`, a verb with subcommands is a Typer called `app`."""

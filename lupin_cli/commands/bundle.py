@@ -30,25 +30,25 @@ _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 
 def command(
     robot: Annotated[str, typer.Option("--robot", "-r", help="A robot of lupin.toml, or [user@]host[:port].")] = "",
-    host: Annotated[str, typer.Option("--host", help="The robot at this address; those of lupin.toml are ignored.")] = "",
+    host: Annotated[str, typer.Option("--host", help="Use the robot at this address; ignore those of lupin.toml.")] = "",
     every: ALL = False,
     limit: LIMIT = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The archive; default: lupin-bundle-DATE-TIME.tar.gz.")
+        Path | None, typer.Option("--out", "-o", help="Write to this file; default: lupin-bundle-DATE-TIME.tar.gz.")
     ] = None,
     since: Annotated[
-        str, typer.Option("--since", help="System journals of the last 90s, 30m, 1h, 2d; default: since boot.")
+        str, typer.Option("--since", help="Collect system journals of the last 90s, 30m, 1h, 2d; default: since boot.")
     ] = "",
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing archive.")] = False,
     mask_users: Annotated[bool, typer.Option("--mask-users", help="Mask user names in home paths, too.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Collect and mask, list the files, write nothing.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, alone on standard output.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON on standard output.")] = False,
     config: CONFIG = None,
     ask_sudo: ASK_SUDO = False,
 ) -> None:
     """Pack findings, facts, logs and settings into one archive, without passwords, keys and network names.
 
-    Without --robot it covers only this machine. All machines are only read. Look through the archive before you send it.
+    Without --robot it covers only this machine. Nothing is changed on any machine. Look through the archive before you send it.
 
     Exit status: 0 complete, 1 written, but something could not be read, 2 usage, 3 written, but a robot cannot be reached,
     4 not written.
@@ -66,7 +66,7 @@ def command(
     collector = _collector(robot, host, every, limit, config, ask_sudo, max_age_s)
     options = {"robots": [each.name for each in collector.robots], "since": since, "mask_users": mask_users}
     size = 0
-    with _terminable():
+    with _sigterm_as_ctrl_c():
         try:
             contents = _contents(collector, options, created_s, mask_users)
         finally:
@@ -88,8 +88,8 @@ def _usage(message: str) -> None:
 
 
 @contextlib.contextmanager
-def _terminable() -> Iterator[None]:
-    """Treat SIGTERM like Ctrl-C within the block: both remove the incomplete archive."""
+def _sigterm_as_ctrl_c() -> Iterator[None]:
+    """Treat SIGTERM like Ctrl-C in the block: both remove the incomplete archive."""
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
@@ -220,7 +220,7 @@ def _print_summary(summary: dict[str, Any], dry_run: bool) -> None:
     unreachable = {f"robots/{link['name']}" for link in summary["robots"] if link["unreachable"]}
     for link in summary["robots"]:
         if link["unreachable"]:
-            echo(f"lupin bundle: {link['message']}; the archive is made without it", err=True)
+            echo(f"lupin bundle: {link['message']}; the archive is written without it", err=True)
     if dry_run:
         for row in summary["files"]:
             echo(f"{_size(row['bytes']):>9}  {row['path']:<52} {row['what']}")

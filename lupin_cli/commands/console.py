@@ -1,4 +1,4 @@
-"""`lupin console`: serve a graph to browsers and rosbridge clients; the codes that pair a browser, and the paired browsers."""
+"""`lupin console`: serve a graph to browsers and rosbridge clients; show pairing codes and the paired browsers."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from lupin_runtime.console.sessions import Sessions
 
 UP_TIMEOUT_S = 30.0
-RUN = typer.Option(None, "--run", help="A part of the run's id, if several runs are up.")
-AS_JSON = typer.Option(False, "--json", help="Print JSON, alone on standard output.")
+RUN = typer.Option(None, "--run", help="Select the run by part of its id, if several are up.")
+AS_JSON = typer.Option(False, "--json", help="Print only JSON on standard output.")
 app = typer.Typer(
     help="Serve a running graph to browsers; list and revoke paired browsers.",
     add_completion=False,
@@ -35,15 +35,17 @@ app.command()(certificate)
 def serve(
     context: typer.Context,
     run: str = RUN,
-    host: str = typer.Option("", help="Address to listen on [all of this computer's]."),
-    tls: bool = typer.Option(True, "--tls/--no-tls", help="HTTPS for browsers of other computers."),
-    port: int = typer.Option(8090, min=0, max=65535, help="Port of the page; 0 takes any free one."),
-    rosbridge_port: int = typer.Option(9090, min=0, max=65535, help="Port of rosbridge on 127.0.0.1; 0 takes any free one."),
-    share: bool = typer.Option(False, "--share", help="Print the code of a viewer, who looks and stops."),
+    host: str = typer.Option("", help="Listen on this address [all of this computer's]."),
+    tls: bool = typer.Option(True, "--tls/--no-tls", help="Use HTTPS for browsers on other computers."),
+    port: int = typer.Option(8090, min=0, max=65535, help="Serve the page on this port; 0: any free one."),
+    rosbridge_port: int = typer.Option(
+        9090, min=0, max=65535, help="Serve rosbridge on this port of 127.0.0.1; 0: any free one."
+    ),
+    share: bool = typer.Option(False, "--share", help="Print the code that pairs a viewer, who can only watch and stop."),
 ) -> None:
     """Serve the graph of the live run, or of this shell, until Ctrl-C.
 
-    Exit status: 0 ended, 1 it failed, 2 a port is in use, 3 no such run.
+    Exit status: 0 stopped, 1 the console failed, 2 a port is in use, 3 no such run.
     """
     if context.invoked_subcommand is not None:
         return
@@ -67,16 +69,16 @@ def serve(
             err=True,
         )
         raise typer.Exit(USAGE_ERROR) from error
-    own = folder / "console-foreground"
-    own.mkdir(exist_ok=True)
-    made = launch(next(row for row in TABLE if row.name == "console"), Options(run_path=own))
-    assert made.config is not None
-    made.config["nodes"][0]["parameters"].update(host=host, port=port, rosbridge_port=rosbridge_port, tls=tls)
-    child = start_in_foreground(made, environment, own)
+    console_folder = folder / "console-foreground"
+    console_folder.mkdir(exist_ok=True)
+    console = launch(next(row for row in TABLE if row.name == "console"), Options(run_path=console_folder))
+    assert console.config is not None
+    console.config["nodes"][0]["parameters"].update(host=host, port=port, rosbridge_port=rosbridge_port, tls=tls)
+    child = start_in_foreground(console, environment, console_folder)
     try:
-        described = _wait_for(own, child)
-        if described is not None:
-            print(access_banner(described, environment, sys.stdout, share=share), flush=True)
+        description = _wait_for(console_folder, child)
+        if description is not None:
+            print(access_banner(description, environment, sys.stdout, share=share), flush=True)
         status = child.wait()
     except KeyboardInterrupt:
         status = child.wait()
@@ -84,14 +86,14 @@ def serve(
 
 
 def _wait_for(folder: Path, child: Any) -> ConsoleDescription | None:
-    """The console once it listens; None where its process ends before."""
+    """Return the console's description once it listens; None if its process exits first, or takes too long."""
     from lupin_runtime.console.description import read_description
 
     deadline_s = time.monotonic() + UP_TIMEOUT_S
     while child.poll() is None and time.monotonic() < deadline_s:
-        described = read_description(folder)
-        if described is not None and described.pid == child.pid:
-            return described
+        description = read_description(folder)
+        if description is not None and description.pid == child.pid:
+            return description
         time.sleep(0.05)
     return None
 
@@ -100,7 +102,7 @@ def _wait_for(folder: Path, child: Any) -> ConsoleDescription | None:
 def code(run: str = RUN, as_json: bool = AS_JSON) -> None:
     """Show where the console is, and the codes that pair one browser each.
 
-    Exit status: 0, 3 no console is running.
+    Exit status: 0 shown, 3 no console is running.
     """
     from lupin_runtime.console.description import read_description, spoken
     from lupin_runtime.stack.runs import RunError, find_live_run
@@ -110,24 +112,24 @@ def code(run: str = RUN, as_json: bool = AS_JSON) -> None:
     except RunError as error:
         echo(str(error), err=True)
         raise typer.Exit(UNREACHABLE) from error
-    described = read_description(folder) or read_description(folder / "console-foreground")
-    if described is None:
+    description = read_description(folder) or read_description(folder / "console-foreground")
+    if description is None:
         echo("this run has no console; start one with: lupin console", err=True)
         raise typer.Exit(UNREACHABLE)
     if as_json:
-        print(json.dumps({"url": described.url, "rosbridge_port": described.rosbridge_port, "codes": described.codes}))
+        print(json.dumps({"url": description.url, "rosbridge_port": description.rosbridge_port, "codes": description.codes}))
         return
-    for where in (described.url, *described.lan_urls()):
-        echo(where)
-    for role, each in described.codes.items():
+    for url in (description.url, *description.lan_urls()):
+        echo(url)
+    for role, each in description.codes.items():
         echo(f"{spoken(each)} pairs one browser as {role}")
 
 
 @app.command()
 def sessions(as_json: bool = AS_JSON) -> None:
-    """List the paired browsers, the one used last first. Changes nothing.
+    """List the paired browsers, the most recently used first. Changes nothing.
 
-    Exit status: 0, 2 their file is damaged.
+    Exit status: 0 listed, 2 their file is damaged.
     """
     paired = _sessions().all()
     if as_json:
@@ -145,8 +147,8 @@ def sessions(as_json: bool = AS_JSON) -> None:
 @app.command()
 def revoke(
     name: str = typer.Argument(None, help="The browser's name, as `lupin console sessions` shows it."),
-    everyone: bool = typer.Option(False, "--all", help="Revoke all."),
-    dry_run: bool = typer.Option(False, "--dry-run", help="Say what would be revoked, and change nothing."),
+    everyone: bool = typer.Option(False, "--all", help="Revoke all browsers."),
+    dry_run: bool = typer.Option(False, "--dry-run", help="Show what would be revoked; change nothing."),
 ) -> None:
     """Forget a paired browser; it is disconnected at once and needs a new code.
 
@@ -156,7 +158,7 @@ def revoke(
     names = [pairing.name for pairing in stored.all()]
     chosen = names if everyone else [each for each in names if each == name]
     if (name is None) != everyone or (not chosen and not everyone):
-        echo(f"name one of the paired browsers, or give --all: {', '.join(names) or 'there is none'}", err=True)
+        echo(f"name one of the paired browsers, or type --all: {', '.join(names) or 'none is paired'}", err=True)
         raise typer.Exit(USAGE_ERROR)
     for each in chosen:
         if not dry_run:

@@ -27,23 +27,25 @@ class Outcome:
     authority: CertificateAuthority | None = None
     certificates: Certificates | None = None
     changed: bool = False
-    trusted: bool | None = None  # by this system; None where that cannot be known
-    next_command: str = ""  # what the user has to type to complete the action
+    trusted: bool | None = None  # by this system; None if that cannot be known
+    next_command: str = ""  # what the user must type to complete the action
     lines: list[str] = field(default_factory=list)
     status: int = SUCCESS
 
 
 def certificate(
     install: Annotated[bool, typer.Option("--install", help="Make this system trust the authority; needs root.")] = False,
-    uninstall: Annotated[bool, typer.Option("--uninstall", help="Make this system forget the authority; needs root.")] = False,
+    uninstall: Annotated[
+        bool, typer.Option("--uninstall", help="Make this system distrust the authority; needs root.")
+    ] = False,
     export: Annotated[
-        Path | None, typer.Option("--export", help="Copy the authority's certificate into a file, for other devices.")
+        Path | None, typer.Option("--export", help="Copy the authority's certificate to this file, for other devices.")
     ] = None,
     new_authority: Annotated[
-        bool, typer.Option("--new-authority", help="Replace the authority; every device has to install the new one.")
+        bool, typer.Option("--new-authority", help="Replace the authority; every device must install the new one.")
     ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what would change; change nothing.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, alone on standard output.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON on standard output.")] = False,
 ) -> None:
     """Show the authority that vouches for the console's HTTPS, and how to make a device trust it; create it if there is none.
 
@@ -51,7 +53,7 @@ def certificate(
     vouch for names and addresses of local networks only.
 
     Exit status: 0 done, or nothing to do; 1 the system's store was not changed, and the command to type is printed; 2 usage,
-    or the file of --export cannot be written; 4 there can be no certificate, with the reason.
+    or the file of --export cannot be written; 4 no certificate can be made, and the reason is printed.
     """
     from lupin_runtime.console.certificate import CertificateError, CertificateStore
 
@@ -78,10 +80,10 @@ def certificate(
 
 
 def _refuse_sudo(store: CertificateStore) -> None:
-    """Refuse root by sudo, where root has no certificates: those of the user are meant."""
+    """Refuse to run under sudo if root has no certificates: the user's are meant."""
     user = os.environ.get("SUDO_USER", "root")
     if os.geteuid() == 0 and user != "root" and store.peek() is None:
-        _usage(f"run it as {user}, without sudo: the certificates are that user's, and what needs root is printed")
+        _usage(f"run it as {user}, without sudo: the certificates belong to that user; the command that needs root is printed")
 
 
 def _usage(problem: str) -> None:
@@ -115,7 +117,7 @@ def _change_trust(outcome: Outcome, trust_store: TrustStore | None, store: Certi
     assert authority is not None
     if trust_store is None:
         outcome.status = FAILURE
-        outcome.lines.append("Lupin cannot change this system's store; what to do there: lupin console certificate")
+        outcome.lines.append("Lupin cannot change this system's store; for instructions type: lupin console certificate")
         return
     if outcome.trusted == installing:
         outcome.lines.append(f"nothing to do: this system {'trusts' if installing else 'does not trust'} {authority.name}")
@@ -128,7 +130,7 @@ def _change_trust(outcome: Outcome, trust_store: TrustStore | None, store: Certi
         return
     if not trust_store.is_writable():
         outcome.status, outcome.next_command = FAILURE, command
-        outcome.lines.append(f"{trust_store.folder} is root's; type:\n  {command}")
+        outcome.lines.append(f"{trust_store.folder} can be changed only by root; type:\n  {command}")
         return
     try:
         if installing:
@@ -140,9 +142,9 @@ def _change_trust(outcome: Outcome, trust_store: TrustStore | None, store: Certi
         outcome.lines.append(f"the system's store was not changed: {error}; try again with:\n  {command}")
         return
     outcome.changed, outcome.trusted = True, installing
-    outcome.lines.append(f"this system now {'trusts' if installing else 'has forgotten'} {authority.name} ({path})")
+    outcome.lines.append(f"this system {'now trusts' if installing else 'no longer trusts'} {authority.name} ({path})")
     if installing:
-        outcome.lines.append("browsers on Linux have stores of their own; what to do there: lupin console certificate")
+        outcome.lines.append("browsers on Linux have their own stores; for instructions type: lupin console certificate")
 
 
 def _export(outcome: Outcome, path: Path, dry_run: bool) -> None:
@@ -160,16 +162,16 @@ def _export(outcome: Outcome, path: Path, dry_run: bool) -> None:
     except OSError as error:
         _usage(f"--export: {path} cannot be written: {error.strerror or error}")
     outcome.changed = True
-    outcome.lines.append(f"wrote {path}; what to do with it on each system: lupin console certificate")
+    outcome.lines.append(f"wrote {path}; for instructions on each system type: lupin console certificate")
 
 
 def _replace(outcome: Outcome, before: CertificateAuthority, trust_store: TrustStore | None, dry_run: bool) -> None:
-    """Say what the replaced authority leaves behind."""
+    """Report what is left of the replaced authority."""
     outcome.lines.append(f"would replace {before.name}" if dry_run else f"{before.name} was replaced")
-    outcome.lines.append(f"remove {before.name} from each device that trusts it; a console that runs changes over by itself")
+    outcome.lines.append(f"remove {before.name} from each device that trusts it; a running console uses the new one by itself")
     if trust_store is not None and trust_store.holds(before.id, before.root_pem()):
         outcome.next_command = trust_store.remove_command(before.id)
-        outcome.lines.append(f"from this one with:\n  {outcome.next_command}")
+        outcome.lines.append(f"remove it from this one with:\n  {outcome.next_command}")
 
 
 def _show(outcome: Outcome, store: CertificateStore, dry_run: bool, as_json: bool) -> None:
@@ -195,13 +197,13 @@ def _notes(outcome: Outcome) -> list[str]:
     if made.omitted:
         notes.append(
             f"the authority may not vouch for {', '.join(made.omitted)}, which this machine did not have when it was made; "
-            "for one that may: lupin console certificate --new-authority"
+            "to make one that may: lupin console certificate --new-authority"
         )
     return notes
 
 
 def _facts(outcome: Outcome, store: CertificateStore) -> dict[str, Any]:
-    """The outcome as JSON-able data; its keys are stable. Times are ISO 8601, in UTC."""
+    """Return the outcome as JSON-able data; its keys are stable. Times are ISO 8601, in UTC."""
     authority, made = outcome.authority, outcome.certificates
     return {
         "action": outcome.action,

@@ -69,7 +69,7 @@ def setup(
 
 @app.command()
 def remove(shell: _SHELL = None, dry_run: _DRY_RUN = False) -> None:
-    """Remove everything that setup wrote. The start file is restored byte for byte; a copy with the hook stays beside it."""
+    """Remove everything that setup wrote. The startup file is restored byte for byte; a copy with the hook stays beside it."""
     from lupin_cli.link import dds_setup
 
     paths = _paths()
@@ -89,9 +89,9 @@ def remove(shell: _SHELL = None, dry_run: _DRY_RUN = False) -> None:
 @app.command()
 def check(
     shell: _SHELL = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, alone on standard output.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON on standard output.")] = False,
 ) -> None:
-    """Check each item: profile, exports, start file and its order, the variables of a new terminal and of this one.
+    """Check each item: profile, exports, startup file and its order, the variables of a new terminal and of this one.
 
     Exit status: 0 all correct, 1 something is wrong.
     """
@@ -110,8 +110,8 @@ def _checked_items(paths: SetupPaths, shell: str) -> list[CheckedItem]:
     from lupin_cli.link import dds_check, dds_setup
 
     text = _read(paths.exports)
-    wanted, _ = dds_check.read_exports(text or "", paths.home)
-    ip = dds_check.server_ip(wanted.get("ROS_DISCOVERY_SERVER", ""))
+    expected, _ = dds_check.read_exports(text or "", paths.home)
+    ip = dds_check.server_ip(expected.get("ROS_DISCOVERY_SERVER", ""))
     fix = f"lupin dds setup {ip or dds_setup.DEFAULT_IP}" + ("" if shell == _shell(None) else f" --shell {shell}")
     start = paths.start_file(shell, os.environ)
     items = [
@@ -119,17 +119,17 @@ def _checked_items(paths: SetupPaths, shell: str) -> list[CheckedItem]:
         dds_check.check_exports(text, paths, fix),
         dds_check.check_hook(_read(start), start, paths, fix),
     ]
-    if not wanted:
+    if not expected:
         return items
     if shutil.which(shell):
-        seen = dds_check.new_terminal(shell, os.environ)
-        if seen is None:
+        variables = dds_check.read_terminal_environment(shell, os.environ)
+        if variables is None:
             items.append(dds_check.CheckedItem("new terminal", shell, "it did not answer within 10 s", f"{shell} -i -c env"))
         else:
             search = f"find the line after the hook that changes them, in {start} and the files that it sources"
-            items.append(dds_check.check_variables("new terminal", seen, wanted, f"{shell} -i", items[2].fix or search))
+            items.append(dds_check.check_variables("new terminal", variables, expected, f"{shell} -i", items[2].fix or search))
     source = f". {shlex.quote(str(paths.exports))}    (lupin up does it by itself)"
-    items.append(dds_check.check_variables("this terminal", os.environ, wanted, "environment", source))
+    items.append(dds_check.check_variables("this terminal", os.environ, expected, "environment", source))
     return items
 
 
@@ -167,7 +167,7 @@ def _errors_in_one_line() -> Iterator[None]:
 
 
 def _read(path: Path) -> str | None:
-    """The text of a file, or None if it is missing. Invalid UTF-8 and foreign line ends survive a round trip."""
+    """Return the text of a file, or None if it is missing. Invalid UTF-8 and other line endings survive a round trip."""
     try:
         with path.open(encoding="utf-8", errors="surrogateescape", newline="") as file:
             return file.read()
@@ -176,9 +176,9 @@ def _read(path: Path) -> str | None:
 
 
 def _apply(changes: dict[Path, str | None] | dict[Path, str], dry_run: bool) -> bool:
-    """Write each file (None: delete it), or print the differences in a dry run. Returns whether any file differed."""
-    different = {path: text for path, text in changes.items() if _read(path) != text}
-    for path, text in different.items():
+    """Write each file (None: delete it), or print the differences in a dry run. Return whether any file differed."""
+    changed = {path: text for path, text in changes.items() if _read(path) != text}
+    for path, text in changed.items():
         before = _read(path)
         if dry_run:
             old, new = ((content or "").splitlines(keepends=True) for content in (before, text))
@@ -192,7 +192,7 @@ def _apply(changes: dict[Path, str | None] | dict[Path, str], dry_run: bool) -> 
         else:
             _write(path, text, path)
             echo(f"wrote {path}")
-    return bool(different)
+    return bool(changed)
 
 
 def _write(path: Path, text: str, like: Path) -> None:

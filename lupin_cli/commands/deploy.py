@@ -21,9 +21,9 @@ app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions
 
 DRY_RUN = typer.Option(False, "--dry-run", help="Show what would change; change nothing.")
 DIFF = typer.Option(False, "--diff", help="Show which files change, and the diffs of units.")
-JSON = typer.Option(False, "--json", help="Print JSON, alone on standard output.")
+JSON = typer.Option(False, "--json", help="Print only JSON on standard output.")
 YES = typer.Option(False, "--yes", "-y", help="Answer every question with yes.")
-REMOVE = typer.Option(False, "--remove", help="Remove it again.")
+REMOVE = typer.Option(False, "--remove", help="Remove what was installed.")
 
 
 @app.callback()
@@ -117,7 +117,7 @@ def _variables(robot: Robot, target: Target, rollback: bool) -> dict[str, Any]:
 
 
 def _examine(robot: Robot, inventory: Config, quiet: bool) -> list[str]:
-    """Run the doctor on the robot and return the ids of its problems; prints all findings unless `quiet`."""
+    """Run the doctor on the robot and return the ids of its problems; print all findings unless `quiet`."""
     from lupin_cli.checks.base import Severity
     from lupin_cli.checks.table import built_in
     from lupin_cli.connection.local import LocalTarget

@@ -28,16 +28,18 @@ WATCH_PERIOD_S = 2.0
 
 def command(
     robot: Annotated[str, typer.Option("--robot", "-r", help="A robot of lupin.toml, or [user@]host[:port].")] = "",
-    host: Annotated[str, typer.Option("--host", help="The robot at this address, whatever lupin.toml says.")] = "",
+    host: Annotated[str, typer.Option("--host", help="Examine the robot at this address; ignore those of lupin.toml.")] = "",
     every: ALL = False,
     limit: LIMIT = None,
     fix: Annotated[bool, typer.Option("--fix", help="Play the safe fixes; ask before the others.")] = False,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="With --fix: play all fixes without asking.")] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="With --fix: show what would be changed.")] = False,
-    only: Annotated[list[str] | None, typer.Option("--only", help="Only this check; a name or a pattern, as in dds.*.")] = None,
-    skip: Annotated[list[str] | None, typer.Option("--skip", help="Not this check; a name or a pattern.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="With --fix: show what would change; change nothing.")] = False,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", help="Run only this check; a name or a pattern like dds.*.")
+    ] = None,
+    skip: Annotated[list[str] | None, typer.Option("--skip", help="Skip this check; a name or a pattern.")] = None,
     watch: Annotated[bool, typer.Option("--watch", "-w", help="Examine repeatedly and print changes.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, alone on standard output.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON on standard output.")] = False,
     junit: Annotated[Path | None, typer.Option("--junit", help="Write a JUnit report to this file.")] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Show all lines of evidence.")] = False,
@@ -55,13 +57,13 @@ def command(
     if robot and host:
         _usage("--robot and --host exclude each other")
     if (every or limit) and (robot or host):
-        _usage("--all examines every robot of lupin.toml; name one with --robot, or take some with --all --limit PATTERN")
+        _usage("--all examines every robot of lupin.toml; name one with --robot, or select some with --all --limit PATTERN")
     if every and watch:
-        _usage("--watch looks at one robot; name it with --robot")
+        _usage("--watch examines one robot; name it with --robot")
     if as_json and markdown:
-        _usage("--json and --markdown both want standard output; write one of them at a time")
+        _usage("--json and --markdown both print to standard output; choose one")
     if (yes or dry_run) and not fix:
-        _usage("--yes and --dry-run go with --fix")
+        _usage("--yes and --dry-run need --fix")
     patterns = only or (), skip or ()
     if list_checks:
         for check in _checks(*patterns)[0]:
@@ -76,8 +78,8 @@ def command(
 
         with _progress([each.name for each, *_ in logins], shown=sys.stderr.isatty() and not (as_json or markdown)):
             sessions = [DoctorSession(scope) for scope in _scopes(logins, *patterns)]
-            examined = [_Examined(each, result) for each, result in zip(sessions, examine_all(sessions))]
-        status = _run(examined, options)
+            examinations = [_Examination(each, result) for each, result in zip(sessions, examine_all(sessions))]
+        status = _run(examinations, options)
     except (typer.Exit, KeyboardInterrupt):
         raise
     except typer.Abort:  # Ctrl-C at a question
@@ -109,7 +111,7 @@ class _Options:
 
 
 @dataclass
-class _Examined:
+class _Examination:
     """A session, its latest result, and the fixes that were played in it."""
 
     session: DoctorSession
@@ -127,7 +129,7 @@ def _usage(message: str) -> NoReturn:
 
 
 def _checks(only: Sequence[str], skip: Sequence[str]) -> tuple[tuple[Check, ...], tuple[str, ...]]:
-    """The selected checks, and one line for each plug-in that could not be loaded."""
+    """Return the selected checks, and one line for each plug-in that could not be loaded."""
     from lupin_cli.checks.table import UnknownCheck, built_in, plugged_in, select
 
     added, plugin_errors = plugged_in()
@@ -138,11 +140,11 @@ def _checks(only: Sequence[str], skip: Sequence[str]) -> tuple[tuple[Check, ...]
         raise typer.Exit(USAGE_ERROR) from error
 
 
-_Login = tuple["Robot", "Config", "str | None"]  # with the password of sudo
+_Login = tuple["Robot", "Config", "str | None"]  # with the sudo password
 
 
 def _logins(robot: str, host: str, every: bool, limit: str | None, config_path: Path | None, ask_sudo: bool) -> list[_Login]:
-    """The selected robots; none to examine this machine alone."""
+    """Return the selected robots with config and sudo password; none to examine this machine alone."""
     from lupin_cli.connection.inventory import Config, load
     from lupin_cli.connection.options import ask_sudo_password, find_robot, reporting_errors, select_robots
 
@@ -161,7 +163,7 @@ def _logins(robot: str, host: str, every: bool, limit: str | None, config_path: 
 
 
 def _scopes(logins: Sequence[_Login], only: Sequence[str], skip: Sequence[str]) -> list[DoctorScope]:
-    """One scope for each robot, or one for this machine alone."""
+    """Return one scope for each robot, or one for this machine alone."""
     from lupin_cli.connection.local import LocalTarget
     from lupin_cli.doctor.session import DoctorScope
 
@@ -171,29 +173,29 @@ def _scopes(logins: Sequence[_Login], only: Sequence[str], skip: Sequence[str]) 
     return [DoctorScope(checks, plugin_errors, LocalTarget(), *login) for login in logins]
 
 
-def _run(examined: list[_Examined], options: _Options) -> int:
-    """Play fixes, print the results, watch; returns the exit status."""
+def _run(examinations: list[_Examination], options: _Options) -> int:
+    """Play fixes, print the results, watch; return the exit status."""
     from lupin_cli.doctor.report import exit_status
 
     if options.fix:
-        for each in examined:
+        for each in examinations:
             _play_fixes(each, options)
-    _print(examined, options)
+    _print(examinations, options)
     if options.junit is not None:
-        _write_junit(examined, options.junit)
+        _write_junit(examinations, options.junit)
     if options.watch:
-        _watch(examined[0], options)
-    return max(exit_status(each.result.diagnosis, each.result.link) for each in examined)
+        _watch(examinations[0], options)
+    return max(exit_status(each.result.diagnosis, each.result.link) for each in examinations)
 
 
-def _play_fixes(examined: _Examined, options: _Options) -> None:
+def _play_fixes(examination: _Examination, options: _Options) -> None:
     def note(fix: FixResult) -> None:
-        examined.fixes.append(fix)
+        examination.fixes.append(fix)
         if not options.as_json:
             _print_fix(fix)
 
     accept = _Consent(options.yes, interactive=sys.stdin.isatty() and not (options.as_json or options.markdown))
-    examined.result = examined.session.apply_fixes(examined.result, accept, note, dry_run=options.dry_run)
+    examination.result = examination.session.apply_fixes(examination.result, accept, note, dry_run=options.dry_run)
 
 
 @contextlib.contextmanager
@@ -231,29 +233,29 @@ def _print_fix(fix: FixResult) -> None:
         echo(f"  {change}", err=True)
 
 
-def _print(examined: list[_Examined], options: _Options) -> None:
+def _print(examinations: list[_Examination], options: _Options) -> None:
     from lupin_cli.doctor.report import print_terminal, to_dict, to_markdown
 
     if options.as_json:
         reports = [
             {**to_dict(each.result.diagnosis, each.result.link), "treatments": [fix.to_dict() for fix in each.fixes]}
-            for each in examined
+            for each in examinations
         ]
         print(json.dumps(reports[0] if len(reports) == 1 else {"robots": reports}, indent=2))
         return
-    for each in examined:
+    for each in examinations:
         if options.markdown:
             print(to_markdown(each.result.diagnosis, f"Diagnosis of {each.name}"))
             continue
-        if len(examined) > 1:
+        if len(examinations) > 1:
             print(f"{each.name}:")
         print_terminal(each.result.diagnosis, verbose=options.verbose)
 
 
-def _write_junit(examined: list[_Examined], path: Path) -> None:
+def _write_junit(examinations: list[_Examination], path: Path) -> None:
     from lupin_cli.doctor.report import to_junit
 
-    suites = [to_junit(each.result.diagnosis, each.name) for each in examined]
+    suites = [to_junit(each.result.diagnosis, each.name) for each in examinations]
     try:
         path.write_text('<?xml version="1.0" encoding="utf-8"?>\n<testsuites>\n' + "\n".join(suites) + "\n</testsuites>\n")
     except OSError as error:
@@ -261,19 +263,19 @@ def _write_junit(examined: list[_Examined], path: Path) -> None:
         raise typer.Exit(NO_RESULT) from error
 
 
-def _watch(examined: _Examined, options: _Options) -> None:
-    """Examine until SIGINT or SIGTERM, and print each change of state. The exit status is that of the last state."""
+def _watch(examination: _Examination, options: _Options) -> None:
+    """Examine until SIGINT or SIGTERM, and print each change of state. `examination` keeps the last result."""
     from lupin_cli.doctor.report import print_terminal, to_dict
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, stop)
-    shown = _state(examined.result)
+    shown = _state(examination.result)
     try:
         while True:
             time.sleep(WATCH_PERIOD_S)
-            result = examined.result = examined.session.examine()
+            result = examination.result = examination.session.examine()
             if _state(result) == shown:
                 continue
             shown = _state(result)
@@ -288,6 +290,6 @@ def _watch(examined: _Examined, options: _Options) -> None:
 
 
 def _state(result: DoctorResult) -> object:
-    """What --watch compares: root causes and gaps, but not the numbers in their evidence."""
+    """Return what --watch compares: root causes and gaps, but not the numbers in their evidence."""
     diagnosis = result.diagnosis
     return sorted((root.finding.id, root.finding.where) for root in diagnosis.roots), diagnosis.unknown, diagnosis.check_errors

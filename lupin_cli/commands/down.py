@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 STOP_TIMEOUT_S = 30.0
 HUNG_TIMEOUT_S = 5.0  # for a supervisor that does not respond
-# The processes of a killed supervisor end by themselves within 5 s, unless they hang too.
+# The processes of a killed supervisor exit by themselves within 5 s, unless they hang too.
 ORPHAN_TIMEOUT_S = 7.0
 
 
 def command(
-    run: str = typer.Option(None, "--run", help="A part of the run's id, if several runs are up."),
+    run: str = typer.Option(None, "--run", help="Select the run by part of its id, if several are up."),
     everything: bool = typer.Option(False, "--all", help="Stop every run of this user."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Only print which runs would be stopped."),
 ) -> None:
@@ -56,26 +56,26 @@ def _stop(run: Run, supervisor: RecordedProcess) -> bool:
     from lupin_runtime.stack.recorded import processes_of
 
     if not supervisor.signal(signal.SIGTERM):
-        echo(f"run {run.id}: its files name no supervisor that exists; find it with: fuser {run.path / 'lock'}", err=True)
+        echo(f"run {run.id}: its files name no existing supervisor; find it with: fuser {run.path / 'lock'}", err=True)
         return False
     hung = supervisor_silent_s(run.state()) > 0.0
     supervisor.signal(signal.SIGCONT)  # a process that SIGSTOP suspended handles SIGTERM only after SIGCONT
     processes = processes_of(run)
-    if _until(lambda: not run.alive(), HUNG_TIMEOUT_S if hung else STOP_TIMEOUT_S):
+    if _wait_until(lambda: not run.alive(), HUNG_TIMEOUT_S if hung else STOP_TIMEOUT_S):
         echo(f"run {run.id} stopped")
         return True
     killed = [supervisor] if supervisor.signal(signal.SIGKILL) else []
-    _until(lambda: not any(process.exists() for process in processes), ORPHAN_TIMEOUT_S)
+    _wait_until(lambda: not any(process.exists() for process in processes), ORPHAN_TIMEOUT_S)
     killed += [process for process in processes if process.signal(signal.SIGKILL)]
     names = ", ".join(process.name for process in killed)
-    if not _until(lambda: not run.alive() and not any(process.exists() for process in killed), HUNG_TIMEOUT_S):
+    if not _wait_until(lambda: not run.alive() and not any(process.exists() for process in killed), HUNG_TIMEOUT_S):
         echo(f"run {run.id} did not stop, although these were killed: {names}; restart this computer", err=True)
         return False
     echo(f"run {run.id} stopped; killed, because they did not stop: {names}")
     return True
 
 
-def _until(condition: Callable[[], bool], timeout_s: float) -> bool:
+def _wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
     deadline = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > deadline:

@@ -28,7 +28,7 @@ def root() -> None:
 def layout(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file instead of standard output.")] = None,
 ) -> None:
-    """Write the layout to import into Foxglove or Lichtblick. Needs neither a run nor the extra.
+    """Write the layout to import into Foxglove or Lichtblick. Needs neither a run nor the extra `foxglove`.
 
     Exit status: 0 written, 1 the file cannot be written.
     """

@@ -19,14 +19,14 @@ TIMEOUT_S = 240.0
 
 def command(
     robot: ROBOT = None,
-    run: str = typer.Option(None, "--run", help="Part of a simulated run's name, if several are up."),
-    patience_s: float = typer.Option(5.0, "--patience", min=0.0, help="Seconds to wait for a missing controller."),
+    run: str = typer.Option(None, "--run", help="Select the simulated run by part of its id, if several are up."),
+    patience_s: float = typer.Option(5.0, "--patience", min=0.0, help="Wait this many seconds for a missing controller."),
     config: CONFIG = None,
 ) -> None:
     """Activate the controllers, then send the arm to its home pose; report what was found and done.
 
-    Acts on the run on this machine, or with --robot on a robot, where it runs the same program as the robot's boot.
-    Exit status: 0 the arm was sent home, 1 it was not (with the reason), 2 usage, 3 no run is up or the robot cannot be
+    Acts on the run on this machine; with --robot on a robot, which runs the same program when it boots.
+    Exit status: 0 the arm was sent home, 1 it was not (the reason is printed), 2 usage, 3 no run is up or the robot cannot be
     reached.
     """
     arguments = ("--patience", str(patience_s))

@@ -15,33 +15,33 @@ if TYPE_CHECKING:
     from lupin_cli.playbook.run_record import RunRecord
 
 app = typer.Typer(
-    help="The record of playbook runs: steps, changes and outputs.",
+    help="Show the record of playbook runs: steps, changes and outputs.",
     add_completion=False,
     rich_markup_mode=None,
     invoke_without_command=True,
 )
-AS_JSON = typer.Option(False, "--json", help="Print JSON, alone on standard output.")
+AS_JSON = typer.Option(False, "--json", help="Print only JSON on standard output.")
 
 
 @app.callback()
 def journal(context: typer.Context, as_json: bool = AS_JSON) -> None:
-    """The record of playbook runs: steps, changes and outputs."""
+    """Show the record of playbook runs: steps, changes and outputs."""
     if context.invoked_subcommand is None:
         _list(as_json, 20)
 
 
 @app.command("list")
-def list_(as_json: bool = AS_JSON, count: int = typer.Option(20, "-n", help="How many runs to list.", min=1)) -> None:
+def list_(as_json: bool = AS_JSON, count: int = typer.Option(20, "-n", help="List this many runs.", min=1)) -> None:
     """List the runs, the newest first.
 
-    Exit status: 0.
+    Exit status: 0 listed.
     """
     _list(as_json, count)
 
 
 @app.command()
 def show(
-    run: str = typer.Argument("latest", help="A run's id, its beginning, or: latest."),
+    run: str = typer.Argument("latest", help="A run's id, the start of one, or: latest."),
     as_json: bool = AS_JSON,
 ) -> None:
     """Show one run: its variables, and each step with its changes and outputs.
@@ -71,7 +71,7 @@ def _list(as_json: bool, count: int) -> None:
         print(json.dumps([_plain(run, steps=False) for run in runs]))
         return
     if not runs:
-        echo("there is no run yet; playbooks are listed by: lupin play --list")
+        echo("no playbook has been run yet; list the playbooks with: lupin play --list")
     for run in runs:
         changed = sum(step.state == "changed" for step in run.steps)
         echo(f"{run.run:<48} {run.state:<12} {changed} of {len(run.steps)} steps changed")

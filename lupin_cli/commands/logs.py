@@ -20,8 +20,8 @@ FOLLOW_PERIOD_S = 0.2
 
 def command(
     process: list[str] = typer.Argument(None, help="Names of processes; without one, all."),
-    run: str = typer.Option(None, "--run", help="A part of the run's id; without it the live or the newest run."),
-    lines: int = typer.Option(40, "--lines", "-n", min=0, help="Number of last lines of each log."),
+    run: str = typer.Option(None, "--run", help="Select the run by part of its id; without it, the live or the newest run."),
+    lines: int = typer.Option(40, "--lines", "-n", min=0, help="Print this many of the last lines of each log."),
     follow: bool = typer.Option(False, "--follow", "-f", help="Print new lines until the run ends or Ctrl-C."),
 ) -> None:
     """Print the logs of a run's processes.
@@ -53,7 +53,7 @@ def command(
 
 
 class _Tail:
-    """The lines of a log, read as it grows. One that was shortened meanwhile is read from its beginning."""
+    """The lines of a log, read as it grows. A log that was truncated is read from its beginning."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -66,7 +66,7 @@ class _Tail:
         return self._rest.decode(errors="replace").rstrip()
 
     def lines(self) -> list[str]:
-        """The lines that were completed since the last call, at first all of them."""
+        """Return the lines that were completed since the last call; the first call returns all of them."""
         try:
             with self._path.open("rb") as log:
                 if log.seek(0, 2) < self._position:
@@ -74,17 +74,17 @@ class _Tail:
                 log.seek(self._position)
                 data = log.read()
         except OSError:
-            return []  # being replaced, or the disk is in trouble: the next call looks again
+            return []  # being replaced, or the disk fails: the next call tries again
         self._position += len(data)
         *complete, self._rest = (self._rest + data).split(b"\n")
         return [line.decode(errors="replace").rstrip() for line in complete]
 
 
 def _follow(run: Run, processes: list[str], tails: dict[Path, _Tail]) -> None:
-    """Print new lines until the run has ended; also of processes that start later, unless some were named."""
+    """Print new lines until the run has ended, also those of processes that start later, unless some were named."""
     alive = True
     while alive:
-        alive = run.alive()  # asked first: what a process writes at its end is printed too
+        alive = run.alive()  # read first, so that what a process writes at its end is printed too
         for path in sorted(run.logs.glob("*.log")):
             if processes and path.stem not in processes:
                 continue

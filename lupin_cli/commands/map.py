@@ -1,4 +1,4 @@
-"""`lupin map`: builds maps from logs, optimizes pose graphs and plans on maps, without a robot."""
+"""`lupin map`: build maps from logs, optimize pose graphs and plan on maps, without a robot."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def maps() -> None:
 @app.command()
 def build(
     log: Path = typer.Argument(..., help="A CARMEN log (FLASER or ROBOTLASER1 lines; .gz too), or an MCAP recording of a run."),
-    out: Path = typer.Option(..., "--out", help="Folder for map.yaml, map.pgm, trajectory.tum and graph.g2o."),
+    out: Path = typer.Option(..., "--out", help="Write map.yaml, map.pgm, trajectory.tum and graph.g2o to this folder."),
     resolution: float = typer.Option(0.05, "--resolution", help="Meters per cell.", min=0.01, max=1.0),
     max_range: float = typer.Option(
-        None, "--max-range", help="Largest range to use, m (default: 40, or 12 for a recording).", min=0.5
+        None, "--max-range", help="Use ranges up to this, m (default: 40, or 12 for a recording).", min=0.5
     ),
     refine: bool = typer.Option(True, "--refine/--no-refine", help="Match every keyframe again after loops are closed."),
-    as_json: bool = typer.Option(False, "--json", help="Print one JSON object, alone on standard output."),
+    as_json: bool = typer.Option(False, "--json", help="Print only one JSON object on standard output."),
 ) -> None:
     """Build a map from a log: match scans, close loops, and write each scan's pose with the log's own stamp.
 
@@ -107,8 +107,8 @@ app.command("plan")(plan)
 @app.command()
 def optimize(
     graph: Path = typer.Argument(..., help="A pose graph in g2o's text format: VERTEX_SE2, EDGE_SE2."),
-    out: Path = typer.Option(None, "--out", help="Where to write the optimized graph."),
-    as_json: bool = typer.Option(False, "--json", help="Print one JSON object, alone on standard output."),
+    out: Path = typer.Option(None, "--out", help="Write the optimized graph to this file."),
+    as_json: bool = typer.Option(False, "--json", help="Print only one JSON object on standard output."),
 ) -> None:
     """Find the poses that fit a pose graph's edges best.
 

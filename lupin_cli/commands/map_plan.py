@@ -13,7 +13,7 @@ from lupin_cli.terminal import echo
 
 
 def _point(text: str, option: str) -> tuple[float, float]:
-    """Parse X,Y; a usage error unless both are finite numbers."""
+    """Parse X,Y. Exits with a usage error unless both are finite numbers."""
     try:
         x, y = (float(part) for part in text.split(","))
     except ValueError:
@@ -31,7 +31,7 @@ def plan(
     radius: float = typer.Option(0.22, "--radius", help="The path's minimum distance from occupied cells, m."),
     tolerance: float = typer.Option(0.0, "--tolerance", help="How far from an unreachable goal the path may end, m."),
     unknown: bool = typer.Option(True, "--unknown/--no-unknown", help="Allow paths through unknown cells."),
-    as_json: bool = typer.Option(False, "--json", help="Print one JSON object, alone on standard output."),
+    as_json: bool = typer.Option(False, "--json", help="Print only one JSON object on standard output."),
 ) -> None:
     """Find the shortest path of a disc through a map.
 
@@ -45,7 +45,7 @@ def plan(
     from lupin_runtime.navigation.planning.shortest_path import find_shortest_path
     from lupin_runtime.slam.map_io import load_map
 
-    ends = _point(start, "--from"), _point(goal, "--to")
+    endpoints = _point(start, "--from"), _point(goal, "--to")
     for name, value in (("--radius", radius), ("--tolerance", tolerance)):
         if not (math.isfinite(value) and value >= 0.0):
             echo(f"{name}: expected meters, 0 or more, found {value}", err=True)
@@ -60,16 +60,16 @@ def plan(
         raise typer.Exit(USAGE_ERROR) from error
     began = time.perf_counter()
     try:
-        found = find_shortest_path(grid, *ends, radius, tolerance, unknown)
+        found = find_shortest_path(grid, *endpoints, radius, tolerance, unknown)
     except ValueError as error:
         echo(f"--radius: {error}", err=True)
         raise typer.Exit(USAGE_ERROR) from error
-    except NoPath as refusal:
+    except NoPath as error:
         spent_ms = (time.perf_counter() - began) * 1e3
         if as_json:
-            print(json.dumps({"length_m": None, "path": [], "planning_ms": round(spent_ms, 3), "reason": str(refusal)}))
-        echo(str(refusal), err=True)
-        raise typer.Exit(FAILURE) from refusal
+            print(json.dumps({"length_m": None, "path": [], "planning_ms": round(spent_ms, 3), "reason": str(error)}))
+        echo(str(error), err=True)
+        raise typer.Exit(FAILURE) from error
     spent_ms = (time.perf_counter() - began) * 1e3
     if as_json:
         path = [[round(float(x), 4), round(float(y), 4)] for x, y in found.points]

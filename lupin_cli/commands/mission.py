@@ -22,7 +22,7 @@ app = typer.Typer(
 
 @app.command()
 def diagram(
-    form: Annotated[str, typer.Option("--format", "-f", help="mermaid, dot, svg or ascii.")] = "mermaid",
+    form: Annotated[str, typer.Option("--format", "-f", help="Draw as mermaid, dot, svg or ascii.")] = "mermaid",
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file instead of standard output.")] = None,
 ) -> None:
     """Draw the mission's state machine. Needs neither a run nor ROS."""

@@ -26,26 +26,26 @@ if TYPE_CHECKING:
 
 
 def command(
-    name: str = typer.Argument(None, help="A shipped playbook's name, or a file of your own."),
+    name: str = typer.Argument(None, help="A shipped playbook's name, or your own file."),
     list_all: bool = typer.Option(False, "--list", help="List the shipped playbooks."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Show what would change; change nothing."),
     diff: bool = typer.Option(False, "--diff", help="Show how files change."),
     from_step: str = typer.Option("", "--from", help="Begin at this step: its name or number."),
     resume: bool = typer.Option(False, "--resume", help="Continue the newest run that was cut off or failed."),
-    undo: str = typer.Option("", "--undo", help="Undo a run: its id as in `lupin journal`, or: latest."),
+    undo: str = typer.Option("", "--undo", help="Undo this run: an id from `lupin journal`, or: latest."),
     yes: bool = typer.Option(False, "--yes", "-y", help="Answer every question with yes."),
     break_lease: BREAK_LEASE = False,
-    variables: list[str] = typer.Option(None, "-v", "--var", help="A variable, name=value. Can be repeated."),
+    variables: list[str] = typer.Option(None, "-v", "--var", help="Set a variable: name=value. Can be repeated."),
     robot: ROBOT = None,
     every: ALL = False,
     limit: LIMIT = None,
     config: CONFIG = None,
     ask_sudo: ASK_SUDO = False,
-    as_json: bool = typer.Option(False, "--json", help="Print JSON, alone on standard output."),
+    as_json: bool = typer.Option(False, "--json", help="Print only JSON on standard output."),
 ) -> None:
     """Play a playbook: change what differs, verify each change, leave the rest alone.
 
-    Every run is journaled; --resume continues one that was cut off, --undo takes its changes back.
+    Every run is journaled; --resume continues one that was cut off, --undo reverts its changes.
     Exit status: 0 done or nothing to do, 1 a step failed or was declined, 2 usage or a bad playbook, 3 a robot cannot be
     reached, 130 interrupted.
     """
@@ -55,7 +55,7 @@ def command(
     from lupin_cli.playbook import JournalError, PlaybookError, find_playbook_run, load
 
     if not name:
-        _fail_usage("say which playbook; they are listed by: lupin play --list")
+        _fail_usage("name a playbook; list them with: lupin play --list")
     with reporting_errors("play"):
         try:
             playbook = load(name)
@@ -83,7 +83,7 @@ def command(
             )
             results = _play_on_all(request, robots)
         except KeyboardInterrupt:
-            # The second one: exit at once instead of waiting for the threads of the runs. The journal is complete.
+            # The second Ctrl-C: exit at once instead of waiting for the threads of the runs. The journal is complete.
             os._exit(INTERRUPTED)
         except (FileNotFoundError, PlaybookError) as error:
             _fail_usage(str(error))
@@ -109,10 +109,10 @@ def _fail_usage(message: str, next_command: str = "") -> Any:
 
 
 def _list(as_json: bool) -> None:
-    from lupin_cli.playbook import PlaybookError, load, shipped
+    from lupin_cli.playbook import PlaybookError, list_shipped, load
 
     try:
-        playbooks = [load(path) for path in shipped()]
+        playbooks = [load(path) for path in list_shipped()]
     except PlaybookError as error:
         _fail_usage(str(error))
     if as_json:
@@ -214,7 +214,7 @@ def _play_on_all(request: _Request, robots: list[Robot | None]) -> list[Result]:
 
 
 def ask_operator(yes: bool) -> Callable[[str], bool]:
-    """Return what answers a step's question: `yes`, else the operator at the terminal; no without a terminal."""
+    """Return a function that answers a step's question: yes if `yes`, else as the operator types; no without a terminal."""
     one_at_a_time = threading.Lock()
 
     def confirm(question: str) -> bool:
@@ -235,14 +235,14 @@ _MARKS = {
     "skipped": "-",
     "skipped before": "-",
 }
-_QUIET_S = 1.0
+_SHOW_OUTPUT_AFTER_S = 1.0
 
 
 class ProgressPrinter:
     """Prints progress on standard error: one line per step, and the output of a step that takes long."""
 
     def __init__(self, *, quiet: bool, several: bool, diff: bool) -> None:
-        """`several` robots: each line names its robot. `diff`: print the diffs of files."""
+        """With `several` robots, each line names its robot. With `diff`, the diffs of files are printed."""
         self._quiet = quiet
         self._several = several
         self._diff = diff
@@ -257,36 +257,36 @@ class ProgressPrinter:
     def _print(self, event: Event) -> None:
         if self._quiet:
             return
-        lead = f"[{event.robot}] " if self._several else ""
+        prefix = f"[{event.robot}] " if self._several else ""
         place = f"{event.index + 1:>{len(str(event.total))}}/{event.total}"
         if event.kind == "step":
             self._started_s[event.robot] = time.monotonic()
         elif event.kind == "difference" and event.text:
-            echo(f"{lead}{place}   {event.step}: {event.text}", err=True)
+            echo(f"{prefix}{place}   {event.step}: {event.text}", err=True)
             if self._diff and event.diff:
                 for line in event.diff.splitlines():
-                    echo(f"{lead}        {line}", err=True)
-        elif event.kind == "line" and time.monotonic() - self._started_s.get(event.robot, 0.0) > _QUIET_S:
-            echo(f"{lead}        {event.text}", err=True)
+                    echo(f"{prefix}        {line}", err=True)
+        elif event.kind == "line" and time.monotonic() - self._started_s.get(event.robot, 0.0) > _SHOW_OUTPUT_AFTER_S:
+            echo(f"{prefix}        {event.text}", err=True)
         elif event.kind == "step-end":
             mark = _MARKS.get(event.state, "!")
             took = f" ({event.duration_s:.1f} s)" if event.duration_s >= 1.0 else ""
             state = "" if event.state in ("same", "changed") else f": {event.state}"
-            echo(f"{lead}{place} {mark} {event.step}{state}{took}", err=True)
+            echo(f"{prefix}{place} {mark} {event.step}{state}{took}", err=True)
 
 
 def print_result(result: Result, as_json: bool) -> None:
-    """Print how a run ended; with `as_json` only what went wrong, on standard error."""
-    where = f"{result.robot}: " if result.robot else ""
+    """Print how a run ended; with `as_json`, only what went wrong, on standard error."""
+    prefix = f"{result.robot}: " if result.robot else ""
     if result.state == "done" and not as_json:
         would = "would change" if result.dry_run else "changed"
         summary = result.message or (
             f"{result.changed} of {len(result.steps)} steps {would}" if result.changed else "nothing to do"
         )
         journal = f"; journal: lupin journal show {result.run}" if result.run and result.changed else ""
-        echo(f"{where}{result.playbook}: {summary}{journal}")
+        echo(f"{prefix}{result.playbook}: {summary}{journal}")
     elif result.state != "done":
-        echo(f"{where}{result.playbook}: {result.state}: {result.message}", err=True)
+        echo(f"{prefix}{result.playbook}: {result.state}: {result.message}", err=True)
         if result.next_command:
             echo(f"  next: {result.next_command}", err=True)
         if result.resume and not result.next_command.startswith(result.resume):

@@ -28,13 +28,13 @@ STOP_GRACE_S = 5.0
 
 def command(
     run: str = typer.Argument("latest", help=RUN_HELP),
-    rate: float = typer.Option(1.0, "--rate", "-r", help="Playback speed relative to the recording."),
-    loop: bool = typer.Option(False, "--loop", help="Start again at the end, until interrupted."),
-    topics: str = typer.Option("", "--topics", help="Comma-separated topic names; without it all topics."),
+    rate: float = typer.Option(1.0, "--rate", "-r", help="Play at this speed relative to the recording."),
+    loop: bool = typer.Option(False, "--loop", help="Repeat until interrupted."),
+    topics: str = typer.Option("", "--topics", help="Play only these comma-separated topics; without it, all."),
     wait: float = typer.Option(0.0, "--wait", min=0.0, max=600.0, help="First wait up to this many seconds for subscribers."),
     page: bool = typer.Option(False, "--page", help="Show the report, which has a time slider; build it if missing."),
     info: bool = typer.Option(False, "--info", help="Only list what is recorded."),
-    as_json: bool = typer.Option(False, "--json", help="With --info: print JSON, alone on standard output."),
+    as_json: bool = typer.Option(False, "--json", help="With --info: print only JSON on standard output."),
 ) -> None:
     """Publish a recorded run onto a private graph on this machine, which other terminals can join.
 
@@ -91,8 +91,8 @@ def _info(summaries: list[Summary], as_json: bool) -> None:
         for column in table.columns[2:]:
             column.justify = "right"
         for topic in summary.topics:
-            over_s = max(summary.duration_s, 1e-9)
-            numbers = (f"{topic.messages}", f"{topic.messages / over_s:.1f}", f"{topic.bytes / over_s / 1e3:.1f}")
+            duration_s = max(summary.duration_s, 1e-9)
+            numbers = (f"{topic.messages}", f"{topic.messages / duration_s:.1f}", f"{topic.bytes / duration_s / 1e3:.1f}")
             table.add_row(topic.channel.topic, topic.channel.type, *numbers)
         console.print(table)
 
@@ -114,9 +114,9 @@ def _summary_json(summary: Summary) -> dict[str, Any]:
 
 
 def _play(files: list[Path], options: list[str], rate: float) -> int:
-    """Run the player in its own DDS domain and show its progress; returns its exit status."""
+    """Run the player in its own DDS domain and show its progress; return its exit status."""
     # Imported first, while there is nothing to interrupt: a SIGINT during code that is executed from a string, such as a
-    # dataclass definition, terminates CPython even where KeyboardInterrupt is caught.
+    # dataclass definition, terminates CPython even if KeyboardInterrupt is caught.
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 

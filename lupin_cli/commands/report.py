@@ -13,8 +13,8 @@ from lupin_cli.terminal import echo
 
 def command(
     run: str = typer.Argument("latest", help=RUN_HELP),
-    out: Path = typer.Option(None, "--out", help="Write the report into this folder."),
-    as_json: bool = typer.Option(False, "--json", help="Print the report's JSON, alone on standard output."),
+    out: Path = typer.Option(None, "--out", help="Write the report to this folder."),
+    as_json: bool = typer.Option(False, "--json", help="Print only the report's JSON on standard output."),
     open_page: bool = typer.Option(False, "--open", help="Open the page in a browser."),
 ) -> None:
     """Build the report of a recorded run: report.html and report.json, and trajectory.tum beside the recording.

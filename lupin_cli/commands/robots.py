@@ -40,7 +40,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-_JSON = Annotated[bool, typer.Option("--json", help="Print JSON, alone on standard output.")]
+_JSON = Annotated[bool, typer.Option("--json", help="Print only JSON on standard output.")]
 _NAME = Annotated[str, typer.Argument(help="The robot's name.")]
 
 
@@ -79,14 +79,14 @@ def list_robots(config: CONFIG = None, as_json: _JSON = False) -> None:
         cells.append((f"{row['name']}{' *' if row['default'] else ''}", row["user"], addresses, accepted))
     _print_table(("robot", "user", "addresses", "host key"), cells)
     if not inventory.robots:
-        echo(f"{inventory.path} has no robots; this is a robot as it is delivered. Add one: lupin robots add NAME ADDRESS")
+        echo(f"{inventory.path} has no robots; the one shown is a robot as delivered. Add yours: lupin robots add NAME ADDRESS")
 
 
 @app.command()
 def add(
     name: _NAME,
     address: Annotated[str, typer.Argument(help="[user@]host[:port]; the host may be an alias of ~/.ssh/config.")],
-    transport: Annotated[str, typer.Option("--transport", help="The address belongs to: wired, router or ap.")] = "wired",
+    transport: Annotated[str, typer.Option("--transport", help="Use the address for wired, router or ap.")] = "wired",
     config: CONFIG = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the new lupin.toml and write nothing.")] = False,
 ) -> None:
@@ -164,7 +164,9 @@ def check(
     results = [result for result in found.values() if isinstance(result, CheckResult)]
     if as_json:
         echo(
-            json.dumps([asdict(_failed(name, each) if isinstance(each, TargetError) else each) for name, each in found.items()])
+            json.dumps(
+                [asdict(_failed_check(name, each) if isinstance(each, TargetError) else each) for name, each in found.items()]
+            )
         )
     else:
         if results:
@@ -210,7 +212,7 @@ def _root_access(output: Output, sudo_password: str | None) -> str:
     return "yes" if sudo_password is None else "with a password"
 
 
-def _failed(name: str, error: TargetError) -> CheckResult:
+def _failed_check(name: str, error: TargetError) -> CheckResult:
     return CheckResult(name, False, error=str(error), next_command=error.next_command)
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def command(
     process: str = typer.Argument(None, help="A process of the stack; without one, list the processes."),
-    run: str = typer.Option(None, "--run", help="A part of the run's id, if several runs are up."),
+    run: str = typer.Option(None, "--run", help="Select the run by part of its id, if several are up."),
     parameter: list[str] = typer.Option([], "--parameter", "-p", help="Override a parameter: NODE.NAME=VALUE, VALUE as JSON."),
 ) -> None:
     """Run one process of the stack in the foreground, on the graph of the live run if there is one."""
@@ -45,7 +45,7 @@ def command(
 
 
 def _program(row: ProcessRow) -> str:
-    """The program of a row without nodes."""
+    """Return the program of a row without nodes."""
     from lupin_runtime.stack.table import Options
 
     command = row.command(Options()) if row.command is not None else [sys.executable]

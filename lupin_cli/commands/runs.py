@@ -20,14 +20,14 @@ app = typer.Typer(
     rich_markup_mode=None,
     no_args_is_help=True,
 )
-AS_JSON = typer.Option(False, "--json", help="Print JSON, alone on standard output.")
+AS_JSON = typer.Option(False, "--json", help="Print only JSON on standard output.")
 
 
 @app.command("list")
 def list_(as_json: bool = AS_JSON) -> None:
     """List the runs with their result and size, oldest first. Changes nothing.
 
-    Exit status: 0.
+    Exit status: 0 listed.
     """
     from lupin_runtime.stack.retention import stored_runs
 
@@ -45,7 +45,7 @@ def list_(as_json: bool = AS_JSON) -> None:
 @app.command()
 def keep(
     run: str = typer.Argument(..., help="A part of the run's id."),
-    off: bool = typer.Option(False, "--off", help="Let it be removed again."),
+    off: bool = typer.Option(False, "--off", help="Allow its removal again."),
 ) -> None:
     """Protect a run from removal.
 
@@ -64,12 +64,12 @@ def keep(
 
 @app.command()
 def prune(
-    count: int = typer.Option(None, "--count", min=0, help="How many runs are left at most; the default is 50."),
-    gigabytes: float = typer.Option(None, "--max-gb", min=0.0, help="Their size in GB at most; the default is 20."),
+    count: int = typer.Option(None, "--count", min=0, help="Keep at most this many runs; the default is 50."),
+    gigabytes: float = typer.Option(None, "--max-gb", min=0.0, help="Keep at most this many GB of runs; the default is 20."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Only print which runs would be removed."),
     as_json: bool = AS_JSON,
 ) -> None:
-    """Remove the oldest ended runs beyond a number and a size. The newest five stay, unless --count is smaller.
+    """Remove the oldest ended runs that exceed a number and a size. The newest five stay, unless --count is smaller.
 
     `lupin up` does the same with the defaults.
 
@@ -79,18 +79,18 @@ def prune(
 
     max_bytes = MAX_BYTES if gigabytes is None else int(gigabytes * GB)
     chosen = removable(stored_runs(), MAX_RUNS if count is None else count, max_bytes)
-    failed = [] if dry_run else [one for one in chosen if not remove(one)]
+    not_removed = [] if dry_run else [one for one in chosen if not remove(one)]
     if as_json:
-        print(json.dumps({"removed": [_plain(one) for one in chosen if one not in failed], "dry_run": dry_run}))
+        print(json.dumps({"removed": [_plain(one) for one in chosen if one not in not_removed], "dry_run": dry_run}))
     else:
         for one in chosen:
-            if one not in failed:
+            if one not in not_removed:
                 echo(f"{'would remove' if dry_run else 'removed'} {one.run.id} ({one.size_bytes / 1e6:.1f} MB)")
         if not chosen:
             echo("nothing to remove")
-    for one in failed:
-        echo(f"{one.run.path} could not be removed; look at its permissions", err=True)
-    if failed:
+    for one in not_removed:
+        echo(f"{one.run.path} could not be removed; check its permissions", err=True)
+    if not_removed:
         raise typer.Exit(FAILURE)
 
 

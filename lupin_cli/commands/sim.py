@@ -28,8 +28,8 @@ app = typer.Typer(
 app.add_typer(sim_host.app, name="host")
 
 _WORLD = typer.Option("--world", help="demo, course[:STRETCH], random:SEED, walled, or a layout file.")
-_SEED = typer.Option("--seed", help="Selects the random world and the random placement of flowers.")
-_TRAJECTORY = typer.Option("--trajectory", help="The drive to show: a TUM file in the world frame.", dir_okay=False)
+_SEED = typer.Option("--seed", help="Select the random world and the random placement of flowers.")
+_TRAJECTORY = typer.Option("--trajectory", help="Show the drive of this TUM file (world frame).", dir_okay=False)
 _CAMERA = "overview, top, follow, front or gripper."
 _LISTED_WORLDS = ("demo", "course", "random:1", "walled")
 
@@ -74,13 +74,13 @@ def picture(
     world: Annotated[str, _WORLD] = "demo",
     seed: Annotated[int, _SEED] = 0,
     camera: Annotated[str, typer.Option("--camera", help=_CAMERA)] = "overview",
-    out: Annotated[Path, typer.Option("--out", help="PNG or JPEG to write.", dir_okay=False)] = Path("picture.png"),
+    out: Annotated[Path, typer.Option("--out", help="Write this PNG or JPEG.", dir_okay=False)] = Path("picture.png"),
     trajectory: Annotated[Path | None, _TRAJECTORY] = None,
 ) -> None:
     """Draw a picture of a world, with the robot's path if a trajectory is given."""
     from lupin_sim.rendering import picture as draw
 
-    frames = _recorded(trajectory, 10.0) if trajectory is not None else []
+    frames = _recorded_frames(trajectory, 10.0) if trajectory is not None else []
     _report_drawing_errors(lambda: draw(_load(world, seed), out, camera, frames))
     echo(f"wrote {out}")
 
@@ -90,12 +90,12 @@ def video(
     world: Annotated[str, _WORLD] = "demo",
     seed: Annotated[int, _SEED] = 0,
     camera: Annotated[str, typer.Option("--camera", help=_CAMERA)] = "follow",
-    out: Annotated[Path, typer.Option("--out", help="MP4 or GIF to write.", dir_okay=False)] = Path("drive.mp4"),
+    out: Annotated[Path, typer.Option("--out", help="Write this MP4 or GIF.", dir_okay=False)] = Path("drive.mp4"),
     trajectory: Annotated[Path | None, _TRAJECTORY] = None,
     rate_hz: Annotated[float, typer.Option("--rate", min=1.0, max=60.0, help="Frames per second of film.")] = 10.0,
     speed: Annotated[float, typer.Option("--speed", min=0.1, max=100.0, help="Seconds of drive per second of film.")] = 1.0,
     limit_s: Annotated[
-        float, typer.Option("--limit", min=0.0, help="Maximum length of the film in seconds; 0 for no limit.")
+        float, typer.Option("--limit", min=0.0, help="Limit the film to this many seconds; 0 for no limit.")
     ] = 0.0,
 ) -> None:
     """Film a drive: along a trajectory, or past every tag that the robot can reach."""
@@ -103,8 +103,8 @@ def video(
     from lupin_sim.rendering import film
 
     greenhouse = _load(world, seed)
-    per_s = rate_hz / speed
-    frames = _recorded(trajectory, per_s) if trajectory is not None else flythrough(greenhouse, per_s)
+    frames_per_s = rate_hz / speed
+    frames = _recorded_frames(trajectory, frames_per_s) if trajectory is not None else flythrough(greenhouse, frames_per_s)
     if limit_s > 0.0:
         frames = frames[: max(1, round(limit_s * rate_hz))]
     _report_drawing_errors(lambda: film(greenhouse, out, frames, rate_hz, camera))
@@ -115,7 +115,7 @@ def video(
 def press(
     button: Annotated[str, typer.Argument(help="The button to press: estop.")] = "estop",
     release: Annotated[bool, typer.Option("--release", help="Release the button; this alone starts no motion.")] = False,
-    run: Annotated[str | None, typer.Option("--run", help="Part of the run's name, if several are up.")] = None,
+    run: Annotated[str | None, typer.Option("--run", help="Select the run by part of its id, if several are up.")] = None,
 ) -> None:
     """Press the simulated robot's e-stop button, or release it.
 
@@ -145,7 +145,7 @@ def _load(name: str, seed: int) -> World:
         raise typer.Exit(USAGE_ERROR) from None
 
 
-def _recorded(path: Path, rate_hz: float) -> list[Frame]:
+def _recorded_frames(path: Path, rate_hz: float) -> list[Frame]:
     from lupin_sim.flythrough import from_trajectory
     from lupin_sim.scoring import read_tum
 
@@ -155,7 +155,7 @@ def _recorded(path: Path, rate_hz: float) -> list[Frame]:
         echo(f"lupin sim: {error}", err=True)
         raise typer.Exit(USAGE_ERROR) from None
     if len(trajectory) == 0:
-        echo(f"lupin sim: {path} holds no poses", err=True)
+        echo(f"lupin sim: {path} contains no poses", err=True)
         raise typer.Exit(USAGE_ERROR)
     return from_trajectory(trajectory, rate_hz)
 

@@ -25,19 +25,19 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-_NAME = typer.Option("--name", help="The host, if several are up.")
-_ROBOT = typer.Option("--robot", min=1, help="The robot of the host, counted from 1.")
+_NAME = typer.Option("--name", help="Select the host by name, if several are up.")
+_ROBOT = typer.Option("--robot", min=1, help="Select the robot of the host, counted from 1.")
 _JSON = typer.Option("--json", help="Print JSON.")
 
 
 @app.command()
 def up(
     name: Annotated[str, _NAME] = "host",
-    robots: Annotated[int, typer.Option("--robots", min=1, max=32, help="How many robots, all on one network.")] = 1,
+    robots: Annotated[int, typer.Option("--robots", min=1, max=32, help="Boot this many robots, all on one network.")] = 1,
     vendor_robot: Annotated[
         bool, typer.Option("--vendor-robot", help="Run the simulated robot as mirte-ros.service, so the ROS graph is complete.")
     ] = False,
-    world: Annotated[str, typer.Option("--world", help="The greenhouse of that robot.")] = "demo",
+    world: Annotated[str, typer.Option("--world", help="Simulate this greenhouse around that robot.")] = "demo",
 ) -> None:
     """Boot a host, and leave it up until `lupin sim host down`.
 
@@ -60,12 +60,12 @@ def up(
 
 @app.command()
 def down(name: Annotated[str, _NAME] = "host") -> None:
-    """Switch a host off and remove everything of it."""
+    """Switch a host off and remove everything that belongs to it."""
     from lupin_sim.host import state
 
     if name not in state.running():
         removed = state.remove_stale()
-        echo(f"no host {name!r} is up" + (f"; removed what these left: {', '.join(removed)}" if removed else ""))
+        echo(f"no host {name!r} is up" + (f"; removed the leftovers of {', '.join(removed)}" if removed else ""))
         return
     _attach(name).end()
     echo(f"host {name!r} is down")
@@ -102,7 +102,7 @@ def ssh(
     command: Annotated[list[str] | None, typer.Argument(help="Command to run on the robot; a shell if omitted.")] = None,
     name: Annotated[str, _NAME] = "host",
     robot: Annotated[int, _ROBOT] = 1,
-    link: Annotated[str, typer.Option("--link", help="Interface to use: eth0 or wlan0.")] = "eth0",
+    link: Annotated[str, typer.Option("--link", help="Connect over eth0 or wlan0.")] = "eth0",
 ) -> None:
     """Log in as mirte from the laptop. The exit status is the command's."""
     host = _attach(name)

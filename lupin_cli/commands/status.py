@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def command(
-    run: str = typer.Option(None, "--run", help="A part of the run's id, if several runs are up."),
+    run: str = typer.Option(None, "--run", help="Select the run by part of its id, if several are up."),
     watch: bool = typer.Option(False, "--watch", "-w", help="Update the view until the run ends or Ctrl-C."),
-    as_json: bool = typer.Option(False, "--json", help="Print JSON, alone on standard output."),
+    as_json: bool = typer.Option(False, "--json", help="Print only JSON on standard output."),
 ) -> None:
     """Show the stages, processes and mission of a run. Changes nothing.
 

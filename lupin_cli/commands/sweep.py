@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def command(
     robot: ROBOT = None,
     dry_run: bool = typer.Option(False, "--dry-run", help="Only list what would be terminated and removed."),
-    as_json: bool = typer.Option(False, "--json", help="Print JSON, alone on standard output."),
+    as_json: bool = typer.Option(False, "--json", help="Print only JSON on standard output."),
     config: CONFIG = None,
     ask_sudo: ASK_SUDO = False,
 ) -> None:
@@ -31,15 +31,15 @@ def command(
 
     Cleans up this machine, or a robot with --robot. Processes of a live run, of a service or of a terminal that is still open
     are listed and left alone; each process is checked again before it is terminated. Exit status: 0 nothing stale is
-    left, 1 something is (with --dry-run: would be removed), 2 usage, 3 the robot cannot be reached.
+    left, 1 something is (also with --dry-run), 2 usage, 3 the robot cannot be reached.
     """
     from lupin_cli.cleanup.live_runs import live_run_processes
     from lupin_cli.connection.local import LocalTarget
 
     with reporting_errors("sweep"):
         if robot is None:
-            rights = {"user_id": os.geteuid(), "runs": live_run_processes(), "ourselves": frozenset({os.getpid()})}
-            raise typer.Exit(_clean_up(LocalTarget(), rights, dry_run, as_json))
+            options = {"user_id": os.geteuid(), "runs": live_run_processes(), "own_pids": frozenset({os.getpid()})}
+            raise typer.Exit(_clean_up(LocalTarget(), options, dry_run, as_json))
         inventory, status = load(config), SUCCESS
         for one in select_robots(inventory, robot):
             with connect(one, inventory, sudo_password=ask_sudo_password(one.name) if ask_sudo else None) as target:
@@ -47,16 +47,16 @@ def command(
     raise typer.Exit(status)
 
 
-def _clean_up(target: Target, rights: dict[str, Any], dry_run: bool, as_json: bool) -> int:
+def _clean_up(target: Target, options: dict[str, Any], dry_run: bool, as_json: bool) -> int:
     from lupin_cli.cleanup import clean_up, find_stale
 
     if dry_run:
-        plan = find_stale(target, **rights)
+        plan = find_stale(target, **options)
         _print_plan(plan, as_json)
         return SUCCESS if plan.is_empty else FAILURE
-    result = clean_up(target, **rights)
+    result = clean_up(target, **options)
     _print_result(result, as_json)
-    return FAILURE if result.failed or any(kept.needs_root for kept in result.kept) else SUCCESS
+    return FAILURE if result.failures or any(kept.needs_root for kept in result.kept) else SUCCESS
 
 
 def _print_plan(plan: CleanupPlan, as_json: bool) -> None:
@@ -75,19 +75,19 @@ def _print_plan(plan: CleanupPlan, as_json: bool) -> None:
 
 def _print_result(result: CleanupResult, as_json: bool) -> None:
     if as_json:
-        ended, removed = _processes_json(result.ended), _segments_json(result.removed)
-        print(json.dumps({"ended": ended, "removed": removed, "kept": _kept_json(result.kept), "failed": result.failed}))
+        ended, removed = _processes_json(result.terminated), _segments_json(result.removed)
+        print(json.dumps({"ended": ended, "removed": removed, "kept": _kept_json(result.kept), "failed": result.failures}))
         return
-    for process in result.ended:
+    for process in result.terminated:
         echo(f"terminated {process.name} ({process.pid}){_ports(process.ports)}: {process.reason}")
     if result.removed:
         files = [name for segment in result.removed for name in segment.files]
         size_kb = sum(segment.size_bytes for segment in result.removed) / 1000
         echo(f"removed {len(files)} files of shared memory, {size_kb:.0f} kB: {', '.join(files)}")
     _print_kept(result.kept)
-    for line in result.failed:
+    for line in result.failures:
         echo(f"failed: {line}", err=True)
-    if not (result.ended or result.removed or result.failed):
+    if not (result.terminated or result.removed or result.failures):
         echo("nothing is left over")
 
 

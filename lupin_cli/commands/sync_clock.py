@@ -48,7 +48,7 @@ class ClockStatus:
         return self.estimate.tolerable and self.stack == "active"
 
     def as_json(self) -> dict[str, Any]:
-        """The status as JSON-able data; its keys are stable."""
+        """Return the status as JSON-able data; its keys are stable."""
         estimate = self.estimate
         return {
             "offset_s": round(estimate.offset.offset_s, 6),
@@ -68,7 +68,7 @@ def command(
     dry_run: bool = typer.Option(False, "--dry-run", help="Measure, and show what would be done."),
     resume: bool = typer.Option(False, "--resume", help="Continue the playbook run that was interrupted."),
     break_lease: BREAK_LEASE = False,
-    as_json: bool = typer.Option(False, "--json", help="Print JSON, alone on standard output."),
+    as_json: bool = typer.Option(False, "--json", help="Print only JSON on standard output."),
     config: CONFIG = None,
     ask_sudo: ASK_SUDO = False,
 ) -> None:
@@ -137,7 +137,7 @@ def inspect(target: SshTarget) -> ClockStatus:
 
 
 def measure_clock(target: SshTarget) -> OffsetEstimate:
-    """The offset of the target's clock. Raises TargetError."""
+    """Measure the offset of the target's clock. Raises TargetError."""
     from lupin_cli.connection.base import TargetError
     from lupin_cli.link.clock_offset import ClockError, measure_target
 
@@ -183,7 +183,7 @@ def _play(name: str, target: SshTarget, dry_run: bool, resume: bool, break_lease
 
 
 def _laptop_variables(target: SshTarget) -> dict[str, str]:
-    """The playbook variables for this machine's address as the robot's sshd sees it, and for the network around it."""
+    """Return playbook variables for this machine's address, as the robot's sshd sees it, and for the network around it."""
     from ipaddress import IPv4Address, ip_network
 
     output = target.run('echo "${SSH_CONNECTION%% *}"', timeout_s=10.0).stdout.strip()

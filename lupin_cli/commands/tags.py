@@ -22,13 +22,13 @@ def tags() -> None:
 @app.command()
 def detect(
     images: list[Path] = typer.Argument(..., help="Images: PNG, JPEG or any format of OpenCV."),
-    engine: str = typer.Option("auto", "--engine", help="auto, apriltag or aruco; auto: apriltag if installed."),
-    as_json: bool = typer.Option(False, "--json", help="Print JSON, alone on standard output."),
+    engine: str = typer.Option("auto", "--engine", help="Detect with apriltag or aruco; auto: apriltag if installed."),
+    as_json: bool = typer.Option(False, "--json", help="Print only JSON on standard output."),
 ) -> None:
     """Find the tags of family 36h11: ids and corners.
 
-    Corners are those of the black square as an upright print shows them - top-left, top-right, bottom-right, bottom-left - in
-    pixels, x to the right and y down, the center of the first pixel being 0, 0.
+    Corners are those of the black square of an upright print: top-left, top-right, bottom-right, bottom-left. They are in
+    pixels, x to the right and y down; the center of the first pixel is 0, 0.
 
     Exit status: 0 all images were read, with or without tags in them; 1 one could not be read; 2 usage.
     """

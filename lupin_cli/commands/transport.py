@@ -31,7 +31,7 @@ app = typer.Typer(
 )
 
 PLAYBOOKS = {"wired": "demo-wired", "router": "demo-router", "ap": "demo-access-point"}
-_JSON = Annotated[bool, typer.Option("--json", help="Print JSON, alone on standard output.")]
+_JSON = Annotated[bool, typer.Option("--json", help="Print only JSON on standard output.")]
 _QUICK = Annotated[bool, typer.Option("--quick", help="Skip the measurements; only read the routes of both machines.")]
 
 
@@ -49,7 +49,7 @@ class LinkStatus:
     ranking: list[RankedTransport] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
-        """The status as JSON-able data; its keys are stable."""
+        """Return the status as JSON-able data; its keys are stable."""
         return {
             "robot": self.robot,
             "transport": self.transport,
@@ -103,7 +103,7 @@ def use(
     transport: Annotated[str, typer.Argument(help="wired, router or ap.")],
     robot: ROBOT = None,
     config: CONFIG = None,
-    variables: Annotated[list[str] | None, typer.Option("-v", "--var", help="A variable of the playbook: name=value.")] = None,
+    variables: Annotated[list[str] | None, typer.Option("-v", "--var", help="Set a playbook variable: name=value.")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what would change; change nothing.")] = False,
     diff: Annotated[bool, typer.Option("--diff", help="Show how files change.")] = False,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Answer every question with yes.")] = False,
@@ -111,7 +111,7 @@ def use(
 ) -> None:
     """Move robot and laptop to a transport: plays demo-wired, demo-router or demo-access-point.
 
-    This is a playbook run: journaled, resumable, and undone with lupin play --undo.
+    This is a playbook run: it is journaled, can be resumed, and is undone with lupin play --undo.
     """
     with reporting_errors("transport"):
         if transport not in TRANSPORTS:
@@ -151,9 +151,9 @@ def _inspect(robot: Robot, config: Config, quick: bool) -> LinkStatus:
 
     status = LinkStatus(robot.name)
     places = destinations(robot)
-    answering = reachability(places)
+    reachable = reachability(places)
     problems: dict[str, list[str]] = {}
-    if any(answering.values()):
+    if any(reachable.values()):
         try:
             with connect(robot, config) as target:
                 announced, manager = _read_machines(target, status)
@@ -172,7 +172,7 @@ def _inspect(robot: Robot, config: Config, quick: bool) -> LinkStatus:
                 *link_problems(status.laptop_route, status.robot_route, status.quality, risks),
                 *multihoming_problems(status.transport, announced),
             ]
-    status.ranking = rank({name: str(place) for name, place in places.items()}, answering, problems)
+    status.ranking = rank({name: str(place) for name, place in places.items()}, reachable, problems)
     return status
 
 
@@ -181,16 +181,16 @@ def _read_machines(target: SshTarget, status: LinkStatus) -> tuple[list[str], Ne
     from lupin_cli.connection.local import LocalTarget
     from lupin_cli.facts import addresses, networkmanager
 
-    robot_ip, laptop_ip = target.peer  # behind a NAT gateway, the robot sees another address than the laptop's own
-    here = _probe(LocalTarget(), robot_ip, Script("manager", networkmanager.PROBE))
-    there = _probe(target, laptop_ip, Script("addresses", addresses.PROBE))
-    status.laptop_route = _route(here["route"], "this machine", status)
-    status.robot_route = _route(there["route"], "the robot", status)
+    robot_ip, laptop_ip = target.peer  # behind a NAT gateway, the robot sees an address other than the laptop's own
+    laptop_outputs = _probe(LocalTarget(), robot_ip, Script("manager", networkmanager.PROBE))
+    robot_outputs = _probe(target, laptop_ip, Script("addresses", addresses.PROBE))
+    status.laptop_route = _route(laptop_outputs["route"], "this machine", status)
+    status.robot_route = _route(robot_outputs["route"], "the robot", status)
     announced: list[str] = []
     manager = None
     try:
-        announced = [each.address for each in addresses.parse(there["addresses"]).announced]
-        manager = networkmanager.parse(here["manager"])
+        announced = [each.address for each in addresses.parse(robot_outputs["addresses"]).announced]
+        manager = networkmanager.parse(laptop_outputs["manager"])
     except ValueError as error:
         status.unknown.append(str(error))
     return announced, manager

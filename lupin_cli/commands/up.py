@@ -27,38 +27,40 @@ DETACH_TIMEOUT_S = 20.0
 def command(
     mission: bool = typer.Option(False, "--mission/--no-mission", help="Run the exploration mission, then stop the stack."),
     target: str = typer.Option("sim", help="Start the stack for sim or robot."),
-    world: str = typer.Option("demo", help="Simulated world: demo, course[:STRETCH], random:SEED, or a layout file."),
-    seed: int = typer.Option(0, help="Seed of the simulator's noise."),
-    speed: float = typer.Option(1.0, help="Simulated seconds per second."),
+    world: str = typer.Option("demo", help="Simulate demo, course[:STRETCH], random:SEED, walled, or a layout file."),
+    seed: int = typer.Option(0, help="Seed the simulator's noise."),
+    speed: float = typer.Option(1.0, help="Simulate this many seconds per second."),
     headless: bool = typer.Option(False, "--headless", help="Open no console and no window."),
     slam: bool = typer.Option(True, "--slam/--no-slam", help="Build a map while driving."),
     map_file: Path = typer.Option(None, "--map", help="Localize on this saved map (YAML) instead of mapping."),
     initial_pose: str = typer.Option(
-        None, metavar="X,Y,YAW", help="Start pose on that map, m and rad [0,0,0 in the sim, AMCL's default on the robot]."
+        None,
+        metavar="X,Y,YAW",
+        help="Start at this pose of the map, m and rad [0,0,0 in the sim, AMCL's default on the robot].",
     ),
-    navigation: bool = typer.Option(True, "--nav2/--no-nav2", help="Path planning and driving."),
-    twin: bool = typer.Option(True, "--twin/--no-twin", help="Digital twin of the greenhouse."),
-    perception: bool = typer.Option(True, "--perception/--no-perception", help="Tag detection and tag positions."),
-    flowers: bool = typer.Option(True, "--yolo/--no-yolo", help="Flower detection."),
+    navigation: bool = typer.Option(True, "--nav2/--no-nav2", help="Plan paths and drive."),
+    twin: bool = typer.Option(True, "--twin/--no-twin", help="Keep a digital twin of the greenhouse."),
+    perception: bool = typer.Option(True, "--perception/--no-perception", help="Detect tags and estimate their positions."),
+    flowers: bool = typer.Option(True, "--yolo/--no-yolo", help="Detect flowers."),
     cameras: bool = typer.Option(True, "--cameras/--no-cameras", help="Simulate the cameras."),
     record: bool = typer.Option(True, "--record/--no-record", help="Record the graph to an MCAP file."),
-    web: bool = typer.Option(True, "--web/--no-web", help="The console: its page on port 8090, rosbridge on 9090."),
+    web: bool = typer.Option(True, "--web/--no-web", help="Serve the console: its page on port 8090, rosbridge on 9090."),
     video: bool = typer.Option(
-        True, "--video/--no-video", help="Pictures of the simulated cameras for the console, on 127.0.0.1:8091."
+        True, "--video/--no-video", help="Serve the simulated cameras' pictures to the console, on 127.0.0.1:8091."
     ),
     foxglove: bool = typer.Option(
         False, "--foxglove/--no-foxglove", help="Serve the graph to Foxglove and Lichtblick, read-only, on 127.0.0.1:8765."
     ),
-    joystick: bool = typer.Option(True, "--joystick/--no-joystick", help="Xbox gamepad (not in this release)."),
-    rviz: bool = typer.Option(True, "--rviz/--no-rviz", help="RViz, if it is installed and there is a display."),
-    discovery_goal: str = typer.Option(None, help="Tags to discover: a number, or all [5 on the robot, all in the sim]."),
+    joystick: bool = typer.Option(True, "--joystick/--no-joystick", help="Drive with an Xbox gamepad (not in this release)."),
+    rviz: bool = typer.Option(True, "--rviz/--no-rviz", help="Start RViz, if it is installed and there is a display."),
+    discovery_goal: str = typer.Option(None, help="Number of tags to discover, or all [5 on the robot, all in the sim]."),
     monitoring_rounds: int = typer.Option(
-        None, "--sweeps", min=0, help="Monitoring rounds; 0 repeats them without end [0 on the robot, 1 in the sim]."
+        None, "--sweeps", min=0, help="Number of monitoring rounds; 0 repeats them forever [0 on the robot, 1 in the sim]."
     ),
-    dependency_timeout_s: float = typer.Option(120.0, min=1.0, help="Seconds that the mission waits for its dependencies."),
-    overrides: Path = typer.Option(None, help="File with approach poses for single tags (YAML)."),
+    dependency_timeout_s: float = typer.Option(120.0, min=1.0, help="Let the mission wait this long for its dependencies, s."),
+    overrides: Path = typer.Option(None, help="Read approach poses of individual tags from this file (YAML)."),
     detach: bool = typer.Option(False, "--detach", help="Return once the run has started; follow it with: lupin status."),
-    as_json: bool = typer.Option(False, "--json", help="Print one JSON object at the end, alone on standard output."),
+    as_json: bool = typer.Option(False, "--json", help="Print only one JSON object on standard output, at the end."),
 ) -> None:
     """Start the stack; with --mission, explore, read every tag and write a report.
 
@@ -82,7 +84,8 @@ def command(
     if no_cameras and mission:
         echo(f"lupin up: --mission: the tags are read by the cameras: {no_cameras}", err=True)
         raise typer.Exit(USAGE_ERROR)
-    unavailable = _unavailable(web, joystick, rviz and not headless, foxglove, video and web and cameras and target == "sim")
+    serves_video = video and web and cameras and target == "sim"
+    unavailable = _find_unavailable(web, joystick, rviz and not headless, foxglove, serves_video)
     if no_cameras:
         unavailable["cameras"] = no_cameras
     options = Options(
@@ -149,14 +152,14 @@ def _check_files(map_file: Path | None, overrides: Path | None) -> None:
 
 
 def _why_no_cameras() -> str:
-    """Why this machine cannot simulate cameras, with what to install; empty where it can."""
+    """Return why this machine cannot simulate cameras, with what to install; empty if it can."""
     from lupin_sim.graphics import DISABLED, NO_GRAPHICS, usable_backend
 
     return NO_GRAPHICS if usable_backend() == DISABLED else ""
 
 
 def _check_foxglove_extra() -> None:
-    """Refuse before anything starts what an installation without the extra cannot do."""
+    """Exit with a usage error if the extra `foxglove` is not installed."""
     from lupin_runtime.foxglove.extra import install_advice, is_installed
 
     if not is_installed():
@@ -164,16 +167,16 @@ def _check_foxglove_extra() -> None:
         raise typer.Exit(USAGE_ERROR)
 
 
-def _unavailable(web: bool, joystick: bool, rviz: bool, foxglove: bool = False, video: bool = False) -> dict[str, str]:
-    """The requested parts that cannot be started on this machine, each with the reason."""
+def _find_unavailable(web: bool, joystick: bool, rviz: bool, foxglove: bool = False, video: bool = False) -> dict[str, str]:
+    """Return the requested parts that cannot be started on this machine, each with the reason."""
     from lupin_runtime.console.ports import PortInUse, check_free
     from lupin_runtime.stack.table import CONSOLE_PORT, FOXGLOVE_PORT, ROSBRIDGE_PORT, VIDEO_PORT
 
     unavailable = {}
     ports = {"web": (CONSOLE_PORT, ROSBRIDGE_PORT), "video": (VIDEO_PORT,), "foxglove": (FOXGLOVE_PORT,)}
-    for part, wanted in (("web", web), ("video", video), ("foxglove", foxglove)):
+    for part, requested in (("web", web), ("video", video), ("foxglove", foxglove)):
         try:
-            for port in ports[part] if wanted else ():
+            for port in ports[part] if requested else ():
                 check_free("127.0.0.1", port)
         except PortInUse as error:
             unavailable[part] = str(error)
@@ -187,7 +190,7 @@ def _unavailable(web: bool, joystick: bool, rviz: bool, foxglove: bool = False, 
 
 
 def _layout(world: str, target: str) -> Path | None:
-    """The layout file that `world` names, checked before anything starts; the greenhouse bridge reads the same file."""
+    """Check the world before anything starts; return its layout file, which the greenhouse bridge reads too, if it has one."""
     if target != "sim":
         return None
     from lupin_sim.worlds import WorldError, load_world
@@ -274,11 +277,11 @@ def _detach() -> None:
     )
     deadline = time.monotonic() + DETACH_TIMEOUT_S
     while time.monotonic() < deadline and child.poll() is None:
-        mine = [run for run in live_runs() if run.id not in before and run.info().get("pid") == child.pid]
-        if mine:
-            echo(f"run {mine[0].id} has started; follow it with: lupin status --watch; stop it with: lupin down")
+        own_runs = [run for run in live_runs() if run.id not in before and run.info().get("pid") == child.pid]
+        if own_runs:
+            echo(f"run {own_runs[0].id} has started; follow it with: lupin status --watch; stop it with: lupin down")
             return
         time.sleep(0.05)
-    said = child.stderr.read().decode(errors="replace") if child.poll() is not None and child.stderr else ""
-    echo(f"the run did not start within {DETACH_TIMEOUT_S:.0f} s\n{said}", err=True)
+    error_output = child.stderr.read().decode(errors="replace") if child.poll() is not None and child.stderr else ""
+    echo(f"the run did not start within {DETACH_TIMEOUT_S:.0f} s\n{error_output}", err=True)
     raise typer.Exit(UNREACHABLE)

@@ -1,4 +1,4 @@
-"""The `Target` protocol: what a command can do with a machine, and the errors it can raise. Nothing here knows SSH."""
+"""The `Target` protocol: what a command can do with a machine, and the errors it can raise. Nothing here depends on SSH."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-# Prefix of the standard error of a batch's root scripts that did not run because sudo refused; sudo's reason follows.
+# If sudo refuses, the root scripts of a batch do not run. Their standard error starts with this, and sudo's reason follows.
 ROOT_REFUSED = "root refused: "
 
 
@@ -32,7 +32,7 @@ class Output:
 
     @property
     def ok(self) -> bool:
-        """Whether the script ended with status 0."""
+        """Whether the script exited with status 0."""
         return self.status == 0
 
 
@@ -46,14 +46,14 @@ class ClockReading:
 
 
 class Target(Protocol):
-    """A machine that a command acts on. Every call is bounded, and raises `TargetError` with the next command to type."""
+    """A machine that a command acts on. Every call has a time limit, and raises `TargetError` with the next command to type."""
 
     name: str  # the robot's name in the inventory, or "laptop"
     user: str
     address: str  # the host name or address by which this machine reaches it
 
     def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:
-        """Run all scripts in parallel in one round trip. Return one output for each, by name, also if `timeout_s` ended it."""
+        """Run all scripts in parallel in one round trip. Return an output for each, by name, even if it was cut off."""
 
     def run(
         self,
@@ -77,7 +77,7 @@ class Target(Protocol):
 
 
 class TargetError(Exception):
-    """A target did not do what was asked. The message says what was expected and found; `next_command` what to type."""
+    """A target did not do what was asked. The message says what was expected and found, `next_command` what to type."""
 
     def __init__(self, message: str, next_command: str = "") -> None:
         super().__init__(message)
@@ -93,11 +93,11 @@ class Unreachable(TargetError):
 
 
 class HostKeyUnknown(TargetError):
-    """The robot shows a host key that nobody has accepted, and nobody can be asked to."""
+    """The robot's host key was not accepted: a person declined it, or there was nobody to ask."""
 
 
 class HostKeyChanged(TargetError):
-    """The robot shows another host key than the accepted one. Always fatal."""
+    """The robot's host key differs from the accepted one. Always fatal."""
 
 
 class AuthenticationFailed(TargetError):

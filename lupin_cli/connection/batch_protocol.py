@@ -1,8 +1,8 @@
 """Many scripts in one round trip: the program that runs them in parallel, and the parser of what it prints.
 
 The program is POSIX sh and needs coreutils or busybox (`timeout`, `head`, `base64`, `cat`). It needs neither Python nor a
-writable file, so that it also works on a full disk and a read-only root. Each line that it prints, a frame, starts with a
-nonce, and the scripts' output travels as base64: neither a script nor a chatty start file of the login shell can forge a frame.
+writable file, so it also works on a full disk and a read-only root. Each line that it prints, a frame, starts with a
+nonce, and the scripts' output travels as base64: neither a script nor a chatty startup file of a shell can forge a frame.
 
 A frame is `NONCE KIND ...`:
   h up                            the program has started; a second one comes from the root part
@@ -29,20 +29,20 @@ from lupin_cli.connection.base import ROOT_REFUSED, Output, Script
 
 STDOUT_CAP_BYTES = 1024 * 1024  # of each script; Output.truncated says that more was printed
 STDERR_LINES, STDERR_COLUMNS = 100, 3000  # a line is one write, and writes up to PIPE_BUF (4096) are never mixed
-STRAY_GRACE_S = 2.0  # to wait for output after a script's end: a child in a session of its own may hold the pipe for ever
+STRAY_GRACE_S = 2.0  # how long to read on after a script has exited: a child in its own session may hold the pipe forever
 ARGUMENT_LIMIT_BYTES = 100_000  # Linux allows 131 072 for one argument
 TIMEOUT_STATUSES = (124, 137, 143)  # of a command that `timeout` terminated, by SIGTERM or SIGKILL
 HELD_BY_STRAY = "a background process that it started still holds its output"
-_FRAME_LIMIT_BYTES = 8192  # no frame is longer; more than this without a line's end is noise
+_FRAME_LIMIT_BYTES = 8192  # no frame is longer; more than this without a line break is noise
 
-# What the login shell is given. It may be any shell, so this is one plain command without a single quote inside its quotes.
+# The login shell's command. It may be any shell, so this is one plain command without a single quote inside its quotes.
 READ_PROGRAM = "exec /bin/sh -c 'eval \"$(head -c {size})\"'"
 # The same for a batch. This `timeout` also terminates processes that hold a pipe of the batch after Lupin stopped reading it.
 _READ_BATCH = "exec timeout -k 1 {timeout_s} /bin/sh -c 'eval \"$(head -c {size})\"'"
 
 # Debian gives SSH commands no sbin, and messages must be in one language to be parsed. Variables by which users adjust
-# programs for interactive work are unset. SHLVL=2: a bash whose input is a socket takes itself for a login shell and reads the
-# start file again, unless it runs inside another shell.
+# programs for interactive work are unset. SHLVL=2: a bash whose input is a socket assumes that sshd started it and reads
+# ~/.bashrc again, unless it runs inside another shell.
 _USER_SETTINGS = (
     "LANGUAGE POSIXLY_CORRECT CDPATH BASH_ENV ENV GREP_OPTIONS TAR_OPTIONS GZIP COLUMNS BLOCKSIZE BLOCK_SIZE TIME_STYLE"
 )
@@ -52,7 +52,7 @@ ENVIRONMENT = (
 )
 
 # run_script INDEX TIMEOUT_S TEXT: run one script, with only four processes, because forty scripts run at once on a small board.
-#   `timeout` gives it a process group of its own, so that the background processes it leaves are terminated with it.
+#   `timeout` gives it its own process group, so that the background processes it leaves are terminated with it.
 #   Frames are written to fd 4. fd 3 collects the script's standard error, which the shell itself reads up to an end line; the
 #   script's children must not inherit either.
 #   Times come from /proc/uptime, which `date -s` does not move, and which the shell can read without a process.
@@ -89,7 +89,7 @@ run_script() {
 
 # base64's default of 76 characters a line would make each output dozens of writes and packets. Old busyboxes lack the option.
 _WIDE = "base64 -w 3000 && wide='-w 3000' || wide=\n"
-# Sent before any script starts: with the time at which the program's last byte was sent, it tells the clock to a few ms.
+# Sent before any script starts: with the time at which the program's last byte was sent, it gives the clock to within a few ms.
 _READ_CLOCK = 'date "+$n c %s.%N" >&4'
 
 
@@ -111,7 +111,7 @@ class BatchProgram:
 def batch_program(scripts: Sequence[Script], timeout_s: float, sudo_password: str | None = None) -> BatchProgram:
     """Return the program for `scripts`, each bounded by its own timeout and by `timeout_s` (in whole seconds, rounded up).
 
-    All root scripts run in one sudo, or directly if the user is root. Raises ValueError as `validate` does.
+    All root scripts run in one sudo, or directly if the user is root. Raises ValueError like `validate`.
     """
     validate(scripts)
     nonce = secrets.token_hex(8)
@@ -138,7 +138,7 @@ def validate(scripts: Sequence[Script]) -> None:
 
 
 def _whole_seconds(script: Script, timeout_s: float) -> int:
-    """busybox's `timeout` takes whole seconds only."""
+    """Return the script's timeout, rounded up: busybox's `timeout` takes whole seconds only."""
     return max(1, math.ceil(min(script.timeout_s, timeout_s)))
 
 
@@ -177,7 +177,7 @@ class _PartialOutput:
     stderr: list[bytes] = field(default_factory=list)
     status: int | None = None
     duration_s: float = 0.0
-    ended_s: float = math.inf  # when its last frame arrived, once the script has ended; monotonic
+    last_frame_s: float = math.inf  # when its last frame arrived, once the script has exited; monotonic
     done: bool = False
 
 
@@ -186,16 +186,16 @@ class FrameReader:
 
     def __init__(self, nonce: str, scripts: list[Script], timeouts_s: list[int]) -> None:
         self._prefix = nonce.encode() + b" "
-        self._scripts, self._bounds_s = scripts, timeouts_s
+        self._scripts, self._timeouts_s = scripts, timeouts_s
         self._partial = [_PartialOutput() for _ in scripts]
         self._rest = b""
-        self._hellos = 0
+        self._programs_started = 0  # the user's, then the root part
         self._root_ended = False
         self.refusal: str | None = None  # sudo's message if it refused
         self.clock: tuple[str, int] | None = None  # the wall clock as printed, and when it arrived in monotonic ns
 
     def feed(self, data: bytes) -> None:
-        """Take the next bytes of the program's output. Lines that are no frames come from start files and are ignored."""
+        """Take the next bytes of the program's output. Lines that are not frames come from startup files and are ignored."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
             if line.startswith(self._prefix):
@@ -206,26 +206,26 @@ class FrameReader:
     @property
     def started(self) -> bool:
         """Whether the program has started."""
-        return self._hellos > 0
+        return self._programs_started > 0
 
     @property
     def done(self) -> bool:
         """Whether all output of every script has arrived, or no more can arrive."""
         now_s = time.monotonic()
         return self.started and all(
-            part.done or (script.root and self._root_ended) or now_s > part.ended_s + STRAY_GRACE_S
+            part.done or (script.root and self._root_ended) or now_s > part.last_frame_s + STRAY_GRACE_S
             for script, part in zip(self._scripts, self._partial)
         )
 
     def _frame(self, frame: bytes) -> None:
         kind, _, rest = frame.partition(b" ")
         if kind == b"h":
-            self._hellos += 1
+            self._programs_started += 1
         elif kind == b"c":
             self.clock = rest.decode("ascii", "backslashreplace"), time.monotonic_ns()
         elif kind == b"r":
             self._root_ended = True
-            if self._hellos < 2:
+            if self._programs_started < 2:
                 self.refusal = rest.decode("utf-8", "replace").strip() or "sudo ran nothing and printed nothing"
         else:
             index, _, text = rest.partition(b" ")
@@ -241,11 +241,11 @@ class FrameReader:
             elif kind == b"z":
                 part.done = True
             if part.status is not None:
-                part.ended_s = time.monotonic()
+                part.last_frame_s = time.monotonic()
 
     def outputs(self, why_cut: str) -> dict[str, Output]:
-        """Return one output for each script, by name. `why_cut` becomes the standard error of incomplete ones without any."""
-        rows = zip(self._scripts, self._bounds_s, self._partial)
+        """Return an output for each script, by name. `why_cut` becomes the standard error of incomplete ones that have none."""
+        rows = zip(self._scripts, self._timeouts_s, self._partial)
         return {script.name: self._output(script, timeout_s, part, why_cut) for script, timeout_s, part in rows}
 
     def _output(self, script: Script, timeout_s: int, part: _PartialOutput, why_cut: str) -> Output:
@@ -256,14 +256,14 @@ class FrameReader:
             raw = base64.b64decode(encoded[: len(encoded) // 4 * 4])
         stderr = b"\n".join(part.stderr).decode("utf-8", "backslashreplace")
         status = part.status
-        if not part.done and time.monotonic() > part.ended_s + STRAY_GRACE_S:
+        if not part.done and time.monotonic() > part.last_frame_s + STRAY_GRACE_S:
             stderr = f"{stderr}\n{HELD_BY_STRAY}".lstrip()
         elif not part.done:
             refused = script.root and self.refusal is not None
-            # Also if its status has arrived already: its output comes after that.
+            # Even if its status has arrived: its output comes after that.
             status, stderr = None, f"{ROOT_REFUSED}{self.refusal}" if refused else (stderr or why_cut)
         elif status in TIMEOUT_STATUSES and part.duration_s >= timeout_s - 0.05:
-            status, stderr = None, stderr or f"no end within {timeout_s} s"
+            status, stderr = None, stderr or f"did not finish within {timeout_s} s"
         return Output(
             status,
             raw[:STDOUT_CAP_BYTES].decode("utf-8", "backslashreplace"),

@@ -1,4 +1,4 @@
-"""Both directions of an SSH channel, each bounded."""
+"""Send input to an SSH channel and read its output, with time limits."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import paramiko
 
 CONNECTION_ERRORS = (OSError, EOFError, paramiko.SSHException)  # what paramiko raises when a connection is lost
-_CHILD_SILENCE_S = 0.3  # how long a child that kept the script's pipe is listened to after the script has ended
+_CHILD_SILENCE_S = 0.3  # after the script has exited: how long to wait for output of a child that kept its pipe
 
 
 def send_input(channel: paramiko.Channel, data: bytes) -> None:
@@ -21,7 +21,7 @@ def send_input(channel: paramiko.Channel, data: bytes) -> None:
 
 
 def read_output(channel: paramiko.Channel, deadline: float) -> Iterator[tuple[bool, bytes]]:
-    """Yield `(is_stderr, data)` until both streams end, the script has ended and its children are silent, or `deadline`."""
+    """Yield `(is_stderr, data)` until both streams end, the script has exited and its children are silent, or `deadline`."""
     last_data = time.monotonic()
     with selectors.DefaultSelector() as selector:
         selector.register(channel.fileno(), selectors.EVENT_READ)

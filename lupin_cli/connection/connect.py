@@ -1,4 +1,4 @@
-"""From an address to a socket on which an sshd has answered. Each kind of failure has a name, because it has its own causes."""
+"""Connect a socket to an sshd and wait for its answer. Each kind of failure has a name, because it has its own causes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _KINDS = {
 }
 _MOST_TELLING_FIRST = ("lost", "refused", "no-route", "timeout")  # which failure to report if a name has several addresses
 
-_BETTER_RANK_GRACE_S = 0.3  # for a better ranked address after a worse one has answered
+_BETTER_RANK_GRACE_S = 0.3  # how long to wait for a better-ranked address after a worse one has answered
 CONNECT_TIMEOUT_S = 5.0
 UNACKNOWLEDGED_MS = 10_000  # a laptop may take this long to roam between access points
 
@@ -41,7 +41,7 @@ _MEANING = {
 
 
 def unreachable(destination: str, kind: str, detail: str = "") -> Unreachable:
-    """Return the error for `kind`, with the command that looks into it."""
+    """Return the error for `kind`, with the command that examines it."""
     host = destination.split("@")[-1]
     commands = {
         "no-route": f"ip route get {host}",
@@ -54,7 +54,7 @@ def unreachable(destination: str, kind: str, detail: str = "") -> Unreachable:
 
 
 def open_socket(destination: Destination, timeout_s: float) -> socket.socket:
-    """Return a connected socket without Nagle's algorithm that notices a dead link. Raises Unreachable."""
+    """Return a connected socket that does not use Nagle's algorithm and notices a dead link. Raises Unreachable."""
     deadline = time.monotonic() + timeout_s
     failures: dict[str, str] = {}
     for family, address in _addresses(destination, timeout_s):
@@ -88,11 +88,11 @@ def open_with_banner(destination: Destination, timeout_s: float) -> socket.socke
 
 
 def first_reachable(choices: Mapping[str, Destination], timeout_s: float = 3.0) -> str:
-    """Return the transport to use: the best ranked one (they are ranked best first) on which something accepts a connection.
+    """Return the transport to use: the best-ranked one (the first is best) on which something accepts a connection.
 
-    All are tried at the same time. Once one answers, better ranked ones get `_BETTER_RANK_GRACE_S` to answer too. If none
-    answers, return the first, so that connecting to it reports the reason. Destinations behind a jump or a proxy command are
-    not tried, because a trial costs a whole connection.
+    All are tried at the same time. Once one answers, better-ranked ones get `_BETTER_RANK_GRACE_S` to answer too. If none
+    answers, return the first, so that connecting to it reports the reason. Destinations behind a jump host or proxy command
+    are not tried, because a trial costs a whole connection.
     """
     first = next(iter(choices))
     if len(choices) == 1 or any(destination.jumps or destination.proxy_command for destination in choices.values()):
@@ -119,7 +119,7 @@ def first_reachable(choices: Mapping[str, Destination], timeout_s: float = 3.0) 
 
 
 def reachability(choices: Mapping[str, Destination], timeout_s: float = 3.0) -> dict[str, bool]:
-    """Return whether something accepts connections at each destination; one behind a jump or a proxy command counts as such."""
+    """Return whether each destination accepts connections; one behind a jump host or a proxy command is assumed to."""
 
     def is_reachable(destination: Destination) -> bool:
         if destination.jumps or destination.proxy_command:
@@ -154,7 +154,7 @@ def _await_banner(connection: socket.socket, timeout_s: float, destination: str)
 
 
 def _addresses(destination: Destination, timeout_s: float) -> list[tuple[int, Any]]:
-    """Resolve the host. The resolver has no timeout of its own, so it runs on a thread that may be left behind."""
+    """Resolve the host. The resolver has no timeout, so it runs on a thread that may be left behind."""
     answers: queue.Queue[list[tuple[int, Any]] | OSError] = queue.Queue()
 
     def resolve() -> None:

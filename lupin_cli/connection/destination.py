@@ -33,7 +33,7 @@ class Destination:
     user: str = ""
     identity_files: tuple[str, ...] = ()
     identities_only: bool = False
-    jumps: tuple[Destination, ...] = ()  # the first one first
+    jumps: tuple[Destination, ...] = ()  # in the order in which they are passed
     proxy_command: str = ""
     original_host: str = ""  # as the inventory or a command line names it, before ~/.ssh/config replaced it
 
@@ -59,8 +59,8 @@ def resolve(
 ) -> Destination:
     """Return the destination for `host`, which may be an alias of ~/.ssh/config. `user` and `port` override that file.
 
-    If neither names a user, it is `default_user`, or without that the user who runs Lupin. Raises TargetError for a file that
-    cannot be read or followed.
+    If neither names a user, it is `default_user`, or else the user who runs Lupin. Raises TargetError for a file that
+    cannot be read or applied.
     """
     path = Path("~/.ssh/config").expanduser() if config_path is None else config_path
     try:
@@ -80,7 +80,7 @@ def _look_up(config: paramiko.SSHConfig, host: str, user: str, port: int, jumpin
         entry = config.lookup(host)
         port = port or int(entry.get("port", 22))
     except (paramiko.SSHException, ImportError, ValueError) as error:  # Match exec, CanonicalizeHostname, a bad port
-        raise TargetError(f"~/.ssh/config cannot be followed for {host}: {error}", f"ssh -G {host}") from error
+        raise TargetError(f"~/.ssh/config cannot be applied to {host}: {error}", f"ssh -G {host}") from error
     jumps: tuple[Destination, ...] = ()
     jump = entry.get("proxyjump", "none")
     if jump.lower() != "none":

@@ -1,4 +1,4 @@
-"""One script with standard input and with its output as it is printed: the program for the shell, and the output's parser."""
+"""Run one script with standard input and pass on its output as it is printed: the shell's program, and the output's parser."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from lupin_cli.connection.batch_protocol import (
     sudo_command,
 )
 
-# Kept of each stream: its beginning and its end. `on_line` gets all of it.
+# How much of the beginning and of the end of each stream is kept; `on_line` gets all of it.
 HEAD_BYTES, TAIL_BYTES = 24 * 1024 * 1024, 8 * 1024 * 1024
 LINE_CHARACTERS = 64 * 1024  # longer lines are passed on in pieces
-_PREAMBLE_BYTES = 64 * 1024  # kept of what a login shell prints before the script starts: only its end
+_PREAMBLE_BYTES = 64 * 1024  # of what a login shell prints before the script starts, only the end is kept
 _SHELL_MARK_PREFIX = "shell-"
 
 
@@ -39,7 +39,7 @@ class RunProgram:
 
 
 def run_program(script: str, *, root: bool, stdin: bytes, timeout_s: float, sudo_password: str | None) -> RunProgram:
-    """Return the program that runs `script` with `stdin`. It ends at `timeout_s` also if the connection is lost.
+    """Return the program that runs `script` with `stdin`. It is terminated at `timeout_s` even if the connection is lost.
 
     The shell reads no further than its own text: what follows is the script's standard input, byte for byte.
     """
@@ -47,20 +47,20 @@ def run_program(script: str, *, root: bool, stdin: bytes, timeout_s: float, sudo
     # The script shares its standard input with the shell: `head` takes the text and no byte more.
     text = f"{ENVIRONMENT}printf '{mark}\\n'; printf '{mark}\\n' >&2\n{script}\n".encode("utf-8", "surrogateescape")
     inner = f'eval "$(head -c {len(text)})"'
-    bounded = f"timeout -k 2 {max(1, math.ceil(timeout_s))} /bin/sh -c {shlex.quote(inner)}"
-    lead = b""
+    timed_command = f"timeout -k 2 {max(1, math.ceil(timeout_s))} /bin/sh -c {shlex.quote(inner)}"
+    password_lines = b""
     if root:
         # Already root: no sudo. With a password: sudo may or may not have read the line that holds it.
-        after_sudo = shlex.quote(f"{SKIP_PASSWORD}; exec {bounded}")
+        after_sudo = shlex.quote(f"{SKIP_PASSWORD}; exec {timed_command}")
         start = (
-            f'{ENVIRONMENT}if [ "$(id -u)" = 0 ]; then {SKIP_PASSWORD}; exec {bounded}; else '
+            f'{ENVIRONMENT}if [ "$(id -u)" = 0 ]; then {SKIP_PASSWORD}; exec {timed_command}; else '
             f"{sudo_check(sudo_password)} || exit 1; exec {sudo_command(sudo_password)} /bin/sh -c {after_sudo}; fi\n"
         ).encode()
-        lead = (b"" if sudo_password is None else sudo_password.encode() + b"\n") + b"lupin-begins\n"
+        password_lines = (b"" if sudo_password is None else sudo_password.encode() + b"\n") + b"lupin-begins\n"
     else:
-        start = f"{ENVIRONMENT}exec {bounded}\n".encode()
+        start = f"{ENVIRONMENT}exec {timed_command}\n".encode()
     start = f"printf '{_SHELL_MARK_PREFIX}{mark}\\n' >&2\n".encode() + start
-    return RunProgram(READ_PROGRAM.format(size=len(start)), start + lead + text + stdin, mark.encode())
+    return RunProgram(READ_PROGRAM.format(size=len(start)), start + password_lines + text + stdin, mark.encode())
 
 
 class _HeadAndTail:
@@ -96,7 +96,7 @@ def _split_long(line: str) -> list[str]:
 class OutputCollector:
     """Collects both streams of a run and passes their lines on.
 
-    What comes before the mark was printed by the login shell's start files or by sudo, and is not the script's.
+    What comes before the mark was printed by the login shell's startup files or by sudo, not by the script.
     """
 
     def __init__(self, mark: bytes, on_line: Callable[[str], None] | None) -> None:
@@ -154,7 +154,7 @@ class OutputCollector:
     def output(self, status: int | None, duration_s: float, timeout_s: float, lost: str = "") -> Output:
         """Return the run's Output. `lost` is the reason why the connection was lost.
 
-        A status by which `timeout` reports that it terminated the script counts as none if the bound has passed.
+        A status by which `timeout` reports a terminated script becomes None if `timeout_s` has passed.
         """
         if self._on_line is not None:
             for rest in self._unfinished_lines:
@@ -166,5 +166,5 @@ class OutputCollector:
         if lost:
             status, stderr = None, f"{stderr}\nthe link was lost: {lost}".lstrip()
         elif status is None and not stderr:
-            stderr = f"no end within {timeout_s:g} s"
+            stderr = f"did not finish within {timeout_s:g} s"
         return Output(status, stdout, stderr, duration_s, any(kept.omitted for kept in self._kept) or status is None)

@@ -37,7 +37,7 @@ def fingerprint(key: paramiko.PKey) -> str:
 class KnownHosts:
     """The accepted host keys: those in Lupin's file, by the robot's name, and those in the user's, by address.
 
-    `confirm` is None if nobody can be asked to accept a key; `accept` is the fingerprint of a key that is accepted unasked.
+    `confirm` is None if nobody can be asked to accept a key; `accept` is the fingerprint of a key to accept without asking.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class KnownHosts:
             if accepted:
                 expected = ", ".join(f"{known.get_name()} {fingerprint(known)}" for known in accepted)
                 raise HostKeyChanged(
-                    f"{name} at {destination.known_as} shows another key than the one that was accepted: it shows {shown}, "
+                    f"{name} at {destination.known_as} shows a key other than the accepted one: it shows {shown}, "
                     f"{path} has {expected}. Either it was reinstalled, or this is not {name}",
                     f"lupin robots forget {name}",
                 )
@@ -108,7 +108,7 @@ class KnownHosts:
 def _keys_of(name: str, path: Path) -> list[paramiko.PKey]:
     """Return the keys that a known_hosts file has for `name`, the first of each type.
 
-    `paramiko.HostKeys` stops at the first unreadable line and decodes the keys of all names; this skips both.
+    `paramiko.HostKeys` stops at the first unreadable line and decodes the keys of all names; this function does neither.
     """
     if not path.is_file():
         return []
@@ -126,7 +126,7 @@ def _keys_of(name: str, path: Path) -> list[paramiko.PKey]:
 
 
 def _matches(pattern: str, name: str) -> bool:
-    """Whether an entry of a known_hosts file, which may be hashed, stands for `name`."""
+    """Return whether an entry of a known_hosts file, which may be hashed, stands for `name`."""
     if not pattern.startswith("|1|"):
         return pattern == name
     try:

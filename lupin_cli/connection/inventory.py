@@ -37,7 +37,7 @@ class Robot:
 
     name: str
     addresses: Mapping[str, str]
-    user: str = ""  # empty: the one of ~/.ssh/config, else mirte
+    user: str = ""  # empty: from ~/.ssh/config, else mirte
     transport: str = ""  # use only this one
     ros_setup: tuple[str, ...] = ROS_SETUP
 
@@ -102,7 +102,7 @@ def parse(text: str, path: Path) -> Config:
 
 
 def _expect_text(value: object) -> str:
-    return "" if isinstance(value, str) and value.strip() else "a text in quotes"
+    return "" if isinstance(value, str) and value.strip() else "a string in quotes"
 
 
 def _expect_table(value: object) -> str:
@@ -110,8 +110,8 @@ def _expect_table(value: object) -> str:
 
 
 def _expect_lines(value: object) -> str:
-    fine = isinstance(value, list) and all(isinstance(line, str) and "\n" not in line for line in value)
-    return "" if fine else 'a list of lines in quotes, ["..."]'
+    is_valid = isinstance(value, list) and all(isinstance(line, str) and "\n" not in line for line in value)
+    return "" if is_valid else 'a list of lines in quotes, ["..."]'
 
 
 def _expect_address(value: object) -> str:

@@ -1,4 +1,4 @@
-"""Edit the text of lupin.toml. Comments and order are the user's: a robot is appended or cut out, and nothing else changes."""
+"""Edit the text of lupin.toml. Comments and order are the user's: a robot is appended or removed, and nothing else changes."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def with_robot(text: str, robot: Robot) -> str:
 
 def without_robot(text: str, name: str) -> str:
     """Return `text` without the tables of the robot `name`."""
-    kept, cutting = [], False
+    kept, skipping = [], False
     for line in text.splitlines(keepends=True):
         found = TABLE_HEADER.match(line)
         if found:
-            cutting = split_key(found[1])[:2] == ("robots", name)
-        if not cutting and not (re.match(r"^\s*default_robot\s*=", line) and f'"{name}"' in line):
+            skipping = split_key(found[1])[:2] == ("robots", name)
+        if not skipping and not (re.match(r"^\s*default_robot\s*=", line) and f'"{name}"' in line):
             kept.append(line)
     return "".join(kept)
 

@@ -1,7 +1,7 @@
 """Watch a connection while a command waits for something on it.
 
 TCP notices a dead link. It does not notice a robot whose kernel acknowledges everything while no process runs, or a gateway
-that acknowledges for a robot which is gone.
+that acknowledges for a robot that is gone.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class ConnectionWatchdog:
         self.transport = transport
         self.timed_out = False  # the connection was closed because there was no reply
         self._deadline = time.monotonic() + timeout_s
-        self._ended = threading.Event()
+        self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="lupin-keepalive", daemon=True)
 
     def __enter__(self) -> ConnectionWatchdog:
@@ -37,7 +37,7 @@ class ConnectionWatchdog:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._ended.set()
+        self._stop.set()
 
     @property
     def reason(self) -> str:
@@ -48,7 +48,7 @@ class ConnectionWatchdog:
 
     def _watch(self) -> None:
         while (left_s := self._deadline - time.monotonic()) > 0:
-            if self._ended.wait(min(KEEPALIVE_AFTER_S, left_s)):
+            if self._stop.wait(min(KEEPALIVE_AFTER_S, left_s)):
                 return
             if left_s > KEEPALIVE_AFTER_S:
                 self._send_keepalive(min(ANSWER_TIMEOUT_S, self._deadline - time.monotonic()))
@@ -56,12 +56,12 @@ class ConnectionWatchdog:
 
     def _send_keepalive(self, timeout_s: float) -> None:
         """Send OpenSSH's keepalive request: every server replies, at least with REQUEST_FAILURE."""
-        give_up = threading.Timer(max(0.0, timeout_s), self._close_unresponsive)
-        give_up.daemon = True
-        give_up.start()
+        timer = threading.Timer(max(0.0, timeout_s), self._close_unresponsive)
+        timer.daemon = True
+        timer.start()
         with contextlib.suppress(*CONNECTION_ERRORS):  # the command that waits on the connection gets the same error
             self.transport.global_request("keepalive@openssh.com", wait=True)
-        give_up.cancel()
+        timer.cancel()
 
     def _close_unresponsive(self) -> None:
         self.timed_out = time.monotonic() < self._deadline

@@ -1,4 +1,4 @@
-"""This machine as a target: shells that this process starts, and for sudo the same program that a robot gets."""
+"""This machine as a target: in shells that this process starts; for sudo, with the same program that a robot gets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lupin_cli.connection.shell_file_io import decode_file, failure_reason, read
 
 # The ROS wheels set these for their own processes; another program that inherits them loads the wheels' libraries.
 _WHEEL_VARIABLES = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
-_CHILD_SILENCE_S = 0.3  # how long a child that kept the script's pipe is listened to after the script has ended
+_CHILD_SILENCE_S = 0.3  # after the script has exited: how long to wait for output of a child that kept its pipe
 
 
 class LocalTarget:
@@ -43,7 +43,7 @@ class LocalTarget:
                     program.reader.feed(data)
                 if program.reader.done:
                     break
-        return program.reader.outputs(f"no end within {timeout_s:g} s")
+        return program.reader.outputs(f"did not finish within {timeout_s:g} s")
 
     def run(
         self,
@@ -63,9 +63,8 @@ class LocalTarget:
                 collector.feed(data, is_stderr)
             status = process.poll()
         if root and not collector.script_started and status is not None:
-            raise RootRefused(
-                f"{self.name}: root is refused to {self.user}: {collector.last_error or 'sudo printed nothing'}", "sudo -v"
-            )
+            reason = collector.last_error or "sudo printed nothing"
+            raise RootRefused(f"{self.name}: {self.user} cannot run commands as root: {reason}", "sudo -v")
         return collector.output(status, time.monotonic() - start, timeout_s)
 
     def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, timeout_s: float = 60.0) -> None:
@@ -95,7 +94,7 @@ def _environment() -> dict[str, str]:
 
 @contextlib.contextmanager
 def _shell(command: str, payload: bytes) -> Iterator[subprocess.Popen[bytes]]:
-    """A shell with `payload` as standard input, in a process group of its own, which is terminated with the block."""
+    """Start a shell in its own process group with `payload` as standard input; terminate the group at the end of the block."""
     # A file instead of a pipe: it needs no thread that writes while the output is read.
     with _in_memory(payload) as stdin:
         process = subprocess.Popen(
@@ -104,13 +103,13 @@ def _shell(command: str, payload: bytes) -> Iterator[subprocess.Popen[bytes]]:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             env=_environment(),
-            process_group=0,  # not a session of its own: sudo remembers a password for the terminal that `sudo -v` ran on
+            process_group=0,  # not its own session: sudo remembers a password for the terminal that `sudo -v` ran on
         )
         try:
             yield process
         finally:
             if process.poll() is None:
-                with contextlib.suppress(ProcessLookupError, PermissionError):  # ended, or sudo, which its own `timeout` bounds
+                with contextlib.suppress(ProcessLookupError, PermissionError):  # exited, or sudo, which its own `timeout` ends
                     os.killpg(process.pid, signal.SIGTERM)
                 try:
                     process.wait(1.0)
@@ -138,16 +137,16 @@ def _in_memory(data: bytes) -> Iterator[int]:
 
 
 def _read(process: subprocess.Popen[bytes], deadline: float) -> Iterator[tuple[bool, bytes]]:
-    """Yield `(is_stderr, data)` until both streams end, the process has ended and its children are silent, or `deadline`."""
+    """Yield `(is_stderr, data)` until both streams end, the process has exited and its children are silent, or `deadline`."""
     assert process.stdout is not None and process.stderr is not None
     with selectors.DefaultSelector() as selector:
         selector.register(process.stdout, selectors.EVENT_READ, False)
         selector.register(process.stderr, selectors.EVENT_READ, True)
-        while selector.get_map() and (left := deadline - time.monotonic()) > 0:
-            ended = process.poll() is not None
-            ready = selector.select(min(left, _CHILD_SILENCE_S if ended else 0.2))
+        while selector.get_map() and (remaining_s := deadline - time.monotonic()) > 0:
+            exited = process.poll() is not None
+            ready = selector.select(min(remaining_s, _CHILD_SILENCE_S if exited else 0.2))
             if not ready:
-                if ended:
+                if exited:
                     return
                 yield False, b""  # lets the caller check whether it has all it waits for
             for key, _ in ready:

@@ -26,14 +26,14 @@ from lupin_cli.connection.batch_protocol import (
 )
 
 KILL_AFTER_S = 1.0  # from SIGTERM to SIGKILL, and from that to giving up
-_END_SIGNALS = (signal.SIGTERM, signal.SIGKILL)
+_TERMINATION_SIGNALS = (signal.SIGTERM, signal.SIGKILL)
 _STDERR_CAP_BYTES = STDERR_LINES * STDERR_COLUMNS
 
 
 def run_in_parallel(scripts: Sequence[Script], timeout_s: float, environment: Mapping[str, str]) -> dict[str, Output]:
     """Run `scripts` as this user, each bounded by its own timeout and by `timeout_s`. Return one output for each, by name.
 
-    Raises ValueError as `batch_protocol.validate` does.
+    Raises ValueError like `batch_protocol.validate`.
     """
     validate(scripts)
     running: list[_RunningScript] = []
@@ -42,11 +42,11 @@ def run_in_parallel(scripts: Sequence[Script], timeout_s: float, environment: Ma
             for script in scripts:
                 running.append(_RunningScript(script, timeout_s, environment, selector))
             while unfinished := [each for each in running if not each.done]:
-                wait_s = min(each.due_s for each in unfinished) - time.monotonic()
+                wait_s = min(each.deadline_s for each in unfinished) - time.monotonic()
                 for key, _ in selector.select(max(0.0, wait_s)):
                     key.data(key.fd)
                 for each in unfinished:
-                    each.enforce_bound()
+                    each.enforce_deadline()
         finally:
             for each in running:
                 each.close()
@@ -68,7 +68,7 @@ class _CappedStream:
 
 
 class _RunningScript:
-    """A script in a process group of its own, so that the background processes it leaves are terminated with it."""
+    """A script in its own process group, so that the background processes it leaves are terminated with it."""
 
     def __init__(
         self, script: Script, timeout_s: float, environment: Mapping[str, str], selector: selectors.BaseSelector
@@ -82,14 +82,14 @@ class _RunningScript:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             env=environment,
-            process_group=0,  # not a session of its own: sudo remembers a password for the terminal that `sudo -v` ran on
+            process_group=0,  # not its own session: sudo remembers a password for the terminal that `sudo -v` ran on
         )
         assert self._process.stdout is not None and self._process.stderr is not None
         self._started_s = time.monotonic()
-        self.due_s = self._started_s + self._timeout_s  # when `enforce_bound` acts, unless the script has ended
-        self._duration_s: float | None = None  # set when its shell has ended
-        self._signals_sent = 0  # at its bound and after it
-        self._given_up = False  # a background process holds a pipe, or the kernel does not let the script end
+        self.deadline_s = self._started_s + self._timeout_s  # when `enforce_deadline` acts, unless the script has exited
+        self._duration_s: float | None = None  # set when its shell has exited
+        self._signals_sent = 0  # at its timeout and after it
+        self._given_up = False  # a background process holds a pipe, or the kernel does not let the script exit
         self._stdout = _CappedStream(STDOUT_CAP_BYTES, close_at_cap=True)
         self._stderr = _CappedStream(_STDERR_CAP_BYTES, close_at_cap=False)
         streams = ((self._process.stdout, self._stdout), (self._process.stderr, self._stderr))
@@ -101,7 +101,7 @@ class _RunningScript:
 
     @property
     def done(self) -> bool:
-        """Whether nothing more is waited for."""
+        """Whether there is nothing more to wait for."""
         return self._given_up or (self._duration_s is not None and not self._open_pipes)
 
     def _read(self, descriptor: int) -> None:
@@ -116,28 +116,27 @@ class _RunningScript:
         self._signal_group(signal.SIGTERM)  # before wait(), after which the number may belong to another group
         self._process.wait()
         now_s = time.monotonic()
-        self._duration_s, self.due_s = now_s - self._started_s, now_s + STRAY_GRACE_S
+        self._duration_s, self.deadline_s = now_s - self._started_s, now_s + STRAY_GRACE_S
 
-    def enforce_bound(self) -> None:
-        """Once it is due, send SIGTERM, then SIGKILL, then give up. A script that has ended but whose pipes are held is given
-        up at once."""
-        if time.monotonic() < self.due_s or self.done:
+    def enforce_deadline(self) -> None:
+        """Past the deadline, send SIGTERM, then SIGKILL, then give up; give up at once if only the pipes are still held."""
+        if time.monotonic() < self.deadline_s or self.done:
             return
-        if self._duration_s is None and self._signals_sent < len(_END_SIGNALS):
-            self._signal_group(_END_SIGNALS[self._signals_sent])
+        if self._duration_s is None and self._signals_sent < len(_TERMINATION_SIGNALS):
+            self._signal_group(_TERMINATION_SIGNALS[self._signals_sent])
             self._signals_sent += 1
-            self.due_s = time.monotonic() + KILL_AFTER_S
+            self.deadline_s = time.monotonic() + KILL_AFTER_S
         else:
             self._given_up = True
 
     def _signal_group(self, number: signal.Signals) -> None:
         try:
             os.killpg(self._process.pid, number)
-        except (ProcessLookupError, PermissionError):  # ended meanwhile, or sudo, which its own `timeout` bounds
+        except (ProcessLookupError, PermissionError):  # exited, or sudo, which its own `timeout` ends
             return
 
     def close(self) -> None:
-        """Terminate the script and close its descriptors. Background processes in sessions of their own live on."""
+        """Terminate the script and close its descriptors. Background processes in their own sessions keep running."""
         if self._process.poll() is None:
             self._signal_group(signal.SIGKILL)
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -152,7 +151,7 @@ class _RunningScript:
         stderr = "\n".join(line[:STDERR_COLUMNS] for line in lines)
         status, timed_out = self._process.returncode, self._signals_sent > 0
         if timed_out:
-            status, stderr = None, stderr or f"no end within {self._timeout_s:g} s"
+            status, stderr = None, stderr or f"did not finish within {self._timeout_s:g} s"
         elif self._given_up:
             stderr = f"{stderr}\n{HELD_BY_STRAY}".lstrip()
         return Output(

@@ -45,7 +45,7 @@ class Connection:
         self.destination = destination
         self._known_hosts = known_hosts
         self._ask_password = ask_password
-        self._passwords: dict[str, str] = {}  # by destination: jump hosts have passwords of their own
+        self._passwords: dict[str, str] = {}  # by destination: jump hosts have other passwords
         self._connect_timeout_s = connect_timeout_s
         self._clients: list[paramiko.SSHClient] = []
         self._proxies: list[paramiko.ProxyCommand] = []
@@ -60,7 +60,7 @@ class Connection:
         self.close()
         transport = None
         for hop in self.destination.jumps:
-            transport = self._log_in(hop.original_host or hop.host, hop, transport)  # a jump host has a host key of its own
+            transport = self._log_in(hop.original_host or hop.host, hop, transport)  # a jump host has its own host key
         return self._log_in(self.name, self.destination, transport), True
 
     @property
@@ -71,7 +71,7 @@ class Connection:
 
     @property
     def passwords(self) -> tuple[str, ...]:
-        """All passwords that were typed, to be masked in whatever is written down."""
+        """All passwords that were typed, to be masked in everything that is stored."""
         return tuple(self._passwords.values())
 
     @property
@@ -92,7 +92,7 @@ class Connection:
             client = self._clients.pop()
             transport = client.get_transport()
             if transport is not None:
-                # paramiko's thread checks only ten times a second whether it shall end, unless its socket is shut down.
+                # paramiko's thread checks only ten times a second whether it should stop, unless its socket is shut down.
                 with contextlib.suppress(OSError, EOFError, AttributeError):  # closed already; proxies have no shutdown()
                     transport.sock.shutdown(socket.SHUT_RDWR)
             client.close()
@@ -101,9 +101,9 @@ class Connection:
         while self._proxies:
             _terminate_proxy(self._proxies.pop())
 
-    def _log_in(self, name: str, destination: Destination, through: paramiko.Transport | None) -> paramiko.Transport:
+    def _log_in(self, name: str, destination: Destination, jump_transport: paramiko.Transport | None) -> paramiko.Transport:
         """Append a client for `destination` to the chain, connected through the previous one."""
-        stream = self._open_stream(destination, through)
+        stream = self._open_stream(destination, jump_transport)
         client = paramiko.SSHClient()
         # The robot's name stands in for its address: paramiko then asks for a key type that is known, and compares.
         for key in self._known_hosts.accepted_keys(name, destination)[0]:
@@ -121,10 +121,10 @@ class Connection:
         self._clients.append(client)
         return transport
 
-    def _open_stream(self, destination: Destination, through: paramiko.Transport | None) -> Stream:
-        if through is not None:
+    def _open_stream(self, destination: Destination, jump_transport: paramiko.Transport | None) -> Stream:
+        if jump_transport is not None:
             try:
-                return through.open_channel(
+                return jump_transport.open_channel(
                     "direct-tcpip", (destination.host, destination.port), ("127.0.0.1", 0), timeout=self._connect_timeout_s
                 )
             except CONNECTION_ERRORS as error:
@@ -135,7 +135,7 @@ class Connection:
         return open_with_banner(destination, self._connect_timeout_s)
 
     def _authenticate(self, client: paramiko.SSHClient, name: str, destination: Destination, stream: Stream) -> None:
-        # paramiko takes a list too; its type stubs know one file only.
+        # paramiko accepts a list too; its type stubs know one file only.
         files: Any = [name for name in destination.identity_files if Path(name).is_file()]
         try:
             client.connect(
@@ -167,9 +167,9 @@ class Connection:
         """Log in with a password if somebody can be asked for it; otherwise raise the reason of the failure."""
         address, transport = str(destination), client.get_transport()
         if "timeout" in str(error).lower():
-            raise unreachable(address, "silent", "no answer to the log-in") from error
+            raise unreachable(address, "silent", "no answer to the login") from error
         if transport is None or not transport.is_active():
-            detail = "it closed the connection during the log-in: it is shutting down, or was offered too many keys"
+            detail = "it closed the connection during the login: it is shutting down, or was offered too many keys"
             raise unreachable(address, "lost", detail) from error
         if address not in self._passwords and self._ask_password is not None:
             self._log_in_with_password(transport, destination, self._ask_password(f"Password of {address}: "))
@@ -190,7 +190,7 @@ class Connection:
                 f"{destination} accepts neither this user's keys nor the password", f"ssh-copy-id {destination}"
             ) from error
         except CONNECTION_ERRORS as error:
-            raise unreachable(str(destination), "lost", f"{error} during the log-in") from error
+            raise unreachable(str(destination), "lost", f"{error} during the login") from error
         self._passwords[str(destination)] = password
 
 

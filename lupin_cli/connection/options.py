@@ -31,15 +31,15 @@ if TYPE_CHECKING:
     from lupin_cli.connection.ssh import SshTarget
 
 ROBOT = Annotated[
-    list[str] | None, typer.Option("--robot", "-r", help="A robot of lupin.toml, or [user@]host[:port]; may be repeated.")
+    list[str] | None, typer.Option("--robot", "-r", help="A robot of lupin.toml, or [user@]host[:port]; can be repeated.")
 ]
-ALL = Annotated[bool, typer.Option("--all", help="Every robot of lupin.toml, in parallel.")]
-LIMIT = Annotated[str | None, typer.Option("--limit", help="With --all: only robots whose name matches this pattern: pot-*.")]
+ALL = Annotated[bool, typer.Option("--all", help="Act on every robot of lupin.toml, in parallel.")]
+LIMIT = Annotated[str | None, typer.Option("--limit", help="With --all: select robots by a pattern, such as pot-*.")]
 CONFIG = Annotated[
-    Path | None, typer.Option("--config", help="The inventory [$LUPIN_CONFIG, else lupin/lupin.toml in ~/.config].")
+    Path | None, typer.Option("--config", help="Read this inventory [$LUPIN_CONFIG, else lupin/lupin.toml in ~/.config].")
 ]
-ASK_SUDO = Annotated[bool, typer.Option("--ask-sudo-password", "-K", help="Ask for the password of sudo on the robot.")]
-BREAK_LEASE = Annotated[bool, typer.Option("--break-lease", help="Change the robot although another run holds its lease.")]
+ASK_SUDO = Annotated[bool, typer.Option("--ask-sudo-password", "-K", help="Ask for the robot's sudo password.")]
+BREAK_LEASE = Annotated[bool, typer.Option("--break-lease", help="Change the robot even if another run holds its lease.")]
 
 # Used without an inventory: a MIRTE as it is delivered, on a cable or on its own access point.
 STOCK_ROBOT = Robot("mirte", {"wired": "10.42.0.1", "ap": "192.168.42.1"})
@@ -52,7 +52,7 @@ def select_robots(config: Config, names: Sequence[str] | None, *, every: bool = 
     """Return the chosen robots: all (that match `limit`), those named, or the default one. Raises ConfigError."""
     if every:
         if names:
-            raise ConfigError("--all and --robot exclude each other; for some of all robots: --all --limit PATTERN")
+            raise ConfigError("--all and --robot exclude each other; to select some robots: --all --limit PATTERN")
         if not config.robots:
             raise ConfigError(f"{config.path} has no robots; add one: lupin robots add NAME ADDRESS")
         found = [robot for name, robot in config.robots.items() if limit is None or fnmatch.fnmatchcase(name, limit)]
@@ -112,7 +112,7 @@ def known_hosts_of(config: Config, accept: str = "") -> KnownHosts:
 def connect(
     robot: Robot, config: Config | None = None, *, sudo_password: str | None = None, accept: str = ""
 ) -> Iterator[SshTarget]:
-    """An open connection to `robot` over its best transport that answers; closed at the end. Raises TargetError."""
+    """Yield an open connection to `robot` over its best transport that answers; close it at the end. Raises TargetError."""
     target = open_target(robot, config, sudo_password=sudo_password, accept=accept)
     try:
         target.connect()
@@ -153,7 +153,7 @@ def for_each_robot(robots: Sequence[Robot], action: Callable[[Robot], Result]) -
 
 @contextlib.contextmanager
 def reporting_errors(verb: str) -> Iterator[None]:
-    """Exit for an expected error of the block: one line with the error, one with the next command, and a code."""
+    """Report an expected error of the block in one line, print the next command, and exit with the error's code."""
     try:
         yield
     except ConfigError as error:
@@ -178,7 +178,7 @@ def exit_code_of(error: TargetError) -> int:
 
 
 def ask_sudo_password(robot: str) -> str:
-    """Ask for the password of sudo on `robot`. Raises ConfigError without a terminal."""
+    """Ask for the sudo password of `robot`. Raises ConfigError without a terminal."""
     if not is_interactive():
         raise ConfigError("--ask-sudo-password needs a terminal")
     return getpass.getpass(f"sudo password on {robot}: ")

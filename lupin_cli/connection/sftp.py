@@ -1,4 +1,4 @@
-"""Atomic writes over SFTP, for robots that serve it: they take a fraction of the time of a shell."""
+"""Atomic writes over SFTP, for robots that serve it: much faster than through a shell."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SFTP_ERRORS = (*CONNECTION_ERRORS, paramiko.SFTPError)
 
 
 class Sftp:
-    """The SFTP session of one connection, opened on first use. The caller bounds it."""
+    """The SFTP session of one connection, opened on first use. The caller limits its time."""
 
     def __init__(self) -> None:
         self._client: paramiko.SFTPClient | None = None

@@ -49,7 +49,7 @@ def decode_file(name: str, path: str, output: Output) -> bytes | None:
 def failure_reason(output: Output) -> str:
     """Return the last line that a failed script printed, or its exit status."""
     lines = (output.stderr or output.stdout).strip().splitlines()
-    return lines[-1] if lines else f"it ended with status {output.status}"
+    return lines[-1] if lines else f"it exited with status {output.status}"
 
 
 def _quoted_path(path: str) -> str:

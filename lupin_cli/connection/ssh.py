@@ -1,4 +1,4 @@
-"""A robot over SSH. One connection, opened on first use and again after it was lost; every wait on it is bounded."""
+"""A robot over SSH. One connection, opened on first use and again after it was lost; every wait on it has a time limit."""
 
 from __future__ import annotations
 
@@ -61,25 +61,25 @@ class SshTarget:
 
     @property
     def secrets(self) -> tuple[str, ...]:
-        """The passwords that were given for this robot, to be masked in whatever is written down."""
+        """The passwords that were given for this robot, to be masked in everything that is stored."""
         return tuple({*self._connection.passwords, *filter(None, [self._given_sudo_password])})
 
     @property
     def _sudo_password(self) -> str | None:
-        """The password for sudo; without one, that of the log-in: on every Debian it is the same."""
+        """The sudo password; if none was given, the login password, which is the same by default."""
         return self._connection.password if self._given_sudo_password is None else self._given_sudo_password
 
     @property
     def peer(self) -> tuple[str, str]:
-        """The addresses of both ends of this machine's connection: the other end's, then its own.
+        """The addresses of the connection's two ends: the remote one, then this machine's.
 
-        The other end is the robot, or the first jump host. Raises TargetError behind a proxy command.
+        The remote end is the robot, or the first jump host. Raises TargetError behind a proxy command.
         """
         self.connect()
-        link = self._connection.first_socket
-        if link is None:
+        first_socket = self._connection.first_socket
+        if first_socket is None:
             raise TargetError(f"{self.name} is reached through a proxy command: this machine has no link to it to examine")
-        return str(link.getpeername()[0]), str(link.getsockname()[0])
+        return str(first_socket.getpeername()[0]), str(first_socket.getsockname()[0])
 
     # -- what a target can do
 
@@ -87,41 +87,41 @@ class SshTarget:
         """See `Target.batch`. Raises Unreachable if the connection is lost before anything was received."""
         program = batch_program(scripts, timeout_s, self._sudo_password)
         deadline = time.monotonic() + timeout_s
-        why = f"no end within {timeout_s:g} s"
-        shell_ended, last_error = False, ""
+        why_cut = f"did not finish within {timeout_s:g} s"
+        shell_exited, last_error = False, ""
         self.clock_reading = None
-        sent_ns = left_ns = 0
+        sent_ns = sent_monotonic_ns = 0
         with ConnectionWatchdog(self.connect(), timeout_s + 1.0) as watchdog:
             try:
                 with _exec(watchdog.transport, program.command, timeout_s) as channel:
-                    with contextlib.suppress(OSError):  # a shell that has ended takes no input; its output is still read
+                    with contextlib.suppress(OSError):  # a shell that has exited takes no input; its output is still read
                         channel.sendall(program.payload[:-1])
-                        sent_ns, left_ns = time.time_ns(), time.monotonic_ns()
+                        sent_ns, sent_monotonic_ns = time.time_ns(), time.monotonic_ns()
                         channel.sendall(program.payload[-1:])  # the program begins when its last byte has arrived
                         channel.shutdown_write()
-                    while not program.reader.done and (left := deadline - time.monotonic()) > 0:
-                        channel.settimeout(min(left, 0.5))
+                    while not program.reader.done and (remaining_s := deadline - time.monotonic()) > 0:
+                        channel.settimeout(min(remaining_s, 0.5))
                         try:
                             data = channel.recv(1 << 16)
                         except TimeoutError:
                             continue
                         if not data:
-                            shell_ended = True
+                            shell_exited = True
                             break
                         program.reader.feed(data)
                     last_error = _last_error_line(channel)
             except CONNECTION_ERRORS as error:
-                why = f"the link was lost: {str(error) or type(error).__name__}"
+                why_cut = f"the link was lost: {str(error) or type(error).__name__}"
             if not program.reader.done and time.monotonic() < deadline and _is_gone(watchdog.transport):
-                why = f"the link was lost: {watchdog.reason}"
+                why_cut = f"the link was lost: {watchdog.reason}"
                 if not program.reader.started:
                     raise unreachable(str(self.destination), "lost", watchdog.reason if watchdog.timed_out else "")
-            elif shell_ended and not program.reader.started:
+            elif shell_exited and not program.reader.started:
                 raise self._shell_refused(last_error)
         if program.reader.clock is not None:
             text, received_ns = program.reader.clock
-            self.clock_reading = ClockReading(sent_ns, text, sent_ns + received_ns - left_ns)
-        return program.reader.outputs(why)
+            self.clock_reading = ClockReading(sent_ns, text, sent_ns + received_ns - sent_monotonic_ns)
+        return program.reader.outputs(why_cut)
 
     def run(
         self,
@@ -140,7 +140,7 @@ class SshTarget:
         with ConnectionWatchdog(self.connect(), timeout_s + 1.0) as watchdog:
             try:
                 with _exec(watchdog.transport, program.command, timeout_s) as channel:
-                    # On a thread of its own, because the robot may stop reading until its own output is read.
+                    # On another thread, because the robot may stop reading until its own output is read.
                     send = threading.Thread(target=send_input, args=(channel, program.payload), name="lupin-stdin", daemon=True)
                     send.start()
                     for is_stderr, data in read_output(channel, start + timeout_s):
@@ -154,7 +154,7 @@ class SshTarget:
         if status is not None and not collector.script_started:
             if root and collector.shell_started and collector.last_error:
                 raise RootRefused(
-                    f"{self.name}: root is refused to {self.user}: {collector.last_error}",
+                    f"{self.name}: {self.user} cannot run commands as root: {collector.last_error}",
                     f"lupin robots check {self.name} --ask-sudo-password",
                 )
             raise self._shell_refused(collector.last_error)
@@ -179,7 +179,7 @@ class SshTarget:
         return decode_file(self.name, path, output)
 
     def open_run(self, script: str, timeout_s: float) -> paramiko.Channel:
-        """Start `script` and return its channel, for exchanges in both directions. Close it. Raises Unreachable."""
+        """Start `script` and return its channel, for exchanges in both directions. The caller closes it. Raises Unreachable."""
         program = run_program(script, root=False, stdin=b"", timeout_s=timeout_s, sudo_password=None)
         try:
             channel = self.connect().open_session(timeout=min(timeout_s, HANDSHAKE_TIMEOUT_S))
@@ -187,7 +187,7 @@ class SshTarget:
             channel.exec_command(program.command)
             channel.sendall(program.payload)
             received = bytearray()
-            while not received.endswith(program.mark + b"\n"):  # byte by byte: what follows the mark is the caller's
+            while not received.endswith(program.mark + b"\n"):  # byte by byte: what follows the mark belongs to the caller
                 if not (byte := channel.recv(1)):
                     raise EOFError("the script did not start")
                 received += byte
@@ -196,22 +196,22 @@ class SshTarget:
         return channel
 
     def _require_link(self, output: Output, detail: str) -> None:
-        """Raise Unreachable if a script did not end because the connection was lost."""
+        """Raise Unreachable if a script did not finish because the connection was lost."""
         if output.status is None and self._connection.live is None:
             raise unreachable(str(self.destination), "lost", detail)
 
-    def _shell_refused(self, said: str) -> TargetError:
-        """The login shell ended without running the command: a start file replaces it, or the user has no shell."""
+    def _shell_refused(self, last_line: str) -> TargetError:
+        """Return the error for a login shell that ran no command: a startup file replaces it, or the user has no shell."""
         return TargetError(
-            f"{self.name}: the login shell of {self.user} does not run commands; it said: {said or 'nothing'}. "
-            "A start file that ends with 'exec ...' must do so on terminals only: [ -t 0 ] && exec ...",
+            f"{self.name}: the login shell of {self.user} does not run commands; it printed: {last_line or 'nothing'}. "
+            "A startup file that ends with 'exec ...' must do so on terminals only: [ -t 0 ] && exec ...",
             f"ssh {self.destination.user}@{self.destination.host} echo fine",
         )
 
 
 @contextlib.contextmanager
 def _exec(transport: paramiko.Transport, command: str, timeout_s: float) -> Iterator[paramiko.Channel]:
-    """A channel on which `command` runs; closed at the end."""
+    """Yield a channel on which `command` runs; close it at the end."""
     channel = transport.open_session(timeout=min(timeout_s, HANDSHAKE_TIMEOUT_S))
     try:
         channel.settimeout(timeout_s)
@@ -222,12 +222,12 @@ def _exec(transport: paramiko.Transport, command: str, timeout_s: float) -> Iter
 
 
 def _is_gone(transport: paramiko.Transport, grace_s: float = 0.2) -> bool:
-    """Whether the connection has ended too, after a channel ended: paramiko closes channels a moment before it."""
+    """Return whether the connection is closed too, after a channel was: paramiko closes channels a moment earlier."""
     transport.join(grace_s)
     return not transport.is_active()
 
 
 def _last_error_line(channel: paramiko.Channel) -> str:
-    """The last line of standard error that has arrived."""
+    """Return the last line of standard error that has arrived."""
     data = channel.recv_stderr(1 << 16) if channel.recv_stderr_ready() else b""
     return ["", *data.decode("utf-8", "replace").strip().splitlines()][-1]

@@ -56,7 +56,7 @@ def diagnose(checks: Sequence[Check], snapshot: Snapshot, plugin_errors: Iterabl
 
 
 def demote_blocked_fixes(findings: Iterable[Finding]) -> Iterable[Finding]:
-    """The findings; a fix whose playbook another finding of the same machine blocks is no longer played without asking."""
+    """Yield the findings. A fix is no longer safe if another finding of the same machine blocks its playbook."""
     found = tuple(findings)
     blocked = {(finding.where, playbook) for finding in found for playbook in finding.blocks_playbooks}
     for finding in found:
@@ -67,7 +67,7 @@ def demote_blocked_fixes(findings: Iterable[Finding]) -> Iterable[Finding]:
 
 
 def fold_consequences(findings: Iterable[Finding]) -> tuple[RootCause, ...]:
-    """Put every finding under the one that explains it, problems first. A circle is cut at its first finding."""
+    """Put every finding under the one that explains it, problems first. A cycle is broken at its first finding."""
     found: list[Finding] = []
     for finding in findings:
         if finding not in found:
@@ -88,8 +88,8 @@ def fold_consequences(findings: Iterable[Finding]) -> tuple[RootCause, ...]:
     def is_explained(finding: Finding) -> bool:
         for cause in found:
             if any(f is finding for f in consequences[id(cause)]):
-                circle = any(f is cause for f in consequences[id(finding)])
-                if not circle or order[id(cause)] < order[id(finding)]:
+                is_cycle = any(f is cause for f in consequences[id(finding)])
+                if not is_cycle or order[id(cause)] < order[id(finding)]:
                     return True
         return False
 
@@ -97,14 +97,14 @@ def fold_consequences(findings: Iterable[Finding]) -> tuple[RootCause, ...]:
     placed: set[int] = set()  # each consequence is listed under one root cause only
     roots = []
     for root in root_findings:
-        under = tuple(f for f in consequences[id(root)] if id(f) not in placed and not any(f is r for r in root_findings))
-        placed |= {id(f) for f in under}
-        roots.append(RootCause(root, under))
+        explained = tuple(f for f in consequences[id(root)] if id(f) not in placed and not any(f is r for r in root_findings))
+        placed |= {id(f) for f in explained}
+        roots.append(RootCause(root, explained))
     return tuple(sorted(roots, key=lambda root: root.finding.severity is not Severity.PROBLEM))
 
 
 def describe_unknown_facts(snapshot: Snapshot) -> Iterable[str]:
-    """One line for each fact that has no value: machine, fact, reason."""
+    """Yield one line for each fact that has no value: machine, fact, reason."""
     for facts in filter(None, (snapshot.laptop, snapshot.robot)):
         for name, value in facts.values.items():
             if isinstance(value, Unknown):

@@ -28,17 +28,17 @@ from lupin_cli.facts.link import Link
 from lupin_cli.facts.routes import ROBOT_ADDRESSES
 from lupin_cli.facts.shared_shell import join_probes, split_outputs
 
-# How much longer than its slowest probe a batch may take: sudo, starting shells, a line of 60 ms.
+# How much longer than its slowest probe a batch may take: sudo, starting shells, a link with 60 ms of latency.
 BATCH_SLACK_S = 3.0
-_SHARED = "at once"  # the script of the facts that share a shell; no fact's name contains a space
+_SHARED = "shared shell"  # the script that gathers the facts that share a shell; no fact's name contains a space
 
 
 class ConflictingFacts(ValueError):
-    """Two facts have the same name, so that one would get the other's value."""
+    """Two facts have the same name, and one would get the other's value."""
 
 
 def needed_facts(checks: Iterable[Check], machine: str) -> tuple[Fact[Any], ...]:
-    """The facts that the checks need of `machine` ("laptop" or "robot"), each once. Raises ConflictingFacts."""
+    """Return the facts that the checks need of `machine` ("laptop" or "robot"), each once. Raises ConflictingFacts."""
     needed: dict[str, Fact[Any]] = {}
     for check in checks:
         for fact in check.robot if machine == "robot" else check.laptop:
@@ -49,7 +49,7 @@ def needed_facts(checks: Iterable[Check], machine: str) -> tuple[Fact[Any], ...]
 
 
 def parse_fact(fact: Fact[Any], output: Output | None) -> Any:
-    """The value of a fact, or an Unknown with the reason."""
+    """Return the value of a fact, or an Unknown with the reason."""
     if output is None:
         return Unknown("the machine gave no answer")
     if output.status is None:
@@ -63,13 +63,15 @@ def parse_fact(fact: Fact[Any], output: Output | None) -> Any:
 def gather_facts(target: Target, machine: str, facts: Sequence[Fact[Any]], robot_addresses: Sequence[str] = ()) -> Facts:
     """Gather the facts of one machine in one batch. Raises TargetError if the machine cannot be asked at all.
 
-    Probes find the addresses by which the inventory knows the robot in $LUPIN_ROBOT_ADDRESSES.
+    In $LUPIN_ROBOT_ADDRESSES, probes find the addresses by which the inventory knows the robot.
     """
     if not facts:
         return Facts(machine, {})
     assignment = f"{ROBOT_ADDRESSES}={shlex.quote(' '.join(robot_addresses))}\n"
-    shared = [fact for fact in facts if fact.shares_shell]
-    scripts = [Script(fact.name, assignment + fact.probe, fact.timeout_s, fact.root) for fact in facts if not fact.shares_shell]
+    shared = [fact for fact in facts if fact.runs_in_shared_shell]
+    scripts = [
+        Script(fact.name, assignment + fact.probe, fact.timeout_s, fact.root) for fact in facts if not fact.runs_in_shared_shell
+    ]
     probes = [fact.probe for fact in shared]
     if shared:
         scripts.append(Script(_SHARED, assignment + join_probes(probes), max(fact.timeout_s for fact in shared)))
@@ -90,21 +92,21 @@ def gather_snapshot(
     clock_offset: Callable[[], Offset | None] = lambda: None,
     laptop_facts: Callable[[], Facts] | None = None,
 ) -> Snapshot:
-    """Gather the facts of the laptop while the robot is connected to and asked.
+    """Gather the laptop's facts and, at the same time, connect to the robot and gather its facts.
 
-    `connect` returns the robot and the link over which it was reached; without it, only the laptop is asked. `failed_link` is
-    completed with the error where `connect` or the batch fails; the laptop's facts, which show the reason, are kept.
-    `addresses` are those that the robot may have, `clock_offset` measures the robot's clock after it was asked, and
-    `laptop_facts` waits for facts that are gathered elsewhere, where several sessions share the laptop.
+    `connect` returns the robot and the link over which it was reached; without it, only the laptop is asked. If `connect` or
+    the batch fails, the link is `failed_link` with the error; the laptop's facts, which show the reason, are kept.
+    `addresses` are those that the robot may have. `clock_offset` measures the robot's clock after it was asked. If several
+    sessions share the laptop, `laptop_facts` waits for its facts, which are gathered elsewhere.
     """
-    of_laptop, of_robot = needed_facts(checks, "laptop"), needed_facts(checks, "robot")
+    needed_of_laptop, needed_of_robot = needed_facts(checks, "laptop"), needed_facts(checks, "robot")
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="laptop") as pool:
-        pending = pool.submit(laptop_facts or (lambda: gather_facts(laptop, "laptop", of_laptop, addresses)))
+        pending = pool.submit(laptop_facts or (lambda: gather_facts(laptop, "laptop", needed_of_laptop, addresses)))
         robot_facts, link = None, failed_link
         if connect is not None:
             try:
                 robot, reached = connect()
-                robot_facts = gather_facts(robot, "robot", of_robot, addresses)
+                robot_facts = gather_facts(robot, "robot", needed_of_robot, addresses)
                 link = replace(reached, clock=clock_offset())
             except TargetError as error:
                 link = replace(
@@ -124,21 +126,21 @@ def gather_followup_facts(
     robot: Target | None,
     addresses: Sequence[str] = (),
 ) -> Snapshot | None:
-    """The snapshot with the follow-up facts of the checks that found something; None where they need none.
+    """Return the snapshot with the follow-up facts of the checks that found something; None if they need none.
 
-    A robot that cannot be asked any more keeps the facts that it gave.
+    If the robot cannot be asked any more, its earlier facts are kept.
     """
-    due = [check for check in checks if by_check.get(check.name) and (check.followup_laptop or check.followup_robot)]
-    if not due:
+    to_follow_up = [check for check in checks if by_check.get(check.name) and (check.followup_laptop or check.followup_robot)]
+    if not to_follow_up:
         return None
-    of_laptop = needed_facts([replace(check, laptop=check.followup_laptop) for check in due], "laptop")
-    of_robot = needed_facts([replace(check, robot=check.followup_robot) for check in due], "robot")
+    needed_of_laptop = needed_facts([replace(each, laptop=each.followup_laptop) for each in to_follow_up], "laptop")
+    needed_of_robot = needed_facts([replace(each, robot=each.followup_robot) for each in to_follow_up], "robot")
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="laptop") as pool:
-        pending = pool.submit(gather_facts, laptop, "laptop", of_laptop, addresses)
+        pending = pool.submit(gather_facts, laptop, "laptop", needed_of_laptop, addresses)
         robot_facts = snapshot.robot
         if robot is not None and robot_facts is not None:
             with suppress(TargetError):
-                robot_facts = _merge(robot_facts, gather_facts(robot, "robot", of_robot, addresses))
+                robot_facts = _merge(robot_facts, gather_facts(robot, "robot", needed_of_robot, addresses))
         return replace(snapshot, laptop=_merge(snapshot.laptop, pending.result()), robot=robot_facts)
 
 
@@ -155,5 +157,5 @@ _KINDS = {
 
 
 def failure_kind(error: TargetError) -> str:
-    """The `Link.kind` of an error while connecting to or asking the robot."""
+    """Return the `Link.kind` of an error while connecting to or asking the robot."""
     return error.kind if isinstance(error, Unreachable) else _KINDS.get(type(error), "target")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def exit_status(diagnosis: Diagnosis, link: Link | None = None) -> int:
-    """0 healthy, 1 something needs attention, 3 the robot cannot be reached, 4 the doctor could not examine everything.
+    """Return 0 healthy, 1 something needs attention, 3 the robot cannot be reached, 4 not everything could be examined.
 
     A diagnosis with gaps is never healthy. One with findings needs attention, whether it has gaps or not.
     """
@@ -29,7 +29,7 @@ def exit_status(diagnosis: Diagnosis, link: Link | None = None) -> int:
 
 
 def to_dict(diagnosis: Diagnosis, link: Link | None = None) -> dict[str, Any]:
-    """The diagnosis as JSON-able data, with the same keys in every version."""
+    """Return the diagnosis as JSON-able data, with the same keys in every version."""
     return {
         "status": exit_status(diagnosis, link),
         "robot": None if link is None else {"name": link.robot, "address": link.address, "unreachable": link.kind or None},
@@ -62,12 +62,12 @@ def _finding(finding: Finding) -> dict[str, Any]:
 
 
 def to_json(diagnosis: Diagnosis, link: Link | None = None) -> str:
-    """The diagnosis as one JSON document."""
+    """Return the diagnosis as one JSON document."""
     return json.dumps(to_dict(diagnosis, link), indent=2)
 
 
 def to_junit(diagnosis: Diagnosis, name: str = "lupin doctor") -> str:
-    """The diagnosis as one JUnit test suite: a test case for each check, which fails if the check found something."""
+    """Return the diagnosis as one JUnit test suite: a test case for each check, which fails if the check found something."""
     from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
     failures = sum(1 for findings in diagnosis.by_check.values() if findings)
@@ -95,7 +95,7 @@ def to_junit(diagnosis: Diagnosis, name: str = "lupin doctor") -> str:
 
 
 def to_markdown(diagnosis: Diagnosis, title: str) -> str:
-    """The diagnosis for an issue or a logbook."""
+    """Return the diagnosis as Markdown, for an issue or a logbook."""
     lines = [f"# {title}", "", summary(diagnosis), ""]
     for root in diagnosis.roots:
         finding = root.finding
@@ -111,7 +111,7 @@ def to_markdown(diagnosis: Diagnosis, title: str) -> str:
 
 
 def summary(diagnosis: Diagnosis) -> str:
-    """The number of problems, warnings, checks and gaps, in one line."""
+    """Return the number of problems, warnings, checks and gaps, in one line."""
     problems = sum(root.finding.severity is Severity.PROBLEM for root in diagnosis.roots)
     warnings = len(diagnosis.roots) - problems
     gaps = len(diagnosis.unknown) + len(diagnosis.check_errors)
@@ -156,7 +156,7 @@ def print_terminal(diagnosis: Diagnosis, *, verbose: bool = False) -> None:
 
 
 def _lines(diagnosis: Diagnosis, verbose: bool) -> Iterable[str]:
-    """Every line, made printable. All fields may contain text of a robot, such as a process name in a cause."""
+    """Yield every line, made printable: any field may contain text from a robot, such as a process name in a cause."""
     for root in diagnosis.roots:
         yield from (printable(line) for line in _root_lines(root, verbose))
         yield ""

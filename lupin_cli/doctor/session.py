@@ -43,7 +43,7 @@ class DoctorScope:
         return self.robot.name if self.robot else "this machine"
 
     def addresses(self) -> list[str]:
-        """The hosts under which the inventory knows the robot, best transport first."""
+        """Return the hosts under which the inventory knows the robot, best transport first."""
         if self.robot is None:
             return []
         from lupin_cli.connection.destination import parse_destination
@@ -61,7 +61,7 @@ class DoctorResult:
 
     @property
     def link(self) -> Link | None:
-        """How the robot was reached, or why not; None where no robot was selected."""
+        """How the robot was reached, or why not; None if no robot was selected."""
         return self.snapshot.link
 
 
@@ -78,7 +78,7 @@ class FixResult:
     changes: tuple[str, ...] = ()  # what each step changed, or would change
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as JSON-able data."""
+        """Return the result as JSON-able data."""
         return {
             "finding": self.finding,
             "playbook": self.playbook,
@@ -99,8 +99,8 @@ class DoctorSession:
     def examine(self, laptop_facts: Callable[[], Facts] | None = None, addresses: Sequence[str] = ()) -> DoctorResult:
         """Gather the facts of both machines and run the checks.
 
-        Where sessions run together, `laptop_facts` waits for the laptop's facts, which they share, and `addresses` are those
-        of all robots. Otherwise the session gathers the laptop's facts and uses its own robot's addresses.
+        If several sessions run together, `laptop_facts` waits for the laptop's facts, which they share, and `addresses` are
+        those of all robots. Otherwise the session gathers the laptop's facts and uses its own robot's addresses.
         """
         scope, own_addresses = self.scope, self.scope.addresses()
         snapshot = gather_snapshot(
@@ -121,7 +121,7 @@ class DoctorSession:
         return DoctorResult(with_followups, diagnose(scope.checks, with_followups, scope.plugin_errors))
 
     def get_reachable_robot(self, result: DoctorResult) -> SshTarget | None:
-        """The robot over the session's connection; None where it did not answer for `result`, or none was selected."""
+        """Return the robot as a target; None if it did not answer for `result`, or none was selected."""
         return self._target if result.link is not None and result.link.reachable else None
 
     def apply_fixes(
@@ -135,7 +135,7 @@ class DoctorSession:
     ) -> DoctorResult:
         """Play the playbooks of the root causes that `accept` allows, each once, and examine again after each round.
 
-        `on_fix` is called after each playbook. Returns the result of the last examination. A dry run plays one round and
+        `on_fix` is called after each playbook. Return the result of the last examination. A dry run plays one round and
         returns `result` unchanged.
         """
         played: set[tuple[str, str]] = set()
@@ -169,13 +169,13 @@ class DoctorSession:
             self._target = open_target(self.scope.robot, self.scope.config, sudo_password=self.scope.sudo_password)
         transport = self._target.connect()
         peer = ""
-        # Behind a jump host, the transport has no socket of its own.
+        # Behind a jump host, the transport has no socket.
         with contextlib.suppress(OSError, AttributeError, IndexError, TypeError):
             peer = str(transport.getpeername()[0])
         return self._target, Link(self.scope.robot.name, peer or self._target.destination.host)
 
     def _clock_offset(self) -> Offset | None:
-        """The robot's clock against the laptop's at the start of the last batch; None without a readable answer."""
+        """Return the offset of the robot's clock at the start of the last batch; None without a readable answer."""
         from lupin_cli.link.clock_offset import ClockError, Sample, estimate, parse_epoch
 
         reading = None if self._target is None else self._target.clock_reading
@@ -216,7 +216,7 @@ def examine_all(
     """Examine several robots at the same time.
 
     The laptop's first facts are gathered once for all robots, its follow-up facts once per robot. `on_result` is called as each
-    examination ends, also where another one raises.
+    examination ends, even if another one raises.
     """
     scope = sessions[0].scope
     addresses = [address for session in sessions for address in session.scope.addresses()]

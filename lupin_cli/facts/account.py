@@ -8,7 +8,7 @@ from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, Sections, parse_sections
 
-FIRST_REGULAR_UID = 1000  # of Debian and Ubuntu; lower ones are system users
+FIRST_REGULAR_UID = 1000  # on Debian and Ubuntu; lower IDs belong to system users
 
 PROBE = (
     PRELUDE
@@ -43,7 +43,7 @@ class Account:
 
 
 def parse(output: Output) -> Account:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     sections.lines("end")
     uid = sections.text("uid")
@@ -61,7 +61,7 @@ def parse(output: Output) -> Account:
 
 
 def _loses_memory(sections: Sections, uid: int) -> bool:
-    """logind.conf(5), RemoveIPC: system users and lingering users are exempt."""
+    """Return whether logind removes the user's shared memory. System users and lingering users are exempt (logind.conf(5))."""
     memory, lingers = sections.get("memory"), sections.get("lingers")
     remove_ipc = memory is not None and memory.text == "b true"
     return remove_ipc and uid >= FIRST_REGULAR_UID and lingers is not None and lingers.text == "no"

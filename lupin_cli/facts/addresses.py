@@ -1,4 +1,4 @@
-"""The IPv4 addresses of a machine, with their interfaces and whether these have a carrier."""
+"""The IPv4 addresses of a machine, with the interface of each and whether it has a carrier."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Address:
     carrier: bool
 
     def line(self) -> str:
-        """The address as `ip -brief address` prints it."""
+        """Return the address as `ip -brief address` prints it."""
         state = "UP" if self.up and self.carrier else "NO-CARRIER" if self.up else "DOWN"
         return f"{self.interface} {state} {self.address}/{self.prefix_length}"
 
-    def has_neighbor(self, address: str) -> bool:
-        """Whether `address` is in this interface's network. Raises ValueError if it is not an address."""
+    def on_same_subnet(self, address: str) -> bool:
+        """Return whether `address` is in the subnet of this one. Raises ValueError if it is not an IP address."""
         return ip_address(address) in ip_interface(f"{self.address}/{self.prefix_length}").network
 
 
@@ -39,22 +39,22 @@ class Address:
 class Addresses:
     """All IPv4 addresses of a machine, in the kernel's order."""
 
-    every: tuple[Address, ...]
+    entries: tuple[Address, ...]
 
     @property
     def announced(self) -> tuple[Address, ...]:
         """The addresses that a DDS participant started now would announce to other machines."""
-        return tuple(each for each in self.every if each.scope == "global" and each.up and each.carrier)
+        return tuple(each for each in self.entries if each.scope == "global" and each.up and each.carrier)
 
     def has(self, address: str) -> bool:
-        """Whether `address` is one of the machine's."""
-        return any(each.address == address for each in self.every)
+        """Return whether `address` is one of the machine's."""
+        return any(each.address == address for each in self.entries)
 
 
 def parse(output: Output) -> Addresses:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     found = []
-    for link in _documents(output):
+    for link in _link_objects(output):
         flags = link.get("flags", [])
         for info in link.get("addr_info", []):
             if info.get("family") == "inet" and "local" in info:
@@ -71,7 +71,7 @@ def parse(output: Output) -> Addresses:
     return Addresses(tuple(found))
 
 
-def _documents(output: Output) -> list[dict[str, Any]]:
+def _link_objects(output: Output) -> list[dict[str, Any]]:
     try:
         found = json.loads(output.stdout)
     except ValueError:
@@ -81,4 +81,4 @@ def _documents(output: Output) -> list[dict[str, Any]]:
     return [each for each in found if each]  # some versions print empty objects for links that were filtered out
 
 
-ADDRESSES = Fact("addresses", PROBE, parse, shares_shell=True)
+ADDRESSES = Fact("addresses", PROBE, parse, runs_in_shared_shell=True)

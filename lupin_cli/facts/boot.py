@@ -34,7 +34,7 @@ class Boot:
 
 
 def parse(output: Output) -> Boot:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     line = sections.text("loadavg")
     load = [number(word, "a load average") for word in line.split()[:3]]

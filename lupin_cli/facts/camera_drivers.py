@@ -20,7 +20,7 @@ echo '@@ end'
 
 
 def parse(output: Output) -> dict[str, DriverState]:
-    """Pure parser of PROBE: states by camera, body and gripper; empty where the service does not run. Raises ValueError."""
+    """Parse the output of PROBE: the states by camera (body, gripper); empty if the service does not run. Raises ValueError."""
     sections = parse_sections(output)
     sections.lines("end")
     return {section.argument: _state(section.text) for section in sections.all("camera")}

@@ -11,7 +11,7 @@ from lupin_cli.facts.sections import PRELUDE, Sections, parse_sections
 
 NTP_PORT = 123
 # Local address and port as ss(8) prints them: 0.0.0.0:123, [::]:123, *:123.
-_LISTENS = re.compile(rf":{NTP_PORT}\s")
+_NTP_LISTENER = re.compile(rf":{NTP_PORT}\s")
 DIRECTIVES = "makestep|allow|deny|local|server|pool|peer|confdir|sourcedir|include|port|rtcsync"
 
 # Without a daemon, chronyc blocks for up to seven seconds, so it is only called if chronyd runs.
@@ -36,7 +36,7 @@ echo '@@ end'
 
 @dataclass(frozen=True)
 class Source:
-    """A time source, a line of `chronyc -c sources`."""
+    """A time source: one line of `chronyc -c sources`."""
 
     address: str
     state: str  # * selected, + combined, - not combined, ? unusable, x falseticker, ~ too variable
@@ -75,8 +75,8 @@ class Chrony:
     others: tuple[str, ...] = ()  # other programs that discipline the clock
 
     def directives(self, name: str) -> tuple[str, ...]:
-        """The configuration lines of one directive."""
-        return tuple(line for line in self.conf if _text(line).split()[:1] == [name])
+        """Return the configuration lines of one directive."""
+        return tuple(line for line in self.conf if _directive(line).split()[:1] == [name])
 
     @property
     def serves(self) -> bool:
@@ -85,14 +85,14 @@ class Chrony:
 
 
 def parse(output: Output) -> Chrony:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     sections.lines("end")
     return Chrony(
         installed=bool(sections.lines("chronyd")),
         running=bool(sections.lines("running")),
         conf=sections.lines("files"),
-        listeners=tuple(line for line in sections.lines("listeners") if _LISTENS.search(line)),
+        listeners=tuple(line for line in sections.lines("listeners") if _NTP_LISTENER.search(line)),
         tracking=_tracking(sections),
         sources=_sources(sections),
         others=sections.lines("other"),
@@ -117,8 +117,8 @@ def _sources(sections: Sections) -> tuple[Source, ...]:
     )
 
 
-def _text(line: str) -> str:
-    """The directive of a `file:number:text` line."""
+def _directive(line: str) -> str:
+    """Return the directive of a `file:number:text` line, with its arguments."""
     return line.split(":", 2)[-1].strip()
 
 

@@ -23,7 +23,7 @@ class Clock:
 
     before_ns: int
     after_ns: int
-    rtc_s: int | None  # the hardware clock; None if there is none
+    rtc_s: int | None  # the hardware clock; None without one
 
     @property
     def epoch_ns(self) -> int:
@@ -55,20 +55,20 @@ class Offset:
 
 
 def offset(clock: Clock, probed_ns: tuple[int, int]) -> Offset:
-    """The offset of `clock` from the clock that showed `probed_ns` before the probe was sent and after its output arrived.
+    """Return the offset of `clock` from the clock that read `probed_ns` before the probe was sent and after its output arrived.
 
-    This is Cristian's algorithm without assumptions about the path: the reading happened at some time in between.
+    This is Cristian's algorithm without assumptions about the path: the probe ran at some time in between.
     """
     earliest, latest = clock.before_ns - probed_ns[1], clock.after_ns - probed_ns[0]
     return Offset((earliest + latest) / 2e9, (latest - earliest) / 2e9)
 
 
 def parse(output: Output) -> Clock:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     before, after = (integer(sections.text(name), "nanoseconds since 1970") for name in ("before", "after"))
     rtc = sections.get("rtc")
     return Clock(before, after, int(rtc.text) if rtc and rtc.text.isdigit() else None)
 
 
-CLOCK = Fact("clock", PROBE, parse, shares_shell=True)
+CLOCK = Fact("clock", PROBE, parse, runs_in_shared_shell=True)

@@ -32,7 +32,7 @@ pids=$(grep -zlasE "^($names)=" /proc/[0-9]*/environ | cut -d/ -f3)
     [ -n "$path" ] || continue
     [ "$path" = "$last" ] || {{ missing; last=$path found=; }}
     case $path in /*) file="${{root%/}}$path" ;; *) file="${{root%root}}cwd/$path" ;; esac
-    # A process may end before its root folder is read; any other process with the same path will do.
+    # A process may exit before its root folder is read; any other process with the same path will do.
     [ -z "$found" ] && [ -r "$file" ] || continue
     found=yes; echo "@@ file $path"; head -c 20000 "$file" | sed 's/^/ /'; echo
   done
@@ -69,7 +69,7 @@ class Profile:
         return bool(self.protocol not in ("", "SIMPLE") or self.servers)
 
     def line(self) -> str:
-        """A summary in one line."""
+        """Return a one-line summary."""
         if self.error:
             return f"{self.path}: {self.error}"
         servers = ", ".join(f"{server.prefix} at {server.address}:{server.port}" for server in self.servers) or "none"
@@ -78,10 +78,10 @@ class Profile:
 
 
 def parse(output: Output) -> tuple[Profile, ...]:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     if not sections.all("end"):
-        raise ValueError("the probe ended before its last line")
+        raise ValueError("the probe's output has no last line: it was cut off")
     return tuple(_from_section(section) for section in sections.all("file"))
 
 

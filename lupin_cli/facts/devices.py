@@ -9,8 +9,8 @@ from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, as_root_if_allowed, parse_sections
 
 # Only root can read the open files of other users' processes.
-_HELD = """find /proc/[0-9]*/fd -maxdepth 1 \\( -lname '/dev/video*' -o -lname '/dev/ttyACM*' -o -lname '/dev/ttyUSB*' \\
-  -o -lname '/dev/bus/usb/*' -o -lname '/dev/media*' \\) -printf '%p %l\\n'"""
+_FIND_HOLDERS = """find /proc/[0-9]*/fd -maxdepth 1 \\( -lname '/dev/video*' -o -lname '/dev/ttyACM*' \\
+  -o -lname '/dev/ttyUSB*' -o -lname '/dev/bus/usb/*' -o -lname '/dev/media*' \\) -printf '%p %l\\n'"""
 PROBE = (
     PRELUDE
     + """echo '@@ usb'
@@ -24,7 +24,7 @@ echo '@@ by-id'; for s in /dev/serial/by-id/*; do [ -e "$s" ] && echo "$(readlin
 echo '@@ holders'
 held() {
 """
-    + as_root_if_allowed(_HELD)
+    + as_root_if_allowed(_FIND_HOLDERS)
     + """}
 held | while read -r f dev; do
   p=${f#/proc/}; p=${p%%/*}
@@ -53,7 +53,7 @@ class Holder:
     command: str
 
     def line(self) -> str:
-        """A summary in one line."""
+        """Return a one-line summary."""
         return f"{self.device} held by {self.program} (pid {self.pid}, {self.unit}): {self.command}"
 
 
@@ -76,7 +76,7 @@ class TelemetrixProcess:
 
 @dataclass(frozen=True)
 class Devices:
-    """The devices of a machine and who uses them."""
+    """The devices of a machine, and the processes that use them."""
 
     usb: tuple[str, ...]  # `1-1.2 1a86:7523 USB Serial`
     videos: tuple[Video, ...]
@@ -86,12 +86,12 @@ class Devices:
     telemetrix: tuple[TelemetrixProcess, ...]
 
     def holders_of(self, prefix: str) -> tuple[Holder, ...]:
-        """The processes that hold devices whose path starts with `prefix`."""
+        """Return the processes that hold devices whose path starts with `prefix`."""
         return tuple(holder for holder in self.holders if holder.device.startswith(prefix))
 
 
 def parse(output: Output) -> Devices:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     sections.lines("end")
     holders = []

@@ -1,4 +1,4 @@
-"""How the vendor's discovery server started in this boot: the vendor's switch, its unit, and lines of the system journal."""
+"""How the vendor's discovery server started in this boot: the vendor's setting, its unit, and lines of the system journal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lupin_cli.facts.sections import PRELUDE, as_root_if_allowed, parse_sections
 
 # Messages of Fast DDS and of its fast-discovery-server.
 _WORDS = "allocate the specified listening port|fast-discovery-server.*not found|couldn.t allocate port|Discovery Server"
-_READ = f"""journalctl -b -q --no-pager -o short -u mirte-ros.service -n 20000 |
+_READ_JOURNAL = f"""journalctl -b -q --no-pager -o short -u mirte-ros.service -n 20000 |
   grep -E "{_WORDS}" | {{ head -n 10; tail -n 5; }}"""
 PROBE = (
     PRELUDE
@@ -24,7 +24,7 @@ echo '@@ uptime'; cat /proc/uptime
 echo '@@ journal'
 command -v journalctl >/dev/null || exit 0
 """
-    + as_root_if_allowed(_READ)
+    + as_root_if_allowed(_READ_JOURNAL)
     + "exit 0\n"
 )
 
@@ -43,13 +43,13 @@ class DiscoveryLog:
     vendor_age_s: float | None = None  # time since its unit became active; None if it never did
 
     @property
-    def wanted(self) -> bool:
+    def server_enabled(self) -> bool:
         """Whether the vendor's stack is configured to use a discovery server."""
         return self.switch not in ("", "false")
 
 
 def parse(output: Output) -> DiscoveryLog:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     switches = [match[1] for line in sections.lines("settings") if (match := _SWITCH.match(line))]
     states = [*sections.lines("unit"), "", "", ""]

@@ -31,7 +31,7 @@ class Endpoint:
 
     @property
     def is_ghost(self) -> bool:
-        """Whether its node is unknown: the discovery server still lists endpoints of processes that ended."""
+        """Whether its node is unknown: the discovery server still lists endpoints of processes that have exited."""
         return self.node.endswith(GHOST)
 
     @property
@@ -57,7 +57,7 @@ class Controller:
     state: str
 
     def line(self) -> str:
-        """The controller as `ros2 control list_controllers` prints it."""
+        """Return the controller as `ros2 control list_controllers` prints it."""
         return f"{self.name} {self.state}"
 
 
@@ -69,9 +69,9 @@ class ServiceCall:
     round_trip_s: float | None
 
     def line(self) -> str:
-        """The result in one line."""
-        took = "no answer" if self.round_trip_s is None else f"answered after {self.round_trip_s * 1e3:.1f} ms"
-        return f"{self.service}: {took}"
+        """Return the result in one line."""
+        result = "no answer" if self.round_trip_s is None else f"answered after {self.round_trip_s * 1e3:.1f} ms"
+        return f"{self.service}: {result}"
 
 
 @dataclass(frozen=True)
@@ -108,22 +108,22 @@ class Graph:
     udp_heard: int | None = None
 
     def topic(self, name: str) -> ObservedTopic | None:
-        """The topic of that name, or None."""
+        """Return the topic of that name, or None."""
         return next((topic for topic in self.topics if topic.name == name), None)
 
     def sample_count(self, name: str) -> int | None:
-        """The number of samples received on a topic; None if it has no publisher or the probe does not subscribe to it."""
+        """Return how many samples arrived on a topic; None if it has no publisher or the probe does not subscribe to it."""
         return dict(self.samples).get(name)
 
     @property
     def machine(self) -> str:
-        """The machine that findings about this graph name: the simulator's graph is the laptop's."""
+        """The machine that findings about this graph name; the simulator's graph belongs to the laptop."""
         return "robot" if self.kind == "robot" else "laptop"
 
 
 @dataclass(frozen=True)
 class Graphs:
-    """All graphs that this machine can join; none if no run is up and no robot is set up."""
+    """All graphs that this machine can join; empty if no run is up and no robot is set up."""
 
     graphs: tuple[Graph, ...] = ()
 
@@ -135,7 +135,7 @@ class Graphs:
 
 
 def parse(output: Output) -> Graphs:
-    """Pure parser of the probe's JSON. Raises ValueError."""
+    """Parse the probe's JSON. Raises ValueError."""
     try:
         document = json.loads(output.stdout)
         return Graphs(tuple(_graph(each) for each in document["graphs"]))

@@ -1,4 +1,4 @@
-"""The link from this machine to a robot: the address that was tried, and why it failed if it did."""
+"""The link from this machine to a robot: the address that was tried, and why connecting failed if it did."""
 
 from __future__ import annotations
 

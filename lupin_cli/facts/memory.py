@@ -54,7 +54,7 @@ class Memory:
 
 
 def parse(output: Output) -> Memory:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     sections.lines("end")
     info = {}
@@ -76,7 +76,7 @@ def parse(output: Output) -> Memory:
         swap_free_kb=info.get("SwapFree", 0),
         oom_kills=_pairs(sections.lines("vmstat")).get("oom_kill", 0),
         units=tuple(_unit(section.argument, section.lines) for section in sections.all("unit")),
-        stalled_fraction=_stalled(sections.lines("pressure")),
+        stalled_fraction=_stalled_fraction(sections.lines("pressure")),
         lines=tuple(kept),
     )
 
@@ -95,7 +95,7 @@ def _unit(name: str, lines: tuple[str, ...]) -> UnitMemory:
     return UnitMemory(name, counts.get("oom_kill", 0), kilobytes("max_bytes"), kilobytes("current_bytes"))
 
 
-def _stalled(lines: tuple[str, ...]) -> float | None:
+def _stalled_fraction(lines: tuple[str, ...]) -> float | None:
     for line in lines:
         words = line.split()
         if words[0] == "some":
@@ -104,4 +104,4 @@ def _stalled(lines: tuple[str, ...]) -> float | None:
     return None
 
 
-MEMORY = Fact("memory", PROBE, parse, shares_shell=True)
+MEMORY = Fact("memory", PROBE, parse, runs_in_shared_shell=True)

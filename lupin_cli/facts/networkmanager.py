@@ -52,7 +52,7 @@ class NetworkManager:
 
 
 def parse(output: Output) -> NetworkManager:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     if sections.get("absent"):
         return NetworkManager(running=False)

@@ -19,16 +19,16 @@ CAPTURE_S = 6.0  # the graph probe, which causes the packets, joins within two s
 MAX_PACKETS = 20_000
 # RTPS 2.2, 9.6.1.1: the ports of domain d start at 7400 + 250 d. From the tenth on, even offsets are for discovery and odd ones
 # for data, two ports per participant; 80 ports are enough for the participants of this project.
-FIRST_PORT, _PER_DOMAIN, _UNICAST, _USED = 7400, 250, 10, 80
-LAST_PORT = FIRST_PORT + _PER_DOMAIN * 101 + _USED
+FIRST_PORT, _PORTS_PER_DOMAIN, _FIRST_UNICAST, _UNICAST_PORTS = 7400, 250, 10, 80
+LAST_PORT = FIRST_PORT + _PORTS_PER_DOMAIN * 101 + _UNICAST_PORTS
 
 # A packet socket, since few robots have tcpdump. Only ETH_P_ALL (3) delivers outgoing packets, too.
-_COUNT = f"""
+_COUNTER = f"""
 import collections, socket, struct, time
 raw = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(3))
 raw.settimeout(0.2)
-seen, left, end = collections.Counter(), {MAX_PACKETS}, time.monotonic() + {CAPTURE_S}
-while left and time.monotonic() < end:
+seen, remaining, end = collections.Counter(), {MAX_PACKETS}, time.monotonic() + {CAPTURE_S}
+while remaining and time.monotonic() < end:
     try:
         data, sender = raw.recvfrom(64)
     except OSError:
@@ -41,7 +41,7 @@ while left and time.monotonic() < end:
     port = struct.unpack_from("!H", data, header + 2)[0]
     if port == {DISCOVERY_PORT} or {FIRST_PORT} <= port <= {LAST_PORT}:
         seen[socket.inet_ntoa(data[12:16]), socket.inet_ntoa(data[16:20]), port] += 1
-        left -= 1
+        remaining -= 1
 print("@@ flows")
 for (source, destination, port), count in seen.items():
     print(source, destination, port, count)
@@ -53,8 +53,8 @@ PROBE = (
 echo '@@ own'; ip -4 -o address show scope global | awk '{{ split($4, part, "/"); print part[1] }}'
 if [ "$as" = nobody ]; then echo '@@ refused'; echo "$(id -un) may not capture packets: needs root, or sudo without password"
 elif command -v python3 >/dev/null 2>&1; then
-  said=$($as timeout {CAPTURE_S + 2:.0f} python3 -c {shlex.quote(_COUNT)} 2>&1) && printf '%s\\n' "$said" ||
-    {{ echo '@@ refused'; printf '%s\\n' "$said" | tail -n 1; }}
+  counts=$($as timeout {CAPTURE_S + 2:.0f} python3 -c {shlex.quote(_COUNTER)} 2>&1) && printf '%s\\n' "$counts" ||
+    {{ echo '@@ refused'; printf '%s\\n' "$counts" | tail -n 1; }}
 elif command -v tcpdump >/dev/null 2>&1; then
   echo '@@ tcpdump'
   $as timeout {CAPTURE_S:.0f} tcpdump -nn -q -t -l -i any -c {MAX_PACKETS} {shlex.quote(_FILTER)} 2>/dev/null || true
@@ -77,8 +77,8 @@ class Flow:
     @property
     def is_data(self) -> bool:
         """Whether the port is for data: samples, requests and answers. Discovery uses other ports."""
-        offset = (self.port - FIRST_PORT) % _PER_DOMAIN - _UNICAST
-        return FIRST_PORT <= self.port <= LAST_PORT and 0 <= offset < _USED and offset % 2 == 1
+        offset = (self.port - FIRST_PORT) % _PORTS_PER_DOMAIN - _FIRST_UNICAST
+        return FIRST_PORT <= self.port <= LAST_PORT and 0 <= offset < _UNICAST_PORTS and offset % 2 == 1
 
 
 @dataclass(frozen=True)
@@ -89,17 +89,17 @@ class Packets:
     flows: tuple[Flow, ...] = ()
     refused: str = ""
 
-    def sent(self) -> tuple[Flow, ...]:
-        """Packets to other machines."""
+    def sent_flows(self) -> tuple[Flow, ...]:
+        """Return the flows to other machines."""
         return tuple(flow for flow in self.flows if flow.source in self.own and flow.destination not in self.own)
 
-    def arrived(self) -> tuple[Flow, ...]:
-        """Packets from other machines to one of its addresses."""
+    def received_flows(self) -> tuple[Flow, ...]:
+        """Return the flows from other machines to one of this machine's addresses."""
         return tuple(flow for flow in self.flows if flow.destination in self.own and flow.source not in self.own)
 
 
 def parse(output: Output) -> Packets:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     sections.lines("end")
     own = tuple(line.strip() for line in sections.lines("own"))

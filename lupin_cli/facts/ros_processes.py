@@ -76,7 +76,7 @@ class RosProcess:
 
     @property
     def domain(self) -> int:
-        """Its DDS domain; 0 if the variable is not a number, which rcl would reject."""
+        """Its DDS domain; 0 if ROS_DOMAIN_ID is unset or not a number (which rcl rejects)."""
         text = self.environment.get("ROS_DOMAIN_ID", "")
         return int(text) if text.isdigit() else 0
 
@@ -134,7 +134,7 @@ class RosProcess:
         return "its parent is gone"
 
     def line(self, *variables: str) -> str:
-        """The process with some of its environment variables, or with its command if none are given."""
+        """Return the process with some of its environment variables, or with its command if none are given."""
         shown = " ".join(f"{name}={self.environment.get(name, '')}" for name in variables)
         return f"/proc/{self.pid}/environ ({self.name}): {shown}" if variables else f"{self.pid} {self.command}"
 
@@ -152,7 +152,7 @@ _MIDDLEWARE = (
 
 
 def parse(output: Output) -> tuple[RosProcess, ...]:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     uptime_s, ticks = sections.number("uptime"), sections.number("ticks")
     sections.lines("memory")  # missing if the probe was cut off
@@ -182,13 +182,13 @@ def parse(output: Output) -> tuple[RosProcess, ...]:
     return tuple(sorted(found, key=lambda process: process.pid))
 
 
-_OF_PID = re.compile(r"/proc/(\d+)/[a-z/]+:(.*)")
+_PID_LINE = re.compile(r"/proc/(\d+)/[a-z/]+:(.*)")
 
 
 def _by_pid(lines: tuple[str, ...]) -> dict[int, list[str]]:
     found: dict[int, list[str]] = {}
     for line in lines:
-        if match := _OF_PID.match(line):
+        if match := _PID_LINE.match(line):
             found.setdefault(int(match[1]), []).append(match[2])
     return found
 

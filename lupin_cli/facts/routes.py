@@ -39,13 +39,13 @@ class RouteEntry:
     dead: bool = False  # no carrier
 
     def line(self) -> str:
-        """The entry as `ip route` prints it."""
+        """Return the entry as `ip route` prints it."""
         via = f" via {self.gateway}" if self.gateway else ""
         source = f" src {self.source}" if self.source else ""
         return f"{self.destination}{via} dev {self.device}{source}{' linkdown' if self.dead else ''}"
 
     def covers(self, address: str) -> int | None:
-        """The prefix length with which it matches `address`; None if it does not match."""
+        """Return the prefix length with which it matches `address`; None if it does not match."""
         if self.destination == "default":
             return 0
         network = _network(self.destination)
@@ -73,18 +73,18 @@ class RoutingTable:
     names: Mapping[str, str] = field(default_factory=dict)  # addresses that the robot's host names resolve to, by name
 
     def best(self, address: str) -> RouteEntry | None:
-        """The entry with carrier that matches `address` with the longest prefix, or None."""
+        """Return the entry with carrier that matches `address` with the longest prefix, or None."""
         found = [(length, route) for route in self.main if (length := route.covers(address)) is not None and not route.dead]
         return max(found, key=lambda pair: pair[0])[1] if found else None
 
     def leads_to(self, address: str) -> bool:
-        """Whether a specific route leads to `address`. The default route does not count: it leads to the Internet."""
+        """Return whether a specific route leads to `address`. The default route does not count: it leads to the Internet."""
         route = self.best(address)
         return route is not None and route.destination != "default"
 
 
 def parse(output: Output) -> RoutingTable:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     text = "\n".join(sections.lines("routes"))
     try:

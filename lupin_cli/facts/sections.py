@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from lupin_cli.connection.base import Output
 
 MARK = "@@ "
-# On Debian, a non-login shell has no /usr/sbin in its PATH; parsers know the messages of the C locale.
+# On Debian, a non-login shell has no /usr/sbin in its PATH. Parsers expect the messages of the C locale.
 PRELUDE = 'LC_ALL=C; export LC_ALL; PATH="$PATH:/usr/sbin:/sbin"\n'
 
 
 def as_root_if_allowed(script: str) -> str:
-    """sh that runs `script` as root if sudo needs no password, otherwise as the user.
+    """Return sh that runs `script` as root if sudo needs no password, otherwise as the user.
 
     The whole script runs in one call of sudo, since each call sets up a session. Standard error is discarded along with sudo's
     refusal.
@@ -43,26 +43,26 @@ class Sections:
     sections: tuple[Section, ...]
 
     def all(self, name: str) -> tuple[Section, ...]:
-        """All sections of that name."""
+        """Return all sections of that name."""
         return tuple(section for section in self.sections if section.name == name)
 
     def get(self, name: str) -> Section | None:
-        """The first section of that name, or None."""
+        """Return the first section of that name, or None."""
         return next(iter(self.all(name)), None)
 
     def lines(self, name: str) -> tuple[str, ...]:
-        """The non-blank lines of the first section of that name. Raises ValueError if the probe ended before it."""
+        """Return the non-blank lines of the first section of that name. Raises ValueError if the section is missing."""
         section = self.get(name)
         if section is None:
             raise ValueError(f"expected a section {name!r}, found {[s.name for s in self.sections] or 'nothing'}")
         return tuple(line for line in section.lines if line.strip())
 
     def text(self, name: str) -> str:
-        """The first non-blank line of a required section; empty if it has none. Raises ValueError if the section is missing."""
+        """Return the first non-blank line of a section; empty if it has none. Raises ValueError if the section is missing."""
         return next(iter(self.lines(name)), "").strip()
 
     def number(self, name: str) -> float:
-        """The first word of a section as a finite number. Raises ValueError."""
+        """Return the first word of a section as a finite number. Raises ValueError."""
         return number(self.text(name).split()[0] if self.text(name) else "", name)
 
 

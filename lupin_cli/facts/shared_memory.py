@@ -1,7 +1,7 @@
 """The files of Fast DDS in /dev/shm, and whether a live process holds them.
 
-Fast DDS locks `<segment>_el` and `<port>_el` with flock(2) as long as their owner lives (measured with 2.14: WRITE locks in
-/proc/locks). A file with a free lock is stale and one with a held lock is in use, whatever their age.
+Fast DDS locks `<segment>_el` and `<port>_el` with flock(2) while their owner lives (measured with 2.14: WRITE locks in
+/proc/locks). A file with a free lock is stale and one with a held lock is in use, however old it is.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, integer, parse_sections
 
-# Locks of processes in other PID namespaces (containers) are not in /proc/locks, but flock(1) fails on them. It opens files
-# without creating them and does not wait. A process that checks the lock at that moment sees a file in use and keeps it.
+# Locks of processes in other PID namespaces (containers) are not in /proc/locks, but flock(1) fails on them. The probe opens
+# files without creating them and does not wait. A process that checks the lock meanwhile sees a file in use and keeps it.
 PROBE = (
     PRELUDE
     + r"""cd /dev/shm 2>/dev/null || { echo '@@ files'; echo '@@ end'; exit 0; }
@@ -58,10 +58,10 @@ _NAME = re.compile(r"(?:sem\.)?(fast(?:rtps|dds)_(?:port\d+|[0-9a-f]+))(?:_(?:el
 
 
 def parse(output: Output) -> tuple[SharedFile, ...]:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     if not sections.all("end"):
-        raise ValueError("the probe ended before its last line")
+        raise ValueError("the probe's output has no last line: it was cut off")
     rows: list[tuple[int, int, int, int, str]] = []
     for line in sections.lines("files"):
         words = line.split(None, 4)
@@ -97,19 +97,19 @@ def parse(output: Output) -> tuple[SharedFile, ...]:
 
 
 def _owner(name: str) -> str:
-    """The segment or port that a file belongs to."""
+    """Return the segment or port that a file belongs to."""
     found = _NAME.fullmatch(name)
     return found[1] if found else name
 
 
 def _device(text: str) -> tuple[int, int]:
-    """Major and minor number of a device that stat(1) printed in hexadecimal. Raises ValueError."""
+    """Return the major and minor number of a device that stat(1) printed in hexadecimal. Raises ValueError."""
     number = int(text, 16)
     return os.major(number), os.minor(number)
 
 
 def _locks(lines: tuple[str, ...]) -> list[tuple[int, int, tuple[int, int]]]:
-    """Inode, PID and device of each flock in /proc/locks (proc(5)), such as `1: FLOCK ADVISORY WRITE 4242 00:1b:1679 0 EOF`."""
+    """Return inode, PID and device of each flock in /proc/locks, such as `1: FLOCK ADVISORY WRITE 4242 00:1b:1679 0 EOF`."""
     found = []
     for line in lines:
         words = line.split()
@@ -120,4 +120,4 @@ def _locks(lines: tuple[str, ...]) -> list[tuple[int, int, tuple[int, int]]]:
     return found
 
 
-SHARED_MEMORY = Fact("shared-memory", PROBE, parse, shares_shell=True)
+SHARED_MEMORY = Fact("shared-memory", PROBE, parse, runs_in_shared_shell=True)

@@ -14,7 +14,7 @@ from lupin_cli.connection.base import Output
 
 
 def join_probes(probes: Sequence[str]) -> str:
-    """sh that runs the probes in order, each in a subshell: an `exit` or a syntax error in one does not affect the next."""
+    """Return sh that runs the probes in order, each in a subshell: an `exit` or a syntax error affects no other probe."""
     mark = _mark(probes)
     return "".join(
         f"read -r since rest </proc/uptime\n( eval {shlex.quote(probe)} )\nstatus=$?; read -r now rest </proc/uptime\n"
@@ -24,12 +24,15 @@ def join_probes(probes: Sequence[str]) -> str:
 
 
 def _mark(probes: Sequence[str]) -> str:
-    """The separator between outputs: a string that no probe prints, and always the same for the same probes."""
+    """Return the separator between outputs: a string that no probe prints, always the same for the same probes."""
     return hashlib.sha256("\n".join(probes).encode("utf-8", "surrogateescape")).hexdigest()[:16]
 
 
 def split_outputs(whole: Output, probes: Sequence[str]) -> tuple[Output, ...]:
-    """The output of each of `probes`, in order. An incomplete output has the whole's status: timed out, too long, or killed."""
+    """Return the output of each of `probes`, in order.
+
+    A probe that was cut off has the status of `whole`, those after it have None, and all of them are marked as truncated.
+    """
     mark = _mark(probes)
     first, *others = whole.stdout.split(f"\n{mark} ")
     outputs = [("", first), *((ending, body) for ending, _, body in (other.partition("\n") for other in others))]

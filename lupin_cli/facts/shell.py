@@ -1,4 +1,4 @@
-"""The ROS environment of this user's shells: variables, exports of ros-env.sh, and what start files source in which order."""
+"""The ROS environment of this user's shells: variables, exports of ros-env.sh, and what startup files source."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ _EXPORT = re.compile(r"^\s*export\s+([A-Za-z_][A-Za-z0-9_]*)=(.*?)\s*$")
 
 
 @dataclass(frozen=True)
-class StartFile:
-    """A shell's start file: its relevant lines with line numbers, and the sourced files that unset ROS_DISCOVERY_SERVER."""
+class StartupFile:
+    """A shell's startup file: its relevant lines with line numbers, and the sourced files that unset ROS_DISCOVERY_SERVER."""
 
     path: str
     lines: tuple[str, ...]
@@ -52,7 +52,7 @@ class Shell:
     exports_path: str  # path of ros-env.sh, whether it exists or not
     exports: Mapping[str, str]  # variables that it exports; empty if it is missing
     home: str = ""
-    start_files: tuple[StartFile, ...] = ()
+    start_files: tuple[StartupFile, ...] = ()
 
     @property
     def server(self) -> str:
@@ -61,7 +61,7 @@ class Shell:
 
 
 def parse(output: Output) -> Shell:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     environment = dict(line.split("=", 1) for line in sections.lines("environment") if "=" in line)
     exports = sections.get("exports")
@@ -70,7 +70,7 @@ def parse(output: Output) -> Shell:
     found = {match[1]: match[2].strip("\"'") for line in exports.lines if (match := _EXPORT.match(line))}
     wipes = {section.argument: section.lines for section in sections.all("wipes")}
     start_files = tuple(
-        StartFile(
+        StartupFile(
             section.argument,
             tuple(line for line in section.lines if line.strip()),
             dict(line.split(" ", 1) for line in wipes.get(section.argument, ()) if " " in line),

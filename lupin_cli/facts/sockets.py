@@ -9,8 +9,8 @@ from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, integer, parse_sections
 
-# ss may omit the owner of a socket that was just opened, so it runs again if all owners are missing. If another user owns
-# the port of the discovery server or of the cameras, it runs as root, since that owner is always needed.
+# ss may omit the owner of a socket that was just opened, so it is run again if all owners are missing. If another user owns
+# the port of the discovery server or of the cameras, it is run as root, since that owner is always needed.
 PROBE = (
     PRELUDE
     + r"""found=$(ss -H -lntup) || exit 1
@@ -40,12 +40,12 @@ class Socket:
     raw: str = ""
 
     @property
-    def anywhere(self) -> bool:
-        """Whether it is bound to every address."""
+    def is_wildcard(self) -> bool:
+        """Whether it is bound to all addresses."""
         return self.address in ("0.0.0.0", "*", "[::]")
 
     def line(self) -> str:
-        """The line of ss(8) without padding."""
+        """Return the line of ss(8) without padding."""
         return " ".join(self.raw.split())
 
 
@@ -53,19 +53,19 @@ class Socket:
 class Sockets:
     """All listening TCP sockets and all bound UDP sockets."""
 
-    every: tuple[Socket, ...]
+    entries: tuple[Socket, ...]
 
     def on(self, protocol: str, port: int) -> tuple[Socket, ...]:
-        """The sockets of one port."""
-        return tuple(each for each in self.every if (each.protocol, each.port) == (protocol, port))
+        """Return the sockets of one port."""
+        return tuple(each for each in self.entries if (each.protocol, each.port) == (protocol, port))
 
     def of(self, pid: int) -> tuple[Socket, ...]:
-        """The sockets of one process."""
-        return tuple(each for each in self.every if each.pid == pid)
+        """Return the sockets of one process."""
+        return tuple(each for each in self.entries if each.pid == pid)
 
 
 def parse(output: Output) -> Sockets:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     commands = _commands(sections.lines("commands"))
     found = []
@@ -94,7 +94,7 @@ _COMMAND = re.compile(r"/proc/(\d+)/cmdline:(.*)")
 
 
 def _commands(lines: tuple[str, ...]) -> dict[int, str]:
-    """Command lines by PID, from lines with one argument each and the file that it was read from."""
+    """Return command lines by PID, from lines that each have the file of a process and one argument."""
     commands: dict[int, list[str]] = {}
     for line in lines:
         if found := _COMMAND.match(line):

@@ -25,7 +25,7 @@ echo '@@ end'
 
 @dataclass(frozen=True)
 class Mount:
-    """A file system with one of the folders."""
+    """A file system that holds at least one of FOLDERS."""
 
     path: str
     device: str
@@ -44,13 +44,13 @@ class Mount:
 
 @dataclass(frozen=True)
 class Storage:
-    """The file systems, each once."""
+    """The file systems that hold FOLDERS, each once."""
 
     mounts: tuple[Mount, ...]
 
 
 def parse(output: Output) -> Storage:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     sections.lines("end")
     options = {}
@@ -82,7 +82,7 @@ def parse(output: Output) -> Storage:
 
 
 def _row(line: str) -> list[str] | None:
-    """The six columns of a POSIX df line; device and mount point may contain spaces."""
+    """Return the six columns of a POSIX df line, or None; device and mount point may contain spaces."""
     words = line.split()
     at = next(
         (i for i, word in enumerate(words) if i >= 4 and (word.endswith("%") or word == "-") and i + 1 < len(words)), None

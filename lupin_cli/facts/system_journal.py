@@ -24,7 +24,7 @@ KERNEL_WORDS = (
 _UNITS = " ".join(f"-u {unit}" for unit in (VENDOR, *LUPIN_UNITS))
 
 # A user who is not in the group adm or systemd-journal sees only lines of their own processes.
-_READ = f"""j() {{ journalctl -b --no-pager -q -o short-unix -n {SEARCHED_LINES} "$@"; }}
+_READ_JOURNAL = f"""j() {{ journalctl -b --no-pager -q -o short-unix -n {SEARCHED_LINES} "$@"; }}
 echo "@@ reader $(id -un)"
 echo '@@ units'
 j {_UNITS} | grep -iE "{WORDS}" | tail -n {KEPT_LINES}
@@ -32,7 +32,9 @@ echo '@@ kernel'
 j -k | grep -iE "{KERNEL_WORDS}" | tail -n {KEPT_LINES}
 echo '@@ end'"""
 PROBE = (
-    PRELUDE + "if ! command -v journalctl >/dev/null 2>&1; then echo '@@ no-journal'; exit 0; fi\n" + as_root_if_allowed(_READ)
+    PRELUDE
+    + "if ! command -v journalctl >/dev/null 2>&1; then echo '@@ no-journal'; exit 0; fi\n"
+    + as_root_if_allowed(_READ_JOURNAL)
 )
 
 
@@ -55,13 +57,13 @@ class SystemJournal:
     readable: bool = True
 
     def matching(self, *words: str) -> tuple[JournalLine, ...]:
-        """The lines of units and kernel that contain one of the words, ignoring case."""
+        """Return the lines of units and kernel that contain one of the words, ignoring case."""
         lowered = [word.lower() for word in words]
         return tuple(line for line in (*self.units, *self.kernel) if any(word in line.text.lower() for word in lowered))
 
 
 def parse(output: Output) -> SystemJournal:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     if sections.get("no-journal"):
         return SystemJournal((), (), readable=False)

@@ -56,7 +56,7 @@ class Thermal:
 
 
 def parse(output: Output) -> Thermal:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     sections.lines("end")
     zones = []

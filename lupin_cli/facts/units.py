@@ -59,7 +59,7 @@ class Unit:
         return self.active in ("active", "activating", "reloading")
 
     def line(self) -> str:
-        """The most important properties, under systemd's names."""
+        """Return the most important properties, under systemd's names."""
         return (
             f"{self.name}: LoadState={self.load} ActiveState={self.active} SubState={self.sub} Result={self.result} "
             f"UnitFileState={self.enabled or '-'} NRestarts={self.restarts} ExecMainStatus={self.exit_status}"
@@ -76,12 +76,12 @@ class Units:
     pid1: str = "systemd"
 
     def get(self, name: str) -> Unit | None:
-        """The unit of that name, or None if it is not installed."""
+        """Return the unit of that name, or None if it is not installed."""
         return next((unit for unit in self.units if unit.name == name and unit.installed), None)
 
 
 def parse(output: Output) -> Units:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     if sections.get("no-systemd"):
         return Units(systemd=False, pid1=sections.text("no-systemd"))

@@ -65,7 +65,7 @@ class Versions:
 
 
 def parse(output: Output) -> Versions:
-    """Pure parser of PROBE. Raises ValueError."""
+    """Parse the output of PROBE. Raises ValueError."""
     sections = parse_sections(output)
     sections.lines("end")
     files = sections.lines("fast-dds")

@@ -1,4 +1,4 @@
-"""Measures how far a robot's wall clock is off this machine's, with a guaranteed bound: many short exchanges on one channel.
+"""Measures a robot's clock offset to this machine, with a guaranteed bound, by many short exchanges on one channel.
 
 One exchange proves only that the clock was read between sending and receiving (Cristian, Probabilistic clock synchronization,
 1989). Many of them prove that the offset lies in the intersection of their intervals (Marzullo and Owicki, 1983). The path may
@@ -33,11 +33,11 @@ _LAPTOP_STEP_NS = 1_000_000
 
 
 class ClockError(RuntimeError):
-    """The offset could not be measured: what was expected, what was found."""
+    """The offset could not be measured; the message says what was expected and found."""
 
 
 class Channel(Protocol):
-    """What this module needs of a channel, such as paramiko's: its reads and writes time out by themselves."""
+    """A channel, such as paramiko's, whose reads and writes time out by themselves."""
 
     def sendall(self, data: bytes, /) -> object:
         """Send all of `data`."""
@@ -65,7 +65,7 @@ class Sample:
     received_ns: int
 
     def interval_s(self, at_ns: int) -> tuple[float, float]:
-        """The smallest and the largest possible offset at `at_ns` of this machine's clock, in seconds."""
+        """Return the smallest and the largest possible offset when this machine's clock shows `at_ns`, in seconds."""
         age_s = max(at_ns - self.sent_ns, self.received_ns - at_ns, 0) * 1e-9
         lowest, highest = self.read_ns - self.received_ns, self.read_ns + _RESOLUTION_NS - self.sent_ns
         return lowest * 1e-9 - _DRIFT * age_s, highest * 1e-9 + _DRIFT * age_s
@@ -91,7 +91,7 @@ class OffsetEstimate:
 
 
 def estimate(samples: Sequence[Sample]) -> OffsetEstimate:
-    """The offset at the last exchange, with its bound. Raises ClockError without samples."""
+    """Estimate the offset at the last exchange, with its bound. Raises ClockError without samples."""
     if not samples:
         raise ClockError("expected readings of the robot's clock, found none")
     at_ns = samples[-1].received_ns
@@ -106,7 +106,7 @@ def estimate(samples: Sequence[Sample]) -> OffsetEstimate:
 
 
 def parse_epoch(text: str) -> int:
-    """Nanoseconds since 1970 from `SECONDS.FRACTION`, as bash or date(1) print it. Raises ClockError."""
+    """Return the nanoseconds since 1970 from `SECONDS.FRACTION`, as bash or date(1) print it. Raises ClockError."""
     seconds, _, fraction = text.strip().partition(".")
     if not seconds.isdigit() or not fraction.isdigit():
         raise ClockError(f"expected seconds since 1970 with a fraction, found {text[:40]!r}")
@@ -141,29 +141,29 @@ def measure(exchange: LineExchange, samples: int = _SAMPLES, timeout_s: float = 
         # robot's drift.
         return wall_ns + time.monotonic_ns() - started_ns
 
-    taken: list[Sample] = []
-    while len(taken) < samples and (len(taken) < 3 or time.monotonic_ns() - started_ns < timeout_s * 1e9):
+    exchanges: list[Sample] = []
+    while len(exchanges) < samples and (len(exchanges) < 3 or time.monotonic_ns() - started_ns < timeout_s * 1e9):
         sent_ns = now_ns()
         answer = exchange.request()
         received_ns = now_ns()
-        taken.append(Sample(sent_ns, parse_epoch(answer), received_ns))
+        exchanges.append(Sample(sent_ns, parse_epoch(answer), received_ns))
     if abs(time.time_ns() - now_ns()) > _LAPTOP_STEP_NS:
         raise ClockError("this machine's own clock was set during the measurement; measure again")
-    return estimate(taken)
+    return estimate(exchanges)
 
 
 def measure_target(
-    target: SshChannelOpener, within_s: float, samples: int = _SAMPLES, timeout_s: float = _SAMPLING_S
+    target: SshChannelOpener, channel_timeout_s: float, samples: int = _SAMPLES, timeout_s: float = _SAMPLING_S
 ) -> OffsetEstimate:
-    """The offset of the clock of `target`, over one channel that is open for at most `within_s`. Raises as `measure`, and
-    TargetError."""
-    with contextlib.closing(target.open_run(CLOCK_SCRIPT, within_s)) as channel:
+    """Measure the clock offset of `target` over one channel that is open for at most `channel_timeout_s`. Raises what `measure`
+    raises, and TargetError."""
+    with contextlib.closing(target.open_run(CLOCK_SCRIPT, channel_timeout_s)) as channel:
         return measure(LineExchange(channel.sendall, channel.recv), samples, timeout_s)
 
 
 def ntp_offset(host: str, timeout_s: float = 1.0, port: int = 123) -> Offset | None:
-    """The offset of the clock that `host` serves over NTP; None if it serves none, or one that it calls unsynchronized
-    (RFC 5905)."""
+    """Measure the offset of the clock that `host` serves over NTP. Returns None if it does not answer, or calls its clock
+    unsynchronized (RFC 5905)."""
     import ntplib
 
     try:

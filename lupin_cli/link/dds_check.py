@@ -25,7 +25,7 @@ class CheckedItem:
 
 
 def read_exports(text: str, home: Path) -> tuple[dict[str, str], list[str]]:
-    """The variables that ros-env.sh exports, and its lines that are not exports."""
+    """Return the variables that ros-env.sh exports, and its lines that are not exports."""
     found, others = {}, []
     for line in text.splitlines():
         match = re.match(r"^export ([A-Za-z_]\w*)=(.*)$", line)
@@ -60,7 +60,7 @@ def check_exports(text: str | None, paths: SetupPaths, fix: str) -> CheckedItem:
 
 
 def server_ip(value: str) -> str | None:
-    """The address in a value of ROS_DISCOVERY_SERVER that names one server on the usual port; None for other values."""
+    """Return the address in a ROS_DISCOVERY_SERVER value that names one server on the usual port; None for other values."""
     host, _, port = value.partition(":")
     try:
         return parse_robot_ip(host) if port == str(DISCOVERY_PORT) else None
@@ -97,29 +97,34 @@ def check_profile(text: str | None, ip: str | None, paths: SetupPaths, fix: str)
 
 
 def check_hook(text: str | None, place: Path, paths: SetupPaths, fix: str) -> CheckedItem:
-    """Check that the start file sources ros-env.sh once, after everything that would undo it."""
+    """Check that the startup file sources ros-env.sh once, after everything that would undo it."""
     if text is None or not find_hooks(text):
         return CheckedItem("hook", str(place), "it does not source ros-env.sh, so new terminals do not see the robot", fix)
     if len(find_hooks(text)) > 1:
         return CheckedItem("hook", str(place), f"it has the hook {len(find_hooks(text))} times", fix)
     if hook_line(paths) not in text:
         return CheckedItem("hook", str(place), f"its hook sources another file than {paths.exports}", fix)
-    late = lines_undoing_hook(text)
-    return CheckedItem("hook", str(place), f"a line after the hook undoes it: {late[0]}" if late else "", fix if late else "")
+    undoing_lines = lines_undoing_hook(text)
+    return CheckedItem(
+        "hook",
+        str(place),
+        f"a line after the hook undoes it: {undoing_lines[0]}" if undoing_lines else "",
+        fix if undoing_lines else "",
+    )
 
 
-def check_variables(name: str, seen: Mapping[str, str], wanted: Mapping[str, str], place: str, fix: str) -> CheckedItem:
+def check_variables(name: str, actual: Mapping[str, str], expected: Mapping[str, str], place: str, fix: str) -> CheckedItem:
     """Check that an environment has the values that ros-env.sh exports."""
     problems = []
     for variable in VARIABLES:
-        if variable in wanted and seen.get(variable) != wanted[variable]:
-            value = seen.get(variable)
-            problems.append(f"{variable} is {'not set' if value is None else repr(value)}, not {wanted[variable]}")
+        if variable in expected and actual.get(variable) != expected[variable]:
+            value = actual.get(variable)
+            problems.append(f"{variable} is {'not set' if value is None else repr(value)}, not {expected[variable]}")
     return CheckedItem(name, place, "; ".join(problems), fix if problems else "")
 
 
-def new_terminal(shell: str, environment: Mapping[str, str], timeout_s: float = 10.0) -> dict[str, str] | None:
-    """The environment of a new interactive `shell` after its start files ran; None if it does not answer in time.
+def read_terminal_environment(shell: str, environment: Mapping[str, str], timeout_s: float = 10.0) -> dict[str, str] | None:
+    """Return the environment of a new interactive `shell` after its startup files ran; None if it does not answer in time.
 
     The shell runs in its own session: otherwise it would take over the terminal.
     """

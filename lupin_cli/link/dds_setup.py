@@ -1,4 +1,4 @@
-"""The files by which a laptop joins the robot's graph: Fast DDS profile, three exports, two lines in a shell's startup file.
+"""The files that make a laptop join the robot's graph: Fast DDS profile, three exports, two lines in a shell's startup file.
 
 Fast DDS 2.6, the robot's version, needs both the profile (only it can say SUPER_CLIENT) and ROS_DISCOVERY_SERVER (only it makes
 the participant connect). This module maps text to text; `lupin dds` reads and writes the files.
@@ -19,7 +19,7 @@ VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_DISCOVERY_SERVER", "RMW_IMPL
 RMW = "rmw_fastrtps_cpp"
 START_FILES = {"bash": ".bashrc", "zsh": ".zshrc"}
 
-# The first line of the hook. The second form records that the start file did not exist, so that `remove` deletes it.
+# The first line of the hook. The second form records that the startup file did not exist, so that `remove` deletes it.
 MARK = "# lupin dds: stays last, since a workspace's setup.bash empties ROS_DISCOVERY_SERVER"
 MARK_NEW_FILE = f"{MARK} (this file was made for it)"
 _HOOK = re.compile(rf"(^|\n){re.escape(MARK)}(?: \(this file was made for it\))?\n[^\n]*\n?")
@@ -46,7 +46,7 @@ class SetupPaths:
         return self.directory / "ros-env.sh"
 
     def start_file(self, shell: str, environment: Mapping[str, str]) -> Path:
-        """The file that `shell` reads when a terminal opens."""
+        """Return the file that `shell` reads when a terminal opens."""
         folder = Path(environment.get("ZDOTDIR") or self.home) if shell == "zsh" else self.home
         return folder / START_FILES[shell]
 
@@ -65,7 +65,7 @@ def parse_robot_ip(text: str) -> str:
 
 
 def profile_xml(ip: str) -> str:
-    """The Fast DDS profile. Its participant profile is the default one, since Fast DDS silently ignores others."""
+    """Return the Fast DDS profile. Its participant profile is the default one, since Fast DDS silently ignores others."""
     return f"""<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
   <profiles>
@@ -96,38 +96,38 @@ def profile_xml(ip: str) -> str:
 
 
 def exports_text(ip: str, paths: SetupPaths) -> str:
-    """The content of ros-env.sh: three exports and nothing else, since every new terminal runs it."""
-    values = (_in_home(paths.profile, paths.home), f'"{ip}:{DISCOVERY_PORT}"', RMW)
+    """Return the content of ros-env.sh: three exports and nothing else, since every new terminal runs it."""
+    values = (_quote_path(paths.profile, paths.home), f'"{ip}:{DISCOVERY_PORT}"', RMW)
     return "".join(f"export {name}={value}\n" for name, value in zip(VARIABLES, values))
 
 
 def hook_line(paths: SetupPaths) -> str:
-    """The line that sources ros-env.sh. It prints nothing and succeeds even if the file is missing."""
-    path = _in_home(paths.exports, paths.home)
+    """Return the line that sources ros-env.sh. It prints nothing and succeeds even if the file is missing."""
+    path = _quote_path(paths.exports, paths.home)
     return f"if [ -f {path} ]; then . {path}; fi"
 
 
-def _in_home(path: Path, home: Path) -> str:
-    """`path` in double quotes for a shell, relative to $HOME if it is inside it. Raises ValueError if it cannot be quoted."""
-    inside = path.is_relative_to(home)
-    text = f"/{path.relative_to(home)}" if inside else str(path)
+def _quote_path(path: Path, home: Path) -> str:
+    """Quote `path` for a shell, with $HOME for the home folder. Raises ValueError if it cannot be quoted."""
+    in_home = path.is_relative_to(home)
+    text = f"/{path.relative_to(home)}" if in_home else str(path)
     if re.search(r'["$`\\\n]', text):
         raise ValueError(
             f"{path} contains a character that cannot be quoted in a shell file; set XDG_CONFIG_HOME to a path without it"
         )
-    return f'"{"$HOME" if inside else ""}{text}"'
+    return f'"{"$HOME" if in_home else ""}{text}"'
 
 
-# -- the hook in a shell's start file
+# -- the hook in a shell's startup file
 
 
 def find_hooks(text: str) -> list[str]:
-    """All hooks in a start file."""
+    """Return all hooks in a startup file."""
     return [found[0] for found in _HOOK.finditer(text)]
 
 
 def add_hook(text: str | None, paths: SetupPaths) -> str:
-    """A start file (None: it does not exist) with the hook exactly once, at its end; unchanged if it is correct already."""
+    """Return a startup file's text (None: no file) with the hook once, at its end; unchanged if it is already correct."""
     if text is not None and len(find_hooks(text)) == 1 and hook_line(paths) in text and not lines_undoing_hook(text):
         return text
     if text is None:
@@ -139,7 +139,7 @@ def add_hook(text: str | None, paths: SetupPaths) -> str:
 
 
 def remove_hook(text: str) -> str | None:
-    """A start file without the hook, byte for byte as before; None if it was created for the hook and is empty now."""
+    """Return a startup file's text without the hook, byte for byte as before; None if it was made for the hook and is empty."""
     created = MARK_NEW_FILE in text
     while (found := _HOOK.search(text)) is not None:
         before, after = text[: found.start()], text[found.end() :]
@@ -150,7 +150,7 @@ def remove_hook(text: str) -> str | None:
 
 
 def lines_undoing_hook(text: str) -> list[str]:
-    """The lines after the last hook that undo it: they source a setup file, or set one of the variables again."""
+    """Return the lines after the last hook that undo it: they source a setup file, or set one of the variables again."""
     found = list(_HOOK.finditer(text))
     after = text[found[-1].end() :] if found else ""
     return [line.strip() for line in after.splitlines() if _SETUP.match(line) or _OVERRIDE.match(line)]

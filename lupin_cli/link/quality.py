@@ -85,7 +85,7 @@ class Quality:
 
 
 class _NotMeasured(Exception):
-    """The link is too bad for one of the measurements."""
+    """The link is too bad for this measurement."""
 
 
 def measure(target: SshTarget, laptop: Target, robot_ip: str, laptop_ip: str) -> Quality:
@@ -140,7 +140,7 @@ def _read_line(channel: paramiko.Channel) -> bytes:
 
 
 def round_trips_ms(target: SshTarget) -> list[float]:
-    """The durations of up to ROUND_TRIPS short requests to a shell on the robot, one after the other; fewer on a slow link."""
+    """Measure up to ROUND_TRIPS short requests to a shell on the robot, one after the other; fewer on a slow link."""
     durations: list[float] = []
     deadline = time.monotonic() + ROUND_TRIPS_S
     with _channel(target, _ECHO, 2 * ROUND_TRIPS_S) as channel:
@@ -156,7 +156,7 @@ def round_trips_ms(target: SshTarget) -> list[float]:
 def ping(laptop: Target, address: str) -> Ping | None:
     """Ping an IPv4 address from this machine; None if this user cannot ping at all.
 
-    Opening an ICMP socket takes net.ipv4.ping_group_range or CAP_NET_RAW. A user without either has ping(1), which has its own.
+    Opening an ICMP socket requires net.ipv4.ping_group_range or CAP_NET_RAW. Without either, ping(1) is used.
     """
     import icmplib
 
@@ -184,7 +184,7 @@ def parse_ping(text: str) -> Ping:
 
 
 def jitter_ms(rtts_ms: Sequence[float]) -> float | None:
-    """The mean difference between consecutive round trips, as RFC 3550 (6.4.1) defines jitter; None for fewer than two."""
+    """Return the mean difference of consecutive round trips, which RFC 3550 (6.4.1) calls jitter; None for fewer than two."""
     if len(rtts_ms) < 2:
         return None
     return statistics.fmean(abs(after - before) for before, after in itertools.pairwise(rtts_ms))
@@ -194,7 +194,7 @@ def jitter_ms(rtts_ms: Sequence[float]) -> float | None:
 
 
 def down_mbps(target: SshTarget) -> float:
-    """Mbit/s from the robot over SSH. DDS can be faster, since it does not encrypt: this is a lower bound."""
+    """Measure Mbit/s from the robot over SSH. DDS can be faster, since it does not encrypt: this is a lower bound."""
     with _channel(target, "timeout 5 cat /dev/zero", TRANSFER_S + 5) as channel:
         start, received = time.perf_counter(), 0
         while time.perf_counter() < start + TRANSFER_S and (data := channel.recv(CHUNK_BYTES)):
@@ -203,7 +203,7 @@ def down_mbps(target: SshTarget) -> float:
 
 
 def up_mbps(target: SshTarget) -> float:
-    """Mbit/s to the robot over SSH: a lower bound, as in `down_mbps`."""
+    """Measure Mbit/s to the robot over SSH: a lower bound, as in `down_mbps`."""
     with _channel(target, "cat >/dev/null; echo end", TRANSFER_S + 10) as channel:
         start, sent, chunk = time.perf_counter(), 0, bytes(CHUNK_BYTES)
         while time.perf_counter() < start + TRANSFER_S:
@@ -218,7 +218,7 @@ def up_mbps(target: SshTarget) -> float:
 
 
 def multicast(target: SshTarget, robot_ip: str, laptop_ip: str) -> tuple[bool | None, bool | None]:
-    """Whether multicast datagrams pass from the robot, and to it; (None, None) if one of the machines cannot take part."""
+    """Return whether multicast passes from the robot, and to it; (None, None) if one of the machines cannot take part."""
     if target.batch([Script("python", "command -v python3")])["python"].status != 0:
         return None, None
     word = secrets.token_hex(4)
@@ -252,8 +252,8 @@ def multicast(target: SshTarget, robot_ip: str, laptop_ip: str) -> tuple[bool | 
 
 def _receives(local: socket.socket, datagram: bytes) -> bool:
     deadline = time.monotonic() + MULTICAST_WAIT_S
-    while (left := deadline - time.monotonic()) > 0:
-        local.settimeout(left)
+    while (remaining_s := deadline - time.monotonic()) > 0:
+        local.settimeout(remaining_s)
         try:
             if local.recv(100) == datagram:
                 return True

@@ -1,4 +1,4 @@
-"""Which transport to take: problems of the link in use, and the ranking of all transports. Pure.
+"""Which transport to use: problems of the link in use, and the ranking of all transports. Pure.
 
 The project's order is: a cable for tests, a travel router for the demo, the robot's own access point as the fallback, never a
 phone's hotspot. A transport that does not answer, or whose measured link has problems, moves down.
@@ -16,7 +16,7 @@ from lupin_cli.link.quality import Quality
 from lupin_cli.link.route import Route
 
 REASONS = {
-    "wired": "a cable is a link of its own: no access point that drops multicast, no roaming, the least delay and jitter",
+    "wired": "a cable is a dedicated link: no access point that drops multicast, no roaming, the least delay and jitter",
     "router": "a private network without isolation, multicast works, more than two devices can join",
     "ap": "needs no other device, but has a small antenna, takes about two devices, and loads the robot's processor",
 }
@@ -39,7 +39,7 @@ class RankedTransport:
 
 
 def roaming_risks(manager: NetworkManager | None, interface: str) -> list[str]:
-    """The saved networks that `interface` may roam to, each as a sentence."""
+    """Return the saved networks that `interface` may roam to, each as a sentence."""
     if manager is None or not manager.running:
         return []
     device = next((each for each in manager.devices if each.name == interface), None)
@@ -54,7 +54,7 @@ def roaming_risks(manager: NetworkManager | None, interface: str) -> list[str]:
 
 
 def link_problems(laptop: Route | None, robot: Route | None, quality: Quality | None, risks: Sequence[str]) -> list[str]:
-    """The problems of the link in use, each as a sentence; `risks` come first."""
+    """Return the problems of the link in use, each as a sentence; `risks` come first."""
     found = list(risks)
     for route, machine in ((laptop, "this machine"), (robot, "the robot")):
         if route is not None:
@@ -97,7 +97,7 @@ def _quality_problems(quality: Quality) -> list[str]:
 
 
 def multihoming_problems(transport: str, announced: Sequence[str]) -> list[str]:
-    """A robot on several networks announces addresses that the laptop has no route to, and commands to them are lost."""
+    """Return a sentence if the robot is on several networks, since the laptop may have no route to some; none over `ap`."""
     if transport != "ap" and len(announced) > 1:
         return [
             f"the robot is on several networks ({', '.join(announced)}): commands may get lost; "
@@ -109,8 +109,8 @@ def multihoming_problems(transport: str, announced: Sequence[str]) -> list[str]:
 def rank(
     addresses: Mapping[str, str], answering: Mapping[str, bool], problems: Mapping[str, Sequence[str]]
 ) -> list[RankedTransport]:
-    """All transports, best first: those that answer before the others, those without problems before those with some, and
-    otherwise in the project's order."""
+    """Return all transports, best first: those that answer before the others, those without problems before those with some,
+    and otherwise in the project's order."""
     ranked = [
         RankedTransport(name, addresses.get(name, ""), answering.get(name, False), REASONS[name], tuple(problems.get(name, ())))
         for name in TRANSPORTS

@@ -16,7 +16,7 @@ _NO_ROUTE = 3  # exit status of the probe
 
 
 def route_probe(address: str) -> str:
-    """The probe of the route to `address`. Raises ValueError unless `address` is an IP address."""
+    """Return the probe of the route to `address`. Raises ValueError unless `address` is an IP address."""
     ip_address(address)
     return (
         PRELUDE

@@ -49,17 +49,17 @@ class Operation(ABC):
     effect: ClassVar[str]  # for docs/playbooks.md: what is true after the step
     undo_effect: ClassVar[str] = "–"  # for docs/playbooks.md: what --undo does
 
-    prefetchable: ClassVar[bool] = False  # what it examines changes only by a step, so its probe may run before its turn
-    read_only: ClassVar[bool] = False  # it only reports, so a run that begins at a later step runs it too
-    undo_last: ClassVar[bool] = False  # its undo activates what the other undone steps restored
+    prefetchable: ClassVar[bool] = False  # only steps change what it examines, so its probe may run before the step's turn
+    read_only: ClassVar[bool] = False  # it only reports, so a run that starts at a later step runs it too
+    undo_last: ClassVar[bool] = False  # its undo runs after all others and activates what they restored
     settle_s: ClassVar[float] = 0.0  # how long a difference may remain after `change`; the step's timeout limits it too
     result_keys: ClassVar[tuple[str, ...]] = ()  # the keys of `report`, for the conditions of later steps
 
-    machine: str = "robot"  # or "laptop": where the step runs
+    machine: str = "robot"  # where the step runs: "robot" or "laptop"
 
     @abstractmethod
     def probe(self) -> Script | None:
-        """Return the read-only script whose output `judge` needs; None if there is nothing to ask or `complete` asks it all."""
+        """Return the read-only script whose output `judge` needs; None if it needs none, or if `complete` gets all of it."""
 
     def complete(self, target: Target, output: Output) -> Output:
         """Add to the probe's output what one script cannot fetch, such as a large file. Read-only; raises OperationError."""
@@ -80,7 +80,7 @@ class Operation(ABC):
         return {}
 
     def with_baseline(self, before: Mapping[str, Any]) -> Operation:
-        """Return the operation that judges against the state when the step began, e.g. "was restarted since"."""
+        """Return an operation that judges changes since `before`, the state when the step began."""
         return self
 
     def prepare(self) -> None:  # noqa: B027 -- the default does nothing
@@ -88,7 +88,7 @@ class Operation(ABC):
 
     @property
     def inspect_command(self) -> str:
-        """The command that an operator types to see why the change did not hold; empty if there is none."""
+        """The command that shows an operator why the change did not hold; empty if there is none."""
         return ""
 
 

@@ -12,7 +12,7 @@ from lupin_cli.operations.clock_samples import offset_values, parse_offset, take
 
 @dataclass(frozen=True, kw_only=True)
 class ClockOffset(Operation):
-    """`drifted` is true if the offset is certainly more than `tolerance_s`, bound included."""
+    """`drifted` is true if the offset exceeds `tolerance_s` by more than its error bound."""
 
     name: ClassVar[str] = "clock-offset"
     effect: ClassVar[str] = "read only: how far the robot's clock is from the laptop's"

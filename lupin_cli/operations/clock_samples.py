@@ -1,4 +1,4 @@
-"""How far a target's wall clock is from this machine's, from a few probes whose start and end this machine's clock timed."""
+"""Measures how far a target's wall clock is from this machine's, with a few probes that this machine times."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _SAMPLES = 3
 
 
 def take_samples(target: Target) -> Output:
-    """Read the target's clock a few times; one line each: sent_ns received_ns, both of this machine's clock, and the reading.
+    """Read the target's clock a few times. Each line has sent_ns and received_ns by this machine's clock, and the reading.
 
-    Batches are used since every target has them, but not every target has a channel that stays open.
+    It uses batches because every target has them; not every target has a channel that stays open.
     """
     lines = []
     for _ in range(_SAMPLES):

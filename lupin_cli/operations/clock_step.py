@@ -14,8 +14,8 @@ from lupin_cli.operations.shell import change, query
 _STACK_RUNS = 43
 
 # A step under ros2_control kills it: everything expires in one tick and the wheels stop responding. A running stack is found by
-# the service that starts it, and by its libraries in any process, however it was started. A discovery server may stay: it
-# stores no wall time.
+# the service that starts it, and by its libraries in any process, however it was started. A discovery server may keep running:
+# it stores no wall time.
 _GUARD = r"""
 state=$(systemctl show -p ActiveState --value mirte-ros.service 2>/dev/null)
 case $state in inactive | failed | '') ;; *) echo "mirte-ros.service is $state"; exit 43 ;; esac
@@ -28,7 +28,7 @@ done
 
 @dataclass(frozen=True, kw_only=True)
 class ClockStep(Operation):
-    """Sets the clock only if it is certainly more than `tolerance_s` off. Undo does not restore the wrong time."""
+    """Sets the clock only if its offset exceeds `tolerance_s` by more than the bound. Undo does not restore the wrong time."""
 
     name: ClassVar[str] = "clock-step"
     effect: ClassVar[str] = "the robot has the laptop's time; refuses while any part of a ROS stack runs"
@@ -38,7 +38,7 @@ class ClockStep(Operation):
 
     def __post_init__(self) -> None:
         if self.machine == "laptop":
-            raise ValueError("it sets the robot's clock from the laptop's, never the laptop's")
+            raise ValueError("it sets the robot's clock from the laptop's, but never the laptop's own")
         if not 0.2 <= self.tolerance_s <= 3600:
             raise ValueError(
                 f"the tolerance must be from 0.2 s, the precision of this measurement, to 3600 s: {self.tolerance_s}"
@@ -65,16 +65,16 @@ class ClockStep(Operation):
             raise OperationError(
                 f"the clock of {target.name} is not stepped under a running stack: {guard.stdout.strip()}", "lupin sync-clock"
             )
-        # One short round trip: half of it is how long the command will take to arrive.
+        # Half the duration of a short round trip estimates how long the command takes to arrive.
         sent = time.monotonic()
         query(target, "true")
         delay_s = (time.monotonic() - sent) / 2
         # The guard runs again in the same script: a stack may have been started meanwhile.
         script = f"""
-read -r begun rest </proc/uptime
+read -r start rest </proc/uptime
 {_GUARD}
 read -r now rest </proc/uptime
-date -s "@$(awk -v t={time.time() + delay_s:.3f} -v a="$begun" -v b="$now" 'BEGIN {{ printf "%.2f", t + b - a }}')" >/dev/null
+date -s "@$(awk -v t={time.time() + delay_s:.3f} -v a="$start" -v b="$now" 'BEGIN {{ printf "%.2f", t + b - a }}')" >/dev/null
 """
         what = "set the clock (not under a running stack)"
         change(target, script, what, root=True, timeout_s=10.0, next_command="lupin sync-clock")

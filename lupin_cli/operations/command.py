@@ -29,7 +29,7 @@ class Command(Operation):
 
     def __post_init__(self) -> None:
         if not (self.unless or self.creates):
-            raise ValueError("it needs a guard, or a second run would do it again: unless: SCRIPT or creates: PATH")
+            raise ValueError("it needs a guard, unless: SCRIPT or creates: PATH; otherwise every run would repeat it")
 
     def probe(self) -> Script:
         guards = [f"( {self.unless}\n) >/dev/null"] if self.unless else []

@@ -1,4 +1,4 @@
-"""What the robot's controller manager lists, asked on the robot itself with the ROS that its own stack uses."""
+"""The states of the robot's controllers, read on the robot itself with the ROS that its own stack uses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lupin_runtime.graph import CONTROLLERS
 
 _TIMEOUT_S = 25.0
 
-# A node for one service call. It prints one line of JSON, and nothing if the service does not answer in time.
+# A node for one service call. It prints one line of JSON, or nothing if the service does not answer in time.
 _LIST_CONTROLLERS = """
 import json, os, sys, rclpy
 from controller_manager_msgs.srv import ListControllers
@@ -52,7 +52,7 @@ def parse_controllers(output: Output) -> dict[str, str] | None:
 
 
 def find_inactive(states: dict[str, str] | None) -> list[str]:
-    """Return one sentence for each of the five controllers that is not active; a single one if nothing answered."""
+    """Return a sentence for each of the five controllers that is not active, or one if there are no states."""
     if states is None:
         return ["the controller manager does not answer"]
     return [f"{name} is {states.get(name, 'not loaded')}" for name in CONTROLLERS if states.get(name) != "active"]

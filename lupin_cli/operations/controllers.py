@@ -30,13 +30,13 @@ class Controllers(Operation):
 
     def judge(self, output: Output) -> Difference | None:
         inactive = find_inactive(parse_controllers(output))
-        return Difference(f"activate the controllers: {'; '.join(inactive)}", _removed(inactive)) if inactive else None
+        return Difference(f"activate the controllers: {'; '.join(inactive)}", _as_removed_lines(inactive)) if inactive else None
 
     def change(self, target: Target, difference: Difference) -> None:
-        # systemd does not restart a failed oneshot by itself, and counts one that has ended well as running.
+        # systemd does not restart a failed oneshot by itself, and counts one that succeeded as running.
         script = f"systemctl reset-failed {AUTO_HOME} 2>/dev/null\nsystemctl restart {AUTO_HOME}"
         change(target, script, "activate the controllers", root=True, timeout_s=300.0, next_command=self.inspect_command)
 
 
-def _removed(lines: list[str]) -> str:
+def _as_removed_lines(lines: list[str]) -> str:
     return "\n".join(f"-{line}" for line in lines)

@@ -1,4 +1,4 @@
-"""`directory`: a directory with given mode and owner, or none."""
+"""`directory`: a directory with the given mode and owner, or no directory."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ while [ ! -e "$d" ]; do printf '%s\\n' "$d"; d=$(dirname -- "$d"); done
 
 @dataclass(frozen=True, kw_only=True)
 class Directory(PathOperation):
-    """Makes parents as needed. Neither a change nor an undo removes a directory that is not empty."""
+    """Creates parents as needed. Neither a change nor an undo removes a directory that is not empty."""
 
     name: ClassVar[str] = "directory"
     effect: ClassVar[str] = "a directory has this mode and owner, or does not exist; only an empty one is removed"
-    undo_effect: ClassVar[str] = "yes, with the parents that were made"
+    undo_effect: ClassVar[str] = "yes, including the parents that were created"
 
     def probe(self) -> Script:
         return probe_script(state_script(self.path) + _MISSING.format(path=quote(self.path)), root=self.root)
@@ -51,7 +51,7 @@ class Directory(PathOperation):
             change(target, f"rmdir -- {name}", f"remove {self.path}", root=self.root, next_command=f"ls -la {self.path}")
             return
         mode = f" && chmod {self.mode} -- {name}" if self.mode else ""
-        change(target, f"mkdir -p -- {name}{mode}", f"make {self.path}", root=self.root)
+        change(target, f"mkdir -p -- {name}{mode}", f"create {self.path}", root=self.root)
         if self.owner:
             chown(target, self.path, self.owner, self.root)
 

@@ -34,15 +34,15 @@ while [ "$n" -lt 50 ] && [ -d "/proc/$pid" ]; do sleep 0.1; n=$((n + 1)); done
 [ ! -d "/proc/$pid" ] && rm -f LOG.pid
 """
 _PAUSE_S = 0.5
-_EVERY_ADDRESS = ("0.0.0.0", "*", "[::]")  # as ss(8) prints it
+_WILDCARD_ADDRESSES = ("0.0.0.0", "*", "[::]")  # as ss(8) prints them
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiscoveryServer(Operation):
-    """Nodes retry 127.0.0.1 for ever, so they attach within seconds once a server listens; nothing else is restarted.
+    """Nodes retry 127.0.0.1 forever, so they connect within seconds once a server listens; nothing else is restarted.
 
     A vendor's server that listens on every address is left alone. One that listens on a single address is an error, since it
-    would answer on one link and not on the other; restarting the vendor's service is the operator's decision.
+    would answer on one link but not on the other; restarting the vendor's service is the operator's decision.
     """
 
     name: ClassVar[str] = "discovery-server"
@@ -74,7 +74,7 @@ class DiscoveryServer(Operation):
 
     def judge(self, output: Output) -> Difference | None:
         addresses = self._addresses(output)
-        if any(address in _EVERY_ADDRESS for address in addresses):
+        if any(address in _WILDCARD_ADDRESSES for address in addresses):
             return None
         if addresses:
             raise OperationError(

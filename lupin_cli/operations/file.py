@@ -1,4 +1,4 @@
-"""`file`: a file with given content, mode and owner, or none."""
+"""`file`: a file with the given content, mode and owner, or no file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SHIPPED_FOLDERS = ("playbooks", "systemd")
 class File(PathOperation):
     """Writes the file atomically.
 
-    Without `content` and `source` it sets mode, owner or absence; a missing file is created empty.
+    Without `content` and `source` it only sets mode and owner, or removes the file; a missing file is created empty.
     """
 
     name: ClassVar[str] = "file"
@@ -43,12 +43,12 @@ class File(PathOperation):
         super().__post_init__()
         if self.content is not None and self.source:
             raise ValueError("give either content or source")
-        if self.source and self._wanted() is None:
+        if self.source and self._new_content() is None:
             raise ValueError(f"Lupin ships no {self.source!r}")
         if not self.path.startswith(("/", "~/")):
             raise ValueError(f"a path must begin with / or ~/: {self.path!r}")
 
-    def _wanted(self) -> bytes | None:
+    def _new_content(self) -> bytes | None:
         if self.source:
             folder, _, name = self.source.partition("/")
             path = shipped_folder(folder) / name
@@ -71,17 +71,17 @@ class File(PathOperation):
         summary = self._summary(state)
         if not summary:
             return None
-        new = state.content if self._wanted() is None else self._wanted()
+        new = state.content if self._new_content() is None else self._new_content()
         diff = unified_diff(self.path, state.content, new) if new != state.content else ""
         return Difference(summary, diff, state_before(state))
 
     def _summary(self, state: FileState) -> str:
         if state.kind == "absent":
-            return f"create {self.path}" + ("" if self._wanted() is not None else ", empty")
+            return f"create {self.path}" + ("" if self._new_content() is not None else ", empty")
         changes = self.attribute_changes(state)
         if state.kind != "file":
             changes.insert(0, f"replace the {state.kind} by a file")
-        elif self._wanted() is not None and state.content != self._wanted():
+        elif self._new_content() is not None and state.content != self._new_content():
             changes.insert(0, "content")
         return f"change {self.path}: {', '.join(changes)}" if changes else ""
 
@@ -91,8 +91,8 @@ class File(PathOperation):
             return
         before = difference.before
         mode = self.mode or before.get("mode") or "644"
-        if self._wanted() is not None or before["kind"] == "absent":
-            target.put(self.path, self._wanted() or b"", mode=int(mode, 8), root=self.root)
+        if self._new_content() is not None or before["kind"] == "absent":
+            target.put(self.path, self._new_content() or b"", mode=int(mode, 8), root=self.root)
         elif self.mode is not None:
             change(target, f"chmod {mode} -- {quote(self.path)}", f"set the mode of {self.path}", root=self.root)
         owner = self.owner or before.get("owner")  # a file that is replaced would otherwise become the writer's

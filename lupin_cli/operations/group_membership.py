@@ -1,4 +1,4 @@
-"""`group-membership`: whether a user is in a group. It counts from the next login, and for units from their next start."""
+"""`group-membership`: whether a user is in a group. It takes effect at the next login, and for units at their next start."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _ABSENT = "absent"
 
 @dataclass(frozen=True, kw_only=True)
 class LaptopDds(Operation):
-    """The same as `lupin dds setup ADDRESS` writes: the profile, the exports, and the hook in the shell's start file."""
+    """The same as `lupin dds setup ADDRESS` writes: the profile, the exports, and the hook in the shell's startup file."""
 
     name: ClassVar[str] = "laptop-dds"
     effect: ClassVar[str] = "new terminals join the robot's graph, as after `lupin dds setup`, or no longer do"
@@ -39,7 +39,7 @@ class LaptopDds(Operation):
             dds_setup.parse_robot_ip(self.address)
 
     def _files(self) -> tuple[dds_setup.SetupPaths, Path]:
-        """Return where profile and exports are, and the start file of the user's shell."""
+        """Return the paths of profile and exports, and the startup file of the user's shell."""
         paths = dds_setup.SetupPaths(Path(os.environ.get("HOME") or Path.home()), config_directory())
         shell = Path(os.environ.get("SHELL") or "bash").name
         return paths, paths.start_file(shell if shell in dds_setup.START_FILES else "bash", os.environ)
@@ -53,7 +53,7 @@ class LaptopDds(Operation):
         return probe_script("\n".join(lines))
 
     def _contents(self, output: Output) -> dict[Path, tuple[bytes | None, bytes | None]]:
-        """Return each file's present and wanted content; None is no file."""
+        """Return each file's old and new content; None stands for no file."""
         paths, start = self._files()
         lines = text_of(output, "the DDS environment").splitlines()
         if len(lines) != 3:
@@ -95,10 +95,10 @@ class LaptopDds(Operation):
 
 
 def _write(target: Target, path: Path, data: bytes | None) -> None:
-    real = path.resolve()  # a start file may be a link into a folder of such files
+    real = path.resolve()  # a startup file may be a link into a folder of such files
     if data is None:
         change(target, f"rm -f -- {quote(str(real))}", f"remove {path}")
         return
-    change(target, f"mkdir -p -- {quote(str(real.parent))}", f"make {path.parent}")
+    change(target, f"mkdir -p -- {quote(str(real.parent))}", f"create {path.parent}")
     mode = query(target, f"stat -c %a -- {quote(str(real))} 2>/dev/null").stdout.strip()
     target.put(str(real), data, mode=int(mode, 8) if mode else 0o644)

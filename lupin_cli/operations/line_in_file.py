@@ -16,11 +16,11 @@ _STATES = ("present", "absent", "commented")
 
 @dataclass(frozen=True, kw_only=True)
 class LineInFile(Operation):
-    """The file contains `line` once, in place of the lines that match `matches`; or no line that matches.
+    """The file contains `line` once instead of the lines that match; or no line that matches.
 
-    `state: present` puts the line in place of the last match, else at the end, and removes the other matches, since the last of
-    two settings often wins. `absent` removes matches, `commented` puts `# ` before them. `matches` is a regular expression that
-    is searched for in each line; without it, a line that equals `line` matches.
+    `state: present` replaces the last match by the line, or appends it if none matches, and removes the other matches, since
+    the last of several settings often wins. `absent` removes matches, `commented` puts `# ` before them. A line matches if it
+    equals `line`, or if the regular expression `matches` is found in it.
     """
 
     name: ClassVar[str] = "line-in-file"
@@ -42,21 +42,21 @@ class LineInFile(Operation):
         if not self.line and not self.matches:
             raise ValueError("it needs 'line' or 'matches'")
         if "\n" in self.line:
-            raise ValueError("a line has no line break")
+            raise ValueError("'line' must not contain a line break")
         try:
             re.compile(self.matches)
         except re.error as error:
             raise ValueError(f"'matches' is not a regular expression: {error}") from error
 
-    def edited(self, text: str) -> str:
-        """Return the text as it should be. Idempotent."""
+    def edit(self, text: str) -> str:
+        """Return the edited text. Idempotent."""
         pattern = re.compile(self.matches) if self.matches else None
         ending = "\r\n" if "\r\n" in text else "\n"
         lines = text.split(ending)
-        closed = lines[-1] == ""
-        if closed:
+        ends_with_newline = lines[-1] == ""
+        if ends_with_newline:
             lines.pop()
-        # Without a `line`, no line equals it, not even an empty one.
+        # An empty `line` equals no line, not even an empty one.
         hits = [
             i
             for i, line in enumerate(lines)
@@ -67,15 +67,16 @@ class LineInFile(Operation):
             for i in hits:
                 lines[i] = f"# {lines[i]}"
         elif self.state == "absent":
-            closed = closed or len(lines) - 1 in hits  # the line before an unclosed last one has its line break
+            # If a last line without a line break is removed, the line before it ends with one.
+            ends_with_newline = ends_with_newline or len(lines) - 1 in hits
             lines = [line for i, line in enumerate(lines) if i not in set(hits)]
         elif hits:
             lines[hits[-1]] = self.line
             lines = [line for i, line in enumerate(lines) if i not in set(hits[:-1])]
         else:
             lines.append(self.line)
-            closed = True
-        return ending.join(lines) + (ending if closed and lines else "")
+            ends_with_newline = True
+        return ending.join(lines) + (ending if ends_with_newline and lines else "")
 
     def probe(self) -> Script:
         return probe_script(file_script(self.path), root=self.root)
@@ -91,7 +92,7 @@ class LineInFile(Operation):
         if old is None and self.state != "present":
             return None
         try:
-            new = self.edited((old or b"").decode()).encode()
+            new = self.edit((old or b"").decode()).encode()
         except UnicodeDecodeError as error:
             raise OperationError(f"{self.path} is not UTF-8 text") from error
         if new == old:
@@ -109,7 +110,7 @@ class LineInFile(Operation):
             raise OperationError(f"{self.path} is a link to {difference.before['points_to']}: name that file in the step")
         old = target.get(self.path, root=self.root) or b""
         mode = int(difference.before.get("mode", "644"), 8)
-        target.put(self.path, self.edited(old.decode()).encode(), mode=mode, root=self.root)
+        target.put(self.path, self.edit(old.decode()).encode(), mode=mode, root=self.root)
         if "owner" in difference.before:
             chown(target, self.path, difference.before["owner"], self.root)
 

@@ -22,8 +22,8 @@ _STATE = "GENERAL.STATE"
 class NetworkConnection(Operation):
     """`connection` exists and has these `settings`, named as in nmcli: connection.autoconnect-priority: "100".
 
-    A connection that does not exist is created if `type` and `interface` are given. `up: true` activates it. A secret setting
-    is never read, only written when the connection is created.
+    A connection that does not exist is created if `type` and `interface` are given. `up` activates or deactivates it. Secret
+    settings are never read; every change writes them.
     """
 
     name: ClassVar[str] = "network-connection"
@@ -56,7 +56,7 @@ class NetworkConnection(Operation):
         return probe_script("\n".join(lines))
 
     def _values(self, output: Output) -> dict[str, str] | None:
-        """Return the present values by setting, and the state; None if there is no such connection."""
+        """Return the current values by setting, and the state; None if there is no such connection."""
         if output.status == _ABSENT:
             return None
         if output.status == _NO_NMCLI:
@@ -77,11 +77,11 @@ class NetworkConnection(Operation):
         old = {name: values[name] for name in wanted}
         changed = {name: value for name, value in wanted.items() if not _is_same(old[name], value)}
         is_up = "activated" in values[_STATE]
-        switches = self.up is not None and is_up != self.up
-        if not changed and not switches:
+        must_switch = self.up is not None and is_up != self.up
+        if not changed and not must_switch:
             return None
         changes = [f"{name} = {value}" for name, value in changed.items()]
-        if switches:
+        if must_switch:
             changes.append("bring it up" if self.up else "take it down")
         before = {"present": True, "settings": {name: old[name] for name in changed}, "up": is_up}
         return Difference(f"change the connection {self.connection}: {', '.join(changes)}", _diff(old, wanted), before)

@@ -31,7 +31,7 @@ class PathOperation(Operation):
             raise ValueError(f"an owner is user:group, not {self.owner!r}")
 
     def attribute_changes(self, state: PathState) -> list[str]:
-        """Return how mode and owner differ, in words."""
+        """Describe in words how mode and owner differ."""
         changes = []
         if self.mode is not None and int(state.mode or "0", 8) != int(self.mode, 8):
             changes.append(f"mode {state.mode} → {self.mode}")

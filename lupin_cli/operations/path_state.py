@@ -1,7 +1,7 @@
 """The state of a path on a target - kind, mode, owner, content - and how to restore it.
 
-A probe made by `state_script` or `file_script` prints, on the first line: the kind, the mode, owner:group and, for a link, what
-it points to. `file_script` adds the content of a small file as one line of base64, then a marker line and what `extra` prints.
+A probe made by `state_script` or `file_script` prints, on the first line: the kind, the mode, owner:group and, for a link, its
+target. `file_script` adds the content of a small file as one line of base64, then a marker line and what `extra` prints.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from lupin_cli.connection.base import Output, Target
 from lupin_cli.operations.base import OperationError
 from lupin_cli.operations.shell import change, quote, text_of
 
-LARGEST_KEPT_BYTES = 1024 * 1024  # undo keeps no larger content, so a larger file is not replaced either
-_INLINE_BYTES = 512 * 1024  # as base64 it stays below what a batch returns of one script's output
+MAX_KEPT_BYTES = 1024 * 1024  # undo keeps no larger content, so a larger file is not replaced either
+_INLINE_BYTES = 512 * 1024  # encoded in base64, it is shorter than what a batch returns of a script's output
 
 _STATE = """
 p={path}
@@ -99,7 +99,7 @@ def parse_file(output: Output, path: str) -> FileState:
 
 
 def complete_file(target: Target, output: Output, path: str, root: bool, *, follow_link: bool = False) -> Output:
-    """Add the content that `file_script` left out: of a large file, one that this user may not read, or the end of a link.
+    """Add the content that `file_script` left out: of a large file, or, with `follow_link`, of the file that a link points to.
 
     Raises TargetError, which says why, if the file cannot be read.
     """
@@ -115,16 +115,16 @@ def complete_file(target: Target, output: Output, path: str, root: bool, *, foll
 
 
 def state_before(state: FileState) -> dict[str, Any]:
-    """Return a state as `restore` takes it; raises OperationError if the content is too large to be kept."""
+    """Return a state in the form that `restore` takes; raises OperationError if the content is too large to be kept."""
     before: dict[str, Any] = {"kind": state.kind}
     if state.kind == "link":
         before["points_to"] = state.points_to
     elif state.kind != "absent":
         before.update(mode=state.mode, owner=state.owner)
     if state.kind == "file":
-        if state.content is not None and len(state.content) > LARGEST_KEPT_BYTES:
+        if state.content is not None and len(state.content) > MAX_KEPT_BYTES:
             raise OperationError(
-                f"the present file has {len(state.content)} bytes, more than undo keeps ({LARGEST_KEPT_BYTES}); move it away"
+                f"the existing file has {len(state.content)} bytes, more than undo keeps ({MAX_KEPT_BYTES}); move it away"
             )
         before["content"] = base64.b64encode(state.content or b"").decode()
     return before
@@ -166,7 +166,7 @@ def chown(target: Target, path: str, owner: str, root: bool) -> None:
 
 
 def unified_diff(path: str, old: bytes | None, new: bytes | None) -> str:
-    """Return how a text changes, None being no file, as a unified diff; one sentence if it is not text."""
+    """Return the unified diff of two contents, or one sentence if they are not text. None stands for no file."""
     try:
         before, after = (None if data is None else data.decode() for data in (old, new))
     except UnicodeDecodeError:

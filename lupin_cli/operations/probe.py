@@ -11,7 +11,7 @@ from lupin_cli.operations.base import Difference, Operation, OperationError, pro
 
 @dataclass(frozen=True, kw_only=True)
 class Probe(Operation):
-    """Reports the script's `status` and `stdout` without trailing line breaks, and `number` if it printed one, else none."""
+    """Reports the script's `status`, its `stdout` without trailing line breaks, and the `number` that it printed, if any."""
 
     name: ClassVar[str] = "probe"
     effect: ClassVar[str] = "read only: a script's `status`, `stdout` and `number`"

@@ -1,4 +1,4 @@
-"""`process`: a program that must not run; it is terminated by PID after a check of what it is, never by a pattern."""
+"""`process`: a program that must not run; it is identified exactly and terminated by PID, never by a pattern."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lupin_cli.connection.base import Output, Script, Target
 from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
 from lupin_cli.operations.shell import change, quote, text_of
 
-_NAME_LENGTH = 15  # the kernel cuts a process's name to this; its command line has the whole one
+_NAME_LENGTH = 15  # the kernel cuts a process's name to this length; the command line has all of it
 
 # One process a line, this shell excluded: PID, start in ticks since boot, command line.
 _PROBE = r"""
@@ -68,7 +68,7 @@ class Process(Operation):
 
     def judge(self, output: Output) -> Difference | None:
         running = [
-            entry for entry in map(_parse, text_of(output, "the running processes").splitlines()) if self._meant(entry[2])
+            entry for entry in map(_parse, text_of(output, "the running processes").splitlines()) if self._matches(entry[2])
         ]
         if not running:
             return None
@@ -76,8 +76,8 @@ class Process(Operation):
         pids = ", ".join(str(pid) for pid, _, _ in running)
         return Difference(f"terminate {self.named} ({pids})", lines, {"ended": [list(entry) for entry in running]})
 
-    def _meant(self, command: str) -> bool:
-        # A name that the kernel cut may be another program's: the whole name must be in the command line.
+    def _matches(self, command: str) -> bool:
+        # A name that the kernel cut may be another program's, so the whole name must be in the command line.
         program = len(self.named) <= _NAME_LENGTH or any(word.rpartition("/")[2] == self.named for word in command.split()[:2])
         return program and self.holding in command
 

@@ -19,10 +19,10 @@ _BOOT_ID = re.compile(r"[0-9a-f-]{36}\Z")
 
 @dataclass(frozen=True, kw_only=True)
 class Reboot(Operation):
-    """Differs until the robot was rebooted since the step began; the step's `when` says whether that is needed.
+    """Finds a difference until the robot has rebooted in this step; the step's `when` says whether that is needed.
 
-    `back_within_s` bounds the wait for its return; the step's `timeout` must not be shorter. Undo does nothing: the undo of
-    other steps restores what they changed, and another reboot activates it.
+    `back_within_s` limits the wait for its return; the step's `timeout` must not be shorter. Undo does nothing: the undo of
+    other steps restores what they changed, and takes effect at the next reboot.
     """
 
     name: ClassVar[str] = "reboot"

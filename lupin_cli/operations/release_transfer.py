@@ -94,7 +94,7 @@ def current_manifest(target: Target, state: InstalledReleases, root: str = ROOT)
 
 
 def changed_files(old_manifest: str, manifest: Manifest) -> tuple[list[str], int]:
-    """The files that differ from the old manifest, one line each, marked as in a diff; the size of the new ones, bytes."""
+    """Return the files that differ from the old manifest, one diff line each, and the size of the new ones in bytes."""
     before = {line[66:]: line[:64] for line in old_manifest.splitlines()}
     after = {entry.path: entry for entry in manifest.entries}
     lines = [f"-{path}" for path in before if path not in after or before[path] != after[path].sha256]
@@ -143,7 +143,7 @@ def _require_room(target: Target, state: InstalledReleases, needed_bytes: int, r
 
 
 def activate(target: Target, release: str, root: str = ROOT) -> None:
-    """Make `release` current atomically and the one before it `previous`, and remove old ones. "" leaves no release current."""
+    """Atomically make `release` current and the one before it `previous`, and remove old ones; "" only removes `current`."""
     if not release:
         _run(target, f"rm -f {root}/current", "remove the link to the release")
         return
@@ -206,8 +206,8 @@ ls -t releases | grep -vxF -e "$new" -e "$previous" | tail -n +{keep} | while re
 
 
 def _archives(entries: Sequence[Entry]) -> Iterator[tuple[int, bytes]]:
-    """Pack the files into archives of about CHUNK_BYTES: yields (bytes of content, archive). Equal contents are sent once, the
-    other paths as hard links."""
+    """Pack the files into archives of about CHUNK_BYTES: yields (bytes of content, archive). Files with equal content are sent
+    once; their other paths become hard links."""
     first: dict[str, str] = {}
     buffer, archive, size = io.BytesIO(), None, 0
     for entry in entries:

@@ -1,4 +1,4 @@
-"""`require`: a condition that must hold, or the run ends with a reason."""
+"""`require`: a condition that must hold; otherwise the run stops with a reason."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Require(Operation):
     """`holds` is a condition in {{ }}. If it is false, `otherwise` says what is wrong and `next` what to type."""
 
     name: ClassVar[str] = "require"
-    effect: ClassVar[str] = "read only: a condition holds, or the run ends here with a reason"
+    effect: ClassVar[str] = "read only: a condition holds, or the run stops here with a reason"
 
     holds: Any
     otherwise: str

@@ -16,7 +16,7 @@ _NEVER_STARTED = "none"
 
 @dataclass(frozen=True, kw_only=True)
 class Restart(Operation):
-    """Differs until the unit was restarted since the step began; the step's `when` says whether that is needed.
+    """Finds a difference until the unit has restarted in this step; the step's `when` says whether that is needed.
 
     A unit that does not run is not started, unless `start` is true.
     """
@@ -29,7 +29,7 @@ class Restart(Operation):
 
     unit: str
     start: bool = False
-    _invocation_before: str = ""  # systemd's id of the unit's run when the step began
+    _invocation_before: str = ""  # the unit's systemd invocation id when the step began
 
     def __post_init__(self) -> None:
         check_unit_name(self.unit)
@@ -61,5 +61,5 @@ class Restart(Operation):
         change(target, script, f"restart {self.unit}", root=True, timeout_s=300.0, next_command=self.inspect_command)
 
     def undo(self, target: Target, before: Mapping[str, Any]) -> None:
-        """Restart again, so that the unit reads what the other steps' undo restored."""
+        """Restart the unit again, so that it reads what the undo of other steps restored."""
         change(target, f"systemctl try-restart -- {quote(self.unit)}", f"restart {self.unit}", root=True, timeout_s=300.0)

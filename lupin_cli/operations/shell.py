@@ -1,4 +1,4 @@
-"""Run an operation's scripts on a target: bounded, and with errors that say what was attempted and what the script printed."""
+"""Run an operation's scripts on a target, with timeouts, and errors that say what was attempted and what the script printed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lupin_cli.connection.base import ROOT_REFUSED, Output, RootRefused, Script,
 from lupin_cli.operations.base import PROBE_TIMEOUT_S, Operation, OperationError, probe_script
 from lupin_cli.operations.step_target import StepTarget
 
-_NOTHING_ASKED = Output(0, "")
+_NO_OUTPUT = Output(0, "")
 _BATCH_SLACK_S = 5.0
 
 
@@ -26,15 +26,15 @@ def quote_all(words: Sequence[str]) -> str:
 def observe(operation: Operation, target: Target, prefetched: Output | None = None) -> Output:
     """Return what the operation judges: its probe's output, completed.
 
-    `prefetched` is the probe's output where it ran already. Raises OperationError, or TargetError from the target.
+    `prefetched` is the probe's output if it has already run. Raises OperationError, or TargetError from the target.
     """
     script = operation.probe()
-    output = prefetched or (_NOTHING_ASKED if script is None else run_probe(target, script))
+    output = prefetched or (_NO_OUTPUT if script is None else run_probe(target, script))
     return operation.complete(target, output)
 
 
 def query(target: Target, script: str, *, root: bool = False, timeout_s: float = PROBE_TIMEOUT_S) -> Output:
-    """Run a read-only script. Any exit status is fine; raises OperationError if the script did not end in time."""
+    """Run a read-only script. Any exit status is fine; raises OperationError if the script did not finish in time."""
     return run_probe(target, probe_script(script, root=root, timeout_s=timeout_s))
 
 
@@ -51,7 +51,7 @@ def run_probe(target: Target, script: Script) -> Output:
 
 
 def text_of(output: Output, what: str) -> str:
-    """Return what a probe printed; raises OperationError, naming `what` it should read, if it failed or was cut off."""
+    """Return what a probe printed; raises OperationError, naming `what` was to be read, if it failed or was cut off."""
     if not output.ok:
         raise OperationError(f"could not read {what}: {_reason(output)}")
     if output.truncated:
@@ -74,7 +74,7 @@ def change(
     stdin: bytes = b"",
     next_command: str = "",
 ) -> Output:
-    """Run a script that changes something; raises OperationError that names `what` it should do and what it printed."""
+    """Run a script that changes something; raises OperationError with `what` it was to do and what it printed."""
     output = target.run(script, root=root, stdin=stdin, timeout_s=timeout_s)
     if output.status is None:
         _require_reachable(target)
@@ -84,9 +84,9 @@ def change(
 
 
 def _require_reachable(target: Target) -> None:
-    """Raise Unreachable if a script did not end because its machine is gone: a slow script and a cut link look the same."""
+    """Raise Unreachable if the machine no longer answers: a script that times out and a cut link look the same."""
     if isinstance(target, StepTarget):
-        target = target.unlimited  # the step's time may be what ended the script
+        target = target.unlimited  # the step's timeout may be what stopped the script
     alive = target.batch([Script("alive", "true", 3.0)], 5.0)["alive"]
     if not alive.ok:
         raise Unreachable(f"{target.name} no longer answers: {alive.stderr.strip()}", "lost", "lupin doctor")

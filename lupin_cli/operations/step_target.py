@@ -1,4 +1,4 @@
-"""A target as one step of a playbook sees it: within the step's timeout, with its output recorded."""
+"""The target of one step of a playbook: it enforces the step's timeout, and records the output of scripts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RECORDED_CHARACTERS = 64 * 1024  # of one script's output in the journal: its be
 class StepTarget:
     """Forwards every call to a target, bounded by `deadline`.
 
-    `reserve` keeps a target that several playbook runs share for one of them.
+    `reserve` reserves a target that several playbook runs share for this one.
     """
 
     def __init__(self, target: Target, reserve: Callable[[], AbstractContextManager[object]] = nullcontext) -> None:
@@ -35,18 +35,18 @@ class StepTarget:
 
     @contextmanager
     def reserved(self) -> Iterator[None]:
-        """Keep the other runs that share the target from using it. Waiting for them does not count against the timeout."""
-        began = time.monotonic()
+        """Keep other runs that share the target from using it. The wait for them does not count against the timeout."""
+        start = time.monotonic()
         with self._reserve():
-            self.deadline += time.monotonic() - began
+            self.deadline += time.monotonic() - start
             yield
 
     def remaining(self, timeout_s: float) -> float:
-        """Return the rest of the step's time, at most `timeout_s`; raises OperationError if nothing is left."""
-        left = self.deadline - time.monotonic()
-        if left <= 0:
+        """Return the remaining time of the step, at most `timeout_s`; raises OperationError if none is left."""
+        remaining_s = self.deadline - time.monotonic()
+        if remaining_s <= 0:
             raise OperationError("the step's time is up; give it more with 'timeout' in the playbook")
-        return min(timeout_s, left)
+        return min(timeout_s, remaining_s)
 
     def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:
         return self._target.batch(scripts, self.remaining(timeout_s))

@@ -22,11 +22,11 @@ _TIMEOUT_S = 15.0
 
 
 class _Owner(TypedDict, total=False):
-    """On whose behalf to clean up: root on a robot; on the laptop this user, whose live runs and own process are spared."""
+    """The user who cleans up: root on a robot; on the laptop this user, whose live runs and this process are spared."""
 
     user_id: int
     runs: dict[int, str]
-    ourselves: frozenset[int]
+    own_pids: frozenset[int]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class Sweep(Operation):
     def _owner(self) -> _Owner:
         if self.machine == "robot":
             return {"user_id": 0}
-        return {"user_id": os.geteuid(), "runs": live_run_processes(), "ourselves": frozenset({os.getpid()})}
+        return {"user_id": os.geteuid(), "runs": live_run_processes(), "own_pids": frozenset({os.getpid()})}
 
     def probe(self) -> Script:
         return probe_script(join_probes(_PROBES), root=self.machine == "robot" or os.geteuid() == 0, timeout_s=_TIMEOUT_S)
@@ -69,8 +69,8 @@ class Sweep(Operation):
 
     def change(self, target: Target, difference: Difference) -> None:
         result = clean_up(target, **self._owner())
-        if result.failed:
-            raise OperationError(f"{target.name}: {'; '.join(result.failed)}", "lupin sweep --dry-run")
+        if result.failures:
+            raise OperationError(f"{target.name}: {'; '.join(result.failures)}", "lupin sweep --dry-run")
 
     def report(self, output: Output) -> dict[str, Any]:
         return {"blocked": [f"{each.subject}: {each.reason}" for each in self._plan(output).kept if each.needs_root]}

@@ -17,7 +17,7 @@ class Symlink(Operation):
     """`path` is a link to `to`, or there is no link. Never removes a file or directory at `path`."""
 
     name: ClassVar[str] = "symlink"
-    effect: ClassVar[str] = "a symbolic link points there, or does not exist; it is replaced in one rename"
+    effect: ClassVar[str] = "a symbolic link points to `to`, or does not exist; it is replaced in one rename"
     undo_effect: ClassVar[str] = "yes"
     prefetchable: ClassVar[bool] = True
 

@@ -25,8 +25,8 @@ def check_unit_name(unit: str) -> None:
 class Unit(Operation):
     """Examines and sets only the arguments that are given. A unit that does not exist counts as stopped and disabled.
 
-    `state: started` is also satisfied by a oneshot that ended well. `failed` is reset before a start, since systemd would go on
-    counting failures. `masked: false` is applied before `enabled` and `state`.
+    A oneshot that succeeded counts as started if it has RemainAfterExit. The state `failed` is reset before a start, since
+    systemd would go on counting failures. `masked: false` is applied before `enabled` and `state`.
     """
 
     name: ClassVar[str] = "unit"

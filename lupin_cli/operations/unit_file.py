@@ -17,7 +17,7 @@ _FOLDER = "/etc/systemd/system"
 
 @dataclass(frozen=True, kw_only=True)
 class UnitFile(Operation):
-    """The shipped template of that name with its placeholders filled (`fill`), or `content`; `present: false` removes it.
+    """The shipped template of that name with its placeholders filled from `fill`, or `content`. `present: false` removes it.
 
     The target's own systemd verifies the text before it counts as installed.
     """
@@ -72,7 +72,7 @@ class UnitFile(Operation):
     def change(self, target: Target, difference: Difference) -> None:
         if self.present:
             target.put(self._path, self._text().encode(), mode=0o644, root=True)
-            # A unit that systemd rejects is removed again before anything loads it.
+            # If systemd rejects the unit, the state before is restored, before anything loads the unit.
             try:
                 change(target, f"systemd-analyze verify --man=no -- {quote(self._path)}", f"verify {self.unit}", root=True)
             except (OperationError, TargetError):

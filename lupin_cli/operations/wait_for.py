@@ -18,7 +18,7 @@ _HOST = re.compile(r"[A-Za-z0-9][A-Za-z0-9.:-]*\Z")
 
 @dataclass(frozen=True, kw_only=True)
 class WaitFor(Operation):
-    """Takes exactly one argument and waits as long as the step's `timeout` at most. Changes nothing."""
+    """Takes exactly one argument and waits for at most the step's `timeout`. Changes nothing."""
 
     name: ClassVar[str] = "wait-for"
     effect: ClassVar[str] = "a listener, a unit, the controllers, a host or a path is there; changes nothing, only waits"
@@ -62,7 +62,7 @@ class WaitFor(Operation):
         return Difference(f"wait: {missing}") if missing else None
 
     def _missing(self, output: Output) -> str:
-        """Return what is not there yet, in words; empty if it is there."""
+        """Describe in words what is not there yet; empty if it is there."""
         if self.controllers:
             return "; ".join(find_inactive(parse_controllers(output)))
         if self.unit:

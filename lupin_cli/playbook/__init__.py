@@ -3,7 +3,7 @@
 from lupin_cli.playbook.engine import play
 from lupin_cli.playbook.journal import JournalError
 from lupin_cli.playbook.model import Playbook
-from lupin_cli.playbook.playbook_files import find_playbook, load, shipped
+from lupin_cli.playbook.playbook_files import find_playbook, list_shipped, load
 from lupin_cli.playbook.results import Event, Result, StepResult
 from lupin_cli.playbook.run_record import find_playbook_run, list_runs
 from lupin_cli.playbook.yaml_source import PlaybookError
@@ -18,7 +18,7 @@ __all__ = [
     "find_playbook",
     "find_playbook_run",
     "list_runs",
+    "list_shipped",
     "load",
     "play",
-    "shipped",
 ]

@@ -33,7 +33,7 @@ def required_of(operation: type[Operation]) -> tuple[str, ...]:
 
 
 def coerce(value: Any, hint: Any) -> Any:
-    """Return `value` as the type `hint` if nothing is lost; raises ValueError with what was expected."""
+    """Convert `value` to the type `hint` if that loses nothing; raises ValueError with what was expected."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if hint is Any:
         return value

@@ -18,7 +18,7 @@ from lupin_cli.playbook.yaml_source import Place, PlaybookError, suggest
 
 
 class Binding:
-    """The values of one run of a playbook. Made before anything runs, so that most mistakes show before anything is changed."""
+    """The values of one run of a playbook. Created before anything runs, so most mistakes are found before any change."""
 
     def __init__(self, playbook: Playbook, variables: Mapping[str, Any], targets: Mapping[str, Target] | None) -> None:
         """Check variables, arguments and machines. Without `targets` (None), only `machines` may be called.
@@ -43,7 +43,8 @@ class Binding:
         for machine in sorted(self.machines()):
             if machine not in targets:
                 raise PlaybookError(
-                    f"{playbook.name!r} works on the {machine}, and there is none; name one with --robot NAME", playbook.file
+                    f"{playbook.name!r} works on the {machine}, but no {machine} was named; name one with --robot NAME",
+                    playbook.file,
                 )
 
     @property
@@ -64,7 +65,7 @@ class Binding:
 
     def _may_run(self, step: Step) -> bool:
         try:
-            return self.is_wanted(step)
+            return self.should_run(step)
         except (PlaybookError, ExpressionError):
             return True
 
@@ -93,8 +94,8 @@ class Binding:
                 raise PlaybookError(f"{variable.name!r}: {error}", place) from error
         return values
 
-    def is_wanted(self, step: Step) -> bool:
-        """Return whether the step's condition holds, and those of the includes that it comes from."""
+    def should_run(self, step: Step) -> bool:
+        """Return whether the step's condition holds, and the conditions of the includes that it comes from."""
         frame = step.frame
         while frame.parent is not None:
             if frame.when is not None and not self._holds(frame.when, self.scope(frame.parent), frame.when_place):
@@ -129,7 +130,7 @@ class Binding:
         return str(resolve(value, self.scope(step.frame)))
 
     def remember(self, step: Step, result: Mapping[str, Any]) -> None:
-        """Keep a step's result for the steps after it."""
+        """Keep a step's result for later steps."""
         if step.result:
             self._results.setdefault(id(step.frame), {})[step.result] = dict(result)
 

@@ -41,12 +41,12 @@ def play(
     `playbook` is a loaded playbook, the name of a shipped one, or a file. `targets` has "robot", "laptop" or both, as its steps
     need. `variables` are values of the playbook's `vars`. `from_step` is a step's name or number (from 1): before it, only
     read-only steps run. `resume` continues the newest unfinished run of this playbook on this robot, with that run's variables
-    and results. `confirm` answers a step's question (None: no). `journal` replaces `journal_folder()`. `on_event` receives
-    progress, in this thread. `stop` stops the run after the current step. An exclusive playbook takes the robot's lease before
-    its first change there; `break_lease` takes it from its holder.
+    and results. `confirm` answers a step's question (None answers no). `journal` replaces `journal_folder()`. `on_event`
+    receives progress, in this thread. `stop` stops the run after the current step. An exclusive playbook takes the robot's
+    lease before its first change there; `break_lease` takes it from its holder.
 
-    Raises FileNotFoundError, PlaybookError or JournalError before anything is changed. The result reports everything later: a
-    step that failed, a lost connection, an interrupt.
+    Raises FileNotFoundError, PlaybookError or JournalError before anything is changed. Later problems are in the result: a step
+    that failed, a lost connection, an interrupt.
     """
     if not isinstance(playbook, Playbook):
         playbook = load(playbook)
@@ -97,7 +97,7 @@ def _open_journal(
 
 
 class _PlaybookRun:
-    """All steps of a playbook, from the step `first` on."""
+    """Plays the steps of a playbook, from the step `first` on."""
 
     def __init__(self, playbook: Playbook, context: RunContext, runner: StepRunner, first: int) -> None:
         self._playbook = playbook
@@ -106,7 +106,7 @@ class _PlaybookRun:
         self._first = first
 
     def play(self, prior: Mapping[int, StepRecord]) -> Result:
-        """Run the steps; `prior` are those of the run that is resumed, by index."""
+        """Run the steps. `prior` has the records of the steps of the run that is resumed, by index."""
         context, runner = self._context, self._runner
         context.emit("run", text=context.run_id)
         state, message, next_command, closed = "done", "", "", False
@@ -117,10 +117,10 @@ class _PlaybookRun:
                 if context.options.stop.is_set():
                     raise RunStopped("interrupted", "interrupted", "interrupted before this step")
                 runner.run(index, step, reached=index >= self._first, prior=prior.get(index))
-        except RunStopped as stopped:
-            state, message = stopped.run_state, str(stopped)
+        except RunStopped as error:
+            state, message = error.run_state, str(error)
             closed = state != "unreachable" and self._run_always_steps(index)
-            next_command = stopped.next_command or (runner.play_command if closed else runner.resume_command)
+            next_command = error.next_command or (runner.play_command if closed else runner.resume_command)
             if runner.locked_out:
                 next_command = f"{runner.play_command if closed else runner.resume_command} --break-lease"
         except JournalError as error:
@@ -146,7 +146,7 @@ class _PlaybookRun:
         )
 
     def _run_always_steps(self, failed: int) -> bool:
-        """Run the steps after a failed one that say `always`. Returns whether there was one that was not skipped."""
+        """Run the `always` steps after a failed step. Returns whether at least one of them was not skipped."""
         if self._context.options.dry_run:
             return False
         ran = False
@@ -158,5 +158,5 @@ class _PlaybookRun:
                 self._runner.run(index, step, reached=True, prior=None)
                 ran |= self._runner.results[-1].state != "skipped"
             except RunStopped:
-                ran = True  # its result says why; the other steps are tried all the same
+                ran = True  # its result says why; the other steps are still tried
         return ran

@@ -6,8 +6,8 @@ negation    := "not" negation | comparison
 comparison  := value (("==" | "!=" | "<" | "<=" | ">" | ">=" | "in" | "not in") value)?
 value       := number | 'text' | "text" | true | false | none | name("."name)* | "[" values "]" | "(" expression ")"
 
-Values are cut out of the text first, since Python's literals and keywords differ from ours; Python's own parser then reads what
-is left, and only the nodes in `_NODES` are accepted and evaluated.
+Values are replaced by placeholders first, since Python's literals and keywords differ from ours. Python's own parser then reads
+the rest, and only the nodes in `_NODES` are accepted and evaluated.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ _TOKEN = re.compile(
 _LITERALS: dict[str, Any] = {"true": True, "false": False, "none": None}
 _KEYWORDS = ("and", "or", "not", "in")
 _COMPARISONS = ("==", "!=", "<", "<=", ">", ">=", "in")
-_DEEPEST = 40  # brackets within brackets
+_MAX_NESTING = 40  # of brackets
 
 _NODES = (ast.BoolOp, ast.And, ast.Or, ast.UnaryOp, ast.Not, ast.Compare, ast.List, ast.Name, ast.Load)
 
 
 class ExpressionError(ValueError):
-    """What is wrong with an expression; `column` counts characters from the start of its text."""
+    """An expression is invalid or cannot be evaluated. `column` counts characters from the start of its text."""
 
     def __init__(self, message: str, column: int) -> None:
         super().__init__(message)
@@ -78,7 +78,7 @@ class _Token:
             return _LITERALS[self.word] if self.word in _LITERALS else Name(tuple(self.word.split(".")), self.column)
         try:
             return float(self.word) if "." in self.word else int(self.word)
-        except ValueError as error:  # Python bounds the digits of an integer
+        except ValueError as error:  # Python limits the digits of an integer
             raise ExpressionError("the number has too many digits", self.column) from error
 
 
@@ -119,7 +119,7 @@ class Expression:
 
 
 def _less(left: Any, right: Any) -> bool:
-    # None is neither less nor more than anything: a probe that found no number decides nothing.
+    # None is neither less nor more than anything: if a probe found no number, no comparison with it holds.
     return left is not None and right is not None and left < right
 
 
@@ -136,7 +136,7 @@ _COMPARE: dict[type[ast.cmpop], tuple[str, Callable[[Any, Any], Any]]] = {
 
 
 def parse(text: str) -> Expression:
-    """Read an expression; raises ExpressionError at the first word that doesn't fit."""
+    """Parse an expression; raises ExpressionError at the first invalid word."""
     tokens = list(_tokens(text))
     _check_order(tokens, len(text.rstrip()))
     values = {f"v{n}": token.value() for n, token in enumerate(tokens) if token.is_value}
@@ -157,21 +157,21 @@ def _without_double_negation(source: str) -> str:
 
 
 def _tokens(text: str) -> Iterator[_Token]:
-    at = 0
-    while text[at:].strip():
-        match = _TOKEN.match(text, at)
+    column = 0
+    while text[column:].strip():
+        match = _TOKEN.match(text, column)
         if match is None:
-            at += len(text[at:]) - len(text[at:].lstrip())
-            hint = "; equality is written ==" if text[at] == "=" else ""
-            raise ExpressionError(f"{text[at]!r} is not part of an expression{hint}", at)
+            column += len(text[column:]) - len(text[column:].lstrip())
+            hint = "; equality is written ==" if text[column] == "=" else ""
+            raise ExpressionError(f"{text[column]!r} is not part of an expression{hint}", column)
         kind = str(match.lastgroup)
         word = match.group(kind)
         yield _Token("operator" if word in _KEYWORDS else kind, word, match.start(kind))
-        at = match.end()
+        column = match.end()
 
 
 def _check_order(tokens: list[_Token], end: int) -> None:
-    """Raise ExpressionError at the first token that doesn't fit, in the words of this language instead of Python's."""
+    """Raise ExpressionError at the first misplaced token, with a message in terms of this language instead of Python."""
     brackets: list[tuple[str, bool]] = []  # the open ones, each with whether a comparison was read before it
     value_next, may_negate, compared = True, True, False
     words = [token.word if not token.is_value else "" for token in tokens] + [""]
@@ -181,7 +181,7 @@ def _check_order(tokens: list[_Token], end: int) -> None:
             if word in ("(", "["):
                 brackets.append((word, compared))
                 may_negate, compared = word == "(", False
-                if len(brackets) >= _DEEPEST:
+                if len(brackets) >= _MAX_NESTING:
                     raise ExpressionError("is nested too deeply", token.column + 1)
             elif word == "]" and index and words[index - 1] == "[":
                 compared, value_next = brackets.pop()[1], False

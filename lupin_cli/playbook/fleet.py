@@ -1,4 +1,4 @@
-"""Play on several robots at the same time; each run has its own journal. They share the laptop (`SerializedTarget`)."""
+"""Plays on several robots at the same time. Each run has its own journal; they share the laptop (`SerializedTarget`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lupin_cli.connection.base import TargetError
 from lupin_cli.playbook.journal import JournalError
 from lupin_cli.playbook.results import Result
 
-_MOST_THREADS = 20
+_MAX_THREADS = 20
 Robot = TypeVar("Robot")
 
 
@@ -24,9 +24,8 @@ def play_on_all(
 ) -> list[Result]:
     """Play on all robots at the same time and return the results in their order.
 
-    `play_one(robot, stop)` plays on one robot; if it cannot start there, that robot's result says why and the others go on. On
-    an interrupt, `on_interrupt` is called, all runs are asked to stop, and their current steps end first; a second one is
-    raised.
+    `play_one(robot, stop)` plays on one robot; if it cannot start there, that robot's result says why and the others go on. An
+    interrupt calls `on_interrupt`, asks all runs to stop, and waits for their current steps; a second interrupt is raised.
     """
     stop = threading.Event()
     results = [Result(playbook, name(robot), "interrupted", message="interrupted before it started") for robot in robots]
@@ -40,7 +39,7 @@ def play_on_all(
         except JournalError as error:
             results[index] = Result(playbook, name(robot), "failed", message=str(error), next_command=error.next_command)
 
-    pool = ThreadPoolExecutor(max_workers=min(_MOST_THREADS, max(1, len(robots))), thread_name_prefix="play")
+    pool = ThreadPoolExecutor(max_workers=min(_MAX_THREADS, max(1, len(robots))), thread_name_prefix="play")
     futures: list[Future[None]] = []
     try:
         for index in range(len(robots)):

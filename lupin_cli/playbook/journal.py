@@ -1,8 +1,8 @@
-"""The journal: one file of JSON lines per playbook run, each line on the disk before the run goes on.
+"""The journal: one file of JSON lines per playbook run. What resume and undo need is on disk before the run goes on.
 
 The files are below $XDG_STATE_HOME/lupin/journal/ and readable by their owner only, since `before`, which undo needs, is
-written as it is; everything else is masked. A run locks its file. A file without an end that nobody locks belongs to a run that
-was cut off; it can be resumed.
+not masked; everything else is. A run locks its file. A file that has no `end` line and is not locked belongs to a run that was
+cut off; it can be resumed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 
 from lupin_cli.secret_masking import MASK, mask_secrets
 
-_SHORTEST_SECRET = 3
+_MIN_SECRET_LENGTH = 3
 MAX_JOURNALS = 500
 
 
@@ -48,7 +48,7 @@ class Mask:
         """Return a JSON value with every secret in its strings replaced."""
         if isinstance(value, str):
             for secret in self.secrets:
-                if len(secret) >= _SHORTEST_SECRET:
+                if len(secret) >= _MIN_SECRET_LENGTH:
                     value = value.replace(secret, MASK)
             return mask_secrets(value)
         if isinstance(value, Mapping):
@@ -59,7 +59,7 @@ class Mask:
 
 
 def remove_old_journals(folder: Path, newest: int = MAX_JOURNALS) -> list[Path]:
-    """Remove the journals of completed playbook runs other than the newest; those that can be resumed stay. Returns them."""
+    """Remove the journals of completed playbook runs except the `newest`, but none that can be resumed. Returns their paths."""
     removed = []
     for path in sorted(folder.glob("*.jsonl"))[:-newest]:
         try:
@@ -133,7 +133,7 @@ class Journal:
         return journal
 
     def write(self, event: str, *, sync: bool = True, before: Mapping[str, Any] | None = None, **values: Any) -> None:
-        """Add one line and, with `sync`, wait until it is on the disk. `before` is not masked, since undo needs it as it
+        """Add one line and, with `sync`, wait until it is on disk. `before` is not masked, since undo needs it as it
         was."""
         line = {"event": event, "time": datetime.now(timezone.utc).isoformat(timespec="milliseconds"), **self._mask(values)}
         if before is not None:

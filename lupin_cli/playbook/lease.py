@@ -1,8 +1,8 @@
 """The lease on a robot: only one playbook run at a time changes it, and a second operator learns who holds the lease.
 
 The lease is a folder in /run, so that a full or read-only disk does not prevent repairs and a reboot ends it. A run takes it
-before its first change and gives it back at its end. A lease that a killed run or a cut link left is taken over by the next run
-of the same operator; everybody else has to break it.
+before its first change and gives it back at its end. A lease left by a killed run or a cut link is taken over by the next run
+of the same operator; anyone else has to break it.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class Lease:
         self.held = False
 
     def take(self) -> bool:
-        """Return whether the lease was taken just now; False if it was held already. Raises LeaseTaken, which names the
-        holder."""
+        """Take the lease. Returns True if it was taken just now, False if this run already had it. Raises LeaseTaken, which
+        names the holder, or OperationError."""
         if self.held:
             return False
         if self._break_it:
@@ -75,7 +75,7 @@ class Lease:
             if status != _TAKEN:
                 raise OperationError(f"{self._target.name}: the lease could not be taken: {printed.strip()}", "lupin doctor")
             age_text, _, holder_text = printed.partition("\n")
-            holder = _holder(holder_text)
+            holder = _parse_holder(holder_text)
             if not _is_stale(holder):
                 break
             self._run(_GIVE_BACK.format(path=self._path, nonce=holder["nonce"]))
@@ -85,16 +85,16 @@ class Lease:
         )
 
     def end(self, *, reachable: bool = True, resumed: bool = False) -> None:
-        """Give the lease back. If the robot is not reachable it stays there, and the operator's next run takes it over.
+        """Give the lease back. If the robot is not reachable, the lease stays there, and the operator's next run takes it over.
 
-        A `resumed` run that had nothing left to change removes the lease that the run before it could not give back.
+        A `resumed` run that had nothing left to change removes the lease that the interrupted run could not give back.
         """
         _live_nonces.discard(self._nonce)
         with contextlib.suppress(TargetError, OperationError):  # the run's own result matters more
             if self.held and reachable:
                 self._run(_GIVE_BACK.format(path=self._path, nonce=self._nonce))
             elif resumed and reachable:
-                holder = _holder(self._run(f"cat {self._path}/owner 2>/dev/null || true")[1])
+                holder = _parse_holder(self._run(f"cat {self._path}/owner 2>/dev/null || true")[1])
                 if _is_stale(holder):
                     self._run(_GIVE_BACK.format(path=self._path, nonce=holder["nonce"]))
         self.held = False
@@ -122,11 +122,11 @@ def _this_process() -> dict[str, Any]:
         "machine": hashlib.sha256("\0".join(identity).encode("utf-8", "surrogateescape")).hexdigest()[:16],
         "boot": _read("/proc/sys/kernel/random/boot_id").decode().strip(),
         "pid": os.getpid(),
-        "started": _started(os.getpid()),
+        "started": _start_ticks(os.getpid()),
     }
 
 
-def _holder(text: str) -> dict[str, Any]:
+def _parse_holder(text: str) -> dict[str, Any]:
     unknown = {"who": "somebody", "what": "unknown"}
     try:
         return {**unknown, **json.loads(text)}
@@ -135,18 +135,18 @@ def _holder(text: str) -> dict[str, Any]:
 
 
 def _is_stale(holder: dict[str, Any]) -> bool:
-    """Return whether a lease is this operator's, from this machine, and its process or its run in this process has ended."""
+    """Return whether a lease is this operator's, on this machine, and its process or its run in this process has ended."""
     own = _this_process()
     if any(holder.get(key) != own[key] for key in ("machine", "uid")):
         return False
-    if holder.get("boot") != own["boot"] or _started(holder.get("pid")) != holder.get("started"):
+    if holder.get("boot") != own["boot"] or _start_ticks(holder.get("pid")) != holder.get("started"):
         return True
     return holder.get("pid") == own["pid"] and holder.get("nonce") not in _live_nonces
 
 
-def _started(pid: object) -> str:
-    """Return when a process started, in ticks since the boot, since pids are reused; empty if there is no such process."""
-    # The second field is a name in brackets, which may hold anything; the start is the 20th behind it (proc(5)).
+def _start_ticks(pid: object) -> str:
+    """Return the start of a process in clock ticks since boot, since PIDs are reused; empty if there is no such process."""
+    # The second field is a name in parentheses, which may contain anything; the start is the 20th field after it (proc(5)).
     fields = _read(f"/proc/{pid}/stat").rpartition(b")")[2].split()
     return fields[19].decode() if len(fields) > 19 else ""
 

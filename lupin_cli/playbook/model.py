@@ -55,7 +55,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Retry:
-    """How often a failed step is tried again, and the pause before."""
+    """How often a failed step is tried again, and the pause before each attempt."""
 
     times: int = 0
     pause_s: float = 2.0
@@ -63,7 +63,7 @@ class Retry:
 
 @dataclass(frozen=True)
 class Frame:
-    """The names that the steps of one file see. An included file has its own; the including step gives their values."""
+    """The names that the steps of one file see. An included file has its own names; the including step gives their values."""
 
     variables: tuple[Variable, ...]
     given: Mapping[str, tuple[Any, Place]] = field(default_factory=dict)  # templates over the parent's names

@@ -31,7 +31,7 @@ from lupin_cli.playbook.yaml_values import (
 _TOP = ("name", "description", "exclusive", "vars", "steps")
 _STEP = ("name", "on", "as", "when", "until", "retry", "timeout", "confirm", "undo", "always")
 _INCLUDE = ("include", "name", "vars", "when")
-_DEEPEST_INCLUDE = 8
+_MAX_INCLUDE_DEPTH = 8
 
 Finder = Callable[[str, Path], Path]
 
@@ -39,8 +39,8 @@ Finder = Callable[[str, Path], Path]
 def read_playbook(path: Path, operations: Mapping[str, type[Operation]], find: Finder) -> Playbook:
     """Read a playbook and all that it includes; raises PlaybookError.
 
-    `operations` are the words of steps. `find(name, folder)` returns the file of an included playbook and raises
-    FileNotFoundError, whose message names the most similar one.
+    `operations` has each operation by its word in steps. `find(name, folder)` returns the file of an included playbook and
+    raises FileNotFoundError, whose message names the most similar one.
     """
     parser = _PlaybookParser(operations, find)
     parsed = parser.parse_file(path, (), None)
@@ -73,7 +73,7 @@ class _PlaybookParser:
         self._operations = operations
         self._find = find
         self.texts: list[str] = []
-        self.exclusive = False  # whether one of the files says so
+        self.exclusive = False  # whether one of the files is
 
     def parse_file(self, path: Path, chain: tuple[Path, ...], included_by: _Include | None) -> _ParsedFile:
         """Parse a file; `chain` are the files that include it, the outermost first."""
@@ -86,7 +86,7 @@ class _PlaybookParser:
                 raise source.error(source.root, f"a playbook needs {key!r}")
         name = source.text_of(top["name"][1], "the name")
         if name != path.stem:
-            raise source.error(top["name"][1], f"the name is {name!r}, but the file is {path.name!r}: they are the same")
+            raise source.error(top["name"][1], f"the name is {name!r}, but the file is {path.name!r}: they must be the same")
         self.exclusive |= "exclusive" in top and read_truth(source, top["exclusive"][1])
         names = NameScope()
         variables = read_variables(source, top["vars"][1], names) if "vars" in top else ()
@@ -135,8 +135,8 @@ class _PlaybookParser:
         if path.resolve() in chain:
             circle = " → ".join(p.stem for p in (*chain[chain.index(path.resolve()) :], path))
             raise source.error(target, f"includes itself: {circle}")
-        if len(chain) >= _DEEPEST_INCLUDE:
-            raise source.error(target, f"includes go {_DEEPEST_INCLUDE} deep at most")
+        if len(chain) >= _MAX_INCLUDE_DEPTH:
+            raise source.error(target, f"includes go {_MAX_INCLUDE_DEPTH} deep at most")
         given: dict[str, tuple[Any, Place]] = {}
         if "vars" in entries:
             for word, (_, value) in source.mapping(entries["vars"][1], "'vars'").items():
@@ -187,9 +187,7 @@ class _PlaybookParser:
         node = entries["as"][1]
         word = source.text_of(node, "'as'")
         if not WORD.match(word) or word in RESERVED or word in names.known:
-            raise source.error(
-                node, f"{word!r} cannot name a result: letters, digits and _, and nothing that has that name yet"
-            )
+            raise source.error(node, f"{word!r} cannot name a result: it must be a new name of letters, digits and _")
         names.known[word] = (*RESULT_VALUES, *operation.result_keys)
         return word
 

@@ -9,7 +9,7 @@ from lupin_cli.playbook.model import Playbook
 from lupin_cli.playbook.yaml_source import suggest
 
 
-def shipped() -> list[Path]:
+def list_shipped() -> list[Path]:
     """Return the files of all shipped playbooks, sorted by name."""
     return sorted(shipped_folder("playbooks").glob("*.yaml"))
 
@@ -25,7 +25,7 @@ def find_playbook(name: str, folder: Path | None = None) -> Path:
     for candidate in (*([folder / f"{name}.yaml"] if folder else []), shipped_folder("playbooks") / f"{name}.yaml"):
         if candidate.is_file():
             return candidate
-    known = {path.stem for path in shipped()} | ({path.stem for path in folder.glob("*.yaml")} if folder else set())
+    known = {path.stem for path in list_shipped()} | ({path.stem for path in folder.glob("*.yaml")} if folder else set())
     raise FileNotFoundError(f"there is no playbook {name!r}{suggest(name, known)}")
 
 

@@ -1,4 +1,4 @@
-"""Prefetch the probes of a run's steps in one batch, since over SSH every round trip counts.
+"""Prefetches the probes of a run's steps in one batch, since over SSH every round trip counts.
 
 An output is used once, by its own step, and only while it is fresh and nothing has changed since; otherwise the step runs its
 probe.
@@ -28,7 +28,7 @@ class ProbeBatch:
         self._error: TargetError | None = None
 
     def fetch(self, probes: Mapping[int, Script], meanwhile: Iterable[Callable[[], None]] = ()) -> None:
-        """Run the probes in one batch if there are several, equal ones once; run `meanwhile` while the target answers."""
+        """Run the probes in one batch if there are several, equal ones once; run `meanwhile` while it waits for the target."""
         if len(probes) < 2:
             return
         names = {script: str(number) for number, script in enumerate(dict.fromkeys(probes.values()))}
@@ -51,8 +51,8 @@ class ProbeBatch:
             raise error
         if time.monotonic() - self._fetched_s > MAX_AGE_S:
             self.clear()
-        fetched, output = self._outputs.pop(index, (None, None))
-        return output if fetched == script else None
+        fetched_script, output = self._outputs.pop(index, (None, None))
+        return output if fetched_script == script else None
 
     def clear(self) -> None:
         """Discard all outputs, since the target may have changed."""

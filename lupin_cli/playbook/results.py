@@ -33,7 +33,7 @@ class Event:
 
 @dataclass(frozen=True)
 class StepResult:
-    """How a step ended. `state` is same, changed, would-change, skipped, declined, failed, lost or interrupted."""
+    """The result of a step. `state` is same, changed, would-change, skipped, declined, failed, lost or interrupted."""
 
     index: int
     name: str
@@ -49,8 +49,8 @@ class StepResult:
 
 @dataclass(frozen=True)
 class Result:
-    """How a run ended. Unless it is done, `message` says why, `next_command` what to type now, `resume` how to continue it
-    then."""
+    """The result of a run. Unless it is done, `message` says why, `next_command` what to type now, and `resume` what to type
+    then to continue it."""
 
     playbook: str
     robot: str

@@ -18,9 +18,9 @@ def play_command(playbook: str, robot: str) -> str:
 
 
 def find_unfinished(playbook: Playbook, robot: str, folder: Path | None) -> RunRecord | None:
-    """Return the newest run of this playbook on this robot if it can be resumed; None if it ended well or there is none.
+    """Return the newest run of this playbook on this robot if it can be resumed; None if it is done or there is no run.
 
-    Raises JournalError if it still runs or ended with its `always` steps; PlaybookError if the playbook's text has changed.
+    Raises JournalError if it is still running or has run its `always` steps; PlaybookError if the playbook's text has changed.
     """
     for run in list_runs(folder):
         if (run.playbook, run.robot) != (playbook.name, robot) or run.undo_of:

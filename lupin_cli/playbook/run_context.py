@@ -32,10 +32,10 @@ class RunStopped(Exception):
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How to run, apart from what."""
+    """The options of a run."""
 
     dry_run: bool = False
-    diff: bool = False  # events have the diffs
+    diff: bool = False  # whether events contain diffs
     confirm: Confirm | None = None  # answers questions; None answers no
     on_event: OnEvent | None = None  # receives progress, in the run's thread
     stop: threading.Event = field(default_factory=threading.Event)  # stops the run after the current step
@@ -78,7 +78,7 @@ class RunContext:
 
     @contextmanager
     def recording(self, index: int, target: StepTarget, on_line: Callable[[str], None] | None = None) -> Iterator[None]:
-        """Write the output of what changes the target into the journal, as that of a step."""
+        """Write the output of scripts that change the target into the journal, as output of this step."""
         target.record = lambda text: self.write("output", sync=False, index=index, text=text)
         target.on_line = on_line
         try:
@@ -98,9 +98,9 @@ def open_run(
     lease_purpose: str = "",
     resumed: bool = False,
 ) -> Iterator[RunContext]:
-    """Open a run's context; at the end its lease is given back and its journal closed.
+    """Open a run's context; at the end, give its lease back and close its journal.
 
-    `lease_purpose` tells other operators why the robot is in use; empty: the run needs no lease.
+    `lease_purpose` tells other operators why the robot is in use; if it is empty, the run needs no lease.
     """
     robot = targets["robot"].name if "robot" in targets else ""
     lease = None

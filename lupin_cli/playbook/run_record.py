@@ -1,4 +1,4 @@
-"""What the journal says about a run: its steps, and whether it ended, still runs or was cut off."""
+"""What the journal says about a run: its steps, and whether it ended, is running or was cut off."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class RunRecord:
     steps: tuple[StepRecord, ...]
     torn_lines: int = 0
     exclusive: bool = False  # it took the robot's lease
-    closed: bool = False  # it failed and then ran its `always` steps: it is played again, not resumed
+    closed: bool = False  # it failed and then ran its `always` steps: it can be played again, but not resumed
 
     @property
     def finished(self) -> bool:
@@ -156,7 +156,7 @@ def list_runs(folder: Path | None = None) -> list[RunRecord]:
 
 
 def find_playbook_run(name: str, folder: Path | None = None) -> RunRecord:
-    """Return a run by its id, a unique beginning of it, or "latest". Raises JournalError."""
+    """Return a run by its id, a unique prefix of it, or "latest". Raises JournalError."""
     folder = folder or journal_folder()
     exact = folder / f"{name}.jsonl"
     if exact.is_file():

@@ -1,4 +1,4 @@
-"""The laptop as several playbook runs share it: one call at a time, and one step at a time."""
+"""Lets several playbook runs share the laptop: one call at a time, and one step at a time."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ from lupin_cli.playbook.run_context import RunContext, RunStopped
 from lupin_cli.playbook.run_record import StepRecord
 from lupin_cli.playbook.yaml_source import PlaybookError
 
-_FIRST_POLL_S, _LONGEST_POLL_S = 0.1, 1.0
+_FIRST_POLL_S, _MAX_POLL_S = 0.1, 1.0
 _POLL_GROWTH = 1.5
 _NO_ACCESS = (Unreachable, AuthenticationFailed, HostKeyChanged, HostKeyUnknown)
 _NOT_RETRIED = (HostKeyChanged, AuthenticationFailed, RootRefused)
@@ -43,7 +43,7 @@ class StepRunner:
     """Runs the steps of one playbook run, one after another."""
 
     def __init__(self, context: RunContext, binding: Binding, playbook: str, probes: ProbeBatch | None) -> None:
-        """`probes` are the robot's; the laptop's are not prefetched, since it is near and several runs may share it."""
+        """`probes` are the robot's; the laptop's are not prefetched, since it is local and several runs may share it."""
         self._context = context
         self._binding = binding
         self._probes = probes
@@ -54,7 +54,7 @@ class StepRunner:
         self.results: list[StepResult] = []
 
     def prefetch(self, steps: dict[int, Step]) -> None:
-        """Run in one batch the probes of the robot's steps, by index, that will run whatever the earlier steps find."""
+        """Run in one batch the probes of those robot steps that run whatever earlier steps find. `steps` are by index."""
         if self._probes is None:
             return
         operations: dict[int, Operation] = {}
@@ -62,15 +62,16 @@ class StepRunner:
             if step.machine != "robot" or not step.operation.prefetchable or step.until is not None:
                 continue
             try:
-                if self._binding.is_wanted(step):
+                if self._binding.should_run(step):
                     operations[index] = self._binding.operation(step)
             except (ExpressionError, PlaybookError):
-                continue  # it needs an earlier step's result, or is invalid: its turn will show
+                continue  # it needs an earlier step's result, or is invalid, which its turn will report
         probes = {index: script for index, each in operations.items() if (script := each.probe()) is not None}
         self._probes.fetch(probes, [operations[index].prepare for index in probes])
 
     def run(self, index: int, step: Step, *, reached: bool, prior: StepRecord | None) -> None:
-        """Run a step and add its result. Not `reached`: only a read-only step runs. `prior` is what a resumed run did of it.
+        """Run a step and add its result. If it is not `reached`, it runs only if it is read-only. `prior` is its record in a
+        resumed run.
 
         Raises RunStopped, JournalError or KeyboardInterrupt.
         """
@@ -82,54 +83,54 @@ class StepRunner:
             return
         started = time.monotonic()
         self._context.emit("step", index, step.name)
-        ended = blank
+        outcome = blank
         try:
-            ended = self._run(index, step, blank, reached, prior)
-            self._binding.remember(step, ended.result)
+            outcome = self._run(index, step, blank, reached, prior)
+            self._binding.remember(step, outcome.result)
         except (ExpressionError, PlaybookError) as error:
-            ended = dataclasses.replace(blank, state="failed", error=str(error))
+            outcome = dataclasses.replace(blank, state="failed", error=str(error))
             raise RunStopped("failed", "failed", f"{step.name}: {error}") from error
-        except RunStopped as stopped:
-            ended = dataclasses.replace(blank, state=stopped.step_state, error=str(stopped))
+        except RunStopped as error:
+            outcome = dataclasses.replace(blank, state=error.step_state, error=str(error))
             raise
         except BaseException as error:  # the end of the step is reported, whatever caused it
-            ended = dataclasses.replace(blank, state="interrupted", error=type(error).__name__)
+            outcome = dataclasses.replace(blank, state="interrupted", error=type(error).__name__)
             raise
         finally:
             duration_s = round(time.monotonic() - started, 3)
-            self.results.append(dataclasses.replace(ended, error=self._context.mask(ended.error), duration_s=duration_s))
-            end = {"state": ended.state, "duration_s": duration_s}
-            self._context.write("step-end", index=index, error=ended.error, result=ended.result, **end)
-            self._context.emit("step-end", index, step.name, text=ended.error or ended.summary, **end)
+            self.results.append(dataclasses.replace(outcome, error=self._context.mask(outcome.error), duration_s=duration_s))
+            end = {"state": outcome.state, "duration_s": duration_s}
+            self._context.write("step-end", index=index, error=outcome.error, result=outcome.result, **end)
+            self._context.emit("step-end", index, step.name, text=outcome.error or outcome.summary, **end)
 
     def _run(self, index: int, step: Step, blank: StepResult, reached: bool, prior: StepRecord | None) -> StepResult:
         line = {"index": index, "name": step.name, "operation": step.operation.name, "machine": step.machine}
-        if not (reached or step.operation.read_only) or not self._binding.is_wanted(step):
+        if not (reached or step.operation.read_only) or not self._binding.should_run(step):
             self._context.write("step", **line)
             return dataclasses.replace(blank, result={"changed": False, "skipped": True})
         operation = self._binding.operation(step)
         self._context.write("step", sync=False, **line, arguments=self._binding.arguments(step), undo=step.undo)
         target = self._context.targets[step.machine]
         target.deadline = time.monotonic() + step.timeout_s
-        touched = prior is not None and prior.before is not None  # an earlier attempt may have changed something
+        may_have_changed = prior is not None and prior.before is not None  # an earlier attempt may have changed something
         if prior is not None and prior.before is not None:
             operation = operation.with_baseline(prior.before)
         for number in range(step.retry.times + 1):
             try:
-                ended = self._attempt(index, step, operation, blank, touched)
+                outcome = self._attempt(index, step, operation, blank, may_have_changed)
                 target.deadline = float("inf")
-                return ended
+                return outcome
             except (OperationError, TargetError) as error:
                 out_of_time = time.monotonic() + step.retry.pause_s >= target.deadline
                 if number == step.retry.times or out_of_time or isinstance(error, _NOT_RETRIED):
-                    raise self._stopped(step, error) from error
-                touched = True
+                    raise self._as_run_stopped(step, error) from error
+                may_have_changed = True
                 text = f"{error}; trying again in {step.retry.pause_s:g} s"
                 self._context.emit("line", index, step.name, text=text)
                 self._context.pause(step.retry.pause_s)
         raise AssertionError("the last attempt returns or raises")
 
-    def _stopped(self, step: Step, error: OperationError | TargetError) -> RunStopped:
+    def _as_run_stopped(self, step: Step, error: OperationError | TargetError) -> RunStopped:
         no_access = isinstance(error, _NO_ACCESS)
         next_command = error.next_command
         if isinstance(error, RootRefused):
@@ -137,8 +138,8 @@ class StepRunner:
         step_state, run_state = ("lost", "unreachable") if no_access else ("failed", "failed")
         return RunStopped(step_state, run_state, f"{step.name}: {error}", next_command)
 
-    def _attempt(self, index: int, step: Step, operation: Operation, blank: StepResult, touched: bool) -> StepResult:
-        state = "changed" if touched else "same"
+    def _attempt(self, index: int, step: Step, operation: Operation, blank: StepResult, may_have_changed: bool) -> StepResult:
+        state = "changed" if may_have_changed else "same"
         summary = diff = ""
         with self._context.targets[step.machine].reserved():
             try:
@@ -215,14 +216,14 @@ class StepRunner:
         if context.lease is not None and operation.name == "reboot":
             context.lease.forget()
         operation = operation.with_baseline(difference.before)
-        limit = min(target.deadline, time.monotonic() + operation.settle_s)
+        deadline = min(target.deadline, time.monotonic() + operation.settle_s)
         for pause_s in poll_pauses():
             output = observe(operation, target)
-            left = operation.judge(output)
-            if left is None:
+            remaining = operation.judge(output)
+            if remaining is None:
                 return output
-            if time.monotonic() + pause_s >= limit:
-                raise OperationError(f"the change did not hold; still to do: {left.summary}", operation.inspect_command)
+            if time.monotonic() + pause_s >= deadline:
+                raise OperationError(f"the change did not hold; still to do: {remaining.summary}", operation.inspect_command)
             context.pause(pause_s)
         raise AssertionError("the pauses do not end")
 
@@ -235,24 +236,24 @@ class StepRunner:
             if step.until is None or self._dry_run or self._binding.holds(step, result):
                 return result
             found = ", ".join(f"{key} = {value!r}" for key, value in values.items())
-            timed_out = OperationError(f"{step.until.text!r} did not hold within {step.timeout_s:g} s; at the end: {found}")
+            timeout_error = OperationError(f"{step.until.text!r} did not hold within {step.timeout_s:g} s; at the end: {found}")
             if time.monotonic() + pause_s >= target.deadline:
-                raise timed_out
+                raise timeout_error
             self._context.pause(pause_s)
             self._context.emit("line", index, step.name, text=f"waiting until {step.until.text}")
             try:
                 output = observe(operation, target)
             except OperationError as error:
-                # The last probe of a wait is cut by the step's timeout: then the wait has failed, not the probe.
+                # The step's timeout cuts off the last probe of a wait; in that case the wait has failed, not the probe.
                 if time.monotonic() < target.deadline - _FIRST_POLL_S:
                     raise
-                raise timed_out from error
+                raise timeout_error from error
         raise AssertionError("the pauses do not end")
 
 
 def poll_pauses() -> Iterator[float]:
-    """Yield ever longer pauses between polls, s, without end."""
+    """Yield pauses between polls, s, which grow up to a maximum; never ends."""
     pause_s = _FIRST_POLL_S
     while True:
         yield pause_s
-        pause_s = min(pause_s * _POLL_GROWTH, _LONGEST_POLL_S)
+        pause_s = min(pause_s * _POLL_GROWTH, _MAX_POLL_S)

@@ -1,4 +1,4 @@
-"""Values with `{{ expressions }}` in them."""
+"""Values that contain `{{ expressions }}`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _EXPRESSION = re.compile(r"\{\{(.*?)\}\}", re.DOTALL)
 
 @dataclass(frozen=True)
 class Template:
-    """Text with expressions in it. A template that is one expression and nothing else keeps the type of its value."""
+    """Text that contains expressions. A template of only one expression keeps the type of its value."""
 
     parts: tuple[str | Expression, ...]
 
@@ -37,21 +37,21 @@ def _as_text(value: Any) -> str:
 def read_template(text: str) -> Template | str:
     """Return a Template, or the text itself if it has no expression; raises ExpressionError with the column in `text`."""
     parts: list[str | Expression] = []
-    at = 0
+    position = 0
     for match in _EXPRESSION.finditer(text):
-        if match.start() > at:
-            parts.append(text[at : match.start()])
+        if match.start() > position:
+            parts.append(text[position : match.start()])
         try:
             parts.append(parse(match.group(1)))
         except ExpressionError as error:
             raise ExpressionError(str(error), match.start(1) + error.column) from error
-        at = match.end()
+        position = match.end()
     if not parts:
         if "{{" in text:
             raise ExpressionError("'{{' is never closed with '}}'", text.index("{{"))
         return text
-    if at < len(text):
-        parts.append(text[at:])
+    if position < len(text):
+        parts.append(text[position:])
     return Template(tuple(parts))
 
 

@@ -1,4 +1,4 @@
-"""Undoes a run: its changes in reverse order, each with the state before."""
+"""Undoes a run: restores the state before each of its changes, in reverse order."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def undo(
     for step in steps:
         if step.operation not in OPERATIONS:
             raise JournalError(f"{run.run} used the operation {step.operation!r}, which this version of Lupin does not have")
-    steps.sort(key=lambda step: OPERATIONS[step.operation].undo_last)  # stable: otherwise the reverse order stays
+    steps.sort(key=lambda step: OPERATIONS[step.operation].undo_last)  # a stable sort keeps the reverse order otherwise
     if confirm is not None and steps and not dry_run and not confirm(f"Undo {len(steps)} changes of {run.run}?"):
         return Result(run.playbook, robot, "declined", message="not confirmed", next_command="--yes")
     log = None
@@ -81,7 +81,7 @@ class _Rollback:
         self._command = f"lupin play {run.playbook} --undo {run.run}"
 
     def undo_all(self, steps: list[StepRecord]) -> Result:
-        """Undo the steps in this order, up to the first that cannot be undone."""
+        """Undo the steps in this order, until one cannot be undone."""
         results: list[StepResult] = []
         state, message, next_command = "done", "", ""
         try:
@@ -147,7 +147,7 @@ class _Rollback:
 
 
 def _recorded_operation(step: StepRecord) -> Operation:
-    """Return the operation with the arguments that the journal has; arguments of other versions of Lupin are left out."""
+    """Return the operation with the arguments in the journal, except those that this version of Lupin does not know."""
     operation = OPERATIONS[step.operation]
     hints = arguments_of(operation)
     values = {name: coerce(value, hints[name]) for name, value in step.arguments.items() if name in hints}

@@ -1,4 +1,4 @@
-"""The variables of a playbook: their declarations, and the check of their values."""
+"""The variables of a playbook: reads their declarations and checks their values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""YAML whose nodes know their place, so that errors have file, line and column."""
+"""YAML with the place of each node, so that errors name file, line and column."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any
 import yaml
 from yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent
 
-LARGEST_BYTES = 256 * 1024
-DEEPEST = 20
+MAX_BYTES = 256 * 1024
+MAX_DEPTH = 20
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Source:
     """One YAML file, and the values of its nodes."""
 
     def __init__(self, file: str, text: str) -> None:
-        """Parse `text`; raises PlaybookError at the first place that isn't plain YAML."""
+        """Parse `text`; raises PlaybookError with the first place that isn't plain YAML."""
         self.file = file
         self.text = text
         self.root = self._compose(text)
@@ -85,8 +85,8 @@ class Source:
             data = path.read_bytes()
         except OSError as error:
             raise PlaybookError(f"cannot be read: {error.strerror or error}", str(path)) from error
-        if len(data) > LARGEST_BYTES:
-            raise PlaybookError(f"has {len(data)} bytes; a playbook has at most {LARGEST_BYTES}", str(path))
+        if len(data) > MAX_BYTES:
+            raise PlaybookError(f"has {len(data)} bytes; a playbook has at most {MAX_BYTES}", str(path))
         try:
             return cls(str(path), data.decode())
         except UnicodeDecodeError as error:
@@ -99,8 +99,8 @@ class Source:
             depth = 0
             for event in yaml.parse(text, Loader=_CoreLoader):
                 depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-                if depth > DEEPEST:
-                    raise PlaybookError(f"is nested more than {DEEPEST} deep", self._place(event.start_mark))
+                if depth > MAX_DEPTH:
+                    raise PlaybookError(f"is nested more than {MAX_DEPTH} deep", self._place(event.start_mark))
                 if isinstance(event, AliasEvent):
                     raise PlaybookError("aliases (*name) are not allowed: use a variable", self._place(event.start_mark))
             root = yaml.compose(text, Loader=_CoreLoader)
@@ -117,16 +117,16 @@ class Source:
     def _place(self, mark: Any) -> Place:
         return Place(self.file, mark.line + 1, mark.column + 1)
 
-    def place(self, node: yaml.Node, within: int = 0) -> Place:
-        """Return where a node begins, `within` columns further in a scalar on one line."""
+    def place(self, node: yaml.Node, column_offset: int = 0) -> Place:
+        """Return where a node begins; in a scalar on one line, `column_offset` columns further."""
         place = self._place(node.start_mark)
-        if within and isinstance(node, yaml.ScalarNode) and node.style not in ("|", ">"):
-            return Place(place.file, place.line, place.column + within + (1 if node.style in ("'", '"') else 0))
+        if column_offset and isinstance(node, yaml.ScalarNode) and node.style not in ("|", ">"):
+            return Place(place.file, place.line, place.column + column_offset + (1 if node.style in ("'", '"') else 0))
         return place
 
-    def error(self, node: yaml.Node, message: str, within: int = 0) -> PlaybookError:
+    def error(self, node: yaml.Node, message: str, column_offset: int = 0) -> PlaybookError:
         """Return an error at a node, to be raised."""
-        return PlaybookError(message, self.place(node, within))
+        return PlaybookError(message, self.place(node, column_offset))
 
     def mapping(self, node: yaml.Node, what: str) -> dict[str, tuple[yaml.Node, yaml.Node]]:
         """Return the key and value nodes of a mapping by key; raises PlaybookError for another node or a duplicate key."""
@@ -173,7 +173,7 @@ class Source:
 
 
 def kind(node: yaml.Node) -> str:
-    """Return what a node is, in the words of error messages."""
+    """Return what kind of value a node is, in words for error messages."""
     names = {"str": "text", "int": "a number", "float": "a number", "bool": "true or false", "null": "nothing"}
     if isinstance(node, yaml.MappingNode):
         return "a mapping"

@@ -16,18 +16,18 @@ from lupin_cli.playbook.yaml_source import PlaybookError, Source, suggest
 
 Entries = Mapping[str, tuple[yaml.Node, yaml.Node]]  # key and value nodes by key
 
-_MOST_RETRIES = 100
-_LONGEST_S = 3600.0
+_MAX_RETRIES = 100
+_MAX_DURATION_S = 3600.0
 
 
 class NameScope:
-    """The names that a place in one file may use: the file's variables, and the results of the steps before."""
+    """The names that a place in one file may use: the file's variables, and the results of earlier steps."""
 
     def __init__(self) -> None:
         self.known: dict[str, tuple[str, ...] | None] = dict(BUILTINS)  # None: a value without parts
 
     def check(self, name: Name, fail: Callable[[str], PlaybookError]) -> None:
-        """Raise what `fail` makes of a message if the name cannot be used here."""
+        """Raise `fail(message)` if the name cannot be used here."""
         first, rest = name.path[0], name.path[1:]
         if first not in self.known:
             raise fail(f"{first!r} is neither a variable nor the result of an earlier step{suggest(first, self.known)}")
@@ -87,16 +87,16 @@ def _condition_error(source: Source, node: yaml.Node, column: int, message: str)
 def read_count(source: Source, node: yaml.Node, what: str) -> int:
     """Return a whole number from 0 to 100; raises PlaybookError."""
     value = source.plain(node)
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= _MOST_RETRIES:
-        raise source.error(node, f"{what} is a whole number from 0 to {_MOST_RETRIES}, not {value!r}")
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= _MAX_RETRIES:
+        raise source.error(node, f"{what} is a whole number from 0 to {_MAX_RETRIES}, not {value!r}")
     return value
 
 
 def read_seconds(source: Source, node: yaml.Node, what: str) -> float:
     """Return a number of seconds, more than 0 and at most 3600; raises PlaybookError."""
     value = source.plain(node)
-    if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0 < value <= _LONGEST_S:
-        raise source.error(node, f"{what} is a number of seconds, more than 0 and at most {_LONGEST_S:g}, not {value!r}")
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0 < value <= _MAX_DURATION_S:
+        raise source.error(node, f"{what} is a number of seconds, more than 0 and at most {_MAX_DURATION_S:g}, not {value!r}")
     return float(value)
 
 

@@ -20,7 +20,7 @@ from lupin_cli import __version__
 RUNTIME_SUFFIXES = {".py", ".json", ".yaml", ".c"}
 # The distributions that the onboard processes import, for a robot without ROS.
 ROOTS = ("ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "ros-rmw-fastrtps-cpp", "numpy", "pyyaml", "psutil")
-# The interface packages: a distribution of their own in a checkout, part of Lupin's own in its wheel.
+# The distributions that may contain the interface packages: their own in a checkout, Lupin's in its wheel.
 INTERFACES, LUPIN = "lupin-interfaces", "lupin"
 OWN_PACKAGES = {"lupin_cli", "lupin_runtime", "lupin_sim"}
 # Files that only builds of interface packages need.
@@ -71,7 +71,7 @@ def _release_json(robot: RobotPlatform) -> bytes:
 
 
 def _pyvenv_cfg(robot: RobotPlatform) -> bytes:
-    # This file beside bin/python3 makes a virtual environment. ROS's Python packages are found through the system's packages.
+    # This file makes the folder a virtual environment. On a robot with ROS, it also uses ROS's packages of the system's Python.
     system = "true" if robot.ros else "false"
     return f"home = /usr/bin\ninclude-system-site-packages = {system}\nversion = {robot.python[0]}.{robot.python[1]}\n".encode()
 
@@ -95,17 +95,17 @@ def _interface_sources() -> Iterator[tuple[str, str | bytes]]:
 
 
 def _installed_packages(robot: RobotPlatform) -> Iterator[tuple[str, str | bytes]]:
-    here = (platform.machine(), (sys.version_info.major, sys.version_info.minor))
-    if here != (robot.machine, robot.python):
+    this_machine = (platform.machine(), (sys.version_info.major, sys.version_info.minor))
+    if this_machine != (robot.machine, robot.python):
         raise ReleaseError(
-            f"a robot without ROS gets the packages of this machine, which has {RobotPlatform(*here, ros='')}; "
+            f"a robot without ROS gets the packages of this machine, which has {RobotPlatform(*this_machine, ros='')}; "
             f"the robot has {robot}"
         )
-    from importlib.metadata import distribution as installed
+    from importlib.metadata import distribution as find_distribution
 
     prefix = sys.prefix + "/"
     for name in sorted(_closure(ROOTS) | {_interfaces_distribution()}):
-        distribution = installed(name)
+        distribution = find_distribution(name)
         site = str(distribution.locate_file(""))
         # The first column of RECORD. `distribution.files` would create ten thousand objects at every deploy.
         for line in (distribution.read_text("RECORD") or "").splitlines():
@@ -122,7 +122,7 @@ def _installed_packages(robot: RobotPlatform) -> Iterator[tuple[str, str | bytes
 
 
 def _interfaces_distribution() -> str:
-    """The name of the installed distribution that carries the interface packages. Raises ReleaseError."""
+    """Return the name of the installed distribution that contains the interface packages. Raises ReleaseError."""
     from importlib.metadata import PackageNotFoundError, distribution
 
     for name in (INTERFACES, LUPIN):
@@ -140,7 +140,7 @@ def _is_script(path: str) -> bool:
 
 
 def _closure(roots: tuple[str, ...]) -> set[str]:
-    """The normalized names of the distributions in `roots` and of all that they require. Raises ReleaseError."""
+    """Return the normalized names of the distributions in `roots` and of all that they require. Raises ReleaseError."""
     from importlib.metadata import PackageNotFoundError, distribution
 
     from packaging.requirements import Requirement

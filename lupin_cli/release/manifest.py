@@ -18,7 +18,7 @@ ID_DIGITS = 12
 class Entry:
     """One file of a release.
 
-    path: below the release.
+    path: relative to the release.
     source: the content (bytes), or the path of the file on this machine (str).
     """
 
@@ -29,7 +29,7 @@ class Entry:
     executable: bool
 
     def read(self) -> bytes:
-        """The content."""
+        """Return the content."""
         return self.source if isinstance(self.source, bytes) else Path(self.source).read_bytes()
 
 
@@ -53,7 +53,7 @@ class Manifest:
         return sum(entry.size for entry in self.entries)
 
     def text(self) -> str:
-        """The format of `sha256sum --check`: one line per file, in C order of the paths."""
+        """Return the manifest in the format of `sha256sum --check`: one line per file, in C order of the paths."""
         return "".join(f"{entry.sha256}  {entry.path}\n" for entry in sorted(self.entries, key=lambda e: e.path.encode()))
 
 
@@ -69,7 +69,7 @@ class HashCache:
         self._changed = False
 
     def sha256(self, path: str, stat: os.stat_result) -> str:
-        """The SHA-256 of a file with this stat result."""
+        """Return the SHA-256 of a file with this stat result, from the cache if possible."""
         state = f"{stat.st_ino} {stat.st_size} {stat.st_mtime_ns} {stat.st_ctime_ns}"
         known = self._known.get(path)
         if known and known[0] == state:
@@ -89,7 +89,7 @@ class HashCache:
 
 
 def build_manifest(files: Iterable[tuple[str, str | bytes]], hashes: HashCache) -> Manifest:
-    """The manifest of pairs `(path in the release, path on this machine or content)`.
+    """Build the manifest of `files`, which are pairs `(path in the release, path on this machine or content)`.
 
     Raises ValueError for a path that is absolute, leaves the release, is not printable, or occurs twice.
     """
@@ -100,7 +100,7 @@ def build_manifest(files: Iterable[tuple[str, str | bytes]], hashes: HashCache) 
         if isinstance(source, bytes):
             entries.append(Entry(path, source, hashlib.sha256(source).hexdigest(), len(source), False))
             continue
-        stat = os.stat(source)  # noqa: PTH116 -- four thousand Paths cost more than their files
+        stat = os.stat(source)  # noqa: PTH116 -- creating four thousand Paths takes longer than reading their files
         executable = bool(stat.st_mode & 0o100)
         entries.append(Entry(path, source, hashes.sha256(source, stat), stat.st_size, executable))
     hashes.save()

@@ -1,4 +1,4 @@
-"""The path of the current release on a robot, and how a module of it is run."""
+"""The path of the current release on a robot, and the command that runs a module of it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NOT_DEPLOYED = 127
 
 
 def setup_lines(ros_setup: Sequence[str] = ROS_SETUP) -> tuple[str, ...]:
-    """Lines of bash that set up the environment of the release: the vendor's discovery settings, ROS, our interface package.
+    """Return the bash lines that set up the release's environment: the vendor's discovery settings, ROS, our interface package.
 
     The interface package is built on the robot only if the robot has its own ROS.
     """
@@ -23,12 +23,12 @@ def setup_lines(ros_setup: Sequence[str] = ROS_SETUP) -> tuple[str, ...]:
 
 
 def remote_command(robot: Robot, module: str, *arguments: str) -> str:
-    """The shell script that runs a module of the release as the robot's units do.
+    """Return the shell script that runs a module of the release as the robot's units do.
 
     Its exit status is the module's, or NOT_DEPLOYED if there is no release.
     """
     python = f"{RELEASE}/venv/bin/python3"
-    # UDP as in the units: over shared memory, a process that joins late sees names and receives no samples.
+    # UDP as in the units: over shared memory, a process that joins late sees names but receives no samples.
     udp_only = "export FASTDDS_BUILTIN_TRANSPORTS=UDPv4"
     lines: Sequence[str] = (
         *setup_lines(robot.ros_setup),

@@ -1,4 +1,4 @@
-"""What `lupin up` and `lupin console` say of a console that listens."""
+"""What `lupin up` and `lupin console` print about a console that is listening."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from lupin_runtime.stack.dds import discovery_mode
 
 
 def access_banner(described: ConsoleDescription, environment: Mapping[str, str], stream: TextIO, *, share: bool = False) -> str:
-    """Where it is, how it finds the robot, and on a terminal the code that pairs another browser; with `share`, a viewer's.
+    """Return where the console is and how it finds the robot; on a terminal, also the code that pairs another browser.
 
-    `environment` is that of the console's process.
+    With `share`, it is the code that pairs a viewer. `environment` is that of the console's process.
     """
     urls = console_urls(
         host_addresses(),
@@ -22,7 +22,7 @@ def access_banner(described: ConsoleDescription, environment: Mapping[str, str],
         http_port=described.port,
         loopback_only=described.host in ("127.0.0.1", "localhost", "::1"),
     )
-    # One port speaks both, and sends other devices to HTTPS.
+    # One port serves HTTP and HTTPS, and redirects other devices to HTTPS.
     network = tuple(url for url in urls.network if url.startswith("https:") or not described.tls)
     urls = ConsoleUrls(network, (f"http://localhost:{described.port}", f"rosbridge ws://localhost:{described.rosbridge_port}"))
     code = described.codes["viewer" if share else "operator"]

@@ -15,9 +15,9 @@ from lupin_runtime.stack.table import Launch
 
 
 def graph_of(run: str | None) -> tuple[dict[str, str], Path]:
-    """The environment that joins the graph of the live run `run`, or of the only one, and the run's folder.
+    """Return the environment that joins the graph of the live run `run`, or of the only one, and the run's folder.
 
-    Without a live run it is this shell's environment and a temporary folder. Raises RunError where `run` is not up.
+    Without a live run, return this shell's environment and a temporary folder. Raises RunError if `run` is not up.
     """
     environment = dict(os.environ)
     try:
@@ -32,13 +32,13 @@ def graph_of(run: str | None) -> tuple[dict[str, str], Path]:
 
 
 def run_in_foreground(launch: Launch, environment: dict[str, str], folder: Path) -> int:
-    """Run a process until it ends; returns its exit status. Ctrl-C reaches it too."""
+    """Run a process until it exits; return its exit status. Ctrl-C reaches the process too."""
     child = start_in_foreground(launch, environment, folder)
     while True:
         try:
             return child.wait()
         except KeyboardInterrupt:
-            continue  # the terminal sent SIGINT to the child too, which stops in its own order
+            continue  # the terminal sent SIGINT to the child too, which shuts down by itself
 
 
 def start_in_foreground(launch: Launch, environment: dict[str, str], folder: Path) -> subprocess.Popen[bytes]:
@@ -48,5 +48,5 @@ def start_in_foreground(launch: Launch, environment: dict[str, str], folder: Pat
         path = folder / f"{launch.row.name}-foreground.json"
         path.write_text(json.dumps(launch.config))
         arguments = [*arguments[:-1], str(path)]
-    # The child ends at the end of its input. It gets a pipe, so that Ctrl-D in the terminal does not terminate it.
+    # The child exits at the end of its input. It gets a pipe, so that Ctrl-D in the terminal does not terminate it.
     return subprocess.Popen([sys.executable, *arguments], env=environment, stdin=subprocess.PIPE)

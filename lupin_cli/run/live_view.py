@@ -18,7 +18,7 @@ PHASE_MARK = {"waiting": "·", "starting": "…", "up": "✓", "failed": "✗", 
 
 
 def stage_table(state: dict[str, Any]) -> Table:
-    """A table of the stages; `state` is the content of `state.json`."""
+    """Return a table of the stages; `state` is the content of `state.json`."""
     table = Table(box=None, pad_edge=False, header_style="dim")
     table.add_column("stage", no_wrap=True)
     table.add_column("up after", justify="right", no_wrap=True)
@@ -44,7 +44,7 @@ def stage_table(state: dict[str, Any]) -> Table:
 
 
 def mission_lines(mission: dict[str, Any]) -> list[RenderableType]:
-    """Lines on the mission's state, progress and interruptions; empty without a mission."""
+    """Return lines on the mission's state, progress and interruptions; empty without a mission."""
     if not mission:
         return []
     state = mission["lifecycle_state"]
@@ -75,7 +75,7 @@ def mission_lines(mission: dict[str, Any]) -> list[RenderableType]:
 
 
 def silence_text(state: dict[str, Any]) -> str:
-    """A warning about topics that have fallen silent; empty where none has."""
+    """Return a warning about topics that have fallen silent; empty if none has."""
     silent: dict[str, float] = state.get("silent_s", {})
     if not silent:
         return ""
@@ -84,7 +84,7 @@ def silence_text(state: dict[str, Any]) -> str:
 
 
 def run_view(state: dict[str, Any]) -> Group:
-    """The complete view of a run."""
+    """Return the complete view of a run."""
     memory = sum(stage["memory_mb"] for stage in state.get("stages", []))
     cpu = sum(stage["cpu_percent"] for stage in state.get("stages", []))
     rates = "  ".join(f"{name} {hz:.1f} Hz" for name, hz in state.get("rates_hz", {}).items() if hz > 0.0)
@@ -97,7 +97,7 @@ def run_view(state: dict[str, Any]) -> Group:
 
 
 class LiveView:
-    """Shows the states of a run: repainted on a terminal; one line per change on other outputs."""
+    """Shows the states of a run: repainted on a terminal, one line per change on other outputs."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -143,15 +143,15 @@ class LiveView:
         self._alarms = current
         mission = state["mission"]
         if mission:
-            word = " ".join(
+            text = " ".join(
                 str(mission[key])
                 for key in ("lifecycle_state", "mission_phase", "current_target", "last_event")
                 if mission[key]
             )
-            word += f" · {mission['tags_discovered']} tags · {mission['targets_completed']}/{mission['targets_total']} read"
-            if word != self._last_mission:
-                self._last_mission = word
-                self._line(state, f"mission: {word}")
+            text += f" · {mission['tags_discovered']} tags · {mission['targets_completed']}/{mission['targets_total']} read"
+            if text != self._last_mission:
+                self._last_mission = text
+                self._line(state, f"mission: {text}")
 
     def _line(self, state: dict[str, Any], text: str) -> None:
         self._console.print(f"[{state['age_s']:7.1f} s] {printable(text)}", highlight=False, soft_wrap=True, markup=False)

@@ -10,8 +10,8 @@ import typer
 from lupin_cli.exit_codes import FAILURE, SUCCESS, UNREACHABLE
 from lupin_cli.terminal import echo
 
-_RUN = typer.Option("--run", help="A part of the run's id, if several runs are up.")
-_GOAL = typer.Option("--discovery-goal", help="Tags to discover: a number, or all; without it the mission node's default.")
+_RUN = typer.Option("--run", help="Select the run by part of its id, if several are up.")
+_GOAL = typer.Option("--discovery-goal", help="Number of tags to discover, or all; without it the mission node's default.")
 _TAGS = typer.Argument(help="Tags to inspect, in this order; without tags the robot explores.")
 
 # verb: its help text
@@ -62,7 +62,7 @@ def _start(
 ) -> None:
     """Start a mission on the running stack: an exploration, or an inspection of the given tags.
 
-    Exit status: 0 accepted, 1 refused, with the reason; 3 no run is up.
+    Exit status: 0 accepted, 1 refused (the reason is printed), 3 no run is up.
     """
     from lupin_cli.run.ros_client import join_run
     from lupin_runtime import graph

@@ -1,4 +1,4 @@
-"""Opening a recorded run, building its report and showing the page: shared by `lupin replay` and `lupin report`."""
+"""Open a recorded run, build its report and show the page: shared by `lupin replay` and `lupin report`."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ RUN_HELP = "A recording, a run directory, a run's id or the start of one, or: la
 
 
 def open_run(name: str) -> tuple[RecordedRun, list[Recording]]:
-    """The recorded run called `name` and its open recordings.
+    """Return the recorded run called `name` and its open recordings.
 
-    Exits with status 2 where there is no such run, and with status 1 where no recording is readable.
+    Exits with status 2 if there is no such run, and with status 1 if no recording is readable.
     """
     from lupin_runtime.record.reader import NotARecording
     from lupin_runtime.record.runs import RecordingNotFound, find_recorded_run
@@ -44,7 +44,7 @@ def open_run(name: str) -> tuple[RecordedRun, list[Recording]]:
 def build_run_report(name: str, out: Path | None) -> Report:
     """Build the report of the run called `name`, in the folder `out` or beside the recording.
 
-    Exits where the run is missing or unreadable, or where the report cannot be written.
+    Exits if the run is missing or unreadable, or if the report cannot be written.
     """
     from lupin_runtime.record.reader import NotARecording
     from lupin_runtime.report import build_report
@@ -61,7 +61,7 @@ def build_run_report(name: str, out: Path | None) -> Report:
 
 
 def _facts(folder: Path) -> dict[str, Any] | None:
-    """The supervisor's facts about an ended run; None where it left none, so that an earlier report's facts stay."""
+    """Return the supervisor's facts about an ended run; None without any, in which case an earlier report's facts stay."""
     from lupin_runtime.stack.runs import Run
 
     run = Run(folder)
@@ -77,7 +77,7 @@ def _facts(folder: Path) -> dict[str, Any] | None:
 
 
 def _score(folder: Path) -> Callable[[Path], dict[str, Any]] | None:
-    """The function that compares the run with the simulator's truth; None where the run has no truth."""
+    """Return the function that compares the run with the simulator's ground truth; None if the run has none."""
     if not (folder / "truth.json").exists():
         return None
     from lupin_cli.run.summary import score_run
@@ -86,13 +86,13 @@ def _score(folder: Path) -> Callable[[Path], dict[str, Any]] | None:
 
 
 def show_page(page: Path) -> None:
-    """Open a page in the browser, where this terminal has a display."""
+    """Open a page in the browser, if this terminal has a display."""
     if has_display():
         typer.launch(str(page))
 
 
 def has_display() -> bool:
-    """Whether a browser can open for the user of this terminal."""
+    """Return whether a browser can open for the user of this terminal."""
     if not sys.stdout.isatty():
         return False
     return sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

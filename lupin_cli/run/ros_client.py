@@ -1,4 +1,4 @@
-"""A short ROS session of a command on the graph of a live run: join, call a service, leave."""
+"""Join the graph of a live run for the duration of one command: call a service, then leave."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class RosSession:
         self._executor = executor
 
     def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Spin until `condition()` holds; returns False after `timeout_s`."""
+        """Spin until `condition()` holds; return False after `timeout_s`."""
         deadline = time.monotonic() + timeout_s
         while not condition():
             if time.monotonic() > deadline:
@@ -35,7 +35,7 @@ class RosSession:
         return True
 
     def call(self, service: Service, request: Any) -> Any:
-        """The service's response. Exits with status 1 where the service has no server or does not respond."""
+        """Call a service and return its response. Exits with status 1 if it has no server or does not respond."""
         client = self.node.client(service)
         if not self.wait(client.service_is_ready, SERVER_TIMEOUT_S):
             echo(f"{service.name} has no server after {SERVER_TIMEOUT_S:.0f} s; see what runs with: lupin status", err=True)
@@ -49,7 +49,7 @@ class RosSession:
 
 @contextmanager
 def join_run(run: str | None) -> Iterator[RosSession]:
-    """Join the graph of the live run `run`, or of the only one. Exits with status 3 where there is none."""
+    """Join the graph of the live run `run`, or of the only one. Exits with status 3 if there is none."""
     from lupin_runtime.stack.runs import RunError, find_live_run
 
     try:

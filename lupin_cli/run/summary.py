@@ -1,4 +1,4 @@
-"""The summary of an ended run: its score, its report, a JSON object for scripts and lines for people."""
+"""The summary of an ended run: its score and its report, as a JSON object for scripts and as lines for people."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SCRIPT_FIELDS = (
 
 
 def summarize(run: Run, options: Options, outcome: Outcome, console: Console) -> dict[str, Any]:
-    """Build the report of the run, score a simulated run, and print both; returns the object for `--json`."""
+    """Build the report of the run, score a simulated run, and print both; return the object for `--json`."""
     result: dict[str, Any] = dict.fromkeys(SCRIPT_FIELDS)
     result.update(state=outcome.state, wall_time_s=outcome.wall_time_s, memory_mb=outcome.memory_mb)
     simulator = _read(run.path / "sim_state.json")
@@ -67,7 +67,7 @@ def _report(run: Run, options: Options, outcome: Outcome, result: dict[str, Any]
 
 
 def score_run(folder: Path) -> dict[str, Any]:
-    """Compare the results of a simulated run with the truth that the simulator wrote into its directory.
+    """Compare the results of a simulated run with the ground truth that the simulator wrote into its directory.
 
     Reads truth.json, truth_trajectory.tum, trajectory.tum and report/report.json. Raises OSError, ValueError.
     """

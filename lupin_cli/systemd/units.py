@@ -57,17 +57,17 @@ VARIABLES: dict[str, Callable[[object], str]] = {
 
 
 def unit_names() -> list[str]:
-    """The names of the units that have a template, such as lupin-onboard.service."""
+    """Return the names of the units that have a template, such as lupin-onboard.service."""
     return sorted(path.name.removesuffix(".in") for path in TEMPLATES.glob(f"*{SUFFIX}"))
 
 
 def variables_of(unit: str) -> set[str]:
-    """The variables that a unit's template needs. Raises UnitError."""
+    """Return the variables that a unit's template needs. Raises UnitError."""
     return set(_PLACEHOLDER.findall(_template(unit)))
 
 
 def render(unit: str, variables: Mapping[str, object]) -> str:
-    """The text of a unit. Raises UnitError for a variable that is unknown, missing or malformed."""
+    """Return the text of a unit. Raises UnitError for a variable that is unknown, missing or malformed."""
     template = _template(unit)
     needed = set(_PLACEHOLDER.findall(template))
     if needed != set(variables):
@@ -84,19 +84,19 @@ def render(unit: str, variables: Mapping[str, object]) -> str:
 
 
 def robot_units(user: str, release: str, setup_lines: Sequence[str]) -> dict[str, str]:
-    """The units of a release, by file name. `setup_lines` run before the units' programs. Raises UnitError."""
+    """Return the units of a release, by file name. `setup_lines` run before the units' programs. Raises UnitError."""
     variables = {"user": user, "release": release, "set_up": setup_lines}
     names = ("lupin-onboard.service", "lupin-cameras.service", "lupin-auto-home.service")
     return {unit: render(unit, variables) for unit in names}
 
 
 def clock_sync_unit(laptop: str, script: str = CLOCK_SYNC_SCRIPT) -> str:
-    """The unit that sets the clock at boot from the NTP server at the address `laptop`. Raises UnitError."""
+    """Return the unit that sets the clock at boot from the NTP server at the address `laptop`. Raises UnitError."""
     return render("lupin-clock-sync.service", {"laptop": laptop, "script": script})
 
 
 def clock_sync_script() -> str:
-    """The script that lupin-clock-sync.service runs on the robot."""
+    """Return the script that lupin-clock-sync.service runs on the robot."""
     return (TEMPLATES / "lupin-clock-sync.sh").read_text()
 
 

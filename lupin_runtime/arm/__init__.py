@@ -1,4 +1,4 @@
-"""The arm: limits, presets, trajectories, the library of poses and sequences, and the object through which all motion goes.
+"""The arm: limits, presets, trajectories, the library of poses and sequences, and the object that sends all motion.
 
 This package exports the cores. The nodes are in `lupin_runtime.arm.node`; `python -m lupin_runtime.arm.auto_home` activates the
 controllers and moves the arm home.
@@ -10,7 +10,7 @@ from lupin_runtime.arm.motion import ArmMotion, ArmState, Refused
 from lupin_runtime.arm.presets import PRESETS, UnknownPreset, preset
 from lupin_runtime.arm.recorder import Recorder, gripper_events
 from lupin_runtime.arm.store import LibraryStore
-from lupin_runtime.arm.trajectory import Point, timed, to_pose
+from lupin_runtime.arm.trajectory import Point, retime, to_pose
 
 __all__ = [
     "LIMITS",
@@ -34,7 +34,7 @@ __all__ = [
     "gripper_events",
     "gripper_rad",
     "preset",
-    "timed",
+    "retime",
     "to_pose",
     "window",
 ]

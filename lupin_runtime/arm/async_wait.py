@@ -37,7 +37,7 @@ async def sleep(node: LupinNode, duration_s: float, steady: bool = False) -> Non
 
 
 async def ready(node: LupinNode, is_ready: Callable[[], bool], within_s: float = READY_S) -> bool:
-    """Wait until `is_ready()` is true, for at most `within_s` of real time; returns whether it is."""
+    """Wait until `is_ready()` is true, for at most `within_s` of real time; return whether it is."""
     for _ in range(max(1, round(within_s / _POLL_S))):
         if is_ready():
             return True
@@ -46,7 +46,7 @@ async def ready(node: LupinNode, is_ready: Callable[[], bool], within_s: float =
 
 
 async def answer(node: LupinNode, future: Future, within_s: float = ANSWER_S) -> Any:
-    """The result of `future`; None where it is not done after `within_s` of real time."""
+    """Return the result of `future`; None if it is not done after `within_s` of real time."""
     gate = Future()
 
     def open_gate(*_: object) -> None:
@@ -66,7 +66,7 @@ async def answer(node: LupinNode, future: Future, within_s: float = ANSWER_S) ->
 
 
 async def call(node: LupinNode, client: Client, request: Any, answer_s: float = ANSWER_S) -> Any:
-    """The response of a service; None where it has no server within READY_S or does not respond within `answer_s`."""
+    """Return the response of a service; None without a server within READY_S, or without a response within `answer_s`."""
     if not await ready(node, client.service_is_ready):
         return None
     return await answer(node, client.call_async(request), answer_s)

@@ -1,8 +1,8 @@
 """Activates the vendor's controllers, then moves the arm to `home`: `python -m lupin_runtime.arm.auto_home [--patience S]`.
 
 The robot runs it at boot, and `lupin home` runs it on request. It prints a line per step with what it found and did. Exit
-status: 0 the arm was sent home, or LUPIN_AUTO_HOME disables this; 4 the e-stop was engaged, also for a moment: it is not
-repeated; 1 otherwise, with the reason. Every wait is bounded.
+status: 0 the arm was sent home, or LUPIN_AUTO_HOME disables this; 4 the e-stop was engaged, if only for a moment, and systemd
+does not start it again; 1 otherwise, with the reason. Every wait has a timeout.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class NotHome(RuntimeError):
 
 
 class Estopped(NotHome):
-    """The e-stop was engaged after this program started, so that its command is older than the release."""
+    """The e-stop was engaged after this program started, so its command is older than the release."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Limits:
 
 
 def opted_out(environment: Mapping[str, str]) -> bool:
-    """Whether LUPIN_AUTO_HOME disables auto-home."""
+    """Return whether LUPIN_AUTO_HOME disables auto-home."""
     return environment.get("LUPIN_AUTO_HOME", "").strip().lower() in OPT_OUT
 
 
@@ -110,13 +110,13 @@ class AutoHome:
                 self._activate(list(step.activate))
             states = self._states()
             self._report("now", states)
-        wrong = inactive_controllers(states, graph.CONTROLLERS)
-        if wrong:
-            raise NotHome(f"controllers not active: {', '.join(wrong)}; see journalctl -u mirte-ros")
+        inactive = inactive_controllers(states, graph.CONTROLLERS)
+        if inactive:
+            raise NotHome(f"controllers not active: {', '.join(inactive)}; see journalctl -u mirte-ros")
 
     def _report(self, when: str, states: Mapping[str, str]) -> None:
-        wrong = inactive_controllers(states, graph.CONTROLLERS)
-        self._say(f"{when}: {', '.join(wrong)}" if wrong else f"{when}: all {len(graph.CONTROLLERS)} controllers are active")
+        inactive = inactive_controllers(states, graph.CONTROLLERS)
+        self._say(f"{when}: " + (", ".join(inactive) or f"all {len(graph.CONTROLLERS)} controllers are active"))
 
     def _go_home(self) -> None:
         deadline = time.monotonic() + self._limits.home_s
@@ -142,17 +142,17 @@ class AutoHome:
         )
 
     def _states(self, patience_s: float = 0.0) -> dict[str, str]:
-        """The states that the controller manager lists. Raises NotHome where it does not respond.
+        """Return the states that the controller manager lists. Raises NotHome if it does not respond.
 
         A response is lost while the manager has not yet discovered this client, so the request is repeated; the first response
-        to any of the requests counts.
+        to any of the requests is used.
         """
-        deadline = time.monotonic() + self._left_s(self._limits.call_s + patience_s)
+        deadline = time.monotonic() + self._bounded_s(self._limits.call_s + patience_s)
         requests: list[Future] = []
         try:
-            while (left_s := deadline - time.monotonic()) > 0.0:
+            while (remaining_s := deadline - time.monotonic()) > 0.0:
                 requests.append(self._list.call_async(self._list.srv_type.Request()))
-                repeat = time.monotonic() + min(self._limits.list_repeat_s, left_s)
+                repeat = time.monotonic() + min(self._limits.list_repeat_s, remaining_s)
                 while time.monotonic() < repeat:
                     self._executor.spin_once(timeout_sec=0.1)
                     if done := next(filter(Future.done, requests), None):
@@ -163,11 +163,11 @@ class AutoHome:
         raise NotHome(f"{graph.LIST_CONTROLLERS.name} has a server that does not respond; see journalctl -u mirte-ros")
 
     def _call(self, client: Client, what: str, limit_s: float | None = None, /, **fields: Any) -> Any:
-        """The response of a service, or None after the limit. The next list of controllers shows its effect."""
+        """Return the response of a service, or None after the timeout. The next list of controllers shows the effect."""
         if what:
             self._say(what)
         future = client.call_async(client.srv_type.Request(**fields))
-        self._executor.spin_until_future_complete(future, self._left_s(self._limits.call_s if limit_s is None else limit_s))
+        self._executor.spin_until_future_complete(future, self._bounded_s(self._limits.call_s if limit_s is None else limit_s))
         if not future.done():
             client.remove_pending_request(future)
             self._say(f"no response from {client.srv_name}")
@@ -177,12 +177,12 @@ class AutoHome:
             self._say(f"{what}: refused by {client.srv_name}")
         return answer
 
-    def _left_s(self, limit_s: float) -> float:
-        """`limit_s`, but at most what is left of the total. Raises NotHome where nothing is left."""
-        left_s = self._began_s + self._limits.total_s - time.monotonic()
-        if left_s <= 0.0:
+    def _bounded_s(self, limit_s: float) -> float:
+        """Return `limit_s`, but at most the rest of the total. Raises NotHome if no time remains."""
+        remaining_s = self._began_s + self._limits.total_s - time.monotonic()
+        if remaining_s <= 0.0:
             raise NotHome(f"gave up after {self._limits.total_s:g} s; see journalctl -u mirte-ros -u lupin-onboard")
-        return min(limit_s, left_s)
+        return min(limit_s, remaining_s)
 
     def _on_estop(self, engaged: bool) -> None:
         if engaged:
@@ -192,7 +192,7 @@ class AutoHome:
         self._arm_received = self._arm_received or arm_state(message.name, message.position, 0) is not None
 
     def _wait(self, condition: Callable[[], bool], limit_s: float, what: str) -> None:
-        limit_s = self._left_s(limit_s)
+        limit_s = self._bounded_s(limit_s)
         deadline = time.monotonic() + limit_s
         if not condition():
             self._say(f"waiting for {what}")
@@ -202,21 +202,21 @@ class AutoHome:
             self._executor.spin_once(timeout_sec=0.1)
 
     def _spin_for(self, duration_s: float) -> None:
-        end = time.monotonic() + self._left_s(duration_s)
-        while (left_s := end - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=min(0.1, left_s))
+        end = time.monotonic() + self._bounded_s(duration_s)
+        while (remaining_s := end - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=min(0.1, remaining_s))
 
     def close(self) -> None:
-        """Stop the executor; call it before the shutdown of rclpy."""
+        """Stop the executor; call it before rclpy is shut down."""
         self._executor.shutdown(timeout_sec=2.0)
 
 
 def main(arguments: list[str]) -> int:
-    """Run all steps once; returns the exit status."""
+    """Run all steps once; return the exit status."""
     parser = argparse.ArgumentParser(prog="auto_home", description="Activate the controllers, then send the arm home.")
     visible_s = Limits().visible_s
     parser.add_argument(
-        "--patience", type=float, default=visible_s, help="seconds to wait until the vendor has loaded its controllers"
+        "--patience", type=float, default=visible_s, help="seconds to wait for the vendor to load its controllers"
     )
     patience_s = parser.parse_args(arguments).patience
     if opted_out(os.environ):
@@ -249,4 +249,4 @@ if __name__ == "__main__":
     status = main(sys.argv[1:])
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(status)  # all output is flushed, and the middleware's threads may end slowly
+    os._exit(status)  # all output is flushed, and the middleware's threads may take long to stop

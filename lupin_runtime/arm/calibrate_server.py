@@ -1,4 +1,4 @@
-"""`arm_calibrate_server`: writes the servos' zero offsets from a pose that is set by hand. It runs on the robot only."""
+"""`arm_calibrate_server`: writes the servos' zero offsets from a pose that is set by hand. It runs only on the robot."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class ArmCalibrateServer(ArmNode):
     """`/lupin/arm/calibrate`: start, commit, cancel, status.
 
     Between start and commit or cancel the arm is limp and refuses other commands. A cancel, or a start that fails, restores
-    the offsets that start has set to zero. While the e-stop is engaged all actions but status are refused, and no further servo
-    is moved.
+    the offsets that the start has set to zero. While the e-stop is engaged all actions but status are refused, and no further
+    servo is moved.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
@@ -35,7 +35,7 @@ class ArmCalibrateServer(ArmNode):
         self._group = ReentrantCallbackGroup()
         self._mutex = async_wait.AsyncMutex()
         self._state = State.IDLE
-        self._estop_count = 0  # that of the arm when the action was accepted
+        self._estop_count = 0  # the arm's count when the action was accepted
         self._offsets: dict[str, int] = {}  # the offsets before start
         self._samples: dict[str, list[int]] | None = None
         rows = [graph.VENDOR_ARM_GATE, graph.VENDOR_TORQUE]
@@ -82,7 +82,7 @@ class ArmCalibrateServer(ArmNode):
             raise Refused(f"{refusal}{await self._restore()}") from refusal
         self.motion.torque = False
         self._state = State.AWAITING_POSE
-        return "the arm is limp: pose it by hand where every joint is at zero, then commit"
+        return "the arm is limp: pose it by hand with every joint at zero, then commit"
 
     async def _commit(self, response: Any) -> str:
         if self._state is not State.AWAITING_POSE:
@@ -114,7 +114,7 @@ class ArmCalibrateServer(ArmNode):
         return "cancelled; the offsets are as they were"
 
     async def _restore(self) -> str:
-        """Undo a start; every step is tried. Returns the failures as the end of a message."""
+        """Undo a start; every step is tried. Return the failures as the end of a message."""
         problems = []
         for servo, offset in self._offsets.items():
             try:
@@ -131,26 +131,26 @@ class ArmCalibrateServer(ArmNode):
     async def _stiffen(self, zero: list[str]) -> None:
         """Switch the torque on, move the servos `zero` to zero, hold the arm where it is, and open the gate.
 
-        The calibration ends even where a step fails; /lupin/arm/set_torque can then complete the switch.
+        The calibration ends even if a step fails; /lupin/arm/set_torque can then complete the switch.
         """
         self._state = State.IDLE
         self.motion.release(CALIBRATING)
         await self._switch(graph.VENDOR_TORQUE, True)
         self.motion.torque = True
-        stopped = None
+        estop_refusal = None
         try:
             for servo in zero:
                 await self._set_angle_zero(servo)
         except Refused as refusal:
             if self._estop_count == self.motion.estop_count:
                 raise
-            stopped = refusal
+            estop_refusal = refusal
         await async_wait.sleep(self, PIN_SETTLE_S)
         self.motion.pin()
         await async_wait.sleep(self, PIN_SETTLE_S)
         await self._switch(graph.VENDOR_ARM_GATE, True)
-        if stopped is not None:
-            raise stopped
+        if estop_refusal is not None:
+            raise estop_refusal
 
     # -- single calls; each raises Refused ----------------------------------------------------------------------------
     async def _switch(self, row: graph.Service, value: bool) -> None:

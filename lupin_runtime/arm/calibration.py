@@ -1,8 +1,8 @@
 """Zero offsets of the arm's servos from a pose that an operator sets by hand.
 
-The operator holds the arm where every joint's angle should be zero. The offset is the difference between the encoders' readings
-and those of a correctly assembled arm. The pan joint is excluded, because its zero cannot be seen by eye. All numbers are
-encoder counts; the vendor's offset field is named centidegrees but carries counts.
+The operator holds the arm so that every joint's angle should be zero. The offset is the difference between the readings of the
+encoders and those of a correctly assembled arm. The pan joint is excluded, because its zero cannot be seen by eye. All numbers
+are encoder counts; the vendor's offset field is named centidegrees but carries counts.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class ServoOffset(NamedTuple):
 
 
 def find_offset(servo: str, raw: Sequence[int], current_offset: int) -> ServoOffset:
-    """The offset from a servo's readings in the operator's pose. Raises ValueError without readings."""
+    """Compute the offset of a servo from its readings in the operator's pose. Raises ValueError without readings."""
     if not raw:
         raise ValueError(f"{servo}: no encoder readings arrived")
     diff = median_low(raw) - HOME_COUNTS[servo]

@@ -12,7 +12,7 @@ FINALIZED = "finalized"
 
 @dataclass(frozen=True)
 class ActivationStep:
-    """The next calls; only one of the fields is set, because each kind of call changes the manager's list."""
+    """The next calls. Only one field is set, because each kind of call changes the manager's list."""
 
     load: tuple[str, ...] = ()
     configure: tuple[str, ...] = ()
@@ -23,7 +23,7 @@ class ActivationStep:
 
 
 def next_step(states: Mapping[str, str], targets: Iterable[str]) -> ActivationStep:
-    """The next step towards active targets: load the missing ones, then configure, then activate.
+    """Return the next step towards active targets: load the missing ones, then configure, then activate.
 
     A finalized controller is skipped: it could only be unloaded, which is left to the vendor's software.
     """
@@ -38,5 +38,5 @@ def next_step(states: Mapping[str, str], targets: Iterable[str]) -> ActivationSt
 
 
 def inactive_controllers(states: Mapping[str, str], targets: Iterable[str]) -> tuple[str, ...]:
-    """A phrase for every target that is not active, with its state. A missing controller counts like any other."""
+    """Return a phrase for every target that is not active, with its state. A missing controller is not active."""
     return tuple(f"{name} is {states.get(name, 'not loaded')}" for name in targets if states.get(name) != ACTIVE)

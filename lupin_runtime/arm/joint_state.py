@@ -10,7 +10,7 @@ from lupin_runtime.graph import ARM_JOINTS, GRIPPER_JOINT
 
 
 def arm_state(names: Sequence[str], positions: Sequence[float], received_ns: int) -> ArmState | None:
-    """The arm's state from a JointState's names and positions (rad); None where an arm joint is missing or not finite."""
+    """Return the arm's state from a JointState's names and positions (rad); None if an arm joint is missing or not finite."""
     at = {name: float(position) for name, position in zip(names, positions) if math.isfinite(position)}
     if any(joint not in at for joint in ARM_JOINTS):
         return None

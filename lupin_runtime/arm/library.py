@@ -23,7 +23,7 @@ class LibraryError(ValueError):
 
 @dataclass(frozen=True)
 class StoredPose:
-    """`arm` and `gripper` in rad; With `gripper` None the gripper is not moved. `created` is ISO 8601, UTC, seconds."""
+    """`arm` and `gripper` in rad; with `gripper` None the gripper is not moved. `created` is ISO 8601, UTC, seconds."""
 
     arm: Arm
     gripper: float | None = None
@@ -61,9 +61,9 @@ class Library:
 
 
 def valid_name(name: str) -> str:
-    """The stored form of a name: trimmed and lower-case.
+    """Return the stored form of a name: trimmed and lower-case.
 
-    Allowed are up to 32 of a–z, 0–9, _ and -, beginning with a letter or digit. Raises LibraryError.
+    A name has up to 32 characters of a–z, 0–9, _ and -, and begins with a letter or digit. Raises LibraryError.
     """
     key = name.strip().lower()
     if not _NAME.fullmatch(key):
@@ -72,13 +72,13 @@ def valid_name(name: str) -> str:
 
 
 def now_text() -> str:
-    """The current time in the library's format."""
+    """Return the current time in the library's format."""
     return datetime.now(timezone.utc).isoformat(timespec="seconds")
 
 
 # -- JSON --------------------------------------------------------------------------------------------------------------
 def to_json(library: Library) -> str:
-    """The text of the library's file."""
+    """Return the text of the library's file."""
     document = {
         "version": VERSION,
         "poses": {name: asdict(pose) for name, pose in sorted(library.poses.items())},
@@ -88,7 +88,7 @@ def to_json(library: Library) -> str:
 
 
 def from_json(text: str) -> Library:
-    """Parse the text of a library's file. Raises LibraryError, which names the wrong entry."""
+    """Parse the text of a library's file. Raises LibraryError, which names the invalid entry."""
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:

@@ -37,7 +37,7 @@ _REFUSALS = (LibraryError, Refused, ValueError, OSError)
 
 @dataclass
 class _Activity:
-    """A recording or replay, from its acceptance on. `began_ns` is None until it starts."""
+    """An accepted recording or replay. `began_ns` is None until it starts."""
 
     kind: str  # recording or playing
     name: str
@@ -45,7 +45,7 @@ class _Activity:
     began_ns: int | None = None
     recorder: Recorder | None = None
     player: Player | None = None
-    estop_count: int = 0  # that of the arm when the activity was accepted
+    estop_count: int = 0  # the arm's count when the activity was accepted
 
     @property
     def limp(self) -> bool:
@@ -162,7 +162,7 @@ class ArmLibraryServer(ArmNode):
         sequence = recorder.finish()
         if sequence is None:
             raise LibraryError("nothing was recorded: no /joint_states with all four arm joints arrived")
-        # The recording continues where it cannot be stored, so that a taken name does not lose it.
+        # The recording continues if it cannot be stored, so that it is not lost because its name is taken.
         name = self._store.put("sequence", request.name or activity.name, sequence, request.overwrite)
         self._end(activity)
         response.duration_s, response.n_waypoints = sequence.duration_s, len(sequence.waypoints)
@@ -181,7 +181,7 @@ class ArmLibraryServer(ArmNode):
         return activity, activity.recorder
 
     async def _stiffen(self, activity: _Activity) -> str:
-        """Switch the torque on after a kinesthetic recording; returns an addition to the response's message."""
+        """Switch the torque on after a kinesthetic recording; return an addition to the response's message."""
         if not activity.limp:
             return ""
         try:
@@ -222,7 +222,7 @@ class ArmLibraryServer(ArmNode):
         response.message = what + (await self._stiffen(activity) if activity is not None else "")
         return response
 
-    # -- shared by recording and replay------------------------------------------------------------------------------
+    # -- shared by recording and replay --------------------------------------------------------------------------------
     def _begin(self, activity: _Activity) -> _Activity:
         """Reserve the arm for a recording or replay, before anything is awaited."""
         if self._activity is not None:
@@ -243,7 +243,7 @@ class ArmLibraryServer(ArmNode):
         if self._activity is activity:
             self._activity = None
             if self._sampler is not None:
-                # Destroyed, not cancelled: under simulated time a cancelled timer wakes the executor with every clock message.
+                # Destroyed, not cancelled: in simulated time a cancelled timer wakes the executor with every clock message.
                 self.destroy_timer(self._sampler)
                 self._sampler = None
 

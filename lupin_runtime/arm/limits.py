@@ -1,7 +1,7 @@
 """Command limits of each joint, and the gripper's two scales.
 
-The servo limit is what the vendor's firmware allows. The command window is narrower and is applied to every command. Each joint
-has its own window, because symmetric ±90° limits would drive two of the joints into their stops.
+The servo limit is what the vendor's firmware allows. The command window is narrower, and every command is clamped to it. Each
+joint has its own window, because symmetric ±90° limits would drive two of the joints into their stops.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Arm = tuple[float, float, float, float]  # rad, in the order of ARM_JOINTS
 
 
 class JointLimits(NamedTuple):
-    """Limits in degrees. `servo_*` are those of the firmware; `lower` and `upper` are the command window."""
+    """Limits in degrees. `servo_*` are the firmware's limits; `lower` and `upper` are the command window."""
 
     servo_lower: float
     servo_upper: float
@@ -40,7 +40,7 @@ GRIPPER_MAX_EFFORT = 2.0
 
 
 def window(joint: str) -> tuple[float, float]:
-    """The command window of a joint in rad; ±90° for an unknown joint."""
+    """Return the command window of a joint in rad; ±90° for an unknown joint."""
     limits = LIMITS.get(joint)
     if limits is None:
         return -math.pi / 2, math.pi / 2
@@ -48,7 +48,7 @@ def window(joint: str) -> tuple[float, float]:
 
 
 def clamp(joint: str, angle_rad: float) -> float:
-    """`angle_rad` within the joint's window. Raises ValueError where it is not finite."""
+    """Clamp `angle_rad` to the joint's window. Raises ValueError if it is not finite."""
     if not math.isfinite(angle_rad):
         raise ValueError(f"{joint}: expected a finite angle, found {angle_rad}")
     lower, upper = window(joint)
@@ -56,7 +56,7 @@ def clamp(joint: str, angle_rad: float) -> float:
 
 
 def clamp_arm(angles_rad: Sequence[float]) -> Arm:
-    """Four angles within their windows. Raises ValueError where there are not four or one is not finite."""
+    """Clamp four angles to their windows. Raises ValueError unless there are four finite angles."""
     if len(angles_rad) != len(ARM_JOINTS):
         raise ValueError(f"expected {len(ARM_JOINTS)} angles ({', '.join(ARM_JOINTS)}), found {len(angles_rad)}")
     pan, lift, elbow, wrist = (clamp(joint, angle) for joint, angle in zip(ARM_JOINTS, angles_rad))
@@ -64,12 +64,12 @@ def clamp_arm(angles_rad: Sequence[float]) -> Arm:
 
 
 def gripper_rad(degrees: float) -> float:
-    """The joint's angle for a value of the console's scale, clamped. Raises ValueError where it is not finite."""
+    """Return the joint's angle for a value of the console's scale, clamped. Raises ValueError if it is not finite."""
     return _rescale(degrees, (GRIPPER_OPEN_DEG, GRIPPER_CLOSED_DEG), (GRIPPER_OPEN_RAD, GRIPPER_CLOSED_RAD))
 
 
 def gripper_deg(angle_rad: float) -> float:
-    """The value of the console's scale for a joint angle, clamped. Raises ValueError where it is not finite."""
+    """Return the value of the console's scale for a joint angle, clamped. Raises ValueError if it is not finite."""
     return _rescale(angle_rad, (GRIPPER_OPEN_RAD, GRIPPER_CLOSED_RAD), (GRIPPER_OPEN_DEG, GRIPPER_CLOSED_DEG))
 
 

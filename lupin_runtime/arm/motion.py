@@ -15,12 +15,12 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from lupin_runtime.arm.limits import Arm, clamp, clamp_arm
-from lupin_runtime.arm.trajectory import MIN_DURATION_S, Point, timed, to_pose
+from lupin_runtime.arm.trajectory import MIN_DURATION_S, Point, retime, to_pose
 from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.graph import ARM_CALIBRATE, ARM_JOINTS, ARM_LIBRARY_STOP
 
 DEFAULT_RATE_RADPS = math.radians(60.0)
-# A joint is assumed to be at its last command, unless feedback of at most this age differs by at least this angle.
+# A joint is assumed to be at its last command, unless feedback of at most this age differs by more than this angle.
 FRESH_S = 0.5
 DRIFT_RAD = 0.08
 CALIBRATING = "calibrating"  # the holder during which only the calibration switches the torque
@@ -29,7 +29,7 @@ LEAD_IN_RADPS = 0.8
 
 
 class ArmState(NamedTuple):
-    """The last state from `/joint_states`, in rad; `gripper` is None where it was missing. `received_ns`: its arrival."""
+    """The last state from `/joint_states`, in rad; `gripper` is None if it was missing. It arrived at `received_ns`."""
 
     arm: Arm
     gripper: float | None
@@ -65,7 +65,7 @@ class ArmMotion:
 
     # -- reading ------------------------------------------------------------------------------------------------------
     def state(self, fresh: bool = False) -> ArmState | None:
-        """The newest feedback; with `fresh`, None where it is older than FRESH_S."""
+        """Return the newest feedback; with `fresh`, None if it is older than FRESH_S."""
         state = self._feedback()
         if state is None or (fresh and not 0 <= self._clock_ns() - state.received_ns <= FRESH_S * 1e9):
             return None
@@ -83,13 +83,13 @@ class ArmMotion:
 
     # -- holding ------------------------------------------------------------------------------------------------------
     def hold(self, holder: str) -> None:
-        """Reserve the arm for `holder`. Raises Refused where another activity has reserved it."""
+        """Reserve the arm for `holder`. Raises Refused if another activity has reserved it."""
         with self._lock:
             self._require_free(holder)
             self._holder = holder
 
     def release(self, holder: str) -> None:
-        """Release the arm; does nothing where `holder` has not reserved it."""
+        """Release the arm; do nothing if `holder` has not reserved it."""
         with self._lock:
             if self._holder == holder:
                 self._holder = None
@@ -98,33 +98,33 @@ class ArmMotion:
     def set_estop(self, engaged: bool) -> None:
         """Handle a message of the e-stop state.
 
-        The arm is held when the e-stop engages or, if its pose is unknown then, with the first message after it is known. The
-        held pose is sent again where the arm has left it, and with the release: no trajectory of before it, which `counter` may
-        have missed or met in another order than the controller, goes on after it.
+        The arm is held when the e-stop engages or, if its pose is unknown then, with the first message after the pose is known.
+        The held pose is sent again if the arm has left it, and with the release. So no earlier trajectory, which `counter` may
+        have missed or received in another order than the controller, continues after the release.
         """
         with self._lock:
             was_engaged, self._estop_engaged = self._estop_engaged, engaged
             if engaged and not was_engaged:
                 self.estop_count += 1
                 self._hold_due = self.torque is not False
-            elif was_engaged and (not engaged or self._left_its_hold()):
-                self._hold_again()
+            elif was_engaged and (not engaged or self._has_left_held_pose()):
+                self._send_held_pose()
             if self._hold_due:
                 with suppress(Refused):
                     self.pin()
 
     def counter(self, path: Sequence[Arm]) -> None:
-        """Replace another publisher's trajectory, its points in order, by the held pose while the e-stop is engaged."""
+        """Replace another publisher's trajectory by the held pose while the e-stop is engaged. `path` are its points."""
         with self._lock:
             if self._estop_engaged and list(path) != [self._commanded]:
-                self._hold_again()
+                self._send_held_pose()
 
-    def _hold_again(self) -> None:
-        # The held pose, not the present one: repeated, that would let the arm sink under its weight.
+    def _send_held_pose(self) -> None:
+        # The held pose, not the present one, which if repeated would let the arm sink under its weight.
         if self._commanded is not None and not self._hold_due and self.torque is not False:
             self._send_path(to_pose(self._commanded, MIN_DURATION_S))
 
-    def _left_its_hold(self) -> bool:
+    def _has_left_held_pose(self) -> bool:
         state = self.state(fresh=True)
         held = self._commanded
         if state is None or held is None:
@@ -132,7 +132,7 @@ class ArmMotion:
         return max(abs(is_at - held_at) for is_at, held_at in zip(state.arm, held)) > DRIFT_RAD
 
     def require_released(self, since: int | None = None) -> None:
-        """Raise Refused while the e-stop is engaged, or if it was engaged since `estop_count` was `since`."""
+        """Raise Refused while the e-stop is engaged, or if it has been engaged since `estop_count` was `since`."""
         if self._estop_engaged or since not in (None, self.estop_count):
             raise Refused(f"{ESTOP_ENGAGED}: the arm is not moved; after its release, repeat the command")
 
@@ -155,7 +155,7 @@ class ArmMotion:
                 self._send_path(to_pose(state.arm, duration_s))
 
     def move(self, arm: Sequence[float], duration_s: float, holder: str | None = None) -> Arm:
-        """Move all four joints; returns the clamped target. Raises Refused, or ValueError for an invalid pose."""
+        """Move all four joints; return the clamped target. Raises Refused, or ValueError for an invalid pose."""
         target = clamp_arm(arm)
         with self._lock:
             self._require_permission(holder)
@@ -164,7 +164,7 @@ class ArmMotion:
     def move_joint(self, joint: str, angle_rad: float, rate_radps: float) -> Arm:
         """Move one joint at a rate; a rate that is not positive means 60°/s. The other joints stay.
 
-        Raises Refused, also before the first command to the arm, or ValueError for an invalid angle.
+        Raises Refused, also before the first command to the arm, and ValueError for an invalid angle.
         """
         angle_rad = clamp(joint, angle_rad)
         rate_radps = rate_radps if math.isfinite(rate_radps) and rate_radps > 0.0 else DEFAULT_RATE_RADPS
@@ -179,7 +179,7 @@ class ArmMotion:
             return self._send_path(to_pose(clamp_arm(arm), duration_s))
 
     def play(self, points: Sequence[Point], speed: float, holder: str) -> tuple[Point, ...]:
-        """Replay a motion after moving to its first point; returns the path as sent. Raises Refused or ValueError."""
+        """Replay a motion after moving to its first point; return the path as sent. Raises Refused or ValueError."""
         clamped = [Point(point.t_s, clamp_arm(point.arm)) for point in points]
         with self._lock:
             self._require_permission(holder)
@@ -187,7 +187,7 @@ class ArmMotion:
             distance_rad = 0.0
             if state is not None and clamped:
                 distance_rad = max(abs(a - b) for a, b in zip(state.arm, clamped[0].arm))
-            path = timed(clamped, speed, lead_in_s=max(MIN_DURATION_S, distance_rad / LEAD_IN_RADPS))
+            path = retime(clamped, speed, lead_in_s=max(MIN_DURATION_S, distance_rad / LEAD_IN_RADPS))
             self._send_path(path)
             return path
 
@@ -210,9 +210,9 @@ class ArmMotion:
             raise Refused(f"the arm is reserved: {self._holder}; stop that with {service}")
 
     def _assumed_pose(self) -> Arm:
-        """The pose from which other joints keep their place: per joint the last command, or feedback where that differs.
+        """Return the pose in which the joints stay that are not moved: each joint's last command, or feedback if it differs.
 
-        Feedback differs where the arm was moved by hand or is still moving; a joint that is not to be moved then stays there.
+        Feedback differs if the arm was moved by hand or is still moving; a joint that is not to be moved stays there.
         """
         commanded = self._commanded
         assert commanded is not None

@@ -1,6 +1,6 @@
-"""`arm_preset_server` and `gripper_action_bridge`; the servers of library and calibration are in files of their own.
+"""`arm_preset_server` and `gripper_action_bridge`; the servers of library and calibration have their own modules.
 
-All four run in one process, where they share the arm (see `shared_arm`).
+All four run in one process, in which they share the arm (see `shared_arm`).
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ class ArmPresetServer(ArmNode):
 class GripperActionBridge(ArmNode):
     """Single joints, the gripper and the torque switch, all through the vendor's controllers.
 
-    Direct servo calls would work against them: the vendor's hardware interface repeats its own set-point as soon as a servo
-    deviates from it.
+    Direct servo calls would not last: the vendor's hardware interface repeats its own set-point as soon as a servo deviates
+    from it.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
@@ -89,13 +89,13 @@ class GripperActionBridge(ArmNode):
                 self.motion.pin()
             except Refused:
                 return  # no feedback or no controller yet: the next tick tries again
-        # Destroyed, not cancelled: under simulated time a cancelled timer wakes the executor with every clock message.
+        # Destroyed, not cancelled: in simulated time a cancelled timer wakes the executor with every clock message.
         self.destroy_timer(self._pin_timer)
 
     def _on_estop(self, engaged: bool) -> None:
-        """Cancel the goals of the vendor's controllers, of all clients, with each message until the release and with that one.
+        """Cancel all clients' goals of the vendor's controllers with each message up to and including the release.
 
-        A goal may arrive while the e-stop is engaged, also between its last two messages.
+        A goal may arrive while the e-stop is engaged, even between the last two messages.
         """
         was_engaged, self._estop_engaged = self._estop_engaged, engaged
         if not (engaged or was_engaged):
@@ -181,7 +181,7 @@ class GripperActionBridge(ArmNode):
         return True, "the arm is stiff and takes commands" if on else "the arm is limp and takes no commands"
 
     async def _execute(self, step: TorqueStep) -> str:
-        """Execute one step; returns an error message, or an empty string."""
+        """Execute one step; return an error message, or an empty string."""
         if step.row is None:
             try:
                 self.motion.pin()

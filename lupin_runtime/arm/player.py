@@ -10,12 +10,12 @@ from lupin_runtime.arm.trajectory import Point, clamp_speed
 
 
 def points_of(sequence: StoredSequence) -> tuple[Point, ...]:
-    """A sequence's waypoints as points of a trajectory."""
+    """Convert a sequence's waypoints to points of a trajectory."""
     return tuple(Point(waypoint.t, waypoint.arm) for waypoint in sequence.waypoints)
 
 
 class Player:
-    """Follows a replay that was sent as `path` at a factor of its speed. Times are seconds since it was sent."""
+    """Follows a replay that was sent as `path` at `speed` times the recorded speed. Times are seconds since it was sent."""
 
     def __init__(self, sequence: StoredSequence, path: Sequence[Point], speed: float) -> None:
         start_s, speed = sequence.waypoints[0].t, clamp_speed(speed)
@@ -24,16 +24,16 @@ class Player:
         self.duration_s = max(path[-1].t_s, *(t_s for t_s, _ in self._events)) if self._events else path[-1].t_s
 
     def due(self, elapsed_s: float) -> float | None:
-        """The gripper angle to send now, in rad, or None; the last one where several events are due."""
+        """Return the gripper angle to send now, in rad, or None; if several events are due, that of the last."""
         angle = None
         while self._events and self._events[0][0] <= elapsed_s:
             angle = self._events.pop(0)[1]
         return angle
 
     def progress(self, elapsed_s: float) -> float:
-        """0 at the start, 1 at the end."""
+        """Return 0 at the start, 1 at the end."""
         return min(1.0, max(0.0, elapsed_s / self.duration_s))
 
     def over(self, elapsed_s: float) -> bool:
-        """Whether the time of the last point is reached."""
+        """Return whether the time of the last point is reached."""
         return elapsed_s >= self.duration_s

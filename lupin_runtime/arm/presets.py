@@ -7,13 +7,13 @@ from lupin_runtime.arm.limits import Arm, clamp_arm
 PRESET_DURATION_S = 3.0
 
 PRESETS: dict[str, Arm] = {
-    # The pose to park in: low load, because shoulder_lift overheats when it holds against gravity.
+    # The pose for parking: low load, because shoulder_lift overheats when it holds against gravity.
     "home": (0.04, -0.01, 0.01, -1.57),
     "zero": (0.0, 0.0, 0.0, 0.0),
     "tuck": (0.0, -1.40, 1.40, 0.0),
     "pick": (0.0, -0.60, 0.80, -0.40),
     "place": (0.0, 0.20, 0.80, -0.40),
-    # Leans back and looks down at the pots by 0.1 rad from half a meter before a tag. Every flower of the row is then in the
+    # Leans back, and from half a meter before a tag looks down at the pots by 0.1 rad. Every flower of the row is then in the
     # gripper camera's image, as measured on rendered frames. (The former pose, (0, -0.40, 0.90, -0.80), looked over them.)
     "inspect": (0.0, 0.60, -0.80, -1.47),
 }
@@ -24,7 +24,7 @@ class UnknownPreset(ValueError):
 
 
 def preset(name: str) -> Arm:
-    """The pose called `name` (trimmed, case-insensitive), within the command windows. Raises UnknownPreset."""
+    """Return the pose called `name` (trimmed, case-insensitive), within the command windows. Raises UnknownPreset."""
     key = name.strip().lower()
     if key not in PRESETS:
         raise UnknownPreset(f"no preset {name!r}; there are: {', '.join(PRESETS)}")

@@ -8,7 +8,7 @@ from lupin_runtime.arm.library import StoredSequence, Waypoint, now_text
 from lupin_runtime.arm.limits import Arm
 
 MIN_GAP_S = 0.05
-ROUNDING_S = 1e-6  # keeps all of a stream whose period is exactly MIN_GAP_S
+ROUNDING_S = 1e-6  # so that no sample is dropped from a stream whose period is exactly MIN_GAP_S
 MIN_MOVE_RAD = math.radians(0.5)
 MAX_WAYPOINTS = 800
 MAX_DURATION_S = 60.0
@@ -30,7 +30,7 @@ class Recorder:
         self._kept: list[Waypoint] = []
 
     def offer(self, time_s: float, arm: Arm, gripper: float | None) -> bool:
-        """Handle a state; returns whether it is kept: the first one, then each that is 0.05 s later and 0.5° apart."""
+        """Handle a state; return whether it is kept: the first, and each that is 0.05 s and 0.5° from the last kept one."""
         if self._start_s is None:
             self._start_s = time_s
         t = time_s - self._start_s
@@ -61,7 +61,7 @@ class Recorder:
         return 0.0 if self._latest is None else self._latest.t
 
     def finish(self) -> StoredSequence | None:
-        """The sequence, with a last point that holds the final pose; None where nothing was recorded."""
+        """Return the sequence, with a last point that holds the final pose; None if nothing was recorded."""
         if self._latest is None:
             return None
         waypoints = list(self._kept)
@@ -71,7 +71,7 @@ class Recorder:
 
 
 def gripper_events(sequence: StoredSequence) -> tuple[tuple[float, float], ...]:
-    """(t, rad) of each gripper command of a replay: the first sample, then each that differs from the last command."""
+    """Return (t, rad) of each gripper command of a replay: the first sample, then each that differs from the last command."""
     events: list[tuple[float, float]] = []
     for waypoint in sequence.waypoints:
         if waypoint.gripper is None or not sequence.include_gripper:

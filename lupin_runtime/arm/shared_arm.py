@@ -22,7 +22,7 @@ from lupin_runtime.arm.trajectory import VELOCITY_HINT, Point
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
-# Contained in serialized messages with the arm's joints; the wheels may be published in messages of their own.
+# Every serialized message with the arm's joints contains this; the wheels may be published in separate messages.
 _MARK = graph.ARM_JOINTS[0].encode()
 
 

@@ -12,7 +12,7 @@ from lupin_runtime.arm.library import Library, LibraryError, StoredPose, StoredS
 
 
 def default_path() -> Path:
-    """`arm_library.json` in the user's configuration."""
+    """Return the path of `arm_library.json` in the user's configuration."""
     base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
     return Path(base) / "lupin" / "arm_library.json"
 
@@ -26,11 +26,11 @@ class LibraryStore:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._write_refusal = ""  # why the file must not be written; empty where it may
+        self._write_refusal = ""  # why the file must not be written, or empty
         self.library, self.complaint = self._load()
 
     def put(self, kind: str, name: str, entry: StoredPose | StoredSequence, overwrite: bool) -> str:
-        """Store a pose or sequence; returns its stored name. Raises LibraryError, or OSError where it cannot be written."""
+        """Store a pose or sequence; return its stored name. Raises LibraryError, or OSError if it cannot be written."""
         key = valid_name(name)
         table = self._table(kind)
         if key in table and not overwrite:
@@ -45,7 +45,7 @@ class LibraryStore:
         self._commit(kind, {other: entry for other, entry in table.items() if other != key})
 
     def rename(self, kind: str, name: str, new_name: str) -> str:
-        """Rename an entry; returns the stored name. Raises LibraryError, also where the name is taken, or OSError."""
+        """Rename an entry; return the stored name. Raises LibraryError, also if the name is taken, or OSError."""
         key, new_key = self._existing(kind, name), valid_name(new_name)
         table = self._table(kind)
         if new_key != key and new_key in table:
@@ -54,11 +54,11 @@ class LibraryStore:
         return new_key
 
     def get(self, kind: str, name: str) -> Any:
-        """The entry called `name`. Raises LibraryError, which lists the entries."""
+        """Return the entry called `name`. Raises LibraryError, which lists the entries."""
         return self._table(kind)[self._existing(kind, name)]
 
     def listing(self) -> str:
-        """The names and properties of all entries as JSON, for consoles."""
+        """Return the names and properties of all entries as JSON, for consoles."""
         poses = [
             {"name": name, "note": pose.note, "has_gripper": pose.gripper is not None}
             for name, pose in sorted(self.library.poses.items())
@@ -107,7 +107,7 @@ class LibraryStore:
         fresh.replace(self.path)
 
     def _load(self) -> tuple[Library, str]:
-        """The library, and a message about its file; empty where the file is valid or missing."""
+        """Return the library, and a message about its file, which is empty if the file is valid or missing."""
         try:
             return from_json(self.path.read_text()), ""
         except FileNotFoundError:

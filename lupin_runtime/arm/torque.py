@@ -17,9 +17,9 @@ PIN_SETTLE_S = 0.35
 
 
 class TorqueStep(NamedTuple):
-    """A call of the service `row` with `value`; without a row, holding the arm's pose and waiting `settle_s`.
+    """A call of the service `row` with `value`; without a row, the arm's pose is held for `settle_s`.
 
-    `optional`: skipped where the service has no server (a simulation without the gate). `reversible`: undone where a later step
+    `optional`: skipped if the service has no server (a simulation without the gate). `reversible`: undone if a later step
     fails.
     """
 
@@ -30,7 +30,7 @@ class TorqueStep(NamedTuple):
     settle_s: float = 0.0
 
     def undone(self) -> TorqueStep | None:
-        """The step that undoes this one; None where that would do harm, as switching the torque off drops the arm."""
+        """Return the step that undoes this one; None if undoing would do harm: switching the torque off drops the arm."""
         return self._replace(value=not self.value) if self.reversible else None
 
 
@@ -38,7 +38,7 @@ _HOLD = TorqueStep(None, settle_s=PIN_SETTLE_S)
 
 
 def steps(on: bool) -> tuple[TorqueStep, ...]:
-    """The steps that switch the torque, in order."""
+    """Return the steps that switch the torque, in order."""
     if on:
         return (_HOLD, TorqueStep(graph.VENDOR_TORQUE, True), TorqueStep(graph.VENDOR_ARM_GATE, True, optional=True))
     return (TorqueStep(graph.VENDOR_ARM_GATE, False, optional=True, reversible=True), TorqueStep(graph.VENDOR_TORQUE, False))

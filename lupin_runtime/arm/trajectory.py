@@ -22,22 +22,22 @@ class Point(NamedTuple):
 
 
 def to_pose(arm: Arm, duration_s: float) -> tuple[Point, ...]:
-    """A path of one point, at least MIN_DURATION_S after the start."""
+    """Return a path of one point, at least MIN_DURATION_S after the start."""
     return (Point(max(MIN_DURATION_S, duration_s), arm),)
 
 
 def clamp_speed(speed: float) -> float:
-    """The speed factor of a replay within its limits; 0 and non-finite values mean the recorded speed."""
+    """Return the speed factor of a replay within its limits; 0 and non-finite values mean the recorded speed."""
     if not math.isfinite(speed) or speed == 0.0:
         return 1.0
     return min(MAX_SPEED, max(MIN_SPEED, speed))
 
 
-def timed(points: Sequence[Point], speed: float = 1.0, lead_in_s: float = 0.0) -> tuple[Point, ...]:
-    """A recorded motion at `speed` times its speed, preceded by `lead_in_s` for the move to its first point.
+def retime(points: Sequence[Point], speed: float = 1.0, lead_in_s: float = 0.0) -> tuple[Point, ...]:
+    """Return a recorded motion at `speed` times its speed, preceded by `lead_in_s` for the move to its first point.
 
-    Times strictly increase, as the controller requires: a point less than a millisecond after the one before is dropped, unless
-    it is the last, which replaces that one. Raises ValueError for no points.
+    Times strictly increase, as the controller requires: a point less than a millisecond after the previous one is dropped; the
+    last point instead replaces the previous one. Raises ValueError for no points.
     """
     if not points:
         raise ValueError("expected at least one waypoint, found none")

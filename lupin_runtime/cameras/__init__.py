@@ -1,1 +1,1 @@
-"""The cameras' pictures as video for browsers: JPEG frames over HTTP."""
+"""The cameras' drivers on the robot, and the video server: JPEG pictures over HTTP."""

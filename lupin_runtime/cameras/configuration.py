@@ -1,4 +1,4 @@
-"""The robot's cameras, as an operator wants them: `/etc/lupin/cameras.yaml`. What it leaves out is by default."""
+"""Reads the configuration of the robot's cameras, `/etc/lupin/cameras.yaml`. Omitted keys have their default values."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from lupin_runtime.atomic_file import MalformedFile
 
 CONFIGURATION = Path("/etc/lupin/cameras.yaml")
 _MAX_BYTES = 100_000
-# Of numbers by key: the least and the largest that a camera of this robot could have.
+# The smallest and largest value of each number, as far as any camera of this robot could support it.
 _RANGES = {"width": (160, 4096), "height": (120, 2160), "fps": (1, 60), "framerate": (1.0, 60.0)}
 _PIXEL_FORMATS = ("yuyv2rgb", "mjpeg2rgb", "uyvy2rgb", "yuyv", "raw_mjpeg")
 
 
 @dataclass(frozen=True)
 class Color:
-    """The body camera's photographs. The sensor offers 10, 15 and 30 fps at 640 × 480, and 7 at 1280 × 960."""
+    """The body camera's color images. The sensor offers 10, 15 and 30 fps at 640 × 480, and 7 at 1280 × 960."""
 
     enabled: bool = True
     width: int = 640
@@ -30,7 +30,7 @@ class Color:
 
 @dataclass(frozen=True)
 class Depth:
-    """The body camera's distances, which cost the robot's processor most."""
+    """The body camera's depth images, the stream with the highest CPU load on the robot."""
 
     enabled: bool = False
     fps: int = 10
@@ -38,7 +38,7 @@ class Depth:
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Points made of the distances."""
+    """The point cloud, computed from the depth images."""
 
     enabled: bool = False
 
@@ -56,7 +56,7 @@ class Gripper:
 
 @dataclass(frozen=True)
 class CameraConfiguration:
-    """All settings. Sizes are in pixels, rates in frames a second."""
+    """All settings. Sizes are in pixels, rates in frames per second."""
 
     color: Color = field(default_factory=Color)
     depth: Depth = field(default_factory=Depth)
@@ -65,7 +65,7 @@ class CameraConfiguration:
 
 
 def read_configuration(path: Path = CONFIGURATION) -> CameraConfiguration:
-    """The settings in a file; the defaults where there is none. Raises MalformedFile and OSError."""
+    """Read the settings in a file; the defaults if there is no file. Raises MalformedFile and OSError."""
     try:
         with path.open("rb") as file:
             content = file.read(_MAX_BYTES + 1)
@@ -101,22 +101,22 @@ def _mapping(value: Any, name: str, known: Mapping[str, Any]) -> dict[str, Any]:
         raise ValueError(f"{name}: expected keys and values, found {value!r:.60}")
     for key in value:
         if key not in known:
-            raise ValueError(f"{name} has no key {key!r:.60}; known are: {', '.join(known)}")
+            raise ValueError(f"{name} has no key {key!r:.60}; known keys: {', '.join(known)}")
     return value
 
 
 def _checked(name: str, key: str, value: Any, default: Any) -> Any:
     if isinstance(default, bool):
         if not isinstance(value, bool):
-            raise ValueError(f"{name} is true or false, not {value!r:.60}")
+            raise ValueError(f"{name} must be true or false, not {value!r:.60}")
         return value
     if isinstance(default, str):
         if value not in _PIXEL_FORMATS:
-            raise ValueError(f"{name} is one of {', '.join(_PIXEL_FORMATS)}, not {value!r:.60}")
+            raise ValueError(f"{name} must be one of {', '.join(_PIXEL_FORMATS)}, not {value!r:.60}")
         return value
     low, high = _RANGES[key]
     numbers = (int,) if isinstance(default, int) else (int, float)
     if isinstance(value, bool) or not isinstance(value, numbers) or not low <= value <= high:
         kind = "a whole number" if isinstance(default, int) else "a number"
-        raise ValueError(f"{name} is {kind} from {low} to {high}, not {value!r:.60}")
+        raise ValueError(f"{name} must be {kind} from {low} to {high}, not {value!r:.60}")
     return type(default)(value)

@@ -1,4 +1,4 @@
-"""Finds the robot's cameras as the vendor's launch files do, and what starts the vendor's driver of each."""
+"""Finds the robot's cameras as the vendor's launch files do, and the command that starts the vendor's driver of each."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from lupin_runtime.cameras.configuration import CameraConfiguration
 BODY, GRIPPER = "body", "gripper"
 # The names that the drivers of the vendor's gripper cameras report.
 GRIPPER_NAMES = ("HD Camera: HD Camera", "USB 2.0 PC Cam")
-_ORBBEC = "2bc5"  # its USB vendor
+_ORBBEC = "2bc5"  # USB vendor id
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera that is connected: its device files, and the command that runs its driver."""
+    """A connected camera: its device files, and the command that runs its driver."""
 
     devices: tuple[Path, ...]
     command: tuple[str, ...]
 
 
 def find_camera(kind: str, configuration: CameraConfiguration, root: Path = Path("/")) -> Camera | None:
-    """The camera BODY or GRIPPER; None where it is not connected. `root` is where /dev and /sys are."""
+    """Find the camera BODY or GRIPPER; None if it is not connected. `root` is the folder that contains /dev and /sys."""
     return _find_body(configuration, root) if kind == BODY else _find_gripper(configuration, root)
 
 
 def is_enabled(kind: str, configuration: CameraConfiguration) -> bool:
-    """Whether the operator wants the camera."""
+    """Return whether the camera is switched on in the configuration."""
     return configuration.color.enabled or configuration.depth.enabled if kind == BODY else configuration.gripper.enabled
 
 
 def _find_body(configuration: CameraConfiguration, root: Path) -> Camera | None:
-    """The depth camera: which of the two models it is, the vendor's udev rules tell by the names of links in /dev."""
+    """Find the depth camera. The links that the vendor's udev rules make in /dev show which of the two models it is."""
     links = {path.name for path in (root / "dev").glob("astra*")}
     if {"astradepth", "astrauvc"} <= links:
         launch = ("astra_camera", "astra_pro_plus.launch.xml")
@@ -56,7 +56,7 @@ def _find_body(configuration: CameraConfiguration, root: Path) -> Camera | None:
 
 
 def _find_gripper(configuration: CameraConfiguration, root: Path) -> Camera | None:
-    """The first camera of a known name. A camera has several device files, of which the first, index 0, gives pictures."""
+    """Find the first camera with a known name. Of a camera's device files, the one with index 0 delivers the pictures."""
     found = []
     for folder in (root / "sys/class/video4linux").glob("video*"):
         number = folder.name.removeprefix("video")
@@ -81,7 +81,7 @@ def _find_gripper(configuration: CameraConfiguration, root: Path) -> Camera | No
 
 
 def _orbbec_devices(root: Path) -> tuple[Path, ...]:
-    """The device files of the depth camera: on the USB bus, and of its photographs."""
+    """Return the device files of the depth camera: the udev links' targets, and those on the USB bus."""
     found = [path.resolve() for path in sorted((root / "dev").glob("astra*"))]
     for folder in sorted((root / "sys/bus/usb/devices").glob("*")):
         bus, device = _text(folder / "busnum"), _text(folder / "devnum")

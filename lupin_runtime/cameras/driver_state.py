@@ -1,4 +1,4 @@
-"""What the process that runs a camera's driver last did: a file of the camera service, which the doctor reads."""
+"""The state of a camera's driver, which the camera service writes to a file for the doctor."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from lupin_runtime.atomic_file import write_atomically
 
 STATE_FOLDER = Path("/run/lupin-cameras")  # systemd creates it with the unit, and removes it when the unit stops
 
-OFF = "off"  # by the configuration
+OFF = "off"  # switched off in the configuration
 ABSENT = "absent"  # no such camera is connected
-HELD = "held"  # by a process that is no camera driver
+HELD = "held"  # by another process
 NO_DRIVER = "no-driver"  # the vendor's software cannot be started
 RUNNING = "running"
-ENDED = "ended"  # the driver ended by itself, and is started again
+ENDED = "ended"  # the driver exited by itself, and will be restarted
 
 
 @dataclass(frozen=True)
 class DriverState:
-    """One of the states above, what was printed about it, and how often in a row the driver ended by itself."""
+    """One of the states above, the text printed with it, and how often in a row the driver exited by itself."""
 
     state: str
     text: str
@@ -30,7 +30,10 @@ class DriverState:
 
 
 def write_state(kind: str, state: DriverState) -> None:
-    """Replace the state of the camera `kind`. Without the folder that systemd names, or space in it, nothing is written."""
+    """Write the state of the camera `kind` to the folder that systemd names in RUNTIME_DIRECTORY.
+
+    Writes nothing if the variable is not set; errors of the file system are ignored.
+    """
     folder = os.environ.get("RUNTIME_DIRECTORY", "")
     if folder:
         with contextlib.suppress(OSError):

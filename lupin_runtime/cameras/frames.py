@@ -1,4 +1,4 @@
-"""Hands the newest frame of a camera to any number of threads that wait for it."""
+"""Provides a camera's newest frame to any number of waiting threads."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Frame:
-    """A picture. `stamp_ns` is when the camera took it, in ROS time; `number` counts up within its stream."""
+    """A picture. `stamp_ns` is the ROS time when the camera took it; `number` counts the stream's frames."""
 
-    data: bytes  # a JPEG file, or a serialized message with one
+    data: bytes  # a JPEG file, or a serialized message with a picture
     stamp_ns: int
     number: int
 
 
 class NewestFrame:
-    """Keeps one frame. A reader that is slower than the camera gets the newest and skips those between."""
+    """Keeps one frame. A reader that is slower than the camera gets the newest one and skips those in between."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -33,7 +33,7 @@ class NewestFrame:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Wake all who wait; no frame follows."""
+        """Wake all waiting threads; no more frames follow."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -44,7 +44,7 @@ class NewestFrame:
         return self._number
 
     def after(self, number: int, timeout_s: float) -> Frame | None:
-        """The newest frame, once there is one of a higher number; None where none comes in time or no more will."""
+        """Wait for a frame after `number`, and return the newest; None after the timeout, or if it is closed."""
         deadline_s = time.monotonic() + timeout_s
         with self._changed:
             while self._frame is None or self._frame.number <= number:

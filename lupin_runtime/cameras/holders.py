@@ -1,4 +1,4 @@
-"""Processes that hold a camera, and the end of those that are drivers: a camera serves one process at a time."""
+"""Finds the processes that hold a camera, and terminates those that are drivers: a camera serves one process at a time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-# The programs of the vendor's camera drivers; their containers run nothing else that holds a camera.
+# The programs of the vendor's camera drivers. The containers among them run nothing else that holds a camera.
 DRIVERS = (
     "usb_cam_node_exe",
     "astra_camera_node",
@@ -20,8 +20,8 @@ DRIVERS = (
     "component_container_isolated",
 )
 _INTERPRETERS = ("python", "bash", "dash")
-# A driver that is asked to stop releases its camera cleanly; one that does not is killed.
-_ENDING = ((signal.SIGINT, 3.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0))
+# Signals, each with the wait in s that follows: a driver that stops on request releases its camera cleanly.
+_SIGNALS = ((signal.SIGINT, 3.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0))
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Holder:
 
     @property
     def is_driver(self) -> bool:
-        """Whether it is a camera driver of the vendor's."""
+        """Whether it is one of the vendor's camera drivers."""
         return self.program in DRIVERS
 
     def __str__(self) -> str:
@@ -42,32 +42,32 @@ class Holder:
 
 
 def find_holders(devices: Iterable[Path]) -> list[Holder]:
-    """The processes of this user that hold one of the devices, without this process."""
-    wanted = {str(device) for device in devices}
+    """Return this user's processes, except this one, that hold one of the devices."""
+    device_paths = {str(device) for device in devices}
     found = []
     for folder in Path("/proc").iterdir():
         if not folder.name.isdecimal() or int(folder.name) == os.getpid():
             continue
-        with contextlib.suppress(OSError):  # it has ended, or is another user's
+        with contextlib.suppress(OSError):  # the process has exited or belongs to another user
             targets = {str(link.readlink()) for link in (folder / "fd").iterdir()}
-            held = sorted(wanted & targets)
+            held = sorted(device_paths & targets)
             program = _program(folder) if held else ""
-            if program:  # else it has ended since
+            if program:  # else it has exited in the meantime
                 found.append(Holder(int(folder.name), program, held[0]))
     return found
 
 
-def end(holder: Holder) -> bool:
-    """End a driver: ask it to stop, then kill it. False where it is still there, or no longer the process that was found."""
+def terminate(holder: Holder) -> bool:
+    """Ask a driver to stop, then kill it. Return False if it still runs, or if its PID now belongs to another program."""
     try:
         descriptor = os.pidfd_open(holder.pid)
     except ProcessLookupError:
         return True
     try:
-        # The descriptor is of one process for good: this is the one that was found, or its number has been given away.
+        # The descriptor always refers to the same process, so it is enough to check once that its PID was not reused.
         if _program(Path(f"/proc/{holder.pid}")) != holder.program:
             return False
-        for number, timeout_s in _ENDING:
+        for number, timeout_s in _SIGNALS:
             with contextlib.suppress(ProcessLookupError):
                 signal.pidfd_send_signal(descriptor, number)
             if select.select([descriptor], [], [], timeout_s)[0]:
@@ -78,7 +78,10 @@ def end(holder: Holder) -> bool:
 
 
 def _program(folder: Path) -> str:
-    """The file name of the program, or of the script that an interpreter runs; `comm` would be cut to 15 characters."""
+    """Return the file name of a process's program, or of the script that its interpreter runs; empty if it cannot be read.
+
+    The kernel's shorter `comm` is cut to 15 characters.
+    """
     try:
         program = (folder / "exe").readlink().name
         words = (folder / "cmdline").read_bytes().split(b"\0")

@@ -1,6 +1,6 @@
-"""The video server over HTTP, with the paths and parameters of web_video_server, from the standard library alone.
+"""The video server's HTTP side, with the paths and parameters of web_video_server.
 
-A robot has no HTTP framework, and each client blocks on nothing but its own thread.
+It needs only the standard library, because a robot has no HTTP framework. Each client has its own thread.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from lupin_runtime.cameras.stream_request import BadRequest, NoSuchCamera, Strea
 from lupin_runtime.cameras.video_streams import GraphSilent, VideoStreams
 
 MAX_CONNECTIONS = 64
-MAX_CONNECTIONS_OF_ADDRESS = 16
-REQUEST_S = 10.0  # within which a client must have sent its request, and taken a picture
-SNAPSHOT_S = 5.0
-_STOP_S = 2.0
-_LOOK_S = 0.5  # how often a stream without pictures looks whether its client is still there
-# What the kernel may keep for a slow client beyond what is on its way: pictures that wait there are late when they arrive.
+MAX_CONNECTIONS_PER_ADDRESS = 16
+REQUEST_TIMEOUT_S = 10.0  # a client must send its request, and take each picture, within this time
+SNAPSHOT_TIMEOUT_S = 5.0
+_STOP_TIMEOUT_S = 2.0
+_CHECK_PERIOD_S = 0.5  # how often a stream without pictures checks that its client is still connected
+# How much unsent data the kernel may hold for a slow client: pictures that wait there are outdated when they arrive.
 _UNSENT_BYTES = 32_768
 _HEADERS = {"Cache-Control": "no-store", "Connection": "close", "X-Content-Type-Options": "nosniff"}
 
 
-class VideoHttpServer(ThreadingTCPServer):  # an HTTPServer resolves this host's name, which may take long on a robot
+class VideoHttpServer(ThreadingTCPServer):  # not HTTPServer, which resolves this host's name: on a robot that may be slow
     """Serves `/stream`, `/snapshot`, `/streams`, `/stream_viewer` and a list at `/`. The constructor raises OSError."""
 
     allow_reuse_address = True
@@ -44,11 +44,13 @@ class VideoHttpServer(ThreadingTCPServer):  # an HTTPServer resolves this host's
     def __init__(self, host: str, port: int, streams: VideoStreams) -> None:
         self.streams = streams
         self.closing = False
-        self._open: dict[socket.socket, tuple[str, float]] = {}  # address, and until when it must have sent its request
+        self._open: dict[socket.socket, tuple[str, float]] = {}  # the address, and the deadline for the request
         self._open_lock = threading.Lock()
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         super().__init__((host, port), _Handler)
-        self._thread = threading.Thread(target=self.serve_forever, kwargs={"poll_interval": _LOOK_S}, name="video", daemon=True)
+        self._thread = threading.Thread(
+            target=self.serve_forever, kwargs={"poll_interval": _CHECK_PERIOD_S}, name="video", daemon=True
+        )
 
     @property
     def port(self) -> int:
@@ -56,51 +58,51 @@ class VideoHttpServer(ThreadingTCPServer):  # an HTTPServer resolves this host's
         return int(self.server_address[1])
 
     def start(self) -> None:
-        """Accept connections, on a thread of the server."""
+        """Accept connections on the server's own thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop accepting, and end all streams; returns when they have left the graph."""
+        """Stop accepting connections, and end all streams; returns once they are closed, or after a timeout."""
         self.closing = True
         if self._thread.is_alive():
             self.shutdown()
         self.server_close()
         self.streams.close()
-        deadline_s = time.monotonic() + _STOP_S
-        while self._hang_up_all() and time.monotonic() < deadline_s:
+        deadline_s = time.monotonic() + _STOP_TIMEOUT_S
+        while self._shut_down_all() and time.monotonic() < deadline_s:
             time.sleep(0.01)
 
-    def _hang_up_all(self) -> int:
-        """How many connections there were still."""
+    def _shut_down_all(self) -> int:
+        """Shut down all connections, and return how many there were."""
         with self._open_lock:
             for connection in self._open:
-                _hang_up(connection)
+                _shut_down(connection)
             return len(self._open)
 
-    def requested(self, connection: socket.socket) -> None:
+    def note_request(self, connection: socket.socket) -> None:
         """Note that a client has sent its request."""
         with self._open_lock:
             address, _ = self._open[connection]
             self._open[connection] = (address, float("inf"))
 
-    # -- of the base class --------------------------------------------------------------------------------------------
+    # -- overrides ----------------------------------------------------------------------------------------------------
     def verify_request(self, request: Any, client_address: Any) -> bool:
-        """Whether there is room for another connection."""
+        """Return whether another connection is allowed, and register it if so."""
         address = str(client_address[0])
         with self._open_lock:
-            of_address = sum(known == address for known, _ in self._open.values())
-            if len(self._open) >= MAX_CONNECTIONS or of_address >= MAX_CONNECTIONS_OF_ADDRESS:
+            from_address = sum(known == address for known, _ in self._open.values())
+            if len(self._open) >= MAX_CONNECTIONS or from_address >= MAX_CONNECTIONS_PER_ADDRESS:
                 return False
-            self._open[request] = (address, time.monotonic() + REQUEST_S)
+            self._open[request] = (address, time.monotonic() + REQUEST_TIMEOUT_S)
         return True
 
     def service_actions(self) -> None:
-        """Hang up on those who send no request."""
+        """Shut down connections on which no request was sent in time."""
         now_s = time.monotonic()
         with self._open_lock:
-            for connection, (_, until_s) in self._open.items():
-                if now_s > until_s:
-                    _hang_up(connection)
+            for connection, (_, deadline_s) in self._open.items():
+                if now_s > deadline_s:
+                    _shut_down(connection)
 
     def shutdown_request(self, request: Any) -> None:
         """Forget and close a connection."""
@@ -109,7 +111,7 @@ class VideoHttpServer(ThreadingTCPServer):  # an HTTPServer resolves this host's
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that went away is none; all else would be a defect, which the base class prints."""
+        """Let the base class print errors, except those of clients that have disconnected."""
         import sys
 
         if not isinstance(sys.exc_info()[1], OSError):
@@ -122,13 +124,13 @@ class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     server_version = "Lupin"
     sys_version = ""
-    timeout = REQUEST_S
+    timeout = REQUEST_TIMEOUT_S
     server: VideoHttpServer
 
     def do_GET(self) -> None:
         """Answer a request."""
         self.close_connection = True
-        self.server.requested(self.connection)
+        self.server.note_request(self.connection)
         try:
             url = urlsplit(self.path)
         except ValueError as error:
@@ -145,7 +147,7 @@ class _Handler(BaseHTTPRequestHandler):
             elif url.path == "/":
                 self._send("text/html; charset=utf-8", _index(self.server.streams.describe()).encode())
             else:
-                self._refuse(HTTPStatus.NOT_FOUND, "there are /stream, /snapshot and /streams")
+                self._refuse(HTTPStatus.NOT_FOUND, "no such path; there are /stream, /snapshot and /streams")
         except BadRequest as error:
             self._refuse(HTTPStatus.BAD_REQUEST, str(error))
         except NoSuchCamera as error:
@@ -168,17 +170,17 @@ class _Handler(BaseHTTPRequestHandler):
             self._begin(mjpeg.CONTENT_TYPE)
             self.wfile.write(mjpeg.OPENING)
             number = 0
-            while not self.server.closing and not _has_left(self.connection):
-                frame = frames.after(number, _LOOK_S)
+            while not self.server.closing and not _has_disconnected(self.connection):
+                frame = frames.after(number, _CHECK_PERIOD_S)
                 if frame is not None:
                     number = frame.number
                     self.wfile.write(mjpeg.part(frame.data, frame.stamp_ns))
 
     def _snapshot(self, request: StreamRequest) -> None:
         with self.server.streams.watch(request) as frames:
-            frame = frames.after(frames.number, SNAPSHOT_S)
+            frame = frames.after(frames.number, SNAPSHOT_TIMEOUT_S)
         if frame is None:
-            raise GraphSilent(f"no picture came from {request.topic} within {SNAPSHOT_S:g} s")
+            raise GraphSilent(f"no picture came from {request.topic} within {SNAPSHOT_TIMEOUT_S:g} s")
         self._send("image/jpeg", frame.data, X_Timestamp=mjpeg.stamp_text(frame.stamp_ns))
 
     def _begin(self, content_type: str, status: HTTPStatus = HTTPStatus.OK, **headers: str) -> None:
@@ -195,20 +197,20 @@ class _Handler(BaseHTTPRequestHandler):
         self._send("text/plain; charset=utf-8", f"{reason}\n".encode(), status)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Requests are not logged: there is one for every picture that a page asks for."""
+        """Log nothing: pages may send a request for every picture."""
 
 
-def _has_left(connection: socket.socket) -> bool:
-    """Whether the client has closed its side; what it may send beyond its request is passed over."""
+def _has_disconnected(connection: socket.socket) -> bool:
+    """Return whether the client has closed its side. Data that it sends after its request is discarded."""
     readable, _, _ = select.select([connection], [], [], 0)
     return bool(readable) and not connection.recv(65536)
 
 
-def _hang_up(connection: socket.socket) -> None:
+def _shut_down(connection: socket.socket) -> None:
     try:
         connection.shutdown(socket.SHUT_RDWR)
     except OSError:
-        return  # it has left by itself
+        return  # it is closed already
 
 
 def _viewer(request: StreamRequest, query: str) -> str:

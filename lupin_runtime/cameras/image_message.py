@@ -1,6 +1,6 @@
 """Reads serialized messages of `sensor_msgs/msg/Image` and `CompressedImage` without copying their pixels.
 
-The encoding is OMG's CDR, version 1: a header of four bytes, then values aligned to their size, counted from its end.
+The encoding is OMG's CDR, version 1: a header of four bytes, then values aligned to their size, relative to the header's end.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ class MalformedImage(ValueError):
 
 @dataclass(frozen=True)
 class RawImage:
-    """Pixels, row by row: `height` rows of `row_bytes`, of which the first `width` pixels count."""
+    """Pixels, row by row: `height` rows of `row_bytes` bytes, each beginning with `width` pixels."""
 
     stamp_ns: int
     width: int
@@ -38,7 +38,7 @@ class CompressedPicture:
 
 
 def read_image(message: bytes) -> RawImage:
-    """The fields of an Image. Raises MalformedImage."""
+    """Read the fields of an Image. Raises MalformedImage."""
     reader = _Reader(message)
     stamp_ns = reader.header_stamp_ns()
     height, width = reader.uint32(), reader.uint32()
@@ -52,7 +52,7 @@ def read_image(message: bytes) -> RawImage:
 
 
 def read_compressed(message: bytes) -> CompressedPicture:
-    """The fields of a CompressedImage. Raises MalformedImage."""
+    """Read the fields of a CompressedImage. Raises MalformedImage."""
     reader = _Reader(message)
     return CompressedPicture(reader.header_stamp_ns(), reader.string(), reader.sequence())
 
@@ -60,13 +60,13 @@ def read_compressed(message: bytes) -> CompressedPicture:
 class _Reader:
     def __init__(self, message: bytes) -> None:
         if len(message) < _CDR_HEADER_BYTES:
-            raise MalformedImage(f"{len(message)} bytes are no message")
+            raise MalformedImage(f"a message has at least {_CDR_HEADER_BYTES} bytes, this one {len(message)}")
         self._order = "<" if message[1] & 1 else ">"
         self._data = memoryview(message)[_CDR_HEADER_BYTES:]
         self._at = 0
 
     def header_stamp_ns(self) -> int:
-        """The stamp of a std_msgs/Header; its frame is passed over."""
+        """Read a std_msgs/Header and return its stamp; its frame is ignored."""
         seconds, nanoseconds = self._number("i", 4), self._number("I", 4)
         self.string()
         return seconds * 1_000_000_000 + nanoseconds
@@ -84,13 +84,13 @@ class _Reader:
         length = self.uint32()
         begin, self._at = self._at, self._at + length
         if self._at > len(self._data):
-            raise MalformedImage(f"{length} bytes are announced where {len(self._data) - begin} follow")
+            raise MalformedImage(f"{length} bytes are announced, but only {len(self._data) - begin} follow")
         return self._data[begin : self._at]
 
     def _number(self, kind: str, size: int) -> int:
         begin = -(-self._at // size) * size
         self._at = begin + size
         if self._at > len(self._data):
-            raise MalformedImage(f"it ends after {len(self._data) + _CDR_HEADER_BYTES} bytes")
+            raise MalformedImage(f"the message ends too early, after {len(self._data) + _CDR_HEADER_BYTES} bytes")
         (value,) = struct.unpack_from(self._order + kind, self._data, begin)
         return int(value)

@@ -1,4 +1,4 @@
-"""Makes JPEG pictures of raw images, and smaller ones of JPEG pictures, with OpenCV."""
+"""Encodes raw images as JPEG, and changes the size or quality of compressed pictures, with OpenCV."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from lupin_runtime.cameras.image_message import RawImage
 
 DEFAULT_QUALITY = 75
 MAX_PIXELS = 40_000_000
-_FARTHEST_M = 10.0  # of a depth image: drawn black, as what is not known; what is near is white
+_FARTHEST_M = 10.0  # in a depth image, this distance and unknown ones are black, and near ones white
 _MILLIMETERS = 0.001
 
-# How OpenCV makes blue, green and red of each encoding; None where the pixels are that, or gray, already.
+# The OpenCV conversion from each encoding to blue, green, red; None if its pixels are already in this order, or gray.
 _CONVERSIONS: dict[str, str | None] = {
     "rgb8": "COLOR_RGB2BGR",
     "bgr8": None,
@@ -40,18 +40,21 @@ Pixels = NDArray[Any]
 
 
 class UnsupportedPicture(ValueError):
-    """A picture that can't be shown, with the reason as text."""
+    """A picture that can't be shown; the text is the reason."""
 
 
 def encode(image: RawImage, quality: int = DEFAULT_QUALITY, width_px: int = 0, rotated: bool = False) -> bytes:
-    """A raw image as JPEG: `width_px` wide where given, upside down if `rotated`. Raises UnsupportedPicture."""
+    """Encode a raw image as JPEG: scaled to `width_px` unless that is 0, upside down if `rotated`.
+
+    Raises UnsupportedPicture.
+    """
     if image.width * image.height > MAX_PIXELS:
         raise UnsupportedPicture(f"{image.width} × {image.height} pixels are too many")
-    return _written(_colors(image), quality, width_px, rotated)
+    return _to_jpeg(_colors(image), quality, width_px, rotated)
 
 
 def transcode(jpeg: bytes | memoryview, quality: int = DEFAULT_QUALITY, width_px: int = 0, rotated: bool = False) -> bytes:
-    """A compressed picture as JPEG of another width or quality. Raises UnsupportedPicture."""
+    """Encode a compressed picture again as JPEG, with the parameters of `encode`. Raises UnsupportedPicture."""
     cv2 = _opencv()
     try:
         pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
@@ -59,18 +62,18 @@ def transcode(jpeg: bytes | memoryview, quality: int = DEFAULT_QUALITY, width_px
         raise UnsupportedPicture(f"the picture can't be read: {error.err}") from error
     if pixels is None:
         raise UnsupportedPicture("the picture can't be read")
-    return _written(pixels, quality, width_px, rotated)
+    return _to_jpeg(pixels, quality, width_px, rotated)
 
 
 def is_jpeg(data: memoryview) -> bool:
-    """Whether these are the bytes of a JPEG file, by its first ones."""
+    """Return whether data begins like a JPEG file."""
     return bytes(data[:3]) == b"\xff\xd8\xff"
 
 
 def _colors(image: RawImage) -> Pixels:
-    """Blue, green and red, or gray: rows × columns × 3, or rows × columns, uint8."""
+    """Convert an image to blue, green and red, or gray: rows × columns × 3, or rows × columns, uint8."""
     if image.encoding in _WIDE:
-        return _near_is_white(image)
+        return _to_gray(image)
     if image.encoding not in _CONVERSIONS:
         raise UnsupportedPicture(f"pictures of encoding {image.encoding[:40]!r} are not supported")
     channels = _CHANNELS.get(image.encoding, 1)
@@ -87,8 +90,8 @@ def _colors(image: RawImage) -> Pixels:
     return converted
 
 
-def _near_is_white(image: RawImage) -> Pixels:
-    """Distances, or gray of 16 bits, as gray of 8 bits."""
+def _to_gray(image: RawImage) -> Pixels:
+    """Convert a depth image, or a gray image of 16 bits, to 8 bits of gray."""
     kind = np.dtype(_WIDE[image.encoding]).newbyteorder(">" if image.big_endian else "<")
     values = _rows(image, kind, 1)[:, :, 0]
     if image.encoding == "mono16":
@@ -109,7 +112,7 @@ def _rows(image: RawImage, kind: np.dtype[Any], channels: int) -> Pixels:
     return np.ascontiguousarray(rows[:, :used_bytes]).view(kind).reshape(image.height, image.width, channels)
 
 
-def _written(pixels: Pixels, quality: int, width_px: int, rotated: bool) -> bytes:
+def _to_jpeg(pixels: Pixels, quality: int, width_px: int, rotated: bool) -> bytes:
     cv2 = _opencv()
     if width_px and width_px != pixels.shape[1]:
         height_px = max(1, round(pixels.shape[0] * width_px / pixels.shape[1]))
@@ -122,14 +125,14 @@ def _written(pixels: Pixels, quality: int, width_px: int, rotated: bool) -> byte
     try:
         done, encoded = cv2.imencode(".jpg", pixels, (cv2.IMWRITE_JPEG_QUALITY, quality))
     except cv2.error as error:
-        raise UnsupportedPicture(f"it can't be written as JPEG: {error.err}") from error
+        raise UnsupportedPicture(f"the picture can't be written as JPEG: {error.err}") from error
     if not done:
-        raise UnsupportedPicture("it can't be written as JPEG")
+        raise UnsupportedPicture("the picture can't be written as JPEG")
     return bytes(encoded)
 
 
 def _opencv() -> Any:
-    """OpenCV, loaded where it is needed: a robot whose cameras publish JPEG needs none."""
+    """Import OpenCV only when it is needed: a robot whose cameras publish JPEG works without it."""
     try:
         import cv2
     except ImportError as error:

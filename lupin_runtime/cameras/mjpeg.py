@@ -1,4 +1,4 @@
-"""The stream of JPEG pictures that browsers show in an <img>: `multipart/x-mixed-replace`."""
+"""Motion JPEG, the stream of pictures that browsers show in an <img>: `multipart/x-mixed-replace`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 BOUNDARY = "lupin-frame"
 CONTENT_TYPE = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
-# A browser shows a picture when the next boundary has arrived: it follows each picture at once, and comes first of all.
+# A browser shows a picture once the next boundary has arrived, so the boundary is sent right after each picture, and this one
+# before the first.
 OPENING = f"--{BOUNDARY}\r\n".encode()
 MAX_PICTURE_BYTES = 16_000_000
 _MAX_HEADER_BYTES = 2000
@@ -14,22 +15,22 @@ _END_OF_HEADER = b"\r\n\r\n"
 
 
 class MalformedStream(ValueError):
-    """Bytes that are not a stream of this server's."""
+    """The data is not a stream in this format."""
 
 
 def part(jpeg: bytes, stamp_ns: int) -> bytes:
-    """One picture with its header, and the boundary behind it. X-Timestamp is in seconds, as web_video_server's."""
+    """Return a picture with its header and the boundary after it. X-Timestamp is in seconds, as in web_video_server."""
     header = f"Content-Type: image/jpeg\r\nX-Timestamp: {stamp_text(stamp_ns)}\r\nContent-Length: {len(jpeg)}\r\n\r\n"
     return b"".join((header.encode(), jpeg, b"\r\n", OPENING))
 
 
 def stamp_text(stamp_ns: int) -> str:
-    """A stamp in seconds."""
+    """Format a stamp in seconds."""
     return f"{stamp_ns // 1_000_000_000}.{stamp_ns % 1_000_000_000:09d}"
 
 
 def stamp_ns_of(text: str) -> int:
-    """The stamp in an X-Timestamp. Raises MalformedStream."""
+    """Parse an X-Timestamp header, and return the stamp in ns. Raises MalformedStream."""
     seconds, _, fraction = text.strip().partition(".")
     if not (seconds.isdecimal() and len(seconds) <= 12 and (fraction or "0").isdecimal() and len(fraction) <= 9):
         raise MalformedStream(f"{text[:40]!r} is not a time")
@@ -37,14 +38,14 @@ def stamp_ns_of(text: str) -> int:
 
 
 class PartReader:
-    """Takes a stream apart that arrives in pieces."""
+    """Splits a stream that arrives in chunks into pictures."""
 
     def __init__(self) -> None:
         self._data = bytearray()
         self._picture: tuple[int, int] | None = None  # length in bytes, and stamp, of the picture that is arriving
 
     def feed(self, data: bytes) -> Iterator[tuple[bytes, int]]:
-        """The pictures that are complete now, each with its stamp in ns. Raises MalformedStream."""
+        """Add a chunk; yields the pictures that are now complete, each with its stamp in ns. Raises MalformedStream."""
         self._data += data
         while True:
             if self._picture is None:

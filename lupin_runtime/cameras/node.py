@@ -19,14 +19,14 @@ from lupin_runtime.ros.raw_subscription import RawSubscription
 from lupin_runtime.ros.ros_thread import RosThread
 from lupin_runtime.stack.table import VIDEO_PORT
 
-_GRAPH_S = 5.0
-_FOLLOW_S = 1.0
+_GRAPH_TIMEOUT_S = 5.0
+_FOLLOW_PERIOD_S = 1.0
 
 
 class VideoServer(LupinNode):
     """The video server as a node.
 
-    Parameters: `host` and `port` (0: any free one). Raises OSError where the port is in use.
+    Parameters: `host` and `port` (0: any free one). Raises OSError if the port is in use.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
@@ -40,12 +40,12 @@ class VideoServer(LupinNode):
             self.destroy_node()
             if error.errno == errno.EADDRINUSE:
                 raise OSError(
-                    errno.EADDRINUSE, f"port {port} is in use; see its owner with: ss -ltnp 'sport = :{port}'"
+                    errno.EADDRINUSE, f"port {port} is in use; show its owner with: ss -ltnp 'sport = :{port}'"
                 ) from error
             raise
         self.port = self._server.port
         self._server.start()
-        self.create_timer(_FOLLOW_S, self._graph.follow_publishers, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(_FOLLOW_PERIOD_S, self._graph.follow_publishers, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(f"video: http://{host}:{self.port}/")
 
     def before_shutdown(self) -> None:
@@ -54,7 +54,7 @@ class VideoServer(LupinNode):
 
 
 class _Graph:
-    """The graph's topics, for threads other than the executor's."""
+    """Gives threads other than the executor's access to the graph's topics."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -62,21 +62,21 @@ class _Graph:
         self._subscriptions: set[RawSubscription] = set()
 
     def publishers(self) -> Mapping[str, Sequence[str]]:
-        """The topics that have a publisher, with their types."""
-        published: dict[str, Sequence[str]] = self._answer(self._published)
+        """Return the image topics that have a publisher, with their types. Raises GraphSilent."""
+        published: dict[str, Sequence[str]] = self._call(self._published)
         return published
 
     def subscribe(self, source: Source, receive: Callable[[bytes], None]) -> Callable[[], None]:
-        """Receive a topic's messages until the returned function is called."""
-        subscription: RawSubscription = self._answer(lambda: self._open(source, receive))
+        """Receive a topic's messages until the returned function is called. Raises GraphSilent."""
+        subscription: RawSubscription = self._call(lambda: self._open(source, receive))
 
-        def leave() -> None:
+        def unsubscribe() -> None:
             self._ros.run(lambda: self._close(subscription))
 
-        return leave
+        return unsubscribe
 
     def follow_publishers(self) -> None:
-        """Open the subscriptions again whose publishers now offer another QoS."""
+        """Reopen subscriptions whose publishers now offer another QoS."""
         for subscription in self._subscriptions:
             subscription.follow_publishers()
 
@@ -97,9 +97,9 @@ class _Graph:
         self._subscriptions.discard(subscription)
         subscription.close()
 
-    def _answer(self, function: Callable[[], Any]) -> Any:
-        """What a function returns on the executor's thread. Raises GraphSilent."""
+    def _call(self, function: Callable[[], Any]) -> Any:
+        """Call a function on the executor's thread and return its result. Raises GraphSilent."""
         try:
-            return self._ros.run(function).result(_GRAPH_S)
+            return self._ros.run(function).result(_GRAPH_TIMEOUT_S)
         except concurrent.futures.TimeoutError as error:
-            raise GraphSilent(f"the graph has not responded for {_GRAPH_S:g} s") from error
+            raise GraphSilent(f"the graph has not responded for {_GRAPH_TIMEOUT_S:g} s") from error

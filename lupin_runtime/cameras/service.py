@@ -1,6 +1,6 @@
-"""The robot's cameras, as a systemd service: `python -m lupin_runtime.cameras.service`.
+"""The robot's camera service, run by systemd: `python -m lupin_runtime.cameras.service`.
 
-It runs the vendor's drivers as `/etc/lupin/cameras.yaml` says, and the video server.
+It runs the vendor's drivers as configured in `/etc/lupin/cameras.yaml`, and the video server.
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ from lupin_runtime.cameras.configuration import read_configuration
 from lupin_runtime.stack.service import exit_with, serve
 from lupin_runtime.stack.table import ROBOT_CAMERAS, Options
 
-WATCHED = ("video",)  # systemd restarts the unit where it does not respond
+WATCHED = ("video",)  # systemd restarts the unit if one of these processes does not respond
 
 
 def camera_options() -> Options:
-    """The options that select the processes of the service."""
+    """Return the options that select the processes of the service."""
     off = dict.fromkeys(("slam", "navigation", "twin", "perception", "flowers", "mission", "record"), False)
     return Options(target=ROBOT_CAMERAS, **off)  # type: ignore[arg-type]
 
 
 def main() -> int:
-    """Run until a signal arrives; returns the exit status, 1 where the configuration is malformed."""
+    """Run until a signal arrives; returns the exit status, 1 if the configuration cannot be read."""
     try:
         read_configuration()
     except (MalformedFile, OSError) as error:
-        print(f"error: {error}", file=sys.stderr, flush=True)  # a word by which the doctor finds the line
+        print(f"error: {error}", file=sys.stderr, flush=True)  # the doctor finds the line by the word "error"
         return 1
     return serve(camera_options(), WATCHED)
 

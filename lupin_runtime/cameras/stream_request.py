@@ -1,6 +1,6 @@
-"""What a client asks of the video server: the query of its URL, and the topic that answers it.
+"""Parses what a client requests from the video server, and chooses the topic that provides it.
 
-The parameters are web_video_server's, which other pages and programs already send.
+The parameters are web_video_server's, so that existing pages and programs work.
 """
 
 from __future__ import annotations
@@ -12,38 +12,38 @@ from dataclasses import dataclass
 IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 COMPRESSED = "/compressed"
 MAX_WIDTH_PX = 4096
-# Of those that web_video_server offers; the others are of codecs that no <img> shows.
+# The supported ones of web_video_server's types; an <img> cannot show the others.
 _TYPES = ("mjpeg", "ros_compressed")
 _IGNORED = ("default_transport", "qos_profile", "height", "frame_rate", "_")
 _TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 
 class BadRequest(ValueError):
-    """A query that the server does not understand, with the reason as text."""
+    """A query that the server does not understand; the text is the reason."""
 
 
 class NoSuchCamera(LookupError):
-    """No node publishes pictures on the topic; the text lists those that are there."""
+    """No node publishes pictures on the topic; the text lists the cameras that exist."""
 
 
 @dataclass(frozen=True)
 class StreamRequest:
-    """Pictures of a topic. A quality or width of 0 is the camera's own."""
+    """A request for the pictures of a topic. A quality or width of 0 leaves the camera's own."""
 
     topic: str
     quality: int = 0  # 1 to 100
     width_px: int = 0
-    rotated: bool = False  # by half a turn
+    rotated: bool = False  # by 180°
 
     @property
     def unchanged(self) -> bool:
-        """Whether a camera's JPEG pictures are passed through as they are."""
+        """Whether a camera's JPEG pictures are forwarded unchanged."""
         return not (self.quality or self.width_px or self.rotated)
 
     def query(self) -> dict[str, str]:
-        """The query that asks for it."""
-        wishes = {"quality": self.quality, "width": self.width_px, "invert": int(self.rotated)}
-        return {"topic": self.topic, **{name: str(value) for name, value in wishes.items() if value}}
+        """Return the query that describes this request."""
+        parameters = {"quality": self.quality, "width": self.width_px, "invert": int(self.rotated)}
+        return {"topic": self.topic, **{name: str(value) for name, value in parameters.items() if value}}
 
 
 @dataclass(frozen=True)
@@ -55,18 +55,18 @@ class Source:
 
 
 def read_request(query: Mapping[str, str]) -> StreamRequest:
-    """The request that a query describes. Raises BadRequest."""
+    """Parse a query. Raises BadRequest."""
     unknown = sorted(set(query) - {"topic", "quality", "width", "invert", "type", *_IGNORED})
     if unknown:
         raise BadRequest(f"unknown parameter {unknown[0][:40]!r}; known: topic, quality, width, invert, type")
     topic = query.get("topic", "")
     if not topic:
-        raise BadRequest("which camera? e.g. ?topic=/camera/image_raw; /streams lists them")
+        raise BadRequest("the topic is missing; for example ?topic=/camera/image_raw; /streams lists the cameras")
     name = topic if topic.startswith("/") else f"/{topic}"
     if len(name) > 256 or not _TOPIC.fullmatch(name):
         raise BadRequest(f"{topic[:80]!r} is not the name of a topic")
     if query.get("type", "mjpeg") not in _TYPES:
-        raise BadRequest(f"type {query['type'][:40]!r} is not supported; there are: {', '.join(_TYPES)}")
+        raise BadRequest(f"type {query['type'][:40]!r} is not supported; supported: {', '.join(_TYPES)}")
     return StreamRequest(
         name.removesuffix(COMPRESSED),
         _number(query, "quality", 1, 100),
@@ -76,35 +76,34 @@ def read_request(query: Mapping[str, str]) -> StreamRequest:
 
 
 def choose_source(request: StreamRequest, publishers: Mapping[str, Sequence[str]]) -> Source:
-    """The topic to take the pictures from: the camera's JPEG companion if it has one. Raises NoSuchCamera.
+    """Choose the topic to take the pictures from: preferably the camera's JPEG topic. Raises NoSuchCamera.
 
     `publishers` are the topics that have a publisher, with their types.
     """
-    companion = request.topic + COMPRESSED
-    for topic in (companion, request.topic):
+    for topic in (request.topic + COMPRESSED, request.topic):
         if COMPRESSED_IMAGE in publishers.get(topic, ()):
             return Source(topic, compressed=True)
     if IMAGE in publishers.get(request.topic, ()):
         return Source(request.topic, compressed=False)
-    there = ", ".join(cameras(publishers)) or "none"
-    raise NoSuchCamera(f"no node publishes pictures on {request.topic}; cameras: {there}")
+    existing = ", ".join(cameras(publishers)) or "none"
+    raise NoSuchCamera(f"no node publishes pictures on {request.topic}; cameras: {existing}")
 
 
 def cameras(publishers: Mapping[str, Sequence[str]]) -> list[str]:
-    """The topics to ask for, each once however it is published."""
+    """Return the topics that can be requested, each once, even if it is published both raw and compressed."""
     pictures = (
         topic
         for topic, types in publishers.items()
-        if (IMAGE in types or COMPRESSED_IMAGE in types) and not topic.endswith("/compressedDepth")  # no browser shows those
+        if (IMAGE in types or COMPRESSED_IMAGE in types) and not topic.endswith("/compressedDepth")  # browsers cannot show it
     )
     return sorted({topic.removesuffix(COMPRESSED) for topic in pictures})
 
 
 def _number(query: Mapping[str, str], name: str, low: int, high: int) -> int:
-    """A whole number; 0 where the query has none."""
+    """Parse a whole number; 0 if the query does not set it."""
     text = query.get(name, "")
-    if not text or text in ("0", "-1"):  # what pages send that have no wish
+    if not text or text in ("0", "-1"):  # some pages send these instead of leaving the parameter out
         return 0
     if not re.fullmatch(r"[0-9]{1,5}", text) or not low <= int(text) <= high:
-        raise BadRequest(f"{name} is a whole number from {low} to {high}, not {text[:40]!r}")
+        raise BadRequest(f"{name} must be a whole number from {low} to {high}, not {text[:40]!r}")
     return int(text)

@@ -1,6 +1,6 @@
-"""The streams that clients watch: one subscription per camera, and one encoding per wish, whatever the number of clients.
+"""The streams that clients watch. Any number of clients share one subscription per camera and one encoding per request.
 
-A camera's subscription begins with its first client and ends with its last.
+A camera is subscribed to only while it has clients.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from lupin_runtime.cameras.image_message import MalformedImage, read_compressed,
 from lupin_runtime.cameras.jpeg import DEFAULT_QUALITY, UnsupportedPicture, encode, is_jpeg, transcode
 from lupin_runtime.cameras.stream_request import Source, StreamRequest, cameras, choose_source
 
-_RATE_FRAMES = 30  # that a rate is measured over
-_WORKER_WAIT_S = 1.0
+_RATE_FRAMES = 30  # the frame rate is measured over this many intervals
+_WORKER_CHECK_PERIOD_S = 1.0
 
 
 class GraphSilent(RuntimeError):
@@ -25,54 +25,57 @@ class GraphSilent(RuntimeError):
 
 
 class Cameras(Protocol):
-    """The graph, as the streams need it. The methods raise GraphSilent."""
+    """The part of the graph that the streams need. The methods raise GraphSilent."""
 
     def publishers(self) -> Mapping[str, Sequence[str]]:
-        """The topics that have a publisher, with their types."""
+        """Return the image topics that have a publisher, with their types."""
 
     def subscribe(self, source: Source, receive: Callable[[bytes], None]) -> Callable[[], None]:
-        """Receive a topic's serialized messages, on any thread, until the returned function is called, which never waits."""
+        """Call `receive`, on any thread, with a topic's serialized messages until the returned function is called.
+
+        That function does not block.
+        """
 
 
 class VideoStreams:
-    """All methods may be called on any thread; they wait for the graph, which bounds each of its answers."""
+    """All methods may be called on any thread. They wait for the graph, each time for a limited time only."""
 
     def __init__(self, graph: Cameras, warn: Callable[[str], None]) -> None:
         self._graph = graph
         self._warn = warn
-        # Held while a subscription begins or ends. Whoever receives messages never takes it.
+        # Held while a subscription is opened or closed. Threads that receive messages never take it.
         self._lock = threading.Lock()
         self._feeds: dict[Source, _Feed] = {}
 
     @contextmanager
     def watch(self, request: StreamRequest) -> Iterator[NewestFrame]:
-        """The frames that a request asks for. Raises NoSuchCamera and GraphSilent."""
+        """Provide the frames that match a request. Raises NoSuchCamera and GraphSilent."""
         source = choose_source(request, self._graph.publishers())
         with self._lock:
             feed = self._feeds.get(source)
             if feed is None:
                 feed = _Feed(source, self._warn)
-                feed.leave = self._graph.subscribe(source, feed.receive)
+                feed.unsubscribe = self._graph.subscribe(source, feed.receive)
                 self._feeds[source] = feed
             view = feed.join(request)
         try:
             yield view.frames
         finally:
             with self._lock:
-                feed.part(request)
+                feed.leave(request)
                 if not feed.views:
                     del self._feeds[source]
-                    feed.leave()
+                    feed.unsubscribe()
 
     def close(self) -> None:
-        """Wake all who wait for a frame of a stream that is open; none follows."""
+        """Wake all threads that wait for a frame of an open stream; no more frames follow."""
         with self._lock:
             for feed in self._feeds.values():
                 for view in feed.views.values():
                     view.close()
 
     def describe(self) -> list[dict[str, Any]]:
-        """The cameras of the graph: topic, whether they publish JPEG, and of those that are watched, clients and rate."""
+        """List the cameras on the graph: topic, whether it publishes JPEG, and if it is watched, clients, rate and age."""
         publishers = self._graph.publishers()
         rows = []
         for topic in cameras(publishers):
@@ -84,11 +87,11 @@ class VideoStreams:
 
 
 class _Feed:
-    """One camera's messages, and the views of them that clients watch."""
+    """One camera's subscription, and the views of it that clients watch."""
 
     def __init__(self, source: Source, warn: Callable[[str], None]) -> None:
         self.source = source
-        self.leave: Callable[[], None] = lambda: None
+        self.unsubscribe: Callable[[], None] = lambda: None
         self.views: dict[StreamRequest, _View] = {}
         self._warn = warn
         self._watched: tuple[_View, ...] = ()  # replaced as a whole, because `receive` takes no lock
@@ -102,7 +105,7 @@ class _Feed:
         view.clients += 1
         return view
 
-    def part(self, request: StreamRequest) -> None:
+    def leave(self, request: StreamRequest) -> None:
         view = self.views[request]
         view.clients -= 1
         if not view.clients:
@@ -130,15 +133,15 @@ class _Feed:
 
 
 class _View:
-    """One camera's frames in the quality and width that some clients asked for.
+    """One camera's frames in one quality, width and orientation, as some clients asked for.
 
-    Pictures that need work are encoded on a thread of the view, the newest first, so that a camera is never held up.
+    Pictures that must be encoded are encoded on the view's own thread. It skips to the newest, so that no messages pile up.
     """
 
     def __init__(self, source: Source, request: StreamRequest, warn: Callable[[str], None]) -> None:
         self.frames = NewestFrame()
         self.clients = 0
-        self.error = ""  # why the last message gave no frame
+        self.error = ""  # why the last message yielded no frame
         self._source, self._request, self._warn = source, request, warn
         self._messages = NewestFrame()
         self._worker: threading.Thread | None = None
@@ -158,7 +161,7 @@ class _View:
         self.frames.close()
 
     def _pass_on(self, message: bytes) -> bool:
-        """Pass a JPEG picture on as it is; False where it is none."""
+        """Forward a JPEG picture unchanged. Return False if the picture is not JPEG; malformed messages are dropped."""
         try:
             picture = read_compressed(message)
         except MalformedImage as error:
@@ -173,7 +176,7 @@ class _View:
     def _work(self) -> None:
         number = 0
         while not self._closed:
-            message = self._messages.after(number, _WORKER_WAIT_S)
+            message = self._messages.after(number, _WORKER_CHECK_PERIOD_S)
             if message is None:
                 continue
             number = message.number
@@ -194,7 +197,7 @@ class _View:
         return encode(image, quality, request.width_px, request.rotated), image.stamp_ns
 
     def _note(self, error: str) -> None:
-        """Log an error once, until a frame comes or another error."""
+        """Store an error, and log it unless it is the same as the last one."""
         if error != self.error:
             self._warn(f"{self._source.topic} is not shown: {error}")
         self.error = error

@@ -1,1 +1,1 @@
-"""The console's server: rosbridge protocol, rosapi, sessions with authority, and the page, behind one origin."""
+"""The console: a server that offers browsers and other programs the graph through rosbridge, rosapi, an API and a page."""

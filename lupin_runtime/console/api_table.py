@@ -1,4 +1,4 @@
-"""The routes of the API as a table, from which its OpenAPI description is generated."""
+"""The API's routes as a table, from which the OpenAPI description is generated."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from aiohttp import web
 
 from lupin_runtime.console.authority import Session
 
-SESSION = web.RequestKey("session", Session)  # who sent a request
+SESSION = web.RequestKey("session", Session)  # the session that sent a request
 OPENAPI_PATH = "/_api/openapi.json"
 
 
 @dataclass(frozen=True)
 class Resource:
-    """A route: its path with `{names}`, the handler, what it does, and for POST the properties of the JSON object it takes.
+    """A route: its path with `{placeholders}`, handler and summary.
 
-    Every route but those that are `open` needs a paired browser. A property is described by its JSON schema.
+    `body` has the JSON schema of each property of the object that a POST takes; None for a GET. An `open` route may also be
+    used by browsers that are not paired.
     """
 
     path: str
@@ -30,12 +31,12 @@ class Resource:
 
     @property
     def method(self) -> str:
-        """POST where it takes an object, and else GET."""
+        """POST if the route takes a JSON object, GET otherwise."""
         return "GET" if self.body is None else "POST"
 
 
 async def json_object(request: web.Request) -> dict[str, Any]:
-    """The JSON object that a request carries. Raises HTTPBadRequest."""
+    """Read the JSON object in a request's body. Raises HTTPBadRequest."""
     try:
         body = await request.json()
     except (ValueError, RecursionError) as error:
@@ -46,7 +47,7 @@ async def json_object(request: web.Request) -> dict[str, Any]:
 
 
 def add_resources(application: web.Application, resources: Sequence[Resource]) -> None:
-    """Add the routes of a table to an application, and the description of all of them."""
+    """Add the routes of a table to an application, and one that serves their description."""
 
     async def answer(_: web.Request) -> web.StreamResponse:
         return web.json_response(describe(described))
@@ -57,7 +58,7 @@ def add_resources(application: web.Application, resources: Sequence[Resource]) -
 
 
 def describe(resources: Sequence[Resource]) -> dict[str, Any]:
-    """The OpenAPI description of a table of routes."""
+    """Return the OpenAPI description of a table of routes."""
     paths: dict[str, Any] = {}
     for resource in resources:
         names = re.findall(r"{(\w+)}", resource.path)
@@ -73,7 +74,7 @@ def describe(resources: Sequence[Resource]) -> dict[str, Any]:
             schema = {"type": "object", "properties": resource.body}
             operation["requestBody"] = {"required": True, "content": {"application/json": {"schema": schema}}}
             operation["responses"]["400"] = {"description": "the request is malformed"}
-            operation["responses"]["403"] = {"description": "this browser may not do that; the text says why"}
+            operation["responses"]["403"] = {"description": "this session may not do that; the text says why"}
         paths.setdefault(resource.path, {})[resource.method.lower()] = operation
     return {
         "openapi": "3.1.0",

@@ -1,6 +1,7 @@
-"""Who may do what: roles, the allow-lists of the graph's table, and the lease of the one session that drives.
+"""Who may do what: roles, the allow-lists from the graph's table, and the operator lease.
 
-Everybody may look and stop. Only a session that holds the lease moves anything or releases the stop.
+Everybody may watch and stop the robot. One session at a time holds the operator lease, which messages call "control"; only that
+session may move anything or release the stop.
 """
 
 from __future__ import annotations
@@ -12,27 +13,27 @@ from dataclasses import dataclass
 from lupin_runtime import graph
 from lupin_runtime.console.interfaces import absolute
 
-LEASE_SILENCE_S = 5.0  # after this silence of its holder, the lease is free for others
-REQUEST_S = 10.0  # the holder answers a request for the lease within this time, or it is refused
+LEASE_TIMEOUT_S = 5.0  # a holder that has been silent for this long loses the operator lease
+REQUEST_TIMEOUT_S = 10.0  # a request for control that the holder has not answered after this time counts as refused
 _CANCEL = "/_action/cancel_goal"
 READ_ONLY_PREFIX = "/rosapi/"
 _WRITES = ("/rosapi/set_param", "/rosapi/delete_param")
 
 
 class Role(enum.Enum):
-    """What a session may ask for: a viewer looks and stops, an operator may take the lease."""
+    """What a session may do: a viewer may watch and stop the robot, an operator may also take control."""
 
     VIEWER = "viewer"
     OPERATOR = "operator"
 
 
 class Refused(PermissionError):
-    """A request that the session may not make; the text is the reason and what to do."""
+    """A request that the session may not make; the text gives the reason, and what to do if anything helps."""
 
 
 @dataclass(frozen=True)
 class Session:
-    """A paired browser or a local client."""
+    """A paired browser, or one program that is connected to rosbridge."""
 
     name: str
     role: Role
@@ -40,7 +41,7 @@ class Session:
 
 @dataclass(frozen=True)
 class LeaseState:
-    """Who drives, and since when; who asks for it, and since when. None where nobody does."""
+    """Who has control, and who is asking for it, each with the time since when; None stands for nobody."""
 
     holder: str | None
     since_ns: int
@@ -49,26 +50,27 @@ class LeaseState:
 
 
 class Authority:
-    """Decides over requests. `journal` gets a line for every change of the lease. Times are monotonic nanoseconds.
+    """Decides which requests are allowed, and who holds the operator lease. Times are monotonic nanoseconds.
 
-    `unlisted` also opens to everybody what the graph's table does not have, for development and tests.
+    `log_change` is called with a line of text for every change of the lease. With `allow_unlisted`, for development and
+    tests, everybody may also use topics, services and actions that the graph's table does not contain.
     """
 
-    def __init__(self, journal: Callable[[str], None], *, unlisted: bool = False) -> None:
-        self._journal = journal
-        self._unlisted = unlisted
+    def __init__(self, log_change: Callable[[str], None], *, allow_unlisted: bool = False) -> None:
+        self._log_change = log_change
+        self._allow_unlisted = allow_unlisted
         self._topics = {row.name: row.console for row in graph.topics()}
         self._services = {row.name: row.console for row in graph.services()}
         self._actions = {absolute(row.name): row.console for row in graph.actions()}
         self._holder: Session | None = None
-        self._since_ns = self._seen_ns = 0
+        self._since_ns = self._last_alive_ns = 0
         self._requester: Session | None = None
         self._requested_ns = 0
         self._listeners: list[Callable[[], None]] = []
 
-    # -- the lease ----------------------------------------------------------------------------------------------------
+    # -- the operator lease -------------------------------------------------------------------------------------------
     def lease(self, now_ns: int) -> LeaseState:
-        """Who holds the lease."""
+        """Return who holds the lease and who is asking for it."""
         self._expire(now_ns)
         holder, requester = self._holder, self._requester
         return LeaseState(
@@ -76,128 +78,142 @@ class Authority:
         )
 
     def on_change(self, listener: Callable[[], None]) -> None:
-        """Call `listener` after every change of the lease's holder or requester."""
+        """Call `listener` whenever the lease's holder or requester changes."""
         self._listeners.append(listener)
 
     def holds(self, session: Session, now_ns: int) -> bool:
-        """Whether a session holds the lease."""
+        """Return whether a session holds the lease."""
         self._expire(now_ns)
         return self._holder is session
 
-    def take(self, session: Session, now_ns: int, *, from_holder: bool = False) -> None:
-        """Give the lease to an operator where it is free; `from_holder` also takes it from its holder. Raises Refused."""
+    def take(self, session: Session, now_ns: int, *, take_over: bool = False) -> None:
+        """Give the lease to an operator if it is free, or with `take_over` also if somebody holds it. Raises Refused.
+
+        For the holder, this counts as a sign of life.
+        """
         self._expire(now_ns)
         if session.role is not Role.OPERATOR:
-            raise Refused(f"{session.name} is a viewer; pair this browser as operator to drive")
+            raise Refused(f"{session.name} is a viewer; to drive, pair this browser as operator")
         if self._holder is session:
-            self._seen_ns = now_ns
+            self._last_alive_ns = now_ns
             return
-        if self._holder is not None and not from_holder:
+        if self._holder is not None and not take_over:
             since_s = (now_ns - self._since_ns) / 1e9
             raise Refused(f"{self._holder.name} has had control for {since_s:.0f} s; ask for it or take it over")
-        before = f", taken from {self._holder.name}" if self._holder is not None else ""
-        self._give(session, now_ns, f"{session.name} has control{before}")
+        origin = f", taken from {self._holder.name}" if self._holder is not None else ""
+        self._grant(session, now_ns, f"{session.name} has control{origin}")
 
     def request(self, session: Session, now_ns: int) -> bool:
-        """Ask the holder for the lease; returns whether it was free, and is now this session's. Raises Refused."""
+        """Take the lease if it is free, or else ask its holder for it. Raises Refused.
+
+        Returns True if the session holds the lease now, False if the holder has been asked.
+        """
         self._expire(now_ns)
         if self._holder is None or self._holder is session:
             self.take(session, now_ns)
             return True
         if session.role is not Role.OPERATOR:
-            raise Refused(f"{session.name} is a viewer; pair this browser as operator to drive")
+            raise Refused(f"{session.name} is a viewer; to drive, pair this browser as operator")
         if self._requester not in (None, session):
-            raise Refused(f"{self._requester.name if self._requester else ''} asks for control already")
+            raise Refused(f"{self._requester.name if self._requester else ''} is already asking for control; ask again later")
         if self._requester is None:
             self._requester, self._requested_ns = session, now_ns
-            self._changed(f"{session.name} asks {self._holder.name} for control")
+            self._notify(f"{session.name} asks {self._holder.name} for control")
         return False
 
     def answer(self, session: Session, grant: bool, now_ns: int) -> None:
-        """The holder's answer to a request. Raises Refused from anybody else, and where nobody asks (any more)."""
+        """Grant or refuse the pending request, on behalf of the holder.
+
+        Raises Refused if the session does not hold the lease, or if no request is pending.
+        """
         self._expire(now_ns)
         if self._holder is not session:
             raise Refused(f"{session.name} does not have control")
         requester = self._requester
         if requester is None:
-            raise Refused("nobody asks for control (any more)")
+            raise Refused("nobody is asking for control now")
         if grant:
-            self._give(requester, now_ns, f"{session.name} handed control to {requester.name}")
+            self._grant(requester, now_ns, f"{session.name} handed control to {requester.name}")
         else:
             self._requester = None
-            self._changed(f"{session.name} kept control")
+            self._notify(f"{session.name} kept control")
 
     def give_up(self, session: Session, now_ns: int) -> None:
-        """End a session's lease, if it has it; one that asks for it gets it."""
+        """Withdraw a session's own request, and end its lease if it holds it; the requester, if any, gets the lease."""
         if self._requester is session:
             self._requester = None
         if self._holder is not session:
             return
         if self._requester is not None:
-            self._give(self._requester, now_ns, f"{session.name} left control to {self._requester.name}")
+            self._grant(
+                self._requester, now_ns, f"{session.name} gave up control, and {self._requester.name}, who had asked, has it"
+            )
         else:
             self._holder = None
-            self._changed(f"{session.name} gave up control")
+            self._notify(f"{session.name} gave up control")
 
-    def seen(self, session: Session, now_ns: int) -> None:
-        """Note that a session is alive."""
+    def note_alive(self, session: Session, now_ns: int) -> None:
+        """Note a sign of life of a session, which keeps the lease if it holds it."""
         if self._holder is session:
-            self._seen_ns = now_ns
+            self._last_alive_ns = now_ns
 
-    def _give(self, session: Session, now_ns: int, line: str) -> None:
-        self._holder, self._since_ns, self._seen_ns = session, now_ns, now_ns
+    def _grant(self, session: Session, now_ns: int, line: str) -> None:
+        self._holder, self._since_ns, self._last_alive_ns = session, now_ns, now_ns
         self._requester = None
-        self._changed(line)
+        self._notify(line)
 
     def _expire(self, now_ns: int) -> None:
-        if self._holder is not None and now_ns - self._seen_ns > LEASE_SILENCE_S * 1e9:
-            line = f"{self._holder.name} lost control after {LEASE_SILENCE_S:g} s of silence"
+        if self._holder is not None and now_ns - self._last_alive_ns > LEASE_TIMEOUT_S * 1e9:
+            line = f"{self._holder.name} lost control after {LEASE_TIMEOUT_S:g} s of silence"
             self._holder = self._requester = None
-            self._changed(line)
-        if self._requester is not None and now_ns - self._requested_ns > REQUEST_S * 1e9:
-            line = f"{self._requester.name} got no answer within {REQUEST_S:g} s"
+            self._notify(line)
+        if self._requester is not None and now_ns - self._requested_ns > REQUEST_TIMEOUT_S * 1e9:
+            line = f"{self._requester.name} asked for control and got no answer within {REQUEST_TIMEOUT_S:g} s"
             self._requester = None
-            self._changed(line)
+            self._notify(line)
 
-    def _changed(self, line: str) -> None:
-        self._journal(line)
+    def _notify(self, line: str) -> None:
+        self._log_change(line)
         for listener in self._listeners:
             listener()
 
     # -- requests -----------------------------------------------------------------------------------------------------
-    def publish(self, session: Session, topic: str, now_ns: int) -> None:
-        """Check that a session may publish on a topic; takes the lease where it is free. Raises Refused."""
-        self._check(session, self._topics, topic, f"publishing on {topic}", now_ns)
+    def check_publish(self, session: Session, topic: str, now_ns: int) -> None:
+        """Check that a session may publish on a topic, and take the lease for it if that is needed. Raises Refused."""
+        self._authorize(session, self._topics, topic, f"publishing on {topic}", now_ns)
 
-    def advertise(self, topic: str) -> None:
-        """Check that clients may publish on a topic at all; announcing moves nothing, so it needs no lease. Raises Refused."""
+    def check_advertise(self, topic: str) -> None:
+        """Check that clients may publish on a topic at all. Takes no lease: advertising moves nothing. Raises Refused."""
         self._rule(self._topics, topic, f"publishing on {topic}")
 
-    def call(self, session: Session, service: str, now_ns: int) -> None:
-        """Check that a session may call a service. Raises Refused."""
+    def check_call(self, session: Session, service: str, now_ns: int) -> None:
+        """Check that a session may call a service, and take the lease for it if that is needed. Raises Refused."""
         service = absolute(service)
         if service.endswith(_CANCEL):
-            return  # to cancel a goal is to stop
+            return  # canceling a goal stops a motion, and everybody may stop
         if service.startswith(READ_ONLY_PREFIX) and service not in _WRITES:
             return
-        self._check(session, self._services, service, f"calling {service}", now_ns)
+        self._authorize(session, self._services, service, f"calling {service}", now_ns)
 
-    def send_goal(self, session: Session, action: str, now_ns: int) -> None:
-        """Check that a session may send a goal. Raises Refused."""
-        self._check(session, self._actions, absolute(action), f"sending goals to {action}", now_ns)
+    def check_send_goal(self, session: Session, action: str, now_ns: int) -> None:
+        """Check that a session may send a goal, and take the lease for it if that is needed. Raises Refused."""
+        self._authorize(session, self._actions, absolute(action), f"sending goals to {action}", now_ns)
 
-    def provide(self, name: str) -> None:
-        """Check that clients may offer a service or an action of this name: none that the graph already has. Raises Refused."""
-        if not self._unlisted or absolute(name) in self._services or absolute(name) in self._actions:
+    def check_provide(self, name: str) -> None:
+        """Check that clients may offer a service or action of this name.
+
+        Only with `allow_unlisted` may they offer any, and never one that the graph's table contains. Raises Refused.
+        """
+        if not self._allow_unlisted or absolute(name) in self._services or absolute(name) in self._actions:
             raise Refused(f"offering {name} is not allowed to clients of the console")
 
-    def _check(self, session: Session, rules: dict[str, str], name: str, what: str, now_ns: int) -> None:
+    def _authorize(self, session: Session, rules: dict[str, str], name: str, what: str, now_ns: int) -> None:
         if self._rule(rules, name, what) == graph.BY_OPERATOR:
             self.take(session, now_ns)
 
     def _rule(self, rules: dict[str, str], name: str, what: str) -> str:
-        # A name that the table lacks may belong to the vendor's motors.
-        rule = rules.get(absolute(name), graph.BY_VIEWER if self._unlisted else graph.BY_NOBODY)
+        # Names that the table lacks are refused too: the vendor's motors, for example, have services that it does not list.
+        rule = rules.get(absolute(name), graph.BY_VIEWER if self._allow_unlisted else graph.BY_NOBODY)
         if rule == graph.BY_NOBODY:
             raise Refused(f"{what} is not allowed to clients of the console")
         return rule

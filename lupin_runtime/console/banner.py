@@ -1,4 +1,4 @@
-"""What `lupin up` prints of the console: where it is, a QR code for a phone, and how it finds the robot."""
+"""What `lupin up` prints about the console: its URLs, a QR code for a phone, and how the robot is discovered."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from lupin_runtime.console.host_addresses import HostAddresses
 from lupin_runtime.stack.dds import DiscoveryMode
 
 QUIET_ZONE = 4  # modules around the code, ISO/IEC 18004
-_HALF_BLOCKS = (" ", "▄", "▀", "█")  # by two modules, the upper one counting twice
-_BLACK_ON_WHITE, _RESET = "\x1b[38;5;16;48;5;231m", "\x1b[0m"  # of the 256 colors, which themes do not change
+_HALF_BLOCKS = (" ", "▄", "▀", "█")  # indexed by 2 * upper module + lower module
+_BLACK_ON_WHITE, _RESET = "\x1b[38;5;16;48;5;231m", "\x1b[0m"  # from the 256-color palette, which themes do not change
 _MIN_COLUMNS = 24
 
 
 @dataclass(frozen=True)
 class Screen:
-    """What the output can show. `interactive`: a person reads it and nothing keeps it, unlike a file or a journal."""
+    """What the output can show. `interactive` means that a person reads it and that it is not stored, as in a log file."""
 
     columns: int
     interactive: bool
@@ -30,13 +30,13 @@ class Screen:
 def screen_of(stream: TextIO, environment: Mapping[str, str]) -> Screen:
     """Describe an output stream.
 
-    The terminal's character set is the locale's: Python may write UTF-8 whatever the terminal shows (PEP 540).
+    The terminal's character set is taken from the locale, because Python may write UTF-8 to any terminal (PEP 540).
     """
     interactive = stream.isatty()
     columns = 80
     if interactive:
         try:
-            columns = os.get_terminal_size(stream.fileno()).columns or columns  # 0: a serial line that does not know
+            columns = os.get_terminal_size(stream.fileno()).columns or columns  # 0 on a serial line of unknown width
         except OSError:
             interactive = False
     locale = next((value for name in ("LC_ALL", "LC_CTYPE", "LANG") if (value := environment.get(name))), "UTF-8")
@@ -51,7 +51,7 @@ def _is_utf8(name: str) -> bool:
 
 @dataclass(frozen=True)
 class ConsoleUrls:
-    """The console's addresses, the one to prefer first: those for other devices, and those for this machine."""
+    """The console's URLs for other devices and for this machine, each in order of preference."""
 
     network: tuple[str, ...]
     local: tuple[str, ...]
@@ -60,10 +60,10 @@ class ConsoleUrls:
 def console_urls(
     reachable: HostAddresses, *, https_port: int | None, http_port: int | None, loopback_only: bool = False
 ) -> ConsoleUrls:
-    """The URLs of a console that serves one port or both.
+    """Return the URLs of a console that serves HTTPS, HTTP or both.
 
-    Other devices get HTTPS first, since browsers give a microphone to secure pages only; this machine plain HTTP, which is
-    secure on localhost and needs no certificate.
+    For other devices HTTPS comes first, because browsers give only secure pages access to a microphone; for this machine HTTP,
+    which counts as secure on localhost and needs no certificate.
     """
     addresses = [f"[{address}]" if address.version == 6 else str(address) for address in reachable.addresses]
     hosts = [] if loopback_only else [*addresses, *(name for name in reachable.names if name.endswith(".local"))]
@@ -86,11 +86,11 @@ def banner(
     pairing_url: str | None = None,
     notes: Iterable[str] = (),
 ) -> str:
-    """The banner's lines, the last one ended too.
+    """Return the banner's text, with a final newline.
 
-    `pairing_url` carries a one-time code, best in its fragment, which browsers do not send and pages can remove. It is in the
-    QR code instead of the first URL for other devices, and is shown on interactive screens only, so that no log keeps it.
-    `notes` are sentences such as those of `Certificates.notes`.
+    `pairing_url` contains a one-time code, preferably in its fragment, which browsers do not send and pages can remove. It
+    replaces the first network URL in the QR code, and is shown only on interactive screens, so that no log contains it.
+    `notes` are sentences such as those in `Certificates.notes`.
     """
     rows: list[tuple[str, Sequence[str]]] = [("network", urls.network), ("this machine", urls.local)]
     rows.append(("DDS", [mode.sentence]))
@@ -107,7 +107,7 @@ def banner(
 
 
 def _table(rows: Sequence[tuple[str, Sequence[str]]], columns: int) -> list[str]:
-    """A label beside its values, or above them where the screen is too narrow, so that no URL is broken."""
+    """Lay out each label beside its values, or above them if the screen is too narrow, so that no URL is wrapped."""
     width = max(len(label) for label, _ in rows) + 2
     if 2 + width + max(len(value) for _, values in rows for value in values) > columns:
         return [line for label, values in rows for line in (f"  {label}", *values)]
@@ -128,20 +128,20 @@ def _paragraph(text: str, columns: int) -> list[str]:
 
 
 def _printable(text: str) -> str:
-    """Text of an environment or a host may hold control characters, which a terminal would obey."""
+    """Replace control characters, which environment variables and host names may contain and a terminal would obey."""
     return "".join(character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text)
 
 
 def qr_lines(text: str, screen: Screen) -> list[str]:
-    """The QR code of `text` in half blocks: two rows of modules in a line. Where the screen is too narrow, a line that says so.
+    """Draw the QR code of `text` in half blocks, two rows of modules per line; or a line that says that it does not fit.
 
-    With color it is black on white, whatever the terminal's theme; without, light blocks on a dark background are assumed.
+    With color it is black on white, whatever the terminal's theme. Without, the terminal's background is assumed to be dark.
     """
     import segno
 
     rows = [list(row) for row in segno.make_qr(text, error="l").matrix_iter(border=QUIET_ZONE)]
     if len(rows[0]) > screen.columns:
-        return [f"(a QR code needs {len(rows[0])} columns)"]
+        return [f"(the QR code needs {len(rows[0])} columns)"]
     light = 0 if screen.color else 1
     rows = [[module ^ light for module in row] for row in rows]
     if len(rows) % 2:

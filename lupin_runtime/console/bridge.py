@@ -1,7 +1,7 @@
-"""What all clients share: topics, services, actions, the lease and the stop, between the event loop and the graph.
+"""Connects the clients to the graph: topics, services, actions, the operator lease and the stop.
 
-Methods are called on the event loop. What touches the graph is handed to the executor's thread, in the order of the calls, and
-reports its failures to the client as `status`.
+Methods are called on the event loop. Work on the graph is passed to the executor's thread, in the order of the calls; its
+errors are reported to the client as `status`.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from lupin_runtime.ros.ros_thread import RosThread
 
 STOP_PERIOD_S = 0.5
 _UPKEEP_S = 0.5
-# Requests of one client that wait for the executor; the server reads no more from a client that has more.
+# How many requests of one client may wait for the executor; beyond that the server reads nothing more from the client.
 MAX_WAITING = 200
 
 Done = Callable[[bool, Any], None]
 
 
 class Client(Receiver, Hashable, Protocol):
-    """A client, as the bridge sees it. Its methods may be called on any thread."""
+    """A client of the bridge. Its methods may be called on any thread."""
 
     session: Session
 
@@ -52,12 +52,12 @@ class Client(Receiver, Hashable, Protocol):
         """Queue a message of the protocol."""
 
     def status(self, level: str, text: str, identifier: Any = None) -> None:
-        """Report what has no answer."""
+        """Report an error of a request to which the protocol has no answer."""
 
 
 @dataclass
-class _OnGraph:
-    """What a client has on the graph. Its requests are counted on the event loop, and as handled on the executor's thread."""
+class _GraphResources:
+    """What a client has on the graph. `requested` is counted on the event loop, `handled` on the executor's thread."""
 
     services: ServiceProvider
     actions: ActionProvider
@@ -67,11 +67,11 @@ class _OnGraph:
 
 
 class ServiceFailed(RuntimeError):
-    """A service that did not answer, with the reason as text."""
+    """A service call that failed; the text is the reason."""
 
 
 class Bridge:
-    """Shared by all clients. Its node must be spun by a single-threaded executor."""
+    """The one bridge of all clients. Its node must be spun by a single-threaded executor."""
 
     def __init__(
         self,
@@ -81,16 +81,17 @@ class Bridge:
         unregister_after_s: float,
         record: Callable[..., None],
     ) -> None:
-        """`record` is CommandJournal.record, or does as it does."""
+        """`record` has the signature of CommandJournal.record."""
         self.authority = authority
         self.record = record
         authority.on_change(self._end_driving)
         self._node = node
         self._ros = RosThread(node)
-        self._clients: dict[Client, _OnGraph] = {}
+        self._clients: dict[Client, _GraphResources] = {}
         self._stops = StopRegistry()
         self._server = f"{socket.gethostname()} {os.getpid()} {time.time_ns()}"
-        self._releases = 0
+        self._presses = self._releases = 0
+        self._was_stopped = False
         now = node.get_clock().now
         self._now: values.Now = lambda: now().to_msg()
         self._topics = TopicHub(node)
@@ -101,12 +102,12 @@ class Bridge:
         self._stop_output = node.publisher(graph.CONSOLE_STOP)
         self._manual_output = node.publisher(graph.CMD_VEL_MANUAL)
         # Steady time: a stopped /clock must not keep subscriptions from following their publishers.
-        node.create_timer(_UPKEEP_S, self._keep_up, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(_UPKEEP_S, self._maintain, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     # -- clients ------------------------------------------------------------------------------------------------------
     def join(self, client: Client) -> None:
         """Add a client."""
-        self._clients[client] = _OnGraph(
+        self._clients[client] = _GraphResources(
             ServiceProvider(self._node, client.answer, self._now),
             ActionProvider(self._node, client.answer, self._now),
             GoalSender(self._node, client.answer, self._now, self._action_clients),
@@ -114,46 +115,46 @@ class Bridge:
         self._stops.join(client, client.session.name)
 
     def leave(self, client: Client) -> None:
-        """Remove a client and all that it has on the graph. The wheels stop if it was driving."""
-        own = self._clients.pop(client, None)
-        if own is None:
+        """Remove a client and everything that it has on the graph. If it was driving, zero velocity is sent."""
+        resources = self._clients.pop(client, None)
+        if resources is None:
             return
         now_ns = time.monotonic_ns()
         in_control = self.authority.holds(client.session, now_ns)
-        driving = self._stops.leave(client, now_ns, in_control)
-        if driving:
+        was_driving = self._stops.leave(client, now_ns, in_control)
+        if was_driving:
             self._send_zero()
             self.record(client.session.name, "lost while driving")
-        self.state_combined_stop()
+        self.publish_combined_stop()
         if not any(each.session is client.session for each in self._clients):
             self.authority.give_up(client.session, now_ns)
 
         def clean_up() -> None:
             # Goals first: they move the robot.
-            own.goals.close()
-            own.services.close()
-            own.actions.close()
+            resources.goals.close()
+            resources.services.close()
+            resources.actions.close()
             self._topics.leave(client)
             self._publishers.leave(client)
 
         self._ros.run(clean_up).add_done_callback(self._log_failure)
 
-    def overloaded(self, client: Client) -> bool:
-        """Whether so many of a client's requests wait that no more should be read from it."""
-        own = self._clients.get(client)
-        return own is not None and own.requested - own.handled >= MAX_WAITING
+    def is_overloaded(self, client: Client) -> bool:
+        """Return whether so many of a client's requests are waiting that nothing more should be read from it."""
+        resources = self._clients.get(client)
+        return resources is not None and resources.requested - resources.handled >= MAX_WAITING
 
     def log_request(self, session: Session, level: str, text: str) -> None:
-        """Log what the protocol does not answer."""
+        """Log an error of a client's request; other levels are not logged."""
         if level == "error":
             self._node.get_logger().warning(f"{session.name}: {text[:500]}", throttle_duration_sec=1.0)
 
     def _run(self, client: Client, operation: str, function: Callable[[], Any], identifier: Hashable | None = None) -> None:
-        own = self._clients[client]
-        own.requested += 1
+        resources = self._clients[client]
+        resources.requested += 1
 
         def finished(future: Future[Any]) -> None:
-            own.handled += 1
+            resources.handled += 1
             error = future.exception()
             if isinstance(error, ValueError):
                 client.status("error", f"{operation}: {error}", identifier)
@@ -163,7 +164,7 @@ class Bridge:
         self._ros.run(function).add_done_callback(finished)
 
     def _log_failure(self, future: Future[Any]) -> None:
-        """Log a defect of the server: what a client can cause is a ValueError."""
+        """Log a defect of the server; errors that a client can cause are ValueErrors and handled elsewhere."""
         error = future.exception()
         if error is not None:
             self._node.get_logger().error("".join(traceback.format_exception(error)))
@@ -178,7 +179,7 @@ class Bridge:
         self._run(client, "subscribe", subscribe, identifier)
 
     def unsubscribe(self, client: Client, topic: str, identifier: Hashable | None) -> None:
-        """End a client's subscription of that id, or all of its own to the topic."""
+        """End a client's subscription with this id, or all of its subscriptions to the topic if the id is None."""
         self._run(client, "unsubscribe", lambda: self._topics.unsubscribe(client, topic, identifier))
 
     def advertise(self, client: Client, topic: str, type_name: str, identifier: Hashable, latch: bool, queue_size: int) -> None:
@@ -190,7 +191,7 @@ class Bridge:
         self._run(client, "advertise", advertise, identifier)
 
     def unadvertise(self, client: Client, topic: str, identifier: Hashable | None) -> None:
-        """End an advertisement."""
+        """End a client's advertisement with this id, or all of its advertisements of the topic if the id is None."""
         self._run(client, "unadvertise", lambda: self._publishers.unadvertise(client, topic, identifier))
 
     def publish(
@@ -203,7 +204,7 @@ class Bridge:
         latch: bool,
         queue_size: int,
     ) -> None:
-        """Publish a message of a client; a topic that it has not advertised is advertised first."""
+        """Publish a client's message, after advertising the topic if the client has not."""
 
         def publish() -> None:
             message_class, publisher = self._publishers.advertise(client, topic, type_name, identifier, latch, queue_size)
@@ -221,8 +222,8 @@ class Bridge:
         self._run(client, "call_service", lambda: self._services.call(service, arguments, limit_s, done))
 
     def request_service(self, session: Session, service: str, arguments: dict[str, Any]) -> Future[Any]:
-        """Call a service for a request of the API. Raises Refused; the future gets the response or a ServiceFailed."""
-        self.authority.call(session, service, time.monotonic_ns())
+        """Call a service for a request to the API. Raises Refused; the future gets the response or a ServiceFailed."""
+        self.authority.check_call(session, service, time.monotonic_ns())
         answered: Future[Any] = Future()
 
         def done(succeeded: bool, response: Any) -> None:
@@ -243,90 +244,100 @@ class Bridge:
 
         self._run(client, "call_service", call)
 
-    def services_of(self, client: Client, function: Callable[[ServiceProvider], None]) -> None:
-        """Run a function with the services that a client provides."""
-        own = self._clients[client]
-        self._run(client, "service", lambda: function(own.services))
+    def run_with_services(self, client: Client, function: Callable[[ServiceProvider], None]) -> None:
+        """Call a function on the executor's thread with the services that a client provides."""
+        resources = self._clients[client]
+        self._run(client, "service", lambda: function(resources.services))
 
-    def actions_of(self, client: Client, function: Callable[[ActionProvider], None]) -> None:
-        """Run a function with the actions that a client provides."""
-        own = self._clients[client]
-        self._run(client, "action", lambda: function(own.actions))
+    def run_with_actions(self, client: Client, function: Callable[[ActionProvider], None]) -> None:
+        """Call a function on the executor's thread with the actions that a client provides."""
+        resources = self._clients[client]
+        self._run(client, "action", lambda: function(resources.actions))
 
-    def goals_of(self, client: Client, function: Callable[[GoalSender], None]) -> None:
-        """Run a function with the goals that a client has sent."""
-        own = self._clients[client]
-        self._run(client, "goal", lambda: function(own.goals))
+    def run_with_goals(self, client: Client, function: Callable[[GoalSender], None]) -> None:
+        """Call a function on the executor's thread with the goals that a client has sent."""
+        resources = self._clients[client]
+        self._run(client, "goal", lambda: function(resources.goals))
 
     # -- driving and stopping -----------------------------------------------------------------------------------------
     def note_velocity(self, client: Client, moving: bool) -> None:
-        """Note that a client commands a velocity."""
-        if self._stops.velocity(client, moving, time.monotonic_ns()):
+        """Note that a client has sent a velocity, which is zero unless `moving`."""
+        if self._stops.note_velocity(client, moving, time.monotonic_ns()):
             self.record(client.session.name, "drive")
-            self.state_combined_stop()
+            self.publish_combined_stop()
 
-    def state_stop(self, client: Client, engaged: bool) -> None:
-        """A client's own stop. Raises Refused for a release without control; the stop then stays, though the client let go."""
+    def set_stop(self, client: Client, engaged: bool) -> None:
+        """Engage or release a client's own stop; releasing needs control, which is taken if it is free.
+
+        Raises Refused for a release without control. The stop then stays engaged, but the client no longer holds it.
+        """
         now_ns = time.monotonic_ns()
-        changes = engaged != self._stops.holds(client)
-        if changes:
+        is_change = engaged != self._stops.holds(client)
+        if is_change:
             self.record(client.session.name, "stop" if engaged else "release")
-        if changes and not engaged:
+        if is_change and not engaged:
             try:
                 self.authority.take(client.session, now_ns)
             except Refused:
                 self._stops.withdraw(client, now_ns)
                 raise
             self._release()
-        self._stops.state(client, engaged, now_ns)
-        self.authority.seen(client.session, now_ns)
-        if changes:
-            self.state_combined_stop()
+        self._stops.set_stop(client, engaged, now_ns)
+        self.authority.note_alive(client.session, now_ns)
+        if is_change:
+            self.publish_combined_stop()
 
     def stop_for(self, session: Session) -> None:
-        """Stop for a session that states no stop of its own over a connection; the client in control releases it."""
+        """Engage a stop for a session that has no connection to hold it; the session in control releases it."""
         self.record(session.name, "stop")
         self._stops.hold_for(session.name)
-        self.state_combined_stop()
+        self.publish_combined_stop()
 
     def release_for(self, session: Session) -> list[str]:
-        """Release what no client holds any more; returns who still holds the stop. Raises Refused without control."""
+        """Release the stops that no client holds any more. Raises Refused without control, which is taken if it is free.
+
+        Returns why the stop is still engaged.
+        """
         self.authority.take(session, time.monotonic_ns())
         self.record(session.name, "release")
         self._release()
-        self.state_combined_stop()
+        self.publish_combined_stop()
         return self.stop_reasons()
 
     def stop_reasons(self) -> list[str]:
-        """Why the consoles engage the stop; empty where they do not."""
+        """Return why the clients engage the stop; empty if they do not."""
         return self._stops.reasons()
 
     def _release(self) -> None:
-        """End what no client holds any more, here and where another server of the console has gone."""
+        """Release the stops that no client holds any more, also those of a console that is gone."""
         self._releases += 1
         self._stops.release_lost()
 
     def _end_driving(self) -> None:
-        """Who drove with control that another session has now is at rest before that one begins."""
+        """Stop the wheels when control has changed, before the next session begins to drive."""
         if self._stops.end_driving(time.monotonic_ns()):
             self._send_zero()
 
     def _send_zero(self) -> None:
         self._ros.run(lambda: self._manual_output.publish(Twist())).add_done_callback(self._log_failure)
 
-    def state_combined_stop(self) -> None:
-        """Publish the stop of all clients together. To be called every STOP_PERIOD_S."""
+    def publish_combined_stop(self) -> None:
+        """Publish the combined stop of all clients. To be called every STOP_PERIOD_S."""
         now_ns = time.monotonic_ns()
-        self._stops.tick(now_ns, self.authority.lease(now_ns).holder)
+        self._stops.check_silence(now_ns, self.authority.lease(now_ns).holder)
+        engaged = bool(self._stops.reasons())
+        self._presses += engaged and not self._was_stopped
+        self._was_stopped = engaged
         statement = {
             "server": self._server,
-            "engaged": bool(self._stops.reasons()),
+            "engaged": engaged,
             "driving": self._stops.is_driving(now_ns),
+            "presses": self._presses,
             "releases": self._releases,
         }
         text = json.dumps(statement)
         self._ros.run(lambda: self._stop_output.publish(String(data=text))).add_done_callback(self._log_failure)
 
-    def _keep_up(self) -> None:
+    def _maintain(self) -> None:
         self._topics.follow_publishers()
         self._publishers.close_unused()

@@ -1,9 +1,9 @@
 """Decodes serialized ROS messages to plain values for JSON and CBOR, without creating message objects.
 
-A decoder is generated per type and format as Python source from the type's field types. Consecutive fields of fixed size become
-one `struct` call, because one call per field would take ten times as long.
+For each type and format, a decoder is generated as Python source from the type's fields. Consecutive fields of fixed size are
+read by one `struct` call, because one call per field would take ten times as long.
 
-The encoding is OMG's CDR, version 1: a header of four bytes, then values aligned to their size, counted from the end of the
+The encoding is OMG's CDR, version 1: a header of four bytes, then values aligned to their size, relative to the end of the
 header.
 """
 
@@ -31,8 +31,8 @@ from rosidl_parser.definition import (
 
 HEADER_BYTES = 4
 
-# Of each basic type: its `struct` character, and the tag of a little-endian typed array (RFC 8746). The protocol sends bytes as
-# a byte string, and an array of booleans has no tag.
+# For each basic type: its `struct` character, and the tag of a little-endian typed array (RFC 8746). Bytes have no tag, because
+# the protocol sends them as a byte string; neither have arrays of booleans.
 _BASIC = {
     "boolean": ("?", None),
     "octet": ("B", None),
@@ -56,26 +56,26 @@ Decoder = Callable[[bytes], dict[str, Any]]
 
 
 class Format(enum.Enum):
-    """What the values of a decoder are for; JSON has no bytes, and CBOR has typed arrays."""
+    """The format that a decoder's values are for: JSON has no bytes, CBOR has typed arrays."""
 
     JSON = "json"
     CBOR = "cbor"
 
 
 class UnsupportedType(ValueError):
-    """A type with a field that no decoder can be generated for."""
+    """A type with a field for which no decoder can be generated."""
 
 
 class MalformedMessage(ValueError):
-    """Serialized data that ends early or is not of the type that it should be."""
+    """Serialized data that is incomplete or not of the expected type."""
 
 
 @functools.cache
 def decoder(message_class: Any, form: Format) -> Decoder:
-    """The decoder of a message class: from serialized data to nested dicts with the message's field names.
+    """Return the decoder of a message class, which converts serialized data to nested dicts with the message's field names.
 
-    JSON values hold numpy arrays, whose NaN and infinities orjson writes as null, and base64 text for bytes. CBOR values hold
-    byte strings and tagged typed arrays. The decoder raises MalformedMessage. Raises UnsupportedType.
+    Values for JSON contain numpy arrays, whose NaN and infinities orjson writes as null, and base64 text for bytes. Values for
+    CBOR contain byte strings and tagged typed arrays. Raises UnsupportedType; the decoder raises MalformedMessage.
     """
     little, big = (_compile(message_class, form, order) for order in "<>")
 
@@ -94,7 +94,7 @@ def _compile(message_class: Any, form: Format, order: str) -> Decoder:
     source.flush()
     lines = "\n".join(f"    {line}" for line in source.lines)
     scope = dict(source.names)
-    exec(f"def decode(data):\n    o = 0\n{lines}\n    return {result}", scope)  # noqa: S102  # only field names from type definitions
+    exec(f"def decode(data):\n    o = 0\n{lines}\n    return {result}", scope)  # noqa: S102  # contains only known field names
     return scope["decode"]  # type: ignore[no-any-return]
 
 
@@ -103,7 +103,7 @@ def _base64(data: bytes) -> str:
 
 
 def _slice(data: bytes, start: int, length: int) -> bytes:
-    """A slice that must lie within the data; a plain slice would silently be shorter."""
+    """Return a slice. Raises IndexError if it exceeds the data, where Python's own slice would just be shorter."""
     part = data[start : start + length]
     if len(part) != length:
         raise IndexError(f"{length} bytes expected at {start}, {len(part)} found")
@@ -111,14 +111,14 @@ def _slice(data: bytes, start: int, length: int) -> bytes:
 
 
 def _count(count: int, data: bytes, start: int) -> int:
-    """The number of a sequence's elements, which take at least a byte each: a false one must not run for minutes."""
+    """Return a sequence's length. Raises IndexError if the data is too short for it, so that a wrong length costs no time."""
     if count > len(data) - start:
         raise IndexError(f"{count} elements expected at {start} of {len(data)} bytes")
     return count
 
 
 class _Source:
-    """Generates a decoder's source. `offset` is the position modulo `modulus` at this line, as far as it is known."""
+    """Generates a decoder's source. `_offset` is the position in the data modulo `_modulus`, which is what is known of it."""
 
     def __init__(self, form: Format, order: str) -> None:
         self._form = form
@@ -151,7 +151,7 @@ class _Source:
         return name
 
     def flush(self) -> None:
-        """Emit the `struct` call of the fields collected so far."""
+        """Emit the `struct` call for the fields collected so far."""
         if self._format:
             layout = struct.Struct(self._order + self._format)
             self._line(f"{self._pending} = {self._name('s', layout.unpack_from)}(data, o)")
@@ -159,7 +159,7 @@ class _Source:
             self._format, self._targets, self._pending = "", 0, ""
 
     def _align(self, size: int) -> None:
-        """Align the position to `size`: by padding of the current `struct` where it is known, and else at run time."""
+        """Align the position to `size`: if it is known, by padding the current `struct`, or else at run time."""
         if self._modulus % size == 0:
             pad = -self._offset % size
             if pad:
@@ -177,9 +177,9 @@ class _Source:
 
     # -- values -------------------------------------------------------------------------------------------------------
     def message(self, message_class: Any) -> str:
-        """The expression of a message's dict."""
+        """Emit the reading of a message, and return the expression of its dict."""
         if not message_class.SLOT_TYPES:
-            self._fixed(_PLACEHOLDER)  # a structure without fields is sent as one byte
+            self._fixed(_PLACEHOLDER)  # a message without fields is serialized as one byte
             return "{}"
         names = message_class.get_fields_and_field_types()
         fields = ", ".join(f"{name!r}: {self._value(kind)}" for name, kind in zip(names, message_class.SLOT_TYPES))
@@ -205,7 +205,7 @@ class _Source:
         return struct.calcsize("<" + self._basic(kind)[0])
 
     def _fixed(self, kind: BasicType) -> str:
-        """The expression of one value, which is collected into the current `struct`."""
+        """Add a value to the current `struct`, and return its expression."""
         self._align(self._size(kind))
         if not self._format:
             self._pending = self._variable()
@@ -226,7 +226,7 @@ class _Source:
         if type(kind).__name__.endswith("WString"):
             raise UnsupportedType("wstring has no decoder")
         length, text = self._read_count(), self._variable()
-        # The length includes the terminating zero; some senders write 0 for an empty string.
+        # The length includes the terminating zero byte, but some senders write 0 for an empty string.
         self._line(f"{text} = _slice(data, o, {length})[:-1].decode('utf-8', 'replace')")
         self._line(f"o += {length}")
         self._forget_position()
@@ -256,7 +256,7 @@ class _Source:
         size = self._size(element)
         count = str(fixed) if fixed is not None else self._read_count()
         if fixed is None:
-            # An empty sequence is not padded to the alignment of its elements.
+            # Before an empty sequence's elements there is no padding.
             if size > 4:
                 self._line(f"if {count}: o = (o + {size - 1}) & {-size}")
             self._forget_position()
@@ -271,7 +271,7 @@ class _Source:
         else:
             self._offset = (self._offset + fixed * size) % self._modulus
         if element.typename in BYTE_TYPES:
-            # The protocol sends a bounded sequence of bytes as numbers.
+            # In JSON, the protocol sends a bounded sequence of bytes as numbers.
             text = f"list({raw})" if bounded else f"_base64({raw})"
             expression = raw if self._form is Format.CBOR else text
         elif tag is None:
@@ -285,8 +285,8 @@ class _Source:
 
 
 def message_class_of(kind: NamespacedType) -> Any:
-    """The Python class of a nested message type."""
+    """Return the Python class of a nested message type."""
     module = importlib.import_module(".".join(kind.namespaces))
-    # An action's parts have no name of their own in the module: `Fibonacci_Goal` is `Fibonacci.Goal`.
+    # The module has no names for the parts of an action: `Fibonacci_Goal` is `Fibonacci.Goal`.
     owner, _, part = kind.name.rpartition("_")
     return getattr(module, kind.name) if hasattr(module, kind.name) else getattr(getattr(module, owner), part)

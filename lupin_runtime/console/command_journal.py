@@ -1,4 +1,4 @@
-"""What clients of the console asked for: who, when, what, and whether it was allowed. One JSON object per line."""
+"""The command journal: who asked the console for what, when, and whether it was allowed. One JSON object per line."""
 
 from __future__ import annotations
 
@@ -11,26 +11,27 @@ from pathlib import Path
 from typing import Any
 
 MAX_BYTES = 20_000_000
-# The same request of the same client, such as a stick's velocities without control, is one line within this time.
+# A request that a client repeats within this time, such as a refused stream of velocities, is not written again, only counted.
 _REPEAT_S = 1.0
 _MAX_KEYS = 1000
 _MAX_REASON = 500
 
-# Requests may be large, and only their beginning matters: nothing is converted that is not written.
+# Requests may be large, and only their beginning is written: the rest is not converted to text either.
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxdict, _SHORT.maxlist, _SHORT.maxstring, _SHORT.maxother = 6, 20, 20, 200, 200
 
 
 class CommandJournal:
-    """Appends to a file that only its owner may read. Beyond MAX_BYTES the file becomes `.1`, in place of an earlier one."""
+    """Appends to a file that only its owner may read. Beyond MAX_BYTES the file is renamed to `.1`, replacing the last one."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._file = self._open()
-        self._last: dict[tuple[str, str, str], tuple[float, int]] = {}  # when it was written, and how often it was not since
+        # By request: when it was last written, and how often it was repeated since then.
+        self._last: dict[tuple[str, str, str], tuple[float, int]] = {}
 
     def record(self, session: str, what: str, detail: Any = None, refused: str = "") -> None:
-        """Note a command. `detail` is cut where it is long; `refused` is the reason, empty where it was allowed."""
+        """Write a command. A long `detail` is cut. `refused` is the reason for a refusal; empty if the command was allowed."""
         key = (session, what, refused)
         written_s, repeats = self._last.get(key, (-_REPEAT_S, 0))
         now_s = time.monotonic()

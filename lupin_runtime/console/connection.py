@@ -1,4 +1,4 @@
-"""One WebSocket: reads a client's messages, and writes its frames from a bounded outbox."""
+"""A client's WebSocket: reads the client's messages and writes frames to it from a bounded outbox."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from lupin_runtime.console.outbox import Frame, Outbox
 
 MAX_MESSAGE_BYTES = 16_000_000
-HEARTBEAT_S = 5.0  # a client that does not answer a ping within half of it is disconnected
+HEARTBEAT_S = 5.0  # between pings; a client that does not answer one within half of this time is disconnected
 _OVERLOAD_PAUSE_S = 0.005
 
 
 class Handoff:
-    """Passes frames from other threads to the event loop, with one wake-up for all that arrive together."""
+    """Passes frames from other threads to the event loop, waking it once for all frames that arrive together."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
@@ -26,7 +26,7 @@ class Handoff:
         self._woken = False
 
     def put(self, connection: Connection, frame: Frame) -> None:
-        """Queue a frame for a connection; on any thread."""
+        """Queue a frame for a connection. May be called on any thread."""
         with self._lock:
             self._frames.append((connection, frame))
             if self._woken:
@@ -51,18 +51,18 @@ class Connection:
         self._filled = asyncio.Event()
 
     def put(self, frame: Frame) -> None:
-        """Queue a frame. A client that lets too many wait is disconnected."""
+        """Queue a frame. A client that reads too slowly is disconnected."""
         self._outbox.put(frame)
         self._filled.set()
 
-    async def serve(self, handle: Callable[[str | bytes], None], overloaded: Callable[[], bool]) -> None:
-        """Pass the client's messages to `handle` until it leaves; no more are read while `overloaded`."""
+    async def serve(self, handle: Callable[[str | bytes], None], is_overloaded: Callable[[], bool]) -> None:
+        """Pass the client's messages to `handle` until it disconnects; no messages are read while `is_overloaded()`."""
         writer = asyncio.create_task(self._write())
         try:
             async for message in self._socket:
                 if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
                     handle(message.data)
-                while overloaded() and not self._socket.closed:
+                while is_overloaded() and not self._socket.closed:
                     await asyncio.sleep(_OVERLOAD_PAUSE_S)
         finally:
             writer.cancel()

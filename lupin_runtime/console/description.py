@@ -1,4 +1,4 @@
-"""Where a running console is, and the codes that pair a browser with it now: a file for `lupin up` and `lupin console`."""
+"""The file that tells `lupin up` and `lupin console` where a console listens and which codes pair a browser with it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _NAME = "console.json"
 
 @dataclass(frozen=True)
 class ConsoleDescription:
-    """A console that listens. `codes` is the one-time code of each role."""
+    """A running console. `codes` is the current one-time code of each role."""
 
     pid: int
     host: str
@@ -26,11 +26,11 @@ class ConsoleDescription:
 
     @property
     def url(self) -> str:
-        """The page, for a browser on this computer."""
+        """The page's URL for a browser on this computer."""
         return f"http://127.0.0.1:{self.port}/"
 
     def lan_urls(self) -> list[str]:
-        """The page for browsers of other computers; none where only this one is served."""
+        """Return the page's URLs for browsers on other computers; empty if only this computer is served."""
         if self.host in ("127.0.0.1", "localhost", "::1"):
             return []
         scheme = "https" if self.tls else "http"
@@ -38,12 +38,12 @@ class ConsoleDescription:
         return [f"{scheme}://{f'[{each}]' if each.version == 6 else each}:{self.port}/" for each in found]
 
     def write(self, folder: Path) -> None:
-        """Write it for its owner only, because of the codes."""
+        """Write the file, which only its owner may read, because it contains the codes."""
         write_atomically(folder / _NAME, json.dumps(asdict(self)), mode=0o600)
 
 
 def read_description(folder: Path) -> ConsoleDescription | None:
-    """The console whose files are in `folder`; None where none is running."""
+    """Read the description in `folder`; None if there is none, because no console is running, or if it is malformed."""
     try:
         return ConsoleDescription(**json.loads((folder / _NAME).read_text()))
     except (OSError, ValueError, TypeError):
@@ -51,10 +51,10 @@ def read_description(folder: Path) -> ConsoleDescription | None:
 
 
 def remove_description(folder: Path) -> None:
-    """To be called when the console has stopped."""
+    """Remove the description. To be called when the console has stopped."""
     (folder / _NAME).unlink(missing_ok=True)
 
 
 def spoken(code: str) -> str:
-    """A code as people read it aloud: in two halves."""
+    """Return a code in two halves with a hyphen between them, which is easier to read aloud."""
     return f"{code[: len(code) // 2]}-{code[len(code) // 2 :]}"

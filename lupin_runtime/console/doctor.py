@@ -1,4 +1,4 @@
-"""The doctor for browsers: examines this machine and its graph, and plays the fix of a finding, in processes of their own."""
+"""The doctor for browsers: runs `lupin doctor` to examine this machine and its graph, and `lupin play` to fix a finding."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ FIX_TIMEOUT_S = 300.0
 
 
 class DoctorError(RuntimeError):
-    """What was asked for cannot be done; the text says why and what to do."""
+    """A request cannot be carried out; the text says why and what to do."""
 
 
 class Doctor:
     """Runs one examination or fix at a time.
 
-    `changed` is called with the state whenever it changes: whether it is busy, the last diagnosis as `lupin doctor --json`
-    prints it, when that was made (wall clock, s), and what went wrong. For the event loop only.
+    `changed` is called with the state whenever it changes: what the doctor is doing, the last diagnosis as printed by
+    `lupin doctor --json`, its time (Unix time in s), and what went wrong. For the event loop only.
     """
 
     def __init__(self, program: LupinProgram, changed: Callable[[dict[str, Any]], None]) -> None:
@@ -32,11 +32,11 @@ class Doctor:
 
     @property
     def state(self) -> dict[str, Any]:
-        """The state, as `changed` gets it."""
+        """The state that `changed` was last called with."""
         return self._state
 
     def start_examination(self) -> None:
-        """Examine, unless that is under way. Raises DoctorError while a fix is played."""
+        """Start an examination, unless one is running. Raises DoctorError while a fix is being played or previewed."""
         if self._state["busy"] == "examining":
             return
         self._require_idle()
@@ -44,9 +44,9 @@ class Doctor:
         self._task = asyncio.create_task(self._examine())
 
     async def fix(self, finding_id: str, *, dry_run: bool) -> dict[str, Any]:
-        """Play the fix of a finding of the last diagnosis, or say what it would change; returns what `lupin play` reports.
+        """Play or preview the fix of a finding of the last diagnosis; returns what `lupin play --json` prints.
 
-        The findings are examined again afterwards. Raises DoctorError.
+        A played fix is followed by another examination. Raises DoctorError.
         """
         fix = self._fix_of(finding_id)
         self._require_idle()
@@ -62,7 +62,7 @@ class Doctor:
                 self.start_examination()
 
     async def close(self) -> None:
-        """End what is under way."""
+        """Cancel a running examination."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -76,10 +76,10 @@ class Doctor:
         findings = [*roots, *(each for root in roots for each in root["consequences"])]
         found = next((finding for finding in findings if finding["id"] == finding_id), None)
         if found is None:
-            raise DoctorError("there is no such finding (any more); examine again")
+            raise DoctorError("the last diagnosis has no such finding; examine again")
         fix: dict[str, Any] = found["fix"]
         if not fix["playbook"]:
-            raise DoctorError(f"nobody but a person can do this: {fix['command']}")
+            raise DoctorError(f"no playbook fixes this; a person has to do it: {fix['command']}")
         return fix
 
     async def _examine(self) -> None:
@@ -92,13 +92,13 @@ class Doctor:
             self._update(busy="")
 
     async def _run(self, arguments: list[str], timeout_s: float) -> dict[str, Any]:
-        """The JSON object that a command prints. Raises DoctorError."""
+        """Run a subcommand and return the JSON object that it prints. Raises DoctorError."""
         try:
             result = await self._program.run(arguments, timeout_s)
         except ProgramError as error:
             raise DoctorError(str(error)) from error
         if not isinstance(result, dict):
-            raise DoctorError(f"lupin {arguments[0]} printed no object")
+            raise DoctorError(f"lupin {arguments[0]} printed no JSON object")
         return result
 
     def _update(self, **fields: Any) -> None:

@@ -1,6 +1,6 @@
-"""One port for HTTPS and HTTP: the first byte of a connection tells which of the two it speaks.
+"""Serves HTTPS and HTTP on one port: the first byte of a connection shows which of the two the client speaks.
 
-A browser that opens `http://robot:8090` by hand then gets an answer, and can be sent to HTTPS.
+A browser in which somebody types `http://robot:8090` then gets an answer, and can be redirected to HTTPS.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from collections.abc import Callable
 from typing import Any
 
 _TLS_HANDSHAKE = 0x16  # the type of a TLS record that begins a connection
-_FIRST_BYTE_S = 10.0
+_FIRST_BYTE_TIMEOUT_S = 10.0
 _MAX_UNDECIDED = 128  # connections that have sent nothing yet
-# A client that opens connections and never ends its requests keeps out nobody but other clients of its own address.
-_MAX_OF_ADDRESS = 128
+# A client that opens connections without end only keeps out other clients of its own address.
+_MAX_PER_ADDRESS = 128
 
 
 class DualPort:
-    """Accepts connections on listening sockets and gives each to `factory`, over TLS where it begins with TLS.
+    """Accepts connections on listening sockets and gives each to `factory`, over TLS if the client begins with TLS.
 
-    With `tls` None every connection is plain.
+    If `tls` is None, every connection is plain.
     """
 
     def __init__(self, factory: Callable[[], asyncio.BaseProtocol], tls: ssl.SSLContext | None) -> None:
@@ -34,7 +34,7 @@ class DualPort:
         self._open: dict[str, list[asyncio.BaseTransport]] = {}
 
     def open(self, host: str, port: int) -> int:
-        """Listen on an address, or on all of them where it is empty; returns the port. Raises OSError."""
+        """Listen on `host`, or on all addresses if it is empty; returns the port. Raises OSError."""
         if host:
             family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
             listener = socket.create_server((host, port), family=family, backlog=128)
@@ -48,11 +48,11 @@ class DualPort:
         return int(listener.getsockname()[1])
 
     def use(self, tls: ssl.SSLContext) -> None:
-        """Use a renewed certificate for connections from now on."""
+        """Use another TLS context for new connections."""
         self._tls = tls
 
     async def close(self) -> None:
-        """Stop listening; connections that were given to the factory go on."""
+        """Stop listening; connections that were given to the factory stay open."""
         for task in (*self._accepting, *self._undecided):
             task.cancel()
         await asyncio.gather(*self._accepting, *self._undecided, return_exceptions=True)
@@ -65,21 +65,21 @@ class DualPort:
             try:
                 connection, address = await loop.sock_accept(listener)
             except OSError:
-                await asyncio.sleep(0.1)  # too many open files: those who are connected go on
+                await asyncio.sleep(0.1)  # too many open files; existing connections go on
                 continue
-            if len(self._undecided) >= _MAX_UNDECIDED or self._count(address[0]) >= _MAX_OF_ADDRESS:
+            if len(self._undecided) >= _MAX_UNDECIDED or self._count_open(address[0]) >= _MAX_PER_ADDRESS:
                 connection.close()
                 continue
             task = loop.create_task(self._decide(connection, address[0]))
             self._undecided.add(task)
             task.add_done_callback(self._undecided.discard)
 
-    def _count(self, address: str) -> int:
-        """The connections of an address that are open."""
-        is_open = [transport for transport in self._open.pop(address, []) if not transport.is_closing()]
-        if is_open:
-            self._open[address] = is_open
-        return len(is_open)
+    def _count_open(self, address: str) -> int:
+        """Return how many connections of an address are open."""
+        transports = [transport for transport in self._open.pop(address, []) if not transport.is_closing()]
+        if transports:
+            self._open[address] = transports
+        return len(transports)
 
     async def _decide(self, connection: socket.socket, address: str) -> None:
         loop = asyncio.get_running_loop()
@@ -87,9 +87,12 @@ class DualPort:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:
             options: dict[str, Any] = {}
-            if self._tls is not None and await asyncio.wait_for(_first_byte(connection), _FIRST_BYTE_S) == _TLS_HANDSHAKE:
-                options = {"ssl": self._tls, "ssl_handshake_timeout": _FIRST_BYTE_S}
-            with contextlib.suppress(OSError):  # a handshake that fails: the client does not trust the certificate
+            if (
+                self._tls is not None
+                and await asyncio.wait_for(_peek_first_byte(connection), _FIRST_BYTE_TIMEOUT_S) == _TLS_HANDSHAKE
+            ):
+                options = {"ssl": self._tls, "ssl_handshake_timeout": _FIRST_BYTE_TIMEOUT_S}
+            with contextlib.suppress(OSError):  # the handshake fails if the client does not trust the certificate
                 transport, _ = await loop.connect_accepted_socket(self._factory, connection, **options)
                 self._open.setdefault(address, []).append(transport)
         except (OSError, asyncio.TimeoutError):
@@ -99,8 +102,8 @@ class DualPort:
             raise
 
 
-async def _first_byte(connection: socket.socket) -> int:
-    """The first byte that a client sends, which stays to be read. Raises ConnectionError where it leaves without one."""
+async def _peek_first_byte(connection: socket.socket) -> int:
+    """Return the first byte that a client sends, without consuming it. Raises ConnectionError if it sends none."""
     loop = asyncio.get_running_loop()
     readable = asyncio.Event()
     loop.add_reader(connection, readable.set)
@@ -110,5 +113,5 @@ async def _first_byte(connection: socket.socket) -> int:
         loop.remove_reader(connection)
     data = connection.recv(1, socket.MSG_PEEK)
     if not data:
-        raise ConnectionResetError("closed before its first byte")
+        raise ConnectionResetError("the connection was closed before its first byte")
     return data[0]

@@ -1,4 +1,4 @@
-"""Encodes a topic's message for clients: as JSON, as JSON within a PNG, as CBOR, or as CBOR around the serialized message."""
+"""Encodes a topic's message for clients: as JSON, JSON in a PNG image, CBOR, or CBOR around the serialized message."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ import orjson
 from lupin_runtime.console.cdr import Format, decoder
 from lupin_runtime.console.outbox import Frame
 
-COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")  # in the order in which one replaces another within a client
+COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")  # if one client asks for several, the last of these is used
 
 
 def to_json(values: Any) -> bytes:
-    """JSON text of plain values; NaN and infinities are null."""
+    """Convert plain values to JSON text; NaN and infinities become null."""
     return orjson.dumps(values, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS)
 
 
 def publication(compression: str, topic: str, message_class: Any, data: bytes, received_ns: int) -> Frame:
-    """The frame that carries a serialized message to clients that asked for the compression.
+    """Build the frame with a serialized message for clients that asked for this compression.
 
     Raises UnsupportedType and MalformedMessage.
     """
@@ -42,7 +42,7 @@ def _cbor(topic: str, message: Any) -> Frame:
 
 
 def _png(text: bytes) -> bytes:
-    """A `png` message: the text as pixels of an RGB image, padded with line feeds."""
+    """Build a `png` message: the text as the pixels of an RGB image, padded with line feeds."""
     width = max(1, math.isqrt(len(text) // 3))
     height = math.ceil(len(text) / (3 * width))
     pixels = np.frombuffer(text.ljust(3 * width * height, b"\n"), np.uint8).reshape(height, width, 3)
@@ -51,7 +51,7 @@ def _png(text: bytes) -> bytes:
 
 
 def fragments(text: bytes, size: int, identifier: str) -> list[bytes]:
-    """The text in `fragment` messages of at most `size` characters of it each."""
+    """Split the text into `fragment` messages with at most `size` characters of it each."""
     characters = text.decode("utf-8")
     parts = [characters[start : start + size] for start in range(0, len(characters), size)]
     return [

@@ -1,4 +1,4 @@
-"""What changes, pushed to every browser over one WebSocket channel."""
+"""Pushes changes to every browser over one WebSocket channel."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lupin_runtime.console.outbox import Frame
 
 
 class EventChannel:
-    """The browsers that listen, and the last event of each kind, which a new listener gets first. For the event loop only."""
+    """The listening browsers, and the last event of each kind, which a new listener gets first. For the event loop only."""
 
     def __init__(self) -> None:
         self._listeners: set[Connection] = set()
@@ -27,7 +27,7 @@ class EventChannel:
         self._listeners.discard(connection)
 
     def push(self, kind: str, value: Any) -> None:
-        """Send a value to all listeners where it differs from the last one of its kind."""
+        """Send a value to all listeners if it differs from the last one of its kind."""
         event = {"event": kind, "value": value}
         if self._last.get(kind) == event:
             return

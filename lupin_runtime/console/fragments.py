@@ -1,4 +1,4 @@
-"""Puts together the messages that a client sends in fragments."""
+"""Reassembles the messages that a client sends in fragments."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TIMEOUT_S = 60.0
 
 
 class BadFragment(ValueError):
-    """A fragment that can't belong to its message, or too many of them."""
+    """A fragment that is malformed or does not belong to its message."""
 
 
 @dataclass
@@ -25,7 +25,7 @@ class _Unfinished:
 
 
 class Defragmenter:
-    """The unfinished messages of one client. The oldest is dropped where there are too many; each is after TIMEOUT_S."""
+    """The unfinished messages of one client. The oldest are dropped if there are too many, and each one after TIMEOUT_S."""
 
     def __init__(self) -> None:
         self._messages: OrderedDict[str, _Unfinished] = OrderedDict()
@@ -36,7 +36,7 @@ class Defragmenter:
         return sum(message.size for message in self._messages.values())
 
     def add(self, fragment: dict[str, Any], now_s: float) -> str | None:
-        """Add a `fragment` message; returns the whole text when it was the last one missing. Raises BadFragment."""
+        """Add a `fragment` message; returns the whole text if no fragment is missing now. Raises BadFragment."""
         identifier, data, number, total = (fragment.get(key) for key in ("id", "data", "num", "total"))
         integers = all(isinstance(value, int) and not isinstance(value, bool) for value in (number, total))
         if identifier is None or not isinstance(data, str) or not integers:
@@ -44,11 +44,11 @@ class Defragmenter:
         assert isinstance(number, int) and isinstance(total, int)  # for the type checker
         if not 0 < total <= MAX_FRAGMENTS or not 0 <= number < total:
             raise BadFragment(f"fragment {number} of {total}: expected 0 to total - 1, of at most {MAX_FRAGMENTS}")
-        self._forget_old(now_s)
+        self._drop_expired(now_s)
         key = repr(identifier)
         message = self._messages.setdefault(key, _Unfinished(total, now_s))
         if message.total != total or number in message.parts:
-            raise BadFragment(f"fragment {number} of {total} does not fit to the others of its id")
+            raise BadFragment(f"fragment {number} of {total} does not fit the earlier ones with its id")
         message.parts[number] = data
         message.size += len(data)
         if len(message.parts) == total:
@@ -58,7 +58,7 @@ class Defragmenter:
             self._messages.popitem(last=False)
         return None
 
-    def _forget_old(self, now_s: float) -> None:
+    def _drop_expired(self, now_s: float) -> None:
         for key, message in list(self._messages.items()):
             if now_s - message.started_s > TIMEOUT_S:
                 del self._messages[key]

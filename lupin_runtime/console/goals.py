@@ -27,7 +27,7 @@ from lupin_runtime.console.providers import (
 )
 from lupin_runtime.console.values import Now, by_name, fill
 
-SERVER_WAIT_S = 1.0
+SERVER_TIMEOUT_S = 1.0
 _POLL_S = 0.02
 _WATCH_PERIOD_S = 0.5
 
@@ -38,11 +38,11 @@ _NOT_CANCELED = (CancelGoal.Response.ERROR_NONE, CancelGoal.Response.ERROR_REJEC
 class OrderedActionClient(ActionClient):
     """An action client that delivers all feedback on a goal before its result.
 
-    rclpy takes one feedback message at a time but a result at once, and then drops the feedback that still waits.
+    rclpy takes only one feedback message in each turn; once it has taken the result, it drops the feedback still waiting.
     """
 
     def take_data(self) -> dict[str, Any]:
-        """Take what has arrived; with a result, all feedback."""
+        """Take what has arrived; together with a result, all waiting feedback."""
         taken: dict[str, Any] = super().take_data()
         if "result" in taken:
             taken["earlier feedback"] = list(iter(self._take_feedback, None))
@@ -52,7 +52,7 @@ class OrderedActionClient(ActionClient):
         return self._client_handle.take_feedback(self._action_type.Impl.FeedbackMessage)
 
     async def execute(self, taken_data: dict[str, Any]) -> None:
-        """Handle what was taken."""
+        """Handle the taken data: all feedback, then the result."""
         feedback, result = taken_data.pop("earlier feedback", []), taken_data.pop("result", None)
         await super().execute(taken_data)
         for message in feedback:
@@ -62,14 +62,14 @@ class OrderedActionClient(ActionClient):
 
 
 class ActionClientPool:
-    """The action clients of a node: one per action and type, for as long as a goal uses it."""
+    """The action clients of a node: one per action and type, kept while a goal uses it."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._clients: dict[tuple[str, Any], tuple[OrderedActionClient, int]] = {}  # with the number of users
 
     def acquire(self, action: str, action_class: Any) -> OrderedActionClient:
-        """The client of an action, to be released once per call. Raises ValueError for an invalid name."""
+        """Return the client of an action; call `release` once for each call. Raises ValueError for an invalid name."""
         client, users = self._clients.get((action, action_class), (None, 0))
         if client is None:
             client = OrderedActionClient(self._node, action_class, action, callback_group=ReentrantCallbackGroup())
@@ -77,7 +77,7 @@ class ActionClientPool:
         return client
 
     def release(self, action: str, action_class: Any) -> None:
-        """End a use; the last one destroys the client."""
+        """End one use of a client; the last one destroys it."""
         client, users = self._clients[action, action_class]
         if users > 1:
             self._clients[action, action_class] = client, users - 1
@@ -88,7 +88,7 @@ class ActionClientPool:
 
 @dataclass(frozen=True)
 class _Request:
-    """What a client asks for; `identifier` is None for a goal that it cannot cancel."""
+    """A client's goal; without an `identifier` the client cannot cancel it."""
 
     identifier: Any
     action: str
@@ -98,7 +98,7 @@ class _Request:
 
 
 class _Goal:
-    """One goal, from the wait for its server to its result. `on_end` is called once, when nothing more is due."""
+    """One goal, from the wait for its server to its result. `on_end` is called once, after the result was sent."""
 
     def __init__(
         self, node: Node, clients: ActionClientPool, send: Send, on_end: Callable[[_Goal], None], request: _Request
@@ -108,24 +108,24 @@ class _Goal:
         self._clients = clients
         self._send = send
         self._on_end = on_end
-        self._server_due_s = time.monotonic() + SERVER_WAIT_S
-        self._poll: Timer | None = None  # while the server is waited for
-        self._watch: Timer | None = None  # from then on
-        self._handle: Any = None  # once the server has accepted the goal
-        self._servers: set[bytes] = set()  # that may have accepted it
+        self._server_deadline_s = time.monotonic() + SERVER_TIMEOUT_S
+        self._poll: Timer | None = None  # runs while no server is available
+        self._watch: Timer | None = None  # runs once the goal has been sent
+        self._handle: Any = None  # of the goal, once the server has accepted it
+        self._servers: set[bytes] = set()  # the servers that may have accepted the goal
         self._cancel_requested = False
         self._abandoned = False
         self._ended = False
         self._client = clients.acquire(request.action, request.action_class)
 
     def start(self) -> None:
-        """Send the goal as soon as there is a server."""
+        """Send the goal as soon as a server is available."""
         if not self._send_goal():
             group = ReentrantCallbackGroup()
             self._poll = self._node.create_timer(_POLL_S, self._look_for_server, callback_group=group, clock=STEADY)
 
     def cancel(self) -> None:
-        """Cancel the goal, at the latest when the server has accepted it; one that was not sent yet ends as canceled."""
+        """Cancel the goal: at once, or when the server has accepted it. A goal that was not sent yet ends as canceled."""
         self._cancel_requested = True
         if self._poll is not None:
             self._end_with_result(self.request.action_class.Result(), GoalStatus.STATUS_CANCELED)
@@ -133,15 +133,15 @@ class _Goal:
             self._handle.cancel_goal_async().add_done_callback(self._on_cancel_response)
 
     def abandon(self) -> None:
-        """Cancel the goal of a client that has left."""
+        """Cancel the goal of a client that has disconnected."""
         self._abandoned = True
         self.cancel()
 
-    # -- towards the server -------------------------------------------------------------------------------------------
+    # -- to the server ------------------------------------------------------------------------------------------------
     def _look_for_server(self) -> None:
         if self._send_goal():
             self._stop_poll()
-        elif time.monotonic() >= self._server_due_s:
+        elif time.monotonic() >= self._server_deadline_s:
             self._fail("No action server available")
 
     def _send_goal(self) -> bool:
@@ -155,7 +155,7 @@ class _Goal:
         return True
 
     def _watch_server(self) -> None:
-        """End the goal when its server is gone: neither that one nor another in its place would ever answer."""
+        """Fail the goal if its server is gone: a server that replaces it does not know the goal and would never answer."""
         present = self._present_servers()
         if not self._servers:
             self._servers = present
@@ -196,7 +196,7 @@ class _Goal:
     def _on_cancel_response(self, future: Future) -> None:
         response = future.result()
         if not response.goals_canceling and response.return_code in _NOT_CANCELED:
-            self._warn(f"{self.request.action} refused to cancel goal {self.request.identifier}; it goes on")
+            self._warn(f"{self.request.action} refused to cancel goal {self.request.identifier}, which continues")
         if self._abandoned:
             self._end()
 
@@ -230,8 +230,8 @@ class _Goal:
 class GoalSender:
     """The goals that one client sends. All methods are called on the executor's thread.
 
-    The client gets one `action_result` per goal, whatever happens to it, after the goal's feedback. `now` is what stamps and
-    times of "now" are filled with; by default the node's clock. `clients` may be shared by all senders of a node.
+    The client gets exactly one `action_result` per goal, after the goal's feedback. `now` returns the time for stamps and for
+    times whose value is "now" [the node's clock]. `clients` may be shared by all senders of a node.
     """
 
     def __init__(self, node: Node, send: Send, now: Now | None = None, clients: ActionClientPool | None = None) -> None:
@@ -245,10 +245,10 @@ class GoalSender:
     def send_goal(self, identifier: Any, action: str, action_type: str, args: Any, feedback: bool) -> None:
         """Send a goal; `args` is a dict, or a list in the order of the goal's fields.
 
-        Raises RequestFailed for an invalid action, type or argument, after the client got the reason as its result.
+        Raises RequestFailed for an invalid action, type or argument, after sending the reason to the client as the result.
         """
         if self._closed:
-            raise RequestFailed("the client has left")
+            raise RequestFailed("the client has disconnected")
         try:
             with request_errors():
                 action_class = find_interface(action_type, "action", "Result", "Feedback")
@@ -264,19 +264,19 @@ class GoalSender:
         goal.start()
 
     def cancel(self, identifier: Any) -> None:
-        """Cancel a goal by its id; its result follows. Unknown ids are ignored, and goals without id cannot be cancelled."""
+        """Cancel a goal by its id; its result follows. Unknown ids are ignored; goals without an id cannot be canceled."""
         for goal in list(self._goals):
             if identifier is not None and goal.request.identifier == identifier:
                 goal.cancel()
 
     def close(self) -> None:
-        """Cancel all goals, because the client has left: the robot must not go on driving for it."""
+        """Cancel all goals, because the client has disconnected: the robot must not keep driving for it."""
         self._closed = True
         for goal in list(self._goals):
             goal.abandon()
 
 
 def _message(identifier: Any, action: str, operation: str, **fields: Any) -> dict[str, Any]:
-    """A message about a goal to its client; with the id only if the client gave one."""
+    """Build a message to the client about a goal; it contains the id only if the client gave one."""
     message = {"op": operation, "action": action, **fields}
     return message if identifier is None else {**message, "id": identifier}

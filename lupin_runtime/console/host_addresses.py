@@ -1,4 +1,4 @@
-"""Under which names and addresses other devices can reach this machine."""
+"""The names and addresses by which other devices can reach this machine."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 
 LOOPBACK: tuple[Address, ...] = (ipaddress.IPv4Address("127.0.0.1"), ipaddress.IPv6Address("::1"))
 
-# Interfaces that lead to containers and virtual machines of this host only.
+# Prefixes of interfaces that only connect this host with its own containers and virtual machines.
 _INTERNAL_INTERFACES = ("docker", "br-", "veth", "virbr", "vmnet", "vboxnet", "lxc", "lxdbr", "cni", "flannel", "podman")
 _UNIQUE_LOCAL = ipaddress.IPv6Network("fc00::/7")  # RFC 4193
-_ROUTED = ("192.0.2.1", 9)  # RFC 5737: stands for any address beyond the network; nothing is sent there
+_REMOTE_ADDRESS = ("192.0.2.1", 9)  # reserved for documentation (RFC 5737), so outside the local network; nothing is sent
 _LABEL = re.compile(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?")  # RFC 1123, 2.1
 
 
@@ -27,30 +27,30 @@ class InterfaceAddress(Protocol):
 
     @property
     def family(self) -> int:
-        """Of the socket module."""
+        """The address family, a constant of the socket module."""
 
     @property
     def address(self) -> str:
-        """In text; a link-local IPv6 address with its interface."""
+        """The address as text; that of a link-local IPv6 address ends with `%` and the interface."""
 
 
 @dataclass(frozen=True)
 class HostAddresses:
-    """Names without their final dot, in lower case; addresses of the network, that of the default route first."""
+    """Names in lower case without a final dot, and addresses, beginning with the one that the default route uses."""
 
     names: tuple[str, ...]
     addresses: tuple[Address, ...]
 
 
 def host_addresses() -> HostAddresses:
-    """This machine's names and addresses besides localhost, at this moment. Asks no name server."""
+    """Return this machine's current names and addresses, without localhost. Queries no name server."""
     return HostAddresses(names_of(socket.gethostname()), lan_addresses(psutil.net_if_addrs(), _default_source()))
 
 
 def names_of(host: str) -> tuple[str, ...]:
-    """The names that devices may use for a host of this name: its own, and that of multicast DNS (RFC 6762).
+    """Return the names by which other devices may reach a host: its host name and its multicast DNS name (RFC 6762).
 
-    Empty where it is no valid DNS name.
+    Empty if `host` is not a valid DNS name.
     """
     full = host.lower().rstrip(".")
     if not is_dns_name(full) or full == "localhost" or full.rpartition(".")[2].isdigit():
@@ -59,21 +59,21 @@ def names_of(host: str) -> tuple[str, ...]:
 
 
 def is_dns_name(text: str) -> bool:
-    """Whether `text` is a name of letters, digits and hyphens (RFC 1123, 2.1), in lower case."""
+    """Return whether `text` is a host name of lower-case letters, digits, hyphens and dots (RFC 1123, 2.1)."""
     return 0 < len(text) <= 253 and all(_LABEL.fullmatch(label) for label in text.split("."))
 
 
-def lan_addresses(interfaces: Mapping[str, Sequence[InterfaceAddress]], first: str | None = None) -> tuple[Address, ...]:
-    """The addresses among those of psutil's `net_if_addrs` that other devices of the network can use, `first` first.
+def lan_addresses(interfaces: Mapping[str, Sequence[InterfaceAddress]], preferred: str | None = None) -> tuple[Address, ...]:
+    """Return those of psutil's `net_if_addrs` that other devices on the network can use, beginning with `preferred`.
 
-    Link-local IPv6 addresses are left out: a URL cannot name the interface that they need. So are public IPv6 addresses, most
-    of which are replaced every day (RFC 8981).
+    Link-local IPv6 addresses are left out, because a URL cannot name the interface that they need; public IPv6 addresses,
+    because most of them are replaced every day (RFC 8981).
     """
     found: list[Address] = []
     for name, entries in interfaces.items():
         if not name.startswith(_INTERNAL_INTERFACES):
             found += [address for entry in entries if (address := _usable(entry)) is not None and address not in found]
-    return tuple(sorted(found, key=lambda address: (str(address) != first, address.version)))
+    return tuple(sorted(found, key=lambda address: (str(address) != preferred, address.version)))
 
 
 def _usable(entry: InterfaceAddress) -> Address | None:
@@ -81,7 +81,7 @@ def _usable(entry: InterfaceAddress) -> Address | None:
         return None
     try:
         address = ipaddress.ip_address(entry.address)
-    except ValueError:  # an IPv6 address with its interface
+    except ValueError:
         return None
     if address.is_loopback or address.is_unspecified or address.is_multicast:
         return None
@@ -89,10 +89,10 @@ def _usable(entry: InterfaceAddress) -> Address | None:
 
 
 def _default_source() -> str | None:
-    """The address from which packets leave this network; None where there is no default route."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+    """Return the IPv4 source address that the default route uses; None if there is no default route."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         try:
-            probe.connect(_ROUTED)
+            sock.connect(_REMOTE_ADDRESS)
         except OSError:
             return None
-        return str(probe.getsockname()[0])
+        return str(sock.getsockname()[0])

@@ -1,4 +1,7 @@
-"""Names that clients use: of interfaces, as `package/Name` or `package/msg/Name`, and of topics, services and actions."""
+"""Resolves the names that clients use: interface types, as `package/Name` or `package/msg/Name`, and names on the graph.
+
+Error texts are those of rosbridge_suite, because its tests compare them.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,11 @@ import importlib
 import re
 from typing import Any
 
-_PARTS = {"msg": ("SLOT_TYPES",), "srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback", "Impl")}
+_REQUIRED_ATTRIBUTES = {
+    "msg": ("SLOT_TYPES",),
+    "srv": ("Request", "Response"),
+    "action": ("Goal", "Result", "Feedback", "Impl"),
+}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
@@ -17,7 +24,7 @@ class UnknownType(LookupError):
 
 @functools.lru_cache(maxsize=512)
 def find(name: str, kind: str) -> Any:
-    """The class of an interface; `kind` is `msg`, `srv` or `action`. Raises UnknownType.
+    """Return the class of an interface; `kind` is `msg`, `srv` or `action`. Raises UnknownType.
 
     `package/action/Name_FeedbackMessage`, the type of an action's feedback topic, is found as a message.
     """
@@ -32,18 +39,18 @@ def find(name: str, kind: str) -> Any:
     except ImportError as error:
         raise UnknownType(f"Unable to import {package}.{kind} from package {package}. Caused by: {error}") from error
     found = getattr(module, type_name, None)
-    # `rclpy/ActionClient` is a class of a module `rclpy.action`, too, but no interface.
-    if not isinstance(found, type) or not all(hasattr(found, part) for part in _PARTS[kind]):
+    # Not every class in such a module is an interface: `rclpy/ActionClient` finds rclpy.action.ActionClient.
+    if not isinstance(found, type) or not all(hasattr(found, part) for part in _REQUIRED_ATTRIBUTES[kind]):
         raise UnknownType(f"Unable to import {kind} class {type_name} from package {package}. Caused by {module.__name__}")
     return found
 
 
 def full_name(name: str, kind: str) -> str:
-    """`package/kind/Name` of a name that a client uses."""
+    """Return `package/kind/Name` for a type name with or without its kind."""
     words = [word for word in name.split("/") if word]
     return f"{words[0]}/{kind}/{words[-1]}" if words else name
 
 
 def absolute(name: str) -> str:
-    """A topic's, service's or action's name with its leading slash."""
+    """Return the name of a topic, service or action with a leading slash."""
     return name if name.startswith("/") else f"/{name}"

@@ -1,4 +1,4 @@
-"""Named locations on the map, which all browsers share. `home` is where the map begins, until it is put elsewhere."""
+"""Named locations on the map, shared by all browsers. `home` is the map's origin until somebody moves it."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _AT_ORIGIN = {"x": 0.0, "y": 0.0, "yaw": 0.0}
 
 
 class BadLocation(ValueError):
-    """A location that can't be saved or removed, with the reason as text."""
+    """A location that can't be saved or removed; the text is the reason."""
 
 
 def locations_file() -> Path:
-    """The file of this user's locations."""
+    """Return the file of this user's locations."""
     return state_home() / "console" / "locations.json"
 
 
 def all_locations(path: Path) -> dict[str, dict[str, float]]:
-    """The pose of each location on the map: x and y in m, yaw in rad. Raises MalformedFile and OSError."""
+    """Return the pose of each location on the map: x and y in m, yaw in rad. Raises MalformedFile and OSError."""
     stored = read_object(path)
     try:
         return {HOME: dict(_AT_ORIGIN), **{_checked_name(name): _checked_pose(pose) for name, pose in stored.items()}}
@@ -36,7 +36,7 @@ def all_locations(path: Path) -> dict[str, dict[str, float]]:
 
 
 def save_location(path: Path, name: Any, pose: Any) -> dict[str, dict[str, float]]:
-    """Save or replace a location; returns all. Raises BadLocation, MalformedFile and OSError."""
+    """Save or replace a location; returns all locations. Raises BadLocation, MalformedFile and OSError."""
     checked_name, checked_pose = _checked_name(name), _checked_pose(pose)
 
     def add(locations: dict[str, Any]) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def save_location(path: Path, name: Any, pose: Any) -> dict[str, dict[str, float
 
 
 def remove_location(path: Path, name: Any) -> dict[str, dict[str, float]]:
-    """Remove a location, or put `home` back; returns all. Raises BadLocation, MalformedFile and OSError."""
+    """Remove a location, or reset `home`; returns all locations. Raises BadLocation, MalformedFile and OSError."""
 
     def remove(locations: dict[str, Any]) -> dict[str, Any]:
         if name not in (*locations, HOME):
@@ -60,7 +60,7 @@ def remove_location(path: Path, name: Any) -> dict[str, dict[str, float]]:
 
 def _checked_name(name: Any) -> str:
     if not isinstance(name, str) or not name.strip() or len(name) > MAX_NAME or not name.isprintable():
-        raise BadLocation(f"a location's name has up to {MAX_NAME} printable characters")
+        raise BadLocation(f"a location's name must have 1 to {MAX_NAME} printable characters")
     return name.strip()
 
 
@@ -69,7 +69,7 @@ def _checked_pose(pose: Any) -> dict[str, float]:
     for field in ("x", "y", "yaw"):
         value = pose.get(field) if isinstance(pose, dict) else None
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= MAX_COORDINATE_M:
-            raise BadLocation(f"{field} is a number up to {MAX_COORDINATE_M:g}: x and y in m, yaw in rad")
+            raise BadLocation(f"{field} must be a number up to ±{MAX_COORDINATE_M:g}: x and y in m, yaw in rad")
         checked[field] = float(value)
     checked["yaw"] = math.remainder(checked["yaw"], math.tau)
     return checked

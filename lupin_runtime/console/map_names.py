@@ -1,4 +1,4 @@
-"""Maps that clients save: by a plain name, in one folder. The services on the graph take any path of the robot's computer."""
+"""Confines the maps that clients save to one folder, by plain names: the services on the graph would accept any path."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ _PLAIN = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_. -]{0,63}")
 
 
 class BadMapName(ValueError):
-    """The name would lead out of the folder, or is none; the text says what is expected."""
+    """The name is missing or not a plain file name; the text says what is expected."""
 
 
 def maps_folder() -> Path:
-    """Where maps are saved."""
+    """Return the folder in which maps are saved."""
     return state_home() / "maps"
 
 
 def with_map_path(service: str, arguments: Any) -> Any:
-    """The arguments of a service; where it writes a map, with the path in the folder that belongs to the name in them.
+    """Return a service's arguments; if it writes a map, with the map's name replaced by the path in the folder.
 
-    Raises BadMapName, and OSError where the folder cannot be made.
+    Raises BadMapName, and OSError if the folder cannot be created.
     """
     if service == graph.SLAM_SAVE_MAP.name:
         name = arguments.get("name") if isinstance(arguments, dict) else None
@@ -36,6 +36,6 @@ def with_map_path(service: str, arguments: Any) -> Any:
 
 def _path(name: Any) -> str:
     if not isinstance(name, str) or not _PLAIN.fullmatch(name):
-        raise BadMapName(f"a map's name is up to 64 letters, digits, blanks, and . _ - without a folder, not {name!r:.100}")
+        raise BadMapName(f"a map's name must be 1 to 64 letters, digits, spaces, and . _ - (no folder), not {name!r:.100}")
     maps_folder().mkdir(parents=True, exist_ok=True)
     return str(maps_folder() / name)

@@ -23,18 +23,18 @@ from lupin_runtime.stack.runs import Run
 from lupin_runtime.stack.table import CONSOLE_PORT, DOCTOR, ROSBRIDGE_PORT, VIDEO_PORT
 
 JOURNAL = "console_commands.jsonl"
-MAX_MISSED_TURNS = 6  # of the event loop, each of STOP_PERIOD_S
+MAX_MISSED_TURNS = 6  # an event loop that misses this many turns, one every STOP_PERIOD_S, hangs
 
 
 class Console(LupinNode):
     """The console's server as a node.
 
-    Parameters: `host` and `port` of the one origin, `rosbridge_host` and `rosbridge_port` (port 0: any free one; an empty
-    host: all of this computer's addresses), `tls` (HTTPS on the one origin, to which browsers of other computers are sent),
-    `video_target` (the URL of the video server [the robot's, or this computer's]), `folder` (where the journal of commands and
-    `console.json` are written), `sessions_file` (the paired browsers), `unlisted` (clients may also use topics, services and
-    actions that the graph's table does not have), `unregister_after_s` (how long a publisher that no client uses is kept).
-    Raises OSError where a port is in use.
+    Parameters: `host` and `port` for browsers, `rosbridge_host` and `rosbridge_port` for other programs (port 0: any free one;
+    an empty host: all of this computer's addresses), `tls` (serve HTTPS too, and redirect browsers on other computers to it),
+    `video_target` (the URL of the video server [the robot's, or this computer's]), `folder` (of the command journal and
+    `console.json`), `sessions_file` (the paired browsers), `unlisted` (clients may also use topics, services and actions that
+    the graph's table does not contain), `unregister_after_s` (how long a publisher that no client uses is kept).
+    Raises OSError if a port is in use.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
@@ -45,11 +45,11 @@ class Console(LupinNode):
         self._journal = CommandJournal(folder / JOURNAL)
         record = self._journal.record
 
-        def note_control(line: str) -> None:
+        def log_control_change(line: str) -> None:
             logger.info(line)
             record("control", line)
 
-        authority = Authority(note_control, unlisted=self.parameter("unlisted", False))
+        authority = Authority(log_control_change, allow_unlisted=self.parameter("unlisted", False))
         bridge = Bridge(
             self,
             authority,
@@ -78,20 +78,20 @@ class Console(LupinNode):
         try:
             self.port, self.rosbridge_port = self._server.start()
         except OSError:
-            # Nothing of it is left on the graph or on a port where one of the two ports was free.
+            # If only one of the two ports is free, nothing is left open on it or on the graph.
             self._server.stop()
             self._journal.close()
             self.destroy_node()
             raise
         self._describe()
         logger.info(
-            f"console: http://{self._host}:{self.port}; rosbridge for other clients: ws://{rosbridge_host}:{self.rosbridge_port}"
+            f"console: http://{self._host}:{self.port}; rosbridge for programs: ws://{rosbridge_host}:{self.rosbridge_port}"
         )
-        self._seen_turns = self._missed = 0
+        self._last_turns = self._missed = 0
         self.create_timer(STOP_PERIOD_S, self._watch_event_loop, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _certificate(self) -> ServerCertificate | None:
-        """None where there can be none; this computer alone is served then, which needs no encryption."""
+        """Load the certificate. If that fails, return None and serve only this computer, which needs no encryption."""
         try:
             return ServerCertificate()
         except CertificateError as error:
@@ -104,22 +104,22 @@ class Console(LupinNode):
         ConsoleDescription(os.getpid(), self._host, self.port, self.rosbridge_port, codes, self._tls).write(self._folder)
 
     def _watch_event_loop(self) -> None:
-        """Raise where the event loop hangs, which ends the process: the supervisor sees only that this executor works."""
+        """Raise RuntimeError, which ends the process, if the event loop hangs: the supervisor watches only this executor."""
         turns = self._server.turns
-        self._missed = self._missed + 1 if turns == self._seen_turns else 0
-        self._seen_turns = turns
+        self._missed = self._missed + 1 if turns == self._last_turns else 0
+        self._last_turns = turns
         if self._missed >= MAX_MISSED_TURNS:
             raise RuntimeError(f"the console's event loop has not responded for {MAX_MISSED_TURNS * STOP_PERIOD_S:g} s")
 
     def before_shutdown(self) -> None:
-        """Close all connections, which stops a robot that one of them drives."""
+        """Close all connections. If a client was driving, this stops the robot."""
         self._server.stop()
         remove_description(self._folder)
         self._journal.close()
 
 
 def _video_target() -> str:
-    """Where the pictures are: at the robot, which serves discovery, or on this computer for a simulated one."""
+    """Return the video server's URL: on the robot, which is also the discovery server, or on this computer if simulated."""
     servers = [each.strip() for each in os.environ.get("ROS_DISCOVERY_SERVER", "").split(";")]
     host = next(filter(None, servers), "").rsplit(":", 1)[0]
     return f"http://{host or '127.0.0.1'}:{VIDEO_PORT}"

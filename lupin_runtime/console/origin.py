@@ -1,6 +1,6 @@
-"""The console's one origin: the page, rosbridge at `/_ros`, `/_video` and `/_api`, for browsers that were paired.
+"""Port 8090, the one origin for browsers: the page, rosbridge at `/_ros`, video at `/_video` and the API at `/_api`.
 
-A browser on this computer is paired by itself.
+Only paired browsers are served. A browser on this computer is paired automatically.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from lupin_runtime.console.plays import Plays
 from lupin_runtime.console.program import LupinProgram
 from lupin_runtime.console.request_rules import check_encryption, check_host, check_origin, device_kind, is_loopback
 from lupin_runtime.console.rosbridge import RosbridgeClient
-from lupin_runtime.console.sessions import LIFE_S, Sessions
+from lupin_runtime.console.sessions import SESSION_LIFETIME_S, Sessions
 from lupin_runtime.console.shared_data import SharedData
 from lupin_runtime.console.video import VideoRelay
 
 COOKIE = "lupin_session"
 MAX_CLIENTS = 256
-LOCAL = Session("this computer", Role.OPERATOR)  # of programs on it, which keep no cookie
-_AUTHORITY_PATH = "/authority.crt"
+LOCAL_SESSION = Session("this computer", Role.OPERATOR)  # the session of programs on it, which keep no cookie
+_ROOT_CERTIFICATE_PATH = "/authority.crt"
 _PAGE = Path(__file__).with_name("page")
 _WRONG_CODE_PAUSE_S = 1.0
 _HEADERS = {
@@ -48,21 +48,21 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 _LEASE_BODY: dict[str, dict[str, Any]] = {
     "action": {"enum": ["take", "request", "grant", "refuse", "give_up", "take_over"]},
-    "from": {"type": "string", "description": "for take_over: who has control, as the operator saw it"},
+    "from": {"type": "string", "description": "for take_over: who has control, as shown to the operator"},
 }
 
 _FIX_BODY: dict[str, dict[str, Any]] = {
     "finding": {"type": "string"},
-    "confirmed": {"type": "boolean", "description": "false: only say what would be changed"},
+    "confirmed": {"type": "boolean", "description": "false: only preview what would be changed"},
 }
 
 
 class Unpaired(Exception):
-    """A request of a browser that was not paired."""
+    """A request from a browser that is not paired."""
 
 
 class Origin:
-    """The routes of the one origin. Used on the event loop only."""
+    """The routes of port 8090. Used on the event loop only."""
 
     def __init__(
         self,
@@ -72,15 +72,15 @@ class Origin:
         codes: PairingCodes,
         doctor_command: Sequence[str],
         video_target: str,
-        authority_file: Path | None = None,
+        root_certificate: Path | None = None,
     ) -> None:
-        """With `authority_file`, the certificate that devices install, others than this computer are sent to HTTPS."""
+        """`root_certificate` is the file that devices install; with one, browsers on other computers are sent to HTTPS."""
         program = LupinProgram(doctor_command)
         self.doctor = Doctor(program, lambda state: self._events.push("doctor", state))
         self._plays = Plays(program)
         self.video = VideoRelay(video_target, self._is_paired)
         self._bridge = bridge
-        self._authority_file = authority_file
+        self._root_certificate = root_certificate
         self._handoff = handoff
         self._sessions = sessions
         self._codes = codes
@@ -88,81 +88,84 @@ class Origin:
         self._shared = SharedData(bridge, self._events)
         self._sockets: dict[web.WebSocketResponse, Session] = {}
         self._open_paths: set[str] = set()
-        self._opened = 0
+        self._rosbridge_count = 0  # connections so far
         self._holder: str | None = None
-        self._since_s = 0.0  # wall clock, for browsers
+        self._since_s = 0.0  # when the holder got control, in wall-clock time for browsers
         bridge.authority.on_change(self.push_state)
 
     def application(self) -> web.Application:
-        """The aiohttp application with all routes."""
+        """Return the aiohttp application with all routes."""
         application = web.Application(middlewares=[self._guard])
         application.router.add_get("/", self._page)
         application.router.add_static("/page/", _PAGE)
         application.router.add_get("/_ros", self._ros)
-        application.router.add_get(_AUTHORITY_PATH, self._authority)
-        own = (
+        application.router.add_get(_ROOT_CERTIFICATE_PATH, self._send_root_certificate)
+        resources = (
             Resource(
-                "/_api/session", self._session, "Who this browser is, who has control, and why the robot is stopped.", open=True
+                "/_api/session",
+                self._session,
+                "This browser's session, who has control, and why clients stop the robot.",
+                open=True,
             ),
-            Resource("/_api/pair", self._pair, "Pair this browser by a code.", {"code": {"type": "string"}}, open=True),
+            Resource("/_api/pair", self._pair, "Pair this browser with a code.", {"code": {"type": "string"}}, open=True),
             Resource("/_api/lease", self._lease, "Take, request, hand over or give up control.", _LEASE_BODY),
-            Resource("/_api/stop", self._stop, "Stop, or release the stop.", {"engaged": {"type": "boolean"}}),
-            Resource("/_api/doctor", self._doctor_state, "The last diagnosis, when it was made, and what the doctor does now."),
+            Resource("/_api/stop", self._stop, "Stop the robot, or release the stop.", {"engaged": {"type": "boolean"}}),
+            Resource("/_api/doctor", self._doctor_state, "The last diagnosis, its time, and what the doctor is doing now."),
             Resource("/_api/doctor/examination", self._examine, "Examine this computer and its graph; changes nothing.", {}),
             Resource("/_api/doctor/fix", self._fix, "Play the fix of a finding, or preview it. Needs control.", _FIX_BODY),
-            Resource("/_api/events", self._listen, "A WebSocket with all that changes: control, stop, run, doctor."),
+            Resource("/_api/events", self._listen, "Changes of control, stop, run, doctor, locations, settings (WebSocket)."),
         )
-        self._open_paths = {"/", _AUTHORITY_PATH, *(resource.path for resource in own if resource.open)}
+        self._open_paths = {"/", _ROOT_CERTIFICATE_PATH, *(resource.path for resource in resources if resource.open)}
         add_resources(
             application,
-            (*own, *run_files.resources(), *self._shared.resources(), *self._plays.resources(), *self.video.resources()),
+            (*resources, *run_files.resources(), *self._shared.resources(), *self._plays.resources(), *self.video.resources()),
         )
         return application
 
     def push_state(self) -> None:
-        """Push control and stop to all browsers where they changed. To be called twice a second, too."""
+        """Push control and stop to all browsers if they have changed. To be called on changes and twice a second."""
         self._events.push("control", self._control())
         self._events.push("stop", self._bridge.stop_reasons())
 
     def push_run(self, state: dict[str, Any]) -> None:
-        """Push the state of the run: its stages, alarms and mission."""
+        """Push the state of the run (its stages, alarms and mission) to all browsers if it has changed."""
         self._events.push("run", state)
 
     def close_revoked(self) -> None:
-        """Disconnect browsers whose session was revoked. To be called twice a second."""
+        """Disconnect browsers whose pairing was revoked. To be called twice a second."""
         for socket, session in list(self._sockets.items()):
-            if session is not LOCAL and not self._sessions.is_valid(session):
+            if session is not LOCAL_SESSION and not self._sessions.is_valid(session):
                 del self._sockets[socket]
                 closing = socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"this browser is no longer paired")
                 task = asyncio.ensure_future(closing)
                 task.add_done_callback(lambda done: done.exception())
 
-    # -- who asks -----------------------------------------------------------------------------------------------------
+    # -- access -------------------------------------------------------------------------------------------------------
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         check_host(request)
         check_origin(request)
-        if self._authority_file is not None:
+        if self._root_certificate is not None:
             check_encryption(request)
         session = None
         try:
             session = self._find_session(request)
             if session is None and is_loopback(request):
-                session = LOCAL
+                session = LOCAL_SESSION
             if session is not None:
                 request[SESSION] = session
             elif request.path not in self._open_paths and not request.path.startswith("/page/"):
                 raise Unpaired
             response = await handler(request)
         except Unpaired:
-            text = "this browser is not paired; open / and type the code that the terminal shows"
+            text = "this browser is not paired; open the page / and type the code that the terminal shows"
             response = web.json_response({"error": text}, status=401)
         except Refused as refusal:
             self._bridge.record(session.name if session else f"{request.remote}", request.path, refused=str(refusal))
             response = web.json_response({"error": str(refusal)}, status=403)
         except DoctorError as error:
             response = web.json_response({"error": str(error)}, status=409)
-        except (MalformedFile, OSError) as error:  # of paired browsers, locations or settings
+        except (MalformedFile, OSError) as error:  # from the files of paired browsers, locations or settings
             response = web.json_response({"error": str(error)}, status=503)
         if not response.prepared:
             for name, value in _HEADERS.items():
@@ -173,24 +176,24 @@ class Origin:
         token = request.cookies.get(COOKIE, "")
         session = self._sessions.find(token)
         if session is not None and self._sessions.is_use_due(token):
-            noting = asyncio.ensure_future(asyncio.to_thread(self._sessions.note_use, token))
-            # Its error, as of a full disk, is dropped: it must not keep the browser out.
-            noting.add_done_callback(lambda done: done.cancelled() or done.exception())
+            future = asyncio.ensure_future(asyncio.to_thread(self._sessions.note_use, token))
+            # An error, for example of a full disk, is ignored: it must not keep the browser out.
+            future.add_done_callback(lambda done: done.cancelled() or done.exception())
         return session
 
     # -- the page -----------------------------------------------------------------------------------------------------
     async def _page(self, request: web.Request) -> web.StreamResponse:
         response = web.FileResponse(_PAGE / "index.html")
-        if request.get(SESSION) is LOCAL and "text/html" in request.headers.get("Accept", ""):
+        if request.get(SESSION) is LOCAL_SESSION and "text/html" in request.headers.get("Accept", ""):
             _, token = await self._pair_browser(request, Role.OPERATOR)
             _set_cookie(request, response, token)
         return response
 
-    async def _authority(self, _: web.Request) -> web.StreamResponse:
-        """The certificate that a phone installs to trust this server. It is public."""
-        if self._authority_file is None or not self._authority_file.is_file():
+    async def _send_root_certificate(self, _: web.Request) -> web.StreamResponse:
+        """Send the public certificate that a phone installs to trust this server."""
+        if self._root_certificate is None or not self._root_certificate.is_file():
             raise web.HTTPNotFound(text="this console has no certificate\n")
-        response = web.FileResponse(self._authority_file)
+        response = web.FileResponse(self._root_certificate)
         response.content_type = "application/x-x509-ca-cert"
         return response
 
@@ -203,10 +206,10 @@ class Origin:
         except Refused:
             await asyncio.sleep(_WRONG_CODE_PAUSE_S)
             raise
-        before = self._find_session(request)
+        previous = self._find_session(request)
         session, token = await self._pair_browser(request, role)
-        if before is not None:
-            await asyncio.to_thread(self._sessions.revoke, before.name)
+        if previous is not None:
+            await asyncio.to_thread(self._sessions.revoke, previous.name)
         self._bridge.record(session.name, f"paired as {role.value}", request.remote)
         response = web.json_response({"name": session.name, "role": role.value})
         _set_cookie(request, response, token)
@@ -219,13 +222,13 @@ class Origin:
     # -- rosbridge ----------------------------------------------------------------------------------------------------
     async def _ros(self, request: web.Request) -> web.StreamResponse:
         session = request[SESSION]
-        self._opened += 1
-        if session is LOCAL:
-            session = Session(f"program {self._opened} of this computer", Role.OPERATOR)
+        self._rosbridge_count += 1
+        if session is LOCAL_SESSION:
+            session = Session(f"program {self._rosbridge_count} of this computer", Role.OPERATOR)
         socket, connection = await self._open(request)
         client = RosbridgeClient(session, self._bridge, lambda frame: self._handoff.put(connection, frame))
         try:
-            await connection.serve(client.handle, lambda: self._bridge.overloaded(client))
+            await connection.serve(client.handle, lambda: self._bridge.is_overloaded(client))
         finally:
             self._sockets.pop(socket, None)
             client.close()
@@ -234,8 +237,8 @@ class Origin:
     # -- the API ------------------------------------------------------------------------------------------------------
     async def _session(self, request: web.Request) -> web.StreamResponse:
         session = request.get(SESSION)
-        own = None if session is None else {"name": session.name, "role": session.role.value}
-        return web.json_response({"session": own, "control": self._control(), "stop": self._bridge.stop_reasons()})
+        described = None if session is None else {"name": session.name, "role": session.role.value}
+        return web.json_response({"session": described, "control": self._control(), "stop": self._bridge.stop_reasons()})
 
     async def _lease(self, request: web.Request) -> web.StreamResponse:
         session = request[SESSION]
@@ -253,11 +256,11 @@ class Origin:
         elif action == "take_over":
             holder = authority.lease(now_ns).holder
             if body.get("from") != holder:
-                # What the operator confirmed was to take control from somebody else.
+                # The operator confirmed taking control from somebody else.
                 return web.json_response({"error": f"control is with {holder or 'nobody'} now"}, status=409)
-            authority.take(session, now_ns, from_holder=True)
+            authority.take(session, now_ns, take_over=True)
         else:
-            raise web.HTTPBadRequest(text="action is one of take, request, grant, refuse, give_up, take_over\n")
+            raise web.HTTPBadRequest(text="action must be one of take, request, grant, refuse, give_up, take_over\n")
         return web.json_response(self._control())
 
     async def _stop(self, request: web.Request) -> web.StreamResponse:
@@ -268,7 +271,7 @@ class Origin:
         elif engaged is False:
             self._bridge.release_for(session)
         else:
-            raise web.HTTPBadRequest(text="engaged is true or false\n")
+            raise web.HTTPBadRequest(text="engaged must be true or false\n")
         self.push_state()
         return web.json_response({"stop": self._bridge.stop_reasons()})
 
@@ -285,7 +288,7 @@ class Origin:
         finding, confirmed = body.get("finding"), body.get("confirmed")
         if not isinstance(finding, str) or not isinstance(confirmed, bool):
             raise web.HTTPBadRequest(
-                text="finding is the id of a finding, and confirmed true to play its fix, false to preview it\n"
+                text="finding must be the id of a finding; confirmed must be true to play its fix, or false to preview it\n"
             )
         session = request[SESSION]
         self._bridge.authority.take(session, time.monotonic_ns())
@@ -297,16 +300,16 @@ class Origin:
         socket, connection = await self._open(request)
         self._events.join(connection)
         try:
-            await connection.serve(lambda _: self._bridge.authority.seen(session, time.monotonic_ns()), lambda: False)
+            await connection.serve(lambda _: self._bridge.authority.note_alive(session, time.monotonic_ns()), lambda: False)
         finally:
             self._sockets.pop(socket, None)
             self._events.leave(connection)
         return socket
 
     def _is_paired(self, request: web.Request) -> bool:
-        """Whether the browser that sent a request is still paired."""
+        """Return whether the browser that sent a request is still paired."""
         session = request[SESSION]
-        return session is LOCAL or self._sessions.is_valid(session)
+        return session is LOCAL_SESSION or self._sessions.is_valid(session)
 
     def _control(self) -> dict[str, Any]:
         lease = self._bridge.authority.lease(time.monotonic_ns())
@@ -325,4 +328,5 @@ class Origin:
 
 
 def _set_cookie(request: web.Request, response: web.StreamResponse, token: str) -> None:
-    response.set_cookie(COOKIE, token, max_age=int(LIFE_S), httponly=True, secure=request.secure, samesite="Strict", path="/")
+    lifetime_s = int(SESSION_LIFETIME_S)
+    response.set_cookie(COOKIE, token, max_age=lifetime_s, httponly=True, secure=request.secure, samesite="Strict", path="/")

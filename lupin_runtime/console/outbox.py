@@ -1,8 +1,8 @@
 """The bounded queue of frames for one client.
 
-A client that reads slowly must slow nobody down and must not fill the memory. Of a sensor's samples only the newest few are
-kept. State and answers are never dropped, because a client could not know that it missed one; a client that lets them pile up
-is disconnected instead, and gets the latest state when it connects again.
+A client that reads slowly must not slow others down or fill the memory. Of a sensor's samples only the newest few are kept.
+State and answers are never dropped, because a client could not know that it missed one; a client that reads them too slowly is
+disconnected instead, and gets the latest state when it connects again.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from collections import OrderedDict, deque
 from dataclasses import dataclass
 
 MAX_BYTES = 4_000_000  # of frames that may not be dropped
-MAX_SAMPLE_BYTES = 3_000_000  # of sensor samples, whatever their topics
+MAX_SAMPLE_BYTES = 3_000_000  # of sensor samples on all topics
 SAMPLES_PER_TOPIC = 4
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One WebSocket message. `stream` names the topic of a sample that may be dropped; empty for all other frames."""
+    """One WebSocket message. `stream` is the topic of a sample that may be dropped; empty for all other frames."""
 
     data: bytes
     binary: bool = False
@@ -26,7 +26,7 @@ class Frame:
 
 
 class Outbox:
-    """Frames in the order in which they are sent. Not thread-safe: used by the event loop only."""
+    """Frames in sending order. Not thread-safe: used on the event loop only."""
 
     def __init__(self) -> None:
         self._frames: OrderedDict[int, Frame] = OrderedDict()
@@ -41,7 +41,7 @@ class Outbox:
 
     @property
     def overflowed(self) -> bool:
-        """Whether frames that may not be dropped exceed their limit: the client must be disconnected."""
+        """Whether frames that may not be dropped exceed their limit, so that the client must be disconnected."""
         return self._bytes > MAX_BYTES
 
     @property
@@ -50,7 +50,7 @@ class Outbox:
         return self._bytes + self._sample_bytes
 
     def put(self, frame: Frame) -> None:
-        """Append a frame; drops the oldest samples where there are too many. The newest sample is always kept."""
+        """Append a frame, dropping the oldest samples if there are too many. The newest sample is always kept."""
         number, self._next = self._next, self._next + 1
         if frame.stream:
             while len(self._streams.get(frame.stream, ())) >= max(1, frame.depth):
@@ -66,7 +66,7 @@ class Outbox:
         self._frames[number] = frame
 
     def take(self) -> Frame | None:
-        """The next frame, or None where none waits."""
+        """Remove and return the next frame; None if none is waiting."""
         return self._remove(next(iter(self._frames))) if self._frames else None
 
     def _remove(self, number: int) -> Frame:

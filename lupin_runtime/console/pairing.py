@@ -1,7 +1,8 @@
-"""One-time codes by which a browser is paired: shown in the terminal, typed or scanned once.
+"""One-time codes that pair a browser: the terminal shows them, and people type or scan them.
 
-A code is good for one browser. It is replaced when it was used and after LIFE_S. Wrong ones do not replace it, since anybody on
-the network could then keep others out; at the server's pace, guessing one of 31^8 in LIFE_S takes a chance of one in a million.
+A code pairs one browser. It is replaced once it has been used, and after CODE_LIFETIME_S. A wrong code does not replace it,
+because anybody on the network could then lock others out. At the server's pace, the chance of guessing one of 31^8 codes
+within CODE_LIFETIME_S is one in a million.
 """
 
 from __future__ import annotations
@@ -12,14 +13,14 @@ from collections.abc import Callable
 
 from lupin_runtime.console.authority import Refused, Role
 
-LIFE_S = 3600.0
-# Without 0 O 1 I L, which people confuse.
+CODE_LIFETIME_S = 3600.0
+# Without 0, O, 1, I and L, which are easily confused.
 _ALPHABET = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"
 _LENGTH = 8
 
 
 class PairingCodes:
-    """The present code of each role. `changed` is called when one was replaced. Times are monotonic nanoseconds."""
+    """The current code of each role. `changed` is called after one is replaced. Times are monotonic nanoseconds."""
 
     def __init__(self, changed: Callable[[], None], now_ns: int) -> None:
         self._changed = changed
@@ -27,11 +28,11 @@ class PairingCodes:
         self._made_ns = now_ns
 
     def code(self, role: Role) -> str:
-        """The code that pairs a browser in a role."""
+        """Return the code that pairs a browser in a role."""
         return self._codes[role]
 
     def redeem(self, text: str, now_ns: int) -> Role:
-        """The role of a code, which is used up by it. Raises Refused for a code that is wrong, used or too old."""
+        """Use up a code and return its role. Raises Refused for a code that is wrong, used or too old."""
         self.tick(now_ns)
         entered = "".join(letter for letter in text.upper() if letter in _ALPHABET)
         for role, code in self._codes.items():
@@ -39,11 +40,11 @@ class PairingCodes:
                 self._codes[role] = _new_code()
                 self._changed()
                 return role
-        raise Refused("this code is not valid (any more); type the one that the terminal shows now, or run: lupin console code")
+        raise Refused("this code is wrong, used or expired; type the one that the terminal shows, or run: lupin console code")
 
     def tick(self, now_ns: int) -> None:
         """Replace codes that are too old."""
-        if now_ns - self._made_ns > LIFE_S * 1e9:
+        if now_ns - self._made_ns > CODE_LIFETIME_S * 1e9:
             self._codes = {role: _new_code() for role in Role}
             self._made_ns = now_ns
             self._changed()

@@ -1,4 +1,4 @@
-"""Converts the values of parameters between ROS and the JSON text that rosapi has them in."""
+"""Converts parameter values between ROS and the JSON text that rosapi uses for them."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import yaml
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rclpy.parameter import parameter_value_to_python
 
-# Longer text in a JSON string is a string without a look: YAML takes seconds for a megabyte, on the executor's thread.
+# Longer text is not parsed as YAML: for a megabyte that would block the executor's thread for seconds.
 MAX_YAML_CHARACTERS = 4096
 _KINDS = ((bool, "bool"), (int, "integer"), (float, "double"), (str, "string"))
 
 
 def normalize_json(text: str) -> str:
-    """JSON text as Python writes it; an empty JSON string for anything else."""
+    """Return JSON text in Python's format; an empty JSON string if `text` is not JSON."""
     try:
         return json.dumps(json.loads(text), allow_nan=False)
     except (ValueError, RecursionError):
@@ -24,7 +24,7 @@ def normalize_json(text: str) -> str:
 
 
 def plain_value(value: ParameterValue) -> Any:
-    """A parameter's value for JSON, which has neither bytes nor NaN."""
+    """Convert a parameter's value for JSON, which has neither bytes nor NaN."""
 
     def plain(item: Any) -> Any:
         if isinstance(item, bytes):
@@ -36,10 +36,11 @@ def plain_value(value: ParameterValue) -> Any:
 
 
 def typed_value(text: str) -> dict[str, Any]:
-    """The values of the ParameterValue that JSON text stands for.
+    """Convert JSON text to the fields of a ParameterValue.
 
-    A JSON string holds YAML, as on ROS 2's command line: "5" is an integer, and "fast" a string. What no parameter can hold,
-    e.g. an object, is a string with the text. Raises ValueError, and RecursionError for text that is nested too deeply.
+    The content of a JSON string is YAML, as on ROS 2's command line: "5" is an integer, "fast" a string. A value that no
+    parameter can have, such as an object, becomes a string with the text. Raises ValueError, and RecursionError for text that
+    is nested too deeply.
     """
     value = json.loads(text)
     if isinstance(value, str):
@@ -59,5 +60,5 @@ def _read_yaml(text: str) -> Any:
         return text
     try:
         return yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError):  # ValueError: of a date such as 2024-13-45
+    except (yaml.YAMLError, ValueError, RecursionError):  # ValueError: for a date such as 2024-13-45
         return text

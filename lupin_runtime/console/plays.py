@@ -1,4 +1,4 @@
-"""The API's resources about playbooks: their runs, as the journal has them, and what was deployed to which robot."""
+"""The API's resources about playbooks: the playbook runs in the journal, and the last deploy to each robot."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from lupin_runtime.console.api_table import Resource
 from lupin_runtime.console.program import LupinProgram, ProgramError
 
 _TIMEOUT_S = 20.0
-_LISTED = 200
+_MAX_LISTED = 200
 _DEPLOY = "deploy-robot"
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.:@+-]{0,199}")
 _UNFINISHED = ("interrupted", "cut off", "unreachable", "failed")
 
 
 class Plays:
-    """Asks the program for its journal, which reads the disk only."""
+    """Reads the journal with `lupin journal`, which needs no connection to a robot."""
 
     def __init__(self, program: LupinProgram) -> None:
         self._program = program
 
     def resources(self) -> tuple[Resource, ...]:
-        """The routes, each with what it answers."""
+        """Return the routes, each with a summary of its answer."""
         return (
             Resource(
                 "/_api/plays",
                 self._plays,
-                f"The last {_LISTED} runs of playbooks, newest first: playbook, robot, state, and how to go on.",
+                f"The last {_MAX_LISTED} playbook runs, newest first: playbook, robot, state, and the command to resume.",
             ),
-            Resource("/_api/plays/{play}", self._play, "One run of a playbook, with its steps."),
-            Resource("/_api/deployments", self._deployments, "The last deploy to each robot, and how it ended."),
+            Resource("/_api/plays/{play}", self._play, "One playbook run, with its steps."),
+            Resource("/_api/deployments", self._deployments, "The last deploy to each robot, and its result."),
         )
 
     async def _plays(self, _: web.Request) -> web.StreamResponse:
@@ -41,7 +41,7 @@ class Plays:
     async def _play(self, request: web.Request) -> web.StreamResponse:
         play = request.match_info["play"]
         if not _ID.fullmatch(play) or play not in [each["run"] for each in await self._listed()]:
-            raise web.HTTPNotFound(text="there is no such run; see /_api/plays\n")
+            raise web.HTTPNotFound(text="there is no such playbook run; see /_api/plays\n")
         return web.json_response(_with_resume(await self._journal("show", "--json", play)))
 
     async def _deployments(self, _: web.Request) -> web.StreamResponse:
@@ -52,7 +52,7 @@ class Plays:
         return web.json_response(list(newest.values()))
 
     async def _listed(self) -> list[dict[str, Any]]:
-        rows = await self._journal("list", "--json", "-n", str(_LISTED))
+        rows = await self._journal("list", "--json", "-n", str(_MAX_LISTED))
         return [_with_resume(row) for row in rows]
 
     async def _journal(self, *arguments: str) -> Any:
@@ -63,7 +63,7 @@ class Plays:
 
 
 def _with_resume(play: dict[str, Any]) -> dict[str, Any]:
-    """A run with the command that goes on with it, empty where there is nothing to go on with; the path stays here."""
+    """Add to a playbook run the command that resumes it, empty if it needs none; remove its path, which is not for clients."""
     robot = f" --robot {play['robot']}" if play["robot"] else ""
     unfinished = play["state"] in _UNFINISHED and not play["undo_of"]
     command = f"lupin play {play['playbook']}{robot} --resume" if unfinished else ""

@@ -1,4 +1,4 @@
-"""Asks the command line's program: what it prints with `--json` is all that the console knows of playbooks and the doctor."""
+"""Runs the `lupin` command: the console knows about playbooks and the doctor only what that prints with `--json`."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ _STOP_TIMEOUT_S = 5.0
 
 
 class ProgramError(RuntimeError):
-    """The program did not do what was asked for; the text says why."""
+    """The command failed; the text says why."""
 
 
 class LupinProgram:
-    """`command` is the program and its first arguments, as a list. For the event loop only."""
+    """Runs `command`, the program with its first arguments. For the event loop only."""
 
     def __init__(self, command: Sequence[str]) -> None:
         self._command = list(command)
 
     async def run(self, arguments: Sequence[str], timeout_s: float) -> Any:
-        """The JSON that a command prints. Raises ProgramError."""
+        """Run a subcommand and return the JSON that it prints. Raises ProgramError."""
         pipe = asyncio.subprocess.PIPE
         process = await asyncio.create_subprocess_exec(
             *self._command, *arguments, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe
@@ -30,18 +30,19 @@ class LupinProgram:
         try:
             output, errors = await asyncio.wait_for(process.communicate(), timeout_s)
         except asyncio.TimeoutError:
-            raise ProgramError(f"lupin {arguments[0]} did not end within {timeout_s:g} s") from None
+            raise ProgramError(f"lupin {arguments[0]} did not finish within {timeout_s:g} s") from None
         finally:
             if process.returncode is None:
-                await _end(process)
+                await _terminate(process)
         try:
             return json.loads(output)
         except ValueError:
-            said = errors.decode(errors="replace").strip().splitlines()
-            raise ProgramError(f"lupin {arguments[0]}: {said[-1] if said else f'ended with {process.returncode}'}") from None
+            lines = errors.decode(errors="replace").strip().splitlines()
+            reason = lines[-1] if lines else f"exited with status {process.returncode}"
+            raise ProgramError(f"lupin {arguments[0]}: {reason}") from None
 
 
-async def _end(process: asyncio.subprocess.Process) -> None:
+async def _terminate(process: asyncio.subprocess.Process) -> None:
     with contextlib.suppress(ProcessLookupError):
         process.terminate()
     try:

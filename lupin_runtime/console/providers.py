@@ -26,32 +26,32 @@ from lupin_runtime.console import interfaces
 from lupin_runtime.console.cdr import Format, decoder
 from lupin_runtime.console.values import Now, fill
 
-ANSWER_TIMEOUT_S = 60.0  # after this the request of a service ends with an empty response
-DESTROY_DELAY_S = 1.0  # an action server is kept for this long after its last goal, so that the result can be fetched
+ANSWER_TIMEOUT_S = 60.0  # a service request that the client has not answered after this time gets an empty response
+DESTROY_DELAY_S = 1.0  # an action server is kept this long after its last goal, so that callers can fetch the result
 
 Send = Callable[[dict[str, Any]], None]  # queues a message for the client; thread-safe, never raises
 
-# Clients are outside of the simulation: waiting for them takes real time.
+# Clients are not part of the simulation, so they are waited for in real time.
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class RequestFailed(ValueError):
-    """A request of a client that cannot be carried out. The text is the protocol's where that has one."""
+    """A client's request that cannot be carried out. The text is the protocol's if it defines one."""
 
 
 @contextmanager
 def request_errors() -> Iterator[None]:
-    """Raise RequestFailed for a type, a name or values that a client has sent and that are not valid."""
+    """Turn the errors of an invalid type, name or value that a client has sent into RequestFailed."""
     try:
         yield
     except NameValidationException as error:
-        raise RequestFailed(" ".join(str(error).split("\n")[:2])) from error  # without the line that points at a character
+        raise RequestFailed(" ".join(str(error).split("\n")[:2])) from error  # without the line that marks the character
     except (interfaces.UnknownType, ValueError) as error:
         raise RequestFailed(str(error)) from error
 
 
 def find_interface(type_name: str, kind: str, *parts: str) -> Any:
-    """The class of a client's type. Raises UnknownType, or UnsupportedType where a part of it cannot be sent to clients."""
+    """Return the class of a client's type. Raises UnknownType, or UnsupportedType if clients cannot be sent one of `parts`."""
     found: Any = interfaces.find(type_name, kind)
     for part in parts:
         decoder(getattr(found, part), Format.JSON)
@@ -59,25 +59,25 @@ def find_interface(type_name: str, kind: str, *parts: str) -> Any:
 
 
 def to_values(message: Any) -> dict[str, Any]:
-    """A message as values for JSON."""
+    """Convert a message to values for JSON."""
     message_class: Any = type(message)
     return decoder(message_class, Format.JSON)(serialize_message(message))
 
 
 def ros_clock(node: Node) -> Now:
-    """A function that returns the present ROS time as a message."""
+    """Return a function that returns the current ROS time as a message."""
     clock = node.get_clock()
     return lambda: clock.now().to_msg()
 
 
 def call_later(node: Node, delay_s: float, callback: Callable[[], None]) -> Timer:
-    """Call a function once, after `delay_s` of real time; `node.destroy_timer` calls it off."""
+    """Call a function once, after `delay_s` of real time; pass the timer to `node.destroy_timer` to cancel it."""
 
     def fire() -> None:
         node.destroy_timer(timer)
         callback()
 
-    # In a group of its own, because the node's default group is busy while a callback of it awaits something.
+    # The timer needs its own group: the node's default group is busy while one of its callbacks awaits something.
     timer = node.create_timer(delay_s, fire, callback_group=ReentrantCallbackGroup(), clock=STEADY)
     return timer
 
@@ -91,7 +91,7 @@ class _AdvertisedService:
         self._now = now
         self._name = name
         self._class = service_class
-        self._answers: dict[str, Future] = {}  # by the requests' ids
+        self._answers: dict[str, Future] = {}  # by request id
         self._requests = 0
         self._running = 0
         self._closed = False
@@ -111,12 +111,15 @@ class _AdvertisedService:
         self._running -= 1
         self._node.destroy_timer(timeout)
         if self._closed and not self._running:
-            # rclpy sends the response after this callback, and needs the server for it.
+            # Not at once: rclpy sends the response after this callback and needs the server for it.
             self._node.executor.create_task(self._node.destroy_service, self._server)
         return empty if response is None else response
 
     def respond(self, identifier: str, values: Any, result: bool) -> None:
-        """End a request with a client's answer. Raises RequestFailed, after an empty response if the id is valid."""
+        """Finish a request with the client's answer.
+
+        Raises RequestFailed for an unknown id, and for values that do not fit, after sending the caller an empty response.
+        """
         answer = self._answers.pop(identifier, None)
         if answer is None:
             raise RequestFailed(f"Received service response for unrecognized id: {identifier}")
@@ -132,7 +135,7 @@ class _AdvertisedService:
             answer.set_result(response)
 
     def close(self) -> None:
-        """End all requests with an empty response, and destroy the server."""
+        """Finish all requests with an empty response, and destroy the server."""
         self._closed = True
         if self._answers:
             self._warn(f"{self._name} was unadvertised; callers get an empty response to {', '.join(self._answers)}")
@@ -153,9 +156,9 @@ class _AdvertisedService:
 
 
 class ServiceProvider:
-    """The services that one client advertises. All methods are called on the executor's thread, and raise RequestFailed.
+    """The services that one client advertises. All methods are called on the executor's thread and may raise RequestFailed.
 
-    `now` is what stamps and times of "now" are filled with; by default the node's clock.
+    `now` returns the time for stamps and for times whose value is "now" [the node's clock].
     """
 
     def __init__(self, node: Node, send: Send, now: Now | None = None) -> None:
@@ -166,8 +169,8 @@ class ServiceProvider:
         self._closed = False
 
     def advertise(self, service: str, type_name: str) -> None:
-        """Offer a service on the graph; replaces the client's earlier one of this name."""
-        _refuse_if(self._closed)
+        """Offer a service on the graph, replacing an earlier one of the client with this name."""
+        _check_not_closed(self._closed)
         with request_errors():
             service_class = find_interface(type_name, "srv", "Request")
             validate_topic_name(service, is_service=True)
@@ -176,19 +179,19 @@ class ServiceProvider:
             self._services[service] = _AdvertisedService(self._node, self._send, self._now, service, service_class)
 
     def respond(self, service: str, identifier: str, values: Any, result: bool) -> None:
-        """Answer a request. Its caller gets an empty response where `result` is false or the values do not fit."""
+        """Answer a request. Its caller gets an empty response if `result` is false or the values do not fit."""
         if service not in self._services:
             raise RequestFailed(f"Service {service} has not been advertised via rosbridge.")
         self._services[service].respond(identifier, values, result)
 
     def unadvertise(self, service: str) -> None:
-        """Withdraw a service; running requests end with an empty response."""
+        """Withdraw a service; running requests get an empty response."""
         if service not in self._services:
             raise RequestFailed(f"Service {service} has not been advertised via rosbridge, can't unadvertise.")
         self._services.pop(service).close()
 
     def close(self) -> None:
-        """Withdraw all services, because the client has left."""
+        """Withdraw all services, because the client has disconnected."""
         self._closed = True
         while self._services:
             self._services.popitem()[1].close()
@@ -204,10 +207,10 @@ class _AdvertisedAction:
         self._name = name
         self._type_name = type_name
         self._class = action_class
-        self._goals: dict[str, Any] = {}  # the handles of running goals, by the ids that the client knows
-        self._results: dict[bytes, Future] = {}  # by the goals' UUIDs
-        self._accepted = 0
-        self._ended_s: float | None = None  # when the last goal ended
+        self._goals: dict[str, Any] = {}  # the handles of running goals, by the client's id for them
+        self._results: dict[bytes, Future] = {}  # by the goal's UUID
+        self._accepted_count = 0
+        self._last_end_s: float | None = None  # when the last goal ended
         self._closed = False
         self._server = ActionServer(
             node,
@@ -220,13 +223,13 @@ class _AdvertisedAction:
             cancel_callback=self._cancel,
         )
 
-    # -- the graph's side ---------------------------------------------------------------------------------------------
+    # -- called by the graph ------------------------------------------------------------------------------------------
     def _judge(self, _goal: Any) -> GoalResponse:
         return GoalResponse.REJECT if self._closed else GoalResponse.ACCEPT
 
     def _accept(self, handle: Any) -> None:
-        self._accepted += 1
-        identifier = f"action_goal:{self._name}:{self._accepted}"
+        self._accepted_count += 1
+        identifier = f"action_goal:{self._name}:{self._accepted_count}"
         self._goals[identifier] = handle
         self._results[bytes(handle.goal_id.uuid)] = Future()
         handle.execute()
@@ -253,7 +256,7 @@ class _AdvertisedAction:
                 self._send({"op": "cancel_action_goal", "id": identifier, "action": self._name})
         return CancelResponse.ACCEPT
 
-    # -- the client's side --------------------------------------------------------------------------------------------
+    # -- called for the client ----------------------------------------------------------------------------------------
     def feedback(self, identifier: str, values: Any) -> None:
         """Publish a client's feedback on a goal."""
         handle = self._goals.get(identifier)
@@ -263,7 +266,10 @@ class _AdvertisedAction:
             handle.publish_feedback(fill(self._class.Feedback, values, self._now))
 
     def result(self, identifier: str, values: Any, status: int, result: bool) -> None:
-        """End a goal with a client's result. Raises RequestFailed, after aborting the goal if the id is valid."""
+        """Finish a goal with the client's result.
+
+        Raises RequestFailed for an unknown id, and for a result that does not fit, after aborting the goal.
+        """
         handle = self._goals.get(identifier)
         if handle is None:
             kind = "result" if result else "abort request"
@@ -277,19 +283,19 @@ class _AdvertisedAction:
                     transition = handle.succeed
                 elif status == GoalStatus.STATUS_CANCELED:
                     if not handle.is_cancel_requested:
-                        raise RequestFailed(f"{identifier} cannot end as canceled, nobody asked for that; it is aborted")
+                        raise RequestFailed(f"{identifier} was aborted: it cannot end as canceled, because nobody canceled it")
                     transition = handle.canceled
         finally:
             self._end(identifier, transition, outcome)
 
     def close(self) -> None:
-        """Abort all goals, reject new ones, and destroy the server as soon as results can no longer be fetched."""
+        """Abort all goals, reject new ones, and destroy the server once callers have had time to fetch the results."""
         self._closed = True
         if self._goals:
             self._node.get_logger().warning(f"{self._name} was unadvertised; aborted: {', '.join(self._goals)}")
         for identifier, handle in list(self._goals.items()):
             self._end(identifier, handle.abort, None)
-        if self._ended_s is None or time.monotonic() - self._ended_s >= DESTROY_DELAY_S:
+        if self._last_end_s is None or time.monotonic() - self._last_end_s >= DESTROY_DELAY_S:
             self._server.destroy()
         else:
             call_later(self._node, DESTROY_DELAY_S, self._server.destroy)
@@ -297,14 +303,14 @@ class _AdvertisedAction:
     def _end(self, identifier: str, transition: Callable[[], None], outcome: Any) -> None:
         handle = self._goals.pop(identifier)
         transition()
-        self._ended_s = time.monotonic()
+        self._last_end_s = time.monotonic()
         self._results[bytes(handle.goal_id.uuid)].set_result(self._class.Result() if outcome is None else outcome)
 
 
 class ActionProvider:
-    """The actions that one client advertises. All methods are called on the executor's thread, and raise RequestFailed.
+    """The actions that one client advertises. All methods are called on the executor's thread and may raise RequestFailed.
 
-    `now` is what stamps and times of "now" are filled with; by default the node's clock.
+    `now` returns the time for stamps and for times whose value is "now" [the node's clock].
     """
 
     def __init__(self, node: Node, send: Send, now: Now | None = None) -> None:
@@ -315,8 +321,8 @@ class ActionProvider:
         self._closed = False
 
     def advertise(self, action: str, type_name: str) -> None:
-        """Offer an action on the graph; replaces the client's earlier one of this name."""
-        _refuse_if(self._closed)
+        """Offer an action on the graph, replacing an earlier one of the client with this name."""
+        _check_not_closed(self._closed)
         with request_errors():
             action_class = find_interface(type_name, "action", "Goal")
             validate_topic_name(action)
@@ -329,9 +335,9 @@ class ActionProvider:
         self._advertised(action).feedback(identifier, values)
 
     def result(self, action: str, identifier: str, values: Any, status: int | None, result: bool) -> None:
-        """End a goal: succeeded for status 4 or None, canceled for 5, else aborted.
+        """Finish a goal: succeeded for status 4 or None, canceled for 5, otherwise aborted.
 
-        A goal whose `result` is false is aborted, without values; so is one whose values do not fit.
+        If `result` is false or the values do not fit, the goal is aborted with an empty result.
         """
         self._advertised(action).result(identifier, values, GoalStatus.STATUS_SUCCEEDED if status is None else status, result)
 
@@ -342,7 +348,7 @@ class ActionProvider:
         self._actions.pop(action).close()
 
     def close(self) -> None:
-        """Withdraw all actions, because the client has left."""
+        """Withdraw all actions, because the client has disconnected."""
         self._closed = True
         while self._actions:
             self._actions.popitem()[1].close()
@@ -353,6 +359,6 @@ class ActionProvider:
         return self._actions[action]
 
 
-def _refuse_if(closed: bool) -> None:
+def _check_not_closed(closed: bool) -> None:
     if closed:
-        raise RequestFailed("the client has left")
+        raise RequestFailed("the client has disconnected")

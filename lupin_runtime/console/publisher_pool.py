@@ -1,4 +1,4 @@
-"""Publishers for the topics that clients publish on: one per topic, shared by all clients."""
+"""The publishers for topics that clients publish on: one per topic, shared by all clients."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from lupin_runtime.console import interfaces
 from lupin_runtime.console.topic_hub import TopicFailed, topic_type, type_conflict
 from lupin_runtime.ros.node import qos_profile
 
-# A page that is loaded again advertises the same topics within seconds; discovery would lose its first messages.
+# A reloaded page advertises the same topics within seconds; a new publisher would lose its first messages during discovery.
 UNREGISTER_AFTER_S = 10.0
 DEFAULT_QUEUE = 100
 
 
 @dataclass
 class _Shared:
-    """A publisher with the advertisements that keep it: of each client, by id."""
+    """A publisher, and the ids of the advertisements, by client, that keep it open."""
 
     type_name: str
     message_class: Any
@@ -32,7 +32,7 @@ class _Shared:
 
 
 class PublisherPool:
-    """All methods are called on the thread of the node's executor. `unregister_after_s` is how long an unused one is kept."""
+    """All methods are called on the executor's thread. An unused publisher is kept for `unregister_after_s`."""
 
     def __init__(self, node: Node, unregister_after_s: float = UNREGISTER_AFTER_S) -> None:
         self._node = node
@@ -44,7 +44,8 @@ class PublisherPool:
     ) -> tuple[Any, Publisher]:
         """Register a client for a topic; returns the message class and the publisher. Raises TopicFailed.
 
-        The first registration sets the QoS: a topic of the graph has its row's; others are reliable, and latched as asked for.
+        The first registration sets the QoS: that of the topic's row in the graph's table, or else reliable, and latched if
+        `latch` is set.
         """
         shared = self._topics.get(topic)
         if shared is None:
@@ -55,7 +56,7 @@ class PublisherPool:
         return shared.message_class, shared.publisher
 
     def unadvertise(self, client: Hashable, topic: str, identifier: Hashable | None) -> None:
-        """Remove a client's advertisement of that id; all of its own for the topic where the id is None."""
+        """Remove a client's advertisement with this id, or all of its advertisements of the topic if the id is None."""
         shared = self._topics.get(topic)
         if shared is None or client not in shared.users:
             return
@@ -73,7 +74,7 @@ class PublisherPool:
             self.unadvertise(client, topic, None)
 
     def close_unused(self) -> None:
-        """Destroy the publishers that nobody has used for a while. To be called about twice a second."""
+        """Destroy publishers that no client has used for a while. To be called about twice a second."""
         now_s = time.monotonic()
         for topic, shared in list(self._topics.items()):
             if not shared.users and now_s - shared.unused_since_s >= self._unregister_after_s:
@@ -84,16 +85,16 @@ class PublisherPool:
         known = topic_type(self._node, topic)
         if type_name is None and known is None:
             raise TopicFailed(f"Cannot infer topic type for topic {topic} as it is not yet advertised")
-        wanted = interfaces.full_name(type_name, "msg") if type_name is not None else str(known)
-        if known is not None and known != wanted:
-            raise TopicFailed(type_conflict(topic, wanted, known))
+        requested = interfaces.full_name(type_name, "msg") if type_name is not None else str(known)
+        if known is not None and known != requested:
+            raise TopicFailed(type_conflict(topic, requested, known))
         row = graph.topic(topic)
         qos = row.qos if row is not None else graph.Qos(reliable=True, latched=latch, depth=1 if latch else queue_size)
         try:
-            message_class = interfaces.find(wanted, "msg")
+            message_class = interfaces.find(requested, "msg")
             publisher = self._node.create_publisher(message_class, topic, qos_profile(qos))
         except interfaces.UnknownType as error:
             raise TopicFailed(str(error)) from error
         except Exception as error:  # rclpy raises a different class for each fault of a name
             raise TopicFailed(f"{topic}: {error}") from error
-        return _Shared(wanted, message_class, publisher)
+        return _Shared(requested, message_class, publisher)

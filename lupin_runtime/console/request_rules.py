@@ -1,4 +1,4 @@
-"""Which requests the console's one origin accepts at all, whoever sends them: by `Host`, `Origin` and the way they came."""
+"""Which requests port 8090 accepts from anyone, judged by their `Host` and `Origin` headers and by their encryption."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 
 
 def check_host(request: web.Request) -> None:
-    """Refuse names that are not this computer's: a page of another site may have a name that resolves to this address."""
+    """Refuse host names that are not this computer's: another site may have a name that resolves to this address."""
     name = host_name(request.host)
     if not (_is_address(name) or name in _own_names() or name.endswith(".localhost")):
         raise web.HTTPMisdirectedRequest(text=f"this server is not {name[:100]}\n")
 
 
 def check_origin(request: web.Request) -> None:
-    """Refuse what a page of another origin asks for: WebSockets, and all that may change something."""
+    """Refuse WebSockets, and requests that may change something, from pages of other origins."""
     origin = request.headers.get("Origin")
     if origin is not None and origin != f"{request.scheme}://{request.host}":
         raise web.HTTPForbidden(text=f"pages of {origin[:200]} may not use this server\n")
@@ -28,7 +28,7 @@ def check_origin(request: web.Request) -> None:
 
 
 def check_encryption(request: web.Request) -> None:
-    """Send a browser of another computer to HTTPS: a code or a cookie must not cross the network in clear."""
+    """Redirect browsers on other computers to HTTPS: a code or a cookie must not cross the network unencrypted."""
     if request.secure or is_loopback(request):
         return
     if request.method in _SAFE_METHODS and "Upgrade" not in request.headers:
@@ -37,21 +37,21 @@ def check_encryption(request: web.Request) -> None:
 
 
 def is_loopback(request: web.Request) -> bool:
-    """Whether a request comes from this computer itself, and not through a proxy on it."""
+    """Return whether a request comes from this computer itself and did not pass through a proxy."""
     forwarded = any(header in request.headers for header in ("X-Forwarded-For", "Forwarded", "Via"))
     remote = (request.remote or "").removeprefix("::ffff:")
     return not forwarded and _is_address(remote) and ipaddress.ip_address(remote).is_loopback
 
 
 def device_kind(user_agent: str) -> str:
-    """What kind of device a browser's `User-Agent` tells of: phone, tablet or computer."""
+    """Return the kind of device that a browser's `User-Agent` indicates: phone, tablet or computer."""
     if "iPad" in user_agent or ("Android" in user_agent and "Mobile" not in user_agent):
         return "tablet"
     return "phone" if "Mobile" in user_agent or "iPhone" in user_agent else "computer"
 
 
 def host_name(host: str) -> str:
-    """The name or address in a `Host` header or an authority, without its port."""
+    """Return the name or address in a `Host` header or in a URL's authority, without its port."""
     if host.startswith("["):
         return host[1:].split("]", 1)[0].lower()
     return (host.rsplit(":", 1)[0] if host.count(":") == 1 else host).lower()

@@ -1,7 +1,7 @@
-"""Answers calls of rosapi's services, with which clients look at the graph, at types and at parameters.
+"""Answers calls of rosapi's services, with which clients inspect the graph, interface types and parameters.
 
-Names and fields are those of the package rosapi_msgs. The console answers them itself, so that neither its node nor the graph
-has these services.
+Names and fields are those of the package rosapi_msgs. The console answers such calls itself: the services do not exist on the
+graph.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ _NamesAndTypes = Iterable[tuple[str, list[str]]]
 
 
 class InvalidCall(ValueError):
-    """A call of a service that rosapi does not have, or with arguments that the service does not take."""
+    """A call of a service that rosapi does not have, or with invalid arguments."""
 
 
 @dataclass(frozen=True)
 class _Service:
-    """A service: its type, the request's fields, which are all strings, and the function that is given them in this order.
+    """A service: its type, the request's fields, which are all strings, and the function that takes them in this order.
 
-    The function returns the response's fields; one that asks other nodes is given `done` as its last argument instead.
+    The function returns the response's fields. With `asks_nodes` it takes `done` as its last argument instead, and calls it
+    with them.
     """
 
     type_name: str
@@ -43,7 +44,7 @@ class _Service:
 
 
 class RosApi:
-    """All methods are called on the thread of the node's executor."""
+    """All methods are called on the executor's thread."""
 
     def __init__(self, node: Node, distribution: str) -> None:
         self._node = node
@@ -87,14 +88,14 @@ class RosApi:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the services, e.g. `/rosapi/topics`."""
+        """The names of the services, such as `/rosapi/topics`."""
         return tuple(self._services)
 
     def call(self, service: str, arguments: Any, done: Done) -> None:
         """Call a service; `done` is called once with the response's fields.
 
-        That is during this call, or at the latest a few seconds later where other nodes are asked for parameters. `arguments`
-        is a dict, a list in the order of the request's fields, or None. Raises InvalidCall.
+        It is called before this method returns or, if other nodes have to be asked for parameters, up to a few seconds later.
+        `arguments` is a dict, a list in the order of the request's fields, or None. Raises InvalidCall.
         """
         row = self._services.get(service)
         if row is None:
@@ -146,7 +147,7 @@ class RosApi:
         return {"node": next((node for node in self._visible_nodes() if service in self._served(node)), "")}
 
     def _service_providers(self, kind: str) -> Response:
-        """The nodes that serve a type: despite its name, the request's field `service` holds a type."""
+        """Return the nodes that serve a type: despite its name, the request's field `service` contains a type."""
         return {"providers": [node for node in self._visible_nodes() if kind in self._served(node).values()]}
 
     def _action_servers(self) -> Response:
@@ -161,7 +162,7 @@ class RosApi:
 
     # -- nodes --------------------------------------------------------------------------------------------------------
     def _visible_nodes(self) -> list[str]:
-        """Full names; of several nodes with one name only one."""
+        """Return the full names of the nodes, each once, even if several nodes share it."""
         found = self._node.get_node_names_and_namespaces()
         return sorted({f"{namespace.rstrip('/')}/{name}" for name, namespace in found if not name.startswith("_")})
 
@@ -178,7 +179,7 @@ class RosApi:
         return {"nodes": self._visible_nodes()}
 
     def _node_details(self, node: str) -> Response:
-        """What a node has; empty lists for an unknown one."""
+        """Return a node's topics and services; empty lists for an unknown node."""
         known = node in self._visible_nodes()
         return {
             "subscribing": list(self._subscribed(node)) if known else [],
@@ -216,7 +217,7 @@ def _read_arguments(row: _Service, arguments: Any) -> list[str]:
 
 
 def _visible(names_and_types: _NamesAndTypes) -> dict[str, str]:
-    """The names without a hidden part, sorted, each with the first of its types."""
+    """Return the names that have no hidden part, sorted, each with the first of its types."""
     return {
         name: kinds[0]
         for name, kinds in sorted(names_and_types)
@@ -225,7 +226,7 @@ def _visible(names_and_types: _NamesAndTypes) -> dict[str, str]:
 
 
 def _of_node(node: str, query: Callable[[str, str], _NamesAndTypes]) -> dict[str, str]:
-    """What a query returns for a node; nothing for one that has just left the graph."""
+    """Query a node's names and types; empty for a node that has just left the graph."""
     namespace, _, name = node.rpartition("/")
     try:
         return _visible(query(name, namespace or "/"))
@@ -234,13 +235,13 @@ def _of_node(node: str, query: Callable[[str, str], _NamesAndTypes]) -> dict[str
 
 
 def _details(kind: str, part: str | None, type_name: str) -> Response:
-    """The definitions of a message type, or of a part of a service or action type; none for an unknown type."""
+    """Return the definitions of a message type, or of a part of a service or action type; empty for an unknown type."""
     try:
         found = interfaces.find(type_name, kind)
     except interfaces.UnknownType:
         return {"typedefs": []}
     message_class = getattr(found, part, None) if part else found
-    # Packages such as rclpy, too, have a module `action`, with classes of another kind.
+    # A module named `action` may also contain other classes, as rclpy's does.
     return {"typedefs": type_definitions(message_class) if hasattr(message_class, "SLOT_TYPES") else []}
 
 
@@ -250,9 +251,9 @@ def _interfaces() -> Response:
 
 @functools.cache
 def _installed_interfaces() -> tuple[str, ...]:
-    """The full names of all types that have a definition on this machine.
+    """Return the full names of all types that have a definition on this machine.
 
-    Read from the definitions instead of ament's index, because wheels that carry Lupin's interfaces are not in the index.
+    They are read from the definition files instead of ament's index, which does not list wheels with Lupin's interfaces.
     """
     found = (
         f"{path.parent.parent.name}/{kind}/{path.stem}"

@@ -1,4 +1,4 @@
-"""rosapi's services for parameters, which call the parameter services of other nodes."""
+"""Answers rosapi's parameter services by calling the parameter services of other nodes."""
 
 from __future__ import annotations
 
@@ -20,36 +20,36 @@ from rclpy.task import Future
 from lupin_runtime.console import values
 from lupin_runtime.console.parameter_values import normalize_json, plain_value, typed_value
 
-TIMEOUT_S = 5.0  # of one call of a node's service, its discovery included
-MAX_CALLS = 200  # that may wait for nodes at a time: a client must not pile them up for one that hangs
+TIMEOUT_S = 5.0  # for one call of a node's service, including its discovery
+MAX_CALLS = 200  # calls that may wait at the same time: a client must not pile them up on a node that hangs
 _POLL_S = 0.02
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
-Done = Callable[[dict[str, Any]], None]  # is given the fields of the response
-Failed = Callable[[str], None]  # is given the reason
+Done = Callable[[dict[str, Any]], None]  # called with the fields of the response
+OnFailure = Callable[[str], None]  # called with the reason
 
 
 @dataclass(eq=False)
 class _Call:
-    """A call of a node's service; `future` is None until the service is ready and the request sent."""
+    """A call of a node's service; `future` is None until the request has been sent."""
 
     service: str
     request: Any
     deadline_s: float
-    answered: Callable[[Any], None]
-    failed: Failed
+    on_answer: Callable[[Any], None]
+    on_failure: OnFailure
     future: Future | None = None
 
 
 def served_services(node: Node) -> list[tuple[str, list[str]]]:
-    """Names and types of the services that have a server. The graph lists those that only have clients, too."""
+    """Return names and types of the services that have a server: the graph also lists those that only have clients."""
     return [(name, kinds) for name, kinds in node.get_service_names_and_types() if node.count_services(name)]
 
 
 class RosApiParameters:
-    """All methods are called on the thread of the node's executor, and so is `done`, once per call.
+    """All methods are called on the executor's thread, and so is `done`, once per call.
 
-    The name of a parameter is `/node:parameter`. A client of a node's service is kept only while a call uses it.
+    A parameter's name is `/node:parameter`. The ROS client of a node's service exists only while a call uses it.
     """
 
     def __init__(self, node: Node) -> None:
@@ -63,18 +63,18 @@ class RosApiParameters:
 
     # -- rosapi's services --------------------------------------------------------------------------------------------
     def get_param(self, name: str, default: str, done: Done) -> None:
-        """Read a parameter as JSON text; where that fails, the value is the default, which is JSON text too."""
+        """Read a parameter as JSON text; if that fails, the value is the default, which is JSON text too."""
 
-        def failed(reason: str) -> None:
+        def on_failure(reason: str) -> None:
             done({"value": normalize_json(default), "successful": False, "reason": reason})
 
-        def received(value: ParameterValue | None) -> None:
+        def on_value(value: ParameterValue | None) -> None:
             if value is None:
-                failed(f"Parameter {name.partition(':')[2]} not found")
+                on_failure(f"Parameter {name.partition(':')[2]} not found")
             else:
                 done({"value": json.dumps(plain_value(value)), "successful": True, "reason": ""})
 
-        self._get(name, received, failed)
+        self._get(name, on_value, on_failure)
 
     def has_param(self, name: str, done: Done) -> None:
         """Find out whether a parameter is set."""
@@ -85,23 +85,23 @@ class RosApiParameters:
         try:
             value = typed_value(text)
         except (ValueError, RecursionError) as error:
-            done({"successful": False, "reason": f'the value of a parameter is JSON text, e.g. 0.5 or "fast": {error}'})
+            done({"successful": False, "reason": f'a parameter\'s value must be JSON text, such as 0.5 or "fast": {error}'})
         else:
             self._set(name, value, done)
 
     def delete_param(self, name: str, done: Done) -> None:
-        """Unset a parameter; one that is not set is deleted already."""
+        """Unset a parameter; succeeds if it is not set."""
 
-        def received(value: ParameterValue | None) -> None:
+        def on_value(value: ParameterValue | None) -> None:
             if value is None:
                 done({"successful": True, "reason": ""})
             else:
                 self._set(name, {"type": ParameterType.PARAMETER_NOT_SET}, done)
 
-        self._get(name, received, lambda reason: done({"successful": False, "reason": reason}))
+        self._get(name, on_value, lambda reason: done({"successful": False, "reason": reason}))
 
     def get_param_names(self, nodes: Sequence[str], done: Done) -> None:
-        """List the parameters of those of the nodes that offer parameter services and answer."""
+        """List the parameters of those nodes that have parameter services and answer."""
         available = self._available_services()
         asked = [node for node in nodes if f"{node}/list_parameters" in available]
         found: dict[str, list[str]] = {}
@@ -126,63 +126,65 @@ class RosApiParameters:
             ask(node)
 
     # -- services of other nodes --------------------------------------------------------------------------------------
-    def _get(self, name: str, received: Callable[[ParameterValue | None], None], failed: Failed) -> None:
-        """Read a parameter; the value is None where it is not set."""
+    def _get(self, name: str, on_value: Callable[[ParameterValue | None], None], on_failure: OnFailure) -> None:
+        """Read a parameter; the value is None if it is not set."""
 
-        def answered(response: Any) -> None:
+        def on_answer(response: Any) -> None:
             value = response.values[0] if response.values else None
             known = value is not None and ParameterType.PARAMETER_NOT_SET < value.type <= ParameterType.PARAMETER_STRING_ARRAY
-            received(value if known else None)
+            on_value(value if known else None)
 
-        self._call(name, GetParameters, "get_parameters", lambda parameter: {"names": [parameter]}, answered, failed)
+        self._call(name, GetParameters, "get_parameters", lambda parameter: {"names": [parameter]}, on_answer, on_failure)
 
     def _set(self, name: str, value: dict[str, Any], done: Done) -> None:
-        def failed(reason: str) -> None:
+        def on_failure(reason: str) -> None:
             done({"successful": False, "reason": reason})
 
-        def answered(response: Any) -> None:
+        def on_answer(response: Any) -> None:
             if response.results:
                 done({"successful": response.results[0].successful, "reason": response.results[0].reason})
             else:
-                failed("the node answered without a result")
+                on_failure("the node answered without a result")
 
-        def request(parameter: str) -> dict[str, Any]:
+        def make_request(parameter: str) -> dict[str, Any]:
             return {"parameters": [{"name": parameter, "value": value}]}
 
-        self._call(name, SetParameters, "set_parameters", request, answered, failed)
+        self._call(name, SetParameters, "set_parameters", make_request, on_answer, on_failure)
 
     def _call(
         self,
         name: str,
         service_class: Any,
         operation: str,
-        request: Callable[[str], dict[str, Any]],
-        answered: Callable[[Any], None],
-        failed: Failed,
+        make_request: Callable[[str], dict[str, Any]],
+        on_answer: Callable[[Any], None],
+        on_failure: OnFailure,
     ) -> None:
-        """Call a service of the node of a parameter; `request` makes the request's values for the parameter's own name."""
+        """Call a parameter service of a parameter's node; `make_request` builds the request from the parameter's name in it."""
         node, _, parameter = name.partition(":")
         if not node.strip("/") or not parameter or ":" in parameter:
-            failed(f"a parameter's name is /node:parameter, not {name!r:.200}")
+            on_failure(f"a parameter's name must be /node:parameter, not {name!r:.200}")
             return
         service = f"{node if node.startswith('/') else '/' + node}/{operation}"
         if service not in self._available_services():
-            failed(f"Service {service} is not available")
+            on_failure(f"Service {service} is not available")
             return
         try:
-            message = values.fill(service_class.Request, request(parameter), self._now)
+            message = values.fill(service_class.Request, make_request(parameter), self._now)
         except values.ValueMismatch as error:
-            failed(str(error))
+            on_failure(str(error))
         else:
-            self._send(service_class, service, message, answered, failed)
+            self._send(service_class, service, message, on_answer, on_failure)
 
     def _available_services(self) -> set[str]:
         return {name for name, _ in served_services(self._node)}
 
-    def _send(self, service_class: Any, service: str, request: Any, answered: Callable[[Any], None], failed: Failed) -> None:
-        """Call a service of the graph; one of the functions is called once, at the latest after TIMEOUT_S."""
+    def _send(
+        self, service_class: Any, service: str, request: Any, on_answer: Callable[[Any], None], on_failure: OnFailure
+    ) -> None:
+        """Call a service; either `on_answer` or `on_failure` is called once, within TIMEOUT_S."""
         if len(self._calls) >= MAX_CALLS:
-            failed(f"{len(self._calls)} calls of parameter services wait for their nodes; call {service} again later")
+            on_failure(f"{len(self._calls)} parameter calls are waiting for their nodes; call {service} again later")
             return
         if service not in self._clients:
             self._clients[service] = self._node.create_client(
@@ -190,21 +192,21 @@ class RosApiParameters:
             )
         if not self._calls:
             self._poll.reset()
-        call = _Call(service, request, time.monotonic() + TIMEOUT_S, answered, failed)
+        call = _Call(service, request, time.monotonic() + TIMEOUT_S, on_answer, on_failure)
         self._calls.append(call)
         self._send_when_ready(call)
 
     def _send_when_ready(self, call: _Call) -> None:
-        """Send the request if the service is ready: a new client takes a moment to find it."""
+        """Send the request if the service is ready: a new client needs a moment to discover it."""
         client = self._clients[call.service]
         if call.future is None and client.service_is_ready():
             call.future = client.call_async(call.request)
             call.future.add_done_callback(lambda future: self._receive(call, future))
 
     def _receive(self, call: _Call, future: Future) -> None:
-        if call in self._calls:  # it may have ended in this turn of the executor
+        if call in self._calls:  # else it has timed out in the same turn of the executor
             self._end(call)
-            call.answered(future.result())
+            call.on_answer(future.result())
 
     def _check_calls(self) -> None:
         now_s = time.monotonic()
@@ -212,7 +214,7 @@ class RosApiParameters:
             self._send_when_ready(call)
             if now_s >= call.deadline_s:
                 self._end(call)
-                call.failed("Timeout occurred" if call.future else f"Service {call.service} is not available")
+                call.on_failure("Timeout occurred" if call.future else f"Service {call.service} is not available")
         if not self._calls:
             self._poll.cancel()
 

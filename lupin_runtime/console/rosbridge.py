@@ -1,7 +1,7 @@
-"""The rosbridge protocol, version 2, for one client: what each operation does.
+"""The operations of the rosbridge protocol, version 2, for one client.
 
-A request that fails is answered where the protocol has an answer, and else with a `status` message, if the client asked for
-those with `set_level`. Clients of ROS 2's rosbridge expect no other messages than those.
+A failed request gets the protocol's answer if it defines one. Otherwise a `status` message is sent, but only to clients that
+asked for those with `set_level`: clients of ROS 2's rosbridge expect no other messages.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from lupin_runtime.console.subscription import Request
 
 MAX_QUEUE = 1000
 LEVELS = ("none", "error", "warning", "info")
-# Substitutions (`~`, `{node}`) would resolve to names of the server's own node, past the allow-list.
+# Without substitutions (`~`, `{node}`): they would resolve to names of the console's own node and bypass the allow-list.
 _NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _MAX_NAME = 200
-_INVALID = "Expected a {} field but none was found."
-_LINEAR_MPS, _ANGULAR_RPS = 0.6, 1.9  # the drive bus has the same limits; a console's must not depend on it
+_MISSING = "Expected a {} field but none was found."
+_LINEAR_MPS, _ANGULAR_RPS = 0.6, 1.9  # the drive bus has the same limits, but the console does not rely on it
 
 
 class InvalidRequest(ValueError):
-    """A message that the protocol does not allow; the text says why."""
+    """A message that violates the protocol; the text says why."""
 
 
 class RosbridgeClient:
     """One client of the protocol. Its methods are called on the event loop; `deliver` may be called on any thread.
 
-    `send` queues a frame for the client, and may be called on any thread.
+    It calls `send`, which queues a frame for the client, on any thread.
     """
 
     def __init__(self, session: Session, bridge: Bridge, send: Callable[[Frame], None]) -> None:
@@ -90,14 +90,14 @@ class RosbridgeClient:
             self._send(Frame(data))
 
     def handle(self, text: str | bytes) -> None:
-        """Handle a message of the client. Nothing that it may contain raises."""
+        """Handle a message from the client. Never raises, whatever the message contains."""
         try:
             message = orjson.loads(text)
         except orjson.JSONDecodeError as error:
             self.status("error", f"not JSON: {error}")
             return
         if not isinstance(message, dict):
-            self.status("error", f"a message is a JSON object, not {type(message).__name__}")
+            self.status("error", f"a message must be a JSON object, not {type(message).__name__}")
             return
         identifier = message.get("id")
         operation = message.get("op")
@@ -128,20 +128,20 @@ class RosbridgeClient:
         self._bridge.record(self.session.name, f"{operation} {str(name)[:_MAX_NAME]}", refused=str(error))
 
     def close(self) -> None:
-        """Undo all that the client has set up; stop the robot if it was driving it."""
+        """Remove everything that the client has set up, and stop the robot if the client was driving it."""
         self._bridge.leave(self)
 
     def _note_fragment_size(self, message: dict[str, Any]) -> None:
         size = message.get("fragment_size")
         if size is not None:
             if not isinstance(size, int) or isinstance(size, bool) or size < 100:
-                raise InvalidRequest(f"fragment_size is an integer of at least 100, not {size!r:.100}")
+                raise InvalidRequest(f"fragment_size must be an integer of at least 100, not {size!r:.100}")
             self._fragment_size = size
 
     # -- topics -------------------------------------------------------------------------------------------------------
     def _advertise(self, message: dict[str, Any]) -> None:
         topic = _name(message, "topic")
-        self._bridge.authority.advertise(topic)
+        self._bridge.authority.check_advertise(topic)
         queue_size = _number(message, "queue_size", 100, 1, MAX_QUEUE)
         self._bridge.advertise(self, topic, _text(message, "type"), _id(message), bool(message.get("latch")), queue_size)
 
@@ -152,9 +152,9 @@ class RosbridgeClient:
         topic = _name(message, "topic")
         contents = message.get("msg", {})
         if absolute(topic) == graph.HMI_ESTOP.name:
-            self._state_stop(contents)
+            self._set_stop(contents)
             return
-        self._bridge.authority.publish(self.session, absolute(topic), time.monotonic_ns())
+        self._bridge.authority.check_publish(self.session, absolute(topic), time.monotonic_ns())
         if absolute(topic) == graph.CMD_VEL_MANUAL.name:
             contents = _limited(contents)
             self._bridge.note_velocity(self, any(contents[part][axis] for part, axis in _AXES))
@@ -164,12 +164,12 @@ class RosbridgeClient:
         queue_size = _number(message, "queue_size", 100, 1, MAX_QUEUE)
         self._bridge.publish(self, topic, _optional_text(message, "type"), _id(message), contents, latch, queue_size)
 
-    def _state_stop(self, contents: Any) -> None:
-        """A client's own stop: engaging is free to all, releasing needs the lease."""
+    def _set_stop(self, contents: Any) -> None:
+        """Engage or release the client's own stop: everybody may engage it, releasing needs control."""
         engaged = contents.get("data") if isinstance(contents, dict) else None
         if not isinstance(engaged, bool):
             raise InvalidRequest("std_msgs/Bool message requires a bool for field data")
-        self._bridge.state_stop(self, engaged)
+        self._bridge.set_stop(self, engaged)
 
     def _subscribe(self, message: dict[str, Any]) -> None:
         compression = _optional_text(message, "compression") or "none"
@@ -185,20 +185,20 @@ class RosbridgeClient:
 
     # -- services -----------------------------------------------------------------------------------------------------
     def _call_service(self, message: dict[str, Any]) -> None:
-        asked = _text(message, "service")
-        service, _, suffix = asked.partition("#")
+        requested = _text(message, "service")
+        service, _, suffix = requested.partition("#")
         identifier = message.get("id", suffix or None)
 
         def done(succeeded: bool, response: Any) -> None:
-            answer = {"op": "service_response", "service": asked, "values": response, "result": succeeded}
+            answer = {"op": "service_response", "service": requested, "values": response, "result": succeeded}
             self.answer(answer if identifier is None else {**answer, "id": identifier})
 
         try:
             service = _name({"service": service}, "service")
             timeout_s = message.get("timeout")
             if timeout_s is not None and (isinstance(timeout_s, bool) or not isinstance(timeout_s, (int, float))):
-                raise InvalidRequest(f"timeout is a number of seconds, not {timeout_s!r:.100}")
-            self._bridge.authority.call(self.session, absolute(service), time.monotonic_ns())
+                raise InvalidRequest(f"timeout must be a number of seconds, not {timeout_s!r:.100}")
+            self._bridge.authority.check_call(self.session, absolute(service), time.monotonic_ns())
             if not absolute(service).startswith(READ_ONLY_PREFIX):
                 self._bridge.record(self.session.name, f"call {absolute(service)}", message.get("args"))
             arguments = with_map_path(absolute(service), message.get("args"))
@@ -211,24 +211,24 @@ class RosbridgeClient:
 
     def _advertise_service(self, message: dict[str, Any]) -> None:
         service, kind = _name(message, "service"), _text(message, "type")
-        self._bridge.authority.provide(service)
-        self._bridge.services_of(self, lambda provider: provider.advertise(service, kind))
+        self._bridge.authority.check_provide(service)
+        self._bridge.run_with_services(self, lambda provider: provider.advertise(service, kind))
 
     def _unadvertise_service(self, message: dict[str, Any]) -> None:
         service = _name(message, "service")
-        self._bridge.services_of(self, lambda provider: provider.unadvertise(service))
+        self._bridge.run_with_services(self, lambda provider: provider.unadvertise(service))
 
     def _service_response(self, message: dict[str, Any]) -> None:
         service, identifier, result = _name(message, "service"), _text(message, "id"), _flag(message, "result")
         response = message.get("values")
-        self._bridge.services_of(self, lambda provider: provider.respond(service, identifier, response, result))
+        self._bridge.run_with_services(self, lambda provider: provider.respond(service, identifier, response, result))
 
     # -- actions ------------------------------------------------------------------------------------------------------
     def _send_action_goal(self, message: dict[str, Any]) -> None:
         action, identifier = _name(message, "action"), message.get("id")
         kind, feedback = _text(message, "action_type"), bool(message.get("feedback"))
         try:
-            self._bridge.authority.send_goal(self.session, action, time.monotonic_ns())
+            self._bridge.authority.check_send_goal(self.session, action, time.monotonic_ns())
         except Refused as error:
             self._refuse("send_action_goal", message, error)
             answer = {"op": "action_result", "action": action, "values": str(error), "status": 0, "result": False}
@@ -236,37 +236,37 @@ class RosbridgeClient:
             return
         arguments = message.get("args")
         self._bridge.record(self.session.name, f"goal {absolute(action)}", arguments)
-        self._bridge.goals_of(self, lambda sender: sender.send_goal(identifier, action, kind, arguments, feedback))
+        self._bridge.run_with_goals(self, lambda sender: sender.send_goal(identifier, action, kind, arguments, feedback))
 
     def _cancel_action_goal(self, message: dict[str, Any]) -> None:
         identifier = message.get("id")
         self._bridge.record(self.session.name, "cancel goal", identifier)
-        self._bridge.goals_of(self, lambda sender: sender.cancel(identifier))
+        self._bridge.run_with_goals(self, lambda sender: sender.cancel(identifier))
 
     def _advertise_action(self, message: dict[str, Any]) -> None:
         action, kind = _name(message, "action"), _text(message, "type")
-        self._bridge.authority.provide(action)
-        self._bridge.actions_of(self, lambda provider: provider.advertise(action, kind))
+        self._bridge.authority.check_provide(action)
+        self._bridge.run_with_actions(self, lambda provider: provider.advertise(action, kind))
 
     def _unadvertise_action(self, message: dict[str, Any]) -> None:
         action = _name(message, "action")
-        self._bridge.actions_of(self, lambda provider: provider.unadvertise(action))
+        self._bridge.run_with_actions(self, lambda provider: provider.unadvertise(action))
 
     def _action_feedback(self, message: dict[str, Any]) -> None:
         action, identifier, feedback = _name(message, "action"), _text(message, "id"), message.get("values")
-        self._bridge.actions_of(self, lambda provider: provider.feedback(action, identifier, feedback))
+        self._bridge.run_with_actions(self, lambda provider: provider.feedback(action, identifier, feedback))
 
     def _action_result(self, message: dict[str, Any]) -> None:
         action, identifier, result = _name(message, "action"), _text(message, "id"), _flag(message, "result")
         status = _number(message, "status", 4, 0, 6)
         outcome = message.get("values")
-        self._bridge.actions_of(self, lambda provider: provider.result(action, identifier, outcome, status, result))
+        self._bridge.run_with_actions(self, lambda provider: provider.result(action, identifier, outcome, status, result))
 
     # -- the connection -----------------------------------------------------------------------------------------------
     def _set_level(self, message: dict[str, Any]) -> None:
         level = _text(message, "level")
         if level not in LEVELS:
-            raise InvalidRequest(f"level is one of {', '.join(LEVELS)}, not {level[:100]}")
+            raise InvalidRequest(f"level must be one of {', '.join(LEVELS)}, not {level[:100]}")
         self._level = level
 
     def _fragment(self, message: dict[str, Any]) -> None:
@@ -279,14 +279,17 @@ _AXES = tuple((part, axis) for part in ("linear", "angular") for axis in ("x", "
 
 
 def _limited(contents: Any) -> dict[str, dict[str, float]]:
-    """A Twist within the limits of manual driving; direction is kept. Raises InvalidRequest where it is not finite."""
+    """Return a Twist limited to the speeds of manual driving in the same direction.
+
+    Raises InvalidRequest if it is malformed or not finite.
+    """
     twist = {"linear": {"x": 0.0, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}
     if not isinstance(contents, dict) or not all(isinstance(contents.get(part, {}), dict) for part in twist):
-        raise InvalidRequest("a Twist is an object with linear and angular")
+        raise InvalidRequest("a Twist must be an object with linear and angular")
     for part, axis in _AXES:
         value = contents.get(part, {}).get(axis, 0.0)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise InvalidRequest(f"{part}.{axis} of a Twist is a finite number, not {value!r:.100}")
+            raise InvalidRequest(f"{part}.{axis} of a Twist must be a finite number, not {value!r:.100}")
         twist[part][axis] = float(value)
     speed_mps = math.hypot(twist["linear"]["x"], twist["linear"]["y"])
     if speed_mps > _LINEAR_MPS:
@@ -302,7 +305,7 @@ def _id(message: dict[str, Any]) -> Hashable | None:
 
 def _text(message: dict[str, Any], key: str) -> str:
     if key not in message:
-        raise InvalidRequest(_INVALID.format(key))
+        raise InvalidRequest(_MISSING.format(key))
     value = message[key]
     if not isinstance(value, str) or not value:
         raise InvalidRequest(f"Expected field {key} to be one of {str}. Invalid value: {value!r:.100}")
@@ -310,10 +313,10 @@ def _text(message: dict[str, Any], key: str) -> str:
 
 
 def _name(message: dict[str, Any], key: str) -> str:
-    """A topic's, service's or action's name, as it was sent."""
+    """Return the name of a topic, service or action, as it was sent. Raises InvalidRequest."""
     name = _text(message, key)
     if len(name) > _MAX_NAME or not _NAME.fullmatch(name):
-        raise InvalidRequest(f"{name[:100]!r} is not a name: expected words of letters, digits and _, separated by /")
+        raise InvalidRequest(f"{name[:100]!r} is not a valid name: expected words of letters, digits and _, separated by /")
     return name
 
 
@@ -332,7 +335,7 @@ def _number(message: dict[str, Any], key: str, default: int, least: int, most: i
 
 def _flag(message: dict[str, Any], key: str) -> bool:
     if key not in message:
-        raise InvalidRequest(_INVALID.format(key))
+        raise InvalidRequest(_MISSING.format(key))
     if not isinstance(message[key], bool):
         raise InvalidRequest(f"Expected field {key} to be one of {bool}. Invalid value: {message[key]!r:.100}")
     return bool(message[key])

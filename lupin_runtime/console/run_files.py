@@ -1,4 +1,4 @@
-"""The API's resources that are files: runs with their state, report, recording and logs, and saved maps. All are read only."""
+"""The API's read-only resources: runs with their state, report, recording and logs, and saved maps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lupin_runtime.stack.runs import Run, all_runs
 
 MAX_LOG_BYTES = 256_000
 MAX_COMMANDS = 1000
-# A report is a page of its own with its own scripts: it gets an origin that is nobody's, and reaches nothing.
+# A report is a page with its own scripts: the sandbox gives it a unique origin, so that it cannot reach this server.
 _REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
 )
@@ -25,17 +25,15 @@ _REPORT_FILES = {"report.html": "text/html", "report.json": "application/json"}
 
 
 def resources() -> tuple[Resource, ...]:
-    """The routes, each with what it answers."""
+    """Return the routes, each with a summary of its answer."""
     return (
-        Resource(
-            "/_api/runs", _runs, "The runs on the disk, newest first: id, state, size in bytes, whether it is up or kept."
-        ),
+        Resource("/_api/runs", _runs, "The stored runs, newest first: id, state, size in bytes, start, kept or not."),
         Resource("/_api/runs/{run}", _run, "One run: its options, last state and result."),
         Resource("/_api/runs/{run}/report/{file}", _report, "The report: `report.html` or `report.json`."),
-        Resource("/_api/runs/{run}/recording", _recording, "The recording of the graph (MCAP); ranges are served."),
+        Resource("/_api/runs/{run}/recording", _recording, "The recording of the graph (MCAP); supports range requests."),
         Resource("/_api/runs/{run}/logs", _logs, "The names of the processes that have logs."),
         Resource("/_api/runs/{run}/logs/{process}", _log, f"The end of a process's log as text, up to {MAX_LOG_BYTES} bytes."),
-        Resource("/_api/runs/{run}/commands", _commands, f"What clients of the console commanded: the last {MAX_COMMANDS}."),
+        Resource("/_api/runs/{run}/commands", _commands, f"The command journal: the last {MAX_COMMANDS} commands of clients."),
         Resource("/_api/maps", _maps, "The names of the saved maps."),
         Resource("/_api/maps/{map}", _map, "A file of a saved map: its YAML, or the image that the YAML names."),
     )
@@ -98,7 +96,7 @@ async def _commands(request: web.Request) -> web.StreamResponse:
         try:
             rows.append(json.loads(line))
         except ValueError:
-            continue  # the first line of the part that was read, or one that is being written
+            continue  # the first line was cut, and the last one may still be incomplete
     return web.json_response(rows)
 
 
@@ -127,7 +125,7 @@ def _summary(stored: StoredRun) -> dict[str, Any]:
 
 
 def _chosen_run(request: web.Request) -> Run:
-    """The run of a request, by its whole id: what the client sent never becomes part of a path."""
+    """Find a request's run by its full id: text from the client never becomes part of a path."""
     for run in all_runs():
         if run.id == request.match_info["run"]:
             return run
@@ -149,7 +147,7 @@ def _json_file(path: Path) -> dict[str, Any] | None:
 
 
 def _end_of(path: Path) -> bytes:
-    """The last MAX_LOG_BYTES of a file; empty where there is none."""
+    """Return the last MAX_LOG_BYTES of a file; empty if it cannot be read."""
     try:
         with path.open("rb") as file:
             file.seek(max(0, path.stat().st_size - MAX_LOG_BYTES))

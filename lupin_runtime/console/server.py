@@ -1,4 +1,4 @@
-"""The console's HTTP server: the one origin for browsers, and rosbridge for other clients on a port of its own."""
+"""The console's HTTP server: port 8090 for browsers, and port 9090 with rosbridge for other programs."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from lupin_runtime.stack.runs import Run
 
 Address = tuple[str, int]
 
-_START_S = 10.0
-_STOP_S = 2.0
+_START_TIMEOUT_S = 10.0
+_STOP_TIMEOUT_S = 2.0
 
 
 class ConsoleServer:
-    """Runs the event loop in a thread of its own. `start` raises PortInUse and OSError.
+    """Runs the event loop in its own thread. `start` raises PortInUse and OSError.
 
-    `run` is the run that it shows. `address` and `rosbridge_address` are host and port: port 0 is any free one, and an empty
-    host is all of this computer's. Without a certificate the one origin speaks HTTP only.
+    `run` is the run whose state browsers see. `address`, for browsers, and `rosbridge_address` are host and port: port 0 is any
+    free one, and an empty host means all of this computer's addresses. Without a certificate browsers are served over HTTP.
     """
 
     def __init__(
@@ -75,37 +75,37 @@ class ConsoleServer:
         self._thread = threading.Thread(target=self._loop.run_forever, name="console", daemon=True)
 
     def start(self) -> tuple[int, int]:
-        """Listen; returns the ports of the one origin and of rosbridge."""
+        """Listen; returns the ports for browsers and for rosbridge."""
         self._thread.start()
-        return asyncio.run_coroutine_threadsafe(self._open(), self._loop).result(_START_S)
+        return asyncio.run_coroutine_threadsafe(self._open(), self._loop).result(_START_TIMEOUT_S)
 
     def stop(self) -> None:
-        """Close all connections, which stops a robot that one of them drives."""
-        asyncio.run_coroutine_threadsafe(self._close(), self._loop).result(2 * _STOP_S)
+        """Close all connections. If a client was driving, this stops the robot."""
+        asyncio.run_coroutine_threadsafe(self._close(), self._loop).result(2 * _STOP_TIMEOUT_S)
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(_STOP_S)
+        self._thread.join(_STOP_TIMEOUT_S)
         if not self._thread.is_alive():
             self._loop.close()
 
     async def _open(self) -> tuple[int, int]:
         host, port = self._address
-        runner = await self._runner_of(self._origin.application())
+        runner = await self._start_runner(self._origin.application())
         assert runner.server is not None
         self._port = DualPort(runner.server, self._certificate.context if self._certificate is not None else None)
-        with _naming_owner_of(port):
+        with _explained_port_conflict(port):
             port = self._port.open(host, port)
         application = web.Application()
         application.router.add_get("/", self._rosbridge)
-        runner = await self._runner_of(application)
-        with _naming_owner_of(self._rosbridge_address[1]):
+        runner = await self._start_runner(application)
+        with _explained_port_conflict(self._rosbridge_address[1]):
             await web.TCPSite(runner, *self._rosbridge_address).start()
-        self._tasks.append(asyncio.create_task(self._keep_up()))
+        self._tasks.append(asyncio.create_task(self._maintain()))
         if self._certificate is not None:
             self._tasks.append(asyncio.create_task(self._certificate.keep_current(self._log)))
         return port, int(runner.addresses[0][1])
 
-    async def _runner_of(self, application: web.Application) -> web.AppRunner:
-        runner = web.AppRunner(application, access_log=None, shutdown_timeout=_STOP_S)
+    async def _start_runner(self, application: web.Application) -> web.AppRunner:
+        runner = web.AppRunner(application, access_log=None, shutdown_timeout=_STOP_TIMEOUT_S)
         await runner.setup()
         self._runners.append(runner)
         return runner
@@ -121,13 +121,13 @@ class ConsoleServer:
 
     @property
     def turns(self) -> int:
-        """How often the event loop has come round; it grows every STOP_PERIOD_S while the loop works."""
+        """A counter that grows every STOP_PERIOD_S while the event loop works."""
         return self._turns
 
-    async def _keep_up(self) -> None:
+    async def _maintain(self) -> None:
         while True:
             self._turns += 1
-            self._bridge.state_combined_stop()
+            self._bridge.publish_combined_stop()
             self._codes.tick(time.monotonic_ns())
             self._origin.push_state()
             self._origin.push_run(self._run.state())
@@ -137,7 +137,7 @@ class ConsoleServer:
     async def _rosbridge(self, request: web.Request) -> web.StreamResponse:
         origin = request.headers.get("Origin")
         if origin is not None and not _is_local(origin):
-            # A page of another site may open WebSockets to this machine from the operator's browser.
+            # A page of any site can open WebSockets to this machine from the operator's browser.
             raise web.HTTPForbidden(text=f"pages of {origin} may not use this server\n")
         if self._clients >= MAX_CLIENTS:
             raise web.HTTPServiceUnavailable(text=f"{MAX_CLIENTS} clients are connected\n")
@@ -149,7 +149,7 @@ class ConsoleServer:
         client = RosbridgeClient(session, self._bridge, lambda frame: self._handoff.put(connection, frame))
         self._clients += 1
         try:
-            await connection.serve(client.handle, lambda: self._bridge.overloaded(client))
+            await connection.serve(client.handle, lambda: self._bridge.is_overloaded(client))
         finally:
             self._clients -= 1
             client.close()
@@ -157,7 +157,8 @@ class ConsoleServer:
 
 
 @contextmanager
-def _naming_owner_of(port: int) -> Iterator[None]:
+def _explained_port_conflict(port: int) -> Iterator[None]:
+    """Raise PortInUse, which names the port's owner, if the port is in use."""
     try:
         yield
     except OSError as error:

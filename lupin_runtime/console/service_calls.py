@@ -1,4 +1,4 @@
-"""Calls of the graph's services for clients."""
+"""Calls services on the graph for clients."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from rclpy.task import Future
 from lupin_runtime.console import interfaces, values
 from lupin_runtime.console.cdr import Format, decoder
 
-READY_S = 1.0  # how long a service that the graph does not list yet is waited for
+DISCOVERY_TIMEOUT_S = 1.0  # for the wait until the graph lists a service
 TIMEOUT_S = 5.0
-MAX_CLIENTS = 100  # of the graph; the one that was used longest ago makes room
+MAX_CLIENTS = 100  # ROS clients; beyond that the least recently used one is destroyed
 _POLL_S = 0.02
 
-Done = Callable[[bool, Any], None]  # whether it succeeded, and the response's values or the reason as text
+Done = Callable[[bool, Any], None]  # called with success and either the response's values or the reason as text
 
 
 class ServiceCalls:
-    """All methods are called on the thread of the node's executor. One ROS client per service serves all clients."""
+    """All methods are called on the executor's thread. All clients share one ROS client per service."""
 
     def __init__(self, node: Node, now: values.Now) -> None:
         self._node = node
         self._now = now
         self._group = ReentrantCallbackGroup()
-        self._clients: dict[tuple[str, str], Client] = {}  # by name and type, the last used last
-        self._last: dict[str, tuple[str, str]] = {}  # the key of the client that last served a name
-        self._open: Counter[tuple[str, str]] = Counter()  # requests without a response yet
+        self._clients: dict[tuple[str, str], Client] = {}  # by name and type, the most recently used last
+        self._last: dict[str, tuple[str, str]] = {}  # by name: the key of the client that was last used for it
+        self._open: Counter[tuple[str, str]] = Counter()  # by key: requests without a response yet
         self._waiting: dict[int, tuple[float, Callable[[], bool], Callable[[], None]]] = {}
         self._number = 0
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a stopped /clock must not stop a timeout
@@ -42,9 +42,9 @@ class ServiceCalls:
         self._poll.cancel()
 
     def call(self, service: str, arguments: Any, timeout_s: float, done: Done) -> None:
-        """Call a service; `done` is called once, on the executor's thread, at the latest after READY_S and `timeout_s`.
+        """Call a service; `done` is called once, on the executor's thread, within DISCOVERY_TIMEOUT_S + `timeout_s`.
 
-        `arguments` is a dict, or a list in the order of the request's fields. A timeout of 0 or less means none.
+        `arguments` is a dict, or a list in the order of the request's fields. With a timeout of 0 or less, it waits forever.
         """
         name = service if service.startswith("/") else f"/{service}"
 
@@ -60,15 +60,15 @@ class ServiceCalls:
             done(False, f"Service {name} does not exist")
 
         if not start():
-            self._wait(time.monotonic() + READY_S, start, give_up)
+            self._wait(time.monotonic() + DISCOVERY_TIMEOUT_S, start, give_up)
 
     def _ready(self, name: str) -> tuple[str, str] | None:
-        """The key of the client of a service whose server is there, or None."""
+        """Return the key of a client whose service is available; None if there is none."""
         last = self._last.get(name)
         if last is not None and self._clients[last].service_is_ready():
             self._clients[last] = self._clients.pop(last)
-            return last  # listing all services of a large graph takes longer than the call
-        # The graph lists the types of clients too, this server's among them: which type is served shows when it is ready.
+            return last  # without listing all services, which in a large graph takes longer than the call
+        # The graph lists the types that clients use, too, including this node's own: only a client shows which one is served.
         for kind in dict(self._node.get_service_names_and_types()).get(name, ()):
             key = (name, kind)
             if self._get_or_create(key) and self._clients[key].service_is_ready():
@@ -89,7 +89,7 @@ class ServiceCalls:
         return True
 
     def _forget(self, keys: Iterable[tuple[str, str]]) -> None:
-        """Destroy clients that wait for no response."""
+        """Destroy those of the clients that have no open request."""
         for key in keys:
             if not self._open[key]:
                 self._node.destroy_client(self._clients.pop(key))
@@ -109,15 +109,15 @@ class ServiceCalls:
         self._open[key] += 1
         number = self._number = self._number + 1
 
-        def finish(answered: Future) -> None:
+        def finish(finished: Future) -> None:
             self._waiting.pop(number, None)
             self._open -= Counter([key])
-            if answered.cancelled():
+            if finished.cancelled():
                 done(False, "Timeout exceeded while waiting for service response")
-            elif answered.exception() is not None:
-                done(False, f"Service call exception: {answered.exception()}")
+            elif finished.exception() is not None:
+                done(False, f"Service call exception: {finished.exception()}")
             else:
-                response = answered.result()
+                response = finished.result()
                 done(True, decode(serialize_message(response)))
 
         def give_up() -> None:
@@ -129,18 +129,18 @@ class ServiceCalls:
             self._wait(time.monotonic() + timeout_s, future.done, give_up, number)
 
     def _wait(
-        self, deadline_s: float, over: Callable[[], bool], give_up: Callable[[], None], number: int | None = None
+        self, deadline_s: float, is_done: Callable[[], bool], give_up: Callable[[], None], number: int | None = None
     ) -> None:
         if number is None:
             number = self._number = self._number + 1
         if not self._waiting:
             self._poll.reset()
-        self._waiting[number] = (deadline_s, over, give_up)
+        self._waiting[number] = (deadline_s, is_done, give_up)
 
     def _check_waiting(self) -> None:
         now_s = time.monotonic()
-        for number, (deadline_s, over, give_up) in list(self._waiting.items()):
-            if over():
+        for number, (deadline_s, is_done, give_up) in list(self._waiting.items()):
+            if is_done():
                 self._waiting.pop(number, None)
             elif now_s >= deadline_s:
                 self._waiting.pop(number, None)

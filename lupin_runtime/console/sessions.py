@@ -1,6 +1,6 @@
-"""Paired browsers: each is a session, which it proves with a token in a cookie.
+"""The paired browsers: each is a session, and identifies itself with a token in a cookie.
 
-The file holds only hashes of the tokens. The server and `lupin console revoke` both write it, each under a lock.
+The file contains only hashes of the tokens. The server and `lupin console revoke` both write it, under a lock.
 """
 
 from __future__ import annotations
@@ -21,20 +21,19 @@ from lupin_runtime.console.authority import Role, Session
 from lupin_runtime.console.shared_file import locked
 from lupin_runtime.stack.runs import state_home
 
-# A browser that did not come for so long has to be paired again.
-LIFE_S = 30 * 86400.0
+SESSION_LIFETIME_S = 30 * 86400.0  # a browser that is not used for this long has to be paired again
 MAX_SESSIONS = 200
-_NOTED_EVERY_S = 3600.0
+_NOTE_USE_PERIOD_S = 3600.0
 
 
 def sessions_file() -> Path:
-    """The file of this user's paired browsers, which all runs share."""
+    """Return the file of this user's paired browsers, which all runs share."""
     return state_home() / "console" / "sessions.json"
 
 
 @dataclass(frozen=True)
 class Pairing:
-    """A paired browser as the file holds it; times are seconds of the wall clock since 1970."""
+    """A paired browser as stored in the file; times are Unix time in seconds."""
 
     name: str
     role: Role
@@ -46,10 +45,10 @@ class Pairing:
 class Sessions:
     """The paired browsers of this user. `clock` is the wall clock in seconds.
 
-    `add`, `note_use` and `revoke` wait for other processes and for the disk, so they must not be called in an event loop.
+    `add`, `note_use` and `revoke` wait for other processes and for the disk, so they must not be called on an event loop.
 
-    Raises MalformedFile where the file is damaged: nothing is dropped silently. Where that happens later, the sessions that
-    were read stay valid, because people must be able to stop the robot, and every change is refused.
+    The constructor raises MalformedFile if the file is damaged, instead of dropping sessions silently. If the file is damaged
+    later, the sessions that were read stay valid, so that people can stop the robot, and every change raises MalformedFile.
     """
 
     def __init__(self, path: Path, clock: Callable[[], float] = time.time) -> None:
@@ -62,17 +61,17 @@ class Sessions:
         self._pairings: dict[str, Pairing] = self._read()
 
     def all(self) -> list[Pairing]:
-        """The paired browsers, the one used last first."""
+        """Return the paired browsers, the most recently used first."""
         self.refresh()
         return sorted(self._pairings.values(), key=lambda pairing: -pairing.used_s)
 
     def add(self, kind: str, role: Role) -> tuple[Session, str]:
-        """Pair a browser; returns its session, named by its kind and a number, and the token that it keeps."""
+        """Pair a browser; returns its session, named after its kind and a number, and its token."""
         token = secrets.token_urlsafe(32)
         now_s = self._clock()
         with self._changing() as pairings:
-            taken = {pairing.name for pairing in pairings.values()}
-            name = next(f"{kind}-{number}" for number in range(1, len(taken) + 2) if f"{kind}-{number}" not in taken)
+            names = {pairing.name for pairing in pairings.values()}
+            name = next(f"{kind}-{number}" for number in range(1, len(names) + 2) if f"{kind}-{number}" not in names)
             pairings[_hash(token)] = Pairing(name, role, _hash(token), now_s, now_s)
             while len(pairings) > MAX_SESSIONS:
                 del pairings[min(pairings, key=lambda key: pairings[key].used_s)]
@@ -81,38 +80,38 @@ class Sessions:
         return session, token
 
     def find(self, token: str) -> Session | None:
-        """The session of a token; None where it is unknown, revoked or expired. The same object for the same browser."""
+        """Return the session of a token, always the same object; None if it is unknown, revoked or expired."""
         self.refresh()
         key = _hash(token)
         pairing = self._pairings.get(key)
-        if pairing is None or self._clock() - pairing.used_s > LIFE_S:
+        if pairing is None or self._clock() - pairing.used_s > SESSION_LIFETIME_S:
             return None
         return self._sessions.setdefault(key, Session(pairing.name, pairing.role))
 
     def is_use_due(self, token: str) -> bool:
-        """Whether `note_use` is to be called for a session that was found. True once in a while."""
+        """Return whether `note_use` is to be called now. After it has returned True, it returns False for an hour."""
         key, now_s = _hash(token), self._clock()
         pairing = self._pairings.get(key)
         noted_s = self._noted_s.get(key, pairing.used_s if pairing else now_s)
-        if abs(now_s - noted_s) <= _NOTED_EVERY_S:
+        if abs(now_s - noted_s) <= _NOTE_USE_PERIOD_S:
             return False
         self._noted_s[key] = now_s
         return True
 
     def note_use(self, token: str) -> None:
-        """Keep that a browser was here: one that did not come for LIFE_S is forgotten."""
+        """Store that a browser has just been used, so that its session does not expire."""
         key = _hash(token)
         with self._changing() as pairings:
             if key in pairings:
                 pairings[key] = replace(pairings[key], used_s=self._clock())
 
     def is_valid(self, session: Session) -> bool:
-        """Whether a session that was found is still paired."""
+        """Return whether a session that `find` has returned is still paired."""
         self.refresh()
         return any(each is session and key in self._pairings for key, each in self._sessions.items())
 
     def revoke(self, name: str) -> bool:
-        """Forget a browser; returns whether there was one of that name."""
+        """Unpair a browser; returns whether there was one with this name."""
         with self._changing() as pairings:
             keys = [key for key, pairing in pairings.items() if pairing.name == name]
             for key in keys:
@@ -120,7 +119,7 @@ class Sessions:
         return bool(keys)
 
     def refresh(self) -> None:
-        """Read the file where another process has changed it."""
+        """Read the file again if another process has changed it."""
         with self._reading:
             try:
                 status = self._path.stat()

@@ -1,7 +1,7 @@
-"""The page's settings, which the console keeps for every browser: one table, from which pages also take types and defaults.
+"""The page's settings, stored by the console for all browsers. Pages take types and defaults from the same table.
 
-A key for a voice service is none of them: it stays in the browser that it was typed into. Nor are the addresses of rosbridge
-and video, which are the page's own origin.
+The key for a voice service is not among them: it stays in the browser in which it was typed. Nor are the addresses of rosbridge
+and video: both are served at the page's own origin.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from lupin_runtime.stack.runs import state_home
 
 VERSION = 5
 OLDEST_VERSION = 2
-# What browsers stored under these names before version 5 was not their operator's choice.
+# Before version 5, browsers stored values under these names that no operator had chosen.
 _DROPPED_BEFORE_5 = ("polarityInvertHmi", "estopAutoOnFocusLoss")
 _KEPT_BY_BROWSERS = ("rosUrl", "webVideoServerUrl", "geminiApiKey", "voiceNamedLocations")
 _NAME = re.compile(r"[A-Za-z_/][A-Za-z0-9_/]{0,255}")
 
 
 class BadSetting(ValueError):
-    """A setting that is unknown or has a value that it can't have, with its name and what is expected."""
+    """An unknown setting, or a value that is not allowed; the text has the setting's name and what is expected."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting: its type is that of the default. Numbers have a range, texts may have choices or be names of ROS."""
+    """One setting, of the same type as its default. Numbers have a range; texts may have choices, or be ROS names."""
 
     name: str
     default: bool | int | float | str
@@ -43,7 +43,7 @@ class Setting:
     max_length: int = 256
 
     def check(self, value: Any) -> Any:
-        """The value, if it may have it. Raises BadSetting."""
+        """Return the value if it is allowed. Raises BadSetting."""
         if isinstance(self.default, bool):
             return self._expect(value, isinstance(value, bool), "true or false")
         if isinstance(self.default, (int, float)):
@@ -63,7 +63,7 @@ class Setting:
 
     def _expect(self, value: Any, fits: bool, kind: str) -> Any:
         if not fits:
-            raise BadSetting(f"{self.name} is {kind}, not {value!r:.60}")
+            raise BadSetting(f"{self.name} must be {kind}, not {value!r:.60}")
         return value
 
 
@@ -111,12 +111,12 @@ _BY_NAME = {setting.name: setting for setting in SETTINGS}
 
 
 def settings_file() -> Path:
-    """The file of this user's settings."""
+    """Return the file of this user's settings."""
     return state_home() / "console" / "settings.json"
 
 
 def all_settings(path: Path) -> dict[str, Any]:
-    """Every setting, as it was changed or else by default. Raises MalformedFile and OSError."""
+    """Return every setting's stored value, or else its default. Raises MalformedFile and OSError."""
     stored = read_object(path)
     try:
         return {setting.name: setting.check(stored.get(setting.name, setting.default)) for setting in SETTINGS}
@@ -125,14 +125,14 @@ def all_settings(path: Path) -> dict[str, Any]:
 
 
 def change_settings(path: Path, changes: Any, version: Any = VERSION) -> dict[str, Any]:
-    """Change some settings, which a page of that version stored; returns all. Raises BadSetting, MalformedFile and OSError."""
+    """Change some settings, sent by a page of `version`; returns all. Raises BadSetting, MalformedFile and OSError."""
     checked = _checked(changes, version)
     stored = change_object(path, lambda before: {**before, **checked})
     return {setting.name: stored.get(setting.name, setting.default) for setting in SETTINGS}
 
 
 def describe_settings() -> list[dict[str, Any]]:
-    """The table: name, default, and what a value may be."""
+    """Return the table: each setting's name, default, unit and allowed values."""
     rows = []
     for setting in SETTINGS:
         row: dict[str, Any] = {"name": setting.name, "default": setting.default, "unit": setting.unit}
@@ -146,9 +146,9 @@ def describe_settings() -> list[dict[str, Any]]:
 
 def _checked(changes: Any, version: Any) -> dict[str, Any]:
     if isinstance(version, bool) or not isinstance(version, int) or not OLDEST_VERSION <= version <= VERSION:
-        raise BadSetting(f"version is a number from {OLDEST_VERSION} to {VERSION}, not {version!r:.60}")
+        raise BadSetting(f"version must be a whole number from {OLDEST_VERSION} to {VERSION}, not {version!r:.60}")
     if not isinstance(changes, dict):
-        raise BadSetting("settings is an object of names and values")
+        raise BadSetting("settings must be an object of names and values")
     dropped = (*_KEPT_BY_BROWSERS, *(_DROPPED_BEFORE_5 if version < VERSION else ()))
     checked = {}
     for name, value in changes.items():

@@ -1,4 +1,4 @@
-"""The API's resources that all browsers share: maps, named locations, settings, and the arm's library."""
+"""The API's resources that all browsers share: maps, named locations, settings and the arm's library."""
 
 from __future__ import annotations
 
@@ -34,27 +34,25 @@ _LOCATION_BODY: dict[str, dict[str, Any]] = {
     },
 }
 _SETTINGS_BODY: dict[str, dict[str, Any]] = {
-    "version": {"type": "integer", "description": f"of the page that stored them [{VERSION}]"},
+    "version": {"type": "integer", "description": f"version of the page that stored the settings [{VERSION}]"},
     "settings": {"type": "object"},
 }
 
 
 class SharedData:
-    """Used on the event loop only; files are read and written on other threads."""
+    """The resources' handlers. Used on the event loop only; files are read and written on other threads."""
 
     def __init__(self, bridge: Bridge, events: EventChannel) -> None:
         self._bridge = bridge
         self._events = events
 
     def resources(self) -> tuple[Resource, ...]:
-        """The routes, each with what it answers."""
+        """Return the routes, each with a summary of its answer."""
         return (
-            Resource(
-                "/_api/maps", self._save_map, "Save the map that is being made. Needs control.", {"name": {"type": "string"}}
-            ),
+            Resource("/_api/maps", self._save_map, "Save the current SLAM map. Needs control.", {"name": {"type": "string"}}),
             Resource("/_api/locations", self._locations, "The named locations on the map: x and y in m, yaw in rad."),
             Resource("/_api/locations", self._change_location, "Save or remove a location. Needs control.", _LOCATION_BODY),
-            Resource("/_api/settings", self._settings, "The page's settings, and what each may be."),
+            Resource("/_api/settings", self._settings, "The page's settings, with defaults and allowed values."),
             Resource(
                 "/_api/settings", self._change_settings, "Change settings for all browsers. Needs control.", _SETTINGS_BODY
             ),
@@ -70,7 +68,7 @@ class SharedData:
         response = await self._call(request, graph.SLAM_SAVE_MAP, arguments)
         self._bridge.record(request[SESSION].name, f"save map {name}")
         if response["result"] != 0:
-            return web.json_response({"error": "no map was saved: none has been received yet"}, status=409)
+            return web.json_response({"error": "no map was saved: SLAM has not published one yet"}, status=409)
         return web.json_response({"saved": name})
 
     async def _arm_library(self, request: web.Request) -> web.StreamResponse:
@@ -121,5 +119,5 @@ class SharedData:
         return web.json_response({"version": VERSION, "settings": settings})
 
     def _take_control(self, request: web.Request) -> None:
-        """What all browsers share is changed by whoever has control. Raises Refused."""
+        """Take control if it is free: only the session in control may change shared data. Raises Refused."""
         self._bridge.authority.take(request[SESSION], time.monotonic_ns())

@@ -1,4 +1,4 @@
-"""A JSON object on the disk that several consoles of one user read and change."""
+"""A JSON object in a file that several consoles of one user read and change."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ _MAX_BYTES = 1_000_000
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Keep other processes from changing a file; makes its folder. Raises OSError, and TimeoutError after _LOCK_TIMEOUT_S."""
+    """Lock a file against changes by other processes, and create its folder.
+
+    Raises OSError, and TimeoutError after _LOCK_TIMEOUT_S.
+    """
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     descriptor = os.open(path.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
@@ -38,7 +41,7 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def read_object(path: Path) -> dict[str, Any]:
-    """The object in a file; an empty one where there is no file. Raises MalformedFile and OSError."""
+    """Return the object in a file; an empty one if there is no file. Raises MalformedFile and OSError."""
     try:
         with path.open("rb") as file:
             content = file.read(_MAX_BYTES + 1)
@@ -50,12 +53,15 @@ def read_object(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         return {}
     except (ValueError, RecursionError) as error:
-        raise MalformedFile(path, None, f"{error}; move it away to start anew") from error
+        raise MalformedFile(path, None, f"{error}; move it away to start with an empty one") from error
     return value
 
 
 def change_object(path: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> dict[str, Any]:
-    """Replace the object in a file by what `change` makes of it, and return that. Raises what `change` and the file raise."""
+    """Replace the object in a file with the result of `change`, and return it.
+
+    Raises MalformedFile and OSError, and whatever `change` raises.
+    """
     with locked(path):
         changed = change(read_object(path))
         write_atomically(path, json.dumps(changed, indent=1, allow_nan=False) + "\n", mode=0o600, sync=True)

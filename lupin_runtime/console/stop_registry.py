@@ -1,8 +1,8 @@
-"""The stops of all clients, each a value of its own; together they are one console for the e-stop bridge.
+"""The stops of all clients. Each client has its own; for the e-stop bridge they are combined into one.
 
-A client that stops is stopped until it releases. One that disappears or falls silent while it drives, has control, or holds the
-stop, leaves the stop engaged. The holder of the lease releases that by a stop and release of its own: a client that only
-repeats that it is released releases nothing.
+A client that engages its stop holds it until it releases it. A client that disconnects while it drives, has control or holds
+its stop leaves the stop engaged, and so does the client in control if it falls silent. The client in control releases such a
+lost stop by engaging and releasing its own: a client that only repeats "released" releases nothing.
 """
 
 from __future__ import annotations
@@ -10,19 +10,17 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 
-# A browser repeats its state twice a second.
-EXPIRY_S = 1.5
-# A velocity that is older does not mean that its sender is driving.
-DRIVING_S = 0.5
+SILENCE_TIMEOUT_S = 1.5  # pages repeat the state of their stop twice a second
+DRIVING_S = 0.5  # a client counts as driving for this long after its last velocity that was not zero
 
 
 @dataclass
 class _ClientStop:
     name: str
     engaged: bool = False
-    heard_ns: int | None = None  # its last statement; None for a client that never stated anything
-    repeats: bool = False  # whether it repeats its statements, as consoles do: only of such a one silence says something
-    moving_ns: int | None = None  # its last velocity that was not zero
+    heard_ns: int | None = None  # when it last sent the state of its stop; None if never
+    repeats: bool = False  # whether it repeats that state, as pages do; the silence of any other client means nothing
+    moving_ns: int | None = None  # when it last sent a velocity that was not zero
 
 
 class StopRegistry:
@@ -30,49 +28,49 @@ class StopRegistry:
 
     def __init__(self) -> None:
         self._clients: dict[Hashable, _ClientStop] = {}
-        self._lost: dict[str, str] = {}  # why a stop remains that no client holds any more, by the client's name
+        self._lost: dict[str, str] = {}  # by client name: why a stop is engaged that no client holds any more
 
     def join(self, client: Hashable, name: str) -> None:
         """Add a client."""
         self._clients[client] = _ClientStop(name)
 
-    def state(self, client: Hashable, engaged: bool, now_ns: int) -> None:
-        """A client's own stop."""
+    def set_stop(self, client: Hashable, engaged: bool, now_ns: int) -> None:
+        """Engage or release a client's own stop."""
         stop = self._clients[client]
-        if stop.heard_ns is not None and engaged == stop.engaged and now_ns - stop.heard_ns <= EXPIRY_S * 1e9:
+        if stop.heard_ns is not None and engaged == stop.engaged and now_ns - stop.heard_ns <= SILENCE_TIMEOUT_S * 1e9:
             stop.repeats = True
         stop.engaged, stop.heard_ns = engaged, now_ns
 
     def withdraw(self, client: Hashable, now_ns: int) -> None:
-        """A client lets go of its stop and may not release it: the stop stays, and the holder of the lease releases it."""
+        """Turn the stop of a client that no longer holds it, but may not release it, into a lost one."""
         stop = self._clients[client]
         stop.engaged, stop.heard_ns = False, now_ns
         self._lost[stop.name] = f"{stop.name} stopped the robot"
 
     def hold_for(self, name: str) -> None:
-        """Stop for somebody who has no connection that could hold the stop."""
+        """Engage a stop for a session that has no connection to hold it."""
         self._lost[name] = f"{name} stopped the robot"
 
-    def velocity(self, client: Hashable, moving: bool, now_ns: int) -> bool:
-        """A velocity that a client commands; `moving` where it is not zero. Returns whether the client was at rest before."""
+    def note_velocity(self, client: Hashable, moving: bool, now_ns: int) -> bool:
+        """Note a client's velocity, which is zero unless `moving`. Return whether the client starts to drive with it."""
         stop = self._clients[client]
-        starts = moving and not _is_driving(stop, now_ns)
+        is_start = moving and not _is_driving(stop, now_ns)
         stop.moving_ns = now_ns if moving else None
-        return starts
+        return is_start
 
     def is_driving(self, now_ns: int) -> bool:
-        """Whether a client drives."""
+        """Return whether any client is driving."""
         return any(_is_driving(stop, now_ns) for stop in self._clients.values())
 
     def end_driving(self, now_ns: int) -> bool:
-        """Forget what clients drive, because another one takes over; returns whether one was driving."""
+        """Forget the velocities of all clients, because control has changed. Return whether a client was driving."""
         driving = [stop for stop in self._clients.values() if _is_driving(stop, now_ns)]
         for stop in driving:
             stop.moving_ns = None
         return bool(driving)
 
     def leave(self, client: Hashable, now_ns: int, in_control: bool) -> bool:
-        """Remove a client, which may be in control; returns whether it was driving."""
+        """Remove a client, keeping its stop engaged if the robot must not go on without it. Return whether it was driving."""
         stop = self._clients.pop(client, None)
         if stop is None:
             return False
@@ -86,22 +84,22 @@ class StopRegistry:
         return driving
 
     def holds(self, client: Hashable) -> bool:
-        """Whether a client's own stop is engaged."""
+        """Return whether a client's own stop is engaged."""
         return self._clients[client].engaged
 
     def release_lost(self) -> None:
-        """Release the stops that no client holds any more."""
+        """Release all lost stops, those that no client holds any more."""
         self._lost.clear()
 
-    def tick(self, now_ns: int, in_control: str | None) -> None:
-        """Engage for the console in control where it no longer repeats its state: nobody may be watching what it drives."""
+    def check_silence(self, now_ns: int, in_control: str | None) -> None:
+        """Engage the stop if the client in control no longer repeats its state: nobody may be watching the robot."""
         for stop in self._clients.values():
-            silent = stop.repeats and stop.heard_ns is not None and now_ns - stop.heard_ns > EXPIRY_S * 1e9
+            silent = stop.repeats and stop.heard_ns is not None and now_ns - stop.heard_ns > SILENCE_TIMEOUT_S * 1e9
             if silent and stop.name == in_control:
-                self._lost.setdefault(stop.name, f"{stop.name} was silent for more than {EXPIRY_S:g} s")
+                self._lost.setdefault(stop.name, f"{stop.name} was silent for more than {SILENCE_TIMEOUT_S:g} s")
 
     def reasons(self) -> list[str]:
-        """Why the stop is engaged; empty where it is released."""
+        """Return why the stop is engaged; empty if it is not."""
         held = [f"{stop.name} holds the stop" for stop in self._clients.values() if stop.engaged]
         return [*self._lost.values(), *held]
 

@@ -10,7 +10,7 @@ from lupin_runtime.console.encoding import COMPRESSIONS
 
 @dataclass(frozen=True)
 class Request:
-    """What one `subscribe` asks for: at most one message per `throttle_ms`, and a queue of `queue_length` waiting messages."""
+    """The options of one `subscribe`: at most one message per `throttle_ms`, and at most `queue_length` waiting messages."""
 
     throttle_ms: int = 0
     queue_length: int = 0
@@ -18,7 +18,7 @@ class Request:
 
 
 class ClientSubscription:
-    """All requests of one client for one topic.
+    """All `subscribe` requests of one client for one topic.
 
     The client gets every message once, at the shortest interval and with the strongest compression that any of its requests
     asks for.
@@ -37,12 +37,12 @@ class ClientSubscription:
         return not self._requests
 
     def add(self, identifier: Hashable, request: Request) -> None:
-        """Add a request, or replace that of the same id."""
+        """Add a request, or replace the one with the same id."""
         self._requests[identifier] = request
         self._merge()
 
     def remove(self, identifier: Hashable | None) -> None:
-        """Remove the request of an id; all where it is None."""
+        """Remove the request with an id, or all of them if the id is None."""
         if identifier is None:
             self._requests.clear()
         else:
@@ -56,7 +56,7 @@ class ClientSubscription:
         self.compression = max((request.compression for request in requests), key=COMPRESSIONS.index, default="none")
 
     def due(self, now_ns: int) -> bool:
-        """Whether a message that arrived now is sent; counts it as sent."""
+        """Return whether a message that arrives now is to be sent, and if so, count it as sent."""
         if self._sent_ns is not None and 0 <= now_ns - self._sent_ns < self._interval_ns:
             return False
         self._sent_ns = now_ns

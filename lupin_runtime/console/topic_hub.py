@@ -1,6 +1,6 @@
-"""Topics for any number of clients: one ROS subscription per topic, and one encoding per message and format.
+"""Delivers topics to any number of clients with one ROS subscription per topic and one encoding per message and format.
 
-The subscription's QoS follows the topic's publishers. A client that joins late gets a latched topic's last message at once.
+A subscription's QoS follows the topic's publishers. A client that joins late gets a latched topic's last messages at once.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from lupin_runtime.ros.raw_subscription import QUEUE_DEPTH, RawSubscription
 
 
 class TopicFailed(ValueError):
-    """A topic that can't be subscribed to or published on, with the reason as text."""
+    """A topic that can't be subscribed to or published on; the text is the reason."""
 
 
 class Receiver(Protocol):
-    """A client, as the hub sees it."""
+    """A client of the hub."""
 
     def deliver(self, frame: Frame) -> None:
         """Queue a frame; called on the executor's thread."""
@@ -34,7 +34,7 @@ class Receiver(Protocol):
 
 @dataclass
 class _Stream:
-    """A topic with its subscription, and the clients that it goes to."""
+    """A topic with its subscription and its receiving clients."""
 
     topic: str
     type_name: str
@@ -45,7 +45,7 @@ class _Stream:
 
     @property
     def droppable(self) -> bool:
-        """Whether an old message may be dropped for a newer one: samples of sensors, but not changes of state."""
+        """Whether a waiting message may be dropped for a newer one: true for sensor samples, false for changes of state."""
         row = graph.topic(self.topic)
         if row is graph.ESTOP_STATE or row is graph.ROSOUT:
             return False
@@ -53,7 +53,7 @@ class _Stream:
 
 
 class TopicHub:
-    """All methods are called on the thread of the node's executor."""
+    """All methods are called on the executor's thread."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -61,7 +61,7 @@ class TopicHub:
 
     # -- clients ------------------------------------------------------------------------------------------------------
     def subscribe(self, receiver: Receiver, topic: str, type_name: str | None, identifier: Hashable, request: Request) -> None:
-        """Add a client's request for a topic; without a type, the graph's is taken. Raises TopicFailed."""
+        """Add a client's request for a topic; without `type_name`, the type is the graph's. Raises TopicFailed."""
         stream = self._streams.get(topic)
         if stream is None:
             stream = self._streams[topic] = self._open(topic, type_name)
@@ -75,7 +75,7 @@ class TopicHub:
                 self._send(stream, data, {receiver: merged})
 
     def unsubscribe(self, receiver: Receiver, topic: str, identifier: Hashable | None) -> None:
-        """Remove a client's request of that id; all of its requests for the topic where the id is None."""
+        """Remove a client's request with this id, or all of its requests for the topic if the id is None."""
         stream = self._streams.get(topic)
         merged = stream.receivers.get(receiver) if stream else None
         if stream is None or merged is None:
@@ -92,7 +92,7 @@ class TopicHub:
                 self._close_unused(stream)
 
     def follow_publishers(self) -> None:
-        """Open the subscriptions again whose publishers now offer another QoS. To be called about once a second."""
+        """Reopen subscriptions whose publishers now offer another QoS. To be called about once a second."""
         for stream in self._streams.values():
             stream.subscription.follow_publishers()
 
@@ -102,20 +102,20 @@ class TopicHub:
         if type_name is None:
             if known is None:
                 raise TopicFailed(f"Cannot infer topic type for topic {topic} as it is not yet advertised")
-            wanted = known
+            requested = known
         else:
-            wanted = interfaces.full_name(type_name, "msg")
-            if known is not None and known != wanted:
-                raise TopicFailed(type_conflict(topic, wanted, known))
+            requested = interfaces.full_name(type_name, "msg")
+            if known is not None and known != requested:
+                raise TopicFailed(type_conflict(topic, requested, known))
         try:
-            message_class = interfaces.find(wanted, "msg")
+            message_class = interfaces.find(requested, "msg")
         except interfaces.UnknownType as error:
             raise TopicFailed(str(error)) from error
         try:
             subscription = RawSubscription(self._node, topic, message_class, lambda data: self._receive(topic, data))
         except Exception as error:  # rclpy raises a different class for each fault of a name
             raise TopicFailed(f"{topic}: {error}") from error
-        return _Stream(topic, wanted, message_class, subscription)
+        return _Stream(topic, requested, message_class, subscription)
 
     def _close_unused(self, stream: _Stream) -> None:
         if not stream.receivers:
@@ -155,12 +155,12 @@ class TopicHub:
 
 
 def topic_type(node: Node, topic: str) -> str | None:
-    """The type of a topic on the graph, or else in the graph's table; None where both lack it."""
+    """Return a topic's type on the graph, or else in the graph's table; None if neither knows it."""
     kinds: Sequence[str] = dict(node.get_topic_names_and_types()).get(topic, ())
     row = graph.topic(topic)
     return kinds[0] if kinds else row.type if row is not None else None
 
 
-def type_conflict(topic: str, wanted: str, known: str) -> str:
-    """The protocol's error text for a topic that has another type than a client asked for."""
-    return f"Tried to register topic {topic} with type {wanted} but it is already established with type {known}"
+def type_conflict(topic: str, requested: str, known: str) -> str:
+    """Return the protocol's error text for a topic whose type differs from the one that a client asked for."""
+    return f"Tried to register topic {topic} with type {requested} but it is already established with type {known}"

@@ -1,4 +1,4 @@
-"""Describes message types for clients: as rosapi's `TypeDef` values, and as the text of their definitions."""
+"""Describes message types for clients, as rosapi's `TypeDef` values and as the text of their definitions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SEPARATOR = "\n" + "=" * 80 + "\nMSG: "
 
 
 def type_definitions(message_class: Any) -> list[dict[str, Any]]:
-    """The `TypeDef` of a message class, then those of all types that it contains: depth first, each once."""
+    """Return the `TypeDef` of a message class, then those of all types that it contains: depth first, each once."""
     found: dict[str, dict[str, Any]] = {}
 
     def add(message_class: Any) -> None:
@@ -39,10 +39,10 @@ def type_definitions(message_class: Any) -> list[dict[str, Any]]:
 
 @functools.lru_cache(maxsize=512)
 def full_text(type_name: str) -> str:
-    """The definition of `package/msg/Name`, followed by those of all types that it contains.
+    """Return the definition of `package/msg/Name`, followed by those of all types that it contains.
 
-    The order is rosapi's: of the types that are still due, the one that was found last comes next. For a type that is not
-    installed, the text is a comment with the reason.
+    The order is rosapi's: of the pending types, the one that was found last comes next. For a type that is not installed, the
+    text is a comment with the reason.
     """
     try:
         return _full_text(type_name)
@@ -56,26 +56,26 @@ def _full_text(type_name: str) -> str:
     text, *others = schema.split(_SEPARATOR)
     texts = {name: body for name, _, body in (other.partition("\n") for other in others)}
     parts = [text]
-    due = list(dict.fromkeys(_contained_classes(root)))
-    seen = set(due)
-    while due:
-        message_class = due.pop()
+    pending = list(dict.fromkeys(_contained_classes(root)))
+    seen = set(pending)
+    while pending:
+        message_class = pending.pop()
         name = _type_name(message_class)
         parts.append(f"{name}\n{texts[name]}")
         for contained in _contained_classes(message_class):
             if contained not in seen:
                 seen.add(contained)
-                due.append(contained)
+                pending.append(contained)
     return _SEPARATOR.join(parts)
 
 
 def _type_name(message_class: Any) -> str:
-    """`package/Name`; `package/Name_Request` and the like for the parts of services and actions."""
+    """Return `package/Name`; for the parts of services and actions, `package/Name_Request` and so on."""
     return f"{message_class.__module__.split('.')[0]}/{message_class.__name__}"
 
 
 def _contained_classes(message_class: Any) -> list[Any]:
-    """The classes of a type's fields that are messages, in the order of the fields."""
+    """Return the classes of those fields that are messages, in the order of the fields."""
     kinds = (kind.value_type if isinstance(kind, AbstractNestedType) else kind for kind in message_class.SLOT_TYPES)
     return [message_class_of(kind) for kind in kinds if isinstance(kind, NamespacedType)]
 
@@ -101,7 +101,7 @@ def _constants(message_class: Any) -> dict[str, Any]:
 
 
 def _field_type(kind: AbstractType) -> str:
-    """`package/Name` or the IDL's name of a basic type; that of the elements of an array. Bounds are left out."""
+    """Return `package/Name`, or the IDL's name of a basic type. For an array it is the element's type; bounds are left out."""
     if isinstance(kind, AbstractNestedType):
         kind = kind.value_type
     if isinstance(kind, NamespacedType):
@@ -112,7 +112,7 @@ def _field_type(kind: AbstractType) -> str:
 
 
 def _array_length(kind: AbstractType) -> int:
-    """-1 of a single value, 0 of an array of any length."""
+    """Return an array's fixed length, 0 for an array of variable length, or -1 for a single value."""
     if not isinstance(kind, AbstractNestedType):
         return -1
     return int(kind.size) if isinstance(kind, Array) else 0
@@ -125,5 +125,5 @@ def _example(kind: AbstractType, default: Any) -> str:
 
 
 def _as_text(value: Any) -> str:
-    """A value as text; an octet, which Python has as one byte, as a number."""
+    """Convert a value to text; an octet, which in Python is one byte, becomes a number."""
     return str(value[0] if isinstance(value, bytes) else value)

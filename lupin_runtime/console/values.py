@@ -1,7 +1,7 @@
 """Builds ROS messages from the plain values of a client's JSON or CBOR.
 
-The rules and the error texts are those of the rosbridge protocol, because clients show or parse them. In addition, null is NaN,
-which is sent as null, and numbers are checked against the range of their field.
+The rules and error texts are those of the rosbridge protocol, because clients show or parse them. In addition, numbers are
+checked against the range of their field, and null becomes NaN, which is also sent as null.
 """
 
 from __future__ import annotations
@@ -32,20 +32,21 @@ _FLOATS = ("float", "double")
 _FLOAT32_MAX = float(np.finfo(np.float32).max)
 _TIMES = ("builtin_interfaces/Time", "builtin_interfaces/Duration")
 _TIME_FIELDS = {"sec": ("sec", "secs"), "nanosec": ("nanosec", "nsecs")}
-# Typed arrays of RFC 8746 in little-endian order, by their tag.
+# Little-endian typed arrays (RFC 8746) by tag.
 _TYPED_ARRAYS = {64: "u1", 69: "<u2", 70: "<u4", 71: "<u8", 72: "i1", 77: "<i2", 78: "<i4", 79: "<i8", 85: "<f4", 86: "<f8"}
 
-Now = Callable[[], Any]  # returns the present ROS time as a builtin_interfaces/Time
+Now = Callable[[], Any]  # returns the current ROS time as a builtin_interfaces/Time
 
 
 class ValueMismatch(ValueError):
-    """Values that do not fit into the message type; the text names the field."""
+    """Values that do not fit the message type; the text names the field."""
 
 
 def fill(message_class: Any, values: Any, now: Now) -> Any:
-    """A message of the class with the given values; fields that are not given keep their defaults.
+    """Build a message from the given values; fields that are not given keep their defaults.
 
-    `now` stamps a message's own header that comes without a stamp, and times whose value is "now". Raises ValueMismatch.
+    `now` gives the stamp of the message's own header if `values` has none, and times whose value is "now". Raises
+    ValueMismatch.
     """
     message = _Filler(_type_name(message_class), now).message(message_class, values, ())
     if message_class.get_fields_and_field_types().get("header") == "std_msgs/Header" and "stamp" not in values.get(
@@ -57,7 +58,7 @@ def fill(message_class: Any, values: Any, now: Now) -> Any:
 
 @functools.cache
 def _type_name(message_class: Any) -> str:
-    """`package/Name`, as the protocol's error texts have it."""
+    """Return `package/Name`, the form in the protocol's error texts."""
     return f"{message_class.__module__.split('.')[0]}/{message_class.__name__}"
 
 
@@ -152,7 +153,7 @@ class _Filler:
         limit = getattr(kind, "maximum_size", None)
         if limit is not None and len(value) > limit:
             raise ValueMismatch(f"{self._root}: field {'.'.join(path)} holds at most {limit} characters, got {len(value)}")
-        # A lone surrogate of a JSON escape can't be encoded.
+        # A lone surrogate from a JSON escape sequence can't be encoded.
         return value.encode("utf-8", "replace").decode("utf-8")
 
     def _array(self, name: str, kind: AbstractNestedType, value: Any, path: tuple[str, ...]) -> Any:
@@ -164,7 +165,7 @@ class _Filler:
             if element.typename == "octet":
                 items = [bytes([item]) for item in items]
         elif isinstance(value, (list, tuple)):
-            # One path for all elements: a path per element would make a map of a megabyte take seconds.
+            # All elements share one path, because with a path for each one, a map of a megabyte would take seconds.
             items = [self._value(name, element, item, path) for item in value]
         else:
             raise self._mismatch(path, name, value)
@@ -192,7 +193,7 @@ class _Filler:
 
 
 def by_name(message_class: Any, arguments: Any) -> Any:
-    """A request's arguments by their names: a list is in the order of the fields, and null has none."""
+    """Return a request's arguments by field name: a list is in the order of the fields, and null means no arguments."""
     if arguments is None:
         return {}
     if isinstance(arguments, list):

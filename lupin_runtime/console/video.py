@@ -1,7 +1,7 @@
-"""`/_video` of the one origin: the pictures of the video server, fetched once for all browsers.
+"""`/_video` on port 8090: the video server's pictures, fetched once for all browsers.
 
-On a robot the video server is at the other end of the wireless link, which therefore carries each picture once. A browser that
-is slow gets the newest picture and skips those between.
+A robot's video server is at the other end of the wireless link, which therefore carries each picture only once. A slow browser
+gets the newest picture and skips those in between.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from lupin_runtime.cameras.stream_request import BadRequest, StreamRequest, read
 from lupin_runtime.console.api_table import Resource
 
 MAX_CLIENTS = 64
-_CONNECT_S = 5.0
-_SILENCE_S = 15.0  # a link on which nothing arrives for so long is closed: a camera that pauses is asked for again
-_ANSWER_S = 8.0
-_LOOK_S = 0.5  # how often a stream without pictures looks whether its browser is there and may see them
-_WRITE_S = 10.0  # within which a browser must take a picture
+_CONNECT_TIMEOUT_S = 5.0
+_SILENCE_TIMEOUT_S = 15.0  # an upstream connection on which nothing arrives for this long is closed; browsers ask again
+_ANSWER_TIMEOUT_S = 8.0
+_CHECK_PERIOD_S = 0.5  # how often a stream without pictures checks that its browser is connected and still paired
+_WRITE_TIMEOUT_S = 10.0  # a browser that takes longer for a picture is disconnected
 _MAX_LIST_BYTES = 1_000_000
 _MAX_REASON_BYTES = 500
-_PASSED_ON = (400, 404, 504)  # the video server's refusals, with its reason
-_PIECE_BYTES = 1 << 18
-# What the kernel may keep for a slow browser beyond what is on its way: pictures that wait there are late when they arrive.
+_FORWARDED_STATUSES = (400, 404, 504)  # of the video server, whose reason is forwarded too
+_CHUNK_BYTES = 1 << 18
+# How much unsent data the kernel may hold for a slow browser: pictures that wait there are outdated when they arrive.
 _UNSENT_BYTES = 32_768
 _HEADERS = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Cross-Origin-Resource-Policy": "same-origin"}
 _QUERY = "?topic=NAME&quality=1…100&width=PIXELS&invert"
 
 
 class VideoUnavailable(Exception):
-    """The video server gives no pictures; the text says why, and `status` which answer that is."""
+    """The video server delivers no pictures; the text says why, and `status` is the HTTP status to answer with."""
 
     def __init__(self, status: int, reason: str) -> None:
         super().__init__(reason)
@@ -46,9 +46,9 @@ class VideoUnavailable(Exception):
 
 
 class VideoRelay:
-    """Passes on what the video server at `target`, a URL without a path, shows. Used on the event loop only.
+    """Forwards the pictures of the video server at `target`, a URL without a path. Used on the event loop only.
 
-    `may_see` says whether the sender of a request is still allowed to see pictures.
+    `may_see` returns whether the sender of a request may still see pictures.
     """
 
     def __init__(self, target: str, may_see: Callable[[web.Request], bool]) -> None:
@@ -59,7 +59,7 @@ class VideoRelay:
         self._clients = 0
 
     def resources(self) -> tuple[Resource, ...]:
-        """The routes, each with what it answers."""
+        """Return the routes, each with a summary of its answer."""
         return (
             Resource("/_video/streams", self._guarded(self._list), "The cameras: topic, clients, frames a second, age."),
             Resource("/_video/snapshot", self._guarded(self._snapshot), f"The next picture as JPEG: {_QUERY}."),
@@ -69,7 +69,7 @@ class VideoRelay:
     async def close(self) -> None:
         """End all streams."""
         for upstream in list(self._upstreams.values()):
-            upstream.end()
+            upstream.cancel()
         if self._http is not None:
             await self._http.close()
 
@@ -79,7 +79,7 @@ class VideoRelay:
     ) -> Callable[[web.Request], Awaitable[web.StreamResponse]]:
         async def guarded(request: web.Request) -> web.StreamResponse:
             if request.headers.get("Sec-Fetch-Site", "same-origin") not in ("same-origin", "none"):
-                # A page of another site may not show this computer's cameras either.
+                # Pages of other sites may not show the cameras either.
                 raise web.HTTPForbidden(text="pages of other sites may not use this server\n")
             try:
                 return await handler(request)
@@ -99,8 +99,8 @@ class VideoRelay:
         return web.json_response(rows, headers=_HEADERS)
 
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
-        wanted = read_request(request.query)
-        content, headers = await self._fetch("snapshot", wanted.query(), mjpeg.MAX_PICTURE_BYTES)
+        stream_request = read_request(request.query)
+        content, headers = await self._fetch("snapshot", stream_request.query(), mjpeg.MAX_PICTURE_BYTES)
         try:
             stamp = mjpeg.stamp_text(mjpeg.stamp_ns_of(headers.get("X-Timestamp", "")))
         except mjpeg.MalformedStream as error:
@@ -108,14 +108,14 @@ class VideoRelay:
         return web.Response(body=content, content_type="image/jpeg", headers={**_HEADERS, "X-Timestamp": stamp})
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
-        wanted = read_request(request.query)
+        stream_request = read_request(request.query)
         if self._clients >= MAX_CLIENTS:
-            raise VideoUnavailable(503, f"{MAX_CLIENTS} browsers watch already")
+            raise VideoUnavailable(503, f"{MAX_CLIENTS} browsers are already watching")
         self._clients += 1
-        upstream = self._upstreams.get(wanted)
+        upstream = self._upstreams.get(stream_request)
         if upstream is None:
-            upstream = self._upstreams[wanted] = _Upstream()
-            upstream.task = asyncio.create_task(self._follow(upstream, wanted))
+            upstream = self._upstreams[stream_request] = _Upstream()
+            upstream.task = asyncio.create_task(self._follow(upstream, stream_request))
         upstream.clients += 1
         try:
             await asyncio.shield(upstream.opened)
@@ -124,11 +124,11 @@ class VideoRelay:
             self._clients -= 1
             upstream.clients -= 1
             if not upstream.clients:
-                self._forget(wanted, upstream)
-                upstream.end()
+                self._forget(stream_request, upstream)
+                upstream.cancel()
 
     async def _show(self, request: web.Request, upstream: _Upstream) -> web.StreamResponse:
-        """Send a browser the pictures, until either side ends."""
+        """Send a browser the pictures until it disconnects or the video server ends the stream."""
         response = web.StreamResponse(headers={**_HEADERS, "Content-Type": mjpeg.CONTENT_TYPE, "Connection": "close"})
         transport = request.transport
         connection = transport.get_extra_info("socket") if transport is not None else None
@@ -142,11 +142,11 @@ class VideoRelay:
                 frame = await upstream.after(number)
                 if frame is not None:
                     number = frame.number
-                    await asyncio.wait_for(response.write(mjpeg.part(frame.data, frame.stamp_ns)), _WRITE_S)
+                    await asyncio.wait_for(response.write(mjpeg.part(frame.data, frame.stamp_ns)), _WRITE_TIMEOUT_S)
                 elif upstream.ended:
                     break
         if transport is not None and not transport.is_closing():
-            transport.abort()  # a browser must not take the end of a stream for the end of a picture, nor wait for a slow one
+            transport.abort()  # a browser must not mistake the stream's end for a picture's; nor must a slow one delay it
         return response
 
     # -- the video server ---------------------------------------------------------------------------------------------
@@ -156,20 +156,20 @@ class VideoRelay:
         return self._http
 
     async def _fetch(self, path: str, query: Mapping[str, str], limit_bytes: int) -> tuple[bytes, Mapping[str, str]]:
-        timeout = aiohttp.ClientTimeout(total=_ANSWER_S, sock_connect=_CONNECT_S)
-        async with self._asking(path, query, timeout) as answer:
+        timeout = aiohttp.ClientTimeout(total=_ANSWER_TIMEOUT_S, sock_connect=_CONNECT_TIMEOUT_S)
+        async with self._get(path, query, timeout) as answer:
             content = await answer.content.read(limit_bytes + 1)
-            while len(content) <= limit_bytes and (more := await answer.content.read(_PIECE_BYTES)):
+            while len(content) <= limit_bytes and (more := await answer.content.read(_CHUNK_BYTES)):
                 content += more
             if len(content) > limit_bytes:
                 raise self._malformed()
             return content, answer.headers
 
-    async def _follow(self, upstream: _Upstream, wanted: StreamRequest) -> None:
-        """Fetch pictures, until nobody watches or the video server ends the stream."""
-        timeout = aiohttp.ClientTimeout(total=None, sock_connect=_CONNECT_S, sock_read=_SILENCE_S)
+    async def _follow(self, upstream: _Upstream, stream_request: StreamRequest) -> None:
+        """Fetch pictures until nobody watches them or the video server ends the stream."""
+        timeout = aiohttp.ClientTimeout(total=None, sock_connect=_CONNECT_TIMEOUT_S, sock_read=_SILENCE_TIMEOUT_S)
         try:
-            async with self._asking("stream", wanted.query(), timeout) as answer:
+            async with self._get("stream", stream_request.query(), timeout) as answer:
                 if answer.content_type != "multipart/x-mixed-replace":
                     raise self._malformed()
                 upstream.opened.set_result(None)
@@ -178,29 +178,29 @@ class VideoRelay:
                     for picture, stamp_ns in reader.feed(data):
                         upstream.put(picture, stamp_ns)
         except mjpeg.MalformedStream:
-            pass  # the stream ends, and a browser that asks again gets another one
+            pass  # the stream ends; a browser that asks again gets another one
         except VideoUnavailable as error:
             if not upstream.opened.done():
                 upstream.opened.set_exception(error)
         finally:
-            self._forget(wanted, upstream)
+            self._forget(stream_request, upstream)
             upstream.finish()
 
-    def _forget(self, wanted: StreamRequest, upstream: _Upstream) -> None:
-        """Who asks from now on gets another stream."""
-        if self._upstreams.get(wanted) is upstream:
-            del self._upstreams[wanted]
+    def _forget(self, stream_request: StreamRequest, upstream: _Upstream) -> None:
+        """Open another stream for later requests."""
+        if self._upstreams.get(stream_request) is upstream:
+            del self._upstreams[stream_request]
 
     @contextlib.asynccontextmanager
-    async def _asking(self, path: str, query: Mapping[str, str], timeout: aiohttp.ClientTimeout) -> Any:
-        """The video server's answer, once it is one. Raises VideoUnavailable."""
+    async def _get(self, path: str, query: Mapping[str, str], timeout: aiohttp.ClientTimeout) -> Any:
+        """Send a request to the video server and yield its answer, if its status is 200. Raises VideoUnavailable."""
         request = self._session().get(f"{self._target}/{path}", params=query, timeout=timeout, allow_redirects=False)
         try:
             async with request as answer:
                 if answer.status != 200:
                     reason = (await answer.content.read(_MAX_REASON_BYTES)).decode(errors="replace").strip()
-                    if answer.status not in _PASSED_ON or not reason:
-                        raise VideoUnavailable(502, f"the video server at {self._target} answers with status {answer.status}")
+                    if answer.status not in _FORWARDED_STATUSES or not reason:
+                        raise VideoUnavailable(502, f"the video server at {self._target} answered with status {answer.status}")
                     raise VideoUnavailable(answer.status, reason)
                 yield answer
         except asyncio.TimeoutError as error:
@@ -209,7 +209,7 @@ class VideoRelay:
             raise VideoUnavailable(502, f"no video from {self._target}: {error}; see: lupin doctor") from error
 
     def _malformed(self) -> VideoUnavailable:
-        return VideoUnavailable(502, f"what is at {self._target} is not the video server")
+        return VideoUnavailable(502, f"the server at {self._target} is not the video server; see: lupin doctor")
 
 
 class _Upstream:
@@ -222,7 +222,7 @@ class _Upstream:
         self.opened: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._frame: Frame | None = None
         self._number = 0
-        self._next = asyncio.Event()  # of the picture that comes next
+        self._next = asyncio.Event()  # set by the next picture
 
     def put(self, picture: bytes, stamp_ns: int) -> None:
         self._number += 1
@@ -230,13 +230,13 @@ class _Upstream:
         self._wake()
 
     async def after(self, number: int) -> Frame | None:
-        """The newest picture, once there is one of a higher number; None where none comes soon or no more will."""
+        """Wait briefly for a picture after `number`, and return the newest; None if there is none, or the stream has ended."""
         if self._number <= number and not self.ended:
             with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(self._next.wait(), _LOOK_S)
+                await asyncio.wait_for(self._next.wait(), _CHECK_PERIOD_S)
         return self._frame if self._number > number else None
 
-    def end(self) -> None:
+    def cancel(self) -> None:
         if self.task is not None:
             self.task.cancel()
 
@@ -244,7 +244,7 @@ class _Upstream:
         self.ended = True
         if not self.opened.done():
             self.opened.set_exception(VideoUnavailable(503, "the stream has ended"))
-        self.opened.exception()  # nobody may be left to hear of it
+        self.opened.exception()  # mark it as retrieved, because nobody may be waiting for it
         self._wake()
 
     def _wake(self) -> None:

@@ -1,4 +1,4 @@
-"""A channel for every topic of the live graph, subscribed to on the graph only while a client is subscribed to the channel."""
+"""A channel for every topic on the graph. A topic is subscribed to only while a client is subscribed to its channel."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from lupin_runtime.console import interfaces
 from lupin_runtime.foxglove.schemas import ros2msg_schema
 from lupin_runtime.ros.raw_subscription import RawSubscription
 
-# Of each kind at once: every change is a message or two to every client, and a client whose queue of messages overflows is
-# disconnected (MESSAGE_BACKLOG of server.py).
+# How many channels are closed, renewed and opened in one turn. Every change sends a message or two to every client, and a
+# client whose message queue overflows is disconnected (MESSAGE_BACKLOG in server.py).
 MAX_CHANGES = 24
-# foxglove-sdk 0.30 announces a new channel to a client before it accepts that client's subscription to it. A viewer that
-# answers within this gap is refused and does not ask again: seen for 1 of 300 new topics on a busy machine.
+# foxglove-sdk 0.30 announces a new channel to a client shortly before it accepts subscriptions to it. A viewer that subscribes
+# too early is refused and does not try again: observed for 1 of 300 new topics on a busy machine.
 RENEWALS = 1
 
 
 @dataclass
 class _Topic:
-    """A topic with its channel, and the clients that are subscribed to it.
+    """A topic with its channel and the clients that are subscribed to it.
 
-    `renewals` says how often the channel may still be announced anew while nobody has subscribed to it.
+    `renewals` is how often the channel may still be closed and announced again while nobody has subscribed to it.
     """
 
     name: str
@@ -40,10 +40,9 @@ class _Topic:
 
 
 class GraphChannels:
-    """The channels of one server. All methods are called on the thread of the node's executor.
+    """The channels of one server. All methods are called on the executor's thread.
 
-    `log_time_ns` gives the time at which a message is said to have arrived; None leaves it to the SDK, which takes the wall
-    clock.
+    `log_time_ns` returns the arrival time to send with a message; if it returns None, the SDK sends the wall-clock time.
     """
 
     def __init__(self, node: Node, context: Context, log_time_ns: Callable[[], int | None]) -> None:
@@ -52,11 +51,11 @@ class GraphChannels:
         self._log_time_ns = log_time_ns
         self._topics: dict[str, _Topic] = {}
         self._by_channel: dict[int, _Topic] = {}
-        self._refused: set[tuple[str, str]] = set()  # topics and types that can't be served, which has been logged
+        self._refused: set[tuple[str, str]] = set()  # topics and types that can't be served, each logged once
 
     # -- topics -------------------------------------------------------------------------------------------------------
     def follow_graph(self) -> None:
-        """Open channels for new topics, close those of topics that are gone, and let subscriptions follow their publishers.
+        """Open channels for new topics, close those of removed topics, and adapt subscriptions to their publishers.
 
         To be called about once a second.
         """
@@ -64,8 +63,8 @@ class GraphChannels:
         gone = [topic for name, topic in self._topics.items() if types.get(name) != topic.type_name]
         for topic in gone[:MAX_CHANGES]:
             self._close(topic)
-        unheard = [topic for topic in self._topics.values() if topic.renewals and not topic.channel.has_sinks()]
-        for topic in unheard[:MAX_CHANGES]:
+        unsubscribed = [topic for topic in self._topics.values() if topic.renewals and not topic.channel.has_sinks()]
+        for topic in unsubscribed[:MAX_CHANGES]:
             self._close(topic)
             self._open(topic.name, topic.type_name, topic.renewals - 1)
         new = [name for name in sorted(types) if name not in self._topics]
@@ -76,7 +75,7 @@ class GraphChannels:
                 topic.subscription.follow_publishers()
 
     def _live_types(self) -> dict[str, str]:
-        """The type of every topic that can be served and that another node publishes or subscribes to."""
+        """Return the type of every topic that can be served and that another node publishes or subscribes to."""
         found = {}
         for name, kinds in self._node.get_topic_names_and_types():
             topic = self._topics.get(name)
@@ -84,10 +83,10 @@ class GraphChannels:
             if (name, kind) in self._refused:
                 continue
             try:
-                # Participants that are no ROS nodes may use any name, which the calls below would refuse.
+                # DDS participants that are not ROS nodes may use any name; the calls below would raise for an invalid one.
                 validate_full_topic_name(name)
             except InvalidTopicNameException:
-                self._refuse(name, kind, "its name is not one of a ROS topic")
+                self._refuse(name, kind, "its name is not a valid ROS topic name")
                 continue
             own = int(topic is not None and topic.subscription is not None)
             if self._node.count_publishers(name) or self._node.count_subscribers(name) > own:
@@ -116,8 +115,8 @@ class GraphChannels:
         self._node.get_logger().warning(f"{name!r} of type {type_name!r} is not served: {reason}")
 
     # -- clients ------------------------------------------------------------------------------------------------------
-    def begin(self, channel_id: int, client_id: int) -> None:
-        """A client has subscribed to a channel. One that comes late gets the last messages of a latched topic at once."""
+    def add_client(self, channel_id: int, client_id: int) -> None:
+        """Handle a client's subscription to a channel. A late client gets the last messages of a latched topic at once."""
         topic = self._by_channel.get(channel_id)
         if topic is None:
             return
@@ -138,8 +137,8 @@ class GraphChannels:
             self._close(topic)
             self._refuse(topic.name, topic.type_name, str(error))
 
-    def end(self, channel_id: int, client_id: int) -> None:
-        """A client has unsubscribed from a channel or has left."""
+    def remove_client(self, channel_id: int, client_id: int) -> None:
+        """Handle that a client has unsubscribed from a channel or has disconnected."""
         topic = self._by_channel.get(channel_id)
         if topic is not None:
             topic.clients.discard(client_id)

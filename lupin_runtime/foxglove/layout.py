@@ -1,4 +1,4 @@
-"""The layout that Lupin ships for Foxglove and Lichtblick: map, robot, cameras, plots and log. It moves nothing."""
+"""The layout that Lupin ships for Foxglove and Lichtblick: map, robot, cameras, plots and log. It publishes nothing."""
 
 from __future__ import annotations
 

@@ -16,14 +16,14 @@ from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.ros_thread import RosThread
 from lupin_runtime.stack.table import FOXGLOVE_PORT
 
-_FOLLOW_S = 0.5
-_ANNOUNCE_TIME_S = 0.1
+_FOLLOW_PERIOD_S = 0.5
+_ANNOUNCE_TIME_PERIOD_S = 0.1
 
 
 class FoxgloveBridge(LupinNode):
-    """A server of the Foxglove protocol as a node.
+    """The Foxglove server as a node.
 
-    Parameters: `host` and `port` (0: any free one). Raises PortInUse where the port is taken.
+    Parameters: `host` and `port` (0: any free one). Raises PortInUse if the port is in use.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
@@ -37,8 +37,8 @@ class FoxgloveBridge(LupinNode):
                 context,
                 host,
                 self.parameter("port", FOXGLOVE_PORT),
-                on_subscribe=lambda channel, client: self._run(lambda: self._channels.begin(channel, client)),
-                on_unsubscribe=lambda channel, client: self._run(lambda: self._channels.end(channel, client)),
+                on_subscribe=lambda channel, client: self._run(lambda: self._channels.add_client(channel, client)),
+                on_unsubscribe=lambda channel, client: self._run(lambda: self._channels.remove_client(channel, client)),
                 announces_time=self.simulated_time,
             )
         except OSError:
@@ -47,9 +47,9 @@ class FoxgloveBridge(LupinNode):
         self.port = self._server.port
         # Steady time: a stopped /clock must not keep channels from following the graph.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_FOLLOW_S, self._channels.follow_graph, clock=steady)
+        self.create_timer(_FOLLOW_PERIOD_S, self._channels.follow_graph, clock=steady)
         if self.simulated_time:
-            self.create_timer(_ANNOUNCE_TIME_S, self._announce_time, clock=steady)
+            self.create_timer(_ANNOUNCE_TIME_PERIOD_S, self._announce_time, clock=steady)
         self.get_logger().info(f"Foxglove and Lichtblick connect to ws://{host}:{self.port}")
 
     def _announce_time(self) -> None:
@@ -63,7 +63,7 @@ class FoxgloveBridge(LupinNode):
         self._ros.run(function).add_done_callback(self._log_failure)
 
     def _log_failure(self, future: Future[None]) -> None:
-        """Log a defect of the server, which would else be lost on the SDK's thread."""
+        """Log a defect of the server, which would otherwise be lost."""
         error = future.exception()
         if error is not None:
             self.get_logger().error("".join(traceback.format_exception(error)))

@@ -1,4 +1,4 @@
-"""The definition of a message type as Foxglove reads it, for every type that a topic of the graph can have."""
+"""The definition of a message type in Foxglove's format, for every type that a topic on the graph can have."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from lupin_runtime.record.definitions import schema_text
 
 @functools.lru_cache(maxsize=512)
 def ros2msg_schema(type_name: str) -> str:
-    """The text of `package/msg/Name` and of all types that it contains; also of an action's feedback topic.
+    """Return the definition of `package/msg/Name` and of all types that it contains; also for an action's feedback topic.
 
-    Raises interfaces.UnknownType where a type is not installed.
+    Raises interfaces.UnknownType if a type is not installed.
     """
     classes: dict[str, Any] = {}
     _collect(type_name, interfaces.find(type_name, "msg"), classes)
@@ -24,7 +24,7 @@ def ros2msg_schema(type_name: str) -> str:
 
 
 def _collect(type_name: str, message_class: Any, classes: dict[str, Any]) -> None:
-    """Add a class, and those of all its fields, by package and name: a part of an action has no definition of its own."""
+    """Add a class and those of all its fields by package and name, because parts of an action have no full type name."""
     package, name = type_name.split("/")[0], type_name.split("/")[-1]
     if (key := f"{package}/{name}") in classes:
         return

@@ -1,4 +1,4 @@
-"""The server of foxglove-sdk, as far as Lupin uses it: channels only, nothing that a client could change."""
+"""The server of foxglove-sdk, restricted to what Lupin uses: channels only, without anything that clients could change."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from foxglove.websocket import Capability, ChannelView, Client, ServerListener
 
 from lupin_runtime.console.ports import check_free
 
-# Messages that wait for one slow client; then the oldest is dropped. The SDK's 1024 would be 1 GB of raw images.
+# How many messages may wait for a slow client before the oldest is dropped. The SDK's 1024 would be 1 GB of raw images.
 MESSAGE_BACKLOG = 128
-_STOP_S = 2.0
+_STOP_TIMEOUT_S = 2.0
 
 OnChange = Callable[[int, int], None]
 
@@ -32,10 +32,10 @@ class _Listener(ServerListener):
 
 
 class FoxgloveServer:
-    """Serves the channels of a context. Raises PortInUse where the port is taken; port 0 takes any free one.
+    """Serves the channels of a context. Port 0 is any free one. Raises PortInUse if the port is in use.
 
-    `on_subscribe` and `on_unsubscribe` are called with the ids of channel and client, on the SDK's thread, also while the SDK
-    holds its locks: they may only hand the work on.
+    `on_subscribe` and `on_unsubscribe` are called with the ids of channel and client, on the SDK's thread and possibly while it
+    holds its locks, so they must only pass the work to another thread.
     """
 
     def __init__(
@@ -47,11 +47,12 @@ class FoxgloveServer:
         on_unsubscribe: OnChange,
         announces_time: bool,
     ) -> None:
-        # A message for one client is addressed by its sink's id, which the SDK does not tell. It numbers clients and sinks
-        # alike, but in two steps: with a second thread, two clients that connect at once could get each other's number.
+        # A message for one client is addressed by the id of its sink, which the SDK does not report. Client and sink ids are
+        # equal, but the SDK assigns them in two steps: with a second thread, two clients that connect at the same time could
+        # get each other's number.
         os.environ["TOKIO_WORKER_THREADS"] = "1"
-        # The SDK logs while it holds its locks, and waits for Python to do so: a thread of Python that waits for one of those
-        # locks meanwhile would hang.
+        # The SDK logs through Python while it holds its locks. A Python thread that waits for one of those locks meanwhile
+        # would cause a deadlock.
         foxglove.set_log_level("CRITICAL")
         try:
             self._server = foxglove.start_server(
@@ -67,22 +68,22 @@ class FoxgloveServer:
             check_free(host, port)  # raises PortInUse, which names the owner
             raise
         self.port = self._server.port
-        # The SDK raises where another of its methods is called while `stop` is under way.
+        # The SDK raises if another of its methods is called while `stop` is running.
         self._lock = threading.Lock()
         self._stopped = False
 
     def announce_time(self, time_ns: int) -> None:
-        """Tell all clients the time of the graph."""
+        """Send the graph's time to all clients."""
         with self._lock:
             if not self._stopped:
                 self._server.broadcast_time(time_ns)
 
     def stop(self) -> None:
-        """Disconnect all clients. One that does not read is left to the end of the process."""
+        """Disconnect all clients. One that does not read stays connected until the process exits."""
         with self._lock:
             if self._stopped:
                 return
             self._stopped = True
         stopping = threading.Thread(target=self._server.stop, name="foxglove stop", daemon=True)
         stopping.start()
-        stopping.join(_STOP_S)
+        stopping.join(_STOP_TIMEOUT_S)

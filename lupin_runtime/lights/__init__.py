@@ -4,20 +4,20 @@ This package exports the cores; the node is in `lupin_runtime.lights.node`.
 """
 
 from lupin_runtime.lights.motion import MotionDetector
-from lupin_runtime.lights.palette import COLORS, LIFECYCLE, PHASE, Rgb, permutation
+from lupin_runtime.lights.palette import COLORS_BY_NAME, LIFECYCLE_COLORS, PHASE_COLORS, Rgb, byte_order
 from lupin_runtime.lights.precedence import RULES, Light, Mission, View, choose, shown
 
 __all__ = [
-    "COLORS",
-    "LIFECYCLE",
-    "PHASE",
+    "COLORS_BY_NAME",
+    "LIFECYCLE_COLORS",
+    "PHASE_COLORS",
     "RULES",
     "Light",
     "Mission",
     "MotionDetector",
     "Rgb",
     "View",
+    "byte_order",
     "choose",
-    "permutation",
     "shown",
 ]

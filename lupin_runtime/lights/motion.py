@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 class MotionDetector:
-    """Detects motion: a joint has moved by more than `deadband_rad` from the angle of the last detection, within `hold_s`.
+    """Reports motion for `hold_s` after a joint has moved by more than `deadband_rad` since the last detection.
 
     Slow motion accumulates until it exceeds the dead band. Times are nanoseconds of one clock.
     """
@@ -25,5 +25,5 @@ class MotionDetector:
             self._reference, self._moved_ns = angles, now_ns
 
     def moving(self, now_ns: int) -> bool:
-        """Whether the arm is moving."""
+        """Return whether the arm is moving."""
         return self._moved_ns is not None and 0 <= now_ns - self._moved_ns <= self._hold_ns

@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from lupin_runtime import graph
 from lupin_runtime.drive import decode
 from lupin_runtime.lights.motion import MotionDetector
-from lupin_runtime.lights.palette import Rgb, permutation
+from lupin_runtime.lights.palette import Rgb, byte_order
 from lupin_runtime.lights.precedence import Mission, View, choose, shown
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.safety.estop_subscription import subscribe_estop
@@ -38,7 +38,7 @@ class LightStripBridge(LupinNode):
         self._mission_timeout_ns = int(self.parameter("mission_state_timeout", 2.0) * 1e9)
         self._unknown_off = self.parameter("unknown_state_off", True)
         self._blink_hz = self.parameter("blink_hz", 1.0)
-        self._order = permutation(self.parameter("color_order", "RGB"))
+        self._order = byte_order(self.parameter("color_order", "RGB"))
         self._arm = MotionDetector(self.parameter("arm_deadband_rad", 0.0087), self.parameter("arm_motion_hold", 0.3))
         self._silent = not self.parameter("set_on_startup", True)  # until a rule other than standby applies
 
@@ -80,7 +80,7 @@ class LightStripBridge(LupinNode):
         self._mission = (mission, self.elapsed_clock_ns())
 
     def _on_joints(self, data: Any) -> None:
-        if _MARK in data:  # decoded when the strip is updated, a fifth as often as it arrives
+        if _MARK in data:  # decoded when the strip is updated, a fifth as often as messages arrive
             self._joints = data
 
     def _on_drive(self, data: Any) -> None:
@@ -146,7 +146,7 @@ class LightStripBridge(LupinNode):
         if color == self._requested:
             return
         request = SetNeopixel.Request()
-        # Only here colors are reordered for the wiring of this strip.
+        # The only place in which colors are reordered for the wiring of this strip.
         request.color.r, request.color.g, request.color.b = (color[index] for index in self._order)
         self._requested, self._requested_ns = color, now_ns
         reply = self._strip.call_async(request)

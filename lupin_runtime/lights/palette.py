@@ -1,4 +1,4 @@
-"""The colors of the LED strip, and those of the mission's states."""
+"""The colors of the LED strip, and the color of each mission state."""
 
 from __future__ import annotations
 
@@ -27,28 +27,31 @@ GREEN = Rgb(0, 255, 0)
 BATTERY_LOW = Rgb(255, 0, 128)
 OFF = Rgb(0, 0, 0)
 
-COLORS = {name: value for name, value in globals().items() if isinstance(value, Rgb)}
+# All colors above.
+COLORS_BY_NAME = {name: value for name, value in globals().items() if isinstance(value, Rgb)}
 
-# Lifecycle states of a mission in progress, and of one at rest.
-IN_PROGRESS = {
+# The colors of the lifecycle states of a mission in progress, and of one that is not.
+IN_PROGRESS_COLORS = {
     "PREPARE": YELLOW,
     "EXPLORING": SPRING,
     "INSPECTING": CYAN,
     "MONITORING": TEAL,
     "RETURNING": ORANGE,
 }
-RESTING = {"BOOT": WHITE, "READY": BLUE, "DONE": GREEN}
-LIFECYCLE = {**IN_PROGRESS, **RESTING}
-# The color of a phase replaces that of its lifecycle state.
-PHASE = {"SCANNING": PURPLE, "CONFIRMING": PURPLE, "PUBLISHING": WHITE}
+RESTING_COLORS = {"BOOT": WHITE, "READY": BLUE, "DONE": GREEN}
+LIFECYCLE_COLORS = {**IN_PROGRESS_COLORS, **RESTING_COLORS}
+# The color of a mission phase is shown instead of that of the lifecycle state.
+PHASE_COLORS = {"SCANNING": PURPLE, "CONFIRMING": PURPLE, "PUBLISHING": WHITE}
 
+# Shown if there is nothing else to show, for example without a mission.
 STANDBY = BLUE
 
 
-def permutation(order: str) -> tuple[int, int, int]:
-    """For each byte sent, the index into an Rgb of the color that it drives; RGB for an invalid `order`.
+def byte_order(order: str) -> tuple[int, int, int]:
+    """Return the indices of an Rgb's components in the order in which a strip expects their bytes.
 
-    The robot's strip is wired BRG: the byte called r drives its blue.
+    `order` names the colors that the first, second and third byte light; an invalid `order` counts as RGB. The robot's strip is
+    wired BRG: its first byte, which the vendor calls r, lights blue.
     """
     order = order.strip().upper()
     if sorted(order) != ["B", "G", "R"]:

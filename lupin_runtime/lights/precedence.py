@@ -10,12 +10,12 @@ from lupin_runtime.lights.palette import (
     AMBER,
     BATTERY_LOW,
     GREEN,
-    IN_PROGRESS,
+    IN_PROGRESS_COLORS,
     OFF,
     ORANGE,
-    PHASE,
+    PHASE_COLORS,
     RED,
-    RESTING,
+    RESTING_COLORS,
     STANDBY,
     Rgb,
 )
@@ -62,7 +62,7 @@ Rule = Callable[[View], "Light | None"]
 
 def _stopped(view: View) -> Light | None:
     mission = view.mission
-    # Freshness does not matter here: the last received stop stays red, even if its publisher has died.
+    # Freshness does not matter here: after the last received stop the strip stays red, even if the publisher has died.
     stopped = view.estop or (mission is not None and (mission.estop or mission.lifecycle == "FAULT"))
     return Light(RED) if stopped else None
 
@@ -83,9 +83,9 @@ def _battery(view: View) -> Light | None:
 
 def _in_progress(view: View) -> Light | None:
     mission = view.current
-    if mission is None or mission.lifecycle not in IN_PROGRESS:
+    if mission is None or mission.lifecycle not in IN_PROGRESS_COLORS:
         return None
-    return Light(PHASE.get(mission.phase, IN_PROGRESS[mission.lifecycle]))
+    return Light(PHASE_COLORS.get(mission.phase, IN_PROGRESS_COLORS[mission.lifecycle]))
 
 
 def _arm(view: View) -> Light | None:
@@ -100,8 +100,8 @@ def _resting(view: View) -> Light | None:
     mission = view.current
     if mission is None:
         return None
-    if mission.lifecycle in RESTING:
-        return Light(RESTING[mission.lifecycle])
+    if mission.lifecycle in RESTING_COLORS:
+        return Light(RESTING_COLORS[mission.lifecycle])
     return Light(OFF) if view.unknown_state_off else None
 
 
@@ -119,7 +119,7 @@ RULES: tuple[tuple[str, Rule], ...] = (
 
 
 def choose(view: View) -> tuple[str, Light]:
-    """The name and light of the first rule that applies."""
+    """Return the name and light of the first rule that applies."""
     for name, rule in RULES:
         light = rule(view)
         if light is not None:
@@ -128,7 +128,7 @@ def choose(view: View) -> tuple[str, Light]:
 
 
 def shown(light: Light, now_s: float, blink_hz: float) -> Rgb:
-    """The color of a light at `now_s`: a blinking one is on during the first half of each period."""
+    """Return the color of a light at `now_s`: a blinking one is on during the first half of each period."""
     if light.blinking and (now_s * blink_hz) % 1.0 >= 0.5:
         return OFF
     return light.color

@@ -15,7 +15,7 @@ typedef struct {
     int32_t height, width, occupied_thresh;
 } View;
 
-/* Returns whether the line between two points crosses only cells without obstacles and unknowns. The first 0.1 m are
+/* Returns whether the line between two points crosses only known cells without obstacles. The first 0.1 m are
  * skipped: the camera cannot be inside an obstacle, even if the map is off by a cell. */
 static int line_is_clear(const int8_t *cells, const View *v, double x0, double y0, double x1, double y1)
 {
@@ -95,7 +95,7 @@ void view_matrix(const int8_t *cells, const View *v, const double *surfaces, int
 }
 
 /* Computes travel distances in cells from (row, column) over cells with passable != 0, 8-connected without cutting corners;
- * INFINITY where no path leads. Dial's buckets on chamfer weights 5 and 7 (Borgefors 1986: within 4 % of Euclid's).
+ * INFINITY for cells that no path reaches. Dial's buckets on chamfer weights 5 and 7 (Borgefors 1986: within 4 % of Euclid's).
  * Returns 0, or -1 if memory runs out. */
 int32_t travel_distance(const uint8_t *passable, int32_t height, int32_t width, int32_t row, int32_t column, float *distance)
 {

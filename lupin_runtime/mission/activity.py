@@ -4,16 +4,16 @@ from __future__ import annotations
 
 
 class Activity:
-    """Base class, and the activity of states in which nothing happens."""
+    """Base class of activities. Its methods do nothing, so it also serves the states in which nothing happens."""
 
     def enter(self, leaf: str) -> None:
-        """A leaf of the activity's state becomes active; `leaf` is "" for states without leaves."""
+        """Begin a leaf of the activity's state; called for each leaf. `leaf` is "" if the state has none."""
 
     def leave(self) -> None:
-        """The top-level state ends."""
+        """End the activity; called when its top-level state is left."""
 
     def stop_motion(self) -> None:
-        """Stop moving: the mission is paused, stopped or diverted."""
+        """Stop moving: the mission was paused, stopped by the e-stop, or sent to the dock."""
 
     def tick(self) -> None:
-        """Advance by one step, without blocking. Called about 10 times a second, but not while the mission is blocked."""
+        """Advance by one step and return at once. Called after every input, unless `MissionRunner.blocked`."""

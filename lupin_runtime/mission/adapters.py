@@ -30,7 +30,7 @@ _MAX_PENDING = 32  # unanswered requests of a service
 # The clock is read ten times a second; a longer step means that the process stalled or that the clock was set.
 MAX_STEP_S = 2.0
 
-# Runs a callback alone: the node serializes all callbacks and publishes the state that they changed.
+# Runs a callback under the node's lock, and publishes the state if the callback changed it.
 Guard = Callable[[Callable[[], None]], None]
 
 
@@ -67,7 +67,7 @@ def sensor_failure_codes() -> frozenset[int]:
 
 
 class NavigationClient:
-    """The action navigate_to_pose. Results go to `listener`, which must be set before the first goal."""
+    """Client of the action navigate_to_pose. Results go to `listener`, which must be set before the first goal."""
 
     def __init__(self, node: LupinNode, config: MissionConfig, guard: Guard) -> None:
         self._node, self._config, self._guard = node, config, guard
@@ -152,7 +152,7 @@ class _ServiceClient:
 
 
 class GreenhouseClient(_ServiceClient):
-    """The climate bridge."""
+    """Client of the climate bridge."""
 
     def read(self, tag_id: str, done: Callable[[ClimateReading], None]) -> None:
         """Request a tag's readings."""
@@ -160,7 +160,7 @@ class GreenhouseClient(_ServiceClient):
 
 
 class ConfirmTagClient(_ServiceClient):
-    """The visual confirmation of tags."""
+    """Client of the service that confirms tags visually."""
 
     def confirm(self, tag_id: str, done: Callable[[Confirmation], None]) -> None:
         """Request confirmation of a tag."""
@@ -171,7 +171,7 @@ class ConfirmTagClient(_ServiceClient):
 
 
 class ArmClient(_ServiceClient):
-    """The arm's presets."""
+    """Client of the arm's presets."""
 
     def __init__(self, node: LupinNode, row: graph.Service, guard: Guard) -> None:
         super().__init__(node, row, guard)

@@ -37,7 +37,7 @@ def compute_approach(
 ) -> Approach:
     """Return the approach to a tag of the layout, on the line from its table's center through the tag.
 
-    Raises KeyError for a tag that the layout lacks.
+    Raises KeyError for a tag that is not in the layout.
     """
     tag = layout.tags[tag_id]
     override = override or Override()
@@ -123,7 +123,7 @@ def _approach_from_table(tag_id: str, tag: tuple[float, float], layout: Layout, 
     normal = (dx / distance, dy / distance)
     for standoff in _shorter_standoffs(standoff_m):
         approach = _in_front(tag_id, tag, normal, standoff, "geometry")
-        if not _inside_any(layout.tables, approach.goal_x, approach.goal_y):
+        if not _is_on_table(layout.tables, approach.goal_x, approach.goal_y):
             return replace(approach, table_id=table_id)
     return None
 
@@ -137,5 +137,5 @@ def _shorter_standoffs(standoff_m: float) -> Iterator[float]:
         yield MIN_STANDOFF_M
 
 
-def _inside_any(tables: Mapping[str, Table], x: float, y: float) -> bool:
+def _is_on_table(tables: Mapping[str, Table], x: float, y: float) -> bool:
     return any(table.contains(x, y) for table in tables.values())

@@ -1,4 +1,4 @@
-"""Moves an approach to the nearest pose that the map leaves room for, still facing the tag."""
+"""Moves an approach to the nearest pose that has enough room on the map and still faces the tag."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def fit_approach(
     room_m: float,
     unreachable: Sequence[tuple[float, float]] = (),
 ) -> Approach:
-    """Return the approach if the map leaves `room_m` around it, else the nearest pose that has this room.
+    """Return the approach if the map is free for `room_m` around it, else the nearest pose with this room.
 
     Candidates are turns around the tag up to 45 degrees (all sides for a fallback approach) and standoffs from 0.3 m to
     0.8 m or the nominal one, whichever is greater. Poses within 0.1 m of a point in `unreachable`, which the robot could
@@ -35,7 +35,7 @@ def fit_approach(
     """
     if approach.derived_from == "override":
         return approach
-    if approach.derived_from == "fallback":  # the goal is the tag's own position: any side that can be reached will do
+    if approach.derived_from == "fallback":  # the goal is the tag's own position: approach it from any side
         turns, normal, nominal = _ALL_SIDES_RAD, approach.goal_yaw + math.pi, 0.5
     else:
         turns = _TURNS_RAD

@@ -1,4 +1,4 @@
-"""Distances to obstacles on a grid map: where the robot fits, and what can be seen from where."""
+"""Distances to obstacles on a grid map, and lines of sight between its points."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lupin_runtime.gridmap import GridMap
 
 @dataclass(frozen=True)
 class ClearanceMap:
-    """`distance_m` (height, width) from each cell to the nearest obstacle, `free` (height, width): known to be free."""
+    """`distance_m` (height, width) from each cell to the nearest obstacle; `free` (height, width): cells known to be free."""
 
     grid: GridMap
     distance_m: NDArray[np.float32]
@@ -43,5 +43,5 @@ class ClearanceMap:
         f = np.linspace(0.0, length / (length + margin_m), steps)
         rows = np.floor((y + f * (to_y - y) - self.grid.origin_y) / self.grid.resolution_m).astype(int)
         columns = np.floor((x + f * (to_x - x) - self.grid.origin_x) / self.grid.resolution_m).astype(int)
-        inside = (rows >= 0) & (rows < self.grid.height) & (columns >= 0) & (columns < self.grid.width)
-        return bool(np.all(self.distance_m[rows[inside], columns[inside]] > 0.0))
+        in_grid = (rows >= 0) & (rows < self.grid.height) & (columns >= 0) & (columns < self.grid.width)
+        return bool(np.all(self.distance_m[rows[in_grid], columns[in_grid]] > 0.0))

@@ -34,9 +34,9 @@ class MissionConfig:
     mission_id_prefix: str = "lupin"
     state_publish_rate_hz: float = 5.0
 
-    # -- known before the first drive
+    # -- files and tags that the operator specifies
     map_yaml_path: str = ""  # ignored, accepted for old launch files: the map comes from `map_topic`
-    tag_locations_file: str = ""  # "" takes the layout in the greenhouse simulator's package
+    tag_locations_file: str = ""  # "" uses the layout in the greenhouse simulator's package
     approach_overrides_file: str = ""
     tag_sequence: tuple[str, ...] = ()
 
@@ -49,7 +49,7 @@ class MissionConfig:
     # -- approach and navigation
     approach_yaw: float = 0.0
     approach_standoff_m: float = 0.5
-    approach_room_m: float = 0.27  # free radius around an approach goal: the robot's 0.22 m and a map cell; 0 disables the fit
+    approach_room_m: float = 0.27  # free radius around an approach goal: the robot's 0.22 m plus a map cell; 0 disables it
     nav_timeout_s: float = 60.0
     nav_max_attempts: int = 2
 
@@ -64,7 +64,7 @@ class MissionConfig:
     arm_travel_settle_s: float = 0.0
 
     # -- docking
-    dock_pose: tuple[float, ...] = (0.0, 0.0, 0.0)  # x, y, yaw; x = y = 0 takes the robot's position at the first start
+    dock_pose: tuple[float, ...] = (0.0, 0.0, 0.0)  # x, y, yaw; x = y = 0 uses the robot's position at the first start
     dock_timeout_s: float = 60.0
     dock_retry_max: int = 3
     battery_low_threshold: float = 0.20
@@ -78,7 +78,7 @@ class MissionConfig:
     frontier_robot_radius_cells: int = -1
     frontier_clearance_occupied_thresh: int = 65
     exploration_timeout_s: float = 180.0
-    exploration_exhausted_s: float = 10.0  # ends after nothing was left for this long: more than a map's update interval
+    exploration_exhausted_s: float = 10.0  # with nothing left to explore for this long; longer than a map's update interval
     monitoring_sweeps: int = 0  # number of monitoring rounds; 0 continues forever
     seed_climate_on_discovery: bool = True
     coverage_enabled: bool = True
@@ -86,7 +86,7 @@ class MissionConfig:
     coverage_hfov_rad: float = math.radians(60.0)
     coverage_camera_x_m: float = 0.147
     coverage_min_view_s: float = 0.5
-    coverage_wall_weight: float = 0.0  # weight of outer walls against boxes (1): tags usually hang on boxes
+    coverage_wall_weight: float = 0.0  # weight of outer walls, relative to boxes (1): tags usually hang on boxes
 
     @property
     def frontiers(self) -> FrontierSettings:

@@ -1,4 +1,4 @@
-"""State that the mission's activities share: ports, world model, flags and the mission that is under way."""
+"""State that the mission's activities share: ports, world model, flags and the mission in progress."""
 
 from __future__ import annotations
 
@@ -21,19 +21,22 @@ INSPECTION, EXPLORATION = "InspectionMission", "ExplorationMission"
 
 @dataclass
 class ActiveMission:
-    """One mission from its start to its end. `kind` is INSPECTION or EXPLORATION; `seeded` are tags already read once."""
+    """One mission from its start to its end. `kind` is INSPECTION or EXPLORATION.
+
+    `requested_tags` are the tags whose first reading was requested.
+    """
 
     mission_id: str
     kind: str
     started_at_ns: int
     exploration: ExplorationMission | None = None
     visits: VisitPlan | None = None
-    seeded: set[str] = field(default_factory=set)
+    requested_tags: set[str] = field(default_factory=set)
 
 
 @dataclass
 class Context:
-    """Passed to every activity. `fire` fires a trigger of the state machine.
+    """What every activity receives. `fire` fires a trigger of the state machine.
 
     `estop_engaged` is the last state received, and low battery is read from its monitor, so no request can clear a flag whose
     cause persists.

@@ -1,4 +1,4 @@
-"""Which surfaces of the map the body camera has seen.
+"""Tracks which surfaces of the map the body camera has seen.
 
 A lidar maps a room long before the camera has seen every side of every box in it, and tags hang on those sides. So a search
 for all tags ends only when neither frontiers nor unseen surfaces are left.
@@ -93,20 +93,20 @@ class Coverage:
         return view
 
     def seen_fraction(self) -> float:
-        """Return the fraction of counting surfaces that the camera has seen; 1 if there are none."""
-        counts = self._weights() > 0.0
-        return float(np.mean(self._seen_s[counts] >= self._min_view_s)) if counts.any() else 1.0
+        """Return the seen fraction of the surfaces that have a weight; 1 if none has one."""
+        weighted = self._weights() > 0.0
+        return float(np.mean(self._seen_s[weighted] >= self._min_view_s)) if weighted.any() else 1.0
 
     def _weights(self) -> Floats:
         return np.where(self._surfaces.wall, self._wall_weight, 1.0)
 
-    def unseen(self, unknown: bool = True) -> tuple[Floats, Floats]:
+    def unseen(self, include_unknown: bool = True) -> tuple[Floats, Floats]:
         """Return rows (n, 4) and weights (n,) of the surfaces still to be seen.
 
-        `unknown` False excludes sides of unknown cells: these may be free space that exploration has not reached.
+        Sides of unknown cells can be excluded, since these may be free space that exploration has not reached.
         """
         weights = self._weights()
-        if not unknown:
+        if not include_unknown:
             weights[self._surfaces.unknown] = 0.0
         weights[self._seen_s >= self._min_view_s] = 0.0
         if self._tries:
@@ -117,7 +117,7 @@ class Coverage:
         return np.ascontiguousarray(self._surfaces.rows[remaining]), np.ascontiguousarray(weights[remaining])
 
     def count_try(self, pose: Pose2) -> None:
-        """Count a visited viewpoint against the surfaces that it should have shown and that are still unseen."""
+        """Count a visit to a viewpoint as a failed try for each surface that should be visible from it but is still unseen."""
         rows, _ = self.unseen()
         if self.view is None or not len(rows):
             return

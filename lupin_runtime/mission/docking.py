@@ -6,7 +6,7 @@ from typing import Literal
 
 from lupin_runtime.mission.activity import Activity
 from lupin_runtime.mission.context import Context
-from lupin_runtime.mission.driving import BLIND_WAIT_S, MAX_BLIND
+from lupin_runtime.mission.driving import MAX_SENSOR_LOSSES, SENSORS_LOST_WAIT_S
 from lupin_runtime.mission.goal_runner import DriveResult
 
 DockReason = Literal["complete", "abort", "battery", "dock"]
@@ -38,7 +38,7 @@ class Docking(Activity):
         self._retries = 0
         self._stale_cancels = 0
         self._lost = 0
-        self._blind = 0
+        self._sensor_losses = 0
         self._unready_since_s: float | None = None
 
     def enter(self, leaf: str) -> None:
@@ -81,10 +81,10 @@ class Docking(Activity):
         elif result.end == "lost" and self._lost < MAX_LOST:
             self._lost += 1
             self._not_before_s = context.now_s + RETRY_AFTER_S
-        elif result.end == "blind" and self._blind < MAX_BLIND:
+        elif result.end == "sensors_lost" and self._sensor_losses < MAX_SENSOR_LOSSES:
             context.last_error = result.detail
-            self._blind += 1
-            self._not_before_s = context.now_s + BLIND_WAIT_S
+            self._sensor_losses += 1
+            self._not_before_s = context.now_s + SENSORS_LOST_WAIT_S
         elif result.end == "canceled" and not context.battery.low and self._stale_cancels < MAX_STALE_CANCELS:
             # A late cancel of the previous drive may have hit this goal: send it again, but not endlessly.
             self._stale_cancels += 1

@@ -1,4 +1,4 @@
-"""Drives with the arm at its travel preset: parked stretched out, the arm overheats its shoulder."""
+"""Drives with the arm at its travel preset: an arm that is held stretched out overheats its shoulder servo."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from lupin_runtime.mission.config import MissionConfig
 from lupin_runtime.mission.goal_runner import DriveResult, GoalRunner
 from lupin_runtime.mission.ports import Arm, Clock
 
-# Navigation stands still for some seconds before it reports that it is blind; it gets the goal again for about five minutes.
-MAX_BLIND = 20
-BLIND_WAIT_S = 5.0
+# Navigation stands still for 10 s before it reports lost sensors, so a goal is sent again for about five minutes.
+MAX_SENSOR_LOSSES = 20
+SENSORS_LOST_WAIT_S = 5.0
 
 
 class Driver:
@@ -23,7 +23,7 @@ class Driver:
 
     def __init__(self, runner: GoalRunner, arm: Arm, clock: Clock, config: MissionConfig) -> None:
         self._runner, self._arm, self._clock, self._config = runner, arm, clock, config
-        self._arm_may_be_out = True  # its position is unknown before the first drive
+        self._arm_may_be_extended = True  # its position is unknown before the first drive
         self._settling: tuple[Pose2, Callable[[DriveResult], None], float] | None = None
         self._started_s = 0.0
 
@@ -40,16 +40,16 @@ class Driver:
     def drive(self, pose: Pose2, done: Callable[[DriveResult], None]) -> None:
         """Drive to a pose; `done` receives the result, unless `stop` comes first."""
         patrol = self._config.arm_patrol_enabled
-        if patrol and self._arm_may_be_out and self._arm.move_to_preset(self._config.arm_travel_preset):
+        if patrol and self._arm_may_be_extended and self._arm.move_to_preset(self._config.arm_travel_preset):
             self._settling = (pose, done, self._clock.now_s())
             self.tick()
             return
         self._send_goal(pose, done)
 
     def move_arm(self, preset: str) -> None:
-        """Move the arm while the robot stands; without `arm_patrol_enabled` the arm is left alone."""
+        """Move the arm while the robot stands still; does nothing without `arm_patrol_enabled`."""
         if self._config.arm_patrol_enabled:
-            self._arm_may_be_out = self._arm.move_to_preset(preset) or self._arm_may_be_out
+            self._arm_may_be_extended = self._arm.move_to_preset(preset) or self._arm_may_be_extended
 
     def stop(self) -> None:
         """Cancel the drive; its result is not reported."""
@@ -62,7 +62,7 @@ class Driver:
             pose, done, since = self._settling
             if self._clock.now_s() - since >= self._config.arm_travel_settle_s:
                 self._settling = None
-                self._arm_may_be_out = False
+                self._arm_may_be_extended = False
                 self._send_goal(pose, done)
 
     def _send_goal(self, pose: Pose2, done: Callable[[DriveResult], None]) -> None:

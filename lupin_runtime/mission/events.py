@@ -12,7 +12,7 @@ _LABELS: dict[str, tuple[int, str]] = {
     "exploration_timeout": (WARN, "exploration timed out"),
     "estop_engaged": (WARN, "e-stop engaged"),
     "aborted_in_prepare": (WARN, "aborted during prepare"),
-    "nav_blind": (WARN, "navigation is blind: lidar or odometry"),
+    "nav_blind": (WARN, "navigation has lost lidar or odometry"),
     "scan_failed": (WARN, "scan failed"),
     "localization_failed": (ERROR, "localization failed"),
     "dependency_timeout": (ERROR, "dependencies not ready"),

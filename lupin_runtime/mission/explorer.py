@@ -81,17 +81,17 @@ class Explorer:
             clearance = ClearanceMap.from_grid(grid, self._settings.free_thresh, self._settings.occupied_thresh)
             travel = travel_distances(clearance, robot, self._travel_room_m)
         reachable = [f for f in frontiers if _travel_to(f, grid, travel) < math.inf]
-        due = [f for f in reachable if self._find_place(f.x, f.y).not_before_s <= now_s]
-        # Frontiers explore unknown cells; only what is unknown without any frontier left is the side of something.
-        viewpoint = self._viewpoint(clearance, travel, robot, unknown=not due)
-        if due:
-            best = due[0]
+        candidates = [f for f in reachable if self._find_place(f.x, f.y).not_before_s <= now_s]
+        # Frontiers explore unknown cells. Only once no frontier is left, unknown cells count as sides of objects.
+        viewpoint = self._viewpoint(clearance, travel, robot, include_unknown=not candidates)
+        if candidates:
+            best = candidates[0]
             if viewpoint is not None and _is_worth_a_detour(viewpoint, _travel_to(best, grid, travel)):
                 return self._viewpoint_goal(viewpoint)
             return _frontier_goal(best, robot)
         if viewpoint is not None:
             return self._viewpoint_goal(viewpoint)
-        # Frontiers that failed recently, then those without a known path: the planner may find one, but is asked only once.
+        # Frontiers that failed recently, then those without a known path: the planner may find one, but is tried only once.
         unreachable = [f for f in frontiers if f not in reachable and self._find_place(f.x, f.y).failures == 0]
         last_resort = reachable + unreachable
         return _frontier_goal(last_resort[0], robot) if last_resort else None
@@ -111,14 +111,14 @@ class Explorer:
 
     # -- results of goals ----------------------------------------------------------------------------------------------
 
-    def arrived(self, goal: ExplorationGoal, map_number: int) -> None:
+    def record_arrival(self, goal: ExplorationGoal, map_number: int) -> None:
         """Record that the robot arrived at a goal."""
         if goal.kind == "frontier":
             place = self._find_place(goal.pose.x, goal.pose.y, keep=True)
             place.visits += 1
             place.map_number = map_number
 
-    def failed(self, goal: ExplorationGoal, map_number: int, now_s: float) -> None:
+    def record_failure(self, goal: ExplorationGoal, map_number: int, now_s: float) -> None:
         """Record that the robot could not reach a goal."""
         if goal.kind == "frontier":
             place = self._find_place(goal.pose.x, goal.pose.y, keep=True)
@@ -126,8 +126,8 @@ class Explorer:
             place.failures += 1
             place.map_number = map_number
 
-    def abandoned(self, goal: ExplorationGoal) -> None:
-        """Record that a goal was given up, by the operator or for a better one: that says nothing about the place."""
+    def record_abandonment(self, goal: ExplorationGoal) -> None:
+        """Record that a goal was given up, by the operator or for a better one. It does not count as a failure."""
         if goal.kind == "viewpoint":
             self._last_viewpoint = None
 
@@ -151,7 +151,7 @@ class Explorer:
     # -- viewpoints ----------------------------------------------------------------------------------------------------
 
     def _viewpoint(
-        self, clearance: ClearanceMap | None, travel: NDArray[np.float32] | None, robot: Pose2 | None, unknown: bool
+        self, clearance: ClearanceMap | None, travel: NDArray[np.float32] | None, robot: Pose2 | None, include_unknown: bool
     ) -> Viewpoint | None:
         if self._coverage is None or clearance is None or travel is None or robot is None:
             return None
@@ -160,7 +160,7 @@ class Explorer:
             self._coverage.count_try(self._last_viewpoint)
             self._last_viewpoint = None
         planner = ViewpointPlanner(self._coverage, clearance, travel, self._viewpoint_room_m, self._travel_room_m)
-        found = planner.tour() if unknown else planner.rank(robot, unknown)
+        found = planner.tour() if include_unknown else planner.rank(robot, include_unknown)
         return found[0] if found else None
 
     def _viewpoint_goal(self, viewpoint: Viewpoint) -> ExplorationGoal:
@@ -174,7 +174,7 @@ def _is_worth_a_detour(viewpoint: Viewpoint, frontier_travel_m: float) -> bool:
 
 
 def _travel_to(frontier: Frontier, grid: GridMap, travel: NDArray[np.float32] | None) -> float:
-    """Return the travel distance to a frontier in meters; 0 where the robot's position is unknown."""
+    """Return the travel distance to a frontier in meters; 0 if the robot's position is unknown."""
     if travel is None:
         return 0.0
     row, column = grid.cell_of(frontier.x, frontier.y)

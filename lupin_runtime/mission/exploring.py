@@ -27,7 +27,7 @@ class Exploring(Activity):
         self.reset()
 
     def reset(self) -> None:
-        """Forget the previous search: a new mission may start in a new map."""
+        """Forget the previous search: a new mission may start on a new map."""
         config = self._context.config
         coverage = None
         if config.coverage_enabled:
@@ -53,7 +53,7 @@ class Exploring(Activity):
 
     def enter(self, leaf: str) -> None:
         self._nothing_left_since_s = None
-        self.seed()
+        self.request_first_readings()
 
     def leave(self) -> None:
         self.stop_motion()
@@ -65,10 +65,10 @@ class Exploring(Activity):
 
     def _abandon_goal(self) -> None:
         if self._goal is not None:
-            self._explorer.abandoned(self._goal)
+            self._explorer.record_abandonment(self._goal)
             self._goal = None
 
-    def sample(self) -> None:
+    def record_camera_pose(self) -> None:
         """Record the camera's pose. Called in EXPLORING, paused or not."""
         now = self._context.now_s
         elapsed = now - self._last_sample_s
@@ -128,14 +128,14 @@ class Exploring(Activity):
         context.driver.drive(goal.pose, self._on_drive_end)
 
     def _on_nothing_left(self, now: float) -> None:
-        """End the exploration if nothing was left for a while: the map lags behind the robot."""
+        """End the exploration once nothing has been left for a while, since the map lags behind the robot."""
         if self._nothing_left_since_s is None:
             self._nothing_left_since_s = now
             return
         if now - self._nothing_left_since_s < self._context.config.exploration_exhausted_s:
             return
         exploration = self._context.mission.exploration if self._context.mission is not None else None
-        if exploration is not None and not exploration.wants_all:
+        if exploration is not None and not exploration.seeks_all_tags:
             self._context.last_error = f"exploration_exhausted: {exploration.discovered} of {exploration.goal} tags"
         self._context.ports.publisher.log("nothing is left to explore")
         self._context.fire("no_frontiers")
@@ -144,12 +144,12 @@ class Exploring(Activity):
         if self._goal is None:
             return
         if result.end == "succeeded":
-            self._explorer.arrived(self._goal, self._map_number())
+            self._explorer.record_arrival(self._goal, self._map_number())
             if self._goal.kind == "viewpoint":
                 self._last_selection_s = self._context.now_s  # stay until the camera has looked
             self._goal = None
-        elif result.end in ("canceled", "lost", "blind"):
-            if result.end == "blind":
+        elif result.end in ("canceled", "lost", "sensors_lost"):
+            if result.end == "sensors_lost":
                 self._context.last_error = result.detail
             self._last_selection_s = self._context.now_s
             self._abandon_goal()
@@ -161,7 +161,7 @@ class Exploring(Activity):
         if self._goal is not None:
             goal, self._goal = self._goal, None
             self._context.ports.publisher.log(f"{goal.kind} at ({goal.pose.x:.2f}, {goal.pose.y:.2f}): {detail}", warning=True)
-            self._explorer.failed(goal, self._map_number(), self._context.now_s)
+            self._explorer.record_failure(goal, self._map_number(), self._context.now_s)
 
     def _map_number(self) -> int:
         newest = self._context.ports.map_source.map()
@@ -169,13 +169,13 @@ class Exploring(Activity):
 
     # -- the first reading of each tag ---------------------------------------------------------------------------------
 
-    def seed(self) -> None:
-        """Read every discovered tag that this mission has not read yet, without waiting for the answers."""
+    def request_first_readings(self) -> None:
+        """Request a reading of every discovered tag for which this mission has not requested one yet."""
         context, mission = self._context, self._context.mission
         if mission is None or not context.config.seed_climate_on_discovery or not context.ports.greenhouse.is_ready():
             return
-        for tag_id in context.world_model.discovered.keys() - mission.seeded:
-            mission.seeded.add(tag_id)
+        for tag_id in context.world_model.discovered.keys() - mission.requested_tags:
+            mission.requested_tags.add(tag_id)
             context.ports.greenhouse.read(tag_id, partial(self._on_first_reading, mission, tag_id))
 
     def _on_first_reading(self, mission: ActiveMission, tag_id: str, reply: ClimateReading) -> None:

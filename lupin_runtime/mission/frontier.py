@@ -1,4 +1,4 @@
-"""Frontiers of a map: free cells beside unknown ones (Yamauchi 1997), as goals where the robot fits."""
+"""Frontiers of a map: free cells beside unknown ones (Yamauchi 1997), with enough room for the robot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class FrontierSettings:
     """Thresholds are occupancies 0..100. `radius_cells` >= 0 overrides `clearance_m`.
 
     The clearance is in meters because a clearance of 4 cells (0.20 m) put goals inside the planner's inflation radius of
-    0.25 m, where no path can end.
+    0.25 m, in which no path can end.
     """
 
     free_thresh: int = 20
@@ -105,6 +105,6 @@ def find_frontiers(
 def select_frontier_goal(
     grid: GridMap, robot_xy: tuple[float, float] | None, settings: FrontierSettings | None = None
 ) -> Frontier | None:
-    """Return the best frontier to drive to; None if there is none."""
+    """Return the best frontier to drive to, or None."""
     found = find_frontiers(grid, robot_xy, settings)
     return found[0] if found else None

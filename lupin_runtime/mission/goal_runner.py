@@ -9,23 +9,23 @@ from typing import Literal
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.mission.ports import STATUS_CANCELED, STATUS_SUCCEEDED, STATUS_UNKNOWN, Clock, Navigation
 
-CANCEL_WAIT_S = 3.0  # the next goal waits this long for a cancelled one to end: the acknowledgement may be lost
+CANCEL_WAIT_S = 3.0  # at most this long the next goal waits for the end of a cancelled one, whose result may be lost
 CANCEL_REPEAT_S = 1.0
 FORGET_S = 30.0
 SERVER_LOST_S = 2.0  # shorter gaps of discovery happen; a server that is gone for this long has lost its goal
-# DDS keeps a killed process discovered for its lease, 20 s, and the restarted process does not know the goal. Working
-# navigation sends feedback many times a second; once feedback has begun, this much silence means that the goal is lost.
+# A killed process stays discovered until its DDS lease of 20 s expires, and the restarted process does not know the goal.
+# Working navigation sends feedback many times a second; after the first feedback, this much silence means a lost goal.
 FEEDBACK_SILENCE_S = 5.0
 
-DriveEnd = Literal["succeeded", "canceled", "rejected", "failed", "lost", "blind"]
+DriveEnd = Literal["succeeded", "canceled", "rejected", "failed", "lost", "sensors_lost"]
 
 
 @dataclass(frozen=True)
 class DriveResult:
     """How a drive ended; `detail` goes into reports and is "" after a success.
 
-    `lost`: the goal's server disappeared. `blind`: navigation gave up because lidar or odometry failed. Both say nothing
-    about whether the goal can be reached.
+    `lost`: the goal's server disappeared. `sensors_lost`: navigation gave up because lidar or odometry failed. In both cases
+    the goal may still be reachable.
     """
 
     end: DriveEnd
@@ -34,7 +34,7 @@ class DriveResult:
 
 @dataclass
 class _Goal:
-    """A goal that was sent and has not ended. `cancelled_s` is set once it is no longer wanted."""
+    """A goal that was sent and has not ended. `cancelled_s` is the time at which it was given up."""
 
     token: int
     accepted: bool = False
@@ -44,10 +44,10 @@ class _Goal:
 
 
 class GoalRunner:
-    """Keeps at most one wanted goal.
+    """Runs at most one goal at a time.
 
-    An unwanted goal is cancelled, on acceptance if it was not accepted yet, and again until its end is received. The next
-    goal waits for that end, at most CANCEL_WAIT_S.
+    A goal that is given up is cancelled at once or, if it was not accepted yet, on acceptance. The cancel request is repeated
+    until the goal's end is received. The next goal waits for that end, at most CANCEL_WAIT_S.
     """
 
     def __init__(self, navigation: Navigation, clock: Clock) -> None:
@@ -61,7 +61,7 @@ class GoalRunner:
 
     @property
     def busy(self) -> bool:
-        """Whether a goal is active or waits to be sent."""
+        """Whether a goal is active or waiting to be sent."""
         return self._goal is not None or self._waiting is not None
 
     @property
@@ -69,8 +69,8 @@ class GoalRunner:
         """Whether the end of a cancelled goal has not been received yet."""
         return bool(self._cancelled)
 
-    def drives(self, token: int) -> bool:
-        """Whether this is the current goal: sent, not ended and still wanted."""
+    def is_current(self, token: int) -> bool:
+        """Return whether this is the current goal: sent, not ended and not given up."""
         return self._goal is not None and self._goal.token == token
 
     def request(self, pose: Pose2, done: Callable[[DriveResult], None]) -> None:
@@ -96,7 +96,7 @@ class GoalRunner:
         now = self._clock.now_s()
         for goal in list(self._cancelled.values()):
             if now - goal.cancelled_s > FORGET_S:
-                # If the server accepts it after all, `accepted` sees an unknown token and cancels it.
+                # If the server accepts the goal after all, `accepted` cancels it, because its token is unknown.
                 del self._cancelled[goal.token]
             elif goal.accepted and now - (goal.cancel_sent_s or 0.0) >= CANCEL_REPEAT_S:
                 self._send_cancel(goal)
@@ -116,7 +116,7 @@ class GoalRunner:
             self._lose_goal("nav_server_lost")
 
     def _lose_goal(self, detail: str) -> None:
-        # Discovery may only have lost sight of the server, so the goal is cancelled like any other unwanted goal.
+        # Perhaps only discovery lost the server, so the goal is cancelled like any other that is given up.
         self.cancel()
         self._done(DriveResult("lost", detail))
 
@@ -136,7 +136,7 @@ class GoalRunner:
     # -- navigation's answers ------------------------------------------------------------------------------------------
 
     def accepted(self, token: int) -> None:
-        """The server accepted a goal."""
+        """Handle the acceptance of a goal."""
         if self._goal is not None and self._goal.token == token:
             self._goal.accepted = True
         elif token in self._cancelled:
@@ -146,18 +146,18 @@ class GoalRunner:
             self._navigation.cancel(token)
 
     def feedback(self, token: int) -> None:
-        """The server sent feedback for a goal."""
+        """Handle feedback for a goal."""
         if self._goal is not None and self._goal.token == token:
             self._goal.feedback_s = self._clock.now_s()
 
     def rejected(self, token: int, detail: str = "nav_rejected") -> None:
-        """The server rejected a goal, or sending it failed."""
+        """Handle the rejection of a goal, or a failure to send it."""
         self._on_end(token, DriveResult("rejected", detail))
 
-    def finished(self, token: int, status: int, blind: bool = False) -> None:
-        """A goal ended with an action status; `blind` if it failed because lidar or odometry failed."""
-        if blind and status not in (STATUS_SUCCEEDED, STATUS_CANCELED):
-            result = DriveResult("blind", "nav_blind")
+    def finished(self, token: int, status: int, sensors_lost: bool = False) -> None:
+        """Handle the end of a goal with an action status; `sensors_lost` if it failed because lidar or odometry failed."""
+        if sensors_lost and status not in (STATUS_SUCCEEDED, STATUS_CANCELED):
+            result = DriveResult("sensors_lost", "nav_blind")
         elif status == STATUS_SUCCEEDED:
             result = DriveResult("succeeded")
         elif status == STATUS_CANCELED:

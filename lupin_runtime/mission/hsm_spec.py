@@ -69,7 +69,7 @@ class StateSpec:
 
 @dataclass(frozen=True)
 class TransitionSpec:
-    """`trigger` leads from any of `sources` to `dest`; `guard` names the condition that must hold, "" for none."""
+    """`trigger` leads from any of `sources` to `dest`; `guard` names the condition that must hold, or is ""."""
 
     trigger: Trigger
     sources: tuple[str, ...]

@@ -10,7 +10,7 @@ from lupin_runtime.mission.approach import Approach, compute_approach, compute_d
 from lupin_runtime.mission.approach_fitting import fit_approach
 from lupin_runtime.mission.clearance import ClearanceMap
 from lupin_runtime.mission.context import INSPECTION, Context
-from lupin_runtime.mission.driving import BLIND_WAIT_S, MAX_BLIND
+from lupin_runtime.mission.driving import MAX_SENSOR_LOSSES, SENSORS_LOST_WAIT_S
 from lupin_runtime.mission.goal_runner import DriveResult
 from lupin_runtime.mission.hsm_spec import NAVIGATING, PUBLISHING, SCANNING, Trigger
 from lupin_runtime.mission.missions import OK, SCAN_FAILED, SKIPPED, UNREACHABLE, VisitPlan
@@ -27,7 +27,7 @@ class _Visit:
     tag_id: str | None
     attempts: int = 0
     refunds: int = 0
-    blind: int = 0
+    sensor_losses: int = 0
     tried: list[tuple[float, float]] = field(default_factory=list)
     detail: str = ""
     not_before_s: float = 0.0
@@ -88,7 +88,7 @@ class Inspecting(Activity):
         self._tick_leaf[self._leaf]()
 
     def skip(self) -> bool:
-        """Close the current tag as skipped; return False if it is closed already."""
+        """Close the visit to the current tag as skipped; return False if it is already closed."""
         if self._visit.closed or self._visit.tag_id is None:
             return False
         self._context.driver.stop()
@@ -152,12 +152,12 @@ class Inspecting(Activity):
         """Return why no goal may be sent now; "" if one may."""
         world_model, mission = self._context.world_model, self._context.mission
         if mission is not None and mission.kind == INSPECTION:
-            if world_model.covariance is None:
+            if world_model.largest_variance is None:
                 return "amcl_drift_var=unknown"
-            if world_model.covariance > self._context.config.nav_localization_cov_threshold:
-                return f"amcl_drift_var={world_model.covariance:.4f}"
+            if world_model.largest_variance > self._context.config.nav_localization_cov_threshold:
+                return f"amcl_drift_var={world_model.largest_variance:.4f}"
             return ""
-        # While SLAM localizes, no drift is measured: the only requirement is that a pose was received.
+        # SLAM's pose has no measured drift: the only requirement is that a pose was received.
         return "" if world_model.has_pose else "no_pose"
 
     def _approach(self, tag_id: str) -> Approach | None:
@@ -165,7 +165,7 @@ class Inspecting(Activity):
         discovered = context.world_model.discovered.get(tag_id)
         override = context.overrides.get(tag_id)
         robot = context.ports.map_source.robot_pose()
-        if discovered is not None:  # preferred: every sighting on the way has improved its pose
+        if discovered is not None:  # preferred: its pose has improved with every sighting on the way
             tag_xy = (discovered.x, discovered.y)
             robot_xy = (robot.x, robot.y) if robot is not None else None
             approach = compute_discovered_approach(
@@ -189,11 +189,11 @@ class Inspecting(Activity):
             self._refund_attempt()
             self._visit.refunds += 1
             self._visit.not_before_s = self._context.now_s + FOREIGN_CANCEL_WAIT_S
-        elif result.end == "blind" and self._visit.blind < MAX_BLIND:
+        elif result.end == "sensors_lost" and self._visit.sensor_losses < MAX_SENSOR_LOSSES:
             self._attempt_failed(result.detail)
             self._refund_attempt()
-            self._visit.blind += 1
-            self._visit.not_before_s = self._context.now_s + BLIND_WAIT_S
+            self._visit.sensor_losses += 1
+            self._visit.not_before_s = self._context.now_s + SENSORS_LOST_WAIT_S
         else:
             self._attempt_failed(result.detail)
 
@@ -243,7 +243,7 @@ class Inspecting(Activity):
             self._close(SCAN_FAILED, visit.confirmation.error or "visual_confirm_missed")
         return False
 
-    # Answers that arrive while the mission is paused are stored and used after it, so nothing is requested twice.
+    # Answers that arrive while the mission is paused are stored and used after the resume, so nothing is requested twice.
 
     def _on_confirmation(self, visit: _Visit, answer: Confirmation) -> None:
         if visit is self._visit and not visit.closed:

@@ -25,7 +25,7 @@ _MAX_START_OFFSET_M = 0.5
 class CameraModel:
     """What the body camera can resolve: meters and radians; the camera is `x_m` ahead of the base and looks along +x.
 
-    A tag of `tag_edge_m` is readable where it appears at least `min_tag_px` wide, foreshortening included (36h11 is always
+    A tag of `tag_edge_m` is readable if it appears at least `min_tag_px` wide, foreshortening included (36h11 is always
     detected at 20 px). The field of view is narrowed by a margin, so that a tag at the edge counts only when the whole tag
     was in the picture.
     """
@@ -41,7 +41,7 @@ class CameraModel:
 
 
 class _View(ctypes.Structure):
-    """`View` of _kernels.c."""
+    """The struct `View` of _kernels.c."""
 
     _fields_ = [
         *((name, ctypes.c_double) for name in ("resolution", "origin_x", "origin_y")),
@@ -92,7 +92,7 @@ class CameraView:
         )
 
     def add_view_time(self, surfaces: Floats, poses: Floats, seen_s: Floats) -> None:
-        """Add to each of `seen_s` (n,) the weights of the poses (m, 4) that see that surface (n, 4)."""
+        """Add to `seen_s` (n,), for each surface (n, 4), the weights of the poses (m, 4) that see it."""
         _kernels().add_view_time(self._cells, self._view, surfaces, len(surfaces), poses, len(poses), seen_s)
 
     def gains(self, surfaces: Floats, weights: Floats, poses: Floats) -> Floats:
@@ -111,7 +111,7 @@ class CameraView:
 
 
 def travel_distances(clearance: ClearanceMap, start: Pose2, room_m: float) -> NDArray[np.float32] | None:
-    """Return the travel distance in meters from `start` to every cell (height, width), infinite where no path leads.
+    """Return the travel distance in meters from `start` to every cell (height, width), infinite for cells that no path reaches.
 
     Paths stay on cells that keep `room_m` to obstacles. Returns None if `start` is not within 0.5 m of such a cell.
     """

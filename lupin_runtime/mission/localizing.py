@@ -26,12 +26,12 @@ class Localizing(Activity):
         if self._last_tick_s is not None:
             self._waited_s += now - self._last_tick_s
         self._last_tick_s = now
-        covariance = context.world_model.covariance
-        if covariance is not None and covariance <= config.localization_covariance_threshold:
+        variance = context.world_model.largest_variance
+        if variance is not None and variance <= config.localization_covariance_threshold:
             context.fire("localized")
         elif self._waited_s >= config.localization_timeout_s:
             context.last_error = "localization_failed"
-            found = "no pose was received" if covariance is None else f"the pose's variance is {covariance:.3f}"
+            found = "no pose was received" if variance is None else f"the pose's variance is {variance:.3f}"
             context.ports.publisher.log(
                 f"not localized after {self._waited_s:.0f} s: {found} on {config.amcl_pose_topic}, expected at most"
                 f" {config.localization_covariance_threshold}; fix the localization, then run: lupin mission reset",

@@ -116,7 +116,7 @@ class MissionRunner:
                 return
 
     def stop(self) -> None:
-        """Cancel the current drive and never advance again: the process ends."""
+        """Cancel the current drive and never advance again, because the process is shutting down."""
         self._stopped = True
         self.context.driver.stop()
 
@@ -130,7 +130,7 @@ class MissionRunner:
             self._plan_monitoring()
         if after == DONE:
             self.context.paused = False
-            self.skip_remaining_tags("dock_unreachable")  # only a dock request whose dock was not reached leaves tags
+            self.skip_remaining_tags("dock_unreachable")  # left over after a dock request if the dock was not reached
         self.context.ports.publisher.log(f"{source} -> {dest}")
         self._activity_of(after).enter(self.hsm.leaf)
         self.context.ports.publisher.state_changed()
@@ -146,7 +146,10 @@ class MissionRunner:
         )
 
     def divert(self, reason: DockReason, resume_state: str | None) -> None:
-        """Interrupt the activity and drive to the dock. A resume there continues with `resume_state`; None ends the mission."""
+        """Interrupt the activity and drive to the dock.
+
+        The operator's resume at the dock continues with `resume_state`; with None, the mission ends there.
+        """
         self.activity.stop_motion()
         self.docking.begin(reason, resume_state)
         self.hsm.fire("abort_to_return")
@@ -173,7 +176,7 @@ _Result = TypeVar("_Result")
 def mission_input(
     method: Callable[Concatenate[_Owner, _Arguments], _Result],
 ) -> Callable[Concatenate[_Owner, _Arguments], _Result]:
-    """Decorate a method that receives an input: the mission advances after it, see `MissionRunner.handling_input`."""
+    """Decorate a method that handles an input, so that the mission advances after it (see `MissionRunner.handling_input`)."""
 
     @wraps(method)
     def handle(self: _Owner, /, *args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:

@@ -27,7 +27,7 @@ class Counters:
 def _counters(total: int, statuses: Sequence[int]) -> Counters:
     return Counters(
         total,
-        *(sum(status == wanted for status in statuses) for wanted in (OK, SCAN_FAILED, UNREACHABLE, SKIPPED)),
+        *(sum(status == counted for status in statuses) for counted in (OK, SCAN_FAILED, UNREACHABLE, SKIPPED)),
     )
 
 
@@ -67,7 +67,7 @@ class VisitPlan(Protocol):
 
     @property
     def current(self) -> str | None:
-        """The tag to visit now; None if there is none."""
+        """The tag to visit now, or None."""
 
     def record(self, status: int) -> None:
         """Record the status of the visit to the current tag, and move on to the next."""
@@ -125,8 +125,8 @@ class ExplorationMission:
         self.discovered = 0
 
     @property
-    def wants_all(self) -> bool:
-        """Whether the goal is all tags that can be found, so no count ends the search."""
+    def seeks_all_tags(self) -> bool:
+        """Whether the goal is all tags that can be found, so that no number of tags ends the search."""
         return self.goal >= ALL_TAGS
 
     @property
@@ -136,7 +136,7 @@ class ExplorationMission:
     @property
     def counters(self) -> Counters:
         # The number of all tags is unknown: a total of 65535 would mislead a progress bar.
-        return Counters(total=self.discovered if self.wants_all else self.goal, completed=self.discovered)
+        return Counters(total=self.discovered if self.seeks_all_tags else self.goal, completed=self.discovered)
 
 
 class MonitoringMission:

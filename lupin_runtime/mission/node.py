@@ -211,7 +211,7 @@ class MissionOrchestrator(LupinNode):
 
 
 def _convert_parameters(parameters: dict[str, Any]) -> dict[str, Any]:
-    """Convert integers to floats where the default is a float, since ROS fixes a parameter's type when it is declared.
+    """Convert integers to floats for parameters with a float default, since ROS fixes a type at declaration.
 
     Raises BadParameter for unknown names and unusable values."""
     floats = {field.name for field in fields(MissionConfig) if isinstance(field.default, float)}
@@ -225,6 +225,6 @@ def _convert_parameters(parameters: dict[str, Any]) -> dict[str, Any]:
             continue
         else:
             converted[name] = list(value) if isinstance(value, tuple) else value
-    # rclpy silently ignores parameters that the node does not declare, so misspelt names are rejected here.
+    # rclpy silently ignores parameters that the node does not declare, so misspelled names are rejected here.
     MissionConfig.from_parameters(converted)
     return converted

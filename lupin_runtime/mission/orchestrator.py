@@ -1,7 +1,7 @@
 """The mission orchestrator without ROS: receives every input and advances the mission.
 
-All methods are called from one thread and none blocks. `tick` is called about 10 times a second; everything else that
-happens outside (a topic's message, an action's result, an operator's request) arrives through its own method.
+No method blocks, and the caller must not make two calls at the same time. `tick` is called about 10 times a second. There is
+one method for each other input: messages of topics and results of actions here, requests in OperatorRequests.
 """
 
 from __future__ import annotations
@@ -24,7 +24,11 @@ from lupin_runtime.safety.battery_monitor import BatteryEdge
 
 
 class Orchestrator:
-    """The complete mission. `layout` and `overrides` are known before the first drive; `requests` serves the operator."""
+    """The complete mission.
+
+    `layout` has the tags that are known without discovery, `overrides` the operator's approach poses. `requests` handles the
+    operator's requests.
+    """
 
     def __init__(
         self, config: MissionConfig, ports: Ports, layout: Layout | None = None, overrides: Mapping[str, Override] | None = None
@@ -40,7 +44,7 @@ class Orchestrator:
         return self.mission_runner.hsm
 
     def snapshot(self) -> MissionSnapshot:
-        """Return the current MissionState."""
+        """Return a snapshot of the mission, with the fields of MissionState."""
         return take_snapshot(self._context, self.hsm, self.mission_runner.inspecting)
 
     @mission_input
@@ -50,19 +54,19 @@ class Orchestrator:
         if self.hsm.top_level_state == BOOT:
             self.mission_runner.dependencies.tick()
         if self.hsm.top_level_state == EXPLORING:
-            self.mission_runner.exploring.sample()
+            self.mission_runner.exploring.record_camera_pose()
         if not self.mission_runner.blocked:
             self._context.driver.tick()
 
     def shut_down(self) -> None:
-        """Cancel the current goal, so that the robot stops when the process ends."""
+        """Cancel the current goal, so that the robot stops before the process exits."""
         self.mission_runner.stop()
 
     # -- topics --------------------------------------------------------------------------------------------------------
 
     @mission_input
     def on_estop(self, engaged: bool) -> None:
-        """Handle the state of the e-stop. A release clears the flag only: driving on takes a resume."""
+        """Handle the state of the e-stop. A release only clears the flag; the mission stays paused until it is resumed."""
         if engaged == self._context.estop_engaged:
             return
         self._context.estop_engaged = engaged
@@ -92,42 +96,49 @@ class Orchestrator:
         self._context.ports.publisher.state_changed()
 
     def on_pose(self, pose: MapPose, variances: Sequence[float]) -> None:
-        """Handle a localized pose with the variances of x, y and yaw. Variances that are not finite count as unknown."""
+        """Handle a localized pose with the variances of x, y and yaw.
+
+        The largest variance is stored. It is unknown if any is not finite, if all are negative, or if none is given. The next
+        tick uses the pose, so this is not a `mission_input`.
+        """
         if not all(map(math.isfinite, (pose.x, pose.y))):
             return
         world_model = self._context.world_model
         world_model.has_pose, world_model.pose = True, pose
         largest = max(variances, default=math.nan)
-        world_model.covariance = largest if all(map(math.isfinite, variances)) and largest >= 0.0 else None
+        world_model.largest_variance = largest if all(map(math.isfinite, variances)) and largest >= 0.0 else None
 
     @mission_input
     def on_tags(self, tags: Mapping[str, MapPose]) -> None:
-        """Handle the list of discovered tags. Tags that a later list lacks are kept: perception may have restarted."""
+        """Handle the list of discovered tags. Tags missing from a later list are kept: perception may have restarted."""
         self._discovery.update(tags)
         if self.hsm.top_level_state == EXPLORING:
-            self.mission_runner.exploring.seed()
+            self.mission_runner.exploring.request_first_readings()
 
     # -- navigation ----------------------------------------------------------------------------------------------------
 
     @mission_input
     def goal_accepted(self, token: int) -> None:
-        """Navigation accepted a goal."""
+        """Handle navigation's acceptance of a goal."""
         self.mission_runner.goal_runner.accepted(token)
 
     def goal_feedback(self, token: int) -> None:
-        """Navigation sent feedback for a goal."""
+        """Handle feedback for a goal. It only shows that navigation works, so this is not a `mission_input`."""
         self.mission_runner.goal_runner.feedback(token)
 
     @mission_input
     def goal_rejected(self, token: int, detail: str = "nav_rejected") -> None:
-        """Navigation rejected a goal, or the goal could not be sent."""
+        """Handle the rejection of a goal, or a failure to send it."""
         self.mission_runner.goal_runner.rejected(token, detail)
 
     @mission_input
-    def goal_finished(self, token: int, status: int, blind: bool = False, estop: bool = False) -> None:
-        """A goal ended with an action status; `blind` if it failed because lidar or odometry failed, `estop` if the e-stop
-        ended it. Navigation may receive the e-stop's state before the mission, and its release after."""
-        if estop and self.mission_runner.goal_runner.drives(token):
+    def goal_finished(self, token: int, status: int, sensors_lost: bool = False, estop: bool = False) -> None:
+        """Handle the end of a goal with an action status.
+
+        `sensors_lost`: it failed because lidar or odometry failed. `estop`: the e-stop ended it. Then the mission stops, too:
+        navigation may receive a press of the e-stop earlier than the mission does, and its release later.
+        """
+        if estop and self.mission_runner.goal_runner.is_current(token):
             self._stop_for_estop()
             self._context.ports.publisher.state_changed()
-        self.mission_runner.goal_runner.finished(token, status, blind)
+        self.mission_runner.goal_runner.finished(token, status, sensors_lost)

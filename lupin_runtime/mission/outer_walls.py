@@ -1,4 +1,4 @@
-"""Tells a room's outer walls from the boxes in it."""
+"""Distinguishes a room's outer walls from the boxes in it."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def find_outer_walls(grid: GridMap, rows: Floats, labels: NDArray[np.int32], sta
     """Return a mask (n,) of the surfaces that belong to outer walls.
 
     Outer walls lie along the smallest rectangle around all occupied cells and face inwards. Boxes against a wall are deeper
-    than WALL_BAND_M, and their sides face along the wall. If no wall encloses the place, only components that are long and
-    lie within the band as a whole are walls, so that boxes in the open are not mistaken for walls.
+    than WALL_BAND_M, and their sides face along the wall. If no wall encloses the area, only long components that lie
+    entirely within the band are walls, so that boxes in the open are not mistaken for walls.
 
     `rows` (n, 4) are surfaces; `labels` (height, width) and `stats` are the components of the occupied cells.
     """

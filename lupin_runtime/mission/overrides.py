@@ -28,8 +28,8 @@ class Override:
 def load_overrides(path: Path) -> dict[str, Override]:
     """Read an approach override file; return the overrides by tag id.
 
-    Unknown keys are dropped, unknown tag ids are kept. A file without `overrides` has none. Raises OverridesError for a
-    missing file, for text that is not YAML and for values of the wrong kind.
+    Unknown keys are dropped, unknown tag ids are kept. Without the key `overrides` the result is empty. Raises OverridesError
+    for a missing file, for text that is not YAML and for values of the wrong type.
     """
     try:
         root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
@@ -57,17 +57,17 @@ def load_overrides(path: Path) -> dict[str, Override]:
     return result
 
 
-def _entries(path: Path, where: str, node: yaml.Node) -> list[tuple[str, yaml.Node]]:
+def _entries(path: Path, name: str, node: yaml.Node) -> list[tuple[str, yaml.Node]]:
     if not isinstance(node, yaml.MappingNode):
-        raise OverridesError(f"{path}:{node.start_mark.line + 1}: {where} is not a mapping of names to values")
+        raise OverridesError(f"{path}:{node.start_mark.line + 1}: {name} is not a mapping of names to values")
     return [(str(key.value), value) for key, value in node.value]
 
 
-def _number(path: Path, where: str, node: yaml.Node) -> float:
+def _number(path: Path, name: str, node: yaml.Node) -> float:
     try:
         value = float(node.value) if isinstance(node, yaml.ScalarNode) else math.nan
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise OverridesError(f"{path}:{node.start_mark.line + 1}: {where} is {node.value!r}, expected a number")
+        raise OverridesError(f"{path}:{node.start_mark.line + 1}: {name} is {node.value!r}, expected a number")
     return value

@@ -18,10 +18,10 @@ class Clock(Protocol):
     """The mission's two clocks."""
 
     def now_s(self) -> float:
-        """Seconds for timeouts; never jumps back while a mission runs."""
+        """Return seconds for timeouts, which never jump back while a mission runs."""
 
     def stamp_ns(self) -> int:
-        """ROS time for message stamps, nanoseconds."""
+        """Return ROS time for message stamps, in nanoseconds."""
 
 
 class Navigation(Protocol):

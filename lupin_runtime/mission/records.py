@@ -22,7 +22,7 @@ class MapPose:
     qw: float = 1.0
 
     def normal_xy(self) -> tuple[float, float] | None:
-        """Unit vector of +Z projected on the floor; None where +Z points straight up or down."""
+        """Return the unit vector of +Z projected on the floor; None if +Z points straight up or down."""
         nx = 2.0 * (self.qx * self.qz + self.qw * self.qy)
         ny = 2.0 * (self.qy * self.qz - self.qw * self.qx)
         length = math.hypot(nx, ny)
@@ -53,7 +53,7 @@ class Confirmation:
 
 @dataclass(frozen=True)
 class ObservationRecord:
-    """The result of one visit to a tag. `pose` is None where it is unknown or does not apply."""
+    """The result of one visit to a tag. `pose` is None if it is unknown or does not apply."""
 
     mission_id: str
     source: str
@@ -94,10 +94,10 @@ class MissionSnapshot:
 class WorldModel:
     """What the mission knows about the world: the newest data of each topic that it subscribes to.
 
-    `covariance` is the largest of the pose's variances (m², rad²); None while it is unknown.
+    `largest_variance` is the largest of the pose's variances (m², rad²); None while it is unknown.
     """
 
     discovered: dict[str, MapPose] = field(default_factory=dict)
     has_pose: bool = False
     pose: MapPose | None = None
-    covariance: float | None = None
+    largest_variance: float | None = None

@@ -155,7 +155,7 @@ class OperatorRequests:
 
     @mission_input
     def abort(self) -> Reply:
-        """End the mission and return to the dock; while returning or docked, end it at the robot's position."""
+        """End the mission and return to the dock; while returning or docked, end it where the robot is."""
         state = self._hsm.top_level_state
         if state not in BUSY:
             return Reply(False, "no mission is running")
@@ -181,7 +181,7 @@ class OperatorRequests:
             return Reply(False, f"tags can be skipped in {INSPECTING} only, the mission is in {self._hsm.top_level_state}")
         target = self.mission_runner.inspecting.target
         if not self.mission_runner.inspecting.skip():
-            return Reply(False, f"tag {target!r} is closed already")
+            return Reply(False, f"tag {target!r} is already closed")
         return Reply(True, f"skipped tag {target}")
 
     @mission_input

@@ -1,7 +1,8 @@
-"""Looks a pose up on demand, without a callback per transform.
+"""Looks up a transform on demand, without a callback per message.
 
 A transform listener costs 4 % of a core at a hundred transforms a second, nearly all of it for wake-ups. Here no executor
-waits for `/tf`: the middleware keeps the newest hundred messages, and a lookup takes them and reads the last of each kind.
+waits for `/tf`: the middleware keeps the newest hundred messages. A lookup takes them and decodes, of the messages with the
+same frames, only the last.
 """
 
 from __future__ import annotations
@@ -42,9 +43,9 @@ def frames_of(data: bytes) -> bytes:
 
 
 class PolledTransform:
-    """The newest transform between two frames, chained from the newest transform of each step.
+    """The newest transform between two frames, chained from the newest transform of each edge between them.
 
-    The steps' stamps may differ by some tens of milliseconds, which is a centimeter at half a meter per second.
+    The stamps of the edges may differ by some tens of milliseconds, which is a centimeter at half a meter per second.
     """
 
     def __init__(self, node: LupinNode, target: str, source: str) -> None:
@@ -62,7 +63,7 @@ class PolledTransform:
         node.subscription(graph.TF_STATIC, lambda message: self._store(message, static=True))
 
     def lookup(self) -> tuple[Transform, float] | None:
-        """Return `target_from_source` and the seconds since its oldest step was renewed; None if a step is missing."""
+        """Return `target_from_source` and the seconds since its oldest edge changed; None if an edge is missing."""
         self._take_messages()
         frame, result, newest_ns = self._source, Transform(), None
         for _ in range(len(self._edges) + 1):

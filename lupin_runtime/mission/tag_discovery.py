@@ -1,4 +1,4 @@
-"""Keeps the world model's discovered tags, and the counts that depend on them."""
+"""Updates the world model's discovered tags, and the counts that depend on them."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from lupin_runtime.mission.records import MapPose
 
 
 class TagDiscovery:
-    """`newest` is perception's newest list of tags. The world model also keeps tags that a later list lacks."""
+    """`newest` is perception's newest list of tags. The world model also keeps tags that are missing from it."""
 
     def __init__(self, context: Context, hsm: MissionHsm) -> None:
         self._context, self._hsm = context, hsm
         self.newest: dict[str, MapPose] = {}
 
     def update(self, tags: Mapping[str, MapPose]) -> None:
-        """Take a list of tags. Tags without an id or with a position that is not finite are ignored."""
+        """Handle a list of tags. Tags without an id or with a position that is not finite are ignored."""
         self.newest = {tag: pose for tag, pose in tags.items() if tag and all(map(math.isfinite, (pose.x, pose.y, pose.z)))}
         self._context.world_model.discovered.update(self.newest)
         self._update_mission()
 
     def restart(self) -> None:
-        """Forget tags that the newest list lacks: a new mission starts, perhaps in a new map."""
+        """Forget tags that are missing from the newest list: a new mission starts, perhaps on a new map."""
         self._context.world_model.discovered = dict(self.newest)
         self._update_mission()
 

@@ -12,12 +12,12 @@ from lupin_runtime.geometry import Pose2
 from lupin_runtime.mission.clearance import ClearanceMap
 from lupin_runtime.mission.coverage import Coverage
 from lupin_runtime.mission.kernels import travel_distances
-from lupin_runtime.mission.view_planning import greedy_cover, order_stops
+from lupin_runtime.mission.view_planning import greedy_cover, order_viewpoints
 
 Floats = NDArray[np.float64]
 
 MIN_GAIN_M = 0.15
-MAX_STOPS = 40  # of one tour; another tour is planned when they are done
+MAX_VIEWPOINTS = 40  # of one tour; another tour is planned after it
 _MAX_RANKED = 20
 _MAX_SURFACES = 150  # surfaces for which candidate poses are generated
 _DISTANCES_M = (1.0, 0.8, 1.2, 1.4, 0.6)
@@ -36,7 +36,7 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class ViewpointPlanner:
-    """Plans viewpoints on one map, whose seen surfaces `coverage` has updated.
+    """Plans viewpoints on one map, from the surfaces that are unseen according to `coverage`.
 
     `travel_m` (height, width) are travel distances from the robot. Viewpoints keep `viewpoint_room_m` to obstacles, paths
     between them `travel_room_m`.
@@ -48,14 +48,14 @@ class ViewpointPlanner:
     viewpoint_room_m: float
     travel_room_m: float
 
-    def rank(self, robot: Pose2, unknown: bool = True) -> list[Viewpoint]:
+    def rank(self, robot: Pose2, include_unknown: bool = True) -> list[Viewpoint]:
         """Return up to 20 reachable viewpoints, best first.
 
-        The score is gain / (1 + travel distance), with a turn of the robot counted as travel. `unknown` False ignores
-        surfaces of unknown cells.
+        The score is gain / (1 + travel distance), with a turn of the robot counted as travel. Without `include_unknown`,
+        surfaces of unknown cells are ignored.
         """
         view = self.coverage.update(self.clearance.grid)
-        rows, weights = self.coverage.unseen(unknown)
+        rows, weights = self.coverage.unseen(include_unknown)
         poses, travel = self._reachable_candidates(rows)
         if not len(poses):
             return []
@@ -75,27 +75,27 @@ class ViewpointPlanner:
             return []
         resolution_m = self.clearance.grid.resolution_m
         visible = view.visibility(rows, poses)
-        chosen = greedy_cover(visible, weights, MIN_GAIN_M / resolution_m, MAX_STOPS)
-        fields = [travel_distances(self.clearance, Pose2(*poses[i, :3]), self.travel_room_m) for i in chosen]
+        chosen = greedy_cover(visible, weights, MIN_GAIN_M / resolution_m, MAX_VIEWPOINTS)
+        distance_fields = [travel_distances(self.clearance, Pose2(*poses[i, :3]), self.travel_room_m) for i in chosen]
         cells = [self.clearance.grid.cell_of(poses[i, 0], poses[i, 1]) for i in chosen]
-        between = np.array([[field[cell] if field is not None else math.inf for cell in cells] for field in fields])
+        between = np.array([[field[cell] if field is not None else math.inf for cell in cells] for field in distance_fields])
         gains = visible @ weights * resolution_m
-        stops = [_viewpoint(poses[i], gains[i], travel[i]) for i in chosen]
-        return [stops[k] for k in order_stops(travel[chosen], between)]
+        viewpoints = [_viewpoint(poses[i], gains[i], travel[i]) for i in chosen]
+        return [viewpoints[k] for k in order_viewpoints(travel[chosen], between)]
 
     def _reachable_candidates(self, rows: Floats) -> tuple[Floats, Floats]:
-        """Return poses (n, 4) in front of surfaces where the robot fits, and the travel distance to each (n,)."""
+        """Return reachable poses (n, 4) in front of surfaces, with room for the robot, and the travel distance to each (n,)."""
         if not len(rows):
             return np.empty((0, 4)), np.empty(0)
         poses = _candidates(rows[:: max(1, len(rows) // _MAX_SURFACES)])
         grid = self.clearance.grid
         r = np.floor((poses[:, 1] - grid.origin_y) / grid.resolution_m).astype(int)
         c = np.floor((poses[:, 0] - grid.origin_x) / grid.resolution_m).astype(int)
-        inside = (r >= 0) & (r < grid.height) & (c >= 0) & (c < grid.width)
-        poses, r, c = poses[inside], r[inside], c[inside]
+        in_grid = (r >= 0) & (r < grid.height) & (c >= 0) & (c < grid.width)
+        poses, r, c = poses[in_grid], r[in_grid], c[in_grid]
         has_room = self.clearance.distance_m[r, c] >= self.viewpoint_room_m
-        good = self.clearance.free[r, c] & has_room & np.isfinite(self.travel_m[r, c])
-        return np.ascontiguousarray(poses[good]), self.travel_m[r[good], c[good]].astype(np.float64)
+        reachable = self.clearance.free[r, c] & has_room & np.isfinite(self.travel_m[r, c])
+        return np.ascontiguousarray(poses[reachable]), self.travel_m[r[reachable], c[reachable]].astype(np.float64)
 
 
 def is_worthwhile(coverage: Coverage, pose: Pose2) -> bool:

@@ -18,13 +18,13 @@ from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.navigation.executive import Failure, Progress
 from lupin_runtime.navigation.messages import duration_message, path_message
-from lupin_runtime.navigation.plan_worker import Ticket
+from lupin_runtime.navigation.plan_worker import PlanRequest
 from lupin_runtime.navigation.planning import NoPath
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.node import interface
 from lupin_runtime.ros.plane_messages import plane_pose_message
 
-# Converts a pose of any known frame to one of the map; raises ValueError with the reason if it cannot.
+# Converts a pose of any known frame to the map frame; raises ValueError with the reason if it cannot.
 Locate = Callable[[PoseStamped], Pose2]
 
 
@@ -35,7 +35,7 @@ def error_number(failure: Failure) -> int:
 
 
 def result_message(action: graph.Action, failure: Failure | None, reason: str) -> Any:
-    """Build an action's result; releases before Jazzy have no error code, most have no message."""
+    """Build an action's result; releases before Jazzy have no error code, and most releases no message."""
     result = interface(action.type).Result()
     if failure is not None and hasattr(result, "error_code"):
         result.error_code = error_number(failure)
@@ -114,7 +114,7 @@ class NavigationServer:
 
     def close(self) -> None:
         """Abort the active goal."""
-        self.finish(None, "navigation shuts down")
+        self.finish(None, "navigation is shutting down")
 
     def _serve(self, action: graph.Action) -> ActionServer:
         return ActionServer(
@@ -169,9 +169,9 @@ class NavigationServer:
 
 
 @dataclass
-class _PathRequest:
+class _PathGoal:
     handle: Any
-    ticket: Ticket
+    request: PlanRequest
     done: Future
     yaw: float
     since_s: float
@@ -185,7 +185,7 @@ class PathServer:
         node: LupinNode,
         locate: Locate,
         robot_pose: Callable[[], Pose2 | None],
-        submit: Callable[[Pose2, Sequence[Pose2], Pose2 | None], Ticket],
+        submit: Callable[[Pose2, Sequence[Pose2], Pose2 | None], PlanRequest],
         now_s: Callable[[], float],
         timeout_s: float = 5.0,
     ) -> None:
@@ -195,7 +195,7 @@ class PathServer:
         self._submit = submit
         self._now_s = now_s
         self._timeout_s = timeout_s
-        self._requests: list[_PathRequest] = []
+        self._goals: list[_PathGoal] = []
         self._futures: dict[bytes, Future] = {}
         self._server = ActionServer(
             node,
@@ -210,35 +210,35 @@ class PathServer:
     def poll(self) -> None:
         """Pass the planner's answers to the clients; call it every control cycle."""
         now_s = self._now_s()
-        for request in list(self._requests):
-            answer = request.ticket.answer
-            late = now_s - request.since_s > self._timeout_s
-            if request.handle.is_cancel_requested:
-                request.ticket.abandoned = True
-                self._end(request, request.handle.canceled, None, "cancelled")
+        for goal in list(self._goals):
+            answer = goal.request.answer
+            late = now_s - goal.since_s > self._timeout_s
+            if goal.handle.is_cancel_requested:
+                goal.request.abandoned = True
+                self._end(goal, goal.handle.canceled, None, "cancelled")
             elif isinstance(answer, NoPath):
-                self._end(request, request.handle.abort, Failure[answer.failure.name], str(answer))
+                self._end(goal, goal.handle.abort, Failure[answer.failure.name], str(answer))
             elif answer is not None:
                 result = result_message(graph.COMPUTE_PATH_TO_POSE, None, "")
-                result.path = path_message(answer.points, request.yaw, self._node.now_ns())
-                result.planning_time = duration_message(request.ticket.planning_time_s)
-                self._requests.remove(request)
-                request.handle.succeed()
-                request.done.set_result(result)
+                result.path = path_message(answer.points, goal.yaw, self._node.now_ns())
+                result.planning_time = duration_message(goal.request.planning_time_s)
+                self._goals.remove(goal)
+                goal.handle.succeed()
+                goal.done.set_result(result)
             elif late:
-                request.ticket.abandoned = True
+                goal.request.abandoned = True
                 reason = f"no plan within {self._timeout_s:.0f} s; is there a map on {graph.MAP.name}?"
-                self._end(request, request.handle.abort, Failure.PLANNING_TIMED_OUT, reason)
+                self._end(goal, goal.handle.abort, Failure.PLANNING_TIMED_OUT, reason)
 
     def close(self) -> None:
-        """Abort the waiting requests."""
-        for request in list(self._requests):
-            self._end(request, request.handle.abort, None, "navigation shuts down")
+        """Abort the waiting goals."""
+        for goal in list(self._goals):
+            self._end(goal, goal.handle.abort, None, "navigation is shutting down")
 
-    def _end(self, request: _PathRequest, transition: Callable[[], None], failure: Failure | None, reason: str) -> None:
-        self._requests.remove(request)
+    def _end(self, goal: _PathGoal, transition: Callable[[], None], failure: Failure | None, reason: str) -> None:
+        self._goals.remove(goal)
         transition()
-        request.done.set_result(result_message(graph.COMPUTE_PATH_TO_POSE, failure, reason))
+        goal.done.set_result(result_message(graph.COMPUTE_PATH_TO_POSE, failure, reason))
 
     def _judge(self, goal: Any) -> GoalResponse:
         try:
@@ -264,8 +264,8 @@ class PathServer:
             reason = f"no transform {graph.MAP_FRAME} -> {graph.BASE_FRAME}"
             done.set_result(result_message(graph.COMPUTE_PATH_TO_POSE, Failure.NO_POSE, reason))
             return
-        ticket = self._submit(start, (goal,), robot_pose)
-        self._requests.append(_PathRequest(handle, ticket, done, goal.yaw, self._now_s()))
+        request = self._submit(start, (goal,), robot_pose)
+        self._goals.append(_PathGoal(handle, request, done, goal.yaw, self._now_s()))
 
     async def _execute(self, handle: Any) -> Any:
         key = bytes(handle.goal_id.uuid)

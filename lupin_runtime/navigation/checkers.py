@@ -1,4 +1,4 @@
-"""When a goal counts as reached, and when a robot counts as stuck."""
+"""Checks whether the goal is reached, and whether the robot is stuck."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class GoalTolerance:
     """`xy` (m) and `yaw` (rad) are the tolerances that a caller can rely on.
 
     Within them the robot continues to improve its pose until it is also within `fine_xy` and `fine_yaw`, or `settle_s` have
-    passed: a camera reads a tag from a standoff more reliably.
+    passed, because a camera reads a tag more reliably from the exact pose.
     """
 
     xy: float = 0.25
@@ -23,7 +23,7 @@ class GoalTolerance:
 
 
 class GoalChecker:
-    """Checks whether the goal is reached: `settle_s` after the tolerances were first met, earlier within the fine tolerances.
+    """Checks whether the goal is reached: `settle_s` after the tolerances were first met, or once the fine ones are met.
 
     The position tolerance is latched, as in Nav2: once it was met, only yaw decides.
     """

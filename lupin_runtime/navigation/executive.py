@@ -1,6 +1,7 @@
-"""The executive: plan, follow, check, recover, fail with a reason. It replaces Nav2's behavior tree.
+"""The executive brings the robot to a goal: it plans, follows the path, checks progress, recovers, or fails with a reason.
 
-It is free of ROS: the caller passes a `View` at the controller's frequency and drives the velocity that it returns.
+It replaces Nav2's behavior tree. It is free of ROS: the caller passes a `View` at the controller's frequency and sends the
+returned velocity to the base.
 """
 
 from __future__ import annotations
@@ -27,13 +28,16 @@ _LOG_SLOW_PERIOD_S = 30.0
 
 
 class Failure(Enum):
-    """Why a navigation ended without success. Values are names of error constants of nav2_msgs, whose numbers differ between
-    its releases: those of FollowPath and of ComputePathToPose, as Nav2's navigators pass them on."""
+    """Why a navigation ended without success.
+
+    Values are names of the error constants of FollowPath and ComputePathToPose in nav2_msgs, which Nav2's navigators pass on.
+    The numbers of these constants differ between releases.
+    """
 
     TF_ERROR = "FollowPath.TF_ERROR"
     FAILED_TO_MAKE_PROGRESS = "FollowPath.FAILED_TO_MAKE_PROGRESS"
     NO_VALID_CONTROL = "FollowPath.NO_VALID_CONTROL"
-    # What Nav2's controller reports if its costmap stays out of date.
+    # Nav2's controller reports this if its costmap stays out of date.
     SENSOR_LOST = "FollowPath.CONTROLLER_TIMED_OUT"
     START_OUTSIDE_MAP = "ComputePathToPose.START_OUTSIDE_MAP"
     GOAL_OUTSIDE_MAP = "ComputePathToPose.GOAL_OUTSIDE_MAP"
@@ -42,13 +46,13 @@ class Failure(Enum):
     NO_POSE = "ComputePathToPose.TF_ERROR"
     PLANNING_TIMED_OUT = "ComputePathToPose.TIMEOUT"
     NO_VALID_PATH = "ComputePathToPose.NO_VALID_PATH"
-    # nav2_msgs has no code for it; the reason names it.
+    # nav2_msgs has no code for the e-stop; the result's message names it.
     ESTOP_ENGAGED = "FollowPath.UNKNOWN"
 
 
 @dataclass(frozen=True)
 class View:
-    """What the robot knows at one tick. Poses are None where the transform is missing or too old."""
+    """What the robot knows at one tick. A pose is None if its transform is missing or too old."""
 
     now_s: float
     odom_from_base: Pose2 | None
@@ -56,7 +60,7 @@ class View:
     velocity: Velocity
     local: Costmap | None
     # Why the lidar cannot be trusted, or None.
-    blind: str | None = None
+    lidar_fault: str | None = None
     # The age of the scan in the local costmap.
     scan_age_s: float = 0.0
 
@@ -90,18 +94,18 @@ class PlanSource(Protocol):
     """The source of plans: a worker thread, or a function in a test."""
 
     def request(self, start: Pose2, goals: Sequence[Pose2]) -> None:
-        """Request a path from `start` through the goals (map frame), in place of a waiting request."""
+        """Request a path from `start` through the goals (map frame). It replaces a waiting request."""
         ...
 
     def take(self) -> Plan | NoPath | None:
-        """Return the answer to the last request, once; None while there is none."""
+        """Return the answer to the last request, but only once; None before the answer and after it."""
         ...
 
     def drop(self) -> None:
         """Cancel the last request: its answer is discarded."""
         ...
 
-    def clear(self) -> None:
+    def clear_obstacles(self) -> None:
         """Forget the obstacles that are not in the map."""
         ...
 
@@ -118,14 +122,14 @@ class ExecutiveParameters:
     required_movement_angle: float = 0.5
     movement_time_allowance: float = 10.0
     max_recoveries: int = 6
-    blind_patience_s: float = 10.0
+    sensor_patience_s: float = 10.0
     off_path_m: float = 0.6
     passed_radius_m: float = 0.7
-    beside_m: float = 0.1
-    # With a scan no older than this the robot drives at full speed; with an older one it drives no further than in this time.
-    fresh_s: float = 0.45
+    beside_goal_m: float = 0.1
+    # With a scan up to this age the robot drives at full speed; with an older one it drives no farther than in this time.
+    fresh_scan_s: float = 0.45
     # How fast the noted age of a scan decays, in seconds per second: a machine that stalled is likely to stall again soon.
-    forgiveness: float = 0.2
+    scan_age_decay: float = 0.2
     tolerance: GoalTolerance = field(default_factory=GoalTolerance)
     behaviors: BehaviorLimits = field(default_factory=BehaviorLimits)
 
@@ -141,7 +145,7 @@ class Executive:
     """Runs one navigation at a time: `start` replaces a running one; call `tick` until its decision is `finished`.
 
     An engaged e-stop fails the running navigation and every one that starts before its release, so that after the release the
-    robot moves only by a newer command.
+    robot moves only on a newer command.
     """
 
     def __init__(
@@ -181,7 +185,7 @@ class Executive:
         """Navigate through these poses of the map frame to the last of them."""
         if not goals:
             raise ValueError("a navigation needs at least one pose")
-        # A path to the last goal that is still being planned would be mistaken for one to this goal.
+        # A path to the previous goal that is still being planned would be mistaken for a path to this one.
         self._planner.drop()
         self._goals = list(goals)
         self._target = self._goals[-1]
@@ -198,7 +202,7 @@ class Executive:
         self._retried = False
         self._blocked = False
         self._logged_beside = False
-        self._blind_since_s: float | None = None
+        self._sensors_lost_since_s: float | None = None
         self._invalid_since_s: float | None = None
         self._goal_checker.reset()
         self._progress_checker.reset()
@@ -217,7 +221,7 @@ class Executive:
         self._goals = []
 
     def progress(self, now_s: float) -> Progress:
-        """The feedback; the estimated time uses the mean speed so far, at least a fifth of the maximum."""
+        """Return the feedback; the estimated time uses the mean speed so far, at least a fifth of the maximum."""
         if not self.active:
             return Progress()
         remaining = math.inf if self._path is None else self._path.remaining_m
@@ -234,10 +238,10 @@ class Executive:
             return self._give_up(Failure.ESTOP_ENGAGED, f"{ESTOP_ENGAGED}; send a new goal after its release")
         self._note_age(view)
         robot, base, map_from_odom = self._robot(view), view.odom_from_base, view.map_from_odom
-        lost = self._blocking_reason(view)
-        if lost is not None or robot is None or base is None or map_from_odom is None or view.local is None:
-            return self._wait_blind(view, lost or "the local costmap is not ready yet")
-        self._blind_since_s = None
+        reason = self._blocking_reason(view)
+        if reason is not None or robot is None or base is None or map_from_odom is None or view.local is None:
+            return self._wait_for_sensors(view, reason or "the local costmap is not ready yet")
+        self._sensors_lost_since_s = None
         self._add_distance(base)
         self._drop_passed(robot)
         if len(self._goals) == 1 and self._goal_checker.reached(robot, self._target, view.now_s):
@@ -264,11 +268,11 @@ class Executive:
             return None
         return view.map_from_odom @ view.odom_from_base
 
-    def _hold(self) -> None:
+    def _reset_following(self) -> None:
         self._progress_checker.reset()
         self._controller.reset()
         self._invalid_since_s = None
-        self._blind_since_s = None
+        self._sensors_lost_since_s = None
         if self._planning_since_s is not None:
             self._planning_since_s = None
             self._last_request_s = -math.inf
@@ -279,19 +283,19 @@ class Executive:
             return "no recent transform odom -> base_link"
         if view.map_from_odom is None:
             return "no recent transform map -> odom"
-        return view.blind
+        return view.lidar_fault
 
-    def _wait_blind(self, view: View, reason: str) -> Decision:
-        if self._blind_since_s is None:
-            self._blind_since_s = view.now_s
+    def _wait_for_sensors(self, view: View, reason: str) -> Decision:
+        if self._sensors_lost_since_s is None:
+            self._sensors_lost_since_s = view.now_s
             self._log(f"standing still: {reason}")
-        waited_s = view.now_s - self._blind_since_s
-        since_s = self._blind_since_s
-        self._hold()
-        self._blind_since_s = since_s
-        if waited_s <= self._p.blind_patience_s:
+        waited_s = view.now_s - self._sensors_lost_since_s
+        since_s = self._sensors_lost_since_s
+        self._reset_following()
+        self._sensors_lost_since_s = since_s
+        if waited_s <= self._p.sensor_patience_s:
             return Decision(STANDSTILL)
-        code = Failure.SENSOR_LOST if view.blind is not None else Failure.TF_ERROR
+        code = Failure.SENSOR_LOST if view.lidar_fault is not None else Failure.TF_ERROR
         return self._give_up(code, f"{reason}, for {waited_s:.0f} s")
 
     def _arrive(self) -> Decision:
@@ -317,13 +321,13 @@ class Executive:
         """Note the largest recent age of a scan: its own plus the time since the last tick's command."""
         gap_s = max(view.now_s - self._ticked_s, 0.0)
         self._ticked_s = view.now_s
-        self._age_s = max(view.scan_age_s + gap_s, self._age_s - self._p.forgiveness * gap_s)
+        self._age_s = max(view.scan_age_s + gap_s, self._age_s - self._p.scan_age_decay * gap_s)
 
     def _limit_for_scan_age(self, velocity: Velocity, now_s: float) -> Velocity:
-        """Slow down so that the robot drives no further with an old scan than at full speed with a fresh one."""
-        if self._age_s <= self._p.fresh_s:
+        """Slow down so that the robot drives no farther on an old scan than at full speed on a fresh one."""
+        if self._age_s <= self._p.fresh_scan_s:
             return velocity
-        share = self._p.fresh_s / self._age_s
+        share = self._p.fresh_scan_s / self._age_s
         if share < 0.75 and now_s - self._logged_slow_s > _LOG_SLOW_PERIOD_S:
             self._logged_slow_s = now_s
             self._log(f"driving at {share:.0%}: the last scan is up to {self._age_s:.1f} s old")
@@ -356,10 +360,10 @@ class Executive:
         self._retried = False
         if self._phase is _Phase.PLANNING:
             self._phase = _Phase.FOLLOWING
-        # The path may end beside the goal, within the planner's tolerance: its end is the target then.
+        # The path may end beside the goal, within the planner's tolerance. Its end is the target.
         self._target = Pose2(*plan.goal, self._goals[-1].yaw)
         goal, beside_m = self._goals[-1], self._target.distance_to(self._goals[-1])
-        if beside_m > self._p.beside_m and not self._logged_beside:
+        if beside_m > self._p.beside_goal_m and not self._logged_beside:
             self._logged_beside = True
             self._log(
                 f"the goal is not free ({goal.x:.2f}, {goal.y:.2f}): going to ({self._target.x:.2f}, "
@@ -367,19 +371,19 @@ class Executive:
             )
         return Decision(STANDSTILL, new_path=plan.points)
 
-    def _handle_no_path(self, refusal: NoPath) -> Decision | None:
+    def _handle_no_path(self, no_path: NoPath) -> Decision | None:
         if self._phase is _Phase.FOLLOWING and not self._blocked:
-            # A mark beside the path may block it on the global costmap; the path in use is free as far as the lidar sees.
+            # An obstacle mark beside the path may block the global costmap; the path in use is free as far as the lidar sees.
             return None
         if not self._retried:
             self._retried = True
-            self._log(f"{refusal}; clearing the global costmap")
-            self._planner.clear()
+            self._log(f"{no_path}; clearing the global costmap")
+            self._planner.clear_obstacles()
             self._phase = _Phase.PLANNING
             return None
         if self._path is None or self._recoveries >= self._p.max_recoveries:
-            return self._give_up(Failure[refusal.failure.name], str(refusal))
-        self._begin_recovery(str(refusal))
+            return self._give_up(Failure[no_path.failure.name], str(no_path))
+        self._begin_recovery(str(no_path))
         return None
 
     # -- following -----------------------------------------------------------------------------------------------------
@@ -423,7 +427,7 @@ class Executive:
         self._recoveries += 1
         name = self._behavior.name if self._behavior else "clear the costmaps"
         self._log(f"recovery {self._recoveries} of {self._p.max_recoveries}, {name}: {reason}")
-        self._planner.clear()
+        self._planner.clear_obstacles()
         self._clear_local()
         self._invalid_since_s = None
         self._phase = _Phase.RECOVERING

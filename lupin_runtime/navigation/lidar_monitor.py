@@ -1,4 +1,4 @@
-"""Decides whether the lidar can be trusted: one that is silent, blind or frozen must stop the robot, not guide it."""
+"""Decides whether the lidar can be trusted: if it is silent, blind or frozen, the robot must stop."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from lupin_runtime.geometry import Pose2
 from lupin_runtime.navigation.costmap import RangeScan
 from lupin_runtime.scan_health import ScanHealth, ScanJudge
 
-# A scan's delay is compared with the shortest of this many seconds: the rates of two clocks differ by far less in that time.
+# A scan's delay is compared with the shortest of the last seconds, in which two clocks drift apart by far less.
 _DELAY_WINDOW_S = 10.0
-# A delay that changes by more than this is no late scan: a clock has jumped.
+# A delay that changes by more than this does not mean a late scan: a clock has jumped.
 _CLOCK_JUMP_S = 2.0
 
 
 class LidarMonitor:
-    """Judges every scan that is used; `reason` says why the lidar cannot be trusted, or None.
+    """Judges every scan; `reason` says why the lidar cannot be trusted, or is None.
 
-    A lidar that is silent or blind is distrusted after `patience_s`; a frozen one at once, since the robot drives by an old
-    scan. A scan is blind if fewer than the share `min_usable_share` of its beams measure at least `nearest_m`.
+    A silent or blind lidar is distrusted after `patience_s`, a frozen one at once, since the robot is driving on an old scan.
+    A scan is blind if fewer than the share `min_usable_share` of its beams measure at least `nearest_m`.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class LidarMonitor:
         self._judge = ScanJudge(still_m, still_rad)
         self._last_stamp_ns: int | None = None
         self._good_s: float | None = None
-        self._problem = "no scan has come yet"
+        self._problem = "no scan has arrived yet"
         self._frozen = False
         self._delays_s: deque[tuple[float, float]] = deque()
         self._late_s = 0.0
@@ -67,7 +67,7 @@ class LidarMonitor:
         return True
 
     def _note_delay(self, delay_s: float, now_s: float) -> None:
-        """Note how late a scan is, relative to the promptest one, since the two clocks need not agree."""
+        """Note how late a scan is, relative to the least delayed one, since the two clocks need not agree."""
         delays = self._delays_s
         if delays and abs(delay_s - delays[-1][1]) > _CLOCK_JUMP_S:
             delays.clear()
@@ -77,11 +77,11 @@ class LidarMonitor:
         self._late_s = delay_s - min(delay for _, delay in delays)
 
     def age_s(self, now_s: float) -> float:
-        """Return the age of the last good scan: the time since it was accepted, plus how late it came."""
+        """Return the age of the last good scan: the time since it was accepted, plus its delay."""
         return 0.0 if self._good_s is None else now_s - self._good_s + self._late_s
 
     def reason(self, now_s: float) -> str | None:
-        """Why the robot is blind, or None while it is not."""
+        """Return why the lidar cannot be trusted, or None."""
         if self._frozen or self._good_s is None:
             return self._problem
         age_s = now_s - self._good_s
@@ -90,5 +90,5 @@ class LidarMonitor:
         return f"no usable scan for {age_s:.1f} s ({self._problem})"
 
     def note_silence(self) -> None:
-        """Note that no scan arrived, for `reason`."""
+        """Note that no scan arrived."""
         self._problem = "no message arrives on /scan"

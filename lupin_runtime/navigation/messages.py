@@ -36,7 +36,7 @@ def pose_from_message(message: PoseStamped) -> Pose2:
 
 
 def path_message(points: NDArray[np.float64], goal_yaw: float, time_ns: int, stride: int = 1) -> Path:
-    """A Path in the map frame through every `stride`-th point, with headings along it, the last one with the goal's."""
+    """Return a Path in the map frame with every `stride`-th point and the last one. It ends with the goal's heading."""
     kept = points[np.append(np.arange(0, len(points) - 1, stride), len(points) - 1)]
     message = Path()
     message.header.stamp = stamp_from_ns(time_ns)
@@ -50,7 +50,7 @@ def path_message(points: NDArray[np.float64], goal_yaw: float, time_ns: int, str
 
 
 def twist_message(vx: float, vy: float, wz: float) -> Twist:
-    """A Twist in the plane."""
+    """Return a Twist in the plane."""
     message = Twist()
     message.linear.x, message.linear.y, message.angular.z = vx, vy, wz
     return message
@@ -79,19 +79,19 @@ def scan_from_message(message: Any) -> RangeScan:
 
 
 def map_from_message(message: OccupancyGrid) -> GridMap:
-    """Convert an OccupancyGrid. Raises ValueError if its sizes do not fit, or its origin is turned."""
+    """Convert an OccupancyGrid. Raises ValueError if its sizes do not match, or its origin is rotated."""
     info = message.info
     cells = info.width * info.height
     if cells == 0 or cells > _MAX_CELLS or len(message.data) != cells:
         raise ValueError(f"{info.width} x {info.height} cells announced, {len(message.data)} sent")
     q = info.origin.orientation
     if abs(yaw_from_quaternion(q.x, q.y, q.z, q.w)) > 1e-3:
-        raise ValueError("a map with a turned origin is not supported; let its YAML's origin end with 0")
+        raise ValueError("a map with a rotated origin is not supported; set the third value of origin in its YAML file to 0")
     grid = np.frombuffer(message.data, np.int8).reshape(info.height, info.width)
     return GridMap(grid, float(info.resolution), float(info.origin.position.x), float(info.origin.position.y))
 
 
 def costmap_message(costmap: Costmap, frame: str, time_ns: int) -> OccupancyGrid:
-    """An OccupancyGrid of costs, scaled as Nav2's costmap publisher does."""
+    """Return an OccupancyGrid of costs, scaled like those of Nav2's costmap publisher."""
     origin = (costmap.origin_x, costmap.origin_y)
     return grid_message(OCCUPANCY_OF_COST[costmap.cost], costmap.resolution_m, origin, frame, time_ns)

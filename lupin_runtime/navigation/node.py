@@ -37,10 +37,10 @@ from lupin_runtime.ros.plane_messages import plane_pose_message
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 from lupin_runtime.transforms import TransformUnavailable
 
-# A late tick advances the node's clock by at most this: after a stalled process or a clock jump no timeout expires at once.
+# A late tick advances the node's clock by at most this, so that no timeout expires after a stall or a clock jump.
 _LONGEST_TICK_S = 0.5
 
-# Goals that were queued in this process when the e-stop was released are handled within this (real) time: they are older.
+# Goals that were queued in this process when the e-stop was released are handled within this (real) time, and are refused.
 _DRAIN_NS = 100_000_000
 
 # /plan is for display only: a point every 10 cm is enough.
@@ -95,7 +95,7 @@ class Navigator(LupinNode):
         self.service(graph.CLEAR_LOCAL_COSTMAP, self._clear_local)
         self.service(graph.CLEAR_GLOBAL_COSTMAP, self._clear_global)
         self._self_client: Any = None
-        self._clicked: tuple[PoseStamped, float] | None = None
+        self._clicked_goal: tuple[PoseStamped, float] | None = None
 
         self.create_timer(1.0 / settings.mppi.controller_frequency, self._control)
         self.create_timer(1.0 / settings.local.update_frequency, self._update_local)
@@ -104,7 +104,7 @@ class Navigator(LupinNode):
         self._recent: tuple[Any, BeamPoses] | None = None
 
     def publisher(self, topic: graph.Topic, qos: graph.Qos | None = None) -> Publisher:
-        """A publisher without rclpy's default event handlers; see `subscription`."""
+        """Return a publisher without rclpy's default event handlers; see `subscription`."""
         events = PublisherEventCallbacks(use_default_callbacks=False)
         kind = interface(topic.type)
         return self.create_publisher(kind, topic.name, qos_profile(qos or topic.qos), event_callbacks=events)
@@ -112,7 +112,7 @@ class Navigator(LupinNode):
     def subscription(
         self, topic: graph.Topic, callback: Callable[[Any], None], qos: graph.Qos | None = None, raw: bool = False
     ) -> Subscription:
-        """A subscription without rclpy's default event handlers.
+        """Return a subscription without rclpy's default event handlers.
 
         These handlers only log QoS mismatches, which cannot occur between rows of one table, and each is one more entity in the
         wait set that this node builds a hundred times a second: they took a third of its CPU.
@@ -125,8 +125,8 @@ class Navigator(LupinNode):
     def _control(self) -> None:
         self._advance_clock()
         self._apply_release()
-        if self._worker.failed is not None:
-            raise RuntimeError("the planner's thread has ended") from self._worker.failed
+        if self._worker.failure is not None:
+            raise RuntimeError("the planner's thread crashed") from self._worker.failure
         self._paths.poll()
         self._forward_clicked_goal()
         if not self._servers.active or self._closing:
@@ -154,15 +154,15 @@ class Navigator(LupinNode):
         self._last_tick_ns = now_ns
 
     def _view(self) -> View:
-        around = self._robot_state
+        state = self._robot_state
         return View(
             now_s=self._elapsed_s,
-            odom_from_base=around.odom_from_base(),
-            map_from_odom=around.map_from_odom(),
-            velocity=around.velocity(),
-            local=around.local,
-            blind=around.blind(),
-            scan_age_s=around.scan_age_s(),
+            odom_from_base=state.odom_from_base(),
+            map_from_odom=state.map_from_odom(),
+            velocity=state.velocity(),
+            local=state.local,
+            lidar_fault=state.lidar_fault(),
+            scan_age_s=state.scan_age_s(),
         )
 
     def _drive(self, velocity: tuple[float, float, float]) -> None:
@@ -218,21 +218,21 @@ class Navigator(LupinNode):
         if self._executive.estop_engaged:
             self.get_logger().error(f"{graph.GOAL_POSE.name} refused: {ESTOP_ENGAGED}")
             return
-        self._clicked = plane_pose_message(pose, self.now_ns(), graph.MAP_FRAME), self._elapsed_s
+        self._clicked_goal = plane_pose_message(pose, self.now_ns(), graph.MAP_FRAME), self._elapsed_s
         if self._self_client is None:
             # Sent to this node's own action, as in Nav2, so that cancelling all goals also cancels a clicked one.
             self._self_client = self.action_client(graph.NAVIGATE_TO_POSE)
 
     def _forward_clicked_goal(self) -> None:
-        if self._clicked is None:
+        if self._clicked_goal is None:
             return
-        pose, since_s = self._clicked
+        pose, since_s = self._clicked_goal
         if self._self_client.server_is_ready():
             self._self_client.send_goal_async(interface(graph.NAVIGATE_TO_POSE.type).Goal(pose=pose))
-            self._clicked = None
+            self._clicked_goal = None
         elif self._elapsed_s - since_s > 5.0:
             self.get_logger().error(f"{graph.GOAL_POSE.name} dropped: this node's own action server was not discovered")
-            self._clicked = None
+            self._clicked_goal = None
 
     # -- map, costmaps, e-stop -----------------------------------------------------------------------------------------
     def _on_map(self, data: bytes) -> None:
@@ -250,14 +250,14 @@ class Navigator(LupinNode):
         if not engaged:
             return
         self._executive.set_estop(True)
-        if self._clicked is not None:
-            self._clicked = None
+        if self._clicked_goal is not None:
+            self._clicked_goal = None
             self.get_logger().error(f"{graph.GOAL_POSE.name} dropped: {ESTOP_ENGAGED}")
         if self._servers.active and not self._closing:
             self._finish(self._executive.tick(self._view()))
 
     def _apply_release(self) -> None:
-        """Release the executive once the goals that were queued behind the release are refused."""
+        """Release the executive once the goals that were queued before the release have been refused."""
         if self._released_ns is not None and time.monotonic_ns() - self._released_ns >= _DRAIN_NS:
             self._released_ns = None
             self._executive.set_estop(False)
@@ -290,10 +290,10 @@ class Navigator(LupinNode):
         return response
 
     def _clear_global(self, _request: Any, response: Any) -> Any:
-        self._worker.clear()
+        self._worker.clear_obstacles()
         return response
 
-    # -- end -----------------------------------------------------------------------------------------------------------
+    # -- shutdown ------------------------------------------------------------------------------------------------------
     def before_shutdown(self) -> None:
         """Publish zero velocity and give the clients a result."""
         self._closing = True

@@ -16,7 +16,7 @@ from lupin_runtime.navigation.recoveries import BehaviorLimits
 T = TypeVar("T")
 
 
-class Declares(Protocol):
+class ParameterNode(Protocol):
     """The part of LupinNode that declares parameters."""
 
     def parameter(self, name: str, default: Any) -> Any:
@@ -37,7 +37,7 @@ class CostmapSettings:
     width: float = 3.0
 
     def limits(self) -> ScanLimits:
-        """Ranges at which beams mark and clear."""
+        """Return the ranges at which beams mark and clear."""
         return ScanLimits(self.obstacle_max_range, self.raytrace_max_range, self.obstacle_min_range)
 
 
@@ -63,7 +63,7 @@ class Settings:
     velocity_threshold: float
 
 
-def declare_settings(node: Declares) -> Settings:
+def declare_settings(node: ParameterNode) -> Settings:
     """Declare all parameters on a node and read them."""
     radius = node.parameter("robot_radius", MppiParameters().robot_radius)
     inflation = Inflation(
@@ -71,34 +71,36 @@ def declare_settings(node: Declares) -> Settings:
         radius_m=node.parameter("inflation_layer.inflation_radius", Inflation().radius_m),
         scaling=node.parameter("inflation_layer.cost_scaling_factor", Inflation().scaling),
     )
-    goal, moves = GoalTolerance(), ExecutiveParameters()
+    tolerance, motion = GoalTolerance(), ExecutiveParameters()
     return Settings(
-        mppi=dataclasses.replace(declared(node, "FollowPath.", MppiParameters(), skip=("robot_radius",)), robot_radius=radius),
+        mppi=dataclasses.replace(
+            declare_all(node, "FollowPath.", MppiParameters(), skip=("robot_radius",)), robot_radius=radius
+        ),
         planner=dataclasses.replace(
-            declared(node, "GridBased.", PlannerParameters(), skip=("robot_radius_m",)), robot_radius_m=radius
+            declare_all(node, "GridBased.", PlannerParameters(), skip=("robot_radius_m",)), robot_radius_m=radius
         ),
         executive=dataclasses.replace(
-            moves,
-            failure_tolerance=node.parameter("failure_tolerance", moves.failure_tolerance),
+            motion,
+            failure_tolerance=node.parameter("failure_tolerance", motion.failure_tolerance),
             required_movement_radius=node.parameter(
-                "progress_checker.required_movement_radius", moves.required_movement_radius
+                "progress_checker.required_movement_radius", motion.required_movement_radius
             ),
-            required_movement_angle=node.parameter("progress_checker.required_movement_angle", moves.required_movement_angle),
-            movement_time_allowance=node.parameter("progress_checker.movement_time_allowance", moves.movement_time_allowance),
-            planner_period_s=1.0 / node.parameter("replanning_frequency", 1.0 / moves.planner_period_s),
-            max_recoveries=node.parameter("number_of_retries", moves.max_recoveries),
+            required_movement_angle=node.parameter("progress_checker.required_movement_angle", motion.required_movement_angle),
+            movement_time_allowance=node.parameter("progress_checker.movement_time_allowance", motion.movement_time_allowance),
+            planner_period_s=1.0 / node.parameter("replanning_frequency", 1.0 / motion.planner_period_s),
+            max_recoveries=node.parameter("number_of_retries", motion.max_recoveries),
             tolerance=GoalTolerance(
-                xy=node.parameter("goal_checker.xy_goal_tolerance", goal.xy),
-                yaw=node.parameter("goal_checker.yaw_goal_tolerance", goal.yaw),
-                fine_xy=node.parameter("goal_checker.fine_xy_tolerance", goal.fine_xy),
-                fine_yaw=node.parameter("goal_checker.fine_yaw_tolerance", goal.fine_yaw),
-                settle_s=node.parameter("goal_checker.settle_s", goal.settle_s),
+                xy=node.parameter("goal_checker.xy_goal_tolerance", tolerance.xy),
+                yaw=node.parameter("goal_checker.yaw_goal_tolerance", tolerance.yaw),
+                fine_xy=node.parameter("goal_checker.fine_xy_tolerance", tolerance.fine_xy),
+                fine_yaw=node.parameter("goal_checker.fine_yaw_tolerance", tolerance.fine_yaw),
+                settle_s=node.parameter("goal_checker.settle_s", tolerance.settle_s),
             ),
-            behaviors=declared(node, "behavior_server.", BehaviorLimits()),
+            behaviors=declare_all(node, "behavior_server.", BehaviorLimits()),
         ),
         inflation=inflation,
-        local=declared(node, "local_costmap.", LOCAL),
-        world=declared(node, "global_costmap.", GLOBAL, skip=("width", "resolution")),
+        local=declare_all(node, "local_costmap.", LOCAL),
+        world=declare_all(node, "global_costmap.", GLOBAL, skip=("width", "resolution")),
         feedback_hz=node.parameter("feedback_frequency", 5.0),
         transform_patience_s=node.parameter("transform_patience", 1.0),
         scan_patience_s=node.parameter("scan_patience", 1.0),
@@ -106,7 +108,7 @@ def declare_settings(node: Declares) -> Settings:
     )
 
 
-def declared(node: Declares, prefix: str, defaults: T, skip: tuple[str, ...] = ()) -> T:
+def declare_all(node: ParameterNode, prefix: str, defaults: T, skip: tuple[str, ...] = ()) -> T:
     """Declare a dataclass's fields as parameters and return it with their values; nested ones are prefixed by class name."""
     values: dict[str, Any] = {}
     for item in dataclasses.fields(defaults):  # type: ignore[arg-type]
@@ -114,7 +116,7 @@ def declared(node: Declares, prefix: str, defaults: T, skip: tuple[str, ...] = (
         if item.name in skip:
             continue
         if dataclasses.is_dataclass(default):
-            values[item.name] = declared(node, f"{prefix}{type(default).__name__}.", default)
+            values[item.name] = declare_all(node, f"{prefix}{type(default).__name__}.", default)
         else:
             values[item.name] = node.parameter(prefix + item.name, default)
     return dataclasses.replace(defaults, **values)  # type: ignore[type-var]

@@ -1,4 +1,4 @@
-"""Runs the global costmap and the planner in a thread, since a plan may take longer than a control cycle."""
+"""Runs the global costmap and the planner in a thread, since planning may take longer than a control cycle."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ Job = Callable[[], None]
 
 
 @dataclass
-class Ticket:
-    """A request; `answer` is set once, by the worker."""
+class PlanRequest:
+    """A request for a path. The worker sets `answer`; it ignores a request that is `abandoned` before its turn."""
 
     answer: Plan | NoPath | None = None
     planning_time_s: float = 0.0
@@ -29,45 +29,45 @@ class Ticket:
 
 
 class PlanWorker:
-    """Owns the global costmap. Every method returns at once; one thread does the work in order.
+    """Owns the global costmap. Methods only queue work for its thread and return at once, except `close`.
 
-    `failed` is the exception that ended the thread: the node checks it and ends as well.
+    `failure` is the exception that ended the thread; the node checks it and raises it again.
     """
 
     def __init__(self, costmap: GlobalCostmap, parameters: PlannerParameters) -> None:
         self._costmap = costmap
         self._parameters = parameters
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
-        self._current: Ticket | None = None
-        self._waiting: list[tuple[Ticket, Pose2, tuple[Pose2, ...], Pose2 | None]] = []
-        self.failed: BaseException | None = None
+        self._current: PlanRequest | None = None
+        self._waiting: list[tuple[PlanRequest, Pose2, tuple[Pose2, ...], Pose2 | None]] = []
+        self.failure: BaseException | None = None
         self._thread = threading.Thread(target=self._work, name="planner_server", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Stop the thread."""
+        """Stop the thread, and wait up to 2 s for it."""
         self._jobs.put(None)
         self._thread.join(2.0)
 
     # -- map and scans -------------------------------------------------------------------------------------------------
-    def set_map(self, decode: Callable[[], GridMap], refused: Callable[[str], None]) -> None:
-        """Set the map; it is decoded in the thread, and `refused` is called for one that is invalid."""
+    def set_map(self, decode: Callable[[], GridMap], on_invalid: Callable[[str], None]) -> None:
+        """Set the map. The thread calls `decode` and, if that raises ValueError, `on_invalid` with the reason."""
 
         def job() -> None:
             try:
                 grid = decode()
             except ValueError as error:
-                refused(str(error))
+                on_invalid(str(error))
                 return
             self._costmap.set_map(grid)
             waiting, self._waiting = self._waiting, []
-            for request in waiting:
-                self._plan(*request)
+            for arguments in waiting:
+                self._plan(*arguments)
 
         self._jobs.put(job)
 
     def observe(self, scan: RangeScan, poses: BeamPoses) -> None:
-        """Mark and clear with a scan, poses in the map frame."""
+        """Mark and clear obstacles with a scan; `poses` are those of the laser in the map frame."""
 
         def job() -> None:
             self._costmap.observe(scan, poses)
@@ -75,7 +75,7 @@ class PlanWorker:
         self._jobs.put(job)
 
     def snapshot(self, robot: Pose2 | None, deliver: Callable[[Costmap], None]) -> None:
-        """Call `deliver` with the inflated costmap, in the thread; not before the first map."""
+        """Call `deliver` with the inflated costmap in the thread, unless there is no map yet."""
 
         def job() -> None:
             if self._costmap.ready:
@@ -83,20 +83,24 @@ class PlanWorker:
 
         self._jobs.put(job)
 
+    def clear_obstacles(self) -> None:
+        """Forget the obstacles that are not in the map."""
+        self._jobs.put(self._costmap.clear)
+
     # -- plans ---------------------------------------------------------------------------------------------------------
-    def submit(self, start: Pose2, goals: Sequence[Pose2], robot: Pose2 | None) -> Ticket:
-        """Request a path from any start; at `robot` there is no obstacle. Before the first map the request waits."""
-        ticket = Ticket()
-        self._jobs.put(lambda: self._plan(ticket, start, tuple(goals), robot))
-        return ticket
+    def submit(self, start: Pose2, goals: Sequence[Pose2], robot: Pose2 | None) -> PlanRequest:
+        """Request a path from any start. Obstacle marks under `robot` are cleared. The request waits for the first map."""
+        request = PlanRequest()
+        self._jobs.put(lambda: self._plan(request, start, tuple(goals), robot))
+        return request
 
     def request(self, start: Pose2, goals: Sequence[Pose2]) -> None:
-        """Request a path for the executive, in place of its last request."""
+        """Request a path for the executive. It replaces the executive's last request."""
         self.drop()
         self._current = self.submit(start, goals, robot=start)
 
     def take(self) -> Plan | NoPath | None:
-        """Return the answer to the executive's request, once."""
+        """Return the answer to the executive's request, but only once; None before the answer and after it."""
         if self._current is None or self._current.answer is None:
             return None
         answer, self._current = self._current.answer, None
@@ -108,31 +112,27 @@ class PlanWorker:
             self._current.abandoned = True
         self._current = None
 
-    def clear(self) -> None:
-        """Forget the obstacles that are not in the map."""
-        self._jobs.put(self._costmap.clear)
-
-    def _plan(self, ticket: Ticket, start: Pose2, goals: tuple[Pose2, ...], robot: Pose2 | None) -> None:
-        if ticket.abandoned:
+    def _plan(self, request: PlanRequest, start: Pose2, goals: tuple[Pose2, ...], robot: Pose2 | None) -> None:
+        if request.abandoned:
             return
         if not self._costmap.ready:
-            self._waiting.append((ticket, start, goals, robot))
+            self._waiting.append((request, start, goals, robot))
             return
-        began = time.perf_counter()
+        started_s = time.perf_counter()
         answer = plan_through(self._costmap.snapshot(robot), start, goals, self._parameters)
-        ticket.planning_time_s = time.perf_counter() - began
-        ticket.answer = answer
+        request.planning_time_s = time.perf_counter() - started_s
+        request.answer = answer
 
     def _work(self) -> None:
         try:
             while (job := self._jobs.get()) is not None:
                 job()
-        except BaseException as error:  # logged and re-raised by the node's own thread
-            self.failed = error
+        except BaseException as error:  # raised again by the node's own thread
+            self.failure = error
 
 
 def plan_through(costmap: Costmap, start: Pose2, goals: Sequence[Pose2], parameters: PlannerParameters) -> Plan | NoPath:
-    """Plan one path from the start through all goals, or return why there is none."""
+    """Plan one path from the start through all goals, or return the reason why there is no path."""
     legs: list[NDArray[np.float64]] = []
     at = start.x, start.y
     try:
@@ -140,6 +140,6 @@ def plan_through(costmap: Costmap, start: Pose2, goals: Sequence[Pose2], paramet
             leg = plan(costmap, at, (goal.x, goal.y), parameters)
             legs.append(leg.points if not legs else leg.points[1:])
             at = leg.goal
-    except NoPath as refusal:
-        return refusal
+    except NoPath as no_path:
+        return no_path
     return Plan(np.vstack(legs))

@@ -29,12 +29,12 @@ class BehaviorLimits:
 
 
 class Behavior(Protocol):
-    """One recovery. `tick` returns the velocity to drive, or None once it has ended, successful or not."""
+    """One recovery. `tick` returns the velocity to drive, or None once the recovery has ended, successful or not."""
 
     name: str
 
     def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:
-        """`robot` and `costmap` are in the odometry frame."""
+        """Return the velocity to drive, or None at the end; `robot` and `costmap` are in the odometry frame."""
         ...
 
 
@@ -48,42 +48,42 @@ class Wait:
         self._until_s: float | None = None
 
     def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:  # noqa: ARG002 -- Behavior's signature
-        """Standstill until the time is over."""
+        """Return standstill until the time is over, then None."""
         if self._until_s is None:
             self._until_s = now_s + self._duration_s
         return STANDSTILL if now_s < self._until_s else None
 
 
 class Spin:
-    """Turn by `angle_rad`, slowing down towards its end; ends at once if the hull would touch."""
+    """Turn by `angle_rad`, slowing down towards the end; ends at once if the hull would touch an obstacle."""
 
     name = "spin"
 
     def __init__(self, angle_rad: float = math.pi / 2, limits: BehaviorLimits | None = None) -> None:
         self._limits = limits or BehaviorLimits()
-        self._left_rad = abs(angle_rad)
+        self._remaining_rad = abs(angle_rad)
         self._sign = math.copysign(1.0, angle_rad)
         self._last_yaw: float | None = None
         self._until_s: float | None = None
 
     def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:
-        """The turn rate from which the robot can stop within the remaining angle."""
+        """Return the turn rate from which the robot can stop within the remaining angle, or None at the end."""
         limits = self._limits
         if self._until_s is None or self._last_yaw is None:
-            self._until_s = now_s + 2.0 * self._left_rad / limits.min_rotational_vel
+            self._until_s = now_s + 2.0 * self._remaining_rad / limits.min_rotational_vel
         else:
-            self._left_rad -= self._sign * wrap_angle(robot.yaw - self._last_yaw)
+            self._remaining_rad -= self._sign * wrap_angle(robot.yaw - self._last_yaw)
         self._last_yaw = robot.yaw
         blocked = costmap.distance_at(robot.x, robot.y) < limits.turning_radius_m
-        if self._left_rad <= 0.0 or now_s > self._until_s or blocked:
+        if self._remaining_rad <= 0.0 or now_s > self._until_s or blocked:
             return None
-        speed = math.sqrt(2.0 * limits.rotational_acc_lim * self._left_rad)
+        speed = math.sqrt(2.0 * limits.rotational_acc_lim * self._remaining_rad)
         speed = min(limits.max_rotational_vel, max(limits.min_rotational_vel, speed))
         return 0.0, 0.0, self._sign * speed
 
 
 class BackUp:
-    """Drive `distance_m` away from obstacles: backwards if there is room, else in the direction with most clearance.
+    """Drive `distance_m` away from obstacles: backwards if there is room, else in the direction with the most clearance.
 
     Nav2's BackUp drives backwards only; a mecanum base can drive in every direction.
     """
@@ -99,7 +99,7 @@ class BackUp:
         self._until_s = math.inf
 
     def tick(self, robot: Pose2, costmap: Costmap, now_s: float) -> Velocity | None:
-        """The chosen direction at backup speed, while no obstacle ahead is nearer than the nearest one at the start."""
+        """Return a velocity in the chosen direction; None at the end, or if the path ahead comes too near to an obstacle."""
         speed = self._limits.backup_speed
         if self._start is None:
             self._start = robot
@@ -121,16 +121,19 @@ class BackUp:
             room = self._clearance_along(robot, costmap, heading, self._distance_m)
             if room is None:
                 continue
-            # A small penalty on other directions prefers backwards where clearance is equal.
+            # A small penalty on other directions, so that backwards is chosen if the clearance is equal.
             value = min(room, 0.5) - 0.02 * (1.0 - math.cos(turn))
             if best is None or value > best[0] + 1e-9:
                 best = value, heading
         return None if best is None else best[1]
 
     def _clearance_along(self, robot: Pose2, costmap: Costmap, heading: float, distance_m: float) -> float | None:
-        """Clearance in meters at the end of the path; None if the path comes nearer to an obstacle than the robot is now."""
+        """Return the clearance in meters at the end of the path; None if the path comes too near to an obstacle.
+
+        Too near is nearer than the robot is now, and than the radius within which it turns.
+        """
         clearance_now = costmap.distance_at(robot.x, robot.y)
-        # Half a cell of slack: distances jump by that much between cells.
+        # Half a cell of slack, because distances jump by that much between cells.
         min_clearance = min(clearance_now, self._limits.turning_radius_m + costmap.resolution_m) - 0.5 * costmap.resolution_m
         clearance = clearance_now
         steps = max(1, math.ceil(distance_m / (0.5 * costmap.resolution_m)))

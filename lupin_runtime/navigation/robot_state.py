@@ -27,7 +27,7 @@ class _FreshTransform:
     """One chain of moving transforms; fresh while its newest stamp changes.
 
     The node's own clock measures the time between changes. Stamps are not compared with it: the robot's clock may differ,
-    and a stamp from before a clock jump would look new for ever.
+    and a stamp from before a clock jump would look new forever.
     """
 
     def __init__(self, listener: TransformListener, target: str, source: str, patience_s: float) -> None:
@@ -35,22 +35,22 @@ class _FreshTransform:
         self._target, self._source = target, source
         self._patience_s = patience_s
         self._newest: int | None = None
-        self._moved_s = 0.0
+        self._changed_s = 0.0
 
     def pose(self, now_s: float) -> Pose2 | None:
-        """Return the newest pose, or None if there is none or it has stopped changing."""
+        """Return the newest pose; None if it is unknown or has stopped changing."""
         try:
             newest = self._tree.newest_ns(self._target, self._source)
             transform = self._tree.lookup(self._target, self._source)
         except TransformUnavailable:
             return None
         if newest != self._newest or newest is None:
-            self._newest, self._moved_s = newest, now_s
-        return transform.to_pose2() if now_s - self._moved_s <= self._patience_s else None
+            self._newest, self._changed_s = newest, now_s
+        return transform.to_pose2() if now_s - self._changed_s <= self._patience_s else None
 
 
 class RobotState:
-    """Subscribes to /tf and /scan. Scans are kept serialized until they are needed, since they arrive more often."""
+    """Subscribes to /tf and /scan. Scans stay serialized until they are used, since more arrive than are used."""
 
     def __init__(
         self,
@@ -85,22 +85,22 @@ class RobotState:
 
     # -- the robot -----------------------------------------------------------------------------------------------------
     def odom_from_base(self) -> Pose2 | None:
-        """The robot's pose in the odometry frame, if it is fresh."""
+        """Return the robot's pose in the odometry frame, if it is fresh."""
         pose = self._odometry_pose.pose(self._now_s())
         self._clear_stale_transforms(pose)
         return pose
 
     def map_from_odom(self) -> Pose2 | None:
-        """The localization's correction, if it is fresh."""
+        """Return the localization's correction, if it is fresh."""
         return self._correction.pose(self._now_s())
 
     def map_from_base(self) -> Pose2 | None:
-        """The robot's pose in the map, if it is fresh."""
+        """Return the robot's pose in the map, if it is fresh."""
         correction, odometry = self.map_from_odom(), self.odom_from_base()
         return None if correction is None or odometry is None else correction @ odometry
 
     def velocity(self) -> Velocity:
-        """The robot's velocity over the last _VELOCITY_NS of odometry; standstill if unknown.
+        """Return the robot's velocity over the last _VELOCITY_NS of odometry; standstill if unknown.
 
         It comes from the transforms, which are needed anyway: a subscription to the odometry topic would wake the executor
         another fifty times a second.
@@ -121,12 +121,12 @@ class RobotState:
         vx, vy, wz = (v if abs(v) >= self._threshold else 0.0 for v in (half[0] * scale, half[1] * scale, motion.yaw * scale))
         return vx, vy, wz
 
-    def blind(self) -> str | None:
-        """Why the lidar cannot be trusted, or None."""
+    def lidar_fault(self) -> str | None:
+        """Return why the lidar cannot be trusted, or None."""
         return self._lidar.reason(self._now_s())
 
     def scan_age_s(self) -> float:
-        """The age of the scan in the local costmap."""
+        """Return the age of the scan in the local costmap."""
         return self._lidar.age_s(self._now_s())
 
     def _clear_stale_transforms(self, pose: Pose2 | None) -> None:
@@ -142,7 +142,7 @@ class RobotState:
 
     # -- the lidar -----------------------------------------------------------------------------------------------------
     def update_local(self) -> tuple[RangeScan, BeamPoses] | None:
-        """Add the newest scan to the local costmap; returns it with its poses in the odometry frame, None if unusable."""
+        """Add the newest scan to the local costmap. Return it with the laser's poses in the odometry frame, or None."""
         base = self.odom_from_base()
         if base is None:
             return None

@@ -12,7 +12,7 @@ from lupin_runtime.navigation.costmap import Costmap
 from lupin_runtime.navigation.mppi import LocalPath
 from lupin_runtime.navigation.planning.paths import arc_lengths
 
-# The longest advance on the path in one cycle. It is short, so that a robot is not taken to be on a later part of the path that
+# The longest advance on the path in one cycle. With a longer one, the robot could be matched to a later part of the path that
 # returns on the other side of a table.
 _MAX_ADVANCE_M = 0.7
 
@@ -45,7 +45,7 @@ class TrackedPath:
     ) -> LocalPath:
         """Return the next `ahead_m` of the path in the odometry frame; `robot` is in that frame too.
 
-        A point is free where its distance to the nearest obstacle is more than `radius_m`.
+        A point is free if its distance to the nearest obstacle is more than `radius_m`.
         """
         end = int(np.searchsorted(self._arc_lengths_m, self._arc_lengths_m[self._index] + ahead_m, side="right"))
         part = self.points[self._index : max(end, self._index + 1)]
@@ -61,7 +61,7 @@ def _find_free_points(x: NDArray[np.float64], y: NDArray[np.float64], costmap: C
     height, width = costmap.distance_m.shape
     columns = np.floor((x - costmap.origin_x) / costmap.resolution_m).astype(np.int64)
     rows = np.floor((y - costmap.origin_y) / costmap.resolution_m).astype(np.int64)
-    inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    in_grid = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
     free: NDArray[np.bool_] = np.ones(len(x), np.bool_)
-    free[inside] = costmap.distance_m[rows[inside], columns[inside]] > radius_m
+    free[in_grid] = costmap.distance_m[rows[in_grid], columns[in_grid]] > radius_m
     return free

@@ -34,7 +34,7 @@ _HEADER_BYTES = 4
 
 
 def clock_ns(data: bytes) -> int:
-    """The time in nanoseconds of a serialized rosgraph_msgs/Clock."""
+    """Return the time in nanoseconds of a serialized rosgraph_msgs/Clock."""
     seconds, nanoseconds = (_LITTLE if data[1] & 1 else _BIG).unpack_from(data, _HEADER_BYTES)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
@@ -43,7 +43,7 @@ class ClockFollower:
     """Sets the ROS time of every attached node from `/clock`. Create it after `rclpy.init`; stop it before the shutdown."""
 
     def __init__(self, on_failure: Callable[[], None] = lambda: None) -> None:
-        """`on_failure` is called if the clock cannot be followed any more; as timers then stand still, it stops the process."""
+        """`on_failure` is called if the clock can no longer be followed; it must stop the process, whose timers stand still."""
         self._on_failure = on_failure
         self._node = Node(
             f"clock_{os.getpid()}",
@@ -66,7 +66,7 @@ class ClockFollower:
         self._thread = threading.Thread(target=self._run, name="clock", daemon=True)
 
     def attach(self, node: Node) -> None:
-        """Let a node's clock follow `/clock`; until the first message its time is zero."""
+        """Make a node's clock follow `/clock`; until the first message its time is zero."""
         clock: Any = node.get_clock()
         clock._set_ros_time_is_active(True)
         clock.set_ros_time_override(self._latest)
@@ -77,7 +77,7 @@ class ClockFollower:
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop following; returns when the thread has left the middleware."""
+        """Stop following; wait up to 2 s for the thread to leave the middleware."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(10 * _STOP_POLL_NS / 1e9)

@@ -25,13 +25,13 @@ _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 def interface(type_name: str) -> Any:
-    """The Python class of an interface such as `geometry_msgs/msg/Twist`."""
+    """Return the Python class of an interface such as `geometry_msgs/msg/Twist`."""
     package, kind, name = type_name.split("/")
     return getattr(importlib.import_module(f"{package}.{kind}"), name)
 
 
 def qos_profile(qos: Qos) -> QoSProfile:
-    """The rclpy profile of a QoS."""
+    """Return the rclpy profile of a QoS."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=qos.depth,
@@ -48,7 +48,7 @@ class LupinNode(Node):
     """
 
     simulated_time: ClassVar[bool] = False  # whether this process follows `/clock`; set before its nodes are created
-    # Why nothing may move now, by the supervisor of this process; empty where motion is allowed.
+    # Returns why nothing may move now according to the supervisor of this process; empty if motion is allowed.
     motion_hold: ClassVar[Callable[[], str]] = staticmethod(lambda: "")
 
     def __init__(self, name: str, parameters: dict[str, Any] | None = None, **options: Any) -> None:
@@ -61,56 +61,56 @@ class LupinNode(Node):
         return self.declare_parameter(name, default).value
 
     def before_shutdown(self) -> None:
-        """Called before the process leaves the graph; overridden by nodes that must stop motion or close a file."""
+        """Prepare for leaving the graph. Nodes that must stop motion or close a file override this."""
 
     def publisher(self, topic: Topic, qos: Qos | None = None) -> Publisher:
-        """A publisher with the row's type and QoS."""
+        """Return a publisher with the row's type and QoS."""
         return self.create_publisher(interface(topic.type), topic.name, qos_profile(qos or topic.qos))
 
     def subscription(
         self, topic: Topic, callback: Callable[[Any], None], qos: Qos | None = None, raw: bool = False
     ) -> Subscription:
-        """A subscription with the row's type and QoS; `qos` overrides the depth or asks for less than is offered."""
+        """Return a subscription with the row's type and QoS; `qos` overrides the depth or asks for less than is offered."""
         return self.create_subscription(interface(topic.type), topic.name, callback, qos_profile(qos or topic.qos), raw=raw)
 
     def service(self, row: Service, callback: Callable[[Any, Any], Any], group: CallbackGroup | None = None) -> RosService:
-        """A server of the row's service; the callback takes (request, response) and returns the response.
+        """Return a server of the row's service; the callback takes (request, response) and returns the response.
 
         A coroutine callback that awaits service calls needs a reentrant `group` that it shares with the clients of those calls.
         """
         return self.create_service(interface(row.type), row.name, callback, callback_group=group)
 
     def client(self, row: Service, group: CallbackGroup | None = None) -> Client:
-        """A client of the row's service. Never call it synchronously from a callback of the same node."""
+        """Return a client of the row's service. Never call it synchronously from a callback of the same node."""
         return self.create_client(interface(row.type), row.name, callback_group=group)
 
     def action_client(self, row: Action) -> ActionClient:
-        """A client of the row's action."""
+        """Return a client of the row's action."""
         return ActionClient(self, interface(row.type), row.name)
 
     def create_timer(self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **options: Any) -> Timer:
-        """Create a timer on simulated time under `/clock`, and else on the monotonic clock.
+        """Create a timer on simulated time if the process follows `/clock`, else on the monotonic clock.
 
-        rclpy's default is the wall clock: when that is stepped back by five minutes, every timer stops for five minutes,
-        including those of the drive bus and the e-stop.
+        rclpy's default is the wall clock: when it is stepped back by five minutes, every timer stops for five minutes, also in
+        the drive bus and the e-stop.
         """
         if options.get("clock") is None and not self.simulated_time:
             options["clock"] = _STEADY
         return super().create_timer(timer_period_sec, callback, *args, **options)
 
     def destroy_node(self) -> None:
-        """Destroy the node and its action servers and clients, which would keep it visible to others until its lease ends."""
+        """Destroy the node and its action servers and clients, which would keep it visible until its DDS lease expires."""
         for waitable in list(self.waitables):
             if isinstance(waitable, ActionServer | ActionClient):
                 waitable.destroy()
         super().destroy_node()
 
     def now_ns(self) -> int:
-        """ROS time for stamps: the simulator's under `/clock`, and else the system's."""
+        """Return ROS time for stamps: the simulator's if the process follows `/clock`, else the system's."""
         return int(self.get_clock().now().nanoseconds)
 
     def elapsed_clock_ns(self) -> int:
-        """The clock for timeouts: simulated under `/clock`, and else monotonic.
+        """Return the time for timeouts: simulated if the process follows `/clock`, else monotonic.
 
         A step of the wall clock then cannot lengthen or shorten a timeout that keeps the robot safe.
         """

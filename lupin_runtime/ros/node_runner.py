@@ -32,7 +32,7 @@ NodeFactory = Callable[[], Node]
 
 
 class _Spinner:
-    """A node with its executor and thread."""
+    """Spins one node with its own executor and thread."""
 
     def __init__(self, node: Node, on_failure: Callable[[], None]) -> None:
         self.node = node
@@ -40,9 +40,9 @@ class _Spinner:
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
         self._stopping = False
-        self._turned_ns = time.monotonic_ns()  # when the executor last handled an event
+        self._handled_ns = time.monotonic_ns()  # when the executor last handled an event
         self._woken_ns = 0
-        # In a group of its own, because a callback that awaits something keeps its group busy.
+        # In its own callback group, because a callback that awaits something keeps its group busy.
         self._wake = node.create_guard_condition(lambda: None, callback_group=ReentrantCallbackGroup())
         self.thread = threading.Thread(target=self._spin, name=node.get_name(), daemon=True)
 
@@ -50,7 +50,7 @@ class _Spinner:
         try:
             while rclpy.ok() and not self._stopping:
                 self._executor.spin_once()
-                self._turned_ns = time.monotonic_ns()
+                self._handled_ns = time.monotonic_ns()
         except ExternalShutdownException:
             pass
         except BaseException:
@@ -59,14 +59,14 @@ class _Spinner:
             self._on_failure()
 
     def responded_ns(self) -> int:
-        """Up to when the executor responds: now, or the time since which it leaves an event unhandled.
+        """Return the time up to which the executor responds: now, or when it was given an event that it has not handled yet.
 
-        An executor that has been idle for IDLE_S gets an event to handle.
+        An executor that has been idle for IDLE_S is given an event.
         """
-        now_ns, turned_ns = time.monotonic_ns(), self._turned_ns
-        if turned_ns < self._woken_ns:
+        now_ns, handled_ns = time.monotonic_ns(), self._handled_ns
+        if handled_ns < self._woken_ns:
             return self._woken_ns
-        if now_ns - turned_ns > IDLE_S * 1e9:
+        if now_ns - handled_ns > IDLE_S * 1e9:
             self._woken_ns = now_ns
             self._wake.trigger()
         return now_ns
@@ -80,7 +80,7 @@ class _Spinner:
             self.thread.join(STOP_GRACE_S)
 
     def destroy_node(self) -> None:
-        """Destroy the node, which others would else see until its lease of 20 s ends. Call it after `stop` of every spinner."""
+        """Destroy the node, which else stays visible until its DDS lease of 20 s expires. Call it once all spinners stopped."""
         if not self.thread.is_alive():
             self.node.destroy_node()
 
@@ -91,11 +91,11 @@ def run(
     ready: Callable[[Sequence[Node]], None] | None = None,
     supervision: Supervision | None = None,
 ) -> int:
-    """Create the nodes and run them until SIGTERM, SIGINT, SIGHUP or a failure; returns 0, or 1 after a failure.
+    """Create the nodes and run them until SIGTERM, SIGINT, SIGHUP or a failure; return 0, or 1 after a failure.
 
     `before_shutdown()` of a LupinNode is called while the graph still works, so that it can stop motion. With `simulated_time`
     one subscription to `/clock` serves all nodes of the process. `ready` is called with the nodes once they spin. `supervision`
-    gets heartbeats, and forbids motion.
+    receives heartbeats, and can forbid motion.
     """
     stop = threading.Event()
     failed = threading.Event()

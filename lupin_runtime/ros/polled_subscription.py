@@ -1,4 +1,4 @@
-"""A callback group for subscriptions that their owner polls, so that no executor waits for them."""
+"""A callback group for subscriptions that are polled by their owner, so that no executor waits for them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class PolledGroup(CallbackGroup):
         return False
 
     def beginning_execution(self, _entity: Any) -> bool:
-        """Refuse every execution, as `can_execute` does."""
+        """Refuse every execution, like `can_execute`."""
         return False
 
     def ending_execution(self, entity: Any) -> None:

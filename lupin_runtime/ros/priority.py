@@ -10,12 +10,12 @@ NICE = -10
 
 
 def serve_first() -> str:
-    """Request real-time scheduling for this process, or else a better nice value; returns a sentence that names the result.
+    """Request real-time scheduling for this process, or else a better nice value; return a sentence about the result.
 
     Use it only for processes that sleep most of the time: on a core that a real-time process keeps busy, the kernel leaves 5 %
     to the others. Linux keeps both values per thread and passes them on to threads that are started later, so the threads that
-    the middleware has already started are set one by one (sched(7)). Without the permission for either the process works as
-    before, but responds later under load.
+    the middleware has already started are set one by one (sched(7)). Without permission for either, the process works as before
+    but responds later under load.
     """
     threads = [int(entry.name) for entry in Path("/proc/self/task").iterdir()]
     refused = []
@@ -24,7 +24,7 @@ def serve_first() -> str:
             for thread in threads:
                 setter(thread)
         except ProcessLookupError:
-            return f"{name} scheduling for some of {len(threads)} threads; one ended meanwhile"
+            return f"{name} scheduling for some of {len(threads)} threads; one exited meanwhile"
         except PermissionError as error:
             refused.append(f"{name}: {error}")
         else:

@@ -6,28 +6,28 @@ from dataclasses import dataclass, field
 
 from rclpy.node import Node
 
-# A node that was killed stays in the graph until its lease of 20 s ends, and its successor has the same name.
+# A node that was killed stays in the graph until its DDS lease of 20 s expires, and its successor has the same name.
 SUCCESSION_S = 25.0
-# A node's endpoints are discovered before its name. A participant that is no ROS node never gets one.
+# A node's endpoints are discovered before its name. A participant that is not a ROS node never gets a name.
 NAMING_S = 3.0
 _UNNAMED = "_NODE_NAME_UNKNOWN_"  # rmw's text
 
 
 @dataclass
 class PublisherWatch:
-    """Names the publishers of `topic` other than one node called `expected`. `danger` says what they can do."""
+    """Reports publishers of `topic` other than one node called `expected`. `danger` says what they can do."""
 
     node: Node
     topic: str
     expected: str
     danger: str
-    _since_ns: dict[str, int] = field(default_factory=dict, init=False)  # when an excess was first seen
+    _since_ns: dict[str, int] = field(default_factory=dict, init=False)  # when each kind of intruder was first seen
 
     def alarms(self, now_ns: int) -> tuple[str, ...]:
-        """One sentence per intruder.
+        """Return one sentence per intruder.
 
-        A node of another name is one at once, one without a name after NAMING_S, and a second one of the expected name after
-        SUCCESSION_S.
+        A node with another name counts as an intruder at once, one without a name after NAMING_S, and a second node with the
+        expected name after SUCCESSION_S.
         """
         names = [endpoint.node_name for endpoint in self.node.get_publishers_info_by_topic(self.topic)]
         found = [f"the node {_printable(name)}" for name in sorted(set(names) - {self.expected, _UNNAMED})]
@@ -45,5 +45,5 @@ class PublisherWatch:
 
 
 def _printable(name: str) -> str:
-    """A node's name as text for a log line: it comes from the network."""
+    """Make a node's name, which comes from the network, safe for a log line."""
     return "".join(character if character.isprintable() else "?" for character in name)[:80]

@@ -14,16 +14,15 @@ from rclpy.subscription import Subscription
 from lupin_runtime import graph
 from lupin_runtime.ros.node import qos_profile
 
-QUEUE_DEPTH = 100  # of topics that the graph's table does not have
+QUEUE_DEPTH = 100  # for topics that are not in the graph's table
 
 
 class RawSubscription:
-    """Passes on every message of a topic as it was serialized; `receive` is called on the thread of the node's executor.
+    """Passes on every serialized message of a topic; `receive` is called on the thread of the node's executor.
 
-    `qos` is what all present publishers offer. `kept` holds the last messages of a latched topic, for those who ask late.
-    `depth` is how many messages may wait [as the graph's table says].
-    All methods are called on the thread of the node's executor. The constructor raises what rclpy raises for a name that is
-    not one of a topic, a different class for each fault.
+    `qos` is what all present publishers offer. `kept` holds the last messages of a latched topic, for readers that join late.
+    `depth` is the length of the queue; None uses that of the graph's table. All methods are called on the thread of the node's
+    executor. For an invalid topic name the constructor raises what rclpy raises, a different class for each fault.
     """
 
     def __init__(
@@ -40,7 +39,7 @@ class RawSubscription:
         self._open()
 
     def follow_publishers(self) -> None:
-        """Open the subscription again if the publishers now offer another QoS. To be called about once a second."""
+        """Open the subscription again if the publishers now offer another QoS. Call it about once a second."""
         qos = self._offered_qos()
         if qos is not None and qos != self.qos:
             self.close()
@@ -60,7 +59,7 @@ class RawSubscription:
         )
 
     def _take_all(self, data: bytes) -> None:
-        """Pass on a message, and all that wait behind it: a turn of the executor costs more than a message."""
+        """Pass on a message and all that wait behind it, because a cycle of the executor costs more than a message."""
         self._pass_on(data)
         for _ in range(self.qos.depth):
             subscription = self._subscription
@@ -78,7 +77,7 @@ class RawSubscription:
         self._receive(data)
 
     def _offered_qos(self) -> graph.Qos | None:
-        """What all present publishers offer; None without publishers."""
+        """Return what all present publishers offer; None without publishers."""
         offers = [info.qos_profile for info in self._node.get_publishers_info_by_topic(self._topic)]
         if not offers:
             return None
@@ -90,6 +89,6 @@ class RawSubscription:
 
 
 def _default_qos(topic: str) -> graph.Qos:
-    """What the graph's table says, or else reliable."""
+    """Return the QoS in the graph's table, or reliable for a topic that is not in it."""
     row = graph.topic(topic)
     return row.qos if row is not None else graph.Qos(reliable=True, depth=QUEUE_DEPTH)

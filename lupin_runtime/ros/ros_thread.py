@@ -19,16 +19,16 @@ _Result = TypeVar("_Result")
 
 
 class RosThread:
-    """Runs functions on the thread that spins the node, in the order in which they were given."""
+    """Runs functions on the thread that spins the node, in the order in which they were queued."""
 
     def __init__(self, node: Node) -> None:
         self._lock = threading.Lock()
         self._work: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
-        # In a group of its own, because a callback that awaits something keeps its group busy.
+        # In its own callback group, because a callback that awaits something keeps its group busy.
         self._wake = node.create_guard_condition(self._run_all, callback_group=ReentrantCallbackGroup())
 
     def run(self, function: Callable[[], _Result]) -> Future[_Result]:
-        """Queue a function; the future gets its result or exception. Wait for it on another thread only, with a bound."""
+        """Queue a function; the future gets its result or exception. Wait for it only on another thread, with a timeout."""
         future: Future[_Result] = Future()
         with self._lock:
             self._work.append((function, future))

@@ -44,7 +44,7 @@ class Notifier:
             self._send(f"STATUS={line}")
 
     def alive(self) -> None:
-        """Feed the watchdog when that is due; call it in every iteration of the main loop."""
+        """Notify the watchdog when it is due; call it in every iteration of the main loop."""
         now = time.monotonic()
         if self.watchdog_period_s and now >= self._watchdog_due_s:
             self._watchdog_due_s = now + self.watchdog_period_s

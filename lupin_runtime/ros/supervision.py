@@ -1,6 +1,6 @@
-"""A process's side of the channel to its supervisor: it ends with it, sends heartbeats, and learns when nothing may move.
+"""A process's end of the channel to its supervisor, which carries heartbeats and says when nothing may move.
 
-The supervisor holds the other end of the standard input of its processes, and the kernel closes it when the supervisor dies.
+The channel is the process's standard input. The kernel closes it when the supervisor dies, and the process then exits, too.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Supervision:
         self._received: Beat | None = None
 
     def start(self) -> None:
-        """Terminate this process when the stream ends: stop it, and kill it where stopping takes longer than ORPHAN_GRACE_S.
+        """Terminate this process when the stream ends: send SIGTERM, and exit if it still runs after ORPHAN_GRACE_S.
 
         A stream that is neither a pipe nor a socket, such as a terminal, is ignored.
         """
@@ -40,12 +40,12 @@ class Supervision:
         """Send a heartbeat: `node`, the slowest one, handled its events up to `responded_ns` of CLOCK_MONOTONIC."""
         if self._socket is None:
             return
-        # Where the supervisor has ended or does not read, it judges by what it has received.
+        # If the supervisor does not read, it judges by the heartbeats that it has received.
         with contextlib.suppress(OSError):
             self._socket.send(encode(Beat(responded_ns, node)), socket.MSG_DONTWAIT)
 
     def motion_hold(self) -> str:
-        """Why nothing may move now, by the supervisor or because it is silent; empty where motion is allowed."""
+        """Return why nothing may move now: the supervisor's reason, or that it is silent; empty if motion is allowed."""
         received = self._received
         if received is None:
             return ""
@@ -63,7 +63,7 @@ class Supervision:
         try:
             return os.read(self._stream, MAX_BYTES)
         except OSError:
-            return b""  # the supervisor was killed before it read the last heartbeats: the end is then a reset
+            return b""  # a reset: the supervisor was killed before it read the last heartbeats
 
 
 def end_with_parent() -> None:
@@ -72,7 +72,7 @@ def end_with_parent() -> None:
 
 
 def _mode(stream: int) -> int:
-    """The file mode of a descriptor; 0 where it is closed."""
+    """Return the file mode of a descriptor; 0 if it is closed."""
     try:
         return os.fstat(stream).st_mode
     except OSError:
@@ -80,7 +80,7 @@ def _mode(stream: int) -> int:
 
 
 def _beat_socket(stream: int) -> socket.socket | None:
-    """The stream as a socket for heartbeats. A remote shell's input is a socket too, but of another type."""
+    """Return the stream as a socket for heartbeats, or None. A remote shell's input is a socket, too, but of another type."""
     if not stat.S_ISSOCK(_mode(stream)):
         return None
     channel = socket.socket(fileno=os.dup(stream))

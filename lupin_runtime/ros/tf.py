@@ -13,7 +13,7 @@ from lupin_runtime.transforms import Transform, TransformTree
 
 
 def to_message(parent: str, child: str, time_ns: int, transform: Transform) -> TransformStamped:
-    """The TransformStamped of `transform`, which is `parent_from_child`."""
+    """Return the TransformStamped of `transform`, which is `parent_from_child`."""
     message = TransformStamped()
     message.header.stamp = stamp_from_ns(time_ns)
     message.header.frame_id = parent
@@ -25,7 +25,7 @@ def to_message(parent: str, child: str, time_ns: int, transform: Transform) -> T
 
 
 def from_message(message: TransformStamped) -> Transform:
-    """The transform `parent_from_child` of a TransformStamped."""
+    """Return the transform `parent_from_child` of a TransformStamped."""
     t, q = message.transform.translation, message.transform.rotation
     return Transform((t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
 
@@ -70,7 +70,7 @@ class TransformBroadcaster:
         self._moving.publish(TFMessage(transforms=list(transforms)))
 
     def send_static(self, *transforms: TransformStamped) -> None:
-        """Publish fixed transforms, in a message with all of this broadcaster's: a late joiner receives only the last one."""
+        """Publish fixed transforms in one message with all earlier ones, since a late joiner receives only the last message."""
         if self._fixed_publisher is None:
             self._fixed_publisher = self._node.publisher(graph.TF_STATIC)
         self._fixed.update((item.child_frame_id, item) for item in transforms)

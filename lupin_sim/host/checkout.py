@@ -1,4 +1,7 @@
-"""Runs Lupin's units from this checkout, without a deploy: its environment takes the place of the current release."""
+"""Lets a simulated robot run Lupin's units from this checkout, without a deploy.
+
+Does what a deploy would do: links this checkout's virtual environment as the current release, and configures logind.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ if TYPE_CHECKING:
 
 CURRENT_RELEASE = "/opt/lupin/current"
 UNITS = ("lupin-onboard.service", "lupin-cameras.service", "lupin-auto-home.service")
-# Sourced on the robot before Lupin's programs. The simulated computer has no ROS except the vendor's workspace.
+# Shell lines to run before a Lupin program. None sources /opt/ros: the simulated computer has only the vendor's workspace.
 SETUP_LINES = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
 LOGIND_CONFIG = "/etc/systemd/logind.conf.d/60-lupin.conf"
 RELOAD_LOGIND = "systemctl kill -s HUP systemd-logind"
@@ -22,21 +25,22 @@ LET_LOGIND_REMOVE_SHM = f"rm -f {LOGIND_CONFIG}; {RELOAD_LOGIND}"
 
 def keep_shared_memory(robot: Robot) -> None:
     """Configure logind as a deploy does, so shared memory outlives the operator's logins. Raises RuntimeError on failure."""
-    done = robot.inside("sh", "-ec", MAKE_LOGIND_KEEP_SHM)
+    done = robot.run_as_root("sh", "-ec", MAKE_LOGIND_KEEP_SHM)
     if done.status != 0:
         raise RuntimeError(f"logind of {robot.name} was not configured to keep shared memory: {done.stderr}")
 
 
 def link_checkout(robot: Robot) -> None:
-    """Make `/opt/lupin/current/venv` on the robot a link to this checkout's environment. Raises RuntimeError on failure.
+    """Link `/opt/lupin/current/venv` on the robot to this checkout's virtual environment. Raises RuntimeError on failure.
 
-    The units have a private /tmp, which would hide a checkout below /tmp; in that case they use the robot's /tmp instead.
+    The robot sees the environment at the same path, because this machine's folders are mounted there. The units have a private
+    /tmp, which would hide a checkout below /tmp; in that case they use the robot's /tmp instead.
     """
     script = f"mkdir -p {CURRENT_RELEASE}; ln -sfn {sys.prefix} {CURRENT_RELEASE}/venv\n"
     if sys.prefix.startswith(("/tmp/", "/var/tmp/")):
         for unit in UNITS:
             folder = f"/etc/systemd/system/{unit}.d"
             script += f"mkdir -p {folder}; printf '[Service]\\nPrivateTmp=no\\n' > {folder}/checkout.conf\n"
-    done = robot.inside("sh", "-ec", script)
+    done = robot.run_as_root("sh", "-ec", script)
     if done.status != 0:
         raise RuntimeError(f"the checkout could not be linked on {robot.name}: {done.stderr}")

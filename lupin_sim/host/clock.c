@@ -1,10 +1,10 @@
 /* The wall clock of one simulated computer, as a library that is preloaded into every program on it.
  *
- * All programs map one page. It holds what the wall clock showed at some instant of the machine's clock (that of the machine that
- * runs the simulation), the error of the crystal, and the corrections of a clock discipline. The functions below read and set the
- * time in this page, without a system call that could change the machine's clock. They cover calls through libc only: static
- * programs, file times and the kernel's timers on the real-time clock use the machine's clock. A user who cannot open the page for
- * writing may not set the clock.
+ * All programs map one page. It holds what the wall clock showed at some instant of the clock of the machine that runs the
+ * simulation ("the machine's clock"), the error of the crystal, and the corrections of a clock discipline. The functions below
+ * read and set the time in this page, without a system call that could change the machine's clock. They cover calls through libc
+ * only: static programs, file times and the kernel's timers on the real-time clock use the machine's clock. A user who cannot open
+ * the page for writing may not set the clock.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>

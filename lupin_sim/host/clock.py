@@ -48,7 +48,7 @@ class Clock:
 
     def __init__(self, path: Path) -> None:
         path.write_bytes(bytes(mmap.PAGESIZE))
-        path.chmod(0o644)  # a user who may write the page may set the clock: only root
+        path.chmod(0o644)  # who can write the page can set the clock, so only root may
         with path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), mmap.PAGESIZE)
         self.reset()
@@ -92,7 +92,7 @@ class Clock:
 
 
 def clock_library() -> Path:
-    """The compiled clock.c, from the cache if it is there. Raises RootError."""
+    """Return the path of the compiled clock.c; compile it if the cache does not have it. Raises RootError."""
     name = hashlib.sha256(SOURCE.read_bytes()).hexdigest()[:16]
     built = cache_directory() / f"clock-{name}.so"
     if not built.exists():

@@ -18,14 +18,14 @@ from lupin_sim.host.namespaces import CLEAN_ENVIRONMENT, popen_in
 from lupin_sim.host.overlay import Identity, write_overlay
 from lupin_sim.host.prerequisites import cgroup_roots
 
-REBOOT_STATUS = 133  # nspawn with --keep-unit exits with this on a reboot; the caller has to start it again
+REBOOT_STATUS = 133  # status of nspawn with --keep-unit after a reboot; the caller has to start it again
 SIGRTMIN_POWEROFF = signal.SIGRTMIN + 4
-POWEROFF_LIMIT_S = 20.0
+POWEROFF_TIMEOUT_S = 20.0
 
 
 @dataclass(frozen=True)
 class CommandResult:
-    """How a command on the robot ended."""
+    """The exit status and output of a command on the robot."""
 
     status: int
     stdout: str
@@ -33,7 +33,7 @@ class CommandResult:
 
 
 class Computer(Protocol):
-    """What the daemon and the faults need of a backend. All methods raise ComputerError."""
+    """The interface of a backend, as the daemon and the faults use it. Its methods may raise ComputerError."""
 
     identity: Identity
     clock: Clock
@@ -51,40 +51,42 @@ class Computer(Protocol):
         """Switch it on; returns before it has booted."""
 
     def power_cut(self) -> None:
-        """Cut its power: every process ends at once."""
+        """Cut its power: every process is killed at once."""
 
     def power_off(self) -> None:
-        """Shut it down: systemd stops everything in order. Its power is cut after POWEROFF_LIMIT_S."""
+        """Shut it down: systemd stops everything in order. Its power is cut after POWEROFF_TIMEOUT_S."""
 
     def wipe(self) -> None:
-        """Restore the original disk and clock. Only while it is off."""
+        """Restore the original disk and clock; it must be off."""
 
-    def inside(self, command: Sequence[str], stdin: str = "", timeout_s: float = 20.0) -> CommandResult:
-        """Run a command on it as root, without using its network."""
+    def run_as_root(self, command: Sequence[str], stdin: str = "", timeout_s: float = 20.0) -> CommandResult:
+        """Run a command on it as root, without a connection over its network."""
 
-    def popen_inside(self, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
+    def popen_as_root(self, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
         """Start a command on it as root. `options` are those of subprocess.Popen."""
 
     def freeze(self, frozen: bool) -> None:
         """Suspend all of its processes, or resume them."""
 
     def limit_disk(self, size_mb: int | None) -> None:
-        """Set the size of what it may have written in all; None restores the original size."""
+        """Set the size of its disk, which holds only what it has written; None restores the original size."""
 
     def disk_used_mb(self) -> int:
-        """How much it has written, rounded up."""
+        """The size of what it has written to its disk, MB, rounded up."""
 
 
 class ComputerError(Exception):
-    """The computer is not in a state for this request."""
+    """The computer cannot do what was requested."""
 
 
 @dataclass(frozen=True)
 class Hardware:
     """The equipment of a simulated computer.
 
+    own_clock: it has its own wall clock, see clock.py.
     binds: folders of this machine, mounted read-only at the same path.
-    robot: what mirte-ros.service launches, as assignments of ROBOT_PROJECT, ROBOT_PYTHON and ROBOT_ARGUMENTS.
+    robot: the simulated robot that mirte-ros.service launches, as shell assignments of ROBOT_PROJECT, ROBOT_PYTHON and
+        ROBOT_ARGUMENTS; None for no simulated robot.
     """
 
     disk_mb: int = 4096
@@ -156,7 +158,7 @@ class NspawnComputer:
             if (leader := self._leader()) is not None:
                 os.kill(leader, SIGRTMIN_POWEROFF)
         try:
-            self._wait_off(POWEROFF_LIMIT_S)
+            self._wait_off(POWEROFF_TIMEOUT_S)
         except ComputerError:
             self.power_cut()
 
@@ -168,17 +170,17 @@ class NspawnComputer:
         self._insert_disk()
         self.clock.reset()
 
-    def inside(self, command: Sequence[str], stdin: str = "", timeout_s: float = 20.0) -> CommandResult:
+    def run_as_root(self, command: Sequence[str], stdin: str = "", timeout_s: float = 20.0) -> CommandResult:
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        with self.popen_inside(command, text=True, errors="replace", **pipes) as process:
+        with self.popen_as_root(command, text=True, errors="replace", **pipes) as process:
             try:
                 stdout, stderr = process.communicate(stdin, timeout=timeout_s)
             except subprocess.TimeoutExpired:
                 process.kill()
-                raise ComputerError(f"{' '.join(command)[:80]} did not end within {timeout_s:g} s") from None
+                raise ComputerError(f"{' '.join(command)[:80]} did not exit within {timeout_s:g} s") from None
         return CommandResult(process.returncode, stdout, stderr)
 
-    def popen_inside(self, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
+    def popen_as_root(self, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
         leader = self._leader()
         if leader is None:
             raise ComputerError(f"{self.identity.name} is off")
@@ -186,7 +188,7 @@ class NspawnComputer:
         try:
             namespaces = {kind: os.open(f"/proc/{leader}/ns/{kind}", os.O_RDONLY | os.O_CLOEXEC) for kind in kinds}
         except OSError as error:
-            raise ComputerError(f"{self.identity.name} went off just now: {error}") from None
+            raise ComputerError(f"{self.identity.name} has just been switched off: {error}") from None
         try:
             return popen_in(namespaces, command, env=CLEAN_ENVIRONMENT, cwd="/", **options)
         finally:
@@ -229,8 +231,8 @@ class NspawnComputer:
         mount("-t", "overlay", "-o", options, "overlay", str(merged))
 
     def _start(self) -> subprocess.Popen[bytes]:
-        """Boot it, in a new network namespace, since a reboot forgets routes and rules, and in a new time namespace, so that
-        its uptime starts at 0."""
+        """Boot it in a new network namespace, because a reboot loses routes and rules, and in a new time namespace, so that its
+        uptime starts at 0."""
         self.boots += 1
         for cgroup in self._cgroups:
             cgroup.mkdir(parents=True, exist_ok=True)
@@ -249,7 +251,7 @@ class NspawnComputer:
             assert process.stdin is not None and process.stdout is not None
             if process.stdout.readline() != b"ready\n":
                 process.wait()
-                raise ComputerError(f"{self.identity.name} did not get its own namespaces: {self._console_tail()}")
+                raise ComputerError(f"{self.identity.name} could not create its namespaces: {self._console_tail()}")
             self._plug(process.pid)
             threading.Thread(target=_drain, args=(process.stdout, self.console), daemon=True).start()
             process.stdin.write(b"go\n")
@@ -270,7 +272,7 @@ class NspawnComputer:
         return command
 
     def _watch(self) -> None:
-        """Wait until it goes off; boot it again after a reboot."""
+        """Wait until nspawn exits; boot the computer again after a reboot."""
         while True:
             process = self._process
             assert process is not None
@@ -288,12 +290,12 @@ class NspawnComputer:
                     self._process = None
                     return
 
-    def _wait_off(self, limit_s: float = 10.0) -> None:
+    def _wait_off(self, timeout_s: float = 10.0) -> None:
         watcher = self._watcher
         if watcher is not None:
-            watcher.join(limit_s)
+            watcher.join(timeout_s)
             if watcher.is_alive():
-                raise ComputerError(f"{self.identity.name} is still on after {limit_s:g} s: {self._console_tail()}")
+                raise ComputerError(f"{self.identity.name} is still on after {timeout_s:g} s: {self._console_tail()}")
 
     def _leader(self) -> int | None:
         """The PID of the robot's systemd: the first descendant of nspawn that is in another PID namespace than this process."""
@@ -306,7 +308,7 @@ class NspawnComputer:
                     return pid
                 pending += [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
             except OSError:
-                continue  # it has just ended
+                continue  # the process has just exited
         return None
 
     def _console_tail(self) -> str:
@@ -322,12 +324,12 @@ def _drain(pipe: IO[bytes], console: Path) -> None:
 
 
 def mount(*arguments: str) -> None:
-    """Run the program `mount` of this machine. Raises ComputerError."""
+    """Run the program `mount` on this machine. Raises ComputerError."""
     _call("mount", *arguments)
 
 
 def unmount(folder: Path) -> None:
-    """Call the program umount(8). Raises ComputerError."""
+    """Run the program `umount` on this machine. Raises ComputerError."""
     _call("umount", str(folder))
 
 

@@ -1,7 +1,8 @@
 """The daemon of a host: it owns the network and the simulated computers, and serves requests on a Unix socket.
 
-It is the first process of its own PID and mount namespaces, so the kernel kills everything that it started when it ends, even
-by SIGKILL. It ends on a request, on SIGTERM, or when its standard input is closed: then the process that started it has ended.
+It is the first process of its own PID and mount namespaces: when it exits, even by SIGKILL, the kernel kills everything that it
+started. It exits on a request or on SIGTERM; with the setting `lifeline`, also when its standard input is closed, that is, when
+the process that started it exits.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ class Daemon:
             )
             self.computers.append(computer)
         self.injector = FaultInjector(FAULTS, self.network, self.computers, root, folder)
-        self._lock = threading.Lock()  # held by requests that change something; `inside` and `status` do not need it
-        self.ended = threading.Event()
+        self._lock = threading.Lock()  # held by requests that change something; `run_as_root` and `status` do not need it
+        self.stop_requested = threading.Event()
         self._verbs: dict[str, Callable[[Message], Any]] = {
             "status": self._status,
             "on": lambda request: self._computer(request).power_on(),
@@ -61,7 +62,7 @@ class Daemon:
             "reset": self._reset,
             "fault": self._fault,
             "ntp": lambda request: self.injector.serve_ntp(request["mode"]),
-            "end": lambda _: self.ended.set(),
+            "end": lambda _: self.stop_requested.set(),
         }
 
     def handle(self, connection: socket.socket) -> None:
@@ -75,8 +76,8 @@ class Daemon:
                 if verb == "laptop":
                     self._send_laptop(connection)
                     return
-                if verb == "inside":
-                    reply: Message = {"value": self._inside(request)}
+                if verb == "run_as_root":
+                    reply: Message = {"value": self._run_as_root(request)}
                 elif verb == "status":
                     reply = {"value": self._status(request)}
                 else:
@@ -91,7 +92,7 @@ class Daemon:
             try:
                 connection.sendall(json.dumps(reply).encode() + b"\n")
             except OSError:
-                return  # the client has ended
+                return  # the client has disconnected
 
     def close(self) -> None:
         """Cut the power of all robots and remove the host's cgroups."""
@@ -105,8 +106,8 @@ class Daemon:
     def _computer(self, request: Message) -> Computer:
         return self.computers[int(request.get("robot", 0))]
 
-    def _inside(self, request: Message) -> list[Any]:
-        done = self._computer(request).inside(
+    def _run_as_root(self, request: Message) -> list[Any]:
+        done = self._computer(request).run_as_root(
             request["command"], request.get("stdin", ""), float(request.get("timeout_s", 20.0))
         )
         return [done.status, done.stdout, done.stderr]
@@ -142,7 +143,7 @@ class Daemon:
         return {"robots": robots, "ntp": self.injector.ntp_mode}
 
     def _send_laptop(self, connection: socket.socket) -> None:
-        """Send the laptop's namespaces as open descriptors: PIDs of this namespace have no meaning outside of it."""
+        """Send the laptop's namespaces as open descriptors: PIDs of this namespace have no meaning outside it."""
         message = json.dumps({"value": list(self.network.laptop)}).encode() + b"\n"
         socket.send_fds(connection, [message], list(self.network.laptop.values()))
 
@@ -158,23 +159,23 @@ def main() -> int:
     folder: Path = arguments.folder
     os.umask(0o022)
 
-    ended = threading.Event()
+    stop_requested = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: ended.set())
+        signal.signal(number, lambda *_: stop_requested.set())
     daemon: Daemon | None = None
     server = socket.socket(socket.AF_UNIX)
     try:
         daemon = Daemon(folder, arguments.root, int(arguments.settings["robots"]), hardware)
-        daemon.ended = ended
+        daemon.stop_requested = stop_requested
         for computer in daemon.computers:
             computer.power_on()
         server.bind(str(folder / "control"))
         server.listen(64)
         threading.Thread(target=_serve, args=(server, daemon), daemon=True).start()
         if arguments.settings["lifeline"]:
-            threading.Thread(target=_watch_lifeline, args=(ended,), daemon=True).start()
+            threading.Thread(target=_watch_lifeline, args=(stop_requested,), daemon=True).start()
         print("up", flush=True)
-        while not ended.wait(60.0):
+        while not stop_requested.wait(60.0):
             pass
         return 0
     except (ComputerError, NetworkError, OSError) as error:
@@ -187,7 +188,7 @@ def main() -> int:
 
 
 def mount_private_folder(folder: Path) -> Path:
-    """Mount a folder in memory that only this mount namespace sees, and another for the locks of nspawn in /run/systemd."""
+    """Mount a tmpfs that only this mount namespace sees, and another on /run/systemd for nspawn's locks. Returns the first."""
     private = folder / "private"
     private.mkdir()
     mount("-t", "tmpfs", "-o", "mode=755,size=256M", "tmpfs", str(private))
@@ -205,11 +206,11 @@ def _serve(server: socket.socket, daemon: Daemon) -> None:
         threading.Thread(target=daemon.handle, args=(connection,), daemon=True).start()
 
 
-def _watch_lifeline(ended: threading.Event) -> None:
+def _watch_lifeline(stop_requested: threading.Event) -> None:
     """Stop the daemon when its standard input is closed."""
     while os.read(0, 4096):
         pass
-    ended.set()
+    stop_requested.set()
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from lupin_sim.host.network import Network
 Settings = Mapping[str, Any]
 FaultAction = Callable[["FaultInjector", Computer, Settings], None]
 NTP_PORT = 123
-NTP_LIMIT_S = 10.0
+NTP_TIMEOUT_S = 10.0
 
 
 class FaultError(Exception):
@@ -29,10 +29,10 @@ class Fault:
     """One row of the table of faults.
 
     summary: what is broken, for `lupin sim host fault`.
-    inject, undo: make the fault and undo it. `undo` is None for a one-time fault, such as a reboot.
-    settings: its settings, with the default values.
+    inject, undo: the actions that inject and undo it. `undo` is None for a one-time fault, such as a reboot.
+    settings: its settings with their default values.
     external: its cause is outside the simulated computer, so a new disk and a new boot do not undo it.
-    link_settings: what the link emulator has to do on the fault's link while the fault is active.
+    link_settings: returns the settings of the link emulator on the fault's link while the fault is active.
     """
 
     summary: str
@@ -44,7 +44,7 @@ class Fault:
 
 
 class FaultKey(NamedTuple):
-    """Identifies an active fault. `link` is "" for a fault without one; others may be active on both links of a robot."""
+    """Identifies an active fault. `link` is "" for a fault without a link; a fault with one may be active on both links."""
 
     robot: int
     fault: str
@@ -86,7 +86,7 @@ class FaultInjector:
                 fault.undo(self, computer, self._active.pop(each, chosen))
 
     def _look_up(self, computer: Computer, name: str, settings: Settings) -> tuple[Fault, Settings, FaultKey]:
-        """A fault, its settings with defaults, and the key of its record. Raises FaultError."""
+        """Return a fault, its settings with the defaults filled in, and the key of its record. Raises FaultError."""
         fault = self.table.get(name)
         if fault is None:
             raise FaultError(f"there is no fault {name!r}; there are: {', '.join(sorted(self.table))}")
@@ -112,7 +112,7 @@ class FaultInjector:
         return [key.fault for key in self._active if key.robot == computer.identity.index]
 
     def prepare_reset(self, computer: Computer) -> None:
-        """Undo those faults of the simulated computer that its new disk and its new boot do not undo; all records end.
+        """Undo the faults of the simulated computer that a new disk and a new boot do not undo, and remove the records of all.
 
         Also stops the laptop's NTP server.
         """
@@ -139,7 +139,8 @@ class FaultInjector:
     def serve_ntp(self, mode: str) -> None:
         """Switch the laptop's NTP server: "serving", "silent" (it runs without `allow`, as Debian installs it) or "off".
 
-        It is the chronyd of the simulated computers' root file system, with -x: it never changes a clock. Raises FaultError.
+        The server is the chronyd of the simulated computers' root file system, with -x, so it never changes a clock. Raises
+        FaultError.
         """
         if mode not in ("serving", "silent", "off"):
             raise FaultError(f"expected the NTP server to be serving, silent or off, found {mode!r}")
@@ -153,7 +154,7 @@ class FaultInjector:
         directives = ["local stratum 8", "cmdport 0"]
         if mode == "serving":
             directives += ["allow 10.42.0.0/24", "allow 192.168.42.0/24"]
-        # chronyd writes only to /run, which is a tmpfs of the laptop's own mounts: the shared root stays unchanged.
+        # chronyd writes only to /run, which is a tmpfs in the laptop's mount namespace, so the shared root stays unchanged.
         run = f"{self._robot_rootfs}/run"
         self.network.run_on_laptop("sh", "-ec", f"mountpoint -q {run} || mount -t tmpfs tmpfs {run}")
         self.network.run_on_laptop("rm", "-rf", f"{run}/chrony")
@@ -169,11 +170,11 @@ class FaultInjector:
             )
         if mode == "silent":
             return  # without `allow` it does not even listen
-        deadline = time.monotonic() + NTP_LIMIT_S
+        deadline = time.monotonic() + NTP_TIMEOUT_S
         while f":{NTP_PORT:04X} " not in Path(f"/proc/{self.network.laptop_pid}/net/udp").read_text():
             if self._ntp.poll() is not None or time.monotonic() > deadline:
                 raise FaultError(
-                    f"the laptop's chronyd did not open UDP port {NTP_PORT} within {NTP_LIMIT_S:g} s; see {console}:"
+                    f"the laptop's chronyd did not open UDP port {NTP_PORT} within {NTP_TIMEOUT_S:g} s; see {console}:"
                     f" {console.read_text()[-300:].strip()}"
                 )
             time.sleep(0.02)
@@ -184,7 +185,7 @@ def run_script(computer: Computer, script: str, *arguments: str, timeout_s: floa
 
     Raises FaultError.
     """
-    done = computer.inside(["sh", "-ec", script, "sh", *arguments], timeout_s=timeout_s)
+    done = computer.run_as_root(["sh", "-ec", script, "sh", *arguments], timeout_s=timeout_s)
     if done.status:
         reason = done.stderr.strip()[-300:] or script.strip()[:120]
         raise FaultError(f"the fault's script failed on the robot with status {done.status}: {reason}")

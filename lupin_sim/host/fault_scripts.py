@@ -11,7 +11,7 @@ DROP_IN = "/run/systemd/system/{unit}.service.d/fault.conf"
 READ_ONLY = "/etc /home /opt /srv /usr /var"
 PORT_HOLDER_UNIT = "lupin-fault-port-"
 RACE_LOST = "wasn't able to allocate the specified listening port"
-RACE_LIMIT_S = 20
+RACE_TIMEOUT_S = 20
 
 
 def script(text: str, *settings: str, timeout_s: float = 30.0) -> FaultAction:
@@ -36,7 +36,7 @@ KILL_SERVER = """
 pkill -x fast-discovery- || true
 for _ in $(seq 100); do pgrep -x fast-discovery- >/dev/null || break; sleep 0.1; done
 """
-# The server is terminated as well, as by a boot: one that a fix started outlives a restart of the vendor's stack.
+# Terminates the server too, as a reboot would: a server that a fix started outlives a restart of the vendor's stack.
 STOP_ROS = f"""
 systemctl stop mirte-ros
 {KILL_SERVER}"""
@@ -54,7 +54,7 @@ systemctl reset-failed mirte-ros 2>/dev/null || true
 systemctl start mirte-ros
 """
 WAIT_FOR_LOST_RACE = f"""
-for _ in $(seq {RACE_LIMIT_S * 10}); do
+for _ in $(seq {RACE_TIMEOUT_S * 10}); do
   journalctl --unit=mirte-ros --since="$1" --output=cat --no-pager | grep -q "{RACE_LOST}" && exit
   sleep 0.1
 done
@@ -72,12 +72,12 @@ def lose_boot_race(_: FaultInjector, computer: Computer, settings: Settings) -> 
         raise FaultError(f"expected the cause port or path, found {settings['cause']!r}")
     run_script(computer, STOP_ROS)
     since = run_script(computer, "date '+%Y-%m-%d %H:%M:%S'").strip()
-    with computer.popen_inside(["python3", "-c", HOLD_PORT], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as port_holder:
+    with computer.popen_as_root(["python3", "-c", HOLD_PORT], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as port_holder:
         assert port_holder.stdout is not None
         if port_holder.stdout.readline() != b"bound\n":
             raise FaultError("port 11811 is still taken; to see by what, run on the robot: sudo ss -lnup")
         run_script(computer, "systemctl start mirte-ros")
-        run_script(computer, WAIT_FOR_LOST_RACE, since, timeout_s=RACE_LIMIT_S + 10.0)
+        run_script(computer, WAIT_FOR_LOST_RACE, since, timeout_s=RACE_TIMEOUT_S + 10.0)
         # Leaving the block closes the holder's standard input, which terminates it and frees the port.
 
 
@@ -89,7 +89,7 @@ systemctl start mirte-ap mirte-wifi-watchdog
 """
 
 SERVER_UNIT = "lupin-fault-server"
-# A DDS profile left in the server's environment has this effect: it answers on one of the robot's addresses only.
+# A DDS profile left in the server's environment has this effect: the server answers on only one of the robot's addresses.
 PIN_SERVER = f"""
 {KILL_SERVER}
 systemd-run --quiet --collect --unit={SERVER_UNIT} --uid=mirte fast-discovery-server -i 0 -l "$1" -p 11811
@@ -123,7 +123,7 @@ while "/dev/shm/fastrtps_" not in pathlib.Path("/proc/self/maps").read_text() an
 os.kill(os.getpid(), {signal})
 """
 KILLED_PARTICIPANT = PARTICIPANT.format(name="killed", signal=9)
-# Hangs as after a failed Ctrl-C: it holds its ports and answers nothing.
+# Hangs like a program after a failed Ctrl-C: it holds its ports and does not respond.
 STOPPED_PARTICIPANT = PARTICIPANT.format(name="zombie", signal=19)
 DDS_ENVIRONMENT = "env -i PATH=/usr/bin:/bin ROS_LOG_DIR=/tmp/lupin-fault-$1 RMW_IMPLEMENTATION=rmw_fastrtps_cpp"
 LEAVE_ORPHANS = """
@@ -151,13 +151,13 @@ for lock in glob.glob("/dev/shm/fastrtps_*_el"):
 
 
 def leave_segments(_: FaultInjector, computer: Computer, settings: Settings) -> None:
-    """Kill real DDS participants, so that their shared-memory segments stay."""
+    """Kill real DDS participants, which leaves their shared-memory segments behind."""
     text = LEAVE_ORPHANS.format(environment=DDS_ENVIRONMENT, python=computer.project_python)
     run_script(computer, text, settings["user"], str(settings["count"]), KILLED_PARTICIPANT, timeout_s=60.0)
 
 
 def remove_segments(before: str = "true", after: str = "true") -> FaultAction:
-    """The action that removes the segments of ended participants, between two shell scripts."""
+    """The action that removes the segments of dead participants, between two shell scripts."""
 
     def run(_: FaultInjector, computer: Computer, __: Settings) -> None:
         run_script(computer, before)
@@ -243,7 +243,7 @@ systemctl daemon-reload
 """
 DISABLE_DISCOVERY_SERVER = "echo 'export MIRTE_FASTDDS=false' > /home/mirte/.mirte_settings.sh; systemctl restart mirte-ros"
 ENABLE_DISCOVERY_SERVER = "echo 'export MIRTE_FASTDDS=true' > /home/mirte/.mirte_settings.sh; systemctl restart mirte-ros"
-# As Debian and Ubuntu ship it: chrony steps the clock of a live stack at the first answer of a source that is far off.
+# As Debian and Ubuntu configure it: chrony steps the clock under a live stack if a source's first answers are far off.
 ALLOW_STEPS = "sed -i '/makestep/d' /etc/chrony/chrony.conf; echo 'makestep 1 3' >> /etc/chrony/chrony.conf"
 FORBID_STEPS = "sed -i 's/^ *makestep/#makestep/' /etc/chrony/chrony.conf"
 UNIT_STATE = """

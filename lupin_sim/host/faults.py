@@ -57,7 +57,7 @@ def _serve_ntp(mode: str) -> FaultAction:
 
 
 def _reboot(_: FaultInjector, computer: Computer, __: Settings) -> None:
-    computer.inside(["systemctl", "--no-block", "reboot"])
+    computer.run_as_root(["systemctl", "--no-block", "reboot"])
 
 
 def _activate_controllers(injector: FaultInjector, computer: Computer, _: Settings) -> None:
@@ -74,7 +74,7 @@ FAULTS: dict[str, Fault] = {
         external=True,
     ),
     "switch-dead": Fault(
-        "the switch is dead, or WiFi is out of range: both ends keep their carrier, no frame passes",
+        "the switch is dead, or WiFi is out of range: both ends keep their carrier, but no frame passes",
         inject=_set_switch_dead(True),
         undo=_set_switch_dead(False),
         settings=WIRED,
@@ -127,13 +127,13 @@ FAULTS: dict[str, Fault] = {
     ),
     "reboot": Fault("the robot reboots cleanly", inject=_reboot, undo=None),
     "frozen": Fault(
-        "the robot hangs: its network accepts connections, no process answers",
+        "the robot hangs: its network accepts connections, but no process responds",
         inject=lambda _, computer, __: computer.freeze(True),
         undo=lambda _, computer, __: computer.freeze(False),
         external=True,
     ),
     "sshd-hung": Fault(
-        "sshd hangs: the port accepts connections and sends no banner",
+        "sshd hangs: the port accepts connections but sends no banner",
         inject=script(scripts.SIGNAL_SSHD.format(signal="STOP")),
         undo=script(scripts.SIGNAL_SSHD.format(signal="CONT")),
     ),
@@ -180,7 +180,7 @@ FAULTS: dict[str, Fault] = {
         "the crystal of the robot's clock runs too fast", inject=_set_crystal, undo=_correct_clock, settings={"ppm": 120.0}
     ),
     "chrony-not-serving": Fault(
-        "the laptop's chronyd runs and answers no one; --undo makes it serve",
+        "the laptop's chronyd runs but answers no requests; --undo makes it answer",
         inject=_serve_ntp("silent"),
         undo=_serve_ntp("serving"),
         external=True,
@@ -189,13 +189,13 @@ FAULTS: dict[str, Fault] = {
         "the robot's chronyd is stopped", inject=script("systemctl stop chrony"), undo=script("systemctl start chrony")
     ),
     "stock-makestep": Fault(
-        "chrony may step the clock under a live stack, as the distribution configures it",
+        "chrony may step the clock under a live stack, which is how the distribution configures it",
         inject=script(scripts.ALLOW_STEPS),
         undo=script(scripts.FORBID_STEPS),
     ),
     # -- DDS
     "server-not-started": Fault(
-        "mirte-ros lost the race at boot: it is active, nothing listens on port 11811; cause is port or path",
+        "mirte-ros lost the race at boot: it is active, but nothing listens on port 11811; cause is port or path",
         inject=scripts.lose_boot_race,
         undo=script(scripts.RESTART_ROS),
         settings={"cause": "port"},
@@ -212,7 +212,7 @@ FAULTS: dict[str, Fault] = {
         settings={"address": "192.168.42.1"},
     ),
     "server-stopped": Fault(
-        "the discovery server hangs: it holds its port and answers no one",
+        "the discovery server hangs: it holds its port but does not respond",
         inject=script(scripts.SIGNAL_SERVER.format(signal="STOP")),
         undo=script(scripts.SIGNAL_SERVER.format(signal="CONT")),
     ),
@@ -227,7 +227,7 @@ FAULTS: dict[str, Fault] = {
         undo=script(scripts.ENABLE_DISCOVERY_SERVER),
     ),
     "interface-late": Fault(
-        "wlan0 came up after mirte-ros, which does not use it",
+        "wlan0 came up after mirte-ros, which therefore does not use it",
         inject=script(scripts.RAISE_INTERFACE_LATE),
         undo=script(scripts.RESTART_ROS),
     ),
@@ -244,7 +244,7 @@ FAULTS: dict[str, Fault] = {
         settings={"user": "mirte", "count": 2},
     ),
     "shm-foreign": Fault(
-        "killed participants of root left segments that block mirte's",
+        "killed DDS participants of root left segments that block mirte's",
         inject=scripts.leave_segments,
         undo=scripts.remove_segments("systemctl stop mirte-ros", "systemctl start mirte-ros"),
         settings={"user": "root", "count": 1},

@@ -19,8 +19,8 @@ LUPIN_CI_STRICT=1 that is a failure.
     host.ssh("systemctl is-active ssh")    OpenSSH from the laptop, as mirte
     host.ssh_command("ls")                 ... its command line
     host.key, host.known_hosts             mirte's private key; the robots' host keys. User mirte, password mirte_mirte, sudo
-    host.robot.inside("cat", "/etc/shadow")        a command on the robot as root, without its network: .status .stdout .stderr
-    host.robot.inject_fault("cable-cut", link="eth0")      a fault of those that `lupin sim host fault` lists; .undo_fault()
+    host.robot.run_as_root("cat", "/etc/shadow")   a command on the robot as root, without SSH: .status .stdout .stderr
+    host.robot.inject_fault("cable-cut", link="eth0")      a fault that `lupin sim host fault` lists; .undo_fault()
                                                    undoes it, `with host.robot.with_fault(...)` does both
     host.robot.power_cut(), power_on(), power_off(), factory_reset(), wait_ready()
     host.serve_ntp()                       starts the laptop's NTP server; host.serve_ntp("off") stops it
@@ -36,8 +36,8 @@ import pytest
 
 from lupin_sim.host.host import Host, HostError, HostUnavailable, Robot
 
-SERVER_STARTS = 3  # of the vendor's stack, until its discovery server has come up
-# Waits up to 20 s, as a start on a busy machine takes. Reads /proc/1 because an SSH login would be one more event on the robot.
+MAX_STACK_STARTS = 3  # of the vendor's stack, until its discovery server listens
+# Waits up to 20 s, which a start takes on a busy machine. Reads /proc instead of using SSH: a login changes the robot's state.
 WAIT_FOR_SERVER_PORT = f"for _ in $(seq 100); do grep -q ':{11811:04X} ' /proc/1/net/udp && exit; sleep 0.2; done; exit 1"
 
 
@@ -48,8 +48,8 @@ class SharedHost:
         self._host: Host | None = None
         self.dirty = False
 
-    def healthy(self) -> Host:
-        """The host, booted at the first use, and reset if it is dirty."""
+    def get_healthy(self) -> Host:
+        """Return the host; boot it at the first use, and reset it if it is dirty."""
         if self._host is None:
             self._host = boot_or_skip()
         elif self.dirty:
@@ -85,18 +85,18 @@ def boot_or_skip(**options: Any) -> Host:
 
 def wait_for_discovery_server(robot: Robot) -> None:
     """Wait until a robot's discovery server listens; restart the vendor's stack if it does not. Raises HostError."""
-    for attempt in range(SERVER_STARTS):
+    for attempt in range(MAX_STACK_STARTS):
         if attempt:
-            robot.inside("systemctl", "restart", "mirte-ros", timeout_s=60.0)
-        if robot.inside("sh", "-c", WAIT_FOR_SERVER_PORT, timeout_s=60.0).status == 0:
+            robot.run_as_root("systemctl", "restart", "mirte-ros", timeout_s=60.0)
+        if robot.run_as_root("sh", "-c", WAIT_FOR_SERVER_PORT, timeout_s=60.0).status == 0:
             return
-    status = robot.inside("systemctl", "status", "--lines=20", "--no-pager", "mirte-ros").stdout
-    raise HostError(f"no discovery server on robot {robot.number} after {SERVER_STARTS} starts of its stack\n{status}")
+    status = robot.run_as_root("systemctl", "status", "--lines=20", "--no-pager", "mirte-ros").stdout
+    raise HostError(f"no discovery server on robot {robot.number} after {MAX_STACK_STARTS} starts of its stack\n{status}")
 
 
 @pytest.fixture(scope="session")
 def shared_host() -> Iterator[SharedHost]:
-    """Holds the session's host for `host` and `fresh_host`."""
+    """The holder of the session's host, which `host` and `fresh_host` share."""
     shared = SharedHost()
     yield shared
     shared.end()
@@ -104,20 +104,20 @@ def shared_host() -> Iterator[SharedHost]:
 
 @pytest.fixture
 def host(shared_host: SharedHost) -> Host:
-    """A healthy robot, for tests that leave it as it is."""
-    return shared_host.healthy()
+    """Return a host with a healthy robot, for tests that leave it as it is."""
+    return shared_host.get_healthy()
 
 
 @pytest.fixture
 def fresh_host(shared_host: SharedHost) -> Iterator[Host]:
-    """A healthy robot, for tests that may do anything to it."""
-    yield shared_host.healthy()
+    """Yield a host with a healthy robot, for tests that may do anything to it; it is reset afterwards."""
+    yield shared_host.get_healthy()
     shared_host.dirty = True  # set after the test, since `host` in the same test is this host
 
 
 @pytest.fixture
 def boot_host() -> Iterator[Callable[..., Host]]:
-    """A function that boots further hosts for one test."""
+    """Yield a function that boots further hosts for one test; stop these afterwards."""
     hosts: list[Host] = []
 
     def boot(**options: Any) -> Host:

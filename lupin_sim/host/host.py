@@ -24,10 +24,10 @@ from lupin_sim.host.prerequisites import missing_prerequisite
 from lupin_sim.host.rootfs import Progress, RootError, root_directory
 
 PROJECT = Path(__file__).resolve().parents[2]
-START_LIMIT_S = 60.0
-END_LIMIT_S = 30.0
-READY_LIMIT_S = 60.0
-PER_ROBOT_LIMIT_S = 10.0
+START_TIMEOUT_S = 60.0
+END_TIMEOUT_S = 30.0
+READY_TIMEOUT_S = 60.0
+PER_ROBOT_TIMEOUT_S = 10.0
 USER = "mirte"
 # Rendering the cameras would use up one core. A robot stamps messages with its own clock.
 ROBOT_ARGUMENTS = "--wall-clock --no-cameras"
@@ -51,9 +51,9 @@ class Robot:
     eth0: str
     wlan0: str
 
-    def inside(self, *command: str, stdin: str = "", timeout_s: float = 20.0) -> CommandResult:
-        """Run a command on the robot as root, without using its network: to prepare and to inspect it."""
-        value = self.host.request("inside", robot=self.number, command=command, stdin=stdin, timeout_s=timeout_s)
+    def run_as_root(self, *command: str, stdin: str = "", timeout_s: float = 20.0) -> CommandResult:
+        """Run a command on the robot as root, without SSH: to prepare and to inspect it."""
+        value = self.host.request("run_as_root", robot=self.number, command=command, stdin=stdin, timeout_s=timeout_s)
         return CommandResult(*value)
 
     def inject_fault(self, name: str, **settings: Any) -> None:
@@ -74,7 +74,7 @@ class Robot:
             self.undo_fault(name, **settings)
 
     def power_on(self) -> None:
-        """Switch it on; `wait_ready` waits until it can be logged into."""
+        """Switch it on, without waiting for its boot; see `wait_ready`."""
         self.host.request("on", robot=self.number)
 
     def power_off(self) -> None:
@@ -96,9 +96,9 @@ class Robot:
         robots: list[dict[str, Any]] = self.host.request("status")["robots"]
         return robots[self.number]
 
-    def wait_ready(self, limit_s: float = READY_LIMIT_S, link: str = "eth0") -> None:
+    def wait_ready(self, timeout_s: float = READY_TIMEOUT_S, link: str = "eth0") -> None:
         """Wait until its sshd answers on the laptop's network. Raises HostError."""
-        deadline = time.monotonic() + limit_s
+        deadline = time.monotonic() + timeout_s
         address = self.eth0 if link == "eth0" else self.wlan0
         while True:
             try:
@@ -111,7 +111,7 @@ class Robot:
                 found = "it sent no banner"
             if time.monotonic() > deadline:
                 raise HostError(
-                    f"{self.name} did not answer SSH on {address} within {limit_s:g} s ({found}); {self.host.console_tails()}"
+                    f"{self.name} did not answer SSH on {address} within {timeout_s:g} s ({found}); {self.host.console_tails()}"
                 )
             if not self.state["running"]:
                 raise HostError(f"{self.name} is off; {self.host.console_tails()}")
@@ -175,7 +175,7 @@ class Host:
             host = cls(chosen, process)
             host._write_known_hosts()
             for each in host.robots:
-                each.wait_ready(READY_LIMIT_S + PER_ROBOT_LIMIT_S * robots)
+                each.wait_ready(READY_TIMEOUT_S + PER_ROBOT_TIMEOUT_S * robots)
         except BaseException:
             if host is not None:
                 host.end()
@@ -185,7 +185,7 @@ class Host:
 
     @classmethod
     def attach(cls, name: str) -> Host:
-        """A host that is up, started by another process. Raises HostError."""
+        """Attach to a host that another process started. Raises HostError if it is not up."""
         if name not in state.running():
             others = ", ".join(state.running()) or "none"
             raise HostError(f"no host {name!r} is up (up: {others}): lupin sim host up --name {name}")
@@ -206,7 +206,7 @@ class Host:
     def popen(self, command: Sequence[str], env: Mapping[str, str] | None = None, **options: Any) -> subprocess.Popen[Any]:
         """Start a program on the laptop, which has its own network, processes and /dev/shm, and this machine's files.
 
-        The program is a child of this process and receives its signals.
+        It is a child of this process, so signals and kill() reach the program itself.
         """
         return popen_in(self._laptop, command, env, **options)
 
@@ -252,21 +252,21 @@ class Host:
             connection.sendall(json.dumps({"do": verb, **details}).encode() + b"\n")
             line = connection.makefile("rb").readline()
         if not line:
-            raise HostError(f"the daemon of host {self.name!r} has ended: {self.console_tails()}")
+            raise HostError(f"the daemon of host {self.name!r} has exited: {self.console_tails()}")
         reply = json.loads(line)
         if "error" in reply:
             raise HostError(reply["error"])
         return reply.get("value")
 
     def end(self) -> None:
-        """Cut the power of all robots, and remove everything of the host."""
+        """Cut the power of all robots, and remove everything that belongs to the host."""
         daemon = state.read(self.folder)
-        with suppress(HostError, OSError):  # it has ended already, or is killed below
+        with suppress(HostError, OSError):  # it has exited already, or is killed below
             self.request("end")
-        deadline = time.monotonic() + END_LIMIT_S
+        deadline = time.monotonic() + END_TIMEOUT_S
         if self._process is not None:
             try:
-                self._process.wait(END_LIMIT_S)
+                self._process.wait(END_TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
@@ -309,7 +309,7 @@ class Host:
         return connection
 
     def _receive_laptop(self) -> dict[str, int]:
-        """The laptop's namespaces by kind, as open descriptors."""
+        """Receive the laptop's namespaces from the daemon, as open descriptors by kind."""
         with self._connection() as connection:
             connection.sendall(b'{"do": "laptop"}\n')
             message, fds, _, _ = socket.recv_fds(connection, 4096, len(NEW_FLAGS))
@@ -341,9 +341,9 @@ def _start_daemon(folder: Path, root: Path, settings: dict[str, Any]) -> subproc
         )
     state.write(folder, process.pid)
     assert process.stdout is not None
-    limit_s = START_LIMIT_S + PER_ROBOT_LIMIT_S * settings["robots"]
-    readable, _, _ = select.select([process.stdout], [], [], limit_s)
-    line = process.stdout.readline().strip() if readable else f"its daemon was not ready within {limit_s:g} s"
+    timeout_s = START_TIMEOUT_S + PER_ROBOT_TIMEOUT_S * settings["robots"]
+    readable, _, _ = select.select([process.stdout], [], [], timeout_s)
+    line = process.stdout.readline().strip() if readable else f"its daemon was not ready within {timeout_s:g} s"
     if line != "up":
         process.kill()
         with process:  # closes its pipes and waits for its exit

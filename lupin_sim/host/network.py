@@ -1,4 +1,4 @@
-"""The network between laptop and robots: namespaces, virtual cables, and one bridge per link, where faults are made."""
+"""The network between laptop and robots: namespaces, virtual cables, and one bridge per link, where faults are injected."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class NetworkError(Exception):
 class Network:
     """For each link (eth0, wlan0) one bridge, with a port to the laptop and one to each robot.
 
-    The bridges are in a namespace of their own, so that no fault needs a command on the laptop or on a robot. A cut cable takes
+    The bridges are in their own namespace, so that no fault needs a command on the laptop or on a robot. A cut cable takes
     the carrier from both of its ends. Setting an interface down instead would also remove its routes.
     """
 
@@ -66,7 +66,9 @@ class Network:
         self._ip(robot_pid, "link", "set", "lo", "up")
         for link in NETWORKS:
             port = self._port(robot, link)
-            self._ip(self._bridges.pid, "link", "delete", port, check=False)  # its peer ended with the previous boot
+            self._ip(
+                self._bridges.pid, "link", "delete", port, check=False
+            )  # its peer was removed with the namespace of the previous boot
             self._ip(
                 *(self._bridges.pid, "link", "add", port, "type", "veth"),
                 *("peer", "name", link, "address", robot.mac(link), "netns", str(robot_pid)),
@@ -79,7 +81,7 @@ class Network:
                 self.impair(robot, link, self._settings[port])  # the running emulator holds the deleted port
 
     def unplug(self, robot: Identity) -> None:
-        """Remove the interfaces of a robot that went off at once; the kernel takes its time to remove an ended namespace."""
+        """Remove the interfaces of a robot that went off, without waiting until the kernel removes its network namespace."""
         for link in NETWORKS:
             port = self._port(robot, link)
             if port in self._plugged_ports:
@@ -137,11 +139,11 @@ class Network:
         _nsenter(self.laptop_pid, *command)
 
     def _port(self, robot: Identity, link: str) -> str:
-        """The bridge's port to a robot."""
+        """The name of the bridge's port to a robot."""
         return f"r{robot.index}-{link}"
 
     def _ip(self, pid: int, *arguments: str, check: bool = True) -> None:
-        """ip(8) in the network namespace of a process."""
+        """Run ip(8) in the network namespace of a process. Raises NetworkError unless `check` is False."""
         _run(["nsenter", "--target", str(pid), "--net", "--", "ip", *arguments], check)
 
 

@@ -11,13 +11,13 @@ if TYPE_CHECKING:
 
 
 def environment_without_ros() -> dict[str, str]:
-    """This process's environment without the ROS and DDS variables, which would put a program on this process's own graph."""
+    """This process's environment without ROS and DDS variables, which would connect a program to this process's ROS graph."""
     prefixes = ("ROS_", "RMW_", "FASTRTPS_", "FASTDDS_")
     return {name: value for name, value in os.environ.items() if not name.startswith(prefixes)}
 
 
 def create_home(host: Host, home: Path, setup_lines: tuple[str, ...] = ()) -> dict[str, str]:
-    """Create the home directory `home` with one robot, named `mirte`. Returns the environment variables that select it.
+    """Create the operator's home directory; its inventory has one robot, `mirte`. Returns the environment that selects it.
 
     `setup_lines` become the robot's `ros_setup` in the inventory.
     """

@@ -69,7 +69,7 @@ def ssh_keys() -> Path:
             subprocess.run(command, check=True, timeout=60, stdin=subprocess.DEVNULL)
         try:
             draft.rename(folder)
-        except OSError:  # another process was faster: use its keys
+        except OSError:  # another process was faster; use its keys
             shutil.rmtree(draft)
     return folder
 
@@ -101,7 +101,7 @@ def write_overlay(target: Path, robot: Identity, clock: bool) -> None:
     (target / "root").mkdir(exist_ok=True)
     (target / "root").chmod(0o711)
 
-    # Same Fast DDS version as the robot's processes: with segments of another version they cannot use shared memory.
+    # The server has the Fast DDS version of the robot's processes, which cannot use shared-memory segments of another version.
     libraries = f"{sys.prefix}/lib:{sysconfig.get_paths()['purelib']}/ros_fastrtps.libs"
     server = f'LD_LIBRARY_PATH={libraries} exec {sys.prefix}/bin/fast-discovery-server "$@"'
     _write(target / "usr/bin/fast-discovery-server", f"#!/bin/sh\n{server}\n", EXECUTABLE)

@@ -18,14 +18,14 @@ PACKAGES = (
     *("openssh-server", "sudo", "chrony", "python3", "procps", "netbase", "zstd"),
     *("iproute2", "iputils-ping", "nftables", "tcpdump", "iw", "ethtool"),
 )
-# Without languages and manuals the root has a fifth of the size.
+# Without languages and manuals the root is a fifth of the size.
 OPTIONS = (
     *('--aptopt=Acquire::Languages "none"', '--aptopt=APT::Install-Recommends "false"'),
     *("--dpkgopt=path-exclude=/usr/share/man/*", "--dpkgopt=path-exclude=/usr/share/locale/*"),
     *("--dpkgopt=path-exclude=/usr/share/doc/*", "--dpkgopt=path-include=/usr/share/doc/*/copyright"),
 )
 TAR = ("tar", "--numeric-owner", "--xattrs", "--xattrs-include=*")  # without extended attributes ping loses its capability
-BUILD_LIMIT_S = 900.0
+BUILD_TIMEOUT_S = 900.0
 
 Progress = Callable[[str], None]
 
@@ -63,7 +63,7 @@ def cached_root() -> Path | None:
 
 
 def root_directory(progress: Progress = lambda _: None) -> Path:
-    """The unpacked root; it is unpacked or built first if necessary. Raises RootError."""
+    """Return the unpacked root; unpack or build it first if necessary. Raises RootError."""
     if found := cached_root():
         return found
     cache = cache_directory()
@@ -72,7 +72,7 @@ def root_directory(progress: Progress = lambda _: None) -> Path:
         if found := cached_root():
             return found
         _remove_stale_builds(cache)
-        # Built in a folder that nothing else reads; the rename at the end publishes it.
+        # The root is built in a folder that nothing else reads; the rename at the end publishes it.
         work = cache / f".building-{os.getpid()}"
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir()
@@ -138,7 +138,7 @@ def _call(command: list[str], progress: Progress) -> None:
     environment |= {name: value for name, value in os.environ.items() if name.lower().endswith("_proxy")}
     last_lines: list[str] = []
     with subprocess.Popen(
-        ["timeout", f"{BUILD_LIMIT_S:g}", *command],
+        ["timeout", f"{BUILD_TIMEOUT_S:g}", *command],
         env=environment,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,

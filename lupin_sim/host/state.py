@@ -1,4 +1,4 @@
-"""The hosts on this machine: each has a folder in /run/lupin-host and cgroups of its name. Removes what ended hosts left."""
+"""The hosts on this machine: each has a folder in /run/lupin-host and cgroups named after it. Removes what dead hosts left."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from lupin_sim.host.prerequisites import cgroup_roots
 
 STATE = Path("/run/lupin-host")
 CGROUP = "lupin-host"
-DAEMON_FILE = "keeper"  # names the daemon of a host; hosts of earlier versions have it too
+DAEMON_FILE = "keeper"  # records the daemon of a host; must not change, since hosts of earlier versions have it too
 NEW_FOLDER_GRACE_S = 60.0
-REMOVAL_LIMIT_S = 2.0
+REMOVAL_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ def remove_stale() -> list[str]:
 
 
 def remove_cgroups(name: str) -> None:
-    """Remove a host's cgroups. Waits for the last processes in them to end, at most REMOVAL_LIMIT_S."""
-    deadline = time.monotonic() + REMOVAL_LIMIT_S
+    """Remove a host's cgroups. Waits for the last processes in them to exit, for at most REMOVAL_TIMEOUT_S."""
+    deadline = time.monotonic() + REMOVAL_TIMEOUT_S
     for base in cgroup_roots():
         top = base / f"{CGROUP}-{name}"
         for folder in [Path(path) for path, _, _ in os.walk(top, topdown=False)]:

@@ -1,4 +1,4 @@
-"""A node in this process, and a peer in another process."""
+"""Fixtures: a node in this process, and peers in other processes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ StartPeer = Callable[..., None]
 
 @pytest.fixture
 def start_peer() -> Iterator[StartPeer]:
-    """A function that starts a peer in a role, optionally with another Python and environment, and waits for its endpoints."""
+    """Return a function that starts a peer in a role, with any Python and environment, and waits until it prints `ready`."""
     started: list[subprocess.Popen[str]] = []
 
     def start(role: str, python: str | Path = sys.executable, env: dict[str, str] | None = None) -> None:
@@ -30,7 +30,7 @@ def start_peer() -> Iterator[StartPeer]:
         )
         started.append(process)
         assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n", f"the peer ended with {process.wait(10)}; its error is above"
+        assert process.stdout.readline() == "ready\n", f"the peer exited with {process.wait(10)}; its error output is above"
 
     yield start
     for process in started:
@@ -47,8 +47,8 @@ def start_peer() -> Iterator[StartPeer]:
 
 
 @pytest.fixture
-def spin() -> Iterator[tuple[Any, ...]]:
-    """A node and its single-threaded executor: ``node, executor``."""
+def node_and_executor() -> Iterator[tuple[Any, ...]]:
+    """A node, and a single-threaded executor that can spin it."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 

@@ -23,7 +23,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 pytestmark = pytest.mark.graph
 
 LATCHED = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-DEADLINE_S = 20.0
+TIMEOUT_S = 20.0
 
 UPSTREAM_HASHES = {
     "nav2_msgs.msg.Costmap": "d51bf7aecafdbb3f8f98215de648abe6d53f8db69156d6e143125d2ad2bf0027",
@@ -38,11 +38,11 @@ UPSTREAM_HASHES = {
     "slam_toolbox.srv.ToggleInteractive.Request": "7b39d752f49ba967d72bcc6e340de08073a8577a13f107ca0aea076e664cb911",
     "slam_toolbox.srv.DeserializePoseGraph.Request": "1bde65c133a93f94c09966a0206ce03946703695bc84e25aebf92fe61a0ae4b0",
 }
-"""RIHS01 hashes of these types in Nav2 and slam_toolbox, built by colcon from their sources."""
+"""The RIHS01 hashes of types of Nav2 and slam_toolbox, which colcon built from their sources."""
 
 
 def observation() -> Observation:
-    """A message with nested, repeated, empty and non-ASCII fields."""
+    """Return a message with nested, repeated, empty and non-ASCII fields."""
     message = Observation(mission_id="lupin-0123abcd", source="InspectionMission", kind=Observation.KIND_FLOWER)
     message.header.frame_id = "map"
     message.header.stamp.sec = 1_700_000_000
@@ -55,82 +55,84 @@ def observation() -> Observation:
     return message
 
 
-def receive(spin: Any, message_type: type, topic: str, **options: Any) -> Any:
-    """The first message on a latched topic."""
-    node, executor = spin
+def receive(node_and_executor: Any, message_type: type, topic: str, **options: Any) -> Any:
+    """Wait for the first message on a latched topic, and return it."""
+    node, executor = node_and_executor
     received: list[Any] = []
     node.create_subscription(message_type, topic, received.append, LATCHED, **options)
-    deadline = time.monotonic() + DEADLINE_S
+    deadline = time.monotonic() + TIMEOUT_S
     while not received and time.monotonic() < deadline:
         executor.spin_once(timeout_sec=0.1)
-    assert received, f"nothing came on {topic} in {DEADLINE_S} s"
+    assert received, f"no message on {topic} within {TIMEOUT_S} s"
     return received[0]
 
 
-def result_of(spin: Any, future: Any) -> Any:
-    """Spin until a future is done."""
-    _, executor = spin
-    executor.spin_until_future_complete(future, timeout_sec=DEADLINE_S)
-    assert future.done(), f"no answer in {DEADLINE_S} s"
+def result_of(node_and_executor: Any, future: Any) -> Any:
+    """Spin until a future is done, and return its result."""
+    _, executor = node_and_executor
+    executor.spin_until_future_complete(future, timeout_sec=TIMEOUT_S)
+    assert future.done(), f"no response within {TIMEOUT_S} s"
     return future.result()
 
 
-def test_message_is_echoed_unchanged(spin: Any, start_peer: Any) -> None:
+def test_message_is_echoed_unchanged(node_and_executor: Any, start_peer: Any) -> None:
     start_peer("echo")
-    spin[0].create_publisher(Observation, "observations", LATCHED).publish(observation())
-    assert receive(spin, Observation, "echoed") == observation()
+    node_and_executor[0].create_publisher(Observation, "observations", LATCHED).publish(observation())
+    assert receive(node_and_executor, Observation, "echoed") == observation()
 
 
-def test_forwarded_raw_bytes_are_unchanged(spin: Any, start_peer: Any) -> None:
+def test_forwarded_raw_bytes_are_unchanged(node_and_executor: Any, start_peer: Any) -> None:
     start_peer("forward")
-    spin[0].create_publisher(Observation, "observations", LATCHED).publish(serialize_message(observation()))
-    forwarded = receive(spin, Observation, "forwarded", raw=True)
+    node_and_executor[0].create_publisher(Observation, "observations", LATCHED).publish(serialize_message(observation()))
+    forwarded = receive(node_and_executor, Observation, "forwarded", raw=True)
     assert forwarded == serialize_message(observation())
     assert deserialize_message(forwarded, Observation) == observation()
 
 
-def test_service_replies(spin: Any, start_peer: Any) -> None:
+def test_service_of_another_process_responds(node_and_executor: Any, start_peer: Any) -> None:
     start_peer("serve")
-    client = spin[0].create_client(GetField, "get_field")
-    assert client.wait_for_service(DEADLINE_S)
+    client = node_and_executor[0].create_client(GetField, "get_field")
+    assert client.wait_for_service(TIMEOUT_S)
     request = GetField.Request(sensor_type="humidity", resolution=0.5, bbox_min_x=-1.0, bbox_max_x=2.0)
-    response = result_of(spin, client.call_async(request))
+    response = result_of(node_and_executor, client.call_async(request))
     assert (response.ok, response.width, response.error_message, response.resolution_used) == (True, 3, "humidity", 0.5)
     assert response.values[0] == -1.0 and math.isnan(response.values[1]) and response.values[2] == 2.0
 
 
-def test_action_gives_feedback_and_result(spin: Any, start_peer: Any) -> None:
+def test_action_of_another_process_sends_feedback_and_result(node_and_executor: Any, start_peer: Any) -> None:
     start_peer("act")
-    client = ActionClient(spin[0], NavigateToPose, "navigate_to_pose")
-    assert client.wait_for_server(DEADLINE_S)
+    client = ActionClient(node_and_executor[0], NavigateToPose, "navigate_to_pose")
+    assert client.wait_for_server(TIMEOUT_S)
     feedback: list[Any] = []
     goal = NavigateToPose.Goal(pose=PoseStamped(pose=Pose(position=Point(x=7.0))), behavior_tree="tree.xml")
-    goal_handle = result_of(spin, client.send_goal_async(goal, feedback_callback=lambda m: feedback.append(m.feedback)))
+    goal_handle = result_of(
+        node_and_executor, client.send_goal_async(goal, feedback_callback=lambda m: feedback.append(m.feedback))
+    )
     assert goal_handle.accepted
-    answer = result_of(spin, goal_handle.get_result_async())
-    assert (answer.status, answer.result.error_msg) == (GoalStatus.STATUS_SUCCEEDED, "tree.xml")
+    response = result_of(node_and_executor, goal_handle.get_result_async())
+    assert (response.status, response.result.error_msg) == (GoalStatus.STATUS_SUCCEEDED, "tree.xml")
     assert [f.distance_remaining for f in feedback] == [2.0, 1.0]
     assert feedback[0].current_pose.pose.position.x == 7.0
     client.destroy()
 
 
 @pytest.mark.parametrize("dotted", UPSTREAM_HASHES)
-def test_type_hash_equals_the_upstream_one(spin: Any, dotted: str) -> None:
-    package, kind, name, *part = dotted.split(".")
+def test_type_hash_equals_upstream_hash(node_and_executor: Any, dotted: str) -> None:
+    package, kind, name, *nested = dotted.split(".")
     message_type = getattr(importlib.import_module(f"{package}.{kind}"), name)
-    message_type = getattr(message_type, part[0]) if part else message_type
-    assert type_hash(spin[0], message_type) == UPSTREAM_HASHES[dotted]
+    message_type = getattr(message_type, nested[0]) if nested else message_type
+    assert type_hash(node_and_executor[0], message_type) == UPSTREAM_HASHES[dotted]
 
 
-def test_messages_of_lupin_have_different_type_hashes(spin: Any) -> None:
+def test_lupin_messages_have_different_type_hashes(node_and_executor: Any) -> None:
     module = importlib.import_module("lupin_msgs.msg")
     names = [name for name in vars(module) if name[0].isupper()]
-    hashes = {name: type_hash(spin[0], getattr(module, name)) for name in names}
+    hashes = {name: type_hash(node_and_executor[0], getattr(module, name)) for name in names}
     assert len(set(hashes.values())) == len(names)
 
 
 def type_hash(node: Any, message_type: type) -> str:
-    """The RIHS01 hash of a type, in hex, as the graph reports it for a topic."""
+    """Return the RIHS01 hash of a type, in hex, as the graph reports it for a topic."""
     publisher = node.create_publisher(message_type, f"hash_of/{message_type.__name__}", 1)
     try:
         (endpoint,) = node.get_publishers_info_by_topic(publisher.topic_name)

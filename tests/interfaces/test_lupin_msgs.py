@@ -1,4 +1,4 @@
-"""The definitions of lupin_msgs match the tables below, which record what other projects' nodes expect."""
+"""The definitions of lupin_msgs match the tables below, which record what nodes of other projects expect."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ CONSTANTS = {
 }
 
 PYTHON_NAMES = {"bool": "boolean", "float32": "float", "float64": "double"}
-"""Names of primitive types in rosidl_generator_py, where they differ from the ROS names."""
+"""Names of primitive types in rosidl_generator_py, if they differ from the ROS names."""
 
 
 def expected_fields(text: str) -> list[tuple[str, str]]:
@@ -97,10 +97,10 @@ def expected_fields(text: str) -> list[tuple[str, str]]:
 
 
 def lookup(dotted: str) -> Any:
-    """``"srv.GetField.Request"`` → that class of lupin_msgs."""
-    kind, name, *part = dotted.split(".")
+    """``"srv.GetField.Request"`` → the class of lupin_msgs."""
+    kind, name, *nested = dotted.split(".")
     found = getattr(importlib.import_module(f"lupin_msgs.{kind}"), name)
-    return getattr(found, part[0]) if part else found
+    return getattr(found, nested[0]) if nested else found
 
 
 CLASSES = {f"msg.{name}": fields for name, fields in MESSAGES.items()}

@@ -14,7 +14,7 @@ sys.path.insert(0, str(INTERFACES))
 
 from rosidl_build.packages import InterfacePackage, discover, referenced_packages  # noqa: E402
 
-sys.path.remove(str(INTERFACES))  # its folders could be imported as packages if these are not installed
+sys.path.remove(str(INTERFACES))  # otherwise its folders could be imported instead of packages that are not installed
 
 PACKAGES = discover(INTERFACES)
 EXPECTED = {
@@ -31,21 +31,21 @@ EXPECTED = {
 each_package = pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.name)
 
 
-def test_all_packages_of_the_graph_exist() -> None:
+def test_interfaces_contains_the_expected_packages() -> None:
     assert {package.name for package in PACKAGES} == EXPECTED
 
 
 @each_package
-def test_cmake_lists_every_definition(package: InterfacePackage) -> None:
+def test_cmake_lists_all_definitions(package: InterfacePackage) -> None:
     listed = re.findall(r"^\s+(\w+/\w+\.\w+)$", (package.folder / "CMakeLists.txt").read_text(), re.MULTILINE)
     assert listed == [str(definition) for definition in package.definitions]
 
 
 @each_package
-def test_package_xml_and_cmake_list_the_dependencies(package: InterfacePackage) -> None:
+def test_package_xml_and_cmake_list_all_dependencies(package: InterfacePackage) -> None:
     used = referenced_packages(package)
     if any(definition.parts[0] == "action" for definition in package.definitions):
-        used.add("action_msgs")  # every action's hidden services and topics
+        used.add("action_msgs")  # for the hidden services and topics of every action
     cmake = (package.folder / "CMakeLists.txt").read_text()
     dependencies = re.search(r"DEPENDENCIES (.*)", cmake)
     assert package.depends == used
@@ -54,7 +54,7 @@ def test_package_xml_and_cmake_list_the_dependencies(package: InterfacePackage) 
 
 
 @each_package
-def test_definitions_are_importable_with_type_support(package: InterfacePackage) -> None:
+def test_definitions_can_be_imported_with_type_support(package: InterfacePackage) -> None:
     for definition in package.definitions:
         module = importlib.import_module(f"{package.name}.{definition.parts[0]}")
         interface = getattr(module, definition.stem)
@@ -64,7 +64,7 @@ def test_definitions_are_importable_with_type_support(package: InterfacePackage)
 
 @each_package
 def test_installed_definitions_are_current(package: InterfacePackage) -> None:
-    """If this fails, a definition was changed and not installed: ``pip install ./interfaces``."""
+    """If this fails, a definition has been changed but not installed: ``pip install ./interfaces``."""
     share = Path(sys.prefix) / "share" / package.name
     for definition in package.definitions:
         assert (share / definition).read_text() == (package.folder / definition).read_text(), definition

@@ -1,6 +1,6 @@
 """The robot has Python 3.10: the interfaces build with it, and work together with this Python.
 
-The environment is built once per state of ``interfaces/`` and kept in the user's cache.
+The environment is built once for each version of ``interfaces/``, and kept in the user's cache.
 """
 
 from __future__ import annotations
@@ -19,45 +19,45 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[2]
 INTERFACES = REPOSITORY / "interfaces"
 PACKAGES = ("lupin_msgs", "mirte_msgs", "tf2_msgs")
-"""Together these have messages, services and actions, and they build in a third of the time of all packages."""
+"""Some packages with messages, services and actions; they build in a third of the time of all packages."""
 BUILD_TIMEOUT_S = 900
 KEPT_ENVIRONMENTS = 2
-# The first test builds the environment, which takes minutes on a busy machine.
+# The first test builds the environment, which may take minutes on a busy machine.
 pytestmark = pytest.mark.timeout(BUILD_TIMEOUT_S)
 
 
 def clean_environment() -> dict[str, str]:
-    """The environment without variables that would make another Python load this one's libraries."""
+    """Return this process's environment without variables that would make another Python load this one's libraries."""
     unwanted = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
     return {name: value for name, value in os.environ.items() if name not in unwanted}
 
 
 def find_python310() -> Path | None:
-    """CPython 3.10 from PATH or pyenv, or None. Each is tried, since a pyenv shim on PATH may have no Python behind it."""
+    """Return a CPython 3.10 with headers from PATH or pyenv, or None. It is started, since a pyenv shim may not work."""
     on_path = shutil.which("python3.10")
     candidates = [Path(on_path)] if on_path else []
     candidates += sorted((Path.home() / ".pyenv" / "versions").glob("3.10*/bin/python"))
-    probe = "import sys, sysconfig, pathlib; sys.exit(not (pathlib.Path(sysconfig.get_path('include')) / 'Python.h').exists())"
+    check = "import sys, sysconfig, pathlib; sys.exit(not (pathlib.Path(sysconfig.get_path('include')) / 'Python.h').exists())"
     for python in candidates:
-        if subprocess.run([python, "-c", probe], capture_output=True, env=clean_environment()).returncode == 0:
+        if subprocess.run([python, "-c", check], capture_output=True, env=clean_environment()).returncode == 0:
             return python
     return None
 
 
 def sources() -> list[Path]:
-    """All files that the build of these packages reads."""
+    """Return all files that the build of these packages reads."""
     folders = [INTERFACES / name for name in ("rosidl_build", *PACKAGES)]
     files = [p for folder in folders for p in folder.rglob("*") if p.is_file() and p.suffix != ".pyc"]
     return sorted(files + [p for p in INTERFACES.iterdir() if p.suffix in (".toml", ".md")])
 
 
 def cache_root() -> Path:
-    """The folder of the environments."""
+    """Return the folder of the environments."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lupin"
 
 
 def build_environment(python: Path, folder: Path) -> None:
-    """Create a virtual environment and install lupin-interfaces as a user does: ``pip install <folder>``."""
+    """Create a virtual environment, and install lupin-interfaces like a user: ``pip install <folder>``."""
     shutil.rmtree(folder, ignore_errors=True)
     subprocess.run([python, "-m", "venv", folder], check=True, env=clean_environment())
     copy = folder / "interfaces"
@@ -66,10 +66,8 @@ def build_environment(python: Path, folder: Path) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, target)
     install: list[str | Path] = [folder / "bin" / "python", "-m", "pip", "install", "--disable-pip-version-check", copy]
-    env = {
-        **clean_environment(),
-        "LUPIN_INTERFACES_OPTIMISATION": "-O0",
-    }  # compiles faster, and the tests run for a second only
+    # Without optimization it compiles faster, and the tests run only for a second.
+    env = {**clean_environment(), "LUPIN_INTERFACES_OPTIMISATION": "-O0"}
     result = subprocess.run(
         install,
         env=env,
@@ -84,7 +82,7 @@ def build_environment(python: Path, folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def python310() -> Path:
-    """A Python 3.10 with the current interfaces."""
+    """Return a Python 3.10 with the current interfaces installed."""
     python = find_python310()
     if python is None:
         missing = "no CPython 3.10 with headers on PATH or in ~/.pyenv/versions: pyenv install 3.10"
@@ -132,10 +130,10 @@ print("imported", len(sys.argv) - 1)
 
 @pytest.mark.graph
 @pytest.mark.skipif(sys.version_info[:2] == (3, 10), reason="this Python is 3.10; test_graph.py covers it")
-def test_service_works_with_this_python(python310: Path, spin: Any, start_peer: Any) -> None:
+def test_service_works_between_both_pythons(python310: Path, node_and_executor: Any, start_peer: Any) -> None:
     from lupin_msgs.srv import GetField
 
-    node, executor = spin
+    node, executor = node_and_executor
     start_peer("serve", python=python310, env=clean_environment())
     client = node.create_client(GetField, "get_field")
     assert client.wait_for_service(20.0)

@@ -14,7 +14,7 @@ sys.path.insert(0, str(INTERFACES))
 from rosidl_build import freshness, toolchain  # noqa: E402
 from rosidl_build.packages import InterfacePackage, discover, installed_definitions, read_package  # noqa: E402
 
-sys.path.remove(str(INTERFACES))  # its folders could be imported as packages if these are not installed
+sys.path.remove(str(INTERFACES))  # otherwise its folders could be imported instead of packages that are not installed
 
 TOOLS = toolchain.Toolchain(("true",), ("true",), Path("/ros"), (), "-O1")
 
@@ -30,7 +30,7 @@ def write_package(root: Path, name: str, definition: str = "uint8 a\n", depends:
 
 @pytest.fixture(autouse=True)
 def versions(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
-    """Versions of the distributions that a build uses; they are installed in the build environment only."""
+    """Fake and return the versions of the distributions for a build, which are installed only in the build environment."""
     installed = dict.fromkeys(freshness.BUILD_DISTRIBUTIONS, "1.0")
     monkeypatch.setattr(freshness.importlib.metadata, "version", installed.__getitem__)
     return installed
@@ -55,13 +55,13 @@ def test_circular_dependency_is_refused(tmp_path: Path) -> None:
         discover(tmp_path)
 
 
-def test_folder_named_unlike_its_package_is_refused(tmp_path: Path) -> None:
+def test_folder_with_another_name_than_its_package_is_refused(tmp_path: Path) -> None:
     folder = write_package(tmp_path, "a_msgs").rename(tmp_path / "b_msgs")
     with pytest.raises(SystemExit, match="expected <name>b_msgs</name>, found <name>a_msgs</name>"):
         read_package(folder)
 
 
-def test_definitions_are_installed_like_those_of_ros_packages(tmp_path: Path) -> None:
+def test_definitions_are_installed_in_the_share_folder(tmp_path: Path) -> None:
     package: InterfacePackage = read_package(write_package(tmp_path, "a_msgs"))
     assert installed_definitions([package]) == [
         ("share/a_msgs", ["a_msgs/package.xml", "a_msgs/CMakeLists.txt"]),
@@ -79,7 +79,7 @@ def test_changed_definition_makes_package_and_dependents_stale(tmp_path: Path) -
     assert {name for name in before if before[name] != after[name]} == {"a_msgs", "b_msgs"}
 
 
-def test_changed_tool_makes_everything_stale(tmp_path: Path, versions: dict[str, str]) -> None:
+def test_changed_tool_makes_all_packages_stale(tmp_path: Path, versions: dict[str, str]) -> None:
     write_package(tmp_path, "a_msgs")
     before = keys(tmp_path)
     assert keys(tmp_path) == before
@@ -92,15 +92,15 @@ def test_all_missing_tools_are_named_with_their_packages(monkeypatch: pytest.Mon
     monkeypatch.setenv("CC", "no-such-gcc")
     monkeypatch.setenv("CXX", "no-such-g++ -std=c++20")
     monkeypatch.setattr(toolchain.sysconfig, "get_paths", lambda: {"include": str(tmp_path)})
-    with pytest.raises(SystemExit) as refusal:
+    with pytest.raises(SystemExit) as exit_info:
         toolchain.find_toolchain()
-    message = str(refusal.value)
+    message = str(exit_info.value)
     assert "no-such-gcc: not found; sudo apt install gcc\n" in message
     assert "no-such-g++ -std=c++20: not found; sudo apt install g++\n" in message
     assert f"Python.h: not found; sudo apt install python{sys.version_info.major}.{sys.version_info.minor}-dev" in message
 
 
-def test_build_without_isolation_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_build_without_isolation_names_packages_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rosidl_generator_c", None)
     with pytest.raises(SystemExit, match=r"build with isolation.*pip install ros-jazzy-common-interfaces"):
         toolchain.ros_wheels_prefix()

@@ -88,7 +88,7 @@ def test_closed_pipe_ends_output_without_a_traceback() -> None:
         (RuntimeError("odd"), 70, "lupin: RuntimeError: odd\nlupin: this is a defect of Lupin;"),
     ],
 )
-def test_unhandled_error_is_reported_in_lines(
+def test_unhandled_error_is_reported_without_traceback(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], error: Exception, code: int, text: str
 ) -> None:
     def fail() -> None:
@@ -96,6 +96,6 @@ def test_unhandled_error_is_reported_in_lines(
 
     monkeypatch.setattr("lupin_cli.app.app", fail)
     monkeypatch.setattr(sys, "argv", ["lupin", "doctor"])
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exited:
         main()
-    assert ended.value.code == code and text in capsys.readouterr().err
+    assert exited.value.code == code and text in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""What others say reaches a terminal as text only."""
+"""Text from elsewhere reaches a terminal without control characters."""
 
 from __future__ import annotations
 

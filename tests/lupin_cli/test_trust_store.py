@@ -21,7 +21,7 @@ def authority(tmp_path_factory: pytest.TempPathFactory) -> CertificateAuthority:
 
 
 def store_in(folder: Path, program: str = PROGRAM) -> TrustStore:
-    """Debian's store with all its places below `folder`, and one other authority in it."""
+    """Return Debian's store with all its folders below `folder`, and one other authority in it."""
     for name in ("local", "etc", "hooks", "public"):
         (folder / name).mkdir()
     other = CertificateStore(folder / "other").ensure().authority
@@ -46,11 +46,11 @@ def test_debians_program_puts_the_authority_into_the_bundle(tmp_path: Path, auth
 
 def test_failing_program_leaves_the_store_as_it_was(tmp_path: Path, authority: CertificateAuthority) -> None:
     store, certificate = store_in(tmp_path, "false"), authority.root_pem()
-    with pytest.raises(TrustStoreError, match="false ended with 1: it printed nothing"):
+    with pytest.raises(TrustStoreError, match="false exited with 1: it printed nothing"):
         store.add(authority.id, certificate)
     assert list(store.folder.iterdir()) == []
     store.path(authority.id).write_bytes(certificate)
-    with pytest.raises(TrustStoreError, match="false ended with 1"):
+    with pytest.raises(TrustStoreError, match="false exited with 1"):
         store.remove(authority.id)
     assert store.holds(authority.id, certificate)
 
@@ -66,7 +66,7 @@ def test_missing_program_and_folder_are_clear_errors(tmp_path: Path, authority: 
         store.remove(authority.id)
 
 
-def test_commands_for_root_do_the_same(tmp_path: Path) -> None:
+def test_commands_for_root_change_the_same_file(tmp_path: Path) -> None:
     store = TRUST_STORES[0]
     assert store.add_command("1a2b3c4d", tmp_path / "a b.crt") == (
         f"sudo install -m 644 '{tmp_path}/a b.crt' /usr/local/share/ca-certificates/lupin-1a2b3c4d.crt "
@@ -77,11 +77,11 @@ def test_commands_for_root_do_the_same(tmp_path: Path) -> None:
     )
 
 
-def test_store_of_this_system_is_one_of_the_table() -> None:
+def test_store_of_this_system_is_in_the_table() -> None:
     assert find_trust_store() in (None, *TRUST_STORES)
 
 
-def test_instructions_name_the_file_where_a_command_takes_it() -> None:
+def test_instructions_name_the_file_in_each_command() -> None:
     for _, text in instructions("1a2b3c4d", "lupin.crt"):
         assert "lupin.crt" in text or not text.startswith(("sudo", "certutil"))
         assert "{" not in text

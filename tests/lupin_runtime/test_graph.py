@@ -25,7 +25,7 @@ def names(topics: Any) -> set[str]:
 
 
 def published_in(package: str) -> set[str]:
-    """The topics in the arguments of the package's calls `….publisher(…)`."""
+    """Return the topics in the arguments of the package's calls `….publisher(…)`."""
     found = set()
     for path in (RUNTIME / package).glob("*.py"):
         for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

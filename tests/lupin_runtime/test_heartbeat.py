@@ -1,4 +1,4 @@
-"""Heartbeats survive the channel, and other packets are none."""
+"""Heartbeats survive encoding, and other packets are not heartbeats."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def test_load_layout_orders_swapped_corners(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "wanted"),
+    ("text", "expected"),
     [
         ('{"tags": {\n "1": {"x": 1, }}}', ":2: not JSON"),
         ("[]", "the file must be an object, found []"),
@@ -46,12 +46,12 @@ def test_load_layout_orders_swapped_corners(tmp_path: Path) -> None:
         ('{"tables": {"A": {"x0": 0, "x1": NaN, "y0": 0, "y1": 1}}}', "tables.A.x1 must be a number, found nan"),
     ],
 )
-def test_corrupt_layout_error_names_the_place(tmp_path: Path, text: str, wanted: str) -> None:
+def test_corrupt_layout_error_names_the_place(tmp_path: Path, text: str, expected: str) -> None:
     path = tmp_path / "layout.json"
     path.write_text(text)
     with pytest.raises(LayoutError, match=r"layout\.json") as caught:
         load_layout(path)
-    assert wanted in str(caught.value)
+    assert expected in str(caught.value)
 
 
 def test_missing_layout_file_is_refused(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What one scan is worth."""
+"""The verdict on one scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cuts the cable to a robot in every step of a playbook, one run after another, and plugs it in again."""
+"""Plays a playbook again and again, and cuts the cable to the robot in another step each time."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from lupin_cli.connection.base import Target
 from lupin_cli.playbook import Event, Result, load, play
 from lupin_sim.host import Host
 
-CUT_DELAY_S = 0.03  # after an event: the step's probe or change is then under way
+CUT_DELAY_S = 0.03  # after an event, when the step's probe or change is running
 MAX_CUTS = 60
 
 
 class CableCutter:
-    """Plays a playbook with a cut in the middle of each of its steps; every run but the last one loses its robot."""
+    """Plays a playbook, with a cut of the cable in each of its steps: every run but the last one loses its robot."""
 
     def __init__(self, host: Host, target: Target) -> None:
         self._host, self._target = host, target
-        self._remaining: set[tuple[int, str]] = set()  # cuts to make: a step's number, and the event after which to cut
+        self._remaining: set[tuple[int, str]] = (
+            set()
+        )  # cuts to make: a step's index, and the kind of event that triggers the cut
         self._cut: threading.Timer | None = None
 
     def _on_event(self, event: Event) -> None:
@@ -30,20 +32,20 @@ class CableCutter:
             self._cut.start()
 
     def play(
-        self, name: str, given: dict[str, Any], after_each: Callable[[Result], None], *, changes_only: bool = False
+        self, name: str, variables: dict[str, Any], after_each: Callable[[Result], None], *, changes_only: bool = False
     ) -> tuple[Result, int]:
-        """Play the playbook until it is done; returns the last result and the number of cuts.
+        """Play the playbook until it is done; return the last result and the number of interrupted runs.
 
-        A step that changes something is cut in its change, another one in its probe (not with `changes_only`). `after_each` is
-        called with the result of each interrupted run.
+        The cut comes during the change of a step that changes something, and during the probe of any other step; with
+        `changes_only`, probes are not interrupted. `after_each` is called with the result of each interrupted run.
         """
         targets, cuts = {"robot": self._target}, 0
-        for step in play(name, targets, given, dry_run=True).steps:
+        for step in play(name, targets, variables, dry_run=True).steps:
             cut_in_probe = not changes_only and step.state != "would-change"
             self._remaining.add((step.index, "step" if cut_in_probe else "change"))
         while True:
             self._cut = None
-            result = play(name, targets, {} if cuts else given, resume=cuts > 0, on_event=self._on_event)
+            result = play(name, targets, {} if cuts else variables, resume=cuts > 0, on_event=self._on_event)
             if self._cut is None:
                 return result, cuts
             self._cut.join()

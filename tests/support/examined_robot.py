@@ -1,4 +1,4 @@
-"""A booted robot that checks examine over SSH, as the doctor does."""
+"""A booted robot that checks examine over SSH, like the doctor."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ class ExaminedRobot:
 
     def __init__(self, host: Host, folder: Path, checks: tuple[Check, ...]) -> None:
         self.host, self.checks = host, checks
-        place = Destination("10.42.0.1", 22, "mirte", (str(host.key),), identities_only=True)
-        self.target = SshTarget("robot", place, KnownHosts(folder / "own", host.known_hosts))
+        destination = Destination("10.42.0.1", 22, "mirte", (str(host.key),), identities_only=True)
+        self.target = SshTarget("robot", destination, KnownHosts(folder / "own", host.known_hosts))
 
     def run_as_root(self, script: str) -> str:
         """Run a shell script on the robot as root."""
-        done = self.host.robot.inside("sh", "-c", script, timeout_s=60.0)
+        done = self.host.robot.run_as_root("sh", "-c", script, timeout_s=60.0)
         assert done.status == 0, done.stderr
         return str(done.stdout)
 
     def findings(self) -> list[Finding]:
-        """The root causes that the checks find. They must examine everything."""
+        """Run the checks, and return the root causes. Fails the test if a check could not examine everything."""
         with self.host.on_laptop():
             snapshot = gather_snapshot(self.checks, LocalTarget(), lambda: (self.target, Link("robot", "10.42.0.1")))
         report = diagnose(self.checks, snapshot)
@@ -46,5 +46,5 @@ class ExaminedRobot:
         return sorted(finding.id for finding in self.findings())
 
     def state(self, unit: str) -> str:
-        done = self.host.robot.inside("systemctl", "show", "-P", "ActiveState", unit)
+        done = self.host.robot.run_as_root("systemctl", "show", "-P", "ActiveState", unit)
         return str(done.stdout).strip()

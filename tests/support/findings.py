@@ -1,4 +1,4 @@
-"""The table of findings, as tests compare it with what checks return."""
+"""Compares what checks return with the table of findings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ ROWS = {row.id: row for row in FINDINGS}
 
 
 def assert_findings_match_rows(diagnosis: Diagnosis) -> None:
-    """Every check ran, and each finding belongs to the check of its row."""
+    """Assert that no check failed, and that each finding came from the check in its row of the table."""
     assert diagnosis.check_errors == ()
     for check, findings in diagnosis.by_check.items():
         for finding in findings:

@@ -16,7 +16,7 @@ import aiohttp
 
 SUBPROTOCOL = "foxglove.sdk.v1"
 ANSWER_TIMEOUT_S = 20.0
-# Of the server's binary frames.
+# Opcodes and layouts of the server's binary frames.
 _MESSAGE_DATA, _TIME = 1, 2
 _MESSAGE_HEADER = struct.Struct("<BIQ")  # opcode, subscription id, time in ns
 _TIME_FRAME = struct.Struct("<BQ")
@@ -24,7 +24,7 @@ _TIME_FRAME = struct.Struct("<BQ")
 
 @dataclass(frozen=True)
 class Message:
-    """A message of a channel: its topic, the time at which the server says that it arrived, and the serialized message."""
+    """A received message: its topic, the time at which the server got it, and the serialized data."""
 
     topic: str
     time_ns: int
@@ -32,17 +32,17 @@ class Message:
 
 
 class FoxgloveClient:
-    """Connects, follows the advertised channels, and collects messages; its event loop runs in a thread of its own."""
+    """Connects, follows the advertised channels, and collects messages; its event loop runs in its own thread."""
 
     def __init__(self, port: int, subprotocol: str = SUBPROTOCOL, reads: bool = True) -> None:
-        """Without `reads` it connects and never reads again. Raises aiohttp.ClientError where the server refuses it."""
+        """With `reads` False, it never reads after it has connected. Raises aiohttp.ClientError if the server refuses it."""
         self.server_info: dict[str, Any] = {}
-        self.channels: dict[str, dict[str, Any]] = {}  # those that are advertised now, by topic
+        self.channels: dict[str, dict[str, Any]] = {}  # the channels that are advertised now, by topic
         self.messages: list[Message] = []
         self.times_ns: list[int] = []
         self.statuses: list[dict[str, Any]] = []
-        self.announced: list[tuple[str, int]] = []  # topic and id of every channel ever advertised
-        self._wanted: set[str] = set()
+        self.advertised: list[tuple[str, int]] = []  # topic and id of every channel that was ever advertised
+        self._wanted_topics: set[str] = set()
         self._subscriptions: dict[int, str] = {}  # topics by subscription id
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
@@ -53,19 +53,19 @@ class FoxgloveClient:
             self._stop_loop()
             raise
 
-    # -- what a client does -------------------------------------------------------------------------------------------
+    # -- requests -----------------------------------------------------------------------------------------------------
     def subscribe(self, topic: str) -> None:
-        """Subscribe to a topic; returns when it has a channel."""
+        """Subscribe to a topic, and wait until it has a channel."""
         self.subscribe_later(topic)
         self.channel(topic)
 
     def subscribe_later(self, topic: str) -> None:
-        """Subscribe to a topic as viewers do: to its channel, and to every channel that it gets later."""
-        self._call(self._want(topic))
+        """Subscribe to a topic as viewers do: to its channel, if there is one, and to every channel that it gets later."""
+        self._call(self._want_topic(topic))
 
     def unsubscribe(self, topic: str) -> None:
         """End the subscription to a topic."""
-        self._wanted.discard(topic)
+        self._wanted_topics.discard(topic)
         self.send(op="unsubscribe", subscriptionIds=[key for key, name in self._subscriptions.items() if name == topic])
 
     def send(self, **fields: Any) -> None:
@@ -77,47 +77,47 @@ class FoxgloveClient:
         self._call(self._socket.send_bytes(data))
 
     def synchronize(self) -> None:
-        """Wait until the server has handled all that was sent: it refuses a subscription to a channel that does not exist."""
+        """Wait until the server has handled all earlier requests: it rejects a subscription to a nonexistent channel."""
         before = len(self.statuses)
         self.send(op="subscribe", subscriptions=[{"id": 1, "channelId": 2**31}])
         self.until(lambda: any("Unknown channel" in s["message"] for s in self.statuses[before:]), "the answer to a request")
 
-    # -- what it got --------------------------------------------------------------------------------------------------
+    # -- what was received --------------------------------------------------------------------------------------------
     def channel(self, topic: str) -> dict[str, Any]:
-        """The channel of a topic; waits until it is advertised."""
+        """Wait until a topic has a channel, and return it."""
         found: dict[str, Any] = self.until(lambda: self.channels.get(topic), f"a channel of {topic}")
         return found
 
     def announcements(self, topic: str) -> list[int]:
-        """The ids of all channels that a topic has had."""
-        return [identifier for name, identifier in self.announced if name == topic]
+        """Return the ids of all channels that a topic has had."""
+        return [identifier for name, identifier in self.advertised if name == topic]
 
     def last(self, count: int = 1) -> bytes:
-        """The last message, once there are that many."""
+        """Wait until `count` messages have arrived, and return the last one."""
         self.until(lambda: len(self.messages) >= count, f"message {count}")
         return self.messages[-1].data
 
     def on(self, topic: str) -> list[bytes]:
-        """The messages of a topic so far."""
+        """Return the messages of a topic so far."""
         return [message.data for message in self.messages if message.topic == topic]
 
     def until(self, condition: Callable[[], Any], what: str) -> Any:
-        """Wait for a condition and return its value; fails the test after ANSWER_TIMEOUT_S."""
+        """Wait until a condition is true, and return its value. Fails the test after ANSWER_TIMEOUT_S."""
         deadline_s = time.monotonic() + ANSWER_TIMEOUT_S
         while not (value := condition()):
-            assert time.monotonic() < deadline_s, f"{what} did not come within {ANSWER_TIMEOUT_S:g} s"
+            assert time.monotonic() < deadline_s, f"waited {ANSWER_TIMEOUT_S:g} s for {what}"
             time.sleep(0.002)
         return value
 
-    # -- ends ---------------------------------------------------------------------------------------------------------
+    # -- disconnecting ------------------------------------------------------------------------------------------------
     def close(self) -> None:
-        """Leave as the protocol says."""
+        """Close the connection as the protocol requires."""
         if self._thread.is_alive():
             self._call(self._leave())
             self._stop_loop()
 
     def vanish(self) -> None:
-        """Leave without a word, as a process that is killed."""
+        """Reset the connection, as the kernel does for a killed process."""
         self._call(self._reset())
         self._stop_loop()
 
@@ -139,14 +139,14 @@ class FoxgloveClient:
         await self._session.close()
 
     async def _reset(self) -> None:
-        # Without lingering, the kernel resets the connection instead of closing it in order.
+        # With a linger time of 0, the kernel resets the connection.
         self._socket.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         assert self._session.connector is not None
         await self._session.connector.close()
         await self._session.close()
 
-    async def _want(self, topic: str) -> None:
-        self._wanted.add(topic)
+    async def _want_topic(self, topic: str) -> None:
+        self._wanted_topics.add(topic)
         if topic in self.channels:
             await self._subscribe(topic, self.channels[topic]["id"])
 
@@ -170,8 +170,8 @@ class FoxgloveClient:
         elif operation == "advertise":
             for channel in message["channels"]:
                 self.channels[channel["topic"]] = channel
-                self.announced.append((channel["topic"], channel["id"]))
-                if channel["topic"] in self._wanted:
+                self.advertised.append((channel["topic"], channel["id"]))
+                if channel["topic"] in self._wanted_topics:
                     await self._subscribe(channel["topic"], channel["id"])
         elif operation == "unadvertise":
             gone = set(message["channelIds"])

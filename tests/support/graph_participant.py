@@ -1,8 +1,8 @@
-"""A node on the laptop or the robot that causes one fault of the graph, or gives one order to the simulated robot.
+"""A node on the laptop or the robot that causes a fault of the graph, or gives the simulated robot one order.
 
     python -m tests.support.graph_participant ROLE [ARGUMENT ...]
 
-It prints `up` when the role is active (or the order was received), and then runs until SIGTERM, except after an order.
+It prints `up` once the role is active or the order was sent. After an order it exits, otherwise it runs until SIGTERM.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-# Blocked before any import starts a thread: SIGTERM would kill a process with a thread that does not block it.
+# SIGTERM is blocked before an import starts a thread: a thread that does not block it would let it kill the process.
 signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
 
 import rclpy  # noqa: E402
@@ -31,7 +31,7 @@ ORDERS = ("sim", "battery", "press", "switch")
 
 
 class Participant:
-    """The node and the ways in which its roles use it."""
+    """A node that takes one role, or gives one order."""
 
     def __init__(self, role: str) -> None:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -52,7 +52,7 @@ class Participant:
     def publish_once(self, row: Any, **fields: Any) -> None:
         publisher = self.node.publisher(row)
         self.wait_until(lambda: publisher.get_subscription_count() > 0)
-        for _ in range(20):  # the subscription may be matched seconds after it is counted, on a busy machine
+        for _ in range(20):  # on a busy machine, a subscription that is counted may be matched seconds later
             publisher.publish(interface(row.type)(**fields))
             time.sleep(0.1)
 
@@ -95,17 +95,17 @@ class Participant:
             case "talker":
                 pass
             case role:
-                sys.exit(f"no role is called {role}")
+                sys.exit(f"unknown role {role}")
 
     def spin_until_sigterm(self) -> None:
-        ended = threading.Event()
+        sigterm_received = threading.Event()
 
         def wait_for_sigterm() -> None:
             signal.sigwait({signal.SIGTERM})
-            ended.set()
+            sigterm_received.set()
 
         threading.Thread(target=wait_for_sigterm, daemon=True).start()
-        while not ended.is_set():
+        while not sigterm_received.is_set():
             rclpy.spin_once(self.node, timeout_sec=0.1)
 
 
@@ -115,7 +115,7 @@ def main() -> None:
     participant.start(arguments)
     print("up", flush=True)
     if role in ORDERS:
-        time.sleep(0.5)  # the last samples must leave before the publisher ends
+        time.sleep(0.5)  # the last samples must be sent before the publisher is destroyed
     else:
         participant.spin_until_sigterm()
     participant.node.destroy_node()

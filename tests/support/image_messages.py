@@ -12,7 +12,7 @@ Pixels = NDArray[np.uint8]
 
 
 def gradient(width: int = 64, height: int = 48) -> Pixels:
-    """A picture, blue-green-red: red grows to the right, blue downwards."""
+    """Return a BGR picture: red grows to the right, blue grows downwards."""
     pixels = np.zeros((height, width, 3), np.uint8)
     pixels[:, :, 2] = np.linspace(0, 255, width, dtype=np.uint8)
     pixels[:, :, 0] = np.linspace(0, 255, height, dtype=np.uint8)[:, None]
@@ -20,12 +20,12 @@ def gradient(width: int = 64, height: int = 48) -> Pixels:
 
 
 def jpeg(pixels: Pixels) -> bytes:
-    """A JPEG file."""
+    """Return the picture as a JPEG file."""
     return bytes(cv2.imencode(".jpg", pixels)[1])
 
 
 def decoded(data: bytes) -> NDArray[np.int16]:
-    """The pixels of a JPEG file, as numbers that can be subtracted."""
+    """Return the pixels of a JPEG file, as signed numbers that can be subtracted."""
     pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     assert pixels is not None
     return np.asarray(pixels, np.int16)
@@ -34,7 +34,7 @@ def decoded(data: bytes) -> NDArray[np.int16]:
 def image_message(
     data: bytes, width: int, height: int, encoding: str, row_bytes: int, *, stamp_ns: int = 0, frame: str = "camera"
 ) -> bytes:
-    """A sensor_msgs/msg/Image in CDR, little endian."""
+    """Return a sensor_msgs/msg/Image in little-endian CDR."""
     out = _header(stamp_ns, frame)
     out += struct.pack("<II", height, width) + _string(encoding)
     out += b"\0"
@@ -42,7 +42,7 @@ def image_message(
 
 
 def compressed_message(data: bytes, form: str = "jpeg", *, stamp_ns: int = 0, frame: str = "camera") -> bytes:
-    """A sensor_msgs/msg/CompressedImage in CDR, little endian."""
+    """Return a sensor_msgs/msg/CompressedImage in little-endian CDR."""
     return _bytes(_header(stamp_ns, frame) + _string(form), data)
 
 

@@ -23,19 +23,19 @@ BEAMS = 360
 
 @dataclass
 class Arena:
-    """A rectangular room (its walls are 0.1 m thick) with boxes in it."""
+    """A rectangular area with walls that are 0.1 m thick, and with boxes in it."""
 
     width_m: float
     height_m: float
     boxes: list[Box] = field(default_factory=list)
 
     def solids(self) -> list[Box]:
-        """Walls and boxes."""
+        """Return walls and boxes."""
         w, h, t = self.width_m, self.height_m, 0.1
         return [*self.boxes, (-t, -t, 0.0, h + t), (w, -t, w + t, h + t), (-t, -t, w + t, 0.0), (-t, h, w + t, h + t)]
 
     def grid(self) -> GridMap:
-        """The map of the arena: solids occupied, the rest free."""
+        """Return the map of the arena: solids are occupied, the rest is free."""
         margin = 0.5
         columns, rows = (math.ceil((s + 2 * margin) / RESOLUTION_M) for s in (self.width_m, self.height_m))
         x = -margin + (np.arange(columns) + 0.5) * RESOLUTION_M
@@ -46,7 +46,7 @@ class Arena:
         return GridMap(cells, RESOLUTION_M, -margin, -margin)
 
     def ranges(self, sensor: Pose2, random: np.random.Generator | None = None) -> np.ndarray:
-        """BEAMS ranges from a sensor (slab method), infinite beyond 12 m, with 5 mm of noise if `random` is given."""
+        """Return BEAMS ranges of a sensor, infinite beyond 12 m, with 5 mm of noise if `random` is given (slab method)."""
         angles = sensor.yaw + 2 * np.pi * np.arange(BEAMS) / BEAMS
         dx, dy = np.cos(angles), np.sin(angles)
         best = np.full(BEAMS, np.inf)
@@ -62,7 +62,7 @@ class Arena:
         return np.where(best < 12.0, best, np.inf).astype(np.float32)
 
     def touches(self, robot: Pose2) -> bool:
-        """Whether the hull, a rectangle, overlaps a solid (separating axes)."""
+        """Return whether the robot's footprint, a rectangle, overlaps a solid (separating axes)."""
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)
         reach_x = HALF_LENGTH_M * abs(c) + HALF_WIDTH_M * abs(s)
         reach_y = HALF_LENGTH_M * abs(s) + HALF_WIDTH_M * abs(c)
@@ -98,12 +98,12 @@ class Base:
 
 
 class DirectPlanner:
-    """A planner that answers at once from a global costmap."""
+    """A planner that plans at once, on a global costmap."""
 
     def __init__(self, costmap: GlobalCostmap) -> None:
         self.costmap = costmap
         self.requests = 0
-        self._answer: Plan | NoPath | None = None
+        self._result: Plan | NoPath | None = None
 
     def request(self, start: Pose2, goals: Sequence[Pose2]) -> None:
         self.requests += 1
@@ -115,18 +115,18 @@ class DirectPlanner:
                 leg = plan(snapshot, at, (goal.x, goal.y))
                 points.append(leg.points if not points else leg.points[1:])
                 at = leg.goal
-            self._answer = Plan(np.vstack(points))
-        except NoPath as refusal:
-            self._answer = refusal
+            self._result = Plan(np.vstack(points))
+        except NoPath as failure:
+            self._result = failure
 
     def take(self) -> Plan | NoPath | None:
-        answer, self._answer = self._answer, None
-        return answer
+        result, self._result = self._result, None
+        return result
 
     def drop(self) -> None:
-        self._answer = None
+        self._result = None
 
-    def clear(self) -> None:
+    def clear_obstacles(self) -> None:
         self.costmap.clear()
 
 
@@ -146,20 +146,20 @@ class Drive:
         self.now_s = 0.0
         self.tick = 0
         self.snapshot: Costmap | None = None
-        self.blind: str | None = None
-        # Cycles between local updates; more simulates a slow machine.
+        self.lidar_fault: str | None = None
+        # Cycles from one local update to the next; more than 4 simulate a slow machine.
         self.scan_every = 4
-        self.seen_s = 0.0
+        self.last_scan_s = 0.0
         self.collisions = 0
         self.track: list[Pose2] = [start]
         self.commands: list[tuple[float, float, float]] = []
 
     def step(self) -> Decision:
-        """One control cycle of 50 ms."""
+        """Simulate one control cycle of 50 ms, and return the executive's decision."""
         base = self.base
         map_from_odom = base.truth @ base.odometry.inverse()
         if self.tick % self.scan_every == 0:
-            self.seen_s = self.now_s
+            self.last_scan_s = self.now_s
             ranges = self.arena.ranges(base.truth, self.random)
             scan = RangeScan(ranges, 0.0, 2 * math.pi / BEAMS)
             self.local.roll_to(base.odometry.x, base.odometry.y)
@@ -167,47 +167,47 @@ class Drive:
             self.snapshot = self.local.snapshot(base.odometry)
             if self.tick % 20 == 0:
                 self.world.observe(scan, BeamPoses(base.truth, base.truth))
-        step = self.executive.tick(
+        decision = self.executive.tick(
             View(
                 self.now_s,
                 base.odometry,
                 map_from_odom,
                 base.velocity,
                 self.snapshot,
-                self.blind,
-                self.now_s - self.seen_s,
+                self.lidar_fault,
+                self.now_s - self.last_scan_s,
             )
         )
-        self.commands.append(step.velocity)
+        self.commands.append(decision.velocity)
         for _ in range(5):
-            base.drive(step.velocity, 0.01)
+            base.drive(decision.velocity, 0.01)
         self.collisions += self.arena.touches(base.truth)
         self.track.append(base.truth)
         self.now_s += 0.05
         self.tick += 1
-        return step
+        return decision
 
     def go(self, *goals: Pose2, limit_s: float = 120.0) -> Decision:
-        """Navigate until the navigation ends."""
+        """Navigate through the goals until the executive has finished. Fails the test after `limit_s` of simulated time."""
         self.executive.start(goals, self.now_s)
         end = self.now_s + limit_s
         while self.now_s < end:
-            step = self.step()
-            if step.finished:
-                return step
-        raise AssertionError(f"not over after {limit_s} s; at {self.base.truth}, log {self.logs}")
+            decision = self.step()
+            if decision.finished:
+                return decision
+        raise AssertionError(f"not finished after {limit_s} s; at {self.base.truth}, log {self.logs}")
 
     def error_to(self, goal: Pose2) -> tuple[float, float]:
-        """The distance (m) and angle (rad) from the true pose to a goal."""
+        """Return the distance (m) and angle (rad) from the true pose to a goal."""
         return self.base.truth.distance_to(goal), abs(wrap_angle(self.base.truth.yaw - goal.yaw))
 
     def driven_m(self) -> float:
-        """The truly driven distance, m."""
+        """Return the true driven distance, m."""
         return sum(a.distance_to(b) for a, b in zip(self.track, self.track[1:]))
 
 
 def greenhouse(rows: int = 3, aisle_m: float = 0.9) -> Arena:
-    """Benches of 2.4 x 0.6 m in rows, aisles of `aisle_m` everywhere."""
+    """Return an arena with rows of benches of 2.4 x 0.6 m, and aisles of `aisle_m` around them."""
     width = 2 * aisle_m + 2.4
     height = (rows + 1) * aisle_m + rows * 0.6
     boxes = [(aisle_m, aisle_m + i * (aisle_m + 0.6), aisle_m + 2.4, aisle_m + i * (aisle_m + 0.6) + 0.6) for i in range(rows)]
@@ -215,7 +215,7 @@ def greenhouse(rows: int = 3, aisle_m: float = 0.9) -> Arena:
 
 
 def random_arena(seed: int, min_aisle_m: float = 0.9) -> Arena:
-    """A room of 6 to 10 m with up to a dozen boxes, no two nearer to each other or to a wall than an aisle."""
+    """Return an arena with sides of 6 to 10 m and random boxes, with at least `min_aisle_m` between them and to the walls."""
     random = np.random.default_rng(seed)
     width, height = random.uniform(6.0, 10.0, 2)
     boxes: list[Box] = []

@@ -28,7 +28,7 @@ PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 </udpv4></locator></metatrafficUnicastLocatorList></RemoteServer></discoveryServersList>
 </discovery_config></builtin></rtps></participant></profiles></dds>
 """
-# A node that prints `up`, waits for SIGTERM and shuts down cleanly, so that the next test finds nothing of it.
+# A node that prints `up`, waits for SIGTERM and shuts down cleanly, so that it leaves nothing behind for the next test.
 NODE = """
 import signal
 import rclpy
@@ -49,14 +49,14 @@ VENDOR_ENV = {
 
 
 def render_profile(**fields: str) -> str:
-    """The XML of a correct super client's profile, with `fields` of the template changed."""
-    correct = {"default": "true", "protocol": "SUPER_CLIENT", "prefix": SERVER_PREFIX, "address": "10.42.0.1"}
-    return PROFILE.format(**{**correct, **fields})
+    """Return the XML of a super client's profile, correct except for `fields` of the template."""
+    defaults = {"default": "true", "protocol": "SUPER_CLIENT", "prefix": SERVER_PREFIX, "address": "10.42.0.1"}
+    return PROFILE.format(**{**defaults, **fields})
 
 
 @dataclass
 class Laptop:
-    """An operator's machine that is configured for the robot, in the network of the simulated computer."""
+    """An operator's laptop in the network of the simulated computer; `configure` sets it up for the robot."""
 
     host: Host
     home: Path
@@ -86,7 +86,7 @@ class Laptop:
         }
 
     def configure(self) -> None:
-        """Install the SSH key and the DDS configuration for the robot."""
+        """Install the SSH key and the DDS settings for the robot."""
         ssh = self.home / ".ssh"
         ssh.mkdir(mode=0o700, parents=True)
         shutil.copy(self.host.key, ssh / "id_ed25519")
@@ -99,7 +99,7 @@ class Laptop:
             'export ROS_DISCOVERY_SERVER="10.42.0.1:11811"\n'
             "export RMW_IMPLEMENTATION=rmw_fastrtps_cpp\n"
         )
-        (self.home / ".bashrc").write_text("# only\n. ~/.config/lupin/ros-env.sh\n")
+        (self.home / ".bashrc").write_text("# a shell\n. ~/.config/lupin/ros-env.sh\n")
 
     def run_doctor(
         self,
@@ -108,7 +108,7 @@ class Laptop:
         env: dict[str, str] | None = None,
         address: str = "10.42.0.1",
     ) -> tuple[int, Any]:
-        """Exit status and JSON report of `lupin doctor`. Without an address, it examines the laptop alone."""
+        """Run `lupin doctor`; return its exit status and JSON report. If `address` is empty, it examines only the laptop."""
         only = [word for check in checks for word in ("--only", check)]
         robot = ["--host", f"mirte@{address}"] if address else []
         command = [sys.executable, "-m", "lupin_cli.app", "doctor", *robot, "--json", *only, *arguments]
@@ -117,7 +117,7 @@ class Laptop:
         return done.returncode, json.loads(done.stdout)
 
     def root_causes(self, **options: Any) -> list[str]:
-        """The ids of the root causes that the doctor finds. It must examine everything."""
+        """Run the doctor; return the ids of the root causes. Fails the test if a check could not examine everything."""
         status, report = self.run_doctor(**options)
         assert report["broken"] == [], report["broken"]
         assert report["unknown"] == [] or status == 3, report["unknown"]
@@ -127,7 +127,7 @@ class Laptop:
 
     @contextmanager
     def running_node(self, env: dict[str, str], *arguments: str) -> Iterator[int]:
-        """A node on the laptop in the environment `env`, until the block ends; gives its pid."""
+        """Run a node on the laptop in the environment `env` during the block, and yield its pid."""
         process = self.host.popen(
             [sys.executable, "-c", NODE, *arguments],
             env=env,
@@ -146,17 +146,17 @@ class Laptop:
 
 
 def vendor_age_s(host: Host, robot: Robot | None = None) -> float:
-    """Seconds since the vendor's service started. The doctor waits for a while before it calls a server missing."""
-    # Over SSH: only a session of the robot sees the uptime of the robot instead of the host's.
+    """Return the seconds since the vendor's service started: the doctor reports a missing server only after some time."""
+    # Over SSH, since only a login session sees the uptime of the robot instead of that of this machine.
     show = "systemctl show -p ActiveEnterTimestampMonotonic --value mirte-ros; cat /proc/uptime"
     words = host.ssh(show, robot=robot).stdout.split()
     return float(words[1]) - int(words[0]) / 1e6 if len(words) == 3 and words[0] != "0" else 0.0
 
 
 @contextmanager
-def killed_after(process: subprocess.Popen[Any], limit_s: float = 60.0) -> Iterator[None]:
-    """Kill `process` if the block takes longer than `limit_s`, which also ends a read of its output."""
-    timer = threading.Timer(limit_s, process.kill)
+def killed_after(process: subprocess.Popen[Any], timeout_s: float = 60.0) -> Iterator[None]:
+    """Kill `process` if the block takes longer than `timeout_s`, so that reading its output cannot block forever."""
+    timer = threading.Timer(timeout_s, process.kill)
     timer.start()
     try:
         yield
@@ -166,25 +166,25 @@ def killed_after(process: subprocess.Popen[Any], limit_s: float = 60.0) -> Itera
 
 @contextmanager
 def running_robot_node(host: Host, user: str = "mirte") -> Iterator[str]:
-    """A node on the robot in the vendor's environment, until the block ends; gives its systemd unit."""
+    """Run a node on the robot in the vendor's environment during the block, and yield its systemd unit."""
     settings = [f"--setenv={name}={value}" for name, value in VENDOR_ENV.items()]
     unit = f"lupin-test-talker-of-{user}"
-    started = host.robot.inside(
+    started = host.robot.run_as_root(
         "systemd-run", "--quiet", "--collect", f"--unit={unit}", f"--uid={user}", *settings, sys.executable, "-c", NODE
     )
     assert started.status == 0, started.stderr
     try:
         wait_until(
-            lambda: "up" in host.robot.inside("journalctl", "-q", "-o", "cat", "-u", unit).stdout.split(),
+            lambda: "up" in host.robot.run_as_root("journalctl", "-q", "-o", "cat", "-u", unit).stdout.split(),
             "the robot's node",
             30.0,
         )
         yield unit
     finally:
-        host.robot.inside("systemctl", "stop", unit)
+        host.robot.run_as_root("systemctl", "stop", unit)
 
 
 def signal_unit(host: Host, unit: str, signal: str) -> None:
     """Send a signal to the processes of a unit on the robot."""
-    done = host.robot.inside("systemctl", "kill", f"--signal={signal}", unit)
+    done = host.robot.run_as_root("systemctl", "kill", f"--signal={signal}", unit)
     assert done.status == 0, done.stderr

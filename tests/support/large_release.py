@@ -1,8 +1,8 @@
-"""`lupin` with a release that has large files, so that its transfer takes a while. Run as a program by a test.
+"""`lupin` with a release that has large files, so that its transfer takes a while. Tests run this module as a program.
 
     large_release.py FOLDER SIGNAL WORDS...
 
-runs `lupin WORDS`; the files of FOLDER are added to the release. If SIGNAL is not empty, the program sends itself this signal
+Adds the files of FOLDER to the release, and runs `lupin WORDS`. If SIGNAL is not empty, the program sends itself this signal
 (such as SIGSTOP) during the transfer of the first archive.
 """
 
@@ -18,11 +18,11 @@ from typing import Any
 
 from lupin_cli.release.contents import RobotPlatform, release_files
 
-SIGNAL_DELAY_S = 0.05  # after the start of the first archive's transfer, which takes longer
+SIGNAL_DELAY_S = 0.05  # after the transfer of the first archive has started; it takes longer
 
 
 def with_large_files(folder: Path) -> Callable[[RobotPlatform], Iterator[tuple[str, str | bytes]]]:
-    """A replacement for `release_files` that adds the files of `folder`."""
+    """Return a replacement for `release_files` that adds the files of `folder`."""
 
     def files(robot: RobotPlatform) -> Iterator[tuple[str, str | bytes]]:
         yield from release_files(robot)
@@ -33,7 +33,7 @@ def with_large_files(folder: Path) -> Callable[[RobotPlatform], Iterator[tuple[s
 
 
 def main(folder: str, signal_name: str, *words: str) -> None:
-    """Run `lupin WORDS`; see the module."""
+    """Run `lupin WORDS` as described above."""
     from lupin_cli.app import app
     from lupin_cli.connection.ssh import SshTarget
     from lupin_cli.operations import release

@@ -28,7 +28,7 @@ def beams_of(log: Log) -> Beams:
 
 
 class MappingRun:
-    """One mapper and the results of the scans of a log that it has processed."""
+    """A mapper, and its results for the scans of a log that it has processed."""
 
     def __init__(self, log: Log, settings: MapperSettings | None = None) -> None:
         self.log = log
@@ -36,7 +36,7 @@ class MappingRun:
         self.results: list[ScanResult] = []
 
     def process(self, first: int, last: int, corrupt_scan: CorruptScan | None = None) -> MappingRun:
-        """Process the scans [first, last) of the log, each as `corrupt_scan` changes it; returns this run."""
+        """Process the scans [first, last) of the log, changed by `corrupt_scan` if it is given; return this object."""
         beams = beams_of(self.log)
         for k in range(first, last):
             stamp, odom, ranges = float(self.log.stamps[k]), pose2(self.log.odom[k]), self.log.ranges[k]
@@ -48,7 +48,7 @@ class MappingRun:
     def errors(self, first: int = 0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the position (m) and yaw (rad) errors of the results' poses from scan `first` on, relative to the start.
 
-        The run must have begun with the log's first scan.
+        The first processed scan must be the log's first one.
         """
         estimate = np.array([result.pose for result in self.results])
         start = pose2(self.log.truth[0]).inverse()

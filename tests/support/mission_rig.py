@@ -1,4 +1,4 @@
-"""An orchestrator with fakes for all its ports; time advances only in `Rig.step`."""
+"""An orchestrator with fakes for all of its ports. Time advances only in `Rig.step`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Goal:
 
 
 class GoalListener(Protocol):
-    """Receives the results of goals: an Orchestrator, or a test's own object."""
+    """Receives the responses to goals: an Orchestrator, or an object of a test."""
 
     def goal_accepted(self, token: int) -> None: ...
 
@@ -51,44 +51,48 @@ class GoalListener(Protocol):
 
 
 class FakeNavigation:
-    """Accepts goals at once; tests end them. `accepts` False answers no goal, `acknowledges_cancels` False no cancel."""
+    """Accepts goals and cancel requests at once; tests end the goals.
+
+    If `answers_goals` is False, a goal gets no response until the test calls `accept` or `reject`. If `answers_cancels` is
+    False, a cancel request is only counted.
+    """
 
     def __init__(self) -> None:
         self.ready = True
-        self.accepts = True
-        self.acknowledges_cancels = True
+        self.answers_goals = True
+        self.answers_cancels = True
         self.goals: list[Goal] = []
-        self.cancelled_all = 0
-        self.orchestrator: GoalListener
+        self.cancel_all_count = 0
+        self.goal_listener: GoalListener
 
     def is_ready(self) -> bool:
         return self.ready
 
     def send(self, token: int, pose: Pose2) -> None:
         self.goals.append(Goal(token, pose))
-        if self.accepts:
+        if self.answers_goals:
             self.accept(self.goals[-1])
 
     def accept(self, goal: Goal) -> None:
         goal.accepted = True
-        self.orchestrator.goal_accepted(goal.token)
+        self.goal_listener.goal_accepted(goal.token)
 
     def reject(self, goal: Goal) -> None:
         goal.ended = True
-        self.orchestrator.goal_rejected(goal.token)
+        self.goal_listener.goal_rejected(goal.token)
 
     def end(self, goal: Goal, status: int) -> None:
         goal.ended = True
-        self.orchestrator.goal_finished(goal.token, status)
+        self.goal_listener.goal_finished(goal.token, status)
 
     def cancel(self, token: int) -> None:
         goal = next(goal for goal in self.goals if goal.token == token)
         goal.cancel_requests += 1
-        if self.acknowledges_cancels and not goal.ended:
+        if self.answers_cancels and not goal.ended:
             self.end(goal, STATUS_CANCELED)
 
     def cancel_all(self) -> None:
-        self.cancelled_all += 1
+        self.cancel_all_count += 1
 
     @property
     def open(self) -> list[Goal]:
@@ -96,7 +100,7 @@ class FakeNavigation:
 
     @property
     def driving(self) -> list[Goal]:
-        """Goals that drive the robot, now or once accepted: they have not ended and no cancel was requested."""
+        """Goals that drive the robot, now or once they are accepted: not ended, and without a cancel request."""
         return [goal for goal in self.open if not goal.cancel_requests]
 
 
@@ -188,9 +192,9 @@ LAYOUT = Layout({"A": Table(2.0, 3.0, -0.2, 0.2)}, {tag: TagLocation(2.0 + 0.5 *
 
 
 class Rig:
-    """An orchestrator with its fakes; keyword arguments are parameters of MissionConfig."""
+    """An orchestrator with its fakes. `ready`: it has left BOOT. Keyword arguments are parameters of MissionConfig."""
 
-    def __init__(self, booted: bool = True, layout: Layout = LAYOUT, **parameters: Any) -> None:
+    def __init__(self, ready: bool = True, layout: Layout = LAYOUT, **parameters: Any) -> None:
         self.clock, self.navigation, self.greenhouse, self.confirmer = (
             FakeClock(),
             FakeNavigation(),
@@ -203,8 +207,8 @@ class Rig:
             Ports(self.clock, self.navigation, self.greenhouse, self.confirmer, self.arm, self.map_source, self.publisher),
             layout,
         )
-        self.navigation.orchestrator = self.orchestrator
-        if booted:
+        self.navigation.goal_listener = self.orchestrator
+        if ready:
             self.localize()
             self.step()
 
@@ -228,7 +232,11 @@ class Rig:
             self.clock.s += 0.1
             self.orchestrator.tick()
 
-    def arrive(self, status: int = STATUS_SUCCEEDED) -> None:
+    def arrive(self) -> None:
+        """Let the newest driving goal succeed, at its pose."""
+        self.end_drive(STATUS_SUCCEEDED)
+
+    def end_drive(self, status: int) -> None:
         """End the newest driving goal with an action status."""
         goal = self.navigation.driving[-1]
         if status == STATUS_SUCCEEDED:
@@ -237,7 +245,7 @@ class Rig:
         self.step()
 
     def fail(self) -> None:
-        self.arrive(STATUS_ABORTED)
+        self.end_drive(STATUS_ABORTED)
 
     def discover(self, *tags: str) -> None:
         self.orchestrator.on_tags({tag: MapPose(1.0 + int(tag), 1.0, 0.15, *tag_orientation(math.pi)) for tag in tags})
@@ -250,21 +258,21 @@ class Rig:
         assert self.requests.start("InspectionMission", tags).success
         self.step()
 
-    def explore(self, goal: int = 2) -> None:
+    def explore(self, discovery_goal: int = 2) -> None:
         if self.map_source.newest is None:
             self.show_map()
-        assert self.requests.start("ExplorationMission", (), goal).success
+        assert self.requests.start("ExplorationMission", (), discovery_goal).success
         self.step()
 
     def monitor(self, *tags: str) -> None:
-        """Start an exploration, and discover as many tags as its goal."""
+        """Start an exploration, and discover these tags, which are all that it looks for: monitoring begins."""
         self.explore(len(tags))
         self.discover(*tags)
         self.step()
         assert self.state == "MONITORING.NAVIGATING"
 
     def bring_to(self, state: str) -> None:
-        """Start a mission and bring it into a leaf state."""
+        """Start a mission, and bring it into this leaf state."""
         if state == "PREPARE.LOCALIZING":
             self.localize(9.0)
             self.inspect("1", "2")
@@ -281,16 +289,16 @@ class Rig:
             self.greenhouse.replies = False
             self.arrive()
         if state.endswith("PUBLISHING"):
-            self.close_tag_while_paused()
+            self.pause_in_publishing()
         assert self.state == state
 
-    def close_tag_while_paused(self) -> None:
-        """Enter PUBLISHING and stay there: the mission passes through it unless it is paused."""
+    def pause_in_publishing(self) -> None:
+        """Pause, and finish the current tag: the mission stays in PUBLISHING, which it otherwise leaves in the same tick."""
         self.requests.pause()
         self.orchestrator.mission_runner.inspecting._close(OK, "")
 
     def end_mission(self) -> None:
-        """Abort twice, which ends the mission where the robot is."""
+        """Abort twice: the first abort makes the robot return to the dock, the second ends the mission where it is."""
         self.requests.abort()
         self.requests.abort()
 

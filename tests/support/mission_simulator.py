@@ -1,7 +1,7 @@
-"""Runs a complete mission in seconds: the orchestrator in a simulated greensimulator without physics, images or ROS.
+"""Runs a complete mission in seconds: the orchestrator in a simulated greenhouse without physics, images or ROS.
 
 The robot is a point that follows shortest paths at constant speed. Its lidar updates a map once a second, and its camera
-detects the tags that the real detector would. Times are simulated.
+detects the tags that the real detector would detect. All times are simulated.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ STEP_S = 0.1
 LIDAR_RANGE_M, BEAMS = 12.0, 720
 TAG_RANGE_M, TAG_INCIDENCE_RAD, HALF_FOV_RAD, SIGHTINGS = 2.0, math.radians(60.0), math.radians(29.0), 3
 CAMERA_X_M = 0.147
-ROBOT_ROOM_M = 0.24
+ROBOT_CLEARANCE_M = 0.24
 
 
 class MissionSimulator:
-    """An orchestrator, its ports and the world behind them.
+    """An orchestrator, all of its ports, and the world behind them.
 
-    `range_sigma_m` is the noise of lidar ranges; `pose_sigma_m` that of the estimated pose, in meters and radians.
+    `range_sigma_m` is the noise of lidar ranges, `pose_sigma_m` the noise of the estimated pose, in meters and radians.
     Further keyword arguments are parameters of MissionConfig.
     """
 
@@ -136,11 +136,11 @@ class MissionSimulator:
     # -- simulation
 
     def step(self) -> None:
-        """Simulate STEP_S seconds."""
+        """Simulate STEP_S."""
         self.now += STEP_S
-        due = [act for at, act in self._scheduled if at <= self.now]
+        actions = [act for at, act in self._scheduled if at <= self.now]
         self._scheduled = [(at, act) for at, act in self._scheduled if at > self.now]
-        for act in due:
+        for act in actions:
             act()
         self._drive()
         self._detect_tags()
@@ -192,11 +192,11 @@ class MissionSimulator:
         return wrap_angle(self.pose.yaw + max(-max_turn, min(max_turn, turn)))
 
     def _plan(self, goal: Pose2) -> list[tuple[float, float]] | None:
-        """Return a path that avoids known obstacles and may cross unknown cells; None if there is none."""
+        """Return a path that avoids known obstacles and may cross unknown cells, or None."""
         known = self.known
         cells = np.where(known >= 65, known, 0).astype(np.int8)
         clearance = ClearanceMap.from_grid(self._grid(cells))
-        distance = travel_distances(clearance, goal, ROBOT_ROOM_M)
+        distance = travel_distances(clearance, goal, ROBOT_CLEARANCE_M)
         if distance is None:
             return None
         row, column = self._grid(cells).cell_of(self.pose.x, self.pose.y)
@@ -223,7 +223,7 @@ class MissionSimulator:
         return [*path[::3], end]
 
     def _cast_rays(self, x: float, y: float, angles: NDArray[np.float64], reach: float) -> tuple[Any, Any, Any]:
-        """Return rows and columns of the cells along rays (n, k), and the index of the first solid cell (n,), k if none."""
+        """Return rows and columns of the cells along rays (n, k), and the index of the first solid cell (n,), or k."""
         steps = np.arange(1, int(reach / (CELL_M / 2)) + 1) * (CELL_M / 2)
         columns = np.floor((x + np.outer(np.cos(angles), steps) - self._origin[0]) / CELL_M).astype(int)
         rows = np.floor((y + np.outer(np.sin(angles), steps) - self._origin[1]) / CELL_M).astype(int)
@@ -239,9 +239,12 @@ class MissionSimulator:
         hits = np.flatnonzero(first < rows.shape[1])
         noise = np.round(self._rng.normal(0.0, self._range_sigma_m, len(first)) / (CELL_M / 2)).astype(int)
         ends = np.clip(first + noise, 0, rows.shape[1] - 1)
-        by = round((estimated.y - self.pose.y) / CELL_M), round((estimated.x - self.pose.x) / CELL_M)
-        rows, columns = np.clip(rows + by[0], 0, self.solid.shape[0] - 1), np.clip(columns + by[1], 0, self.solid.shape[1] - 1)
-        # The hit cell does not count as passed, whichever of its two half-cell steps the beam ends in.
+        shift = round((estimated.y - self.pose.y) / CELL_M), round((estimated.x - self.pose.x) / CELL_M)
+        rows, columns = (
+            np.clip(rows + shift[0], 0, self.solid.shape[0] - 1),
+            np.clip(columns + shift[1], 0, self.solid.shape[1] - 1),
+        )
+        # A beam has two steps per cell: the hit cell must not count as passed if the beam ends in its second step.
         hit_rows, hit_columns = rows[hits, ends[hits]], columns[hits, ends[hits]]
         passed = np.zeros(self.solid.shape, bool)
         free = np.arange(rows.shape[1])[None, :] < ends[:, None]
@@ -270,7 +273,7 @@ class MissionSimulator:
 
 @dataclass
 class MissionResult:
-    """The result of a simulated mission; `missed` are reachable tags that were not read."""
+    """The result of a simulated mission; `missed` are the reachable tags that were not read."""
 
     world: str
     state: str
@@ -287,7 +290,7 @@ class MissionResult:
 def simulate_exploration(
     name: str, limit_s: float = 3600.0, range_sigma_m: float = 0.0, pose_sigma_m: float = 0.0, **parameters: Any
 ) -> tuple[MissionResult, MissionSimulator]:
-    """Run a mission for all tags in a world of `lupin_sim`, for at most `limit_s` of simulated time."""
+    """Explore and monitor all tags in a world of `lupin_sim`, for at most `limit_s` of simulated time."""
     world = load_world(name)
     simulator = MissionSimulator(world, range_sigma_m, pose_sigma_m, **parameters)
     while simulator.orchestrator.hsm.top_level_state != "READY":

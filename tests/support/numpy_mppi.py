@@ -1,4 +1,4 @@
-"""MPPI in plain numpy: the reference with which the kernels are compared, term by term, and measured."""
+"""MPPI in plain numpy: the reference for the results of the kernels, and for their speed."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from lupin_runtime.navigation.mppi import LocalPath, MppiParameters
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
-    """Angles within [-pi, pi)."""
+    """Return the angles wrapped to [-pi, pi)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def rollouts(
     p: MppiParameters, controls: np.ndarray, noise: np.ndarray, velocity: Sequence[float], robot: Pose2
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Velocities (3, batch, steps), and x, y (m from the robot, axes of the frame), yaw (batch, steps) of every sample."""
+    """Return all samples' velocities (3, batch, steps), and x, y (m from the robot, axes of the frame), yaw (batch, steps)."""
     batch, steps, _ = noise.shape
     up = np.array([p.ax_max, p.ay_max, p.az_max]) * p.model_dt
     down = np.array([-p.ax_min, p.ay_max, p.az_max]) * p.model_dt
@@ -48,9 +48,9 @@ def iterate(
     goal: Pose2,
     costmap: Costmap,
 ) -> np.ndarray | None:
-    """One iteration: the new controls (3, steps) before limits and smoothing; None if every sample collides.
+    """Run one iteration; return the new controls (3, steps) before limits and smoothing, or None if every sample collides.
 
-    `noise` is (batch, steps, 3), unit normal; the rest as MppiController.compute takes it.
+    `noise` is (batch, steps, 3), unit normal; the other arguments are those of MppiController.compute.
     """
     v, x, y, yaw = rollouts(p, controls, noise, velocity, robot)
     steps = noise.shape[1]
@@ -113,8 +113,8 @@ def iterate(
     if last > 0 and path.remaining_m > p.path_angle.threshold_to_consider:
         off_heading = wrapped(np.array(math.atan2(path_y[face], path_x[face]) - robot.yaw))
         if abs(float(off_heading)) >= p.path_angle.max_angle_to_furthest:
-            wanted = np.arctan2(path_y[face] - y[:, -1], path_x[face] - x[:, -1])
-            cost += p.path_angle.cost_weight * np.abs(wrapped(wanted - yaw[:, -1]))
+            desired_yaw = np.arctan2(path_y[face] - y[:, -1], path_x[face] - x[:, -1])
+            cost += p.path_angle.cost_weight * np.abs(wrapped(desired_yaw - yaw[:, -1]))
 
     weights = np.exp(-(cost - cost.min()) / p.temperature)
     weights /= weights.sum()

@@ -1,4 +1,4 @@
-"""Costmaps with single obstacles, for tests of what drives among them."""
+"""Costmaps with single obstacles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lupin_runtime.navigation.costmap import BeamPoses, Costmap, LocalCostmap, R
 
 
 def costmap_with_obstacles(*points: tuple[float, float]) -> Costmap:
-    """A local costmap around the origin, in meters, where one beam hit each of the points."""
+    """Return a local costmap around the origin, with an obstacle at each point (m): each was hit by one beam."""
     costmap = LocalCostmap()
     costmap.roll_to(0.0, 0.0)
     for x, y in points:

@@ -1,4 +1,4 @@
-"""What every operation promises, tested on a real machine."""
+"""Tests on a real machine what every operation guarantees: it changes once, verifies, and can be undone repeatedly."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ def apply(operation: Operation, target: Target) -> Difference:
 
 
 def wait_until_settled(operation: Operation, target: Target, before: Mapping[str, Any] | None = None) -> None:
-    """Wait until nothing differs any more, as the engine does; `before` is the state when the step began."""
+    """Wait until the operation would change nothing, like the engine; `before` is the state before the step."""
     if before is not None:
         operation = operation.with_baseline(before)
     deadline = time.monotonic() + 60.0
-    while (left := examine(operation, target)) is not None:
-        assert time.monotonic() < deadline, left
+    while (difference := examine(operation, target)) is not None:
+        assert time.monotonic() < deadline, difference
         time.sleep(0.1)
 
 
 def apply_and_undo(operation: Operation, target: Target) -> Difference:
-    """Apply, verify that a second run would change nothing, undo twice, verify that it differs as before. Returns how."""
+    """Apply, verify that it would change nothing more, undo twice, verify the same difference; return the difference."""
     difference = require_difference(operation, target)
     assert difference.summary and "\n" not in difference.summary
     before = json.loads(json.dumps(difference.before))

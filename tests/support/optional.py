@@ -8,6 +8,6 @@ T = TypeVar("T")
 
 
 def present(value: T | None) -> T:
-    """`value`, which the test expects to exist; fails the test where it is None."""
+    """Return `value`; fail the test if it is None."""
     assert value is not None
     return value

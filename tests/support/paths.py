@@ -1,4 +1,4 @@
-"""Where the checkout and the data of tests are."""
+"""The paths of the checkout and of test data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plays a playbook on this machine and is killed at the n-th line of its journal, before or after the line is written."""
+"""Plays a playbook on this machine, and kills itself before or after it writes the n-th line of the journal."""
 
 from __future__ import annotations
 

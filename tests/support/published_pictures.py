@@ -1,4 +1,4 @@
-"""The graph of a video server's tests: cameras whose pictures the test publishes."""
+"""A stand-in for the graph in tests of the video server: the test publishes the cameras' pictures."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from tests.support.image_messages import compressed_message, gradient, image_mes
 
 
 class PublishedPictures:
-    """Cameras whose pictures the test publishes."""
+    """A camera that publishes JPEG and one that publishes raw pictures, both controlled by the test."""
 
     def __init__(self) -> None:
         self.topics: dict[str, list[str]] = {"/jpeg/compressed": [COMPRESSED_IMAGE], "/raw": [IMAGE]}
         self.subscriptions: dict[Source, Callable[[bytes], None]] = {}
-        self.began = 0
+        self.subscribe_count = 0
         self.silent = False
 
     def publishers(self) -> Mapping[str, Sequence[str]]:
@@ -25,16 +25,16 @@ class PublishedPictures:
 
     def subscribe(self, source: Source, receive: Callable[[bytes], None]) -> Callable[[], None]:
         assert source not in self.subscriptions
-        self.began += 1
+        self.subscribe_count += 1
         self.subscriptions[source] = receive
         return lambda: self.subscriptions.__delitem__(source)
 
     def publish(self, data: bytes, stamp_ns: int = 0) -> None:
-        """A JPEG picture."""
+        """Publish a JPEG picture."""
         self._publish(Source("/jpeg/compressed", True), compressed_message(data, stamp_ns=stamp_ns))
 
     def publish_raw(self, stamp_ns: int = 0, encoding: str = "bgr8") -> None:
-        """A raw picture, which is `gradient`."""
+        """Publish `gradient()` as a raw picture."""
         pixels = gradient()
         height, width, _ = pixels.shape
         message = image_message(pixels.tobytes(), width, height, encoding, 3 * width, stamp_ns=stamp_ns)

@@ -1,4 +1,4 @@
-"""Random messages of every installed type, and their values as a client should get them."""
+"""Random messages of every installed type, and the values that a client should receive for them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BYTE_TYPES = ("octet", "uint8", "char")
 
 @functools.cache
 def installed_classes() -> list[Any]:
-    """Every message class of the installed interface packages, those of services and actions included."""
+    """Return every message class of the installed interface packages, including those of services and actions."""
     found: list[Any] = []
     for package in pkgutil.iter_modules():
         for kind in PACKAGES if package.ispkg and package.name.endswith(("_msgs", "_interfaces")) else ():
@@ -45,7 +45,7 @@ def _message_classes(value: Any) -> Iterator[Any]:
 
 
 def random_message(message_class: Any, rng: random.Random) -> Any:
-    """A message with random values in all of its fields."""
+    """Return a message with random values in all fields."""
     message = message_class()
     for name, kind in zip(message_class.get_fields_and_field_types(), message_class.SLOT_TYPES):
         setattr(message, name, _random_value(kind, rng))
@@ -70,13 +70,13 @@ def _random_number(typename: str, rng: random.Random) -> Any:
     if typename == "octet":
         return bytes([rng.randrange(256)])
     if typename in ("float", "double"):
-        return rng.randrange(-1000, 1000) / 8  # exact in both, so that their texts agree
+        return rng.randrange(-1000, 1000) / 8  # exact as float and as double, so that both have the same text
     bits = int("".join(c for c in typename if c.isdigit()) or "8")
     return rng.randrange(-(2 ** (bits - 1)), 2 ** (bits - 1)) if typename.startswith("int") else rng.randrange(2**bits)
 
 
 def expected(message: Any, form: Format) -> Any:
-    """The values of a message, read from its object."""
+    """Return the values of a message in this format, read from the Python object."""
     kinds = zip(message.get_fields_and_field_types(), message.SLOT_TYPES)
     return {name: _expected_value(kind, getattr(message, name), form) for name, kind in kinds}
 

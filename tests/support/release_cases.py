@@ -1,4 +1,4 @@
-"""Every source of motion, as ReleaseRig measures it."""
+"""All sources of motion, for ReleaseRig.measure."""
 
 from __future__ import annotations
 
@@ -15,51 +15,51 @@ def _nothing(_: ReleaseRig) -> None:
 
 @dataclass(frozen=True)
 class Case:
-    """A source of motion: how it starts, what it does while the e-stop is engaged, a newer command, and its end."""
+    """A source of motion: how it starts, acts while the e-stop is engaged, gives a newer command, and stops."""
 
     name: str
     start: Callable[[ReleaseRig], None]
-    newer: Callable[[ReleaseRig], None]
-    engaged: Callable[[ReleaseRig], None] = _nothing
-    end: Callable[[ReleaseRig], None] = _nothing
+    newer_command: Callable[[ReleaseRig], None]
+    while_engaged: Callable[[ReleaseRig], None] = _nothing
+    stop: Callable[[ReleaseRig], None] = _nothing
 
 
-def _held(name: str, row: graph.Topic, silent_s: float = 0.0) -> Case:
-    """A stream that never rests, whatever the e-stop does."""
-    return Case(name, lambda rig: rig.rest_then_stream(row), lambda rig: rig.rest_then_stream(row, silent_s))
+def _stream(name: str, row: graph.Topic, silent_s: float = 0.0) -> Case:
+    """Return a stream that ignores the e-stop. Its newer command follows zero, or `silent_s` without messages."""
+    return Case(name, lambda rig: rig.zero_then_stream(row), lambda rig: rig.zero_then_stream(row, silent_s))
 
 
-def _hold_beside_console_at_rest(rig: ReleaseRig) -> None:
-    rig.rest_then_stream(graph.CMD_VEL_MANUAL)
+def _stream_beside_resting_console(rig: ReleaseRig) -> None:
+    rig.zero_then_stream(graph.CMD_VEL_MANUAL)
 
 
-def _rest_on_another_console(rig: ReleaseRig) -> None:
+def _start_resting_console(rig: ReleaseRig) -> None:
     rig.stream(graph.CMD_VEL_MANUAL, 0.0, number=1)
 
 
-def _leave_one_console(rig: ReleaseRig) -> None:
+def _stop_resting_console(rig: ReleaseRig) -> None:
     rig.stream(graph.CMD_VEL_MANUAL, None, number=1)
-    rig.rest_then_stream(graph.CMD_VEL_MANUAL)
+    rig.zero_then_stream(graph.CMD_VEL_MANUAL)
 
 
 CASES = (
-    Case("NavigateToPose of another client", ReleaseRig.go, ReleaseRig.go, end=ReleaseRig.cancel),
+    Case("NavigateToPose of another client", ReleaseRig.go, ReleaseRig.go, stop=ReleaseRig.cancel),
     Case("NavigateToPose, sent again while engaged", ReleaseRig.go, ReleaseRig.go, ReleaseRig.go, ReleaseRig.cancel),
-    Case("NavigateThroughPoses", ReleaseRig.go_through, ReleaseRig.go_through, end=ReleaseRig.cancel),
+    Case("NavigateThroughPoses", ReleaseRig.go_through, ReleaseRig.go_through, stop=ReleaseRig.cancel),
     Case("/goal_pose", ReleaseRig.click, ReleaseRig.click, ReleaseRig.click, ReleaseRig.cancel),
-    _held("stick held, /cmd_vel_manual", graph.CMD_VEL_MANUAL),
-    _held("stick held, /cmd_vel_joy", graph.CMD_VEL_JOY),
+    _stream("stick held, /cmd_vel_manual", graph.CMD_VEL_MANUAL),
+    _stream("stick held, /cmd_vel_joy", graph.CMD_VEL_JOY),
     Case(
         "stick held beside a console at rest, /cmd_vel_manual",
-        _hold_beside_console_at_rest,
-        _leave_one_console,
-        _rest_on_another_console,
+        _stream_beside_resting_console,
+        _stop_resting_console,
+        _start_resting_console,
     ),
-    _held("foreign stream, /cmd_vel_auto, rests", graph.CMD_VEL_AUTO),
-    _held("foreign stream, /cmd_vel_auto, goes silent", graph.CMD_VEL_AUTO, silent_s=3.0),
-    _held("foreign stream, /cmd_vel_nav", graph.CMD_VEL_NAV),
+    _stream("stream of another publisher, /cmd_vel_auto, sends zero", graph.CMD_VEL_AUTO),
+    _stream("stream of another publisher, /cmd_vel_auto, goes silent", graph.CMD_VEL_AUTO, silent_s=3.0),
+    _stream("stream of another publisher, /cmd_vel_nav", graph.CMD_VEL_NAV),
     Case("arm preset", ReleaseRig.other_preset, ReleaseRig.other_preset),
-    Case("arm replay", ReleaseRig.play, ReleaseRig.play, end=lambda rig: rig.call(graph.ARM_LIBRARY_STOP)),
+    Case("arm replay", ReleaseRig.play, ReleaseRig.play, stop=lambda rig: rig.call(graph.ARM_LIBRARY_STOP)),
     Case(
         "arm trajectory of another publisher",
         ReleaseRig.send_trajectory,
@@ -71,6 +71,6 @@ CASES = (
         "mission",
         ReleaseRig.start_mission,
         lambda rig: rig.call(graph.MISSION_RESUME),
-        end=ReleaseRig.abort_mission,
+        stop=ReleaseRig.abort_mission,
     ),
 )

@@ -1,6 +1,6 @@
-"""Measures how far the robot moves after the release of the e-stop without a newer command, for every source of motion.
+"""Measures how far the robot still moves when the e-stop is released and no newer command comes, for a source of motion.
 
-The base is measured by the simulator's true trajectory, arm and gripper by their joint states.
+The motion of the base is read from the simulator's true trajectory, that of arm and gripper from their joint states.
 """
 
 from __future__ import annotations
@@ -29,27 +29,27 @@ STREAM_M_S = 0.15
 TIMEOUT_S = 30.0
 MOVING_M_S = 0.05
 MOVING_RAD_S = 0.1
-# Two places of the map in a straight, free line; a case drives to the one that is farther away.
-PLACES = ((0.1, 0.0), (1.5, 0.0))
+# Two positions on the map with free space between them; goals are at the one that is farther away.
+POSITIONS = ((0.1, 0.0), (1.5, 0.0))
 MOVED_M, MOVED_RAD = 0.05, 0.05
 SEQUENCE = "release_rig"
 MOTION_TIMEOUT_S = 20.0
-# A process that was killed counts as a publisher of the e-stop until its lease ends, which each node notices in its own time: a
-# goal that comes between is refused, and a person asks again.
-ASKED_AGAIN = 3
+# A killed process counts as a publisher of the e-stop until its DDS lease expires, which the nodes notice at different times. A
+# goal that comes in between is refused, and an operator would send it again.
+ATTEMPTS_AFTER_RESTART = 3
 
 
 @dataclass(frozen=True)
 class Measured:
-    """The largest motion after the release: of the base in m, of arm and gripper in rad; `newer_moves`: a newer command did."""
+    """The largest motion of the base (m), and of arm and gripper (rad), after the release."""
 
     base_m: float
     joints_rad: float
-    newer_moves: bool
+    newer_command_moves: bool  # whether the robot moved after a newer command
 
 
 class ReleaseRig:
-    """A client on the graph of a simulated run. `folder` is the run's directory."""
+    """A client on the graph of a simulated run; `folder` is the run's directory."""
 
     def __init__(self, folder: Path) -> None:
         import rclpy
@@ -88,7 +88,7 @@ class ReleaseRig:
         self.until(lambda: self._joint_history and self.engaged is not None, "joint states and e-stop state")
 
     def close(self) -> None:
-        """Leave the graph, and end the mission's process."""
+        """Leave the graph, and terminate the mission's process."""
         if self._mission is not None:
             self._mission.terminate()
             self._mission.wait(20.0)
@@ -120,7 +120,7 @@ class ReleaseRig:
     def _publish_streams(self) -> None:
         from geometry_msgs.msg import Twist
 
-        # Publishers of different numbers take turns, so that the newest message of an input is now of one, now of the other.
+        # Publishers with even and odd numbers take turns, so that neither of them always has an input's newest message.
         self._turn = 1 - self._turn
         for (publisher, number), speed in list(self._streams.items()):
             if speed is not None and number % 2 == self._turn:
@@ -128,9 +128,9 @@ class ReleaseRig:
                 message.linear.x = speed
                 publisher.publish(message)
 
-    # -- acting --------------------------------------------------------------------------------------------------------
+    # -- requests ------------------------------------------------------------------------------------------------------
     def until(self, condition: Callable[[], Any], what: str, timeout_s: float = TIMEOUT_S) -> Any:
-        """The first true value of the condition; raises TimeoutError with `what`."""
+        """Wait until the condition is true, and return its value. Raises TimeoutError with `what`."""
         deadline = time.monotonic() + timeout_s
         while not (value := condition()):
             if time.monotonic() > deadline:
@@ -139,38 +139,38 @@ class ReleaseRig:
         return value
 
     def publisher(self, row: graph.Topic, number: int = 0) -> Any:
-        """A publisher that has matched a subscription; `number` distinguishes several of one topic."""
+        """Return a publisher that has matched a subscription; `number` distinguishes several publishers of a topic."""
         key = f"{row.name} {number}"
         if key not in self._publishers:
             self._publishers[key] = self.node.publisher(row)
-        made = self._publishers[key]
-        self.until(lambda: made.get_subscription_count() > 0, f"reader of {row.name}")
-        return made
+        publisher = self._publishers[key]
+        self.until(lambda: publisher.get_subscription_count() > 0, f"subscription of {row.name}")
+        return publisher
 
     def stream(self, row: graph.Topic, speed_m_s: float | None, number: int = 0) -> None:
-        """Publish a velocity at 20 Hz; None ends it."""
+        """Publish a velocity at 20 Hz from now on, or nothing any more if it is None."""
         self._streams[self.publisher(row, number), number] = speed_m_s
 
     def call(self, row: graph.Service, **fields: Any) -> Any:
-        """A service's response."""
+        """Call a service, and return its response."""
         from lupin_runtime.ros.node import interface
 
         client = self._clients.setdefault(row.name, None) or self.node.client(row)
         self._clients[row.name] = client
         self.until(client.service_is_ready, f"server of {row.name}")
         future = client.call_async(interface(row.type).Request(**fields))
-        self.until(future.done, f"answer of {row.name}")
+        self.until(future.done, f"response of {row.name}")
         return future.result()
 
     def send(self, row: graph.Action, goal: Any) -> Any:
-        """The handle of a goal that was accepted."""
+        """Send a goal, and return its handle. Raises RuntimeError if it is rejected."""
         client = self._clients.setdefault(row.name, None) or self.node.action_client(row)
         self._clients[row.name] = client
         self.until(client.server_is_ready, f"server of {row.name}")
         task = self._executor.create_task(lambda: client.send_goal_async(goal))
-        self.until(task.done, "turn of the executor")
+        self.until(task.done, "free executor")
         sent = task.result()
-        handle = self.until(lambda: sent.done() and sent.result(), f"answer of {row.name}")
+        handle = self.until(lambda: sent.done() and sent.result(), f"response of {row.name}")
         if not handle.accepted:
             raise RuntimeError(f"{row.name} rejected the goal")
         return handle
@@ -178,26 +178,28 @@ class ReleaseRig:
     def press(self, pressed: bool) -> None:
         """Press or release the simulated button, and wait until the e-stop's state and the drive bus show it.
 
-        The bus is released only once it knows of a single publisher of the state: up to 20 s after another was killed.
+        The drive bus is released only when the state has a single publisher, which takes up to 20 s after another one was
+        killed.
         """
         self.call(graph.SIM_PRESS_ESTOP, data=pressed)
         self.until(lambda: self.engaged is pressed and bool(self.locks) is pressed, f"e-stop state {pressed}")
 
-    def press_unheard(self) -> None:
-        """Press and release the button while `estop_bridge` hangs, and wait until the drive bus counts it as engaged.
+    def press_while_estop_hangs(self) -> None:
+        """Press and release the button while `estop_bridge` hangs, and wait until the drive bus is locked by the e-stop.
 
-        The state of the process that replaces it may be over before this client has discovered its publisher.
+        It does not wait for the e-stop's state: the process that replaces `estop_bridge` may have released it before this
+        client discovers its publisher.
         """
         state = json.loads((self._folder / "state.json").read_text())
         os.kill(next(int(stage["pid"]) for stage in state["stages"] if stage["name"] == "estop"), signal.SIGSTOP)
         self.call(graph.SIM_PRESS_ESTOP, data=True)
-        self.until(lambda: self.button_down, "message of the button, which is sent ten times a second")
+        self.until(lambda: self.button_down, "message of the pressed button")
         self.call(graph.SIM_PRESS_ESTOP, data=False)
-        self.until(lambda: ESTOP_ENGAGED in self.locks, "stop that was missed")
+        self.until(lambda: ESTOP_ENGAGED in self.locks, "lock of the drive bus by the e-stop")
 
-    # -- truth ---------------------------------------------------------------------------------------------------------
+    # -- motion --------------------------------------------------------------------------------------------------------
     def trajectory(self) -> list[tuple[float, float, float]]:
-        """The robot's true positions: time (s), x, y (m). The last second may be missing."""
+        """Return the robot's true positions: time (s), x, y (m). The last second may be missing."""
         rows = []
         for line in (self._folder / "truth_trajectory.tum").read_text().splitlines():
             fields = line.split()
@@ -210,24 +212,24 @@ class ReleaseRig:
         return state
 
     def current(self) -> tuple[float, float, float]:
-        """Time, x and y after a wait for the simulator's next state."""
+        """Wait for the simulator's next state, and return its time (s), x and y (m)."""
         then = self._state()["sim_time_s"]
         state = self.until(lambda: (new := self._state())["sim_time_s"] > then and new, "state of the simulator")
         return float(state["sim_time_s"]), float(state["pose"]["x"]), float(state["pose"]["y"])
 
     def speed_m_s(self) -> float:
-        """The robot's true speed, up to a second ago."""
+        """Return the robot's true speed, which may be a second old."""
         return math.hypot(*self._state()["twist"][:2])
 
     def joint_speed_rad_s(self) -> float:
-        """The largest speed of arm and gripper over the last 0.2 s."""
+        """Return the largest joint speed of arm and gripper over the last 0.2 s."""
         history = self._joint_history
-        new = history[-1]
-        old = next((row for row in reversed(history) if row[0] <= new[0] - 0.2), history[0])
-        return _largest(old[1], new[1]) / max(new[0] - old[0], 1e-3)
+        newest = history[-1]
+        earlier = next((row for row in reversed(history) if row[0] <= newest[0] - 0.2), history[0])
+        return _largest_change(earlier[1], newest[1]) / max(newest[0] - earlier[0], 1e-3)
 
     def moving(self) -> bool:
-        """Whether the base or a joint moves."""
+        """Return whether the base or a joint moves."""
         return self.speed_m_s() > MOVING_M_S or self.joint_speed_rad_s() > MOVING_RAD_S
 
     def wait_for_rest(self) -> None:
@@ -235,21 +237,22 @@ class ReleaseRig:
         self.until(lambda: self.speed_m_s() < 1e-3 and self.joint_speed_rad_s() < 0.01, "rest")
 
     # -- measuring -----------------------------------------------------------------------------------------------------
-    def measure(self, case: Case, press_s: float, watch_s: float, unheard: bool = False) -> Measured:
+    def measure(self, case: Case, press_s: float, watch_s: float, estop_hangs: bool = False) -> Measured:
         """Start the source, press the e-stop for `press_s`, release it, and watch for `watch_s`; then give a newer command.
 
-        `unheard`: it is pressed and released at once while its process hangs, and the next process engages and releases it.
+        With `estop_hangs`, the button is pressed and released at once while `estop_bridge` hangs, and the process that replaces
+        it engages and releases the e-stop.
         """
         self.sign = -self.sign
         try:
             case.start(self)
             self.until(self.moving, f"motion by {case.name}")
-            if unheard:
-                self.press_unheard()
+            if estop_hangs:
+                self.press_while_estop_hangs()
             else:
                 self.press(True)
                 time.sleep(press_s)
-                case.engaged(self)
+                case.while_engaged(self)
             self.wait_for_rest()
             began_s, x, y = self.current()
             joints = self._joint_history[-1]
@@ -258,23 +261,26 @@ class ReleaseRig:
             self.current()
             ended_s, _, _ = self.current()
             base_m = max(math.dist((x, y), row[1:]) for row in self.trajectory() if began_s <= row[0] <= ended_s)
-            joints_rad = max(_largest(joints[1], at) for time_s, at in list(self._joint_history) if time_s >= joints[0])
+            joints_rad = max(_largest_change(joints[1], at) for time_s, at in list(self._joint_history) if time_s >= joints[0])
             history = self._joint_history[-1]
-            for _ in range(ASKED_AGAIN if unheard else 1):
-                case.newer(self)
-                moves = self._moves((x, y), history[1], MOTION_TIMEOUT_S / (ASKED_AGAIN if unheard else 1))
+            for _ in range(ATTEMPTS_AFTER_RESTART if estop_hangs else 1):
+                case.newer_command(self)
+                moves = self._moves((x, y), history[1], MOTION_TIMEOUT_S / (ATTEMPTS_AFTER_RESTART if estop_hangs else 1))
                 if moves:
                     break
         finally:
             self.press(False)
-            case.end(self)
+            case.stop(self)
             self._streams = dict.fromkeys(self._streams)
         self.wait_for_rest()
         return Measured(base_m, joints_rad, moves)
 
     def _moves(self, position: tuple[float, float], joints: dict[str, float], timeout_s: float) -> bool:
         def moved() -> bool:
-            return math.dist(position, self.current()[1:]) > MOVED_M or _largest(joints, self._joint_history[-1][1]) > MOVED_RAD
+            return (
+                math.dist(position, self.current()[1:]) > MOVED_M
+                or _largest_change(joints, self._joint_history[-1][1]) > MOVED_RAD
+            )
 
         try:
             return bool(self.until(moved, "motion by a newer command", timeout_s))
@@ -283,13 +289,13 @@ class ReleaseRig:
 
     # -- sources -------------------------------------------------------------------------------------------------------
     def pose(self) -> Any:
-        """The place that is farther from the robot, as a pose of the map."""
+        """Return the one of POSITIONS that is farther from the robot, as a pose in the map frame."""
         from geometry_msgs.msg import PoseStamped
 
         first = self.trajectory()[0]
         at = self.current()
         # The map's origin is the robot's start.
-        x, y = max(PLACES, key=lambda place: math.dist(place, (at[1] - first[1], at[2] - first[2])))
+        x, y = max(POSITIONS, key=lambda position: math.dist(position, (at[1] - first[1], at[2] - first[2])))
         message = PoseStamped()
         message.header.frame_id = graph.MAP_FRAME
         message.pose.position.x, message.pose.position.y, message.pose.orientation.w = x, y, 1.0
@@ -307,11 +313,11 @@ class ReleaseRig:
 
         last = self.pose()
         middle = self.pose()
-        middle.pose.position.x = (PLACES[0][0] + PLACES[1][0]) / 2
+        middle.pose.position.x = (POSITIONS[0][0] + POSITIONS[1][0]) / 2
         self.send(graph.NAVIGATE_THROUGH_POSES, NavigateThroughPoses.Goal(poses=[middle, last]))
 
     def click(self) -> None:
-        """Publish a goal on /goal_pose."""
+        """Publish a goal on /goal_pose, like a click in RViz."""
         self.publisher(graph.GOAL_POSE).publish(self.pose())
 
     def cancel(self) -> None:
@@ -323,10 +329,10 @@ class ReleaseRig:
             client = self._clients.setdefault(name, None) or self.node.create_client(CancelGoal, name)
             self._clients[name] = client
             self.until(client.service_is_ready, name)
-            self.until(client.call_async(CancelGoal.Request()).done, f"answer of {name}")
+            self.until(client.call_async(CancelGoal.Request()).done, f"response of {name}")
 
-    def rest_then_stream(self, row: graph.Topic, silent_s: float = 0.0) -> None:
-        """Let a stream rest, or be silent for `silent_s`, then move."""
+    def zero_then_stream(self, row: graph.Topic, silent_s: float = 0.0) -> None:
+        """Publish zero for a second, or nothing for `silent_s`, and then a velocity from now on."""
         self.stream(row, None if silent_s else 0.0)
         time.sleep(silent_s or 1.0)
         self.stream(row, STREAM_M_S * self.sign)
@@ -338,12 +344,12 @@ class ReleaseRig:
             raise RuntimeError(answer.message)
 
     def other_preset(self) -> None:
-        """Move the arm to the one of two presets in which it is not."""
+        """Move the arm to `home` or `tuck`, whichever it is not at."""
         lift = self._joint_history[-1][1][graph.ARM_JOINTS[1]]
         self.preset("home" if lift < -0.4 else "tuck")
 
     def send_trajectory(self) -> None:
-        """Send a slow motion of the pan joint on the vendor's topic, as another publisher than the arm's servers."""
+        """Send a slow motion of the pan joint on the vendor's topic, bypassing the arm's servers."""
         from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
         at = self._joint_history[-1][1]
@@ -355,7 +361,7 @@ class ReleaseRig:
         self.publisher(graph.ARM_TRAJECTORY).publish(message)
 
     def play(self) -> None:
-        """Replay a motion slowly; it is recorded first if that was not done yet."""
+        """Replay a motion of the arm slowly; record it first if it does not exist."""
         listing = json.loads(self.call(graph.ARM_LIBRARY_LIST).json)
         if SEQUENCE not in [row["name"] for row in listing["sequences"]]:
             self.preset("home")
@@ -369,7 +375,7 @@ class ReleaseRig:
             raise RuntimeError(answer.message)
 
     def grip(self) -> None:
-        """Send the gripper to the end of its range that is farther away, as a client of the vendor's action."""
+        """Send the gripper to the farther end of its range, as a client of the vendor's action."""
         from control_msgs.action import GripperCommand
 
         goal = GripperCommand.Goal()
@@ -378,7 +384,7 @@ class ReleaseRig:
         self.send(graph.GRIPPER_COMMAND, goal)
 
     def start_mission(self) -> None:
-        """Start an exploration, in a process of its own: a run without `--mission` has none."""
+        """Start an exploration. The mission's process is started first: a run without `--mission` has none."""
         if self._mission is None:
             command = [sys.executable, "-m", "lupin_cli.app", "run", "mission"]
             environment = {**os.environ, "XDG_STATE_HOME": str(self._folder.parents[2])}
@@ -390,10 +396,10 @@ class ReleaseRig:
             raise RuntimeError(answer.error_message)
 
     def abort_mission(self) -> None:
-        """End the mission where the robot is."""
+        """Abort twice: the first abort drives to the dock, the second ends the mission where the robot is."""
         self.call(graph.MISSION_ABORT)
         self.call(graph.MISSION_ABORT)
 
 
-def _largest(a: dict[str, float], b: dict[str, float]) -> float:
+def _largest_change(a: dict[str, float], b: dict[str, float]) -> float:
     return max(abs(b[name] - at) for name, at in a.items())

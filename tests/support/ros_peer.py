@@ -1,6 +1,6 @@
-"""The other process of the graph tests: echoes, serves, acts or forwards until SIGTERM.
+"""The other process in tests of the interfaces: it echoes, forwards, serves or acts until SIGTERM.
 
-Runs on Python 3.10 too, with no more than rclpy and the interfaces installed.
+It also runs on Python 3.10, and needs only rclpy and the interfaces.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LATCHED = QoSProfile(depth=10, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def echo(node: Node) -> None:
-    """Publish every Observation again, taken apart into Python objects and put together again."""
+    """Publish every Observation again, deserialized and serialized by Python."""
     from lupin_msgs.msg import Observation
 
     publisher = node.create_publisher(Observation, "echoed", LATCHED)
@@ -29,7 +29,7 @@ def echo(node: Node) -> None:
 
 
 def forward(node: Node) -> None:
-    """Publish every Observation again, as the bytes that came."""
+    """Publish every Observation again, as the received bytes."""
     from lupin_msgs.msg import Observation
 
     publisher = node.create_publisher(Observation, "forwarded", LATCHED)
@@ -37,7 +37,7 @@ def forward(node: Node) -> None:
 
 
 def serve(node: Node) -> None:
-    """Answer GetField with a row of values that has a hole in it."""
+    """Answer GetField with a row of three values, the second of which is NaN."""
     from lupin_msgs.srv import GetField
 
     def answer(request: GetField.Request, response: GetField.Response) -> GetField.Response:
@@ -52,14 +52,14 @@ def serve(node: Node) -> None:
 
 
 def act(node: Node) -> None:
-    """Arrive at any pose, with two words of feedback on the way."""
+    """Let every NavigateToPose goal succeed, after two feedback messages."""
     from nav2_msgs.action import NavigateToPose
 
     async def navigate(goal_handle: ServerGoalHandle) -> NavigateToPose.Result:
         for distance in (2.0, 1.0):
             feedback = NavigateToPose.Feedback(distance_remaining=distance, current_pose=goal_handle.request.pose)
             goal_handle.publish_feedback(feedback)
-            time.sleep(0.3)  # rclpy's client drops feedback that it takes after the goal's last status
+            time.sleep(0.3)  # rclpy's client drops feedback that it receives after the goal's last status
         goal_handle.succeed()
         return NavigateToPose.Result(error_code=NavigateToPose.Result.NONE, error_msg=goal_handle.request.behavior_tree)
 
@@ -67,7 +67,7 @@ def act(node: Node) -> None:
 
 
 def main() -> None:
-    """Take one role, say so, and keep to it until SIGTERM."""
+    """Take the role in the first argument, print `ready`, and run until SIGTERM."""
     stopping: list[int] = []
     signal.signal(signal.SIGTERM, lambda number, _frame: stopping.append(number))
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

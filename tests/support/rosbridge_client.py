@@ -1,4 +1,4 @@
-"""A client of rosbridge for tests: plain messages over a WebSocket."""
+"""A rosbridge client for tests that sends and receives single messages over a WebSocket."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ANSWER_TIMEOUT_S = 20.0
 
 
 class RosbridgeClient:
-    """Sends messages, and collects those that it gets."""
+    """Sends messages, and collects all that it receives."""
 
     def __init__(self, port: int, path: str = "/", **options: Any) -> None:
         self._open = ExitStack()
@@ -29,17 +29,17 @@ class RosbridgeClient:
         self.socket.send(json.dumps({"op": op, **fields}))
 
     def wait(self, condition: Callable[[dict[str, Any]], Any], timeout_s: float = ANSWER_TIMEOUT_S) -> dict[str, Any]:
-        """The first message, of all received, that fulfils the condition."""
-        seen, deadline_s = 0, time.monotonic() + timeout_s
+        """Return the first message ever received that meets the condition; wait for it if necessary. Raises TimeoutError."""
+        checked, deadline_s = 0, time.monotonic() + timeout_s
         while True:
-            for message in self.received[seen:]:
+            for message in self.received[checked:]:
                 if condition(message):
                     return message
-            seen = len(self.received)
+            checked = len(self.received)
             self.take(max(0.001, deadline_s - time.monotonic()))
 
     def take(self, timeout_s: float) -> dict[str, Any]:
-        """The next message. Raises TimeoutError."""
+        """Receive and return the next message. Raises TimeoutError."""
         frame = self.socket.recv(timeout=timeout_s)
         message: dict[str, Any] = cbor2.loads(frame) if isinstance(frame, bytes) else json.loads(frame)
         self.raw.append(frame)
@@ -47,20 +47,20 @@ class RosbridgeClient:
         return message
 
     def publication(self, topic: str, condition: Callable[[Any], Any] = lambda _: True) -> Any:
-        """The contents of the first message on a topic that fulfils the condition."""
+        """Return the contents of the first message on a topic that meets the condition; wait for it if necessary."""
         found = self.wait(lambda m: m["op"] == "publish" and m["topic"] == topic and condition(m["msg"]))
         return found["msg"]
 
     def call(self, service: str, **arguments: Any) -> Any:
-        """Call a service; returns the whole response."""
+        """Call a service, and return the whole response."""
         identifier = f"call {len(self.received)} {service}"
         self.send("call_service", service=service, args=arguments, id=identifier)
         return self.wait(lambda m: m["op"] == "service_response" and m.get("id") == identifier)
 
     def refusal(self, text: str) -> dict[str, Any]:
-        """The `status` that contains a text; the client must have set its level."""
+        """Wait for a `status` message that contains a text; the client must have set its level."""
         return self.wait(lambda m: m["op"] == "status" and text in m["msg"])
 
     def close(self) -> None:
-        """Leave."""
+        """Close the connection."""
         self._open.close()

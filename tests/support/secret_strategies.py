@@ -22,7 +22,7 @@ words = st.builds(
     st.text(LETTERS + DIGITS + SIGNS, min_size=5, max_size=30),
 ).filter(lambda secret: not secret.endswith(tuple(SIGNS)))
 
-# Passwords with spaces, quotes, backslashes and non-ASCII letters. Both ends are plain, so surrounding spaces are not part.
+# Passwords with spaces, quotes, backslashes and non-ASCII letters, but not at the ends: spaces around it are not part of it.
 phrases = st.builds(
     lambda first, middle, last: first + middle + last,
     words,
@@ -30,7 +30,7 @@ phrases = st.builds(
     words,
 )
 
-# Contexts of a secret without quotes.
+# Contexts in which the secret is not quoted.
 BARE: dict[str, Callable[[str], str]] = {
     "key=value": lambda s: f"psk={s}",
     "key: value": lambda s: f"robot said password: {s} and went on",
@@ -58,7 +58,7 @@ BARE: dict[str, Callable[[str], str]] = {
     "wireguard": lambda s: f"[Interface]\nPrivateKey = {s}\n",
 }
 
-# Contexts in which quotes or the end of the line mark the end of the secret.
+# Contexts in which quotes or the end of the line terminate the secret.
 QUOTED: dict[str, Callable[[str], str]] = {
     "json": lambda s: json.dumps({"ssid": "Our garden", "password": s, "on": True}),
     "json within json": lambda s: json.dumps({"line": json.dumps({"client_secret": s, "x": 1})}),
@@ -74,14 +74,14 @@ QUOTED: dict[str, Callable[[str], str]] = {
 
 
 def private_key(secret: str, label: str = "OPENSSH PRIVATE KEY", prefix: str = "") -> str:
-    """A PEM block that contains the secret."""
+    """Return a PEM block that contains the secret."""
     body = base64.b64encode(b"openssh-key-v1\0" + bytes(range(256)) + secret.encode()).decode()
     lines = [f"-----BEGIN {label}-----", *(body[at : at + 70] for at in range(0, len(body), 70)), f"-----END {label}-----"]
     return "\n".join(prefix + line for line in lines) + "\n"
 
 
 anything = st.text(st.characters(exclude_categories=()), max_size=200)  # with surrogates: bytes that are not UTF-8
-# Texts made of the tokens that the rules match.
+# Texts made of tokens that the rules of the redaction match.
 nasty = st.lists(
     st.sampled_from(
         ["psk", "password", "token", "=", ":", " ", '"', "'", "\\", "\n", "***", "://", "@", "-",

@@ -1,6 +1,6 @@
-"""Flat worlds of line segments with a ray-cast lidar and drifting odometry: logs with known truth.
+"""Logs with known truth, from flat worlds of line segments with a ray-cast lidar and drifting odometry.
 
-Shared by the benchmarks and by `tests/lupin_runtime/slam`. No physics: poses follow way-points at constant speeds.
+Shared by the benchmarks and by `tests/lupin_runtime/slam`. There is no physics: poses follow waypoints at constant speeds.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class World:
         self.segments = np.asarray(segments, dtype=float)
 
     def cast(self, pose: Array, angles: Array, range_max: float) -> Array:
-        """Distance (B,) along each beam from `pose` (x, y, yaw); inf beyond `range_max`."""
+        """Return the distance (B,) along each beam from `pose` (x, y, yaw), infinite beyond `range_max`."""
         dx, dy = np.cos(angles + pose[2])[:, None], np.sin(angles + pose[2])[:, None]
         near = self.segments
         ax, ay = near[:, 0] - pose[0], near[:, 1] - pose[1]
@@ -48,7 +48,7 @@ class World:
 
 
 def box(x: float, y: float, width: float, depth: float, yaw: float = 0.0) -> Array:
-    """The four sides of a rectangle around its center."""
+    """Return the four sides of a rectangle, given by its center."""
     c, s = math.cos(yaw), math.sin(yaw)
     corners = [
         (c * u - s * v + x, s * u + c * v + y)
@@ -58,7 +58,7 @@ def box(x: float, y: float, width: float, depth: float, yaw: float = 0.0) -> Arr
 
 
 def greenhouse() -> World:
-    """9 x 7 m, two columns of tables along the walls and an island in the middle, aisles of at least a meter."""
+    """Return a room of 9 x 7 m with tables along the walls, an island in the middle, and aisles of at least a meter."""
     parts = [box(4.5, 3.5, 9.0, 7.0)]
     parts += [box(x, y, 1.1, 0.25) for x in (2.0, 4.5, 7.0) for y in (1.4, 5.6)]
     parts += [box(x, y, 0.25, 1.1) for x in (2.6, 6.4) for y in (3.0, 4.2)]
@@ -86,7 +86,7 @@ GREENHOUSE_TOUR = [
 
 
 def office(seed: int = 0, size: float = 1.0) -> tuple[World, list[tuple[float, float]]]:
-    """A floor of 44 x 32 m times `size`: a corridor around a core, rooms with doors and furniture on both sides.
+    """Return a floor of 44 x 32 m times `size`, and a tour: a corridor around a core, with furnished rooms on both sides.
 
     The tour follows the corridor twice, once in each direction, and enters most rooms.
     """
@@ -101,8 +101,8 @@ def office(seed: int = 0, size: float = 1.0) -> tuple[World, list[tuple[float, f
         wall(*outer)
     doors: list[tuple[float, float, float, float]] = []  # corridor point, room point
 
-    def side(start: float, end: float, at: float, horizontal: bool, outwards: float, depth: float) -> None:
-        """A row of rooms along one corridor wall."""
+    def add_rooms(start: float, end: float, at: float, horizontal: bool, outwards: float, depth: float) -> None:
+        """Add a row of rooms along one corridor wall."""
         edges = [start]
         while edges[-1] < end - 5.5:
             edges.append(edges[-1] + rng.uniform(3.0, 5.5))
@@ -130,12 +130,12 @@ def office(seed: int = 0, size: float = 1.0) -> tuple[World, list[tuple[float, f
                     )
 
     inner = room + corridor
-    side(room, width - room, room, True, -1.0, room)
-    side(room, height - room, width - room, False, 1.0, room)
-    side(room, width - room, height - room, True, 1.0, room)
-    side(room, height - room, room, False, -1.0, room)
-    side(inner, width - inner, inner, True, 1.0, room)
-    side(inner, width - inner, height - inner, True, -1.0, room)
+    add_rooms(room, width - room, room, True, -1.0, room)
+    add_rooms(room, height - room, width - room, False, 1.0, room)
+    add_rooms(room, width - room, height - room, True, 1.0, room)
+    add_rooms(room, height - room, room, False, -1.0, room)
+    add_rooms(inner, width - inner, inner, True, 1.0, room)
+    add_rooms(inner, width - inner, height - inner, True, -1.0, room)
     wall(inner, inner, inner, height - inner)
     wall(width - inner, inner, width - inner, height - inner)
     wall(inner, height / 2, width - inner, height / 2)
@@ -145,7 +145,7 @@ def office(seed: int = 0, size: float = 1.0) -> tuple[World, list[tuple[float, f
     perimeter = [2 * (width - 2 * m), 2 * (height - 2 * m)]
 
     def along(x: float, y: float) -> float:
-        """Distance along the ring of the nearest ring point, counter-clockwise from its first corner."""
+        """Return the distance along the ring from its first corner, counter-clockwise, to the point nearest to (x, y)."""
         w, h = perimeter[0] / 2, perimeter[1] / 2
         sides = {
             y - m: x - m,
@@ -174,7 +174,7 @@ def office(seed: int = 0, size: float = 1.0) -> tuple[World, list[tuple[float, f
 def corridor(
     length: float = 40.0, depth: float = 25.0, width: float = 2.2, pitch: float = 5.0
 ) -> tuple[World, list[tuple[float, float]]]:
-    """A corridor around a block with a door niche every `pitch` meters, all alike, and a tour of two laps."""
+    """Return a corridor around a block, with an identical door niche every `pitch` meters, and a tour of two laps."""
     segments: list[tuple[float, float, float, float]] = []
 
     def wall(frm: tuple[float, float], to: tuple[float, float], outwards: float) -> None:
@@ -200,7 +200,7 @@ def corridor(
 
 
 def follow(points: list[tuple[float, float]], speed: float, turn_rate: float, step_s: float, hold_yaw: bool = False) -> Array:
-    """Poses (N, 3) every `step_s` along way-points: turn on the spot, then straight on. `hold_yaw` drives sideways instead."""
+    """Return poses (N, 3) every `step_s` along waypoints: turn on the spot, then straight on; with `hold_yaw`, never turn."""
     poses = [
         (points[0][0], points[0][1], 0.0 if hold_yaw else math.atan2(points[1][1] - points[0][1], points[1][0] - points[0][0]))
     ]
@@ -221,7 +221,7 @@ def follow(points: list[tuple[float, float]], speed: float, turn_rate: float, st
 
 @dataclass(frozen=True)
 class Drift:
-    """Errors of an odometry: scale of travel and turning, turning per meter, and noise as shares of each."""
+    """Odometry errors: scale errors of travel and turning, turning per meter, and noise as shares of travel and turning."""
 
     travel_scale: float = 0.01
     turn_scale: float = 0.01
@@ -231,7 +231,7 @@ class Drift:
 
 
 def drifting(truth: Array, drift: Drift, rng: np.random.Generator) -> Array:
-    """Odometry (N, 3) of a true path (N, 3): starts at the origin and integrates corrupted steps."""
+    """Return the odometry (N, 3) of a true path (N, 3): it starts at the origin and integrates steps with errors."""
     odom = np.zeros_like(truth)
     for k in range(1, len(truth)):
         c, s = math.cos(truth[k - 1, 2]), math.sin(truth[k - 1, 2])
@@ -251,14 +251,13 @@ def drifting(truth: Array, drift: Drift, rng: np.random.Generator) -> Array:
 
 
 @dataclass(frozen=True)
-class Trouble:
-    """Other disturbances: people (legs) around the robot in every scan, the share of invalid readings, the share of readings
-    without a return (glass, black), and wheel slips: chance per step, meters, radians."""
+class Disturbances:
+    """Disturbances other than drift."""
 
-    people: int = 0
-    nonsense: float = 0.0
-    nothing: float = 0.0
-    slip: float = 0.0
+    people: int = 0  # around the robot in every scan
+    wrong_readings: float = 0.0  # share
+    missing_readings: float = 0.0  # share without a return, as from glass or black surfaces
+    slip: float = 0.0  # chance of a wheel slip per step; the next two are its standard deviations
     slip_m: float = 0.3
     slip_rad: float = 0.15
 
@@ -274,30 +273,32 @@ def record(
     noise_m: float = 0.005,
     noise_share: float = 0.003,
     keep_every: int = 1,
-    trouble: Trouble = Trouble(),
+    disturbances: Disturbances = Disturbances(),
 ) -> Log:
-    """Drive `truth` through `world` and keep every `keep_every`-th scan; odometry is integrated at every step."""
+    """Drive along `truth` through `world`; return a log of every `keep_every`-th scan. Odometry is integrated at every step."""
     rng = np.random.default_rng(seed)
     odom = drifting(truth, drift, rng)
-    for k in np.flatnonzero(rng.random(len(odom)) < trouble.slip):
-        odom[k:] = _moved(odom[k:], odom[k], rng.normal(size=3) * [trouble.slip_m, trouble.slip_m, trouble.slip_rad])
-    kept = np.arange(0, len(truth), keep_every)
+    for k in np.flatnonzero(rng.random(len(odom)) < disturbances.slip):
+        odom[k:] = _moved(
+            odom[k:], odom[k], rng.normal(size=3) * [disturbances.slip_m, disturbances.slip_m, disturbances.slip_rad]
+        )
+    indices = np.arange(0, len(truth), keep_every)
     scans = []
-    for k in kept:
-        seen = world
-        if trouble.people:
-            away, bearing = rng.uniform(0.7, 6.0, trouble.people), rng.uniform(-math.pi, math.pi, trouble.people)
+    for k in indices:
+        visible = world
+        if disturbances.people:
+            away, bearing = rng.uniform(0.7, 6.0, disturbances.people), rng.uniform(-math.pi, math.pi, disturbances.people)
             legs = [
                 box(truth[k, 0] + d * math.cos(b), truth[k, 1] + d * math.sin(b), 0.3, 0.2, b) for d, b in zip(away, bearing)
             ]
-            seen = World(np.concatenate((world.segments, *legs)))
-        scans.append(seen.cast(truth[k], angles, range_max))
+            visible = World(np.concatenate((world.segments, *legs)))
+        scans.append(visible.cast(truth[k], angles, range_max))
     ranges = np.stack(scans)
-    wild = rng.random(ranges.shape) < trouble.nonsense
-    ranges = np.where(wild, rng.uniform(0.3, 20.0, ranges.shape), ranges)
-    ranges[rng.random(ranges.shape) < trouble.nothing] = np.inf
+    wrong = rng.random(ranges.shape) < disturbances.wrong_readings
+    ranges = np.where(wrong, rng.uniform(0.3, 20.0, ranges.shape), ranges)
+    ranges[rng.random(ranges.shape) < disturbances.missing_readings] = np.inf
     ranges = ranges + rng.normal(size=ranges.shape) * (noise_m + noise_share * np.where(np.isfinite(ranges), ranges, 0.0))
-    return Log(np.asarray(kept * step_s, np.float64), truth[kept], odom[kept], ranges, angles)
+    return Log(np.asarray(indices * step_s, np.float64), truth[indices], odom[indices], ranges, angles)
 
 
 def _moved(poses: Array, about: Array, change: Array) -> Array:
@@ -311,7 +312,7 @@ def _moved(poses: Array, about: Array, change: Array) -> Array:
 
 
 def greenhouse_log(minutes: float = 4.0, seed: int = 0, beams: int = 360, drift: Drift | None = None) -> Log:
-    """The project's robot in `greenhouse()`: 360 degrees, 10 Hz, 5 mm + 0.3 % noise, about 1 % drift."""
+    """Return a log of the project's robot in `greenhouse()`: 360 degrees, 10 Hz, 5 mm + 0.3 % noise, about 1 % drift."""
     legs: list[tuple[float, float]] = list(GREENHOUSE_TOUR)
     truth = follow(legs, 0.3, 0.8, 0.1)
     while len(truth) * 0.1 < minutes * 60.0:
@@ -338,31 +339,45 @@ def office_log(
     drift: Drift | None = None,
     beams: int = 180,
     size: float = 1.0,
-    trouble: Trouble = Trouble(),
+    disturbances: Disturbances = Disturbances(),
     speed: float = 0.3,
     turn_rate: float = 0.5,
     range_max: float = 81.0,
 ) -> Log:
-    """A log like public ones: 180 degrees of laser, a scan every few seconds, odometry with errors of tens of meters."""
+    """Return a log like public ones: a 180 degree laser, a scan every few seconds, odometry errors of tens of meters."""
     world, tour = office(seed, size)
     truth = follow(tour, speed, turn_rate, 0.1)
     angles = -math.pi / 2 + np.arange(beams) * math.pi / (180 if beams == 180 else beams - 1)
-    worse = drift or Drift(travel_scale=0.03, turn_scale=0.03, turn_per_m=0.012, travel_noise=0.1, turn_noise=0.05)
+    large_drift = drift or Drift(travel_scale=0.03, turn_scale=0.03, turn_per_m=0.012, travel_noise=0.1, turn_noise=0.05)
     return record(
-        world, truth, 0.1, angles, range_max, worse, seed, 0.01, 0.002, keep_every=round(period_s / 0.1), trouble=trouble
+        world,
+        truth,
+        0.1,
+        angles,
+        range_max,
+        large_drift,
+        seed,
+        0.01,
+        0.002,
+        keep_every=round(period_s / 0.1),
+        disturbances=disturbances,
     )
 
 
-def corridor_log(seed: int = 0, drift: Drift | None = None, trouble: Trouble = Trouble(), period_s: float = 3.0) -> Log:
-    """Two laps of `corridor()` with 180 degrees of laser and a scan every few seconds."""
+def corridor_log(
+    seed: int = 0, drift: Drift | None = None, disturbances: Disturbances = Disturbances(), period_s: float = 3.0
+) -> Log:
+    """Return a log of two laps of `corridor()` with a 180 degree laser and a scan every few seconds."""
     world, tour = corridor()
     truth = follow(tour, 0.3, 0.5, 0.1)
     angles = -math.pi / 2 + np.arange(180) * math.pi / 180
-    return record(world, truth, 0.1, angles, 81.0, drift or Drift(), seed, 0.01, 0.002, round(period_s / 0.1), trouble=trouble)
+    return record(
+        world, truth, 0.1, angles, 81.0, drift or Drift(), seed, 0.01, 0.002, round(period_s / 0.1), disturbances=disturbances
+    )
 
 
 def carmen_text(log: Log, start: float = 976052857.337534, no_return: float = 81.83) -> str:
-    """Format a log as FLASER lines."""
+    """Return a log in the CARMEN format, as ODOM and FLASER lines."""
     lines = ["# message_name [message contents] ipc_timestamp ipc_hostname logger_timestamp"]
     for k, (stamp, odom) in enumerate(zip(log.stamps, log.odom)):
         readings = " ".join(f"{r:.2f}" if np.isfinite(r) else f"{no_return:.2f}" for r in log.ranges[k])
@@ -373,7 +388,7 @@ def carmen_text(log: Log, start: float = 976052857.337534, no_return: float = 81
 
 
 def aligned_errors(estimate: NDArray[np.floating], truth: Array) -> tuple[Array, Array]:
-    """Position (N,) m and yaw (N,) rad errors after the best rigid alignment of the trajectories (Umeyama 1991)."""
+    """Return position (N,) m and yaw (N,) rad errors after the best rigid alignment of the trajectories (Umeyama 1991)."""
     a, b = estimate[:, :2], truth[:, :2]
     ma, mb = a.mean(axis=0), b.mean(axis=0)
     cross = (a - ma).T @ (b - mb)

@@ -1,4 +1,4 @@
-"""Snapshots from captured facts: a healthy laptop and robot, and copies with other captured outputs."""
+"""Snapshots from captured facts: a healthy laptop and robot, and variants with other captured outputs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lupin_cli.facts.link import Link
 from tests.support.paths import CAPTURED_FACTS
 
 FACTS = {fact.name: fact for machine in ("laptop", "robot") for fact in needed_facts(built_in(), machine)}
-# Fact → captured case, of a deployed robot on the cable and a configured laptop without any fault.
+# The captured case of each fact, for a configured laptop and a deployed robot on the cable, without any fault.
 HEALTHY_LAPTOP = {
     "addresses": "laptop-with-a-multicast-node",
     "routes": "laptop-with-a-multicast-node",
@@ -49,22 +49,22 @@ SECOND_NS = 1_000_000_000
 
 
 def captured(fact: str, case: str) -> Any:
-    """The value of a captured output: tests/lupin_cli/facts/captured/FACT/CASE.txt."""
+    """Return the parsed value of a captured output: tests/lupin_cli/facts/captured/FACT/CASE.txt."""
     return FACTS[fact].parse(Output(0, (CAPTURED_FACTS / fact / f"{case}.txt").read_text()))
 
 
 def values(cases: Mapping[str, Any]) -> dict[str, Any]:
-    """Values by fact; a string names a captured case."""
+    """Return values by fact: a string in `cases` names a captured case, anything else is the value itself."""
     return {fact: captured(fact, case) if isinstance(case, str) else case for fact, case in cases.items()}
 
 
 def snapshot_of(laptop: Mapping[str, Any], robot: Mapping[str, Any], ahead_s: float = 0.0) -> Snapshot:
-    """A snapshot of captured cases or values, in which the robot's clock is `ahead_s` ahead of the laptop's, ± 0.5 s."""
-    of_robot = values(robot)
-    epoch_ns = of_robot["clock"].epoch_ns
+    """Return a snapshot of captured cases or values. The robot's clock is `ahead_s` ahead of the laptop's, ± 0.5 s."""
+    robot_values = values(robot)
+    epoch_ns = robot_values["clock"].epoch_ns
     probed_ns = tuple(epoch_ns - round((ahead_s + side) * SECOND_NS) for side in (0.5, -0.5))
     return Snapshot(
         Facts("laptop", values(laptop)),
-        Facts("robot", of_robot, probed_ns),
+        Facts("robot", robot_values, probed_ns),
         Link("lupin", "10.42.0.1"),
     )

@@ -1,4 +1,4 @@
-"""Images of tags as a camera would see them, with the true corners and the true pose. For measurements and tests."""
+"""Images of tags as a camera would see them, with the true corners and the true pose; for tests and benchmarks."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class View:
 
 
 def background(rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Draw a room of gray rectangles with shading."""
+    """Return a random background of gray rectangles with shading."""
     image = np.full((HEIGHT, WIDTH), rng.integers(90, 170), np.float32)
     for _ in range(14):
         x, y = rng.integers(0, WIDTH), rng.integers(0, HEIGHT)
@@ -42,7 +42,7 @@ def background(rng: np.random.Generator) -> NDArray[np.uint8]:
 
 
 def tag_rotation(azimuth_rad: float, tilt_rad: float = 0.0, roll_rad: float = 0.0) -> NDArray[np.float64]:
-    """camera_from_tag rotation: an upright tag turned by azimuth about its vertical axis, then tilted, then rolled.
+    """Return the rotation camera_from_tag of an upright tag: turned by azimuth about its vertical axis, tilted, then rolled.
 
     Tag axes: x right, y up, z out of the marker toward the camera. Camera: x right, y down, z forward.
     """
@@ -64,7 +64,7 @@ def render(
     contrast: tuple[float, float] = (25.0, 230.0),
     edge_m: float = EDGE_M,
 ) -> View:
-    """Render one tag in front of a random room: super-sampled, then blurred, then with noise."""
+    """Render one tag in front of a random background: super-sampled, then blurred, then with noise."""
     art = tag_image(tag_id, 24)
     art_edge_m = edge_m * 10 / 8
     corners_m = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * 0.5
@@ -97,10 +97,10 @@ def render(
 def at_range(
     tag_id: int, range_m: float, azimuth_rad: float, rng: np.random.Generator, tilt_rad: float = 0.0, **options: Any
 ) -> View:
-    """Render a view from `range_m`, `azimuth_rad` off the tag's normal, at a random position in the image."""
+    """Render a view from a distance of `range_m`, at `azimuth_rad` to the tag's normal, at a random position in the image."""
     bearing, elevation = rng.uniform(-0.35, 0.35), rng.uniform(-0.2, 0.2)
     direction = np.array([math.tan(bearing), math.tan(elevation), 1.0])
     translation = range_m * direction / np.linalg.norm(direction)
-    # The azimuth counts from the line of sight, not from the optical axis.
+    # The azimuth is measured from the line of sight, not from the optical axis.
     rotation = tag_rotation(azimuth_rad - bearing, tilt_rad)
     return render(tag_id, rotation, translation, rng, **options)

@@ -1,7 +1,7 @@
-"""The exact shortest path of a disc among boxes: the visibility graph over the arcs around their corners.
+"""The exact shortest path of a disc among boxes, from the visibility graph over the arcs around their corners.
 
-An independent reference for the planner: it shares neither grid nor search with it. Arcs are replaced by inscribed chords, so
-its length is at most the true one, and less than 0.2 % of the arcs shorter.
+It is an independent reference for the planner, and shares neither grid nor search with it. Arcs are replaced by inscribed
+chords, so the length is at most the true one; it is too short by less than 0.2 % of the arcs.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _PAIRS_AT_ONCE = 400_000
 
 
 def keeps_clear(a: NDArray[np.float64], b: NDArray[np.float64], boxes: Sequence[Box], min_m: float) -> NDArray[np.bool_]:
-    """Whether each segment a_i b_i, arrays (n, 2), keeps at least this far from every box; with 0 it may touch them."""
+    """Return whether each segment from a_i to b_i, arrays (n, 2), keeps `min_m` from every box; with 0 it may touch them."""
     clear = np.ones(len(a), bool)
     d = b - a
     square = np.maximum((d * d).sum(axis=1), 1e-18)
@@ -48,7 +48,7 @@ def keeps_clear(a: NDArray[np.float64], b: NDArray[np.float64], boxes: Sequence[
 def shortest_length(
     boxes: Sequence[Box], start: tuple[float, float], goal: tuple[float, float], radius_m: float, size_m: float, chords: int = 5
 ) -> float:
-    """Meters from start to goal within the square (0, 0) to (size, size); infinity if there is no path."""
+    """Return the meters from start to goal within the square from (0, 0) to (size_m, size_m), infinity without a path."""
     points = [start, goal]
     for x0, y0, x1, y1 in boxes:
         for x, y, from_rad in ((x1, y1, 0.0), (x0, y1, 0.5), (x0, y0, 1.0), (x1, y0, 1.5)):
@@ -74,7 +74,7 @@ def shortest_length(
 def random_boxes(
     cells: int, count: int, sides: tuple[int, int], seed: int, resolution_m: float = 0.05
 ) -> tuple[GridMap, list[Box]]:
-    """A square map with boxes along cell borders, with free start and goal corners; the map and the boxes in meters."""
+    """Return a square map with random boxes along cell borders and two free opposite corners, and the boxes in meters."""
     random = np.random.default_rng(seed)
     grid = np.zeros((cells, cells), np.int8)
     boxes = []

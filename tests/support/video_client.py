@@ -1,4 +1,4 @@
-"""A client of the video server that reads a stream as browsers do."""
+"""A client of the video server that reads streams like a browser."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TIMEOUT_S = 20.0
 
 
 class VideoClient:
-    """Requests one path after another; a stream is read picture by picture. `headers` go with every request."""
+    """Requests paths, and opens streams that are read picture by picture. `headers` are sent with every request."""
 
     def __init__(
         self, port: int, prefix: str = "", headers: Mapping[str, str] | None = None, trust: ssl.SSLContext | None = None
@@ -23,36 +23,36 @@ class VideoClient:
         self._open: list[http.client.HTTPResponse | http.client.HTTPConnection] = []
 
     def get(self, path: str) -> tuple[int, bytes, dict[str, str]]:
-        """Status, content and headers of an answer that ends."""
+        """Request a path; return status, content and headers of the response."""
         connection = self._connection()
         try:
             connection.request("GET", self._prefix + path, headers=dict(self._headers))
-            answer = connection.getresponse()
-            return answer.status, answer.read(), dict(answer.getheaders())
+            response = connection.getresponse()
+            return response.status, response.read(), dict(response.getheaders())
         finally:
             connection.close()
 
     def text(self, path: str, status: int = 200) -> str:
-        """The content of an answer of that status."""
-        seen, content, _ = self.get(path)
-        assert seen == status, (seen, content)
+        """Request a path, and return the content of the response, whose status must be `status`."""
+        actual_status, content, _ = self.get(path)
+        assert actual_status == status, (actual_status, content)
         return content.decode()
 
     def json(self, path: str) -> Any:
-        """The parsed content of an answer that succeeds."""
+        """Request a path, and return the parsed JSON of the response, whose status must be 200."""
         return json.loads(self.text(path))
 
     def stream(self, path: str) -> Stream:
-        """Begin to watch a stream."""
+        """Open a stream."""
         connection = self._connection()
         connection.request("GET", self._prefix + path, headers=dict(self._headers))
-        answer = connection.getresponse()
-        self._open += [answer, connection]
-        assert answer.status == 200, (answer.status, answer.read())
-        return Stream(answer)
+        response = connection.getresponse()
+        self._open += [response, connection]
+        assert response.status == 200, (response.status, response.read())
+        return Stream(response)
 
     def close(self) -> None:
-        """Leave all streams."""
+        """Close all streams."""
         while self._open:
             self._open.pop().close()
 
@@ -63,19 +63,19 @@ class VideoClient:
 
 
 class Stream:
-    """A stream that is being watched."""
+    """An open stream."""
 
-    def __init__(self, answer: http.client.HTTPResponse) -> None:
-        self.headers = dict(answer.getheaders())
-        self._answer = answer
+    def __init__(self, response: http.client.HTTPResponse) -> None:
+        self.headers = dict(response.getheaders())
+        self._response = response
         self._reader = PartReader()
         self._pictures: list[tuple[bytes, int]] = []
 
     def picture(self) -> tuple[bytes, int]:
-        """The next picture and its stamp in ns. Raises EOFError where the stream ends."""
+        """Return the next picture and its stamp in ns. Raises EOFError at the end of the stream."""
         while not self._pictures:
             try:
-                data = self._answer.read1(65536)
+                data = self._response.read1(65536)
             except (ConnectionError, http.client.HTTPException) as error:
                 raise EOFError from error
             if not data:
@@ -84,5 +84,5 @@ class Stream:
         return self._pictures.pop(0)
 
     def close(self) -> None:
-        """Leave."""
-        self._answer.close()
+        """Close the stream."""
+        self._response.close()

@@ -1,4 +1,4 @@
-"""Waiting for a condition, with a limit."""
+"""Wait for a condition, with a timeout."""
 
 from __future__ import annotations
 
@@ -9,14 +9,17 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def wait_until(condition: Callable[[], T], what: str | Callable[[], str], limit_s: float = 20.0, every_s: float = 0.05) -> T:
+def wait_until(
+    condition: Callable[[], T], what: str | Callable[[], str], timeout_s: float = 20.0, interval_s: float = 0.05
+) -> T:
     """Call `condition` until its value is true, and return that value.
 
-    Fails the test after `limit_s` with `what` it waited for; a function is called only then, to describe the state it found.
+    Fails the test after `timeout_s` with a message that contains `what`. A function `what` is called only then, so that it can
+    describe the state at that time.
     """
-    deadline = time.monotonic() + limit_s
+    deadline = time.monotonic() + timeout_s
     while not (value := condition()):
         if time.monotonic() > deadline:
-            raise AssertionError(f"not within {limit_s:g} s: {what() if callable(what) else what}")
-        time.sleep(every_s)
+            raise AssertionError(f"waited {timeout_s:g} s for: {what() if callable(what) else what}")
+        time.sleep(interval_s)
     return value

@@ -1,4 +1,4 @@
-"""HTTPS for the console: a certificate authority of this user's own, and the server's certificate that it issues."""
+"""HTTPS for the console: this user's own certificate authority, and the server certificate that it issues."""
 
 from lupin_runtime.console.certificate.server_certificate import ServerCertificate
 from lupin_runtime.console.certificate.store import CertificateError, Certificates, CertificateStore

@@ -1,11 +1,11 @@
-"""The certificate authority: a root that devices trust, and the issuing certificate below it that signs the server's.
+"""The certificate authority: a root certificate that devices trust, and an issuing certificate that signs the server's.
 
-The root signs the issuing certificate once, and its key is then forgotten: no file ever holds it. The issuing certificate may
-vouch for names and addresses of local networks only. The constraints are in a certificate below the root because several
-verifiers ignore those of a root, as RFC 5280, 6.2 allows. So a stolen issuing key is of no use beyond such networks.
+The root signs the issuing certificate once; its key is then discarded and never stored in a file. The issuing certificate is
+constrained to names and addresses of local networks, so a stolen issuing key is useless elsewhere. Constraints in the root
+alone would not be enough, because verifiers may ignore them there (RFC 5280, 6.2).
 
-Both are valid for a fixed time that does not depend on the clock. A computer without a battery-backed clock may create them
-while its clock shows any year, and devices that trust the root keep trusting it.
+Both certificates are valid for a fixed period that does not depend on the clock. A computer without a battery-backed clock may
+create them while its clock is wrong, and devices that trust the root keep trusting it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _MAX_COMMON_NAME = 64  # RFC 5280, ub-common-name
 
 
 class DamagedAuthority(ValueError):
-    """What is stored is not an authority that Lupin has made; the message says in which respect."""
+    """The stored authority is damaged or was not created by Lupin; the message gives details."""
 
 
 @dataclass(frozen=True)
@@ -53,21 +53,21 @@ class CertificateAuthority:
 
     @property
     def name(self) -> str:
-        """Under which devices list the root."""
+        """The name under which devices list the root."""
         return common_name(self.root)
 
     @property
     def id(self) -> str:
-        """Eight hexadecimal digits, part of the name, that tell it from other authorities."""
+        """Eight hexadecimal digits, also part of the name, that distinguish it from other authorities."""
         return _key_id(self.root.public_key())
 
     @property
     def sha256(self) -> str:
-        """Fingerprint of the root's certificate."""
+        """The fingerprint of the root certificate."""
         return fingerprint(self.root)
 
     def permits(self, subject: str | Address) -> bool:
-        """Whether it may issue certificates for a DNS name or an address."""
+        """Return whether it may issue certificates for a DNS name or an address."""
         constraints = self.issuing.extensions.get_extension_for_class(x509.NameConstraints).value
         for subtree in constraints.permitted_subtrees or ():
             if isinstance(subject, str) and isinstance(subtree, x509.DNSName):
@@ -80,18 +80,19 @@ class CertificateAuthority:
         return False
 
     def root_pem(self) -> bytes:
-        """The root's certificate, which devices install."""
+        """Return the root certificate, which devices install."""
         return self.root.public_bytes(serialization.Encoding.PEM)
 
     def pem(self) -> bytes:
-        """All of it, with the key: secret."""
+        """Return the issuing key and both certificates; this is secret."""
         return private_pem(self.key) + self.issuing.public_bytes(serialization.Encoding.PEM) + self.root_pem()
 
 
 def create(reachable: HostAddresses) -> CertificateAuthority:
-    """A new authority. It permits local names and networks, and the names and addresses that the host has now.
+    """Create an authority for local names and networks, and for the host's current names and addresses.
 
-    A university's network may give public addresses to its hosts, and a certificate without them would be of no use there.
+    The current addresses may be public: some networks, such as universities', give their hosts public addresses, and a
+    certificate without them would be useless there.
     """
     root_key, key = ec.generate_private_key(ec.SECP256R1()), ec.generate_private_key(ec.SECP256R1())
     suffix = f" ({_key_id(root_key.public_key())})"
@@ -105,7 +106,7 @@ def create(reachable: HostAddresses) -> CertificateAuthority:
 
 
 def parse(data: bytes) -> CertificateAuthority:
-    """The authority of a file that `CertificateAuthority.pem` filled. Raises DamagedAuthority."""
+    """Read an authority from the output of `CertificateAuthority.pem`. Raises DamagedAuthority."""
     try:
         key = serialization.load_pem_private_key(data, None)
         issuing, root = x509.load_pem_x509_certificates(data)
@@ -113,13 +114,13 @@ def parse(data: bytes) -> CertificateAuthority:
     except DamagedAuthority:
         raise
     except (ValueError, TypeError, UnsupportedAlgorithm, InvalidSignature, x509.ExtensionNotFound) as error:
-        raise DamagedAuthority("it does not hold a key and the two certificates that belong to it") from error
+        raise DamagedAuthority("it does not contain a key with its two certificates") from error
     return authority
 
 
 def _checked(key: object, issuing: x509.Certificate, root: x509.Certificate) -> CertificateAuthority:
     if not isinstance(key, ec.EllipticCurvePrivateKey) or issuing.public_key() != key.public_key():
-        raise DamagedAuthority("its key is not that of its certificate")
+        raise DamagedAuthority("its key does not belong to its certificate")
     issuing.verify_directly_issued_by(root)
     root.verify_directly_issued_by(root)
     issuing.extensions.get_extension_for_class(x509.NameConstraints)
@@ -138,9 +139,9 @@ def _permitted(reachable: HostAddresses) -> list[x509.GeneralName]:
 
 
 def is_permittable(name: str) -> bool:
-    """Whether a host's name is no top-level domain, which would permit every site below it.
+    """Return whether a host name cannot be a top-level domain, which would permit every site below it.
 
-    Those consist of letters only (RFC 1123, 2.1), or begin with xn--.
+    Top-level domains consist of letters only (RFC 1123, 2.1), or begin with xn--.
     """
     return "." in name or (not name.isalpha() and not name.startswith("xn--"))
 
@@ -187,18 +188,18 @@ def _certificate(
 
 
 def common_name(certificate: x509.Certificate) -> str:
-    """The subject's common name; empty where it has none."""
+    """Return the subject's common name; empty if it has none."""
     found = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     return str(found[0].value) if found else ""
 
 
 def fingerprint(certificate: x509.Certificate) -> str:
-    """SHA-256 of a certificate in hexadecimal bytes with colons between them, as systems show it."""
+    """Return a certificate's SHA-256 as hexadecimal bytes separated by colons, the form that systems show."""
     return certificate.fingerprint(hashes.SHA256()).hex(":").upper()
 
 
 def private_pem(key: ec.EllipticCurvePrivateKey) -> bytes:
-    """A key as PKCS #8, without a password: the server starts without a person."""
+    """Return a key as PKCS #8, without a password, because the server starts unattended."""
     encoding, layout = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
     return key.private_bytes(encoding, layout, serialization.NoEncryption())
 

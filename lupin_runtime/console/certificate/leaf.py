@@ -1,8 +1,8 @@
-"""The server's own certificate, the leaf: what it names, how long it is valid, and when it must be replaced.
+"""The server certificate, the leaf of the chain: its names, its validity, and when it must be replaced.
 
-The host's clock may be wrong: a robot's computer has no battery-backed clock and boots with the time of its last shutdown, or
-that of its image. Devices judge the certificate by their own clocks. So it begins a month before it is issued, and is replaced
-as soon as the clock is outside its validity; a clock that is certainly wrong is not used.
+The host's clock may be wrong: a robot's computer has no battery-backed clock and boots with the time of its last shutdown or of
+its disk image. Devices check the certificate against their own clocks. So its validity begins a month before it is issued, and
+it is replaced as soon as the host's clock is outside its validity; a clock that is certainly wrong is not used.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from lupin_runtime.console.certificate.certificate_authority import CertificateAuthority, fingerprint, private_pem
 from lupin_runtime.console.host_addresses import LOOPBACK, Address, HostAddresses
 
-# Browsers refuse more than 398 days of public authorities, and Apple's more than 825 of any (support.apple.com/103214).
+# Browsers accept at most 398 days from public authorities, and Apple's at most 825 from any (support.apple.com/103214).
 BEFORE_ISSUE = datetime.timedelta(days=31)
 AFTER_ISSUE = datetime.timedelta(days=366)
 RENEW_BEFORE_END = datetime.timedelta(days=31)
 
-# A clock outside these times is certainly wrong: this file is younger, and the authority ends in 2049.
+# A clock outside these times is certainly wrong: this file is newer than EARLIEST, and the authority expires in 2049.
 EARLIEST = datetime.datetime(2026, 11, 1, tzinfo=datetime.timezone.utc)
 LATEST = datetime.datetime(2048, 1, 1, tzinfo=datetime.timezone.utc)
 
-MAX_NAMES = 64  # names and addresses in one certificate, those of earlier networks included
+MAX_NAMES = 64  # names and addresses in one certificate, including those from earlier networks
 
 
 @dataclass(frozen=True)
 class Leaf:
-    """The server's key and certificate, and the one that issued it, which the server sends too."""
+    """The server's key and certificate, and the issuing certificate, which the server sends too."""
 
     key: ec.EllipticCurvePrivateKey
     certificate: x509.Certificate
@@ -42,12 +42,12 @@ class Leaf:
 
     @property
     def sha256(self) -> str:
-        """Fingerprint of the certificate."""
+        """The fingerprint of the certificate."""
         return fingerprint(self.certificate)
 
     @property
     def issued(self) -> datetime.datetime:
-        """When it was issued."""
+        """The time when it was issued."""
         return self.certificate.not_valid_before_utc + BEFORE_ISSUE
 
     @property
@@ -65,23 +65,23 @@ class Leaf:
         return self.certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
 
     def pem(self) -> bytes:
-        """Key and chain, as TLS servers read them: secret."""
+        """Return the key and the certificate chain as TLS servers read them; this is secret."""
         chain = (self.certificate, self.issuing)
         return private_pem(self.key) + b"".join(one.public_bytes(serialization.Encoding.PEM) for one in chain)
 
 
 def is_plausible(clock: datetime.datetime) -> bool:
-    """Whether a clock may be right."""
+    """Return whether a clock may be right."""
     return EARLIEST <= clock <= LATEST
 
 
 def reference_time(clock: datetime.datetime, issued: datetime.datetime | None) -> datetime.datetime:
-    """The time to issue and to judge at: the clock's, or where that is certainly wrong, when the last leaf was issued."""
+    """Return the time to use as now: the clock's or, if that is certainly wrong, the time when the last leaf was issued."""
     return clock if is_plausible(clock) else issued or EARLIEST
 
 
 def subjects(authority: CertificateAuthority, reachable: HostAddresses) -> tuple[tuple[str, ...], tuple[Address, ...]]:
-    """The names and addresses that a leaf must have: the host's and localhost, as far as the authority permits them."""
+    """Return the names and addresses that a leaf must have: localhost and the host's, as far as the authority permits."""
     names = dict.fromkeys(("localhost", *reachable.names))
     addresses = dict.fromkeys((*LOOPBACK, *reachable.addresses))
     permitted = tuple(filter(authority.permits, names))
@@ -91,16 +91,16 @@ def subjects(authority: CertificateAuthority, reachable: HostAddresses) -> tuple
 def reason_to_renew(
     leaf: Leaf | None, authority: CertificateAuthority, reachable: HostAddresses, clock: datetime.datetime
 ) -> str | None:
-    """Why a leaf must be replaced, or None if it serves."""
+    """Return why a leaf must be replaced; None if it need not be."""
     if leaf is None:
         return "there is none"
     if leaf.issuing != authority.issuing:
         return "another authority issued it"
     at = reference_time(clock, leaf.issued)
     if at < leaf.certificate.not_valid_before_utc:
-        return f"it was issued on {leaf.issued:%Y-%m-%d}, after the clock's present time"
+        return f"it was issued on {leaf.issued:%Y-%m-%d}, after the clock's current time"
     if at > leaf.certificate.not_valid_after_utc - RENEW_BEFORE_END:
-        return f"it ends on {leaf.certificate.not_valid_after_utc:%Y-%m-%d}"
+        return f"it expires on {leaf.certificate.not_valid_after_utc:%Y-%m-%d}"
     names, addresses = subjects(authority, reachable)
     missing = [*(set(names) - set(leaf.names)), *(set(addresses) - set(leaf.addresses))]
     if missing:
@@ -111,7 +111,7 @@ def reason_to_renew(
 def issue(
     authority: CertificateAuthority, reachable: HostAddresses, clock: datetime.datetime, before: Leaf | None = None
 ) -> Leaf:
-    """A new leaf. It keeps the names and addresses of `before`, so that a laptop may go back and forth between networks."""
+    """Issue a leaf. It keeps the names and addresses of `before`, so that a laptop can move between networks."""
     at = reference_time(clock, before.issued if before else None)
     names, addresses = subjects(authority, reachable)
     if before is not None:
@@ -159,7 +159,7 @@ def _certificate(
 
 
 def parse(data: bytes) -> Leaf | None:
-    """The leaf of a file that `Leaf.pem` filled; None where it is damaged."""
+    """Read a leaf from the output of `Leaf.pem`; None if it is damaged."""
     try:
         key = serialization.load_pem_private_key(data, None)
         certificate, issuing = x509.load_pem_x509_certificates(data)

@@ -1,4 +1,4 @@
-"""The TLS context of the console's server, whose certificate stays valid while the server runs."""
+"""The console's TLS context. Its certificate is kept valid while the server runs."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from pathlib import Path
 
 from lupin_runtime.console.certificate.store import NEXT_COMMAND, CertificateError, CertificateStore
 
-REFRESH_S = 30.0  # until a new address or a step of the clock is noticed
+REFRESH_PERIOD_S = 30.0  # a new address or a step of the clock is noticed within this time
 
 
 class ServerCertificate:
-    """Holds a context for aiohttp, `context`, and the certificates that it serves. Raises CertificateError.
+    """The TLS context, `context`, and the certificates that it serves. The constructor raises CertificateError.
 
-    The server must not send Strict-Transport-Security: it would take from a browser the choice to go on while the robot's
-    clock, or its own, is wrong.
+    The server must not send Strict-Transport-Security: browsers would then no longer let people pass the warning that appears
+    while one of the clocks is wrong.
     """
 
     def __init__(self, store: CertificateStore | None = None) -> None:
@@ -27,12 +27,13 @@ class ServerCertificate:
         self.context.set_alpn_protocols(["http/1.1"])
         _load(self.context, self.store.server_path)
 
-    async def keep_current(self, log: Callable[[str], None], period_s: float = REFRESH_S) -> None:
-        """Renew the certificate when the clock, the host's addresses or its files ask for it; runs until it is cancelled.
+    async def keep_current(self, log: Callable[[str], None], period_s: float = REFRESH_PERIOD_S) -> None:
+        """Renew the certificate when the clock, the host's addresses or the files require it. Runs until it is canceled.
 
-        New connections get the new certificate, open ones stay. What goes wrong is logged once, and the old one stays in use.
+        New connections get the new certificate, open ones stay open. An error is logged once, and the old certificate stays in
+        use.
         """
-        said: tuple[str, ...] = self.certificates.notes
+        logged: tuple[str, ...] = self.certificates.notes
         while True:
             await asyncio.sleep(period_s)
             try:
@@ -45,9 +46,9 @@ class ServerCertificate:
             except CertificateError as error:
                 notes = (str(error),)
             for note in notes:
-                if note not in said:
+                if note not in logged:
                     log(note)
-            said = notes
+            logged = notes
 
 
 def _load(context: ssl.SSLContext, path: Path) -> None:

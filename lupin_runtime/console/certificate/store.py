@@ -1,8 +1,8 @@
-"""The files of the certificate authority and of the server's certificate.
+"""The files of the certificate authority and of the server certificate.
 
-They are in `${XDG_STATE_HOME:-~/.local/state}/lupin/certificate/`, which only its owner may enter: `authority.pem` and
-`server.pem`, each a key with its certificates, so that neither can be half of one and half of another; and `authority.crt`, the
-root for devices to install. A lock makes processes that start at the same time agree.
+They are in `${XDG_STATE_HOME:-~/.local/state}/lupin/certificate/`, a folder that only its owner can access. `authority.pem` and
+`server.pem` each contain a key together with its certificates, so that the two always match; `authority.crt` is the root, for
+devices to install. A lock makes processes that start at the same time use the same certificates.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from lupin_runtime.console.certificate.leaf import Leaf
 from lupin_runtime.console.host_addresses import HostAddresses, host_addresses
 from lupin_runtime.stack.runs import state_home
 
-LOCK_PATIENCE_S = 10.0
+LOCK_TIMEOUT_S = 10.0
 _LOCK_PERIOD_S = 0.02
 _MAX_BYTES = 64 * 1024
 NEXT_COMMAND = "lupin console certificate"
 
 
 class CertificateError(RuntimeError):
-    """There can be no certificate; the message says why, and what to do."""
+    """No certificate can be read or created; the message says why, and what to do."""
 
 
 @dataclass(frozen=True)
 class Certificates:
-    """The authority and the server's certificate as they are on the disk.
+    """The stored authority and server certificate.
 
-    `renewed` is why the leaf was replaced just now, else None. `notes` are sentences for the operator. `omitted` are names and
-    addresses of this host that only a new authority could vouch for.
+    `renewed` is the reason if the leaf has just been replaced, else None. `notes` are sentences for the operator. `omitted` are
+    names and addresses of this host for which only a new authority could issue a certificate.
     """
 
     authority: CertificateAuthority
@@ -70,7 +70,7 @@ class CertificateStore:
         self._reachable = reachable
 
     def peek(self) -> CertificateAuthority | None:
-        """The stored authority, or None where there is none that is usable. Changes nothing. Raises CertificateError."""
+        """Return the stored authority; None if there is none or it is damaged. Changes nothing. Raises CertificateError."""
         with _explained(self.folder):
             if not self.folder.is_dir():
                 return None
@@ -81,9 +81,9 @@ class CertificateStore:
                 return None
 
     def ensure(self, *, new_authority: bool = False) -> Certificates:
-        """Load the certificates; create, repair and renew what is needed. With `new_authority`, replace all of them.
+        """Load the certificates; create, repair or renew them if necessary. With `new_authority`, replace all of them.
 
-        Raises CertificateError where the files cannot be read or written.
+        Raises CertificateError if the files cannot be read or written.
         """
         with _explained(self.folder), self._lock():
             reachable, clock = self._reachable(), self._clock()
@@ -98,10 +98,10 @@ class CertificateStore:
         if not leaf.is_plausible(clock):
             notes.append(
                 f"this machine's clock shows {clock:%Y-%m-%d}, which is wrong: browsers on it refuse the certificate, and "
-                "those of other devices may; set the clock, on a robot with: lupin sync-clock"
+                "those on other devices may too; set the clock, on a robot with: lupin sync-clock"
             )
-        wanted = (*filter(certificate_authority.is_permittable, reachable.names), *reachable.addresses)
-        omitted = tuple(str(subject) for subject in wanted if not authority.permits(subject))
+        candidates = (*filter(certificate_authority.is_permittable, reachable.names), *reachable.addresses)
+        omitted = tuple(str(subject) for subject in candidates if not authority.permits(subject))
         return Certificates(authority, current, reason, tuple(notes), omitted)
 
     # -- the authority ------------------------------------------------------------------------------------------------
@@ -113,7 +113,7 @@ class CertificateStore:
         except DamagedAuthority as error:
             notes.append(
                 f"the certificate authority in {self.authority_path} was not usable ({error}) and was replaced; "
-                f"devices that trusted it need the new one: {NEXT_COMMAND}"
+                f"install the new one on every device that trusted it: {NEXT_COMMAND}"
             )
         if authority is None or renew:
             authority = certificate_authority.create(reachable)
@@ -123,7 +123,7 @@ class CertificateStore:
         return authority, notes
 
     def _load_authority(self, notes: list[str] | None = None) -> CertificateAuthority | None:
-        """None where there is no file. Raises DamagedAuthority."""
+        """Load the authority, and protect its key if necessary; None if there is no file. Raises DamagedAuthority."""
         try:
             data, mode = _read_own(self.authority_path)
         except FileNotFoundError:
@@ -134,8 +134,8 @@ class CertificateStore:
         if mode & 0o077 and notes is not None:
             self.authority_path.chmod(0o600)
             notes.append(
-                f"the key in {self.authority_path} could be read by other users (mode {mode:04o}) until now; "
-                f"if it was, replace it: {NEXT_COMMAND} --new-authority"
+                f"until now, other users could read the key in {self.authority_path} (mode {mode:04o}); "
+                f"if any may have, replace it: {NEXT_COMMAND} --new-authority"
             )
         return authority
 
@@ -147,7 +147,7 @@ class CertificateStore:
 
     # -- the leaf -----------------------------------------------------------------------------------------------------
     def _load_leaf(self) -> tuple[Leaf | None, list[str]]:
-        """The leaf, or None where it is missing, damaged or has a key that others may have read; and notes on why."""
+        """Load the leaf; None, with notes on why, if it is missing or damaged or others may have read its key."""
         try:
             data, mode = _read_own(self.server_path)
         except FileNotFoundError:
@@ -164,8 +164,8 @@ class CertificateStore:
         owner = self.folder.stat().st_uid
         if owner != os.geteuid():
             raise CertificateError(
-                f"{self.folder} belongs to user {owner}, and this is user {os.geteuid()}; run Lupin as its owner, "
-                f"without sudo, or give the folder back: sudo chown -R $USER {self.folder}"
+                f"{self.folder} belongs to user {owner}, but this is user {os.geteuid()}; run Lupin as its owner, "
+                f"without sudo, or take the folder over: sudo chown -R $USER {self.folder}"
             )
 
     @contextlib.contextmanager
@@ -176,7 +176,7 @@ class CertificateStore:
             self.folder.chmod(0o700)
         descriptor = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
         try:
-            deadline = time.monotonic() + LOCK_PATIENCE_S
+            deadline = time.monotonic() + LOCK_TIMEOUT_S
             while True:
                 try:
                     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -184,7 +184,7 @@ class CertificateStore:
                 except BlockingIOError:
                     if time.monotonic() > deadline:
                         message = (
-                            f"another process has used {self.folder} for {LOCK_PATIENCE_S:g} s; see: fuser {self.folder}/lock"
+                            f"another process has used {self.folder} for {LOCK_TIMEOUT_S:g} s; see: fuser {self.folder}/lock"
                         )
                         raise CertificateError(message) from None
                     time.sleep(_LOCK_PERIOD_S)
@@ -194,18 +194,18 @@ class CertificateStore:
 
 
 class _NotOwnFile(ValueError):
-    """A file that somebody else may have written; the message says what it is."""
+    """A file that another user may have written; the message says why."""
 
 
 def _read_own(path: Path) -> tuple[bytes, int]:
-    """Content and permissions of a regular file of this user. Raises _NotOwnFile and OSError."""
+    """Read the content and permissions of a regular file of this user. Raises _NotOwnFile and OSError."""
     if path.is_symlink():
         raise _NotOwnFile("it is a symbolic link")
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     with os.fdopen(descriptor, "rb") as file:
         found = os.fstat(descriptor)
         if not stat.S_ISREG(found.st_mode):
-            raise _NotOwnFile("it is no regular file")
+            raise _NotOwnFile("it is not a regular file")
         if found.st_uid != os.geteuid():
             raise _NotOwnFile(f"it belongs to user {found.st_uid}")
         return file.read(_MAX_BYTES), stat.S_IMODE(found.st_mode)

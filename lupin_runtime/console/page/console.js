@@ -3,7 +3,7 @@
 const element = (id) => document.getElementById(id);
 const CAMERAS_MS = 3000;
 const STALE_S = 2;
-let own = null;
+let session = null;
 
 async function ask(path, body) {
   const options = body === undefined ? {} : {
@@ -22,19 +22,19 @@ function act(path, body) {
 }
 
 function showControl(control) {
-  const mine = own !== null && control.holder === own.name;
+  const mine = session !== null && control.holder === session.name;
   element("control").textContent = mine ? "You have control." : control.holder ? `${control.holder} has control.` : "Nobody has control.";
-  element("take").disabled = mine || own === null || own.role !== "operator";
+  element("take").disabled = mine || session === null || session.role !== "operator";
   element("give").disabled = !mine;
 }
 
 function showStop(reasons) {
-  element("reasons").textContent = reasons.length ? `Stopped: ${reasons.join(", ")}` : "Not stopped by a console.";
+  element("reasons").textContent = reasons.length ? `Stopped: ${reasons.join(", ")}` : "No client stops the robot.";
 }
 
 async function showCameras() {
   let cameras = [];
-  try { cameras = await ask("/_video/streams"); } catch { /* none can be seen */ }
+  try { cameras = await ask("/_video/streams"); } catch { /* show no cameras */ }
   const shown = new Map([...element("cameras").children].map((figure) => [figure.dataset.topic, figure]));
   for (const { topic, clients, age_s } of cameras) {
     const figure = shown.get(topic) ?? addCamera(topic);
@@ -49,7 +49,7 @@ function addCamera(topic) {
   const figure = document.createElement("figure"), image = document.createElement("img");
   figure.dataset.topic = topic;
   image.src = `/_video/stream?topic=${encodeURIComponent(topic)}`;
-  image.alt = `What ${topic} shows`;
+  image.alt = `Picture of ${topic}`;
   image.onerror = () => figure.remove();
   figure.append(image, document.createElement("figcaption"));
   element("cameras").append(figure);
@@ -58,9 +58,9 @@ function addCamera(topic) {
 
 function listen() {
   const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/_api/events`);
-  // Control is lost by silence.
-  const sign = setInterval(() => { if (socket.readyState === WebSocket.OPEN) socket.send("{}"); }, 1000);
-  const look = setInterval(showCameras, CAMERAS_MS);
+  // A client that is silent for 5 s loses control.
+  const keepAlive = setInterval(() => { if (socket.readyState === WebSocket.OPEN) socket.send("{}"); }, 1000);
+  const refresh = setInterval(showCameras, CAMERAS_MS);
   socket.onopen = () => { element("problem").textContent = ""; showCameras(); };
   socket.onmessage = (message) => {
     const { event, value } = JSON.parse(message.data);
@@ -68,10 +68,10 @@ function listen() {
     if (event === "stop") showStop(value);
   };
   socket.onclose = () => {
-    clearInterval(sign);
-    clearInterval(look);
-    element("cameras").replaceChildren(); // a picture that no longer moves must not look like one that does
-    element("problem").textContent = "The link to the robot is lost; the button on the robot still works.";
+    clearInterval(keepAlive);
+    clearInterval(refresh);
+    element("cameras").replaceChildren(); // a frozen picture must not look like a live one
+    element("problem").textContent = "The connection to the console is lost; the button on the robot still works.";
     setTimeout(start, 2000);
   };
 }
@@ -79,11 +79,11 @@ function listen() {
 async function start() {
   const state = await act("/_api/session");
   if (state === undefined) { setTimeout(start, 2000); return; }
-  own = state.session;
-  element("pairing").hidden = own !== null;
-  element("paired").hidden = own === null;
-  if (own === null) return;
-  element("who").textContent = `This browser is ${own.name}, ${own.role}.`;
+  session = state.session;
+  element("pairing").hidden = session !== null;
+  element("paired").hidden = session === null;
+  if (session === null) return;
+  element("who").textContent = `This browser is ${session.name}, role ${session.role}.`;
   showControl(state.control);
   showStop(state.stop);
   listen();
@@ -101,7 +101,7 @@ element("give").addEventListener("click", () => act("/_api/lease", { action: "gi
 
 const scanned = new URLSearchParams(location.hash.slice(1)).get("code");
 if (scanned) {
-  history.replaceState(null, "", location.pathname); // a code stays in no address bar and no history
+  history.replaceState(null, "", location.pathname); // removes the code from address bar and history
   pair(scanned);
 } else {
   start();

@@ -27,7 +27,7 @@ static inline void pass_cell(Layer *layer, int64_t row, int64_t column) {
     layer->evidence[at] = layer->evidence[at] > layer->miss ? (uint8_t)(layer->evidence[at] - layer->miss) : 0;
 }
 
-/* Visit the cells of a ray from (x0, y0) to (x1, y1), in cells, without the last one (Amanatides & Woo 1987). */
+/* Visits the cells of a ray from (x0, y0) to (x1, y1), in cells, without the last one (Amanatides & Woo 1987). */
 static void clear_ray(Layer *layer, double x0, double y0, double x1, double y1) {
     int64_t column = (int64_t)floor(x0), row = (int64_t)floor(y0);
     const int64_t end_column = (int64_t)floor(x1), end_row = (int64_t)floor(y1);
@@ -49,9 +49,9 @@ static void clear_ray(Layer *layer, double x0, double y0, double x1, double y1) 
     }
 }
 
-/* Feed one scan into the evidence. geometry: origin_x, origin_y, cell size. sensor: x, y, yaw at the first beam, then at the
- * last one: the robot turns by up to 0.2 rad while the mirror goes round. limits: nearest, farthest mark, farthest clear, m.
- * Beams that are NaN, infinite, zero or out of limits say nothing. Returns how many beams said something. */
+/* Adds one scan to the evidence. geometry: origin_x, origin_y, cell size. sensor: x, y, yaw at the first beam, then at the
+ * last one: the robot turns by up to 0.2 rad during a revolution of the mirror. limits: nearest, farthest mark, farthest clear,
+ * m. Beams that are NaN, infinite or nearer than the limit are ignored. Returns the number of usable beams. */
 int64_t trace_scan(uint8_t *evidence, uint8_t *touched, int64_t height, int64_t width, const double *geometry,
                    const float *ranges, int64_t beams, double angle_min, double angle_increment, const double *sensor,
                    const double *limits, uint8_t hit, uint8_t miss) {
@@ -61,7 +61,7 @@ int64_t trace_scan(uint8_t *evidence, uint8_t *touched, int64_t height, int64_t 
     turn -= 2.0 * M_PI * round(turn / (2.0 * M_PI));
     int64_t valid = 0;
     memset(touched, 0, (size_t)(height * width));
-    /* Hits first, so that no beam of the same scan clears what another one hit. */
+    /* Hits first, so that no beam of the same scan clears a cell that another one hit. */
     for (int pass = 0; pass < 2; pass++) {
         for (int64_t i = 0; i < beams; i++) {
             const double range = ranges[i];
@@ -88,7 +88,8 @@ int64_t trace_scan(uint8_t *evidence, uint8_t *touched, int64_t height, int64_t 
     return valid;
 }
 
-/* Squared distance along a row to the nearest set cell, in cells (scale 1) or in half cells to its edge (scale 2). */
+/* Computes the squared distance along a row to the nearest set cell, in cells or, with `edges`, in half cells to its edge.
+ * Returns whether the row has a set cell. */
 static int row_pass(const uint8_t *row, int64_t width, int reach, int edges, uint16_t *out) {
     const int far = reach + 1;
     int gap = far, any = 0;
@@ -114,9 +115,9 @@ SIMD static void column_pass(uint16_t *restrict best, const uint16_t *restrict s
     }
 }
 
-/* Squared distance of every cell's center to the nearest set cell, exact up to `reach` cells, saturated beyond.
+/* Computes the squared distance of every cell's center to the nearest set cell, exact up to `reach` cells, saturated beyond.
  * edges = 0: to the set cell's center, in cells. edges = 1: to its square, in half cells (reach up to 90).
- * Two separable passes (Saito & Toriwaki 1994), the second one cut at the reach. Returns 0, or -1 without memory. */
+ * Two separable passes (Saito & Toriwaki 1994), the second one cut at the reach. Returns 0, or -1 if memory runs out. */
 int64_t squared_distances(const uint8_t *set, int64_t height, int64_t width, int64_t reach, int64_t edges, uint16_t *out) {
     uint16_t *squares = malloc((size_t)(height * width) * sizeof(uint16_t));
     uint8_t *any = malloc((size_t)height);
@@ -144,7 +145,7 @@ int64_t squared_distances(const uint8_t *set, int64_t height, int64_t width, int
     return 0;
 }
 
-/* Costs and distances from squared distances. `cost_of` and `meters_of` are tables over the squared distance in cells.
+/* Looks up costs and distances from squared distances. `cost_of` and `meters_of` are tables over the squared distance in cells.
  * Unknown cells stay unknown unless an obstacle is within the inscribed radius, as in Nav2's inflation layer. */
 void look_up_costs(const uint8_t *base, const uint16_t *squares, int64_t cells, const uint8_t *cost_of,
                    const float *meters_of, uint8_t *cost, float *meters) {

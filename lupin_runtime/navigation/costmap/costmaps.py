@@ -17,7 +17,7 @@ from lupin_runtime.navigation.costmap.scans import BeamPoses, ObstacleLayer, Ran
 LOCAL_LIMITS = ScanLimits(mark_max_m=2.5, clear_max_m=3.0)
 GLOBAL_LIMITS = ScanLimits(mark_max_m=5.0, clear_max_m=12.0)
 
-# Cells this near are certainly the robot itself: less than half its width (0.157 m), so that a box it touches stays marked.
+# Cells this near are certainly the robot itself. It is less than half its width (0.157 m): a box that it touches stays marked.
 SELF_RADIUS_M = 0.13
 
 
@@ -35,19 +35,19 @@ class Costmap:
     origin_y: float
 
     def cell_of(self, x: float, y: float) -> tuple[int, int]:
-        """(row, column) of a point; may lie outside."""
+        """Return (row, column) of a point; it may lie outside."""
         return (
             math.floor((y - self.origin_y) / self.resolution_m),
             math.floor((x - self.origin_x) / self.resolution_m),
         )
 
     def contains(self, row: int, column: int) -> bool:
-        """Whether the cell is inside."""
+        """Return whether the costmap has this cell."""
         height, width = self.cost.shape
         return bool(0 <= row < height and 0 <= column < width)
 
     def distance_at(self, x: float, y: float) -> float:
-        """Meters from a point's cell to the nearest lethal one; infinity outside the costmap."""
+        """Return the meters from a point's cell to the nearest lethal one; infinity outside the costmap."""
         row, column = self.cell_of(x, y)
         return float(self.distance_m[row, column]) if self.contains(row, column) else math.inf
 
@@ -116,7 +116,7 @@ class LocalCostmap:
         self._layers.origin_y, self._layers.origin_x = anchor[0] * resolution, anchor[1] * resolution
 
     def observe(self, scan: RangeScan, poses: BeamPoses) -> int:
-        """Mark and clear with a scan, poses in the odometry frame; returns the number of usable beams."""
+        """Mark and clear with a scan and the laser's poses in the odometry frame; return the number of usable beams."""
         return self._layers.observe(scan, poses, self._limits)
 
     def clear(self) -> None:
@@ -124,7 +124,7 @@ class LocalCostmap:
         self._layers.obstacles.clear()
 
     def snapshot(self, robot: Pose2) -> Costmap:
-        """The inflated costmap, without obstacles under the robot."""
+        """Return the inflated costmap, without obstacles under the robot."""
         self._layers.clear_under_robot(robot.x, robot.y)
         return self._layers.snapshot(None)
 
@@ -133,7 +133,7 @@ class GlobalCostmap:
     """The map, obstacles that only the lidar saw, and the inflation around both; it grows with the map.
 
     Marks fade after `memory_updates` updates without a new hit: static obstacles are in the map by then, and a mark that a
-    pose correction has put beside the true wall must not narrow an aisle for ever.
+    pose correction has put beside the true wall must not narrow an aisle forever.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class GlobalCostmap:
         layers.origin_x, layers.origin_y = grid.origin_x, grid.origin_y
 
     def observe(self, scan: RangeScan, poses: BeamPoses) -> int:
-        """Mark and clear with a scan, poses in the map frame; returns the number of usable beams, 0 without a map."""
+        """Mark and clear with a scan and the laser's poses in the map frame; return the number of usable beams, 0 if no map."""
         if self._layers is None:
             return 0
         self._layers.obstacles.age(self._fade)
@@ -179,9 +179,9 @@ class GlobalCostmap:
             self._layers.obstacles.clear()
 
     def snapshot(self, robot: Pose2 | None) -> Costmap:
-        """The inflated costmap. Raises LookupError before the first map."""
+        """Return the inflated costmap. Raises LookupError before the first map."""
         if self._layers is None or self._static is None:
-            raise LookupError("no map has come yet")
+            raise LookupError("no map has arrived yet")
         if robot is not None:
             self._layers.clear_under_robot(robot.x, robot.y)
         return self._layers.snapshot(self._static)

@@ -23,8 +23,8 @@ OCCUPIED_PERCENT = 65
 class Inflation:
     """How cost falls off around an obstacle.
 
-    Distances are exact up to `reach_m`, and `reach_m` plus a cell beyond. It is larger than `radius_m`, since the planner
-    and the controller use meters, not costs.
+    Distances are exact up to `reach_m`; larger ones are given as `reach_m` plus a cell. `reach_m` is larger than `radius_m`,
+    since the planner and the controller use meters, not costs.
     """
 
     robot_radius_m: float = 0.22
@@ -33,7 +33,7 @@ class Inflation:
     reach_m: float = 0.7
 
     def cost(self, distance_m: float) -> int:
-        """Cost at a distance from the nearest lethal cell's center.
+        """Return the cost at a distance from the nearest lethal cell's center.
 
         254 at it, 253 within the robot's radius, then 252 exp(-scaling (d - robot radius)) up to `radius_m`, as in Nav2.
         """
@@ -46,11 +46,11 @@ class Inflation:
         return int((INSCRIBED - 1) * math.exp(-self.scaling * (distance_m - self.robot_radius_m)))
 
     def reach_cells(self, resolution_m: float) -> int:
-        """`reach_m` in whole cells."""
+        """Return the reach in whole cells: the largest of `reach_m` and the two radii."""
         return max(1, math.ceil(max(self.reach_m, self.radius_m, self.robot_radius_m) / resolution_m))
 
     def tables(self, resolution_m: float) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Cost and meters of every squared distance in cells up to the reach."""
+        """Return the cost and the meters of every squared distance in cells, up to the reach and one cell beyond."""
         return _tables(self, resolution_m)
 
 
@@ -78,5 +78,5 @@ OCCUPANCY_OF_COST = _occupancy_table()
 
 
 def costs_of_occupancy(cells: NDArray[np.int8]) -> NDArray[np.uint8]:
-    """Static costs of an OccupancyGrid's cells: unknown, lethal from OCCUPIED_PERCENT on, else free."""
+    """Return the static costs of an OccupancyGrid's cells: unknown, lethal from OCCUPIED_PERCENT on, else free."""
     return np.where(cells < 0, UNKNOWN, np.where(cells >= OCCUPIED_PERCENT, LETHAL, FREE)).astype(np.uint8)

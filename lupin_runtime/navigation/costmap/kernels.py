@@ -41,10 +41,10 @@ MAX_EDGE_REACH_CELLS = 90
 
 
 def squared_distances(set_cells: NDArray[np.uint8], reach_cells: int, to_edges: bool = False) -> NDArray[np.uint16]:
-    """Squared distance of each cell's center to the nearest non-zero cell of `set_cells` (height, width).
+    """Return the squared distance of each cell's center to the nearest non-zero cell of `set_cells` (height, width).
 
-    To its center in cells, or with `to_edges` to its square in half cells. Exact up to the reach; farther reads
-    (reach + 1)^2, or (2 reach + 1)^2. Raises ValueError for a reach beyond the 16 bits, MemoryError.
+    It is measured to that cell's center in cells, or with `to_edges` to its square in half cells. It is exact up to the reach;
+    larger distances read (reach + 1)^2, or (2 reach + 1)^2. Raises ValueError if the reach exceeds 16 bits, and MemoryError.
     """
     limit = MAX_EDGE_REACH_CELLS if to_edges else MAX_REACH_CELLS
     if not 1 <= reach_cells <= limit:
@@ -52,5 +52,5 @@ def squared_distances(set_cells: NDArray[np.uint8], reach_cells: int, to_edges: 
     height, width = set_cells.shape
     out = np.empty((height, width), np.uint16)
     if _squared_distances(set_cells, height, width, reach_cells, int(to_edges), out) != 0:
-        raise MemoryError(f"no memory for the distances of {height} x {width} cells")
+        raise MemoryError(f"out of memory for the distances of {height} x {width} cells")
     return out

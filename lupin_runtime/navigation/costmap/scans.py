@@ -15,7 +15,7 @@ from lupin_runtime.navigation.costmap import kernels
 class RangeScan:
     """Ranges (m, float32, one per beam); beam i looks along `angle_min_rad + i * angle_increment_rad` of the laser frame.
 
-    `stamp_ns` is the first beam's time, `duration_s` the time from it to the last one's.
+    `stamp_ns` is the time of the first beam, `duration_s` the time from the first to the last beam.
     """
 
     ranges_m: NDArray[np.float32]
@@ -29,7 +29,7 @@ class RangeScan:
 
 @dataclass(frozen=True)
 class BeamPoses:
-    """Where the laser was, in the grid's frame, at the first and at the last beam."""
+    """The poses of the laser in the grid's frame, at the first and at the last beam."""
 
     first: Pose2
     last: Pose2
@@ -59,7 +59,7 @@ class ObstacleLayer:
         self._miss = -(-self.HIT // misses_to_clear)
 
     def observe(self, scan: RangeScan, poses: BeamPoses, limits: ScanLimits, geometry: NDArray[np.float64]) -> int:
-        """Mark and clear with a scan; `geometry`: origin x and y, resolution, meters. Returns the number of usable beams."""
+        """Mark and clear with a scan; return the number of usable beams. `geometry` is origin x, y and resolution, meters."""
         if not np.isfinite([scan.angle_min_rad, scan.angle_increment_rad]).all():
             return 0
         ranges = scan.ranges_m
@@ -87,7 +87,7 @@ class ObstacleLayer:
         self.evidence[:] = 0
 
     def clear_disc(self, row: float, column: float, radius_cells: float) -> None:
-        """Clear the cells under the robot, where no obstacle can be."""
+        """Clear the cells in a disc: under the robot there can be no obstacle."""
         height, width = self.evidence.shape
         low_r, high_r = max(0, int(row - radius_cells)), min(height, int(row + radius_cells) + 1)
         low_c, high_c = max(0, int(column - radius_cells)), min(width, int(column + radius_cells) + 1)
@@ -100,15 +100,15 @@ class ObstacleLayer:
 
     def shift(self, rows: int, columns: int) -> None:
         """Move the window over the world by whole cells; new cells have no evidence."""
-        self.evidence = moved(self.evidence, rows, columns, self.evidence.shape)
+        self.evidence = shift_grid(self.evidence, rows, columns, self.evidence.shape)
 
     def reshape(self, rows: int, columns: int, shape: tuple[int, int]) -> None:
         """Change the window to `shape`; its first cell is (rows, columns) of the present one."""
-        self.evidence = moved(self.evidence, rows, columns, shape)
+        self.evidence = shift_grid(self.evidence, rows, columns, shape)
         self._touched = np.zeros(shape, np.uint8)
 
 
-def moved(grid: NDArray[np.uint8], rows: int, columns: int, shape: tuple[int, int]) -> NDArray[np.uint8]:
+def shift_grid(grid: NDArray[np.uint8], rows: int, columns: int, shape: tuple[int, int]) -> NDArray[np.uint8]:
     """Copy `grid[rows:, columns:]` into a zeroed window of `shape`; the offsets may be negative."""
     out = np.zeros(shape, np.uint8)
     height, width = grid.shape

@@ -15,7 +15,7 @@
 
 enum { LANES = 80, MAX_PATH = 256 };
 
-/* What stays the same from cycle to cycle. The order is that of mppi/kernels.py. */
+/* The parameters that are constant over all cycles, in the order of mppi/kernels.py. */
 typedef struct {
     int32_t tiles, batch, steps, align_step;
     float dt, std[3], acceleration[3], deceleration_x;
@@ -27,7 +27,7 @@ typedef struct {
     float align_occupancy, angle_max;
 } Settings;
 
-/* What changes with every cycle. */
+/* The inputs that change with every cycle. */
 typedef struct {
     float velocity[3];
     float yaw;
@@ -40,7 +40,7 @@ typedef struct {
     int32_t use_repulsion, use_goal, use_goal_angle, use_align, use_follow, use_angle, use_forward;
 } Scene;
 
-/* What a cycle says of itself. */
+/* Statistics of one cycle. */
 typedef struct {
     float best_cost;
     int32_t best, furthest, free_trajectories, mean_contact_step, best_contact_step;
@@ -57,13 +57,13 @@ typedef struct {
 static inline float minimum(float a, float b) { return a < b ? a : b; }
 static inline float maximum(float a, float b) { return a > b ? a : b; }
 
-/* The same angle within [-pi, pi]; vectorises, unlike fmodf. */
+/* Returns the same angle within [-pi, pi]; vectorizes, unlike fmodf. */
 static inline float wrapped(float angle) {
     return angle - 6.28318530718f * floorf(angle * 0.159154943092f + 0.5f);
 }
 
-/* One step of the omni model: bounded change of velocity, then motion with it. dt * wz <= 0.2 rad keeps the series' error
- * under 1e-8, and unlike sinf it vectorises. */
+/* Advances the omnidirectional model by one step. dt * wz <= 0.2 rad keeps the series' error under 1e-8, and unlike sinf the
+ * series vectorizes. */
 static inline void advance(float *x, float *y, float *yaw, float *c, float *s, float vx, float vy, float wz, float dt) {
     *x += (vx * *c - vy * *s) * dt;
     *y += (vx * *s + vy * *c) * dt;
@@ -76,7 +76,8 @@ static inline void advance(float *x, float *y, float *yaw, float *c, float *s, f
     *yaw += turn;
 }
 
-/* Meters to the nearest obstacle. The grid carries a rim of one far cell, where everything outside lands. */
+/* Returns the meters to the nearest obstacle. The grid has a rim of one cell that is far from obstacles, which stands for
+ * everything outside. */
 static inline float distance_at(const Scene *scene, const float *grid, float x, float y) {
     float column = (x - scene->grid_x) * scene->cells_per_meter, row = (y - scene->grid_y) * scene->cells_per_meter;
     column = minimum(maximum(column, 0.0f), (float)(scene->grid_width - 1));
@@ -146,7 +147,7 @@ SIMD static void simulate(const Settings *settings, const Scene *scene, const fl
     }
 }
 
-/* Index of the path point nearest to each lane's end. */
+/* Finds the index of the path point nearest to each lane's end. */
 SIMD static void reached_points(const Scene *scene, const float *path_x, const float *path_y, const float *x, const float *y,
                                 float *restrict reached) {
     float best[LANES];
@@ -159,7 +160,7 @@ SIMD static void reached_points(const Scene *scene, const float *path_x, const f
         }
 }
 
-/* Mean distance of a trajectory to the path at equal arc lengths. */
+/* Adds the cost of a trajectory's mean distance to the path at equal arc lengths. */
 SIMD static void align(const Settings *settings, const Scene *scene, const float *path_x, const float *path_y,
                        const float *path_free, int32_t segments, const float *track_x, const float *track_y,
                        float *restrict cost) {
@@ -180,7 +181,7 @@ SIMD static void align(const Settings *settings, const Scene *scene, const float
     for (int j = 0; j < LANES; j++) cost[j] += settings->align_weight * sum[j] / maximum(samples[j], 1.0f);
 }
 
-/* atan2 to 1e-4 rad (Hastings' polynomial): enough for a cost, and it vectorises. */
+/* Returns atan2 to 1e-4 rad (Hastings' polynomial): enough for a cost, and it vectorizes. */
 static inline float heading(float y, float x) {
     const float ax = fabsf(x), ay = fabsf(y), high = maximum(ax, ay) + 1e-12f, low = minimum(ax, ay);
     const float r = low / high, square = r * r;
@@ -204,7 +205,7 @@ SIMD static void follow(const Settings *settings, const Scene *scene, float foll
         }
 }
 
-/* sum += weight_j * noise_j for one lane block, in eight partial sums that the compiler keeps in one register. */
+/* Returns the sum of weight_j * noise_j over one tile, in eight partial sums that the compiler keeps in one register. */
 SIMD static float weighted_sum(const float *weights, const float *noise) {
     float partial[8] = {0};
     for (int j = 0; j < LANES; j += 8)
@@ -212,8 +213,8 @@ SIMD static float weighted_sum(const float *weights, const float *noise) {
     return ((partial[0] + partial[4]) + (partial[1] + partial[5])) + ((partial[2] + partial[6]) + (partial[3] + partial[7]));
 }
 
-/* First step at which a control sequence comes too near to an obstacle, or `steps`. A negative lane follows the bare
- * sequence; else noise of that lane is added. */
+/* Returns the first step at which a control sequence comes too near to an obstacle, or `steps`. With a negative lane the
+ * sequence is used as it is; else the noise of that lane is added. */
 static int32_t contact_step(const Settings *settings, const Scene *scene, const float *controls, const float *noise,
                             int32_t lane, const float *grid) {
     float x = 0.0f, y = 0.0f, yaw = scene->yaw, c = cosf(yaw), s = sinf(yaw), v[3];
@@ -237,11 +238,11 @@ static int32_t contact_step(const Settings *settings, const Scene *scene, const 
 
 int64_t lanes(void) { return LANES; }
 
-/* One iteration: sample, simulate, judge, average.
+/* Runs one iteration: sample, simulate, evaluate, average.
  *
- * controls (3, steps): the sequence, replaced by the weighted mean. noise (tiles, steps, 3, LANES): unit normal.
- * grid: padded distances. path: x, y and 1 where free, path_size points evenly spaced. scratch: see mppi/kernels.py.
- * best_controls (3, steps): the cheapest sample. Returns 0, or 1 when every trajectory collides (controls untouched). */
+ * controls (3, steps): the sequence, replaced by the weighted mean. noise (tiles, steps, 3, LANES): unit normal. grid: padded
+ * distances. path: x, y and 1 if free, path_size points evenly spaced. costs, reached, tracks, tile_memory: scratch memory.
+ * best_controls (3, steps): the cheapest sample. Returns 0, or 1 if every trajectory collides (controls untouched). */
 int64_t optimize(const Settings *settings, const Scene *scene, float *controls, const float *noise, const float *grid,
                  const float *path_x, const float *path_y, const float *path_free, float *costs, float *reached,
                  float *tracks, void *tile_memory, float *best_controls, Outcome *outcome) {
@@ -259,7 +260,7 @@ int64_t optimize(const Settings *settings, const Scene *scene, float *controls, 
             if (tile[i].nearest[j] <= 0.0f) continue;
             free_trajectories++;
             least_repulsion = minimum(least_repulsion, tile[i].repulsion[j]);
-            /* Only what a trajectory reaches without a collision counts as within reach. */
+            /* Only points that a trajectory reaches without a collision count as within reach. */
             furthest = (int32_t)reached[i * LANES + j] > furthest ? (int32_t)reached[i * LANES + j] : furthest;
         }
     }
@@ -338,14 +339,14 @@ int64_t optimize(const Settings *settings, const Scene *scene, float *controls, 
     return 0;
 }
 
-/* First step at which a sequence would touch, for a caller that changed it. */
+/* Returns the first step at which a control sequence, which the caller may have changed, comes too near to an obstacle. */
 int64_t first_contact(const Settings *settings, const Scene *scene, const float *controls, const float *grid) {
     return contact_step(settings, scene, controls, NULL, -1, grid);
 }
 
 int64_t tile_bytes(void) { return (int64_t)sizeof(Tile); }
 
-/* Fill `out` with unit normals: xoshiro128+ (Blackman & Vigna 2018) and Box-Muller in pairs. The same seed gives the same
+/* Fills `out` with unit normals: xoshiro128+ (Blackman & Vigna 2018) and Box-Muller in pairs. The same seed gives the same
  * numbers on every machine up to the last bit of its libm. */
 void fill_normal(uint64_t seed, float *out, int64_t count) {
     uint32_t s[4];

@@ -26,7 +26,7 @@ _ALIGNMENT = 64
 
 
 class NoValidControl(Exception):
-    """No collision-free command was found: all samples collide, or both the mean and the best one collide within a second."""
+    """No collision-free command was found: all samples collide, or mean and best sample both collide within a second."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Command:
 class LocalPath:
     """The part of the path to follow now, in the odometry frame: evenly spaced points, and which of them are free of obstacles.
 
-    `remaining_m` is the path length to the goal, also beyond this part: a goal behind a table is far by path.
+    `remaining_m` is the path length to the goal, also beyond this part: a goal behind a table is near, but its path is long.
     """
 
     x: NDArray[np.float64]

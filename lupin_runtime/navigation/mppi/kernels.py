@@ -15,7 +15,7 @@ _F32_2D = ndpointer(np.float32, 2, flags="C_CONTIGUOUS")
 
 
 class KernelParameters(Structure):
-    """`Settings` of _kernels.c: the parameters that are constant over all cycles."""
+    """The struct `Settings` of _kernels.c: the parameters that are constant over all cycles."""
 
     _fields_ = (
         *((name, c_int32) for name in ("tiles", "batch", "steps", "align_step")),
@@ -33,7 +33,7 @@ class KernelParameters(Structure):
 
 
 class CycleInputs(Structure):
-    """`Scene` of _kernels.c: the inputs that change with every cycle."""
+    """The struct `Scene` of _kernels.c: the inputs that change with every cycle."""
 
     _fields_ = (
         ("velocity", c_float * 3),
@@ -46,7 +46,7 @@ class CycleInputs(Structure):
 
 
 class CycleResult(Structure):
-    """`Outcome` of _kernels.c: statistics of one cycle."""
+    """The struct `Outcome` of _kernels.c: statistics of one cycle."""
 
     _fields_ = (
         ("best_cost", c_float),

@@ -10,30 +10,30 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class ConstraintCritic:
-    """Penalises planar speeds beyond the limits."""
+    """Penalizes planar speeds beyond the limits."""
 
     cost_weight: float = 4.0
 
 
 @dataclass(frozen=True)
 class ObstaclesCritic:
-    """Penalises collisions, poses near obstacles (the margin), and any lack of room (the repulsion).
+    """Penalizes collisions, poses near obstacles (the margin), and any lack of room (the repulsion).
 
     Distances are in meters from the circle of the collision radius around the robot's center. The margin's cost moreover
     applies only within `inflation_radius` of the center.
     """
 
     repulsion_weight: float = 1.5
-    critical_weight: float = 20.0  # of a collision's cost and of the margin's
+    critical_weight: float = 20.0  # weight of the costs of collisions and of the margin
     collision_cost: float = 10000.0
-    collision_margin_distance: float = 0.1  # nearer obstacles cost the difference to it
-    near_goal_distance: float = 0.5  # there is no repulsion once the rest of the path is this short, m
-    inflation_radius: float = 0.25  # nearer obstacles repel by the difference to it
+    collision_margin_distance: float = 0.1  # an obstacle nearer than this costs the difference
+    near_goal_distance: float = 0.5  # no repulsion once the rest of the path is this short, m
+    inflation_radius: float = 0.25  # an obstacle nearer than this repels by the difference
 
 
 @dataclass(frozen=True)
 class GoalCritic:
-    """Penalises the mean distance to the goal, once the rest of the path is as short as the threshold (m)."""
+    """Penalizes the mean distance to the goal, once the rest of the path is as short as the threshold (m)."""
 
     cost_weight: float = 5.0
     threshold_to_consider: float = 1.4
@@ -41,7 +41,7 @@ class GoalCritic:
 
 @dataclass(frozen=True)
 class GoalAngleCritic:
-    """Penalises the mean angle to the goal's heading, once the rest of the path is as short as the threshold (m)."""
+    """Penalizes the mean angle to the goal's heading, once the rest of the path is as short as the threshold (m)."""
 
     cost_weight: float = 3.0
     threshold_to_consider: float = 0.5
@@ -49,7 +49,7 @@ class GoalAngleCritic:
 
 @dataclass(frozen=True)
 class PathAlignCritic:
-    """Penalises the distance to the path at equal arc lengths, while the rest of the path is longer than the threshold (m)."""
+    """Penalizes the distance to the path at equal arc lengths, while the rest of the path is longer than the threshold (m)."""
 
     cost_weight: float = 14.0
     max_path_occupancy_ratio: float = 0.05  # a path with a larger share of points in obstacles is not followed closely
@@ -60,7 +60,7 @@ class PathAlignCritic:
 
 @dataclass(frozen=True)
 class PathFollowCritic:
-    """Penalises the distance of a trajectory's end to a point a little beyond what any trajectory reaches.
+    """Penalizes the distance of a trajectory's end to a point a little beyond what any trajectory reaches.
 
     This drives the robot forward, while the rest of the path is longer than the threshold (m).
     """
@@ -72,7 +72,7 @@ class PathFollowCritic:
 
 @dataclass(frozen=True)
 class PathAngleCritic:
-    """Penalises facing away from the path, while the robot does so by more than the maximum (rad).
+    """Penalizes facing away from the path, while the robot does so by more than the maximum (rad).
 
     Applies while the rest of the path is longer than the threshold (m).
     """
@@ -85,7 +85,7 @@ class PathAngleCritic:
 
 @dataclass(frozen=True)
 class PreferForwardCritic:
-    """Penalises driving backwards, where no camera faces, while the rest of the path is longer than the threshold (m)."""
+    """Penalizes driving backwards, where no camera faces, while the rest of the path is longer than the threshold (m)."""
 
     cost_weight: float = 1.0
     threshold_to_consider: float = 0.5
@@ -115,9 +115,9 @@ class MppiParameters:
     gamma: float = 0.015
     prune_distance: float = 1.7  # length of the path that a cycle considers, m
     seed: int = 1  # of the noise
-    robot_radius: float = 0.22  # m; a pose collides where its center is this near to an obstacle
-    # The smallest collision radius (m), half the robot's width: a robot that already stands nearer to an obstacle than its
-    # radius must be able to leave, but never to touch it.
+    robot_radius: float = 0.22  # m; a pose collides if its center is this near to an obstacle
+    # The smallest collision radius (m), half the robot's width: a robot that is already nearer to an obstacle than its radius
+    # must be able to leave, but must never touch the obstacle.
     least_radius: float = 0.17
     constraint: ConstraintCritic = field(default_factory=ConstraintCritic)
     obstacles: ObstaclesCritic = field(default_factory=ObstaclesCritic)

@@ -16,13 +16,13 @@ enum { EDGE = 8, FEW_CELLS = 65536, MANY_NODES = 300000, MAX_NEIGHBORS = 128 };
 typedef struct {
     const uint8_t *blocked;
     int64_t height, width, rows, columns, components;
-    uint64_t *free;    /* per block: bit 8 r + c is set where the cell is free */
-    uint8_t *clear;    /* per block: how many blocks around it, itself included, are wholly free */
-    uint16_t *runs[4]; /* per block: how many blocks on from it, itself included, are wholly free; right, left, up, down */
-    int32_t *first;    /* per block: its first component; one more at the end */
+    uint64_t *free;    /* per block: bit 8 r + c is set if the cell is free */
+    uint8_t *clear;    /* per block: the distance, in blocks, to the nearest one that is not wholly free */
+    uint16_t *runs[4]; /* per block: the number of wholly free blocks from it on, itself included; right, left, up, down */
+    int32_t *first;    /* per block: its first component; one more entry at the end */
     uint64_t *mask;    /* per component: its cells */
     int32_t *block;    /* per component: its block */
-    int32_t *x, *y;    /* per component: the cell that stands for it */
+    int32_t *x, *y;    /* per component: the cell that represents it */
 } Field;
 
 static uint64_t free_bits(const Field *field, int64_t row, int64_t column) {
@@ -40,7 +40,8 @@ static uint64_t flood(uint64_t seed, uint64_t mask) {
     }
 }
 
-/* Cells of a block round which a shortest path may bend: a diagonal neighbor is blocked and both cells beside it are free. */
+/* Returns the cells of a block around which a shortest path may bend: a diagonal neighbor is blocked and both cells beside it
+ * are free. */
 static uint64_t corner_bits(const Field *field, int64_t row, int64_t column) {
     uint64_t grid[3][3];
     for (int r = 0; r < 3; r++)
@@ -105,14 +106,14 @@ static int field_build(Field *field, const uint8_t *blocked, int64_t height, int
         for (int64_t x = width / EDGE * EDGE; x < width; x++)
             if (!row[x]) band[x / EDGE] |= (uint64_t)1 << (shift + x % EDGE);
     }
-    /* Blocks with a corner of an obstacle, where paths bend, are cut into windows as small as the number of nodes allows. On
+    /* Blocks with a corner of an obstacle, at which paths bend, are cut into windows as small as the number of nodes allows. On
      * a small map every cell is a node. */
     int64_t bends = 0;
     for (int64_t b = 0; b < blocks; b++)
         bends += field->free[b] != ALL && corner_bits(field, b / field->columns, b % field->columns) != 0;
     const int whole = height * width <= FEW_CELLS ? 1 : EDGE;
     const int split = whole == 1 || bends * 64 <= MANY_NODES ? 1 : bends * 16 <= MANY_NODES ? 2 : 4;
-    /* Components, in two passes: count, then keep. */
+    /* Components, in two passes: count, then store. */
     for (int pass = 0; pass < 2; pass++) {
         int64_t count = 0;
         for (int64_t b = 0; b < blocks; b++) {
@@ -151,7 +152,7 @@ static int field_build(Field *field, const uint8_t *blocked, int64_t height, int
             field->y[i] = (int32_t)(row * EDGE + at / EDGE);
         }
     }
-    /* Chebyshev distance in blocks to the nearest one that is not wholly free, from both ends. */
+    /* Chebyshev distance in blocks to the nearest one that is not wholly free, in a pass from each end. */
     for (int pass = 0; pass < 2; pass++)
         for (int64_t i = 0; i < blocks; i++) {
             const int64_t b = pass ? blocks - 1 - i : i, row = b / field->columns, column = b % field->columns;
@@ -178,7 +179,7 @@ static int is_blocked(const Field *field, int64_t x, int64_t y) {
     return x < 0 || y < 0 || x >= field->width || y >= field->height || field->blocked[y * field->width + x];
 }
 
-/* Whether every cell that the segment between two cells' centers touches is free. */
+/* Returns whether every cell that the segment between two cells' centers touches is free. */
 static int sees(const Field *field, int32_t ax, int32_t ay, int32_t bx, int32_t by) {
     const int64_t dx = bx - ax, dy = by - ay, wide = llabs(dx), tall = llabs(dy), sx = dx < 0 ? -1 : 1, sy = dy < 0 ? -1 : 1;
     int64_t x = ax, y = ay;
@@ -189,7 +190,7 @@ static int sees(const Field *field, int32_t ax, int32_t ay, int32_t bx, int32_t 
         const int around = field->clear[row * field->columns + column];
         if (around > 0) {
             /* Jump within the free square of blocks around, or the free row or column of blocks ahead: whichever reaches
-             * farther. `in_x` columns and `in_y` rows further on is its border. */
+             * farther. Its border is `in_x` columns and `in_y` rows ahead. */
             const int64_t b = row * field->columns + column;
             const int64_t own_x = sx > 0 ? (column + 1) * EDGE - 1 - x : x - column * EDGE;
             const int64_t own_y = sy > 0 ? (row + 1) * EDGE - 1 - y : y - row * EDGE;
@@ -220,7 +221,7 @@ static int sees(const Field *field, int32_t ax, int32_t ay, int32_t bx, int32_t 
                 x += sx * i;
                 y += sy * j;
                 left = llabs(bx - x) + llabs(by - y);
-                /* Steps taken in x and y since the start fix the balance. */
+                /* The steps taken in x and y since the start determine the balance. */
                 balance = wide - tall + 2 * (llabs(y - ay) * wide - llabs(x - ax) * tall);
                 if (field->blocked[y * field->width + x]) return 0;
                 if (left == 0) return 1;
@@ -273,7 +274,7 @@ static int neighbors(const Field *field, int32_t node, int32_t *out) {
         for (int32_t i = field->first[b]; i < field->first[b + 1]; i++)
             if (i != node && (field->mask[i] & grown)) out[count++] = i;
     }
-    /* Diagonally where the four cells round the blocks' common corner are free. */
+    /* Diagonal neighbors, if the four cells around the blocks' common corner are free. */
     static const int diagonal[4][2] = {{1, 1}, {1, -1}, {-1, 1}, {-1, -1}};
     for (int k = 0; k < 4; k++) {
         const int up = diagonal[k][0] > 0, right = diagonal[k][1] > 0;

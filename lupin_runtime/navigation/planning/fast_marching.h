@@ -32,7 +32,7 @@ static void put_in(Queue *queue, int32_t cell, float time) {
     queue->count++;
 }
 
-/* Upwind solution of |grad T| = slowness at a cell, spacing 1. */
+/* Returns the upwind solution of |grad T| = slowness at a cell, spacing 1. */
 static float arrival(const float *time, const uint8_t *state, int64_t row, int64_t column, int64_t height, int64_t width,
                      float slowness) {
     const int64_t at = row * width + column;
@@ -46,13 +46,13 @@ static float arrival(const float *time, const uint8_t *state, int64_t row, int64
     return 0.5f * (a + b + sqrtf(2.0f * slowness * slowness - apart * apart));
 }
 
-/* Arrival times, in cells times slowness, of a front from `start` over `slowness` (height, width; <= 0: blocked, else at
- * least 1 and at most `slowest`). Stops once `goal` (or no cell: -1) is reached. Unreached cells read infinity.
- * Returns 1 when the goal was reached, 0 when not, -1 without memory. */
+/* Computes arrival times, in cells times slowness, of a front from `start` over `slowness` (height, width; <= 0: blocked, else
+ * at least 1 and at most `slowest`). Stops once `goal` (or no cell: -1) is reached. Unreached cells read infinity. Returns 1 if
+ * the goal was reached, 0 if not, -1 if memory runs out. */
 int64_t march(const float *slowness, int64_t height, int64_t width, int64_t start, int64_t goal, double slowest, float *time) {
     const int64_t cells = height * width;
     Queue queue = {0};
-    /* A quarter of a cell to a bucket keeps the error of unsorted buckets under that of the scheme itself. */
+    /* A quarter of a cell per bucket keeps the error of unsorted buckets under that of the scheme itself. */
     queue.per_unit = 4.0f;
     queue.buckets = (int64_t)(slowest * queue.per_unit) + 8;
     queue.head = malloc((size_t)queue.buckets * sizeof(int32_t));
@@ -103,7 +103,7 @@ int64_t march(const float *slowness, int64_t height, int64_t width, int64_t star
     return reached;
 }
 
-/* Time and its gradient between four centers; returns 0 where one of them was not reached. */
+/* Interpolates the time and its gradient between four centers; returns 0 if one of them was not reached. */
 static int interpolate(const float *time, int64_t height, int64_t width, double x, double y, double *value, double *gx,
                        double *gy) {
     const double fx = floor(x - 0.5), fy = floor(y - 0.5);
@@ -119,9 +119,9 @@ static int interpolate(const float *time, int64_t height, int64_t width, double 
     return 1;
 }
 
-/* Follow the arrival times down from `from` (x, y in cells, centers at .5) to the cell `to`, along their gradient or, where
- * that fails and without `smooth`, from center to center. Writes up to `capacity` points (x, y); returns their number, or -1
- * when the descent does not end. */
+/* Follows the arrival times down from `from` (x, y in cells, centers at .5) to the cell `to`, along their gradient or, if that
+ * fails or without `smooth`, from center to center. Writes up to `capacity` points (x, y); returns their number, or -1 if the
+ * descent does not end. */
 int64_t descend(const float *time, int64_t height, int64_t width, const double *from, int64_t to, int64_t smooth,
                 double *path, int64_t capacity) {
     const double stride = 0.5, to_x = (double)(to % width) + 0.5, to_y = (double)(to / width) + 0.5;

@@ -30,15 +30,15 @@ _shortest_path = _library.shortest_path
 _shortest_path.restype = c_int64
 _shortest_path.argtypes = [_CELLS, _CELLS, c_int64, c_int64, _F64, c_double, c_double, _POINTS, c_int64]
 
-_NO_WAY, _NO_ROOM = -2, -3
+_NO_PATH, _OVER_CAPACITY = -2, -3
 
 Cell = tuple[int, int]
 
 
 def march(slowness: NDArray[np.float32], start: Cell, goal: Cell | None) -> tuple[NDArray[np.float32], bool]:
-    """Arrival times (height, width) of a front from the cell `start`, and whether it reached `goal`.
+    """Return the arrival times (height, width) of a front from the cell `start`, and whether it reached `goal`.
 
-    `slowness`: 0 blocked, else at least 1. Times are in cells; infinity where the front did not arrive.
+    `slowness`: 0 blocked, else at least 1. Times are in cells; infinity for cells that the front did not reach.
     """
     height, width = slowness.shape
     times = np.empty((height, width), np.float32)
@@ -46,7 +46,7 @@ def march(slowness: NDArray[np.float32], start: Cell, goal: Cell | None) -> tupl
     target = -1 if goal is None else goal[0] * width + goal[1]
     reached = _march(slowness, height, width, start[0] * width + start[1], target, slowest, times)
     if reached < 0:
-        raise MemoryError(f"no memory to plan over {height} x {width} cells")
+        raise MemoryError(f"out of memory while planning over {height} x {width} cells")
     return times, bool(reached)
 
 
@@ -62,7 +62,7 @@ def descend(times: NDArray[np.float32], origin: tuple[float, float], to: Cell) -
         count = _descend(times, height, width, np.array(origin), to[0] * width + to[1], smooth, points, capacity)
         if count > 0:
             return np.vstack((points[:count], [to[1] + 0.5, to[0] + 0.5]))
-    raise ArithmeticError(f"the arrival times lead from {origin} not to cell {to}")
+    raise ArithmeticError(f"the arrival times do not lead from {origin} to cell {to}")
 
 
 def shortest_path(
@@ -73,19 +73,21 @@ def shortest_path(
     tolerance: float,
     radius: float,
 ) -> NDArray[np.float64] | None:
-    """The shortest path (n, 2) as (x, y) in cells through cells that are not `blocked`, `radius` cells from the squares of
-    `occupied` ones; None where there is none. The start's cell must be free, and both in the grid."""
+    """Return the shortest path (n, 2) as (x, y) in cells through cells that are not `blocked`, or None.
+
+    It keeps `radius` cells from the squares of `occupied` cells. The start's cell must be free, start and goal in the grid.
+    """
     height, width = blocked.shape
     ends = np.array([*start, *goal])
     capacity = 4096
     while True:
         path = np.empty((capacity, 2))
         count = _shortest_path(blocked, occupied, height, width, ends.copy(), tolerance, radius, path, capacity)
-        if count == _NO_ROOM:
+        if count == _OVER_CAPACITY:
             capacity *= 4
             continue
-        if count == _NO_WAY:
+        if count == _NO_PATH:
             return None
         if count < 0:
-            raise MemoryError(f"no memory to plan over {height} x {width} cells")
+            raise MemoryError(f"out of memory while planning over {height} x {width} cells")
         return path[:count].copy()

@@ -1,10 +1,10 @@
-/* Pulling a path tight: first exactly on the grid of blocked cells, then round the obstacles themselves. */
+/* Pulls a path tight: first exactly on the grid of blocked cells, then around the obstacles themselves. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Coordinates are whole parts of a cell, so that a turn is left, right or straight and never nearly so. */
+/* Coordinates are integers in 1/UNIT of a cell, so that a turn is exactly left, right or straight. */
 enum { UNIT = 128 };
 
 typedef struct {
@@ -55,7 +55,7 @@ static int is_set(const uint8_t *cells, int64_t height, int64_t width, int64_t x
     return x >= 0 && y >= 0 && x < width && y < height && cells[y * width + x];
 }
 
-/* Whether blocked cells form a corner at a point of the lattice that a string could catch on. */
+/* Returns whether blocked cells form a corner, on which a string could catch, at a point of the lattice. */
 static int catches(const uint8_t *blocked, int64_t height, int64_t width, int64_t x, int64_t y) {
     const int a = is_set(blocked, height, width, x - 1, y - 1), b = is_set(blocked, height, width, x, y - 1);
     const int c = is_set(blocked, height, width, x - 1, y), d = is_set(blocked, height, width, x, y);
@@ -63,7 +63,7 @@ static int catches(const uint8_t *blocked, int64_t height, int64_t width, int64_
     return count == 1 || (count == 2 && a == d);
 }
 
-/* The corners that lie in the closed triangle a, v, b. Returns 0 without memory. */
+/* Collects the corners in the closed triangle a, v, b. Returns 0 if memory runs out. */
 static int corners_within(String *string, const uint8_t *blocked, int64_t height, int64_t width, Point a, Point v, Point b) {
     const Point triangle[3] = {a, v, b};
     int64_t low = a.y, high = a.y;
@@ -99,9 +99,10 @@ static int corners_within(String *string, const uint8_t *blocked, int64_t height
     return 1;
 }
 
-/* Pull the string between its knots tight round the corners of blocked cells. The string must not touch a blocked cell's
- * inside. Each step replaces a knot by the hull of what its triangle holds, which is the shortest way round exactly that; a
- * string that no step shortens is the shortest of its way round the obstacles. Returns 0 without memory. */
+/* Pulls the string between its knots tight around the corners of blocked cells. The string must not touch the inside of a
+ * blocked cell. Each step replaces a knot by the hull of the corners in its triangle, which is the shortest path around them. A
+ * string that no step shortens is the shortest of all that pass the obstacles on the same sides. Returns 0 if memory runs out.
+ */
 static int tighten(String *string, const uint8_t *blocked, int64_t height, int64_t width, int32_t first, int32_t last) {
     int64_t budget = 200000 + 64 * string->count;
     for (int32_t at = string->knots[first].after; at != last && budget-- > 0;) {
@@ -136,7 +137,7 @@ static int tighten(String *string, const uint8_t *blocked, int64_t height, int64
             here = next;
         }
         if (!changed) {
-            /* The knot itself is a corner that holds the string; what came before it on the hull is dropped again. */
+            /* The knot itself is a corner that holds the string; the knots added before it on the hull are dropped again. */
             string->knots[before].after = at;
             string->knots[at].before = before;
             at = after;
@@ -149,12 +150,12 @@ static int tighten(String *string, const uint8_t *blocked, int64_t height, int64
     return 1;
 }
 
-/* -- round the obstacles themselves ------------------------------------------------------------------------------------ */
+/* -- around the obstacles themselves ----------------------------------------------------------------------------------- */
 typedef struct {
     double x, y;
 } Vec2;
 
-/* Nearest point of a segment to a point, as a fraction of the segment. */
+/* Returns the nearest point of a segment to a point, as a fraction of the segment. */
 static double nearest_fraction(Vec2 a, Vec2 b, Vec2 p) {
     const double dx = b.x - a.x, dy = b.y - a.y, length = dx * dx + dy * dy;
     if (length <= 0.0) return 0.0;
@@ -162,8 +163,8 @@ static double nearest_fraction(Vec2 a, Vec2 b, Vec2 p) {
     return t < 0.0 ? 0.0 : t > 1.0 ? 1.0 : t;
 }
 
-/* The obstacle point nearest to a segment, within `reach`. Occupied cells are squares. Returns the distance (infinity where
- * none is within reach), and the pair of nearest points. */
+/* Finds the obstacle point nearest to a segment, within `reach`. Occupied cells are squares. Returns the distance (infinity if
+ * no obstacle is within reach), and the pair of nearest points. */
 static double nearest_obstacle(const uint8_t *occupied, int64_t height, int64_t width, Vec2 a, Vec2 b, double reach,
                                Vec2 *on_segment, Vec2 *obstacle) {
     double best = INFINITY;
@@ -182,7 +183,7 @@ static double nearest_obstacle(const uint8_t *occupied, int64_t height, int64_t 
         const uint8_t *cells = occupied + row * width;
         for (int64_t column = from; column <= to && column < width; column++) {
             if (!cells[column]) continue;
-            /* Segment to square: the nearest pair has an end of the segment or a corner of the square in it. */
+            /* The nearest pair of a segment and a square includes an end of the segment or a corner of the square. */
             for (int i = 0; i < 6; i++) {
                 Vec2 on, of;
                 if (i < 2) {
@@ -220,7 +221,7 @@ static Vec2 towards(Vec2 from, Vec2 to, double distance) {
 typedef struct {
     const uint8_t *occupied;
     int64_t height, width;
-    double radius; /* what the path keeps, in cells */
+    double radius; /* the distance that the path keeps, in cells */
     Vec2 *path;
     int64_t count, capacity;
 } Band;
@@ -242,9 +243,10 @@ static void band_remove(Band *band, int64_t at) {
     band->count--;
 }
 
-/* Push a path that is right to within a cell's grain out to the radius. Returns 0 where two obstacles leave no room. */
+/* Pushes a path, which is accurate to within a cell, out to the radius. Returns 0 if two obstacles leave no room. */
 static int band_push(Band *band) {
-    /* Chords between points at this much more than the radius dip to it only where they span more than 0.2 rad. */
+    /* Points are moved slightly beyond the radius, so that a chord between two of them violates it only if it spans more than
+     * 0.2 rad. */
     const double outer = band->radius * 1.005 + 0.005;
     int64_t budget = 4000 + 8 * band->count;
     for (int64_t i = 0; i + 1 < band->count;) {
@@ -274,8 +276,8 @@ static int band_push(Band *band) {
     return 1;
 }
 
-/* Cut the corners of a path as far as the radius lets: a corner becomes two of half the turn, so that a few rounds leave the
- * tangents and the arcs between them, within a tenth of a cell. */
+/* Cuts the corners of a path as far as the radius allows: a corner becomes two with half the turn each, so that after a few
+ * rounds the path follows the tangents and the arcs between them to within a tenth of a cell. */
 static void band_cut(Band *band) {
     const double arm = 20.0;
     for (int round = 0; round < 4; round++) {
@@ -305,11 +307,11 @@ static void band_cut(Band *band) {
     }
 }
 
-/* Lay a path that is right to within a cell's grain round the squares of `occupied` cells at a distance of `radius` cells.
- * `path` holds `count` points and has room for `capacity`. Returns the new count, or -1 where there is no room. */
+/* Moves a path, which is accurate to within a cell, to a distance of `radius` cells from the squares of `occupied` cells.
+ * `path` holds `count` points and has room for `capacity`. Returns the new count, or -1 if there is no room. */
 static int64_t lay_round(const uint8_t *occupied, int64_t height, int64_t width, Vec2 *path, int64_t count, int64_t capacity,
                          double radius) {
-    /* What is free on the grid may be short of the radius by a few thousandths of a cell between two centers. */
+    /* Between two free centers of the grid, the distance may be less than the radius by a few thousandths of a cell. */
     Band band = {occupied, height, width, radius - 0.02, path, count, capacity};
     if (!band_push(&band)) return -1;
     band_cut(&band);

@@ -16,7 +16,7 @@ class Plan:
 
     @property
     def goal(self) -> tuple[float, float]:
-        """Where the path ends."""
+        """The end of the path."""
         return float(self.points[-1, 0]), float(self.points[-1, 1])
 
     @property
@@ -26,12 +26,12 @@ class Plan:
 
 
 def arc_lengths(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Meters along a polyline (n, 2) up to each of its points."""
+    """Return the meters along a polyline (n, 2) up to each of its points."""
     steps = np.hypot(*np.diff(points, axis=0).T) if len(points) > 1 else np.zeros(0)
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
-def evenly_spaced(points: NDArray[np.float64], spacing_m: float) -> NDArray[np.float64]:
+def resample(points: NDArray[np.float64], spacing_m: float) -> NDArray[np.float64]:
     """Resample a polyline every `spacing_m`; the last step may be shorter, the ends stay."""
     along = arc_lengths(points)
     total = along[-1]
@@ -44,7 +44,7 @@ def evenly_spaced(points: NDArray[np.float64], spacing_m: float) -> NDArray[np.f
     return np.column_stack((np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])))
 
 
-def smoothed(points: NDArray[np.float64], passes: int = 3) -> NDArray[np.float64]:
+def smooth(points: NDArray[np.float64], passes: int = 3) -> NDArray[np.float64]:
     """Smooth the kinks of a grid: each inner point moves towards its neighbors' midpoint."""
     out = points.copy()
     for _ in range(passes):
@@ -53,7 +53,7 @@ def smoothed(points: NDArray[np.float64], passes: int = 3) -> NDArray[np.float64
 
 
 def headings(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Direction of travel at each point (rad); the last one repeats."""
+    """Return the direction of travel at each point (rad); the last one is repeated."""
     if len(points) < 2:
         return np.zeros(len(points))
     steps = np.diff(points, axis=0)

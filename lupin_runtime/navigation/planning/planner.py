@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from lupin_runtime.navigation.costmap import LETHAL, UNKNOWN, Costmap
 from lupin_runtime.navigation.costmap.kernels import squared_distances
 from lupin_runtime.navigation.planning import kernels
-from lupin_runtime.navigation.planning.paths import Plan, evenly_spaced, smoothed
+from lupin_runtime.navigation.planning.paths import Plan, resample, smooth
 
 Point = tuple[float, float]
 
-# This area is certainly under the robot's hull; walls in it are errors of the map.
+# This radius is certainly under the robot's hull; walls within it are errors of the map.
 _HULL_M = 0.13
 
 # On a map of more cells (50 x 50 m) fast marching covers only the surroundings of the shortest path.
@@ -69,14 +69,14 @@ class PlannerParameters:
 def plan(costmap: Costmap, start: Point, goal: Point, parameters: PlannerParameters | None = None) -> Plan:
     """Plan a path in the costmap's frame from `start` to `goal`, or to the nearest reachable point within the tolerance.
 
-    It keeps the robot's radius from the centers of lethal cells, except near a start that is nearer: a robot that is
-    already too near to an obstacle may leave. Raises NoPath.
+    It keeps the robot's radius from the centers of lethal cells, except near a start that is nearer, so that a
+    robot that is already too near to an obstacle may leave. Raises NoPath.
     """
     p = parameters or PlannerParameters()
     start_cell, goal_cell = _inside(costmap, start, goal)
     slowness = _slowness(costmap, p, _corridor(costmap, start, goal, p))
     if slowness[start_cell] <= 0.0:
-        _let_out(slowness, costmap, start_cell, p)
+        _open_surroundings(slowness, costmap, start_cell, p)
     blocked = slowness[goal_cell] <= 0.0
     times, reached = kernels.march(slowness, start_cell, None if blocked else goal_cell)
     if not reached:
@@ -87,8 +87,8 @@ def plan(costmap: Costmap, start: Point, goal: Point, parameters: PlannerParamet
     cells = kernels.descend(times, _in_cells(costmap, goal), start_cell)
     points = np.array([costmap.origin_x, costmap.origin_y]) + cells[::-1] * costmap.resolution_m
     points = np.vstack((start, points[1:] if len(points) > 2 else points[-1:]))
-    points = evenly_spaced(points, p.spacing_m)
-    return Plan(_without_kinks(points, costmap, slowness))
+    points = resample(points, p.spacing_m)
+    return Plan(_smooth_in_free_space(points, costmap, slowness))
 
 
 def _inside(costmap: Costmap, start: Point, goal: Point) -> tuple[kernels.Cell, kernels.Cell]:
@@ -108,7 +108,7 @@ def _inside(costmap: Costmap, start: Point, goal: Point) -> tuple[kernels.Cell, 
 
 
 def _corridor(costmap: Costmap, start: Point, goal: Point, p: PlannerParameters) -> NDArray[np.bool_] | None:
-    """The cells near the shortest path of a map too large for fast marching; None for all cells."""
+    """Return the cells near the shortest path of a map too large for fast marching; None for all cells."""
     if costmap.cost.size <= _WHOLE_CELLS:
         return None
     blocked = costmap.distance_m <= p.robot_radius_m
@@ -126,7 +126,7 @@ def _corridor(costmap: Costmap, start: Point, goal: Point, p: PlannerParameters)
         return None
     height, width = blocked.shape
     coarse = np.zeros((-(-height // _BLOCK), -(-width // _BLOCK)), np.uint8)
-    along = (evenly_spaced(path, _BLOCK / 2) / _BLOCK).astype(np.int64)
+    along = (resample(path, _BLOCK / 2) / _BLOCK).astype(np.int64)
     coarse[along[:, 1], along[:, 0]] = 1
     reach = max(1, math.ceil(_CORRIDOR_M / (_BLOCK * costmap.resolution_m)))
     near = squared_distances(coarse, reach) <= reach * reach
@@ -155,7 +155,7 @@ def _slowness_of(distance: NDArray[np.float32], cost: NDArray[np.uint8], p: Plan
     return np.ascontiguousarray(slowness, np.float32)
 
 
-def _let_out(slowness: NDArray[np.float32], costmap: Costmap, start: kernels.Cell, p: PlannerParameters) -> None:
+def _open_surroundings(slowness: NDArray[np.float32], costmap: Costmap, start: kernels.Cell, p: PlannerParameters) -> None:
     """Make the robot's surroundings passable at a higher cost, so that a robot too near to an obstacle can leave."""
     reach = math.ceil(p.escape_m / costmap.resolution_m)
     rows = slice(max(0, start[0] - reach), start[0] + reach + 1)
@@ -186,7 +186,7 @@ def _nearest_reached(times: NDArray[np.float32], costmap: Costmap, goal: Point, 
 def _failure(
     costmap: Costmap, start: Point, goal: Point, cell: kernels.Cell, times: NDArray[np.float32], p: PlannerParameters
 ) -> NoPath:
-    where = f"({goal[0]:.2f}, {goal[1]:.2f})"
+    goal_text = f"({goal[0]:.2f}, {goal[1]:.2f})"
     if np.isfinite(times).sum() <= 1:
         return NoPath(
             PlanFailure.START_OCCUPIED,
@@ -195,12 +195,12 @@ def _failure(
     if costmap.distance_m[cell] <= p.robot_radius_m:
         return NoPath(
             PlanFailure.GOAL_OCCUPIED,
-            f"the goal {where} is {costmap.distance_m[cell]:.2f} m from an obstacle, the robot's radius is "
+            f"the goal {goal_text} is {costmap.distance_m[cell]:.2f} m from an obstacle, the robot's radius is "
             f"{p.robot_radius_m} m, and no place within {p.tolerance} m of it can be reached",
         )
     return NoPath(
         PlanFailure.NO_VALID_PATH,
-        f"no path of {2 * p.robot_radius_m:.2f} m width leads to {where} or within {p.tolerance} m of it",
+        f"no path of {2 * p.robot_radius_m:.2f} m width leads to {goal_text} or within {p.tolerance} m of it",
     )
 
 
@@ -215,9 +215,9 @@ def _in_cells(costmap: Costmap, point: Point) -> Point:
     return (point[0] - costmap.origin_x) / costmap.resolution_m, (point[1] - costmap.origin_y) / costmap.resolution_m
 
 
-def _without_kinks(points: NDArray[np.float64], costmap: Costmap, slowness: NDArray[np.float32]) -> NDArray[np.float64]:
+def _smooth_in_free_space(points: NDArray[np.float64], costmap: Costmap, slowness: NDArray[np.float32]) -> NDArray[np.float64]:
     """Smooth the path, but restore every point that smoothing would move out of free space."""
-    soft = smoothed(points)
+    soft = smooth(points)
     columns = ((soft[:, 0] - costmap.origin_x) / costmap.resolution_m).astype(np.int64)
     rows = ((soft[:, 1] - costmap.origin_y) / costmap.resolution_m).astype(np.int64)
     stays = slowness[rows, columns] > 0.0

@@ -1,9 +1,9 @@
 /* The shortest path of any angle over a grid of blocked cells.
  *
- * The grid is cut into blocks of 8 x 8 cells, one 64-bit word each. What is connected within a block is one node, so that no
- * wall is lost, however thin, while a map of four million cells has some ten thousands of nodes. Lazy Theta* (Nash, Koenig &
- * Tovey 2010) finds the path around the obstacles over these nodes; its line-of-sight checks run on the cells and jump over free
- * blocks. Then the string is pulled tight on the cells, exactly, in integers. */
+ * The grid is cut into blocks of 8 x 8 cells, one 64-bit word each. Each connected part of a block is one node, so that even
+ * the thinnest wall is kept, while a map of four million cells has only some ten thousand nodes. Lazy Theta* (Nash, Koenig &
+ * Tovey 2010) finds the path around the obstacles over these nodes; its line-of-sight checks run on the cells and jump over
+ * free blocks. Then the string is pulled tight on the cells, exactly, in integers. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -64,7 +64,7 @@ typedef struct {
     float *cost;      /* from the start, in cells */
     int32_t *parent;
     uint8_t *state;
-    uint8_t *bent;    /* no straight line leads from the parent, which is a neighbor then */
+    uint8_t *bent;    /* the parent is a neighbor that is not in sight */
     Heap heap;
 } Search;
 
@@ -77,7 +77,7 @@ static int sees_node(const Field *field, int32_t a, int32_t b) {
     return sees(field, field->x[a], field->y[a], field->x[b], field->y[b]);
 }
 
-/* A node's parent was assumed to be in sight and is not: take the best of the closed neighbors and of their parents. */
+/* Replaces a parent that was assumed to be in sight, but is not, by the best of the closed neighbors and their parents. */
 static void reconsider(const Field *field, Search *search, int32_t node, const int32_t *around, int count) {
     float costs[2 * MAX_NEIGHBORS];
     int32_t parents[2 * MAX_NEIGHBORS];
@@ -113,13 +113,13 @@ static void reconsider(const Field *field, Search *search, int32_t node, const i
         for (int i = 0; i < choices; i++)
             if (parents[i] == refused) costs[i] = INFINITY;
     }
-    /* Connected round a bend within the two blocks: a guess of its length will do, the string is pulled tight later. */
+    /* Connected around a bend within the two blocks: an estimate of its length will do, as the string is pulled tight later. */
     search->parent[node] = nearest;
     search->cost[node] = search->cost[nearest] + 1.3f * apart(field, nearest, node);
     search->bent[node] = 1;
 }
 
-/* Returns 1 with the chain of parents filled, 0 when the goal can't be reached, -1 without memory. */
+/* Returns 1 with the chain of parents filled, 0 if the goal cannot be reached, -1 if memory runs out. */
 static int search_run(const Field *field, Search *search, int32_t start, int32_t goal) {
     int32_t around[MAX_NEIGHBORS];
     for (int64_t i = 0; i < field->components; i++) search->cost[i] = INFINITY;
@@ -166,8 +166,8 @@ static int search_run(const Field *field, Search *search, int32_t start, int32_t
 /* -- from nodes to a string ---------------------------------------------------------------------------------------------- */
 static Point center_of(int64_t x, int64_t y) { return (Point){x * UNIT + UNIT / 2, y * UNIT + UNIT / 2}; }
 
-/* Append the cells from one node to another one of a neighboring block that it does not see: breadth first through the free
- * cells of the rectangle that holds both blocks. Returns 0 without memory. */
+/* Appends the cells from one node to one in a neighboring block that it does not see: breadth first through the free cells of
+ * the rectangle that contains both blocks. Returns 0 if memory runs out. */
 static int append_bend(const Field *field, String *string, int32_t from, int32_t to) {
     enum { SPAN = 2 * EDGE };
     const int64_t from_row = field->block[from] / field->columns, from_column = field->block[from] % field->columns;
@@ -218,12 +218,13 @@ static int32_t find_near(const Field *field, const uint8_t *state, double goal_x
 
 enum { NO_MEMORY = -1, NO_WAY = -2, NO_ROOM = -3 };
 
-/* The shortest path from `ends[0..1]` to `ends[2..3]` (x, y in cells) over a grid where `blocked` cells may not be entered.
+/* Finds the shortest path from `ends[0..1]` to `ends[2..3]` (x, y in cells) over a grid whose `blocked` cells may not be
+ * entered.
  *
- * Where the goal's cell is blocked or out of reach, the path leads to the nearest reached cell within `tolerance` cells of it;
- * `ends` holds where it leads then. With `radius` > 0 it is pushed out to that distance from the squares of `occupied` cells,
- * where it has room. The start's cell must be free. Writes up to `capacity` points; returns their number, NO_WAY, NO_ROOM
- * where `capacity` is too small, or NO_MEMORY. */
+ * If the goal's cell is blocked or out of reach, the path leads to the nearest reachable cell within `tolerance` cells of it,
+ * and `ends` is set to that cell. With `radius` > 0 the path is pushed out to that distance from the squares of `occupied`
+ * cells, if there is room. The start's cell must be free. Writes up to `capacity` points; returns their number, NO_WAY, NO_ROOM
+ * if `capacity` is too small, or NO_MEMORY. */
 int64_t shortest_path(const uint8_t *blocked, const uint8_t *occupied, int64_t height, int64_t width, double *ends,
                       double tolerance, double radius, double *path, int64_t capacity) {
     Field field;
@@ -252,7 +253,7 @@ int64_t shortest_path(const uint8_t *blocked, const uint8_t *occupied, int64_t h
     } else {
         found = together;
         if (!together) {
-            /* Nothing to head for: search all that can be reached, then choose. */
+            /* The goal is blocked: find all that can be reached, then choose. */
             memset(search.state, 0, n);
             int32_t *stack = search.parent;
             int64_t depth = 0;

@@ -1,4 +1,4 @@
-"""The shortest path of a disc through a map, for `lupin map plan`; the robot itself drives `planner.plan`."""
+"""The shortest path of a disc through a map, for `lupin map plan`; the robot itself uses `planner.plan`."""
 
 from __future__ import annotations
 

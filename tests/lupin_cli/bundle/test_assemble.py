@@ -21,7 +21,7 @@ from tests.support.secret_strategies import BARE, QUOTED, private_key, words
 ABOUT = {"lupin": "1", "robots": []}
 
 
-def assembled(*items: BundleItem, omissions: tuple[Omission, ...] = (), **options: int) -> Contents:
+def assemble_items(*items: BundleItem, omissions: tuple[Omission, ...] = (), **options: int) -> Contents:
     return assemble(items, omissions, Redactor(), ABOUT, **options)
 
 
@@ -31,7 +31,7 @@ def manifest_of(contents: Contents) -> dict[str, Any]:
 
 
 def everything(contents: Contents) -> bytes:
-    """The names and contents of all files of the packed archive."""
+    """Pack the archive, and return the names and contents of all its files."""
     unpacked = []
     with tarfile.open(fileobj=io.BytesIO(pack(contents.members, "bundle", 0.0))) as tar:
         for entry in tar:
@@ -62,14 +62,14 @@ def test_secret_in_any_file_is_masked_in_all_files(name: str, secret: str) -> No
     for items in archives_with(planted, secret):
         elsewhere = BundleItem("z.log", "", f"somebody mentions {secret} here".encode())
         missing = (Omission(f"c/{secret}", ABSENT, f"stat: {secret}: no such file"),)
-        found = everything(assembled(*items, elsewhere, omissions=missing))
+        found = everything(assemble_items(*items, elsewhere, omissions=missing))
         assert secret.encode() not in found
         assert b"somebody mentions *** here" in found
 
 
 def test_private_key_is_masked_in_all_files() -> None:
     key = private_key("hunter2" * 30)
-    found = everything(assembled(BundleItem("a.log", "", key.encode()), BundleItem("b.json", "", {"text": key})))
+    found = everything(assemble_items(BundleItem("a.log", "", key.encode()), BundleItem("b.json", "", {"text": key})))
     for line in key.splitlines()[1:-1]:
         assert line.encode() not in found
 
@@ -77,14 +77,14 @@ def test_private_key_is_masked_in_all_files() -> None:
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.text("abcdefgijlmnoqrtuvxyz 0123456789,\n", max_size=80), max_size=5))
 def test_files_without_secrets_are_unchanged(texts: list[str]) -> None:
-    contents = assembled(*(BundleItem(f"{index}.log", "", text.encode()) for index, text in enumerate(texts)))
+    contents = assemble_items(*(BundleItem(f"{index}.log", "", text.encode()) for index, text in enumerate(texts)))
     assert [each.data.decode() for each in contents.members[2:]] == texts
     assert contents.masked == {}
 
 
 def test_manifest_lists_files_and_omissions() -> None:
     missing = Omission("robots/a/journal", ABSENT, "there is none")
-    contents = assembled(
+    contents = assemble_items(
         BundleItem("a.log", "output of a", b"psk=abcd1234", remark="its first lines are left out"), omissions=(missing,)
     )
     manifest = manifest_of(contents)
@@ -99,7 +99,7 @@ def test_manifest_lists_files_and_omissions() -> None:
 def test_long_file_keeps_head_and_tail_with_remark(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(archive, "MAX_FILE_BYTES", 20_000)
     lines = [f"line {number}" for number in range(4000)]
-    contents = assembled(BundleItem("a.log", "", "\n".join(lines).encode()))
+    contents = assemble_items(BundleItem("a.log", "", "\n".join(lines).encode()))
     kept = contents.members[2].data.decode().splitlines()
     assert (kept[0], kept[-1]) == (lines[0], lines[-1])
     assert sum("left out here" in line for line in kept) == 1
@@ -109,7 +109,7 @@ def test_long_file_keeps_head_and_tail_with_remark(monkeypatch: pytest.MonkeyPat
 
 def test_items_beyond_total_limit_are_omitted() -> None:
     items = [BundleItem(f"{name}.log", "", (name * 99 + "\n").encode() * 500) for name in "uvw"]
-    contents = assembled(*items, total=70_000)
+    contents = assemble_items(*items, total=70_000)
     assert [each.path for each in contents.members[2:]] == ["u.log", "v.log"]
     assert [(each.path, each.kind) for each in contents.omissions] == [("w.log", TOO_BIG)]
     assert sum(len(each.data) for each in contents.members[2:]) <= 70_000 + 100
@@ -117,20 +117,20 @@ def test_items_beyond_total_limit_are_omitted() -> None:
 
 def test_json_beyond_limit_is_omitted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(archive, "MAX_JSON_BYTES", 20_000)
-    contents = assembled(BundleItem("a.json", "", {"x": "y" * 30_000}))
+    contents = assemble_items(BundleItem("a.json", "", {"x": "y" * 30_000}))
     assert [(each.path, each.kind) for each in contents.omissions] == [("a.json", TOO_BIG)]
 
 
 def test_deeply_nested_json_does_not_affect_other_files() -> None:
     deep = b"[" * 100_000 + b'"psk=abcd1234"' + b"]" * 100_000
-    contents = assembled(BundleItem("deep.json", "", deep), BundleItem("a.log", "", b"fine"))
+    contents = assemble_items(BundleItem("deep.json", "", deep), BundleItem("a.log", "", b"fine"))
     assert any(each.path == "a.log" for each in contents.members)
     assert b"abcd1234" not in everything(contents)
 
 
 @pytest.mark.parametrize("path", ["../../etc/passwd", "/etc/passwd", "a/../../b", "a\nb/..", "…/x", "a/./b"])
 def test_path_that_leads_outside_stays_in_archive(path: str) -> None:
-    contents = assembled(BundleItem(path, "", b"x"))
+    contents = assemble_items(BundleItem(path, "", b"x"))
     name = contents.members[2].path
     assert not name.startswith(("/", "."))
     assert all(part.strip(".") for part in name.split("/"))
@@ -147,7 +147,7 @@ def test_truncation_drops_incomplete_lines() -> None:
 
 
 def test_equal_contents_give_equal_archives() -> None:
-    contents = assembled(BundleItem("a.log", "", b"x"))
+    contents = assemble_items(BundleItem("a.log", "", b"x"))
     assert pack(contents.members, "b", 5.0) == pack(contents.members, "b", 5.0)
     with tarfile.open(fileobj=io.BytesIO(pack(contents.members, "b", 5.0))) as tar:
         assert {(entry.mode, entry.uid, entry.uname, entry.mtime) for entry in tar} == {(0o600, 0, "", 5)}

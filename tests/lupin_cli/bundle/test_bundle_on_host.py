@@ -1,4 +1,4 @@
-"""`lupin bundle` of a simulated computer: it contains the robot's faults, no secret, and changes nothing."""
+"""`lupin bundle` of a simulated computer: it contains the robot's faults but no secrets, and changes nothing."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ STATE = (
 
 @pytest.fixture
 def planted(host: Host) -> Iterator[Host]:
-    inside = host.robot.inside
-    done = inside("sh", "-ec", PLANT)
+    run_as_root = host.robot.run_as_root
+    done = run_as_root("sh", "-ec", PLANT)
     assert done.status == 0, done.stderr
     yield host
-    inside("rm", "-r", "/etc/NetworkManager")
+    run_as_root("rm", "-r", "/etc/NetworkManager")
 
 
 def bundle(host: Host, home: Path, *words: str) -> tuple[dict[str, Any], dict[str, bytes]]:
@@ -72,16 +72,16 @@ def bundle(host: Host, home: Path, *words: str) -> tuple[dict[str, Any], dict[st
 
 
 def logins(host: Host) -> int:
-    return host.robot.inside("journalctl", "-q", "-o", "cat", "-u", "ssh").stdout.count("Accepted publickey")
+    return host.robot.run_as_root("journalctl", "-q", "-o", "cat", "-u", "ssh").stdout.count("Accepted publickey")
 
 
 def test_bundle_has_faults_and_no_secrets_of_robot(planted: Host, tmp_path: Path) -> None:
     host = planted
     host.ssh("sudo -n true")  # the first sudo of a user creates ~/.sudo_as_admin_successful
-    state, before = host.robot.inside("sh", "-c", STATE).stdout, logins(host)
+    state, before = host.robot.run_as_root("sh", "-c", STATE).stdout, logins(host)
     assert CONNECTION in state
     summary, found = bundle(host, tmp_path)
-    after = host.robot.inside("sh", "-c", STATE).stdout
+    after = host.robot.run_as_root("sh", "-c", STATE).stdout
     assert set(after.splitlines()) ^ set(state.splitlines()) == set()  # nothing was changed
     assert logins(host) == before + 1
 
@@ -126,8 +126,8 @@ def test_probes_in_archive_parse_to_archived_facts(host: Host, tmp_path: Path) -
 
 
 def test_bundle_without_sudo_has_what_user_can_read(fresh_host: Host, tmp_path: Path) -> None:
-    inside = fresh_host.robot.inside
-    assert inside("sh", "-ec", "gpasswd --delete mirte sudo; rm -f /etc/sudoers.d/*mirte*").status == 0
+    run_as_root = fresh_host.robot.run_as_root
+    assert run_as_root("sh", "-ec", "gpasswd --delete mirte sudo; rm -f /etc/sudoers.d/*mirte*").status == 0
     summary, found = bundle(fresh_host, tmp_path)
     left_out = {each["path"].removeprefix("robots/mirte@10.42.0.1/"): each for each in summary["left_out"]}
     assert left_out["journal/ssh.log"]["kind"] == "unreadable"

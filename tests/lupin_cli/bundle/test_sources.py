@@ -101,17 +101,17 @@ def test_source_refused_by_sudo_is_read_as_user() -> None:
     assert isinstance(c, BundleItem) and c.remark == ""
 
 
-class Unreached(LocalTarget):
+class UnreachableTarget(LocalTarget):
     """A machine that can no longer be reached."""
 
     def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:  # noqa: ARG002 -- Target's signature
-        raise Unreachable("the link went", "lost")
+        raise Unreachable("the link was cut", "lost")
 
 
 def test_unreachable_machine_gives_omission_per_source() -> None:
-    found = list(read_sources(Unreached(), sources.sources_of(sources.ROBOT), "robots/a"))
+    found = list(read_sources(UnreachableTarget(), sources.sources_of(sources.ROBOT), "robots/a"))
     assert len(found) == len(sources.sources_of(sources.ROBOT))
-    assert {(each.kind, each.reason) for each in found if isinstance(each, Omission)} == {(UNREACHABLE, "the link went")}
+    assert {(each.kind, each.reason) for each in found if isinstance(each, Omission)} == {(UNREACHABLE, "the link was cut")}
 
 
 @pytest.mark.parametrize("source", sources.SOURCES, ids=lambda source: source.path)

@@ -34,16 +34,16 @@ class Machines:
     link: Link | None
 
     def with_laptop(self, fact: str, value: Any) -> Machines:
-        """A copy with one fact of the laptop changed: to a captured case, by a function of its value, or to a value."""
+        """Return a copy with one fact of the laptop changed: to a captured case, by a function of its value, or to a value."""
         return replace(self, laptop=_with_fact(self.laptop, fact, value))
 
     def with_robot(self, fact: str, value: Any) -> Machines:
-        """The same for one fact of the robot."""
+        """Do the same for one fact of the robot."""
         assert self.robot is not None
         return replace(self, robot=_with_fact(self.robot, fact, value))
 
     def unreachable(self, kind: str) -> Machines:
-        """A copy in which the robot could not be reached."""
+        """Return a copy in which the robot could not be reached."""
         assert self.link is not None
         return replace(self, robot=None, link=replace(self.link, kind=kind, message=f"mirte@10.42.0.1: {kind}"))
 
@@ -54,13 +54,13 @@ class Machines:
         return Snapshot(Facts("laptop", self.laptop), robot, self.link)
 
     def root_findings(self) -> list[Finding]:
-        """The root causes that the checks find."""
+        """Return the root causes that the checks find."""
         diagnosis = diagnose(CHECKS, self.snapshot)
         assert_findings_match_rows(diagnosis)
         return [root.finding for root in diagnosis.roots]
 
     def root_ids(self) -> list[str]:
-        """The ids of the root causes."""
+        """Return the ids of the root causes."""
         return [finding.id for finding in self.root_findings()]
 
 
@@ -74,7 +74,7 @@ def _with_fact(values: Mapping[str, Any], fact: str, value: Any) -> Mapping[str,
 
 @pytest.fixture(scope="session")
 def healthy() -> Machines:
-    """A deployed robot on the cable and a configured laptop, without any fault."""
+    """Return a deployed robot on the cable and a configured laptop, without any fault."""
     laptop = {fact: captured(fact, case) for fact, case in HEALTHY_LAPTOP.items()}
     processes = captured("ros-processes", "laptop-with-a-multicast-node")
     laptop["ros-processes"] = tuple(process for process in processes if process.server)

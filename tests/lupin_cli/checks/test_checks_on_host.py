@@ -44,7 +44,7 @@ ONBOARD = UNIT.format(after="mirte-ros.service", type="simple", remain="no", com
 AUTO_HOME = UNIT.format(
     after="lupin-onboard.service", type="oneshot", remain="yes", command="/bin/sh -c 'test ! -e /tmp/stuck'"
 )
-# What a deploy leaves on a robot, as far as these checks read it; the deploy has tests of its own.
+# What a deploy leaves on a robot, as far as these checks read it; the deploy has its own tests.
 DEPLOY = f"""set -e
 mkdir -p /opt/lupin/releases/0a1b2c3d4e5f /opt/lupin/incoming
 echo '{json.dumps({"version": __version__, "python": [3, 11]})}' > /opt/lupin/releases/0a1b2c3d4e5f/release.json
@@ -185,10 +185,10 @@ def test_clock_offset_is_named_with_its_uncertainty(robot: DeployedRobot, offset
     with robot.host.robot.with_fault("clock-wrong", offset_s=offset_s):
         (finding,) = robot.findings()
     assert finding.id == "clock-drift" and not finding.fix.safe
-    report, bound = (
-        float(word) for word in finding.cause.split("clock is ")[1].replace(" s", "").split(" against")[0].split(" ± ")
+    reported_s, bound_s = (
+        float(word) for word in finding.cause.split("clock is ")[1].replace(" s", "").split(" relative")[0].split(" ± ")
     )
-    assert abs(report - offset_s) <= bound + 0.05
+    assert abs(reported_s - offset_s) <= bound_s + 0.05
 
 
 def test_small_clock_offset_is_ignored(robot: DeployedRobot) -> None:

@@ -19,8 +19,8 @@ from lupin_cli.playbook import load
 from tests.support.paths import ROOT
 
 FOLDER = Path(lupin_cli.checks.__file__).parent
-# What a test that causes its fault for real has in its file.
-REAL = ("pytest.mark.host", "pytest.mark.graph", "def sourced(")
+# One of these is in the file of every test that causes its fault instead of judging captured output.
+CAUSING_MARKS = ("pytest.mark.host", "pytest.mark.graph", "def sourced(")
 
 
 @cache
@@ -33,7 +33,7 @@ def constants(node: ast.AST) -> set[str]:
 
 
 def named_ids(module: str) -> set[str]:
-    """Strings of a check module, without those that only say what a finding explains."""
+    """Return the strings of a check module, without those that only say what a finding explains."""
     found: set[str] = set()
     pending: list[ast.AST] = [tree_of(FOLDER / f"{module}.py")]
     while pending:
@@ -89,7 +89,7 @@ def test_proof_of_a_finding_exists(row: FindingRow) -> None:
 @pytest.mark.parametrize("row", FINDINGS, ids=lambda row: row.id)
 def test_proof_is_captured_or_causes_the_fault(row: FindingRow) -> None:
     text = (ROOT / row.proof.partition("::")[0]).read_text(encoding="utf-8")
-    assert row.captured == (not any(mark in text for mark in REAL))
+    assert row.captured == (not any(mark in text for mark in CAUSING_MARKS))
 
 
 def test_every_playbook_of_a_finding_exists() -> None:

@@ -30,14 +30,14 @@ def captured(fact: Any, case: str) -> Any:
 
 
 def graph(**changed: Any) -> Graph:
-    """The healthy graph of the robot, with fields `changed`."""
+    """Return the healthy graph of the robot, with fields `changed`."""
     seen = captured(GRAPH, "simulator").graphs[0]
     result: Graph = dataclasses.replace(seen, name="robot", kind="robot", **changed)
     return result
 
 
 def with_endpoints(name: str, seen: Graph | None = None, **sides: tuple[Endpoint, ...]) -> Graph:
-    """The graph with other publishers or subscribers on one topic."""
+    """Return the graph with other publishers or subscribers on one topic."""
     seen = seen or graph()
     topics = tuple(dataclasses.replace(topic, **sides) if topic.name == name else topic for topic in seen.topics)  # type: ignore[arg-type]
     # The drive bus counts the subscriptions of its own sink.
@@ -166,7 +166,7 @@ def test_topic_published_on_change_may_be_silent() -> None:
     assert ids(graph(samples=samples_without("/lupin/drive/status", "/twin/state"))) == []
 
 
-def test_sink_heard_only_by_onlookers_is_named() -> None:
+def test_sink_heard_only_by_passive_subscribers_is_named() -> None:
     strip = Endpoint("/light_strip_bridge", "geometry_msgs/msg/Twist", False, False)
     (finding,) = root_findings(with_endpoints("/cmd_vel", subscribers=(strip,)))
     assert finding.id == "drive-sink-unheard"
@@ -214,10 +214,11 @@ def test_page_sending_zeros_holds_the_bus() -> None:
 
 
 @pytest.mark.parametrize(
-    "hand", [DriveInput("/cmd_vel_manual", 24, 3), DriveInput("/cmd_vel_manual", 5, 0), DriveInput("/cmd_vel_auto", 24, 0)]
+    "drive_input",
+    [DriveInput("/cmd_vel_manual", 24, 3), DriveInput("/cmd_vel_manual", 5, 0), DriveInput("/cmd_vel_auto", 24, 0)],
 )
-def test_moving_or_rare_commands_are_no_fault(hand: DriveInput) -> None:
-    assert ids(graph(inputs=(hand,))) == []
+def test_moving_or_rare_commands_are_no_fault(drive_input: DriveInput) -> None:
+    assert ids(graph(inputs=(drive_input,))) == []
 
 
 RELIABLE = Endpoint("/a", "sensor_msgs/msg/LaserScan", True, False)
@@ -227,7 +228,7 @@ OTHER_TYPE = Endpoint("/d", "std_msgs/msg/String", False, False)
 
 
 @pytest.mark.parametrize(
-    ("publisher", "subscriber", "fits"),
+    ("publisher", "subscriber", "compatible"),
     [
         (RELIABLE, RELIABLE, True),
         (RELIABLE, BEST_EFFORT, True),
@@ -238,8 +239,10 @@ OTHER_TYPE = Endpoint("/d", "std_msgs/msg/String", False, False)
         (OTHER_TYPE, BEST_EFFORT, False),
     ],
 )
-def test_qos_compatibility_follows_requested_versus_offered(publisher: Endpoint, subscriber: Endpoint, fits: bool) -> None:
-    assert (qos_mismatch(publisher, subscriber) == "") is fits
+def test_qos_compatibility_follows_requested_versus_offered(
+    publisher: Endpoint, subscriber: Endpoint, compatible: bool
+) -> None:
+    assert (qos_mismatch(publisher, subscriber) == "") is compatible
 
 
 def test_only_subscription_without_any_match_is_named() -> None:

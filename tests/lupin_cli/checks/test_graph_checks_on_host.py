@@ -30,7 +30,7 @@ class GraphLaptop(Laptop):
     """A configured laptop that visits the robot's graph and runs participants of it."""
 
     def visit(self) -> tuple[Graph, Diagnosis]:
-        """The robot's graph, and what the checks find in it."""
+        """Return the robot's graph, and what the checks find in it."""
         env = {"PATH": "/usr/bin:/bin", "HOME": str(self.home)}
         command = [sys.executable, "-m", "lupin_runtime.stack.graph_probe"]
         done = self.host.run(command, env=env, cwd=str(PROJECT), timeout_s=60.0)
@@ -43,7 +43,7 @@ class GraphLaptop(Laptop):
 
     @contextmanager
     def participant(self, *role: str) -> Iterator[None]:
-        """A participant of the graph on the laptop until the block ends; see tests/support/graph_participant.py."""
+        """Run a participant of the graph on the laptop until the block ends; see tests/support/graph_participant.py."""
         process: subprocess.Popen[str] = self.host.popen(
             [sys.executable, "-m", "tests.support.graph_participant", *role],
             self.sourced_env,

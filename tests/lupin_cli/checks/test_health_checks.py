@@ -25,7 +25,7 @@ CHECKS = (*clocks.CHECKS, *services.CHECKS, *resources.CHECKS, *cameras.CHECKS, 
 
 
 def make_snapshot(*, ahead_s: float = 0.0, laptop: dict[str, Any] | None = None, **robot: Any) -> Snapshot:
-    """The healthy robot and laptop with facts replaced by captured cases (by name) or values."""
+    """Return the healthy robot and laptop with facts replaced by captured cases (by name) or values."""
     return snapshot_of({**HEALTHY_LAPTOP, **(laptop or {})}, {**HEALTHY_ROBOT, **robot}, ahead_s)
 
 
@@ -42,7 +42,7 @@ def ids(snapshot: Snapshot) -> list[str]:
 
 
 def units(case: str = "healthy", **changed: Any) -> Units:
-    """A captured case with properties of units changed: `lupin_onboard={"active": "failed"}`."""
+    """Return a captured case with properties of units changed: `lupin_onboard={"active": "failed"}`."""
     by_name = {name.replace("_", "-") + ".service": changes for name, changes in changed.items()}
     seen: Units = captured("units", case)
     return dataclasses.replace(
@@ -135,7 +135,7 @@ def test_clock_without_probe_times_causes_no_finding() -> None:
     assert ids(dataclasses.replace(snapshot, robot=dataclasses.replace(snapshot.robot, probed_ns=None))) == []
 
 
-def test_robot_chrony_is_judged_only_where_it_is_used() -> None:
+def test_robot_chrony_is_judged_only_if_it_is_used() -> None:
     follows = captured("chrony", "chrony-follows-laptop")
     stopped = dataclasses.replace(follows, running=False, tracking=None, sources=(), listeners=())
     (finding,) = root_findings(make_snapshot(chrony=stopped))
@@ -178,7 +178,7 @@ WITH_CAMERAS: dict[str, Any] = {
 }
 
 
-def test_states_of_camera_drivers_are_findings_while_the_service_runs() -> None:
+def test_camera_driver_faults_are_named_while_the_service_runs() -> None:
     drivers: dict[str, Any] = {"camera-drivers": "failing-and-absent"}
     found = root_findings(make_snapshot(units=units(**WITH_CAMERAS), **drivers))
     assert [(finding.id, finding.about) for finding in found] == [
@@ -191,7 +191,7 @@ def test_states_of_camera_drivers_are_findings_while_the_service_runs() -> None:
     assert ids(make_snapshot(**drivers)) == [], "the files of a service that was removed"
 
 
-def test_driver_that_ended_once_may_have_been_unplugged() -> None:
+def test_driver_that_exited_once_causes_no_finding() -> None:
     once: dict[str, Any] = {"camera-drivers": {"body": DriverState(ENDED, "ended with status 1", 1)}}
     assert ids(make_snapshot(units=units(**WITH_CAMERAS), **once)) == []
 

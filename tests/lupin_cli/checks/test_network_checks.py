@@ -22,15 +22,15 @@ WRONG_PREFIX = "44.53.01.5f.45.50.52.4f.53.49.4d.41"
 
 
 def without_port(port: int) -> Callable[[Sockets], Sockets]:
-    return lambda sockets: Sockets(tuple(each for each in sockets.every if each.port != port))
+    return lambda sockets: Sockets(tuple(each for each in sockets.entries if each.port != port))
 
 
 def with_socket(**fields: Any) -> Callable[[Sockets], Sockets]:
-    return lambda sockets: Sockets((*sockets.every, Socket(**fields)))
+    return lambda sockets: Sockets((*sockets.entries, Socket(**fields)))
 
 
 def changed(index: int, **fields: Any) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
-    """A function that changes one element of a tuple."""
+    """Return a function that changes one element of a tuple."""
     return lambda values: tuple(replace(each, **fields) if at == index else each for at, each in enumerate(values))
 
 
@@ -52,9 +52,9 @@ def test_laptop_without_robot_has_no_findings(healthy: Machines) -> None:
 @pytest.mark.parametrize(
     ("log", "word"),
     [
-        ("lost-the-race", "wlan0 came late"),
-        ("tool-not-found", "PATH was not filled"),
-        ("server-came-up", "has ended, or was never started"),
+        ("lost-the-race", "wlan0 came up late"),
+        ("tool-not-found", "PATH was incomplete"),
+        ("server-came-up", "has exited, or was never started"),
     ],
 )
 def test_missing_discovery_server_shows_the_journals_reason(healthy: Machines, log: str, word: str) -> None:
@@ -105,7 +105,9 @@ def test_stopped_vendor_service_needs_no_discovery_server(healthy: Machines) -> 
 
 def test_pinned_server_is_named_by_socket_or_arguments(healthy: Machines) -> None:
     def pinned(**fields: Any) -> Callable[[Sockets], Sockets]:
-        return lambda sockets: Sockets(tuple(replace(each, **fields) if each.port == 11811 else each for each in sockets.every))
+        return lambda sockets: Sockets(
+            tuple(replace(each, **fields) if each.port == 11811 else each for each in sockets.entries)
+        )
 
     server = "fast-discovery-server -i 0 -l 192.168.42.1 -p 11811"
     for fields in ({"address": "192.168.42.1"}, {"command": server}):
@@ -157,7 +159,7 @@ def test_loopback_multicast_is_no_fault(healthy: Machines, capture: Callable[...
     faulty = healthy.with_laptop("ros-processes", lambda _: capture("ros-processes", "laptop-with-a-multicast-node"))
     private = faulty.with_laptop(
         "sockets",
-        lambda s: Sockets(tuple(replace(each, address="127.0.0.1") if each.port == 7400 else each for each in s.every)),
+        lambda s: Sockets(tuple(replace(each, address="127.0.0.1") if each.port == 7400 else each for each in s.entries)),
     )
     assert private.root_ids() == []
 
@@ -376,7 +378,7 @@ def test_dual_homed_robot_with_whitelist_is_healthy(healthy: Machines) -> None:
 
 def test_address_without_carrier_is_not_announced(healthy: Machines) -> None:
     def ap_down(addresses: Addresses) -> Addresses:
-        return Addresses(tuple(replace(a, carrier=False) if a.interface == "wlan0" else a for a in addresses.every))
+        return Addresses(tuple(replace(a, carrier=False) if a.interface == "wlan0" else a for a in addresses.entries))
 
     faulty = healthy.with_laptop("routes", without_access_point)
     assert faulty.with_robot("addresses", ap_down).root_ids() == []
@@ -384,7 +386,7 @@ def test_address_without_carrier_is_not_announced(healthy: Machines) -> None:
 
 def test_process_older_than_address_is_named_on_both_machines(healthy: Machines) -> None:
     def unaware(address: str) -> Callable[[Sockets], Sockets]:
-        return lambda sockets: Sockets(tuple(each for each in sockets.every if each.address != address))
+        return lambda sockets: Sockets(tuple(each for each in sockets.entries if each.address != address))
 
     (robot,) = healthy.with_robot("sockets", unaware("10.42.0.1")).root_findings()
     assert (robot.id, robot.where) == ("process-older-than-interface", "robot")
@@ -396,7 +398,7 @@ def test_process_older_than_address_is_named_on_both_machines(healthy: Machines)
 
 def test_newer_address_off_the_link_is_ignored(healthy: Machines) -> None:
     newer = Address("docker0", "172.17.0.1", 16, "global", up=True, carrier=False)
-    assert healthy.with_robot("addresses", lambda a: Addresses((*a.every, newer))).root_ids() == []
+    assert healthy.with_robot("addresses", lambda a: Addresses((*a.entries, newer))).root_ids() == []
 
 
 # -- stale resources ----------------------------------------------------------------------------------------------------
@@ -451,9 +453,9 @@ def test_unit_process_without_parent_is_not_stale(healthy: Machines) -> None:
     ]
 
 
-@pytest.mark.parametrize("apart", [{"user_id": 1001}, {"shared_memory": "99"}])
-def test_processes_that_cannot_share_memory_are_named(healthy: Machines, apart: dict[str, Any]) -> None:
-    (finding,) = healthy.with_robot("ros-processes", changed(1, **apart)).root_findings()
+@pytest.mark.parametrize("difference", [{"user_id": 1001}, {"shared_memory": "99"}])
+def test_processes_that_cannot_share_memory_are_named(healthy: Machines, difference: dict[str, Any]) -> None:
+    (finding,) = healthy.with_robot("ros-processes", changed(1, **difference)).root_findings()
     assert finding.id == "shared-memory-not-shared"
     assert "FASTDDS_BUILTIN_TRANSPORTS=UDPv4" in finding.fix.command
 
@@ -532,8 +534,8 @@ def test_port_with_invisible_owner_is_ignored(healthy: Machines) -> None:
 # -- two at a time --------------------------------------------------------------------------------------------------------
 
 
-def other_middleware(machines: Any) -> Any:
-    """A further process on the robot, on another middleware."""
+def with_other_middleware(machines: Any) -> Any:
+    """Add a process to the robot that uses another middleware."""
 
     def more(processes: tuple[Any, ...]) -> tuple[Any, ...]:
         libraries = frozenset({"librmw_cyclonedds_cpp.so", "librcl.so"})
@@ -542,8 +544,8 @@ def other_middleware(machines: Any) -> Any:
     return machines.with_robot("ros-processes", more)
 
 
-def orphans(machines: Any) -> Any:
-    """Shared memory of two killed participants."""
+def with_orphans(machines: Any) -> Any:
+    """Add shared memory of two killed participants."""
 
     def more(files: tuple[Any, ...]) -> tuple[Any, ...]:
         names = ("fastrtps_00aa", "fastrtps_00aa_el", "fastrtps_00bb", "fastrtps_00bb_el")
@@ -556,15 +558,15 @@ FAULTS: dict[str, Callable[[Any], Any]] = {
     "discovery-server-missing": lambda machines: machines.with_robot("sockets", without_port(11811)),
     "robot-multi-homed": lambda machines: machines.with_laptop("routes", without_access_point),
     "zombie-process": lambda machines: machines.with_robot("ros-processes", changed(1, state="T")),
-    "shared-memory-orphans": orphans,
-    "rmw-mismatch": other_middleware,
+    "shared-memory-orphans": with_orphans,
+    "rmw-mismatch": with_other_middleware,
     "profile-not-default": lambda machines: machines.with_laptop("dds-profiles", own_profile(default=False)),
     "source-order": lambda machines: machines.with_laptop("shell", "wiped"),
     "port-9090-taken": lambda machines: machines.with_laptop(
         "sockets", with_socket(protocol="tcp", address="0.0.0.0", port=9090, process="node", pid=9, command="node x")
     ),
     "process-older-than-interface": lambda machines: machines.with_laptop(
-        "sockets", lambda s: Sockets(tuple(each for each in s.every if each.address != "10.42.0.2"))
+        "sockets", lambda s: Sockets(tuple(each for each in s.entries if each.address != "10.42.0.2"))
     ),
 }
 

@@ -1,4 +1,4 @@
-"""Which checks exist, which plug-ins add, and which are selected."""
+"""Which checks exist, which ones plug-ins add, and which are selected."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def test_processes_of_live_run_and_children_are_kept() -> None:
 
 
 def test_cleaning_program_itself_is_kept() -> None:
-    assert plan(ourselves={500}).processes == ()
+    assert plan(own_pids={500}).processes == ()
 
 
 def test_ports_are_those_of_the_process_own_domain() -> None:

@@ -94,12 +94,12 @@ class Sandbox:
 
 @pytest.fixture
 def sandbox(tmp_path: Path) -> Iterator[Sandbox]:
-    made = Sandbox(tmp_path)
-    yield made
-    made.close()
+    new_sandbox = Sandbox(tmp_path)
+    yield new_sandbox
+    new_sandbox.close()
 
 
-LEAVE_BEHIND = '"$@" & read line; exit'  # the shell ends with its input, and the node loses its parent
+ORPHAN = '"$@" & read line; exit'  # the shell exits at the end of its input, so the node loses its parent
 WATCH = '"$@" & echo $! >&2; wait'
 KILLED = '"$@" & pid=$!; read line; kill -9 $pid; wait $pid; read line'
 
@@ -109,26 +109,26 @@ def files_of(plan: dict[str, Any], key: str) -> set[str]:
 
 
 def test_memory_of_killed_process_is_removed_and_of_live_one_kept(sandbox: Sandbox) -> None:
-    dying, left = sandbox.node(KILLED)
-    _, alive = sandbox.node(WATCH)
-    assert len(left) >= 5
+    dying, dying_files = sandbox.node(KILLED)
+    _, live_files = sandbox.node(WATCH)
+    assert len(dying_files) >= 5
     status, plan = sandbox.sweep("--dry-run")
     assert status == 0 and plan["orphans"] == plan["culprits"] == []
     assert dying.stdin is not None
     dying.stdin.write("\n")
     dying.stdin.flush()
     # The kernel releases the files of a killed process one by one, and the live process may take over a dead one's port file.
-    dead = left - alive
-    segments = {name for name in dead if "port" not in name}
+    dead_files = dying_files - live_files
+    segments = {name for name in dead_files if "port" not in name}
     deadline = time.monotonic() + TIMEOUT_S
     while not segments <= files_of(plan, "orphans") and time.monotonic() < deadline:
         status, plan = sandbox.sweep("--dry-run")
-    assert status == 1 and segments and segments <= files_of(plan, "orphans") <= dead
-    assert segments | alive <= sandbox.files() <= left | alive  # it was a dry run
+    assert status == 1 and segments and segments <= files_of(plan, "orphans") <= dead_files
+    assert segments | live_files <= sandbox.files() <= dying_files | live_files  # it was a dry run
     status, result = sandbox.sweep()
     removed = files_of(result, "removed")
-    assert status == 0 and segments <= removed <= dead and result["failed"] == []
-    assert sandbox.files() == alive
+    assert status == 0 and segments <= removed <= dead_files and result["failed"] == []
+    assert sandbox.files() == live_files
     assert sandbox.sweep()[1]["removed"] == []
 
 
@@ -141,7 +141,7 @@ def test_process_with_live_parent_is_named_and_kept(sandbox: Sandbox) -> None:
 
 @pytest.mark.parametrize("stopped", [False, True], ids=["running", "stopped"])
 def test_process_without_parent_and_its_memory_are_removed(sandbox: Sandbox, stopped: bool) -> None:
-    shell, files = sandbox.node(LEAVE_BEHIND)
+    shell, files = sandbox.node(ORPHAN)
     assert shell.stdin is not None and files
     shell.stdin.close()
     shell.wait(TIMEOUT_S)

@@ -1,4 +1,4 @@
-"""A simulated computer with Lupin's units and a running vendor's stack, and a laptop with an operator's home."""
+"""A simulated computer that runs Lupin's units and the vendor's stack, and a laptop with an operator's home directory."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TIMEOUT_S = 150.0
 
 
 class Operator:
-    """Runs commands on the laptop."""
+    """A person at the laptop, who runs `lupin` commands there."""
 
     def __init__(self, host: Host, home: Path) -> None:
         self.host = host
@@ -31,7 +31,7 @@ class Operator:
         return self.host.run([sys.executable, "-m", "lupin_cli.app", *words], env=self.environment, timeout_s=TIMEOUT_S)
 
     def run_json(self, *words: str) -> tuple[int, dict[str, Any]]:
-        """Run `lupin WORDS --json`. Returns its exit status and output."""
+        """Run `lupin WORDS --json`. Return its exit status and output."""
         done = self.run(*words, "--json")
         assert done.stdout, done.stderr
         return done.returncode, json.loads(done.stdout)
@@ -40,19 +40,19 @@ class Operator:
         """Run a Python program as the user mirte, in the robot's graph."""
         script = "; ".join(("cd ~", *SETUP_LINES, f"exec {CURRENT_RELEASE}/venv/bin/python3 -"))
         command = ("runuser", "-u", "mirte", "--", "bash", "-c", script)
-        done = self.host.robot.inside(*command, stdin=program, timeout_s=60.0)
+        done = self.host.robot.run_as_root(*command, stdin=program, timeout_s=60.0)
         assert done.status == 0, done.stderr
 
     def state(self, unit: str) -> str:
-        return self.host.robot.inside("systemctl", "is-active", unit).stdout.strip()
+        return self.host.robot.run_as_root("systemctl", "is-active", unit).stdout.strip()
 
     @property
-    def steps(self) -> int:
+    def clock_steps(self) -> int:
         """How often the robot's clock was stepped."""
         return int(self.host.robot.state["clock_steps"])
 
 
 @pytest.fixture(scope="module")
-def operator(lupin_robot: Host, tmp_path_factory: pytest.TempPathFactory) -> Operator:
-    """An operator at a laptop, with one robot for all tests of a file."""
-    return Operator(lupin_robot, tmp_path_factory.mktemp("home"))
+def operator(lupin_host: Host, tmp_path_factory: pytest.TempPathFactory) -> Operator:
+    """Return an operator at a laptop, with one robot for all tests of a file."""
+    return Operator(lupin_host, tmp_path_factory.mktemp("home"))

@@ -41,7 +41,7 @@ def _find(snapshot: Snapshot) -> Iterator[Finding]:
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run `lupin bundle ...` in an empty folder, with an empty home and a doctor that has one check."""
+    """Return a function that runs `lupin bundle ...` in an empty folder, with an empty home and only one check."""
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
     monkeypatch.delenv("LUPIN_CONFIG", raising=False)
@@ -84,7 +84,7 @@ def planted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def contents(path: Path) -> dict[str, bytes]:
-    """The files of an archive, by their paths below its folder."""
+    """Return the files of an archive, by their paths below its folder."""
     with tarfile.open(path) as tar:
         return {entry.name.split("/", 1)[1]: tar.extractfile(entry).read() for entry in tar}  # type: ignore[union-attr]
 
@@ -251,6 +251,6 @@ def test_typed_passwords_are_masked(tmp_path: Path) -> None:
     (session,) = collector.sessions
     snapshot = Snapshot(Facts("laptop", {}), None, Link("pot", "127.0.0.1"))
     collector._results[session] = DoctorResult(snapshot, diagnose((), snapshot))
-    session._target = open_target(robot, Config(tmp_path / "lupin.toml"), sudo_password="typed at the log-in")
-    assert set(collector.secrets) == {"typed for sudo", "typed at the log-in"}
-    assert Redactor(collector.secrets).text("(typed at the log-in) typed for sudo") == "(***) ***"
+    session._target = open_target(robot, Config(tmp_path / "lupin.toml"), sudo_password="typed at the login")
+    assert set(collector.secrets) == {"typed for sudo", "typed at the login"}
+    assert Redactor(collector.secrets).text("(typed at the login) typed for sudo") == "(***) ***"

@@ -1,4 +1,4 @@
-"""`lupin console certificate`: what it shows, what it changes, and how it ends."""
+"""`lupin console certificate`: what it shows, what it changes, and its exit status."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lupin_runtime.console.certificate import CertificateStore
 
 @pytest.fixture(autouse=True)
 def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of the certificates."""
+    """Return the folder of the certificates."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.delenv("SUDO_USER", raising=False)
     return tmp_path / "state" / "lupin" / "certificate"
@@ -97,7 +97,7 @@ def test_usage_errors_exit_2(arguments: tuple[str, ...], text: str) -> None:
     assert done.returncode == 2 and text in done.stderr and "Traceback" not in done.stderr
 
 
-def test_impossible_place_exits_4_with_the_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unusable_state_folder_exits_4_with_the_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
     done = lupin()
@@ -119,40 +119,40 @@ def test_new_authority_replaces_the_old_one() -> None:
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="sudo runs commands as root")
-def test_sudo_does_not_make_certificates_of_root(state: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_certificates_are_not_made_for_root_under_sudo(state: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SUDO_USER", "operator")
     done = lupin("--install")
     assert done.returncode == 2 and "run it as operator, without sudo" in done.stderr
     assert not state.exists()
 
 
-class Installed:
+class CommandRunner:
     """Runs the command in this process, with a trust store in a folder of the test."""
 
     def __init__(self, store: TrustStore, capsys: pytest.CaptureFixture[str]) -> None:
         self.store, self._capsys = store, capsys
 
     def run(self, **options: bool) -> tuple[int, dict[str, Any]]:
-        """Exit status and output of the command with `options`."""
-        with pytest.raises(typer.Exit) as ended:
+        """Return exit status and output of the command with `options`."""
+        with pytest.raises(typer.Exit) as exited:
             certificate(
                 **{"install": False, "uninstall": False, "new_authority": False, "dry_run": False, **options},
                 export=None,
                 as_json=True,
             )
-        return ended.value.exit_code, json.loads(self._capsys.readouterr().out)
+        return exited.value.exit_code, json.loads(self._capsys.readouterr().out)
 
 
 @pytest.fixture
-def system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Installed:
+def system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> CommandRunner:
     folder = tmp_path / "anchors"
     folder.mkdir()
     store = TrustStore("Test", folder, "true")
     monkeypatch.setattr("lupin_cli.trust_store.find_trust_store", lambda: store)
-    return Installed(store, capsys)
+    return CommandRunner(store, capsys)
 
 
-def test_install_and_uninstall_are_idempotent(system: Installed) -> None:
+def test_install_and_uninstall_are_idempotent(system: CommandRunner) -> None:
     status, found = system.run(install=True)
     assert (status, found["changed"], found["trusted_here"]) == (0, True, True)
     assert [path.name for path in system.store.folder.iterdir()] == [f"lupin-{found['authority']['name'][-9:-1]}.crt"]
@@ -164,7 +164,7 @@ def test_install_and_uninstall_are_idempotent(system: Installed) -> None:
         assert list(system.store.folder.iterdir()) == []
 
 
-def test_install_without_root_prints_the_command(system: Installed, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_install_without_root_prints_the_command(system: CommandRunner, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(TrustStore, "is_writable", lambda _: False)
     status, found = system.run(install=True)
     assert (status, found["trusted_here"]) == (1, False)
@@ -174,21 +174,21 @@ def test_install_without_root_prints_the_command(system: Installed, monkeypatch:
 
 
 def test_failed_install_is_reported_with_the_command(
-    system: Installed, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    system: CommandRunner, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     failing = TrustStore("Test", tmp_path / "anchors", "false")
     monkeypatch.setattr("lupin_cli.trust_store.find_trust_store", lambda: failing)
     status, found = system.run(install=True)
-    assert status == 1 and "was not changed: false ended with 1" in found["messages"][0] and found["command"]
+    assert status == 1 and "was not changed: false exited with 1" in found["messages"][0] and found["command"]
 
 
-def test_system_without_a_known_store_is_told(system: Installed, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_system_without_a_known_store_is_reported(system: CommandRunner, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lupin_cli.trust_store.find_trust_store", lambda: None)
     status, found = system.run(install=True)
     assert (status, found["trusted_here"]) == (1, None) and "cannot change" in found["messages"][0]
 
 
-def test_replaced_authority_is_named_where_it_is_still_trusted(system: Installed) -> None:
+def test_replaced_authority_is_named_if_it_is_still_trusted(system: CommandRunner) -> None:
     _, installed = system.run(install=True)
     old = installed["authority"]["name"][-9:-1]
     status, found = system.run(new_authority=True)

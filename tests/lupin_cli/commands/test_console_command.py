@@ -1,4 +1,4 @@
-"""`lupin console sessions`, `revoke` and `code`: what they show and change, and how they end."""
+"""`lupin console sessions`, `revoke` and `code`: what they show and change, and their exit status."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from lupin_runtime.stack.runs import Run, create_run
 
 @pytest.fixture(autouse=True)
 def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of all state."""
+    """Return the folder of all state."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     return tmp_path / "lupin"
 
 
 @pytest.fixture
 def run() -> Iterator[Run]:
-    """A run that is up."""
-    made, lock = create_run()
-    yield made
+    """Yield a run that is up."""
+    created, lock = create_run()
+    yield created
     os.close(lock)
 
 
@@ -37,7 +37,7 @@ def lupin(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
 
 
-def test_no_browser_is_paired_and_nothing_is_made(state: Path) -> None:
+def test_list_without_paired_browsers_creates_no_file(state: Path) -> None:
     shown = lupin("sessions")
     assert shown.returncode == 0 and "no browser is paired" in shown.stdout
     assert lupin("sessions", "--json").stdout == "[]\n"
@@ -62,7 +62,7 @@ def test_sessions_are_listed_and_revoked() -> None:
 
 
 @pytest.mark.parametrize("arguments", [(), ("phone-7",), ("phone-1", "--all")])
-def test_revoking_nobody_or_everybody_by_mistake_is_a_usage_error(arguments: tuple[str, ...]) -> None:
+def test_ambiguous_revoke_is_a_usage_error(arguments: tuple[str, ...]) -> None:
     Sessions(sessions_file()).add("phone", Role.OPERATOR)
     refused = lupin("revoke", *arguments)
     assert refused.returncode == 2 and "phone-1" in refused.stderr
@@ -77,7 +77,7 @@ def test_damaged_file_is_named(state: Path) -> None:
         assert refused.returncode == 2 and "sessions.json" in refused.stderr and "Traceback" not in refused.stderr
 
 
-def test_codes_are_shown_of_the_console_that_runs(run: Run) -> None:
+def test_codes_of_the_running_console_are_shown(run: Run) -> None:
     absent = lupin("code")
     assert absent.returncode == 3 and "lupin console" in absent.stderr
     codes = {"operator": "ABCDEFGH", "viewer": "23456789"}

@@ -26,7 +26,7 @@ Run = Callable[..., Result]
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run `lupin doctor ...` with a home folder of its own."""
+    """Return a function that runs `lupin doctor ...` with an empty home folder."""
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
@@ -35,7 +35,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
 
 @pytest.fixture
 def refused() -> Iterator[str]:
-    """An address whose machine refuses SSH connections."""
+    """Yield an address that refuses SSH connections."""
     with socket.socket() as holder:  # bound and not listening: connections are refused, and no other program gets the port
         holder.bind(("127.0.0.1", 0))
         yield f"127.0.0.1:{holder.getsockname()[1]}"
@@ -47,7 +47,7 @@ def read(output: Output) -> str:
 
 @pytest.fixture
 def add_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
-    """Adds a check as a plug-in does. It reports a problem until a marker file exists, which its playbook creates."""
+    """Return a function that plugs in a check, which reports a problem until its playbook has created a marker file."""
 
     def add(*, safe: bool = True, effective: bool = True) -> Path:
         marker, playbook = tmp_path / "marker", tmp_path / "create-marker.yaml"
@@ -87,10 +87,10 @@ def test_healthy_machine_prints_one_line(run: Run) -> None:
     [
         (["--only", "dds.profile"], "did you mean dds.profiles?"),
         (["--robot", "a", "--host", "b"], "exclude each other"),
-        (["--json", "--markdown"], "both want standard output"),
-        (["--yes"], "go with --fix"),
-        (["--dry-run"], "go with --fix"),
-        (["--all", "--watch"], "--watch looks at one robot"),
+        (["--json", "--markdown"], "both print to standard output"),
+        (["--yes"], "need --fix"),
+        (["--dry-run"], "need --fix"),
+        (["--all", "--watch"], "--watch examines one robot"),
         (["--limit", "pot-*", "--robot", "pot-1"], "--all --limit"),
         (["--all"], "has no robots"),
     ],

@@ -51,6 +51,6 @@ def test_up_refuses_foxglove_without_the_extra(monkeypatch: pytest.MonkeyPatch, 
     with pytest.raises(typer.Exit) as refused:
         _check_foxglove_extra()
     assert refused.value.exit_code == USAGE_ERROR
-    said = capsys.readouterr().err
-    assert said.startswith("lupin up: --foxglove: the extra lupin[foxglove] is not installed")
-    assert f"{sys.executable} -m pip install 'foxglove-sdk" in said
+    stderr = capsys.readouterr().err
+    assert stderr.startswith("lupin up: --foxglove: the extra lupin[foxglove] is not installed")
+    assert f"{sys.executable} -m pip install 'foxglove-sdk" in stderr

@@ -30,11 +30,11 @@ KILLED, STOPPED = PARTICIPANT.format(signal="SIGKILL"), PARTICIPANT.format(signa
 def test_home_activates_controllers_and_reports_each_change(operator: Operator) -> None:
     operator.host.robot.inject_fault("controllers-stuck", state="unloaded")
     try:
-        assert operator.host.robot.inside("systemctl", "start", "lupin-onboard", timeout_s=60.0).status == 0
+        assert operator.host.robot.run_as_root("systemctl", "start", "lupin-onboard", timeout_s=60.0).status == 0
         done = operator.run("home", "--robot", "mirte", "--patience", "1")
     finally:
         operator.host.robot.undo_fault("controllers-stuck")
-        operator.host.robot.inside("systemctl", "start", "lupin-onboard", timeout_s=60.0)
+        operator.host.robot.run_as_root("systemctl", "start", "lupin-onboard", timeout_s=60.0)
     assert done.returncode == 0, done.stdout + done.stderr
     for line in ("mirte_base_controller is not loaded", "load mirte_base_controller", "configure mirte_base_controller"):
         assert line in done.stdout, done.stdout
@@ -42,35 +42,35 @@ def test_home_activates_controllers_and_reports_each_change(operator: Operator) 
 
 
 def test_home_without_deployed_release_names_next_command(operator: Operator) -> None:
-    operator.host.robot.inside("mv", "/opt/lupin", "/opt/lupin-away")
+    operator.host.robot.run_as_root("mv", "/opt/lupin", "/opt/lupin-away")
     try:
         done = operator.run("home", "--robot", "mirte")
     finally:
-        operator.host.robot.inside("mv", "/opt/lupin-away", "/opt/lupin")
+        operator.host.robot.run_as_root("mv", "/opt/lupin-away", "/opt/lupin")
     assert done.returncode == 1 and "next: lupin deploy robot" in done.stderr
 
 
 def segments(operator: Operator) -> set[str]:
-    """The segments of participants. Port files are ignored: they come and go during discovery."""
-    names = operator.host.robot.inside("ls", "/dev/shm").stdout.split()
+    """Return the segments of participants. Port files are ignored: they come and go during discovery."""
+    names = operator.host.robot.run_as_root("ls", "/dev/shm").stdout.split()
     return {name for name in names if name.startswith("fastrtps_") and "port" not in name}
 
 
 def test_sweep_removes_memory_of_killed_process_only(operator: Operator) -> None:
     live = segments(operator)
     operator.run_on_robot(KILLED)
-    left = segments(operator) - live
-    assert len(left) == 2  # the segment and its lock
+    orphans = segments(operator) - live
+    assert len(orphans) == 2  # the segment and its lock
     status, plan = operator.run_json("sweep", "--robot", "mirte", "--dry-run")
-    assert status == 1 and {name for orphan in plan["orphans"] for name in orphan["files"]} >= left
+    assert status == 1 and {name for segment in plan["orphans"] for name in segment["files"]} >= orphans
     status, result = operator.run_json("sweep", "--robot", "mirte")
     assert status == 0 and result["failed"] == [] and result["ended"] == []
-    assert not left & segments(operator)
+    assert not orphans & segments(operator)
     assert [operator.state(unit) for unit in ("mirte-ros", "lupin-onboard")] == ["active", "active"]
     assert any("part of mirte-ros.service" in kept["why"] for kept in result["kept"])
 
 
-def test_sweep_ends_stopped_process_only(operator: Operator) -> None:
+def test_sweep_terminates_stopped_process_only(operator: Operator) -> None:
     operator.run_on_robot(STOPPED)
     status, result = operator.run_json("sweep", "--robot", "mirte")
     assert status == 0 and [each["why"] for each in result["ended"]] == ["it is stopped and does not respond"], result

@@ -1,4 +1,4 @@
-"""`lupin logs -f` while logs grow, are shortened, and a process starts late."""
+"""`lupin logs -f` while logs grow and are truncated, and a process starts late."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ TIMEOUT_S = 60.0
 
 
 @pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Run]]:
-    """A run that is up; calling it again ends it."""
+def end_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Run]]:
+    """Create a run that is up; yield a function that ends it."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    made, lock = create_run()
-    (made.logs / "nav.log").write_text("first\n")
-    held = [lock]
+    created, lock = create_run()
+    (created.logs / "nav.log").write_text("first\n")
+    open_locks = [lock]
 
     def end() -> Run:
-        os.close(held.pop())
-        return made
+        os.close(open_locks.pop())
+        return created
 
     yield end
-    for descriptor in held:
+    for descriptor in open_locks:
         os.close(descriptor)
 
 
-def test_follow_shows_every_line_also_after_the_log_was_shortened(tmp_path: Path, run: Callable[[], Run]) -> None:
+def test_follow_shows_every_line_of_a_truncated_log(tmp_path: Path, end_run: Callable[[], Run]) -> None:
     command = [sys.executable, "-u", "-m", "lupin_cli.app", "logs", "-f"]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert child.stdout is not None
@@ -62,7 +62,7 @@ def test_follow_shows_every_line_also_after_the_log_was_shortened(tmp_path: Path
         assert lines.get(timeout=TIMEOUT_S) == "twin         late"
         with nav.open("a") as log:
             log.write("the last line\n")
-        run()
+        end_run()
         assert lines.get(timeout=TIMEOUT_S) == "nav          the last line"
         assert child.wait(TIMEOUT_S) == 0
     finally:

@@ -32,7 +32,7 @@ def lupin(*arguments: str, **environment: str) -> subprocess.CompletedProcess[st
 
 @pytest.fixture
 def drive(tmp_path: Path) -> Path:
-    """A short recording: an e-stop over three seconds and a little drive."""
+    """Return a recording of three seconds: an e-stop, and a short drive."""
     from geometry_msgs.msg import TransformStamped
     from rclpy.serialization import serialize_message
     from tf2_msgs.msg import TFMessage

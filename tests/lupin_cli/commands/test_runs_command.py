@@ -28,7 +28,7 @@ def lupin(*arguments: str) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-def test_runs_are_listed_and_old_ones_removed_but_not_kept_ones(folder: Path) -> None:
+def test_old_runs_are_removed_but_kept_ones_are_not(folder: Path) -> None:
     rows = json.loads(lupin("list", "--json")[1])
     assert [row["state"] for row in rows] == ["ended"] + ["DONE"] * 7
     assert lupin("keep", "20260102")[0] == 0
@@ -44,6 +44,6 @@ def test_runs_are_listed_and_old_ones_removed_but_not_kept_ones(folder: Path) ->
     assert lupin("prune")[1] == "nothing to remove\n"
 
 
-def test_unknown_run_ends_with_its_own_status(folder: Path) -> None:
+def test_unknown_run_exits_with_3(folder: Path) -> None:
     assert folder.is_dir()
     assert lupin("keep", "1999")[0] == 3

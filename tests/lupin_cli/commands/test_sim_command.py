@@ -50,10 +50,10 @@ def test_trajectory_without_poses_is_refused(tmp_path: Path) -> None:
     empty.write_text("# nothing\n")
     result = runner.invoke(app, ["picture", "--trajectory", str(empty)])
     assert result.exit_code == 2
-    assert "holds no poses" in result.stderr
+    assert "contains no poses" in result.stderr
 
 
-def test_machine_without_graphics_is_told_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_graphics_error_names_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MUJOCO_GL", "disable")
     result = runner.invoke(app, ["picture", "--world", "walled", "--out", str(tmp_path / "a.png")])
     assert result.exit_code == 1

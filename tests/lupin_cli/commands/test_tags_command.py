@@ -26,8 +26,8 @@ def lupin(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture
-def shown(tmp_path: Path) -> tuple[str, list[list[float]]]:
-    """An image of tags 7 and 300, and the corners of the first."""
+def tag_image_file(tmp_path: Path) -> tuple[str, list[list[float]]]:
+    """Return an image of tags 7 and 300, and the corners of the first."""
     image = np.full((300, 500, 3), 255, np.uint8)
     for tag_id, left in ((300, 280), (7, 60)):
         tag = tag_image(tag_id, 14, quiet_modules=0)
@@ -39,8 +39,8 @@ def shown(tmp_path: Path) -> tuple[str, list[list[float]]]:
 
 
 @pytest.mark.parametrize("engine", ["auto", "apriltag", "aruco"])
-def test_json_output_has_ids_and_corners_of_each_image(shown: tuple[str, list[list[float]]], engine: str) -> None:
-    path, corners = shown
+def test_json_output_has_ids_and_corners_of_each_image(tag_image_file: tuple[str, list[list[float]]], engine: str) -> None:
+    path, corners = tag_image_file
     done = lupin(path, path, "--json", "--engine", engine)
     assert (done.returncode, done.stderr) == (0, "")
     first, second = json.loads(done.stdout)
@@ -50,8 +50,8 @@ def test_json_output_has_ids_and_corners_of_each_image(shown: tuple[str, list[li
     assert np.abs(np.array(first["tags"][0]["corners"]) - corners).max() < 0.1
 
 
-def test_table_names_the_corners(shown: tuple[str, list[list[float]]]) -> None:
-    path, _ = shown
+def test_table_names_the_corners(tag_image_file: tuple[str, list[list[float]]]) -> None:
+    path, _ = tag_image_file
     done = lupin(path)
     assert done.returncode == 0
     for text in (f"{path}: 2 tags, 500 x 300 pixels", "top-left", "bottom-left", "59.", "300"):
@@ -66,8 +66,10 @@ def test_image_without_tags_is_no_failure(tmp_path: Path) -> None:
     assert "0 tags" in done.stdout
 
 
-def test_unreadable_image_is_named_and_the_others_are_read(shown: tuple[str, list[list[float]]], tmp_path: Path) -> None:
-    path, _ = shown
+def test_unreadable_image_is_named_and_the_others_are_read(
+    tag_image_file: tuple[str, list[list[float]]], tmp_path: Path
+) -> None:
+    path, _ = tag_image_file
     text = tmp_path / "notes.png"
     text.write_text("no picture")
     done = lupin(str(tmp_path / "gone.png"), str(text), path, "--json")

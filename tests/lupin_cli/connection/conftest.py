@@ -89,7 +89,7 @@ def sshd(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sshd]:
 
 @pytest.fixture
 def own_sshd(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[bytes], Sshd]]:
-    """An sshd for one test, which may stop or kill it."""
+    """Yield an sshd for one test, which may stop or kill it."""
     process, server = start_sshd(tmp_path)
     yield process, server
     process.send_signal(signal.SIGCONT)

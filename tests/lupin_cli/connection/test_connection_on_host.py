@@ -24,8 +24,10 @@ pytestmark = pytest.mark.host
 
 
 @contextmanager
-def robot_of(host: Host, *, address: str = "", sudo_password: str | None = None, timeout_s: float = 5.0) -> Iterator[SshTarget]:
-    """A target for the robot, on the laptop's network."""
+def ssh_target(
+    host: Host, *, address: str = "", sudo_password: str | None = None, timeout_s: float = 5.0
+) -> Iterator[SshTarget]:
+    """Yield a target for the robot, on the laptop's network."""
     destination = Destination(address or host.robot.eth0, 22, "mirte", (str(host.key),), identities_only=True)
     known_hosts = KnownHosts(Path("/nonexistent"), user_file=Path(host.known_hosts))
     target = SshTarget("robot", destination, known_hosts, sudo_password=sudo_password, connect_timeout_s=timeout_s)
@@ -37,7 +39,7 @@ def robot_of(host: Host, *, address: str = "", sudo_password: str | None = None,
 
 
 def test_root_scripts_run_as_root_and_others_as_the_user(host: Host) -> None:
-    with robot_of(host) as target:
+    with ssh_target(host) as target:
         outputs = target.batch([Script("root", "id -u; head -n 1 /etc/shadow | wc -l", root=True), Script("user", "id -un")])
         assert outputs["root"].stdout == "0\n1\n" and outputs["user"].stdout == "mirte\n"
         ran = target.run("id -u; cat", root=True, stdin=b"lupin-begins\nmore")
@@ -46,7 +48,7 @@ def test_root_scripts_run_as_root_and_others_as_the_user(host: Host) -> None:
 
 def test_root_file_is_written_and_read_byte_for_byte(fresh_host: Host) -> None:
     data = os.urandom(200_000)
-    with robot_of(fresh_host) as target:
+    with ssh_target(fresh_host) as target:
         target.put("/etc/lupin.test", data, mode=0o600, root=True)
         assert target.get("/etc/lupin.test", root=True) == data
         assert target.run("stat -c '%U %a' /etc/lupin.test").stdout == "root 600\n"
@@ -62,7 +64,7 @@ def test_sudo_password_is_accepted_only_if_it_is_right(fresh_host: Host) -> None
     fresh_host.robot.inject_fault("sudo-password")
     scripts = [Script("root", "id -u; cat", root=True), Script("user", "echo fine")]
     for password, expected in (("mirte_mirte", "0\n"), (None, ""), ('it\'s "wrong"', "")):
-        with robot_of(fresh_host, sudo_password=password) as target:
+        with ssh_target(fresh_host, sudo_password=password) as target:
             outputs = target.batch(scripts, timeout_s=20)
             assert outputs["root"].stdout == expected and outputs["user"].stdout == "fine\n"
             if expected:
@@ -77,7 +79,7 @@ def test_sudo_password_is_accepted_only_if_it_is_right(fresh_host: Host) -> None
 
 
 def test_password_that_sudo_does_not_need_is_discarded(host: Host) -> None:
-    with robot_of(host, sudo_password="echo leaked; exit 9") as target:
+    with ssh_target(host, sudo_password="echo leaked; exit 9") as target:
         outputs = target.batch([Script("root", "id -u", root=True)])
         assert (outputs["root"].status, outputs["root"].stdout) == (0, "0\n")
         assert target.run("cat", root=True, stdin=b"given").stdout == "given"
@@ -85,7 +87,7 @@ def test_password_that_sudo_does_not_need_is_discarded(host: Host) -> None:
 
 def test_user_without_sudo_rights_gets_root_refused(fresh_host: Host) -> None:
     fresh_host.robot.inject_fault("sudo-refused")
-    with robot_of(fresh_host, sudo_password="mirte_mirte") as target:
+    with ssh_target(fresh_host, sudo_password="mirte_mirte") as target:
         assert "root refused" in target.batch([Script("root", "id", root=True)], timeout_s=20)["root"].stderr
         with pytest.raises(RootRefused):
             target.run("id", root=True)
@@ -93,15 +95,15 @@ def test_user_without_sudo_rights_gets_root_refused(fresh_host: Host) -> None:
 
 def test_sudo_password_is_in_no_command_line_or_environment(fresh_host: Host) -> None:
     fresh_host.robot.inject_fault("sudo-password")
-    with robot_of(fresh_host, sudo_password="mirte_mirte") as target:
+    with ssh_target(fresh_host, sudo_password="mirte_mirte") as target:
         search = "cat /proc/[0-9]*/cmdline /proc/[0-9]*/environ 2>/dev/null | tr '\\0' '\\n' | grep -c mirte_mirt[e]"
         outputs = target.batch([Script("root", search, root=True), Script("user", search)], timeout_s=20)
         assert outputs["root"].stdout == outputs["user"].stdout == "0\n"
         assert target.run(search, root=True).stdout == "0\n"
 
 
-def test_pulled_cable_ends_batch_at_its_bound(fresh_host: Host) -> None:
-    with robot_of(fresh_host, timeout_s=1.5) as target:
+def test_pulled_cable_ends_batch_at_its_timeout(fresh_host: Host) -> None:
+    with ssh_target(fresh_host, timeout_s=1.5) as target:
         target.connect()
         cut = threading.Timer(5.0, fresh_host.robot.inject_fault, ("cable-cut",), {"link": "eth0"})
         cut.start()
@@ -110,15 +112,15 @@ def test_pulled_cable_ends_batch_at_its_bound(fresh_host: Host) -> None:
         assert time.monotonic() - start < 40
         assert outputs["early"].stdout == "early\n" and outputs["late"].status is None
         cut.join()
-    with robot_of(fresh_host, timeout_s=1.5) as target, pytest.raises(Unreachable) as caught:
+    with ssh_target(fresh_host, timeout_s=1.5) as target, pytest.raises(Unreachable) as caught:
         target.connect()
     assert caught.value.kind in ("timeout", "no-route")
-    with robot_of(fresh_host, address=fresh_host.robot.wlan0) as target:
+    with ssh_target(fresh_host, address=fresh_host.robot.wlan0) as target:
         assert target.batch([Script("by radio", "echo fine")])["by radio"].stdout == "fine\n"
 
 
 def test_target_reconnects_after_robot_reboots_during_run(fresh_host: Host) -> None:
-    with robot_of(fresh_host, timeout_s=2.0) as target:
+    with ssh_target(fresh_host, timeout_s=2.0) as target:
         before = target.run("cat /proc/sys/kernel/random/boot_id").stdout
         assert target.run("systemctl reboot; sleep 60", root=True, timeout_s=30).status is None
         deadline = time.monotonic() + 60
@@ -137,7 +139,7 @@ def test_target_reconnects_after_robot_reboots_during_run(fresh_host: Host) -> N
 
 
 def test_batch_works_on_full_and_read_only_disks_and_put_fails(fresh_host: Host) -> None:
-    with robot_of(fresh_host) as target:
+    with ssh_target(fresh_host) as target:
         target.put("~/file", b"old")
         mounted = target.run(
             "mkdir -p /mnt/small && mount -t tmpfs -o size=64k none /mnt/small && chmod 777 /mnt/small", root=True
@@ -161,9 +163,9 @@ def test_robot_without_python_and_with_chatty_shell_answers(fresh_host: Host) ->
     chatter = (
         "sed -i '1i echo 0 s 0 0 0 0; echo noise >&2; cd /; export LC_ALL=nl_NL.UTF-8 TZ=Asia/Kolkata' /home/mirte/.bashrc"
     )
-    inside = fresh_host.robot.inside("sh", "-c", f"{chatter}; mv /usr/bin/python3 /usr/bin/python3.gone")
-    assert inside.status == 0, inside.stderr
-    with robot_of(fresh_host) as target:
+    done = fresh_host.robot.run_as_root("sh", "-c", f"{chatter}; mv /usr/bin/python3 /usr/bin/python3.gone")
+    assert done.status == 0, done.stderr
+    with ssh_target(fresh_host) as target:
         outputs = target.batch([Script("language", "echo $LC_ALL"), Script("none", "command -v python3")])
         assert outputs["language"].stdout == "C\n" and outputs["none"].status != 0
         ran = target.run("echo said; echo complained >&2")
@@ -177,14 +179,14 @@ def test_password_is_asked_for_without_a_key(host: Host) -> None:
     known_hosts = KnownHosts(Path("/nonexistent"), user_file=Path(host.known_hosts))
     asked: list[str] = []
 
-    def answer(password: str) -> Callable[[str], str]:
+    def answering(password: str) -> Callable[[str], str]:
         return lambda prompt: asked.append(prompt) or password  # type: ignore[func-returns-value]
 
     with host.on_laptop():
-        target = SshTarget("robot", destination, known_hosts, ask_password=answer("mirte_mirte"))
+        target = SshTarget("robot", destination, known_hosts, ask_password=answering("mirte_mirte"))
         assert target.batch([Script("who", "id -un")])["who"].stdout == "mirte\n"
         target.close()
-        for ask in (answer("wrong"), None):
+        for ask in (answering("wrong"), None):
             with pytest.raises(AuthenticationFailed) as caught:
                 SshTarget("robot", destination, known_hosts, ask_password=ask).connect()
             assert caught.value.next_command.startswith("ssh-copy-id ")

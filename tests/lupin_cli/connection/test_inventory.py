@@ -1,4 +1,4 @@
-"""lupin.toml: what is read, and how what can't be is refused."""
+"""lupin.toml: how it is read, and how errors in it are reported."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_inventory_is_read_with_best_transport_first() -> None:
     [
         ("[robots.greenhouse.addresses]", "[robots.greenhouse.adresses]", 7, "did you mean 'addresses'"),
         ("user =", "usr =", 4, "did you mean 'user'"),
-        ('"mirte"', "7", 4, "robots.greenhouse.user must be a text in quotes; it is 7"),
+        ('"mirte"', "7", 4, "robots.greenhouse.user must be a string in quotes; it is 7"),
         ('["source /opt/ros/humble/setup.bash"]', '"source x"', 5, "must be a list of lines"),
         ('ap = "192.168.42.1"', 'app = "192.168.42.1"', 8, "did you mean 'ap'"),
         ('"10.42.0.1:2222"', '"10.42.0.1:99999"', 9, "must be an address"),

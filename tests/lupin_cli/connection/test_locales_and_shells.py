@@ -21,8 +21,8 @@ from lupin_sim.host.operator import create_home
 
 pytestmark = pytest.mark.host
 
-# A robot that its owner has customized: locales that are not installed, a time zone of 5:45 hours, banners and messages
-# everywhere, and a login shell of their own.
+# A robot that its owner has customized: locales that are not installed, the time zone UTC+05:45, banners and messages
+# everywhere, and a custom login shell.
 CUSTOMIZE = r"""
 set -e
 cp /home/mirte/.bashrc /run/bashrc.before
@@ -46,16 +46,16 @@ rm -f /etc/localtime /etc/default/locale /etc/ssh/sshd_config.d/odd.conf
 usermod --shell /bin/bash mirte
 systemctl restart ssh
 """
-ODD_LAPTOP = {"LANG": "tr_TR.UTF-8", "LC_ALL": "de_DE.ISO-8859-1", "LANGUAGE": "zh_CN:de", "TZ": "Asia/Kathmandu"}
+UNUSUAL_ENVIRONMENT = {"LANG": "tr_TR.UTF-8", "LC_ALL": "de_DE.ISO-8859-1", "LANGUAGE": "zh_CN:de", "TZ": "Asia/Kathmandu"}
 
 
 def run_on_robot(host: Host, script: str) -> None:
-    done = host.robot.inside("sh", "-c", script)
+    done = host.robot.run_as_root("sh", "-c", script)
     assert done.status == 0, done.stderr
 
 
 @contextmanager
-def robot_of(host: Host) -> Iterator[SshTarget]:
+def ssh_target(host: Host) -> Iterator[SshTarget]:
     destination = Destination(host.robot.eth0, 22, "mirte", (str(host.key),), identities_only=True)
     target = SshTarget("robot", destination, KnownHosts(Path("/nonexistent"), user_file=Path(host.known_hosts)))
     with host.on_laptop():
@@ -75,7 +75,7 @@ def customized_host(host: Host) -> Iterator[Host]:
 
 
 def lupin_on(host: Host, home: Path, extra: dict[str, str]) -> Callable[..., Any]:
-    """Return a function that runs `lupin WORDS --json` with that home directory; it returns the exit code and the JSON."""
+    """Return a function that runs `lupin WORDS --json` with that home directory; it returns the exit status and the JSON."""
     plain = {"PATH": "/usr/bin:/bin:/usr/sbin:/sbin", **create_home(host, home)}
 
     def invoke(*words: str) -> Any:
@@ -87,28 +87,29 @@ def lupin_on(host: Host, home: Path, extra: dict[str, str]) -> Callable[..., Any
     return invoke
 
 
-def summarize(answer: tuple[int, Any]) -> tuple[int, list[str], list[Any], list[Any]]:
-    status, diagnosis = answer
-    return status, sorted(f["id"] for f in diagnosis["findings"]), diagnosis["unknown"], diagnosis["broken"]
+def summarize(result: tuple[int, Any]) -> tuple[int, list[str], list[Any], list[Any]]:
+    exit_status, diagnosis = result
+    return exit_status, sorted(f["id"] for f in diagnosis["findings"]), diagnosis["unknown"], diagnosis["broken"]
 
 
-def test_doctor_and_clock_agree_in_any_locale_zone_and_shell(host: Host, tmp_path: Path) -> None:
+def test_locale_zone_and_shell_do_not_change_doctor_or_clock(host: Host, tmp_path: Path) -> None:
     expected = summarize(lupin_on(host, tmp_path / "home", {})("doctor"))
     run_on_robot(host, CUSTOMIZE)
     host.robot.wait_ready()
     try:
-        lupin = lupin_on(host, tmp_path / "my häuschen 家's", ODD_LAPTOP)
+        lupin = lupin_on(host, tmp_path / "my häuschen 家's", UNUSUAL_ENVIRONMENT)
         customized = summarize(lupin("doctor"))
-        status, clock = lupin("sync-clock", "--robot", "mirte", "--dry-run")
+        exit_status, clock = lupin("sync-clock", "--robot", "mirte", "--dry-run")
     finally:
         run_on_robot(host, RESTORE)
         host.robot.wait_ready()
     assert customized == expected
-    assert status == 0 and clock["done"] == "nothing" and abs(clock["before"]["offset_s"]) < 1.0
+    assert exit_status == 0 and clock["done"] == "nothing" and abs(clock["before"]["offset_s"]) < 1.0
 
 
-def test_target_works_with_chatty_shell_in_another_language(customized_host: Host) -> None:
-    with robot_of(customized_host) as target:
+def test_target_works_with_chatty_shell_and_foreign_locale(customized_host: Host) -> None:
+    with ssh_target(customized_host) as target:
+        # `cat` shows that a script's standard input is empty: it returns at once and prints nothing.
         outputs = target.batch([Script("user", "ls -d /etc/passwd; cat; date +%Z"), Script("root", "id -un", root=True)])
         assert outputs["user"].stdout.splitlines()[0] == "/etc/passwd" and outputs["root"].stdout == "root\n"
         ran = target.run('read word; echo "got $word"; echo fine >&2; rm /nonexistent', stdin="wörter\n".encode())
@@ -123,17 +124,17 @@ def test_target_works_with_chatty_shell_in_another_language(customized_host: Hos
 
 
 @pytest.mark.parametrize("line", ["exec python3", "exec sh", "exit 0", "exit 3"])
-def test_start_file_that_replaces_shell_is_reported(host: Host, line: str) -> None:
+def test_bashrc_that_replaces_the_shell_is_reported(host: Host, line: str) -> None:
     run_on_robot(host, f"cp -p /home/mirte/.bashrc /run/bashrc.before; sed -i '1i {line}' /home/mirte/.bashrc")
     try:
-        with robot_of(host) as target:
-            for ask in (
+        with ssh_target(host) as target:
+            for call in (
                 lambda: target.run("echo done"),
                 lambda: target.run("echo done", root=True),
                 lambda: target.batch([Script("a", "echo a")]),
             ):
                 try:
-                    output = ask()
+                    output = call()
                 except TargetError as error:
                     assert "login shell of mirte" in str(error) and "[ -t 0 ]" in str(error)
                 else:  # `exec sh` reads commands from its input, so the program ran

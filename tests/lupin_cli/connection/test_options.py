@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def config(sshd: Sshd, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Config:
-    """The inventory of a user whose ~/.ssh/config names the key, with the server's host key accepted for `robot`."""
+    """Return the inventory of a user whose ~/.ssh/config names the key, with the server's host key accepted for `robot`."""
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / ".ssh").mkdir()
     (tmp_path / ".ssh/config").write_text(f"Host *\n  IdentityFile {sshd.directory}/id_ed25519\n  IdentitiesOnly yes\n")

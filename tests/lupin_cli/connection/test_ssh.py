@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 @pytest.fixture(params=["local", "ssh"], scope="session")
 def target(request: pytest.FixtureRequest) -> Iterator[Target]:
-    made: Target
+    created: Target
     if request.param == "local":
-        made = LocalTarget()
+        created = LocalTarget()
     else:
         server = request.getfixturevalue("sshd")
-        made = SshTarget("robot", server.destination, server.known_hosts())
-    yield made
-    made.close()
+        created = SshTarget("robot", server.destination, server.known_hosts())
+    yield created
+    created.close()
 
 
 def test_batch_separates_outputs_of_its_scripts(target: Target) -> None:
@@ -131,7 +131,7 @@ def test_batch_reads_the_clock_and_its_failure_clears_it(own_sshd: tuple[Popen[s
         assert target.clock_reading is None
 
 
-def test_script_is_ended_at_its_timeout_and_others_finish(target: Target) -> None:
+def test_script_is_terminated_at_timeout_and_others_finish(target: Target) -> None:
     start = time.monotonic()
     outputs = target.batch([Script("hangs", "echo begun; sleep 100", 1.0), Script("fine", "echo fine")], timeout_s=30)
     assert time.monotonic() - start < 25
@@ -139,7 +139,7 @@ def test_script_is_ended_at_its_timeout_and_others_finish(target: Target) -> Non
     assert outputs["fine"].stdout == "fine\n"
 
 
-def test_batch_bound_ends_script_that_ignores_sigterm(target: Target) -> None:
+def test_batch_timeout_kills_script_that_ignores_sigterm(target: Target) -> None:
     start = time.monotonic()
     outputs = target.batch([Script("stubborn", "trap '' TERM HUP; echo begun; while :; do sleep 1; done", 60.0)], timeout_s=2)
     assert time.monotonic() - start < 25
@@ -240,7 +240,7 @@ def test_long_line_is_split_wherever_its_end_arrives() -> None:
     assert output.stdout.endswith("b\n\nend\nrest")
 
 
-def test_run_is_ended_at_its_bound(target: Target) -> None:
+def test_run_is_terminated_at_its_timeout(target: Target) -> None:
     start = time.monotonic()
     output = target.run("echo begun; sleep 100", timeout_s=4.0)
     assert time.monotonic() - start < 30
@@ -332,13 +332,13 @@ def test_local_batch_leaves_no_process_and_no_descriptor() -> None:
     scripts = [Script("fine", "echo fine"), Script("cut", "sleep 50", 0.2), Script("stray", "setsid sleep 4 & echo left")]
     before, children = os.listdir("/proc/self/fd"), psutil.Process().children()  # noqa: PTH208
     outputs = target.batch(scripts)
-    assert outputs["cut"].status is None and outputs["cut"].stderr == "no end within 0.2 s"
+    assert outputs["cut"].status is None and outputs["cut"].stderr == "did not finish within 0.2 s"
     assert os.listdir("/proc/self/fd") == before  # noqa: PTH208
     assert psutil.Process().children() == children
 
 
 @pytest.mark.filterwarnings("ignore:subprocess .* is still running:ResourceWarning")
-def test_local_batch_gives_up_script_that_cannot_be_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_local_batch_gives_up_on_script_that_cannot_be_killed(monkeypatch: pytest.MonkeyPatch) -> None:
     killed = os.killpg
     monkeypatch.setattr("lupin_cli.connection.local_batch.KILL_AFTER_S", 0.2)
     monkeypatch.setattr(os, "killpg", lambda *_: None)  # like a process that waits for a disk in the kernel

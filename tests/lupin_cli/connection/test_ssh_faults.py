@@ -32,7 +32,7 @@ Behavior = Callable[[socket.socket], None]
 
 @contextlib.contextmanager
 def server(behave: Behavior) -> Iterator[int]:
-    """A TCP server on loopback that treats each connection as `behave` does."""
+    """Run a TCP server on loopback that calls `behave` with each connection; yield its port."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
 
         def serve() -> None:
@@ -148,15 +148,15 @@ def make_namespace(name: str) -> None:
 
 @pytest.fixture
 def own_namespace() -> Iterator[Callable[[Callable[[], None]], None]]:
-    """Runs a function on a thread in a new network namespace with one interface and no default route."""
+    """Yield a function that runs another one on a thread in a new network namespace: one interface, no default route."""
     if os.geteuid() != 0:
         pytest.skip("needs root: it creates a network namespace")
     name = f"lupin-reach-{os.getpid()}"
     make_namespace(name)
-    inside = ["ip", "netns", "exec", name, "ip"]
+    ip_in_namespace = ["ip", "netns", "exec", name, "ip"]
     for command in (["link", "add", "br0", "type", "bridge"], ["addr", "add", "10.42.0.2/24", "dev", "br0"]):
-        subprocess.run([*inside, *command], check=True)
-    subprocess.run([*inside, "link", "set", "br0", "up"], check=True)
+        subprocess.run([*ip_in_namespace, *command], check=True)
+    subprocess.run([*ip_in_namespace, "link", "set", "br0", "up"], check=True)
 
     def enter(function: Callable[[], None]) -> None:
         failures: list[BaseException] = []
@@ -205,7 +205,7 @@ def test_wrong_key_error_names_ssh_copy_id(sshd: Sshd, tmp_path: Path) -> None:
 
 
 class Relay:
-    """A relay to an sshd that can be cut like a relay (silence in both directions) or reset like a rebooting host."""
+    """A relay to an sshd that can be cut like a cable (silence in both directions) or reset like a rebooting host."""
 
     def __init__(self, port: int) -> None:
         self._port = port
@@ -235,13 +235,13 @@ class Relay:
         self._open.set()
 
     def reset(self) -> None:
-        # A client that sees the first reset may connect again at once: its new connection is not to be reset.
-        ends, self._sockets = self._sockets, []
-        for end in ends:
+        # A client that sees the first reset may connect again at once: its new connection must not be reset.
+        sockets, self._sockets = self._sockets, []
+        for each in sockets:
             with contextlib.suppress(OSError):  # closed already
-                reset(end)
-                end.shutdown(socket.SHUT_RDWR)
-            end.close()
+                reset(each)
+                each.shutdown(socket.SHUT_RDWR)
+            each.close()
 
 
 def test_reset_during_batch_keeps_output_and_reconnects(sshd: Sshd) -> None:
@@ -259,7 +259,7 @@ def test_reset_during_batch_keeps_output_and_reconnects(sshd: Sshd) -> None:
         target.close()
 
 
-def test_half_open_connection_is_given_up_at_the_bound(sshd: Sshd) -> None:
+def test_half_open_connection_is_given_up_at_the_timeout(sshd: Sshd) -> None:
     relay = Relay(sshd.port)
     with server(relay.carry) as port:
         target = SshTarget("robot", replace(sshd.destination, port=port), sshd.known_hosts(), connect_timeout_s=1.0)
@@ -286,7 +286,7 @@ def _wait_for(path: Path, limit_s: float = 30.0) -> None:
 
 
 @pytest.mark.parametrize("what", ["run", "batch"])
-def test_silent_connection_is_given_up_before_a_long_bound(
+def test_silent_connection_is_given_up_before_a_long_timeout(
     sshd: Sshd, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("lupin_cli.connection.keepalive.KEEPALIVE_AFTER_S", 0.3)

@@ -22,7 +22,7 @@ def run_lupin(home: Path, *words: str, **variables: str) -> subprocess.Completed
 
 
 def sourced(home: Path) -> dict[str, str]:
-    """The ROS variables of a new shell that has read its start file."""
+    """Return the ROS variables of a new shell that has read ~/.bashrc."""
     program = ". ~/.bashrc; env -0"
     bare = {"HOME": str(home), "PATH": os.environ["PATH"], "PS1": "$ "}
     done = subprocess.run(["bash", "-c", program], env=bare, capture_output=True, text=True, timeout=30, check=True)
@@ -39,7 +39,7 @@ def home(tmp_path: Path) -> Path:
 
 
 def root_causes(home: Path, **variables: str) -> list[str]:
-    """The root causes in shell and profile; the robot need not answer."""
+    """Return the root causes in shell and profile; the robot need not answer."""
     options = ("--host", "127.0.0.1:1", "--only", "dds.shell", "--only", "dds.profiles")
     done = run_lupin(home, "doctor", *options, "--json", **variables)
     report = json.loads(done.stdout)

@@ -31,7 +31,7 @@ def test_healthy_robot_has_no_findings_on_repeated_runs(laptop: Laptop) -> None:
 
 def test_doctor_uses_one_ssh_connection(laptop: Laptop) -> None:
     def logins() -> int:
-        return laptop.host.robot.inside("journalctl", "-q", "-o", "cat", "-u", "ssh").stdout.count("Accepted publickey")
+        return laptop.host.robot.run_as_root("journalctl", "-q", "-o", "cat", "-u", "ssh").stdout.count("Accepted publickey")
 
     before = logins()
     assert laptop.root_causes() == []
@@ -42,8 +42,8 @@ def test_doctor_uses_one_ssh_connection(laptop: Laptop) -> None:
 @pytest.mark.parametrize(
     ("fault", "settings", "reason"),
     [
-        ("server-not-started", {"cause": "port"}, "wlan0 came late"),
-        ("server-not-started", {"cause": "path"}, "PATH was not filled"),
+        ("server-not-started", {"cause": "port"}, "wlan0 came up late"),
+        ("server-not-started", {"cause": "path"}, "PATH was incomplete"),
         ("server-killed", {}, "no discovery server listens"),
     ],
 )
@@ -96,7 +96,9 @@ def test_stopped_process_on_dds_ports_is_the_only_root_cause(fresh_host: Host, l
 def test_memory_of_killed_participant_is_the_only_root_cause(fresh_host: Host, laptop: Laptop, user: Any) -> None:
     with running_robot_node(fresh_host, user) as unit:
         signal_unit(fresh_host, unit, "KILL")
-        wait_until(lambda: fresh_host.robot.inside("systemctl", "is-active", unit).stdout != "active\n", "the end of the node")
+        wait_until(
+            lambda: fresh_host.robot.run_as_root("systemctl", "is-active", unit).stdout != "active\n", "the end of the node"
+        )
         assert laptop.root_causes() == ["shared-memory-orphans"]
 
 
@@ -108,13 +110,13 @@ def test_root_node_without_shared_memory_is_the_only_root_cause(laptop: Laptop) 
 
 def test_logind_removes_shared_memory_until_fixed(fresh_host: Host, laptop: Laptop) -> None:
     def segments() -> str:
-        return str(fresh_host.robot.inside("sh", "-c", "ls /dev/shm/fastrtps_* 2>/dev/null || true").stdout)
+        return str(fresh_host.robot.run_as_root("sh", "-c", "ls /dev/shm/fastrtps_* 2>/dev/null || true").stdout)
 
     def logged_out() -> bool:
-        return "mirte" not in fresh_host.robot.inside("loginctl", "list-users").stdout
+        return "mirte" not in fresh_host.robot.run_as_root("loginctl", "list-users").stdout
 
     wait_until(segments, "the server's shared memory", 30.0)
-    assert fresh_host.robot.inside("sh", "-ec", LET_LOGIND_REMOVE_SHM).status == 0
+    assert fresh_host.robot.run_as_root("sh", "-ec", LET_LOGIND_REMOVE_SHM).status == 0
     assert laptop.root_causes() == ["shared-memory-at-risk"]
     wait_until(lambda: not segments(), "the removal at the end of that login", 30.0)
     assert laptop.root_causes() == ["shared-memory-removed"]
@@ -146,11 +148,11 @@ def test_two_faults_are_both_named(fresh_host: Host, laptop: Laptop) -> None:
 
 
 def test_process_older_than_link_address_is_named(fresh_host: Host, laptop: Laptop) -> None:
-    fresh_host.robot.inside("systemctl", "stop", "mirte-wifi-watchdog", "mirte-ap")
-    fresh_host.robot.inside("ip", "address", "flush", "dev", "wlan0")
+    fresh_host.robot.run_as_root("systemctl", "stop", "mirte-wifi-watchdog", "mirte-ap")
+    fresh_host.robot.run_as_root("ip", "address", "flush", "dev", "wlan0")
     with running_robot_node(fresh_host):
-        fresh_host.robot.inside("systemctl", "start", "mirte-ap", "mirte-wifi-watchdog")
-        wait_until(lambda: "192.168.42.1" in fresh_host.robot.inside("ip", "-4", "address").stdout, "the access point")
+        fresh_host.robot.run_as_root("systemctl", "start", "mirte-ap", "mirte-wifi-watchdog")
+        wait_until(lambda: "192.168.42.1" in fresh_host.robot.run_as_root("ip", "-4", "address").stdout, "the access point")
         known = laptop.home / ".ssh" / "known_hosts"
         known.write_text(known.read_text() + known.read_text().replace("10.42.0.1", "192.168.42.1"))
         wireless = {**laptop.sourced_env, "ROS_DISCOVERY_SERVER": "192.168.42.1:11811"}

@@ -29,7 +29,7 @@ DOCTOR = [sys.executable, "-m", "lupin_cli.app", "doctor", "--all", "--json", "-
 
 @pytest.fixture
 def fleet(boot_host: Callable[..., Host], tmp_path: Path) -> Laptop:
-    """Four robots with running discovery servers, and a laptop whose inventory calls them pot-1 to pot-4."""
+    """Return a laptop whose inventory has four robots with running discovery servers, pot-1 to pot-4."""
     laptop = Laptop(boot_host(robots=4), tmp_path / "home")
     laptop.configure()
     rows = [f'[robots.pot-{n}]\nuser = "mirte"\naddresses.wired = "{r.eth0}"' for n, r in enumerate(laptop.host.robots, 1)]
@@ -46,7 +46,7 @@ def fleet(boot_host: Callable[..., Host], tmp_path: Path) -> Laptop:
 
 
 def results(stdout: str) -> dict[str, tuple[int, str | None, list[str]]]:
-    """Name of each robot → its status, the kind of connection failure, and its root causes."""
+    """Return each robot's status, its kind of connection failure and its root causes, by the robot's name."""
     return {
         report["robot"]["name"]: (
             report["status"],
@@ -81,7 +81,7 @@ def test_cable_cut_after_login_affects_only_that_robot(fleet: Laptop) -> None:
     )
     with killed_after(doctor_process, TIMEOUT_S):
         wait_until(
-            lambda: "Accepted publickey" in cut.inside("journalctl", "-q", "-o", "cat", "-u", "ssh").stdout,
+            lambda: "Accepted publickey" in cut.run_as_root("journalctl", "-q", "-o", "cat", "-u", "ssh").stdout,
             "the login",
         )
         cut.inject_fault("cable-cut", link="eth0")

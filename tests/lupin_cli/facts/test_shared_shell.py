@@ -11,7 +11,7 @@ from lupin_cli.facts.shared_shell import join_probes, split_outputs
 PROBES = {
     "silent": ":",
     "failing": "echo a; exit 3",
-    "unended": "printf 'no end'; echo 'it sections' >&2; echo more >&2",
+    "without line break": "printf 'no end'; echo 'two lines' >&2; echo 'of errors' >&2",
     "syntax": "if",
     "quoting": """echo 'it'\\''s "quoted" $HOME'""",
     "empty lines": "printf '\\n\\nx\\n\\n'",
@@ -20,15 +20,15 @@ PROBES = {
 }
 
 
-def _alone(text: str) -> Output:
+def _run_alone(text: str) -> Output:
     return LocalTarget().batch([Script("it", text)])["it"]
 
 
 def test_each_probe_has_same_output_as_alone() -> None:
     probes = list(PROBES.values())
-    found = split_outputs(_alone(join_probes(probes)), probes)
+    found = split_outputs(_run_alone(join_probes(probes)), probes)
     for (name, probe), output in zip(PROBES.items(), found):
-        alone = _alone(f"eval {probe!r}" if name == "syntax" else probe)
+        alone = _run_alone(f"eval {probe!r}" if name == "syntax" else probe)
         assert (output.status, output.stdout, output.stderr, output.truncated) == (
             alone.status,
             alone.stdout,
@@ -58,10 +58,10 @@ def test_facts_that_share_a_shell_are_parsed_separately() -> None:
         return output.stdout.strip()
 
     facts = [
-        Fact("one", "echo 1", text, shares_shell=True),
+        Fact("one", "echo 1", text, runs_in_shared_shell=True),
         Fact("apart", "echo $$", text),
-        Fact("broken", "echo 2; exit 4", text, shares_shell=True),
-        Fact("known", 'echo "$LUPIN_ROBOT_ADDRESSES"', text, shares_shell=True),
+        Fact("broken", "echo 2; exit 4", text, runs_in_shared_shell=True),
+        Fact("known", 'echo "$LUPIN_ROBOT_ADDRESSES"', text, runs_in_shared_shell=True),
         Fact("kept", "sleep 20", text, timeout_s=1.0),
     ]
     values = gather_facts(LocalTarget(), "laptop", facts, ["10.0.0.1"]).values

@@ -46,7 +46,7 @@ def test_lines_below_removed_hook_stay_separate(before: str, below: str) -> None
     assert not before or rest.splitlines()[: len(before.splitlines())] == before.splitlines()
 
 
-def test_hook_is_moved_behind_workspace_setup() -> None:
+def test_hook_is_moved_after_workspace_setup() -> None:
     wrong = add_hook("alias ll='ls -l'\n", PATHS) + SETUP
     assert lines_undoing_hook(wrong) == [SETUP.strip()]
     right = add_hook(wrong, PATHS)
@@ -195,9 +195,9 @@ def test_setup_and_remove_restore_home(home: Path) -> None:
     ]
 
     assert lupin(home, "remove").returncode == 0
-    left = tree(home)
-    assert left.pop(".bashrc.lupin-backup") == after[".bashrc"]
-    assert left == before
+    remaining = tree(home)
+    assert remaining.pop(".bashrc.lupin-backup") == after[".bashrc"]
+    assert remaining == before
 
 
 def test_new_address_changes_profile_and_exports_only(home: Path) -> None:
@@ -235,9 +235,9 @@ def test_zsh_start_file_is_created_and_removed(home: Path) -> None:
     assert lupin(home, "setup", "--shell", "zsh").returncode == 0
     assert (home / ".zshrc").exists()
     lupin(home, "remove")
-    left = tree(home)
-    left.pop(".zshrc.lupin-backup")
-    assert left == before
+    remaining = tree(home)
+    remaining.pop(".zshrc.lupin-backup")
+    assert remaining == before
 
 
 @pytest.mark.parametrize("arguments", [("setup", "robot"), ("setup", "--shell", "fish"), ("check", "--shell", "fish")])

@@ -1,4 +1,4 @@
-"""The profile against a real discovery server, in a network namespace of the test's own: all topics are seen with it."""
+"""The profile against a real discovery server, in a separate network namespace: only with it, a process sees all topics."""
 
 from __future__ import annotations
 
@@ -44,15 +44,17 @@ import os; os._exit(0)
 
 @pytest.fixture
 def namespace() -> Iterator[list[str]]:
-    """A command prefix that runs a program in a network namespace with only the loopback interface."""
+    """Yield a command prefix that runs a program in a network namespace with only the loopback interface."""
     if os.geteuid() != 0:
-        pytest.skip("needs root: it makes a network namespace")
+        pytest.skip("needs root: it creates a network namespace")
     name = f"lupin-dds-{os.getpid()}"
     for command in (["add", name], ["exec", name, "ip", "link", "set", "lo", "up"]):
         done = subprocess.run(["ip", "netns", *command], capture_output=True, text=True, check=False)
         if done.returncode != 0:
             subprocess.run(["ip", "netns", "delete", name], capture_output=True, check=False)
-            pytest.skip(f"no network namespaces here: {done.stderr.strip()}")  # a chroot has no mount to start from
+            pytest.skip(
+                f"no network namespaces here: {done.stderr.strip()}"
+            )  # in a chroot, ip-netns finds no mount to start from
     yield ["ip", "netns", "exec", name]
     subprocess.run(["ip", "netns", "delete", name], check=True)
 

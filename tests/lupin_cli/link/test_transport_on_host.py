@@ -50,8 +50,8 @@ def test_link_without_multicast_has_that_problem(fresh_host: Host, tmp_path: Pat
 
 def test_lossy_link_has_that_problem(fresh_host: Host, tmp_path: Path) -> None:
     fresh_host.robot.inject_fault("lossy-link", loss=0.12)
-    # The only transport: with another one, a link that loses the first packet of a connection is not even chosen.
-    # Sometimes a connection fails at first, or no packet of a ping is lost, so several attempts are made.
+    # This is the only transport: otherwise a link that loses the first packet of a connection would not even be chosen.
+    # A connection may fail at first, or no packet of a ping may be lost, so several attempts are made.
     for attempt in range(5):
         _, seen = transport(fresh_host, tmp_path / str(attempt), "show", both=False)
         if seen["quality"] and seen["quality"]["loss"]:

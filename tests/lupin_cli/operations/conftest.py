@@ -1,4 +1,4 @@
-"""The target of the operations' tests: this machine, under the robot's name."""
+"""The target of the operations' tests: this machine, named like a robot."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 A case has `about`, the step's `arguments`, the probe's `output` (`stdout` as text or as a list of lines), and what the
 operation must make of it: `difference` (null: nothing to do), `report` if it has one, or `error` with its `next_command`.
 `baseline` is the state when the step began. In `stdout`, MARK stands for the mark that separates the outputs of joined probes.
-A path that begins with /CASE can be built from the output; it is then changed for real in a temporary directory.
+A path that begins with /CASE is created from the output in a temporary directory, and changed there for real.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def case_id(path: Path) -> str:
 
 
 def read_case(path: Path, root: str = CASE_ROOT) -> dict[str, Any]:
-    """Read a case; `root` takes the place of /CASE."""
+    """Read a case, with /CASE replaced by `root`."""
     case = json.loads(path.read_text().replace(CASE_ROOT, root))
     stdout = case["output"]["stdout"]
     if isinstance(stdout, list):
@@ -66,7 +66,7 @@ def as_json(difference: Difference | None) -> dict[str, Any] | None:
 
 @pytest.fixture
 def laptop_home(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The home of the cases of laptop-dds."""
+    """Set the home directory that the cases of laptop-dds name."""
     for name in ("XDG_CONFIG_HOME", "ZDOTDIR"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", "/home/ada")
@@ -94,7 +94,7 @@ def is_applicable(path: Path) -> bool:
 
 
 def build(operation: str, path: Path, output: Output) -> None:
-    """Make what the probe found at `path`."""
+    """Create what the probe found at `path`."""
     state = parse_state(output, str(path)) if operation in ("directory", "symlink") else parse_file(output, str(path))
     if state.kind == "absent":
         return
@@ -122,7 +122,7 @@ def ids_of(user: str, group: str) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("path", [path for path in FILES if is_applicable(path)], ids=case_id)
-def test_case_applied_for_real_differs_only_once(path: Path, target: LocalTarget, tmp_path: Path) -> None:
+def test_applied_case_has_no_difference_the_second_time(path: Path, target: LocalTarget, tmp_path: Path) -> None:
     case = read_case(path, str(tmp_path))
     operation = operation_of(path, case)
     build(path.parent.name, Path(case["arguments"]["path"]), Output(**case["output"]))
@@ -131,7 +131,7 @@ def test_case_applied_for_real_differs_only_once(path: Path, target: LocalTarget
 
 
 def test_every_operation_has_cases() -> None:
-    """Something that differs, something that does not, and output that can't be interpreted."""
+    """Each has a case with a difference, one without, and one with output that can't be interpreted."""
     for name, operation in OPERATIONS.items():
         cases = [json.loads(path.read_text()) for path in (CASES / name).glob("*.json")]
         assert len(cases) >= 3, name

@@ -75,7 +75,7 @@ def test_file_source_must_be_shipped_with_lupin(target: LocalTarget, tmp_path: P
         File(path="/x", source="systemd/../pyproject.toml")
 
 
-def test_directory_is_made_and_removed_with_its_parents(target: LocalTarget, tmp_path: Path) -> None:
+def test_directory_is_created_and_removed_with_its_parents(target: LocalTarget, tmp_path: Path) -> None:
     apply_and_undo(Directory(path=str(tmp_path / "a" / "b c" / "d"), mode="0700"), target)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "existing").mkdir(mode=0o755)
@@ -96,7 +96,7 @@ def test_directory_that_is_not_empty_is_not_removed(target: LocalTarget, tmp_pat
     assert (tmp_path / "a" / "kept").exists()
 
 
-def test_symlink_is_made_replaced_and_removed(target: LocalTarget, tmp_path: Path) -> None:
+def test_symlink_is_created_replaced_and_removed(target: LocalTarget, tmp_path: Path) -> None:
     path = tmp_path / "current"
     apply_and_undo(Symlink(path=str(path), to="releases/1"), target)
     path.symlink_to("releases/1")
@@ -123,7 +123,7 @@ def test_symlink_is_never_missing_while_it_is_replaced(target: LocalTarget, tmp_
 
 
 @pytest.mark.parametrize(
-    ("arguments", "text", "edited"),
+    ("arguments", "text", "expected"),
     [
         ({"line": "b"}, "a\n", "a\nb\n"),
         ({"line": "b"}, "a", "a\nb\n"),
@@ -136,10 +136,10 @@ def test_symlink_is_never_missing_while_it_is_replaced(target: LocalTarget, tmp_
         ({"line": "b", "state": "absent"}, "a\n\nb", "a\n\n"),
     ],
 )  # fmt: skip
-def test_line_in_file_edits_text(arguments: dict[str, Any], text: str, edited: str) -> None:
+def test_line_in_file_edits_text(arguments: dict[str, Any], text: str, expected: str) -> None:
     operation = LineInFile(path="/x", **arguments)
-    assert operation.edited(text) == edited
-    assert operation.edited(edited) == edited
+    assert operation.edit(text) == expected
+    assert operation.edit(expected) == expected
 
 
 @given(
@@ -149,8 +149,8 @@ def test_line_in_file_edits_text(arguments: dict[str, Any], text: str, edited: s
 def test_line_in_file_is_idempotent_and_keeps_other_lines(text: str, line_and_state: tuple[str, str]) -> None:
     line, state = line_and_state
     operation = LineInFile(path="/x", line=line, matches="^x=", state=state)
-    once = operation.edited(text)
-    assert operation.edited(once) == once
+    once = operation.edit(text)
+    assert operation.edit(once) == once
     others_before = [each for each in text.removesuffix("\n").split("\n") if not each.startswith("x=")]
     others_after = [each for each in once.removesuffix("\n").split("\n") if not each.startswith(("x=", "# x="))]
     is_same = others_before == others_after

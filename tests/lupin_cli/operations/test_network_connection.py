@@ -11,7 +11,7 @@ from lupin_cli.operations import OperationError
 from lupin_cli.operations.network_connection import NetworkConnection
 from tests.support.operation_cycle import apply_and_undo, examine
 
-# The subcommands of nmcli(1) that are used, with its exit statuses: 10 no such connection, 8 NetworkManager does not run.
+# The subcommands of nmcli(1) that are used, with its exit statuses: 10 no such connection, 8 NetworkManager is not running.
 NMCLI = r"""#!/bin/bash
 cd "$(dirname "$0")/connections" || exit 8
 while [[ $1 == -* ]]; do case $1 in -g) fields=$2; shift 2 ;; --wait) shift 2 ;; *) shift ;; esac; done
@@ -46,7 +46,7 @@ def connections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "connections"
 
 
-def saved(connections: Path, name: str, **values: str) -> Path:
+def save_connection(connections: Path, name: str, **values: str) -> Path:
     folder = connections / name
     folder.mkdir()
     for key, value in {"connection.id": name, **values}.items():
@@ -55,7 +55,9 @@ def saved(connections: Path, name: str, **values: str) -> Path:
 
 
 def test_saved_connection_is_changed_and_restored(connections: Path, target: LocalTarget) -> None:
-    folder = saved(connections, "Mirte-247264", **{"connection.autoconnect-priority": "0", "connection.autoconnect": "yes"})
+    folder = save_connection(
+        connections, "Mirte-247264", **{"connection.autoconnect-priority": "0", "connection.autoconnect": "yes"}
+    )
     settings = {"connection.autoconnect-priority": "100", "connection.autoconnect": "true"}
     operation = NetworkConnection(connection="Mirte-247264", settings=settings)
     difference = apply_and_undo(operation, target)
@@ -69,7 +71,7 @@ def test_connection_is_created_activated_and_removed(connections: Path, target: 
         NetworkConnection(connection="lupin wired", type="ethernet", interface="enx0", settings=settings, up=True), target
     )
     assert list(connections.iterdir()) == []
-    saved(connections, "lupin wired")
+    save_connection(connections, "lupin wired")
     apply_and_undo(NetworkConnection(connection="lupin wired", up=True), target)
 
 

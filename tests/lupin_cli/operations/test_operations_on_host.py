@@ -40,7 +40,7 @@ def target_of(host: Host) -> SshTarget:
 
 @pytest.fixture
 def robot(host: Host) -> Iterator[SshTarget]:
-    """A robot that several tests share: they leave it as it was."""
+    """Yield a robot that several tests share and leave as it was."""
     target = target_of(host)
     with host.on_laptop():
         yield target
@@ -94,10 +94,10 @@ def test_failed_oneshot_is_reset_and_started(fresh_robot: SshTarget) -> None:
     assert difference is not None
     with pytest.raises(OperationError, match=r"could not set lupin-once.service"):
         operation.change(fresh_robot, difference)
-    failed = examine(operation, fresh_robot)
-    assert failed is not None and "reset its failure" in failed.summary
+    difference = examine(operation, fresh_robot)
+    assert difference is not None and "reset its failure" in difference.summary
     fresh_robot.run("touch /run/allowed", root=True)
-    operation.change(fresh_robot, failed)
+    operation.change(fresh_robot, difference)
     assert examine(operation, fresh_robot) is None
 
 
@@ -118,14 +118,14 @@ def test_user_is_added_to_a_group_and_removed(robot: SshTarget) -> None:
         examine(GroupMembership(user="nobody-here", group="games"), robot)
 
 
-def test_discovery_server_is_started_once_and_ended_by_undo(fresh_robot: SshTarget) -> None:
+def test_discovery_server_is_started_once_and_stopped_by_undo(fresh_robot: SshTarget) -> None:
     operation = DiscoveryServer()
     wait_until_settled(WaitFor(listener="udp:11811"), fresh_robot)
     assert examine(operation, fresh_robot) is None  # the vendor's
-    ended = Process(named=SERVER, root=True)
-    difference = examine(ended, fresh_robot)
+    no_server = Process(named=SERVER, root=True)
+    difference = examine(no_server, fresh_robot)
     assert difference is not None
-    ended.change(fresh_robot, difference)
+    no_server.change(fresh_robot, difference)
     apply_and_undo(operation, fresh_robot)
     apply(operation, fresh_robot)
     wait_until_settled(operation, fresh_robot)
@@ -184,11 +184,11 @@ def test_wait_for_ends_when_units_and_listeners_are_up(fresh_robot: SshTarget) -
     fresh_robot.run("systemctl stop mirte-jupyter", root=True)
     for operation in (WaitFor(unit="mirte-jupyter.service"), WaitFor(listener="tcp:8888")):
         assert examine(operation, fresh_robot) is not None
-    began = time.monotonic()
+    start = time.monotonic()
     fresh_robot.run("systemd-run --on-active=1 systemctl start mirte-jupyter", root=True)
     wait_until_settled(WaitFor(unit="mirte-jupyter.service"), fresh_robot)
     wait_until_settled(WaitFor(listener="tcp:8888"), fresh_robot)
-    assert time.monotonic() - began < 30
+    assert time.monotonic() - start < 30
 
 
 def test_robot_without_networkmanager_is_an_error(robot: SshTarget) -> None:

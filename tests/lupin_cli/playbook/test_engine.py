@@ -104,7 +104,7 @@ def test_invalid_variables_are_refused_before_anything_runs(
 
 
 def test_playbook_for_a_robot_needs_a_robot(load_playbook: LoadPlaybook, targets: Targets) -> None:
-    with pytest.raises(PlaybookError, match="works on the robot, and there is none"):
+    with pytest.raises(PlaybookError, match="works on the robot, but no robot was named"):
         play(load_playbook(THREE_STEPS), {"laptop": targets["laptop"]}, {"root": "/x"})
 
 
@@ -346,7 +346,7 @@ def test_connection_lost_at_any_call_is_resumed_and_undone(
     assert lost >= 5
 
 
-def test_interrupted_run_ends_between_steps(load_playbook: LoadPlaybook, targets: Targets, root: Path, tmp_path: Path) -> None:
+def test_interrupted_run_stops_between_steps(load_playbook: LoadPlaybook, targets: Targets, root: Path, tmp_path: Path) -> None:
     stop, journal = threading.Event(), tmp_path / "journal"
 
     def after_first(event: Event) -> None:

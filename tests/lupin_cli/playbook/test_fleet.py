@@ -45,20 +45,20 @@ def test_each_robot_has_its_own_journal_and_result(load_playbook: Callable[..., 
         ("r3", 0),
     ]
     assert sorted(run.robot for run in list_runs(tmp_path / "journal")) == ["r1", "r2", "r3"]
-    # All runs edit the same file of the laptop, and no line is lost.
+    # All runs edit the same file on the laptop, and no line is lost.
     assert sorted((tmp_path / "all").read_text().split()) == ["r1", "r2", "r3"]
     assert all((tmp_path / name).exists() for name in ("r1", "r2", "r3"))
 
 
 def test_serialized_target_runs_one_call_at_a_time() -> None:
     class Counting(LocalTarget):
-        inside = most = 0
+        calls = max_calls = 0
 
         def run(self, *_arguments: Any, **_options: Any) -> Any:
-            self.inside += 1
-            self.most = max(self.most, self.inside)
+            self.calls += 1
+            self.max_calls = max(self.max_calls, self.calls)
             time.sleep(0.01)
-            self.inside -= 1
+            self.calls -= 1
 
     laptop = Counting()
     shared = SerializedTarget(laptop)
@@ -67,4 +67,4 @@ def test_serialized_target_runs_one_call_at_a_time() -> None:
         thread.start()
     for thread in threads:
         thread.join(10)
-    assert laptop.most == 1
+    assert laptop.max_calls == 1

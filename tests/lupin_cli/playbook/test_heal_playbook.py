@@ -21,20 +21,20 @@ pytestmark = pytest.mark.host
 
 
 @pytest.fixture
-def targets(lupin_robot: Host) -> Iterator[dict[str, Any]]:
-    destination = Destination(lupin_robot.robot.eth0, 22, "mirte", (str(lupin_robot.key),), identities_only=True)
-    robot = SshTarget("mirte", destination, KnownHosts(Path("/nonexistent"), user_file=Path(lupin_robot.known_hosts)))
-    with lupin_robot.on_laptop():
+def targets(lupin_host: Host) -> Iterator[dict[str, Any]]:
+    destination = Destination(lupin_host.robot.eth0, 22, "mirte", (str(lupin_host.key),), identities_only=True)
+    robot = SshTarget("mirte", destination, KnownHosts(Path("/nonexistent"), user_file=Path(lupin_host.known_hosts)))
+    with lupin_host.on_laptop():
         yield {"robot": robot, "laptop": LocalTarget()}
         robot.close()
 
 
-def test_heal_activates_stuck_controllers_and_is_idempotent(lupin_robot: Host, targets: dict[str, Any], tmp_path: Path) -> None:
+def test_heal_activates_stuck_controllers_and_is_idempotent(lupin_host: Host, targets: dict[str, Any], tmp_path: Path) -> None:
     options: dict[str, Any] = {"journal": tmp_path, "confirm": lambda question: "Move the arm" in question}
     first_run = play("heal", targets, **options)
     assert first_run.state == "done", (first_run.message, first_run.next_command)
     assert play("heal", targets, **options).changed == 0
-    lupin_robot.robot.inject_fault("controllers-stuck")
+    lupin_host.robot.inject_fault("controllers-stuck")
     assert "pid_wheels_controller" in " ".join(
         find_inactive(parse_controllers(run_probe(targets["robot"], controllers_probe())))
     )

@@ -1,4 +1,4 @@
-"""Old journals are removed, and never one that can be resumed or is in use."""
+"""Old journals are removed, but never one that can be resumed or is in use."""
 
 from __future__ import annotations
 

@@ -35,17 +35,17 @@ def files_in(root: Path) -> dict[str, str]:
 
 
 def kill_and_resume(playbook: Playbook, folder: Path, at: int, after: bool) -> bool:
-    """Kill the run at a line of the journal, resume and undo it. Returns False if it ended before that line."""
+    """Kill the run at the journal line `at`, resume and undo it. Returns False if the run has no such line."""
     root, journal = folder / "machine", folder / "journal"
     root.mkdir(parents=True)
     (root / "kept").write_text("old\n")
     victim = [sys.executable, play_and_die.__file__, playbook.file, str(root), str(journal), str(at)]
-    ended = subprocess.run([*victim, "after" if after else "before"], timeout=60, check=False)
+    done = subprocess.run([*victim, "after" if after else "before"], timeout=60, check=False)
     target = {"robot": LocalTarget("robot")}
-    if ended.returncode == 0:
+    if done.returncode == 0:
         assert files_in(root) == {"kept": "new\nmore\n", "link": "new\nmore\n", "slow": ""}
         return False
-    assert ended.returncode == -9
+    assert done.returncode == -9
     runs = list_runs(journal)
     if not runs:  # killed before its first line: nothing was changed, and there is nothing to resume
         assert files_in(root) == {"kept": "old\n"}

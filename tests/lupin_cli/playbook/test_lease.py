@@ -12,7 +12,7 @@ import pytest
 
 from lupin_cli.connection.local import LocalTarget
 from lupin_cli.operations.base import OperationError
-from lupin_cli.playbook import Event, Playbook, find_playbook_run, load, play, shipped
+from lupin_cli.playbook import Event, Playbook, find_playbook_run, list_shipped, load, play
 from lupin_cli.playbook.lease import Lease, LeaseTaken
 from lupin_cli.playbook.undo import undo
 
@@ -69,19 +69,19 @@ def test_stale_lease_is_taken_over_by_its_operator_only(targets: Targets, lease_
     owner = json.loads((lease_path / "owner").read_text())
     with pytest.raises(LeaseTaken):
         Lease(targets["robot"], "test").take()
-    live.end(reachable=False)  # the link went: it stays on the robot
+    live.end(reachable=False)  # the link was cut, so the lease stays on the robot
     ours = Lease(targets["robot"], "test")
     assert ours.take()
     ours.end()
     with subprocess.Popen(["true"]) as dead:
         dead.wait()
-    for left_over in ({}, {"pid": dead.pid}, {"started": "1"}, {"boot": "an earlier one"}):
-        take_lease_as(lease_path, {**owner, **left_over})
+    for stale_values in ({}, {"pid": dead.pid}, {"started": "1"}, {"boot": "an earlier one"}):
+        take_lease_as(lease_path, {**owner, **stale_values})
         next_one = Lease(targets["robot"], "test")
         assert next_one.take()
         next_one.end()
-    for others in ({"machine": "another", "pid": dead.pid}, {"uid": 4711, "pid": dead.pid}):
-        take_lease_as(lease_path, {**owner, **others})
+    for foreign_values in ({"machine": "another", "pid": dead.pid}, {"uid": 4711, "pid": dead.pid}):
+        take_lease_as(lease_path, {**owner, **foreign_values})
         with pytest.raises(LeaseTaken):
             Lease(targets["robot"], "test").take()
         (lease_path / "owner").unlink()
@@ -170,6 +170,6 @@ def test_playbook_that_includes_an_exclusive_one_is_exclusive(
 
 def test_shipped_playbooks_that_touch_the_stack_are_exclusive() -> None:
     touching = {"release", "unit", "unit-file", "restart", "reboot", "discovery-server", "controllers", "clock-step"}
-    for playbook in map(load, shipped()):
+    for playbook in map(load, list_shipped()):
         words = {step.operation.name for step in playbook.steps if step.machine == "robot"}
         assert playbook.exclusive == bool(words & touching), playbook.name

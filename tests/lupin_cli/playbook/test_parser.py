@@ -1,4 +1,4 @@
-# ruff: noqa: E501 - one fault a line
+# ruff: noqa: E501 - one mistake per line
 """A bad playbook is refused with file, line, column and the most similar valid word."""
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def test_include_needs_variables_without_default(write_playbook: Callable[..., P
         (b"#" * 300_000, "at most"),
     ],
 )
-def test_bytes_that_are_no_playbook_are_refused(data: bytes, words: str, tmp_path: Path) -> None:
+def test_bytes_that_are_not_a_playbook_are_refused(data: bytes, words: str, tmp_path: Path) -> None:
     path = tmp_path / "book.yaml"
     path.write_bytes(data)
     with pytest.raises(PlaybookError) as refused:

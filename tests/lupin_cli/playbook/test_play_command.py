@@ -65,7 +65,7 @@ def test_play_journal_and_undo_from_the_command_line(lupin: Lupin, write_playboo
 @pytest.mark.parametrize(
     ("words", "status", "expected"),
     [
-        ((), 2, "say which playbook"),
+        ((), 2, "name a playbook"),
         (("deploy-robt",), 2, "there is no playbook 'deploy-robt'; did you mean 'deploy-robot'"),
         (("sweep", "-v", "machine=moon"), 2, "expected one of laptop, robot, found 'moon'"),
         (("sweep", "-v", "machine"), 2, "given as name=value"),

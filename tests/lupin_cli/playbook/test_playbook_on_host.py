@@ -25,7 +25,7 @@ Play = Callable[..., Result]
 
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A temporary home of the operator, in which playbooks write the laptop's files."""
+    """Create a temporary home of the operator, in which playbooks write the laptop's files."""
     folder = tmp_path / "home"
     folder.mkdir()
     (folder / ".bashrc").write_text("source /opt/ros/humble/setup.bash\n")
@@ -45,7 +45,7 @@ def targets(fresh_host: Host, home: Path) -> Iterator[dict[str, Any]]:  # noqa: 
         robot.close()
 
 
-def changed(result: Result) -> list[str]:
+def changed_steps(result: Result) -> list[str]:
     assert result.state == "done", (result.message, result.next_command)
     return [step.name for step in result.steps if step.state in ("changed", "would-change")]
 
@@ -58,11 +58,11 @@ def test_killed_discovery_server_is_replaced_once(fresh_host: Host, targets: dic
     wait_until(lambda: listens(targets), "a discovery server")
     fresh_host.robot.inject_fault("server-killed")
     wait_until(lambda: not listens(targets), "the end of the discovery server")
-    assert changed(play("recover-discovery", targets, dry_run=True)) == ["Start a discovery server on every address"]
+    assert changed_steps(play("recover-discovery", targets, dry_run=True)) == ["Start a discovery server on every address"]
     assert not listens(targets)
     first = play("recover-discovery", targets)
-    assert changed(first) == ["Start a discovery server on every address"] and listens(targets)
-    assert changed(play("recover-discovery", targets)) == []
+    assert changed_steps(first) == ["Start a discovery server on every address"] and listens(targets)
+    assert changed_steps(play("recover-discovery", targets)) == []
     assert undo(find_playbook_run(first.run), targets).state == "done" and not listens(targets)
 
 
@@ -71,30 +71,30 @@ def test_clock_sync_is_installed_once_and_undone(targets: dict[str, Any]) -> Non
     files = "cat /etc/chrony/chrony.conf /etc/chrony/conf.d/* 2>/dev/null; ls /usr/local/lib/lupin /etc/systemd/system"
     before = targets["robot"].run(files).stdout
     given = {"laptop_serves": False}
-    assert len(changed(play("install-clock-sync", targets, given, dry_run=True))) >= 5
+    assert len(changed_steps(play("install-clock-sync", targets, given, dry_run=True))) >= 5
     assert targets["robot"].run(files).stdout == before
     first = play("install-clock-sync", targets, given)
-    assert "Enable the boot-time unit" in changed(first)
+    assert "Enable the boot-time unit" in changed_steps(first)
     after = targets["robot"].run("grep -c '^ *makestep' /etc/chrony/chrony.conf; systemctl is-enabled lupin-clock-sync")
     assert after.stdout.split() == ["0", "enabled"]
     assert targets["robot"].run("systemctl is-active lupin-clock-sync").stdout.strip() == "inactive"
-    assert changed(play("install-clock-sync", targets, given)) == []
+    assert changed_steps(play("install-clock-sync", targets, given)) == []
     assert undo(find_playbook_run(first.run), targets).state == "done"
     assert targets["robot"].run(files).stdout == before
 
 
 def test_wrong_clock_is_set_while_the_stack_is_down(fresh_host: Host, targets: dict[str, Any]) -> None:
     given = {"controllers": False}
-    began = targets["robot"].run("systemctl show -p InvocationID --value mirte-ros").stdout
+    invocation = targets["robot"].run("systemctl show -p InvocationID --value mirte-ros").stdout
     wait_until(lambda: listens(targets), "a discovery server")
-    assert changed(play("sync-clock", targets, given)) == []
-    assert targets["robot"].run("systemctl show -p InvocationID --value mirte-ros").stdout == began
+    assert changed_steps(play("sync-clock", targets, given)) == []
+    assert targets["robot"].run("systemctl show -p InvocationID --value mirte-ros").stdout == invocation
     fresh_host.robot.inject_fault("clock-wrong", offset_s=-16440.0)
     steps = fresh_host.robot.state["clock_steps"]
-    would = changed(play("sync-clock", targets, given, dry_run=True))
-    assert {"Stop the vendor's stack", "Set the clock"} <= set(would)
+    planned = changed_steps(play("sync-clock", targets, given, dry_run=True))
+    assert {"Stop the vendor's stack", "Set the clock"} <= set(planned)
     assert fresh_host.robot.state["clock_steps"] == steps
-    done = changed(play("sync-clock", targets, given))
+    done = changed_steps(play("sync-clock", targets, given))
     assert [name for name in done if name in ("Stop the vendor's stack", "Set the clock", "Start the vendor's stack")] == [
         "Stop the vendor's stack",
         "Set the clock",
@@ -103,7 +103,7 @@ def test_wrong_clock_is_set_while_the_stack_is_down(fresh_host: Host, targets: d
     assert fresh_host.robot.state["clock_steps"] == steps + 1
     assert abs(fresh_host.robot.state["clock_offset_s"]) < 1.0
     assert targets["robot"].run("systemctl is-active mirte-ros").stdout.strip() == "active" and listens(targets)
-    assert changed(play("sync-clock", targets, given)) == []
+    assert changed_steps(play("sync-clock", targets, given)) == []
 
 
 def test_stack_is_started_again_if_the_clock_cannot_be_set(fresh_host: Host, targets: dict[str, Any]) -> None:
@@ -122,10 +122,10 @@ def test_multihomed_robot_becomes_single_homed_and_back(fresh_host: Host, target
     assert play("single-home", targets).state == "declined"
     assert fresh_host.robot.state["boots"] == boots
     first = play("single-home", targets, resume=True, confirm=lambda question: "Reboot" in question)
-    assert "Reboot the robot without its access point" in changed(first)
+    assert "Reboot the robot without its access point" in changed_steps(first)
     assert fresh_host.robot.state["boots"] == boots + 1
     assert targets["robot"].run(on_wlan0).stdout.strip() == "0" and listens(targets)
-    assert changed(play("single-home", targets)) == []
+    assert changed_steps(play("single-home", targets)) == []
     back = undo(find_playbook_run(first.run), targets)
     assert back.state == "done", back.message
     wait_until(lambda: targets["robot"].run(on_wlan0).stdout.strip() == "1", "the address on wlan0")
@@ -151,11 +151,11 @@ def test_wired_demo_is_set_up_once(home: Path, targets: dict[str, Any]) -> None:
     assert dry.state == "done" and not (home / ".config").exists(), dry.message
     first = play("demo-wired", targets, given, confirm=lambda _: True)
     assert {"Let the vendor's stack start a discovery server", "Let the laptop join the robot over the cable"} <= set(
-        changed(first)
+        changed_steps(first)
     )
     assert 'ROS_DISCOVERY_SERVER="10.42.0.1:11811"' in (home / ".config/lupin/ros-env.sh").read_text()
     assert listens(targets)
-    assert changed(play("demo-wired", targets, given)) == []
+    assert changed_steps(play("demo-wired", targets, given)) == []
     back = undo(find_playbook_run(first.run), targets)
     assert back.state == "done", back.message
     assert not (home / ".config/lupin/ros-env.sh").exists()
@@ -166,10 +166,10 @@ def test_wired_demo_is_set_up_once(home: Path, targets: dict[str, Any]) -> None:
 @pytest.mark.usefixtures("fresh_host", "home")
 def test_access_point_demo_turns_the_access_point_on(targets: dict[str, Any]) -> None:
     targets["robot"].run("systemctl disable --now mirte-wifi-watchdog mirte-ap", root=True)
-    assert "Start the access point" in changed(play("demo-access-point", targets, dry_run=True))
+    assert "Start the access point" in changed_steps(play("demo-access-point", targets, dry_run=True))
     first = play("demo-access-point", targets)
-    assert {"Start the access point", "Let the laptop join the robot through its access point"} <= set(changed(first))
-    assert changed(play("demo-access-point", targets)) == []
+    assert {"Start the access point", "Let the laptop join the robot through its access point"} <= set(changed_steps(first))
+    assert changed_steps(play("demo-access-point", targets)) == []
     assert undo(find_playbook_run(first.run), targets).state == "done"
     assert targets["robot"].run("systemctl is-enabled mirte-ap").stdout.strip() == "disabled"
 
@@ -199,24 +199,24 @@ def test_run_with_a_pulled_cable_is_resumed(fresh_host: Host, targets: dict[str,
 
 @pytest.mark.usefixtures("fresh_host")
 def test_laptop_is_deployed_and_removed(home: Path, targets: dict[str, Any]) -> None:
-    """The robot's computer serves as the laptop, since its systemd and chrony may be changed."""
+    """The robot's computer plays the laptop, since the test may change its systemd and chrony."""
     laptop = {"laptop": targets["robot"]}
     serving = "ss -H -lnu 'sport = :123' | wc -l; ls /etc/chrony/conf.d"
     before = targets["robot"].run(serving).stdout
     dry = play("deploy-laptop", laptop, dry_run=True)
     assert dry.changed >= 3 and targets["robot"].run(serving).stdout == before
     first = play("deploy-laptop", laptop)
-    assert {"Let new terminals join the robot's graph", "serve-clock / Let chrony serve the robot"} <= set(changed(first))
+    assert {"Let new terminals join the robot's graph", "serve-clock / Let chrony serve the robot"} <= set(changed_steps(first))
     assert int(targets["robot"].run(serving).stdout.split()[0]) >= 1
     script = f". {home}/.config/lupin/ros-env.sh; echo $ROS_DISCOVERY_SERVER; cat {home}/.bashrc"
     assert targets["robot"].run(script).stdout.startswith("10.42.0.1:11811\n# lupin dds")
-    assert changed(play("deploy-laptop", laptop)) == []
+    assert changed_steps(play("deploy-laptop", laptop)) == []
     removed = play("remove-laptop", laptop)
-    assert "Stop serving the time to the robot" in changed(removed)
+    assert "Stop serving the time to the robot" in changed_steps(removed)
     assert targets["robot"].run(serving).stdout == before
-    assert changed(play("remove-laptop", laptop)) == []
+    assert changed_steps(play("remove-laptop", laptop)) == []
     assert undo(find_playbook_run(removed.run), laptop).state == "done"
-    assert changed(play("deploy-laptop", laptop)) == []
+    assert changed_steps(play("deploy-laptop", laptop)) == []
     assert undo(find_playbook_run(first.run), laptop).state == "done"
     assert targets["robot"].run(f"ls {home}/.config/lupin").stdout == ""
 

@@ -26,14 +26,14 @@ steps:
   file: {path: "{{ root }}/two", content: "2"}
 - name: one once more
   file: {path: "{{ root }}/one", content: "1"}
-- name: three, where one is new
+- name: three, if one is new
   when: one.changed
   file: {path: "{{ root }}/three", content: "3"}
 """
 
 
 class CountingTarget(LocalTarget):
-    """This machine; `batches` has the number of scripts of each batch."""
+    """This machine. `batches` has the number of scripts in each batch."""
 
     def __init__(self) -> None:
         super().__init__("robot")
@@ -70,8 +70,8 @@ def test_step_sees_what_the_step_before_changed(load_playbook: LoadPlaybook, tmp
     note.write_text("as wanted")
     body = f"""
 steps:
-- name: spoil it
-  command: {{run: "echo spoilt > {note}", unless: "grep -q spoilt {note}"}}
+- name: overwrite it
+  command: {{run: "echo other > {note}", unless: "grep -q other {note}"}}
 - name: as wanted
   file: {{path: "{note}", content: "as wanted"}}
 """

@@ -9,7 +9,7 @@ import pytest
 
 from lupin_cli.connection.local import LocalTarget
 from lupin_cli.package_data import shipped_folder
-from lupin_cli.playbook import load, shipped
+from lupin_cli.playbook import list_shipped, load
 from lupin_cli.playbook.binding import Binding
 
 EXPECTED = {
@@ -19,10 +19,10 @@ EXPECTED = {
 
 
 def test_expected_playbooks_are_shipped() -> None:
-    assert {path.stem for path in shipped()} >= EXPECTED
+    assert {path.stem for path in list_shipped()} >= EXPECTED
 
 
-@pytest.mark.parametrize("path", shipped(), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", list_shipped(), ids=lambda path: path.stem)
 def test_shipped_playbook_is_valid(path: Path) -> None:
     book = load(path)
     assert book.description.endswith(".") and len(book.description) < 128
@@ -30,7 +30,7 @@ def test_shipped_playbook_is_valid(path: Path) -> None:
     assert len(names) == len(set(names))
 
 
-@pytest.mark.parametrize("path", shipped(), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", list_shipped(), ids=lambda path: path.stem)
 def test_shipped_playbook_defaults_are_valid_arguments(path: Path) -> None:
     book = load(path)
     samples = {"text": "some", "secret": "long enough", "address": "10.0.0.7", "list": ["source ~/setup.bash"]}
@@ -41,4 +41,4 @@ def test_shipped_playbook_defaults_are_valid_arguments(path: Path) -> None:
 def test_playbooks_named_by_findings_are_shipped() -> None:
     checks = shipped_folder("playbooks").parent / "lupin_cli" / "checks"
     named = {name for path in checks.glob("*.py") for name in re.findall(r'playbook="([^"]+)"', path.read_text())}
-    assert named and named <= {path.stem for path in shipped()}
+    assert named and named <= {path.stem for path in list_shipped()}

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="module")
 def robot_host() -> Iterator[Host]:
-    """A booted robot with the vendor's stack, shared by a test file."""
+    """Boot a robot with the vendor's stack, which the tests of a file share."""
     from lupin_sim.host.fixtures import boot_or_skip
 
     with boot_or_skip(vendor_robot=True) as host:

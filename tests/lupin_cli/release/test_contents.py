@@ -20,12 +20,12 @@ from lupin_runtime.stack.table import rows
 
 PROJECT = Path(__file__).resolve().parents[3]
 LIKE_THIS_MACHINE = RobotPlatform(platform.machine(), sys.version_info[:2], "")
-WITHOUT_IT_JPEG_ONLY = {"cv2"}  # raw pictures are refused then, with what to install
+OPTIONAL_PACKAGES = {"cv2"}  # without it, raw pictures are refused, and the message says what to install
 WITH_ROS = RobotPlatform("aarch64", (3, 10), "humble")
 
 
 def programs() -> set[str]:
-    """The modules that run on the robot: those in unit files, those that commands start there, and the onboard nodes."""
+    """Return the modules that run on the robot: those in unit files, those that commands start there, and the onboard nodes."""
     templates = "".join(path.read_text() for path in shipped_folder("systemd").glob("*.service.in"))
     modules = set(re.findall(r"-m (lupin_runtime[\w.]+)", templates))
     assert modules == {"lupin_runtime.stack.onboard", "lupin_runtime.arm.auto_home", "lupin_runtime.cameras.service"}
@@ -37,7 +37,7 @@ def programs() -> set[str]:
 
 
 def source_of(module: str) -> Path | None:
-    """The file of a module of this project; None for a name that is not a module (such as a class of a package)."""
+    """Return the file of a module of this project; None for a name that is not a module, such as a class."""
     path = PROJECT.joinpath(*module.split("."))
     candidates = (path / "__init__.py", path.with_suffix(".py"))
     return next((candidate for candidate in candidates if candidate.is_file()), None)
@@ -45,7 +45,7 @@ def source_of(module: str) -> Path | None:
 
 @cache
 def imports_of(file: Path) -> set[str]:
-    """The modules that a file imports, at its load or later, except for type checking."""
+    """Return the modules that a file imports, when it is loaded or later, except for type checking."""
     found: set[str] = set()
 
     def visit(node: ast.AST) -> None:
@@ -64,8 +64,8 @@ def imports_of(file: Path) -> set[str]:
 
 
 def closure(modules: set[str]) -> tuple[set[str], set[str]]:
-    """The project's modules that these import, directly or not, and the top-level names of all others outside the standard
-    library."""
+    """Return the project's modules that these import, directly or not, and the top-level names of all others outside the
+    standard library."""
     own: set[str] = set()
     foreign: set[str] = set()
     pending = set(modules)
@@ -107,7 +107,7 @@ def test_release_for_robot_without_ros_has_all_foreign_packages() -> None:
     }
     _, foreign = closure(programs())
     assert {"rclpy", "geometry_msgs"} <= foreign, "expected the imports of the onboard nodes"
-    assert (foreign - WITHOUT_IT_JPEG_ONLY) | {"lupin_msgs", "mirte_msgs"} <= names
+    assert (foreign - OPTIONAL_PACKAGES) | {"lupin_msgs", "mirte_msgs"} <= names
 
 
 def test_robot_with_ros_needs_ros_packages_only() -> None:
@@ -116,5 +116,5 @@ def test_robot_with_ros_needs_ros_packages_only() -> None:
         "rclpy",
         "numpy",  # as every message class of it
         "yaml",  # as its launch files
-        *WITHOUT_IT_JPEG_ONLY,
+        *OPTIONAL_PACKAGES,
     }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from typer.testing import Result
 
-from lupin_cli.operations.release import built
+from lupin_cli.operations.release import build_release
 from lupin_cli.release import contents
 
 if TYPE_CHECKING:
@@ -25,11 +25,11 @@ DEPLOYED_FILES = (
 
 
 def output_of(host: Host, *command: str) -> str:
-    return host.robot.inside("sh", "-c", " ".join(command)).stdout.strip()
+    return host.robot.run_as_root("sh", "-c", " ".join(command)).stdout.strip()
 
 
 def running_releases(host: Host) -> set[str]:
-    """The ids of the releases that the main processes of lupin-onboard and lupin-cameras were started from."""
+    """Return the ids of the releases that the main processes of lupin-onboard and lupin-cameras were started from."""
     lines = [
         output_of(host, f"tr '\\0' ' ' < /proc/$(systemctl show -p MainPID --value {unit})/cmdline")
         for unit in ("lupin-onboard", "lupin-cameras")
@@ -39,14 +39,14 @@ def running_releases(host: Host) -> set[str]:
 
 @pytest.fixture
 def next_release(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
-    """A function that gives the release of this machine another version."""
+    """Yield a function that gives the release of this machine another version."""
 
     def make(version: str) -> None:
         monkeypatch.setattr(contents, "__version__", version)
-        built.cache_clear()
+        build_release.cache_clear()
 
     yield make
-    built.cache_clear()
+    build_release.cache_clear()
 
 
 def test_deploy_repeat_replace_rollback_remove(robot_host: Host, lupin: Lupin, next_release: Callable[[str], None]) -> None:

@@ -17,13 +17,13 @@ import pytest
 from lupin_cli.connection.base import Output
 from lupin_cli.connection.local import LocalTarget
 from lupin_cli.operations.base import OperationError
-from lupin_cli.operations.release import Release, built
+from lupin_cli.operations.release import Release, build_release
 from lupin_cli.operations.release_transfer import activate, changed_files, current_manifest, read_installed, upload
 from lupin_cli.release.contents import ReleaseError, RobotPlatform, release_files
 from lupin_cli.release.manifest import HashCache, Manifest, build_manifest
 from tests.support.operation_cycle import examine
 
-HERE = RobotPlatform(os.uname().machine, sys.version_info[:2], "")
+PLATFORM = RobotPlatform(os.uname().machine, sys.version_info[:2], "")
 Make = Callable[..., Manifest]
 
 
@@ -36,7 +36,7 @@ def target() -> Iterator[LocalTarget]:
 
 @pytest.fixture
 def make(tmp_path: Path) -> Make:
-    """A function that builds the manifest of a small release: `make(name=content, …)`."""
+    """Return a function that builds the manifest of a small release: `make(name=content, …)`."""
 
     def build(**contents: str) -> Manifest:
         named = {path.replace("_", "/"): text for path, text in contents.items()}
@@ -52,7 +52,7 @@ def make(tmp_path: Path) -> Make:
 
 
 def deploy(target: FragileTarget | LocalTarget, root: Path, manifest: Manifest) -> None:
-    state = replace(read_installed(target, str(root)), robot=HERE)
+    state = replace(read_installed(target, str(root)), robot=PLATFORM)
     upload(target, state, manifest, str(root))
     activate(target, manifest.id, str(root))
 
@@ -189,7 +189,7 @@ def test_old_releases_are_removed_but_not_the_previous(target: LocalTarget, make
 
 def test_full_disk_is_reported_before_anything_is_sent(target: LocalTarget, make: Make, tmp_path: Path) -> None:
     root = tmp_path / "opt"
-    state = replace(read_installed(target, str(root)), robot=HERE, free_bytes=10)
+    state = replace(read_installed(target, str(root)), robot=PLATFORM, free_bytes=10)
     with pytest.raises(OperationError, match="MB free"):
         upload(target, state, make(a="one"), str(root))
     assert not (root / "current").exists()
@@ -214,8 +214,10 @@ def test_kept_release_is_activated_and_undone(target: LocalTarget, make: Make, t
 
 def test_real_release_runs_and_second_deploy_changes_nothing(target: LocalTarget, tmp_path: Path) -> None:
     state = read_installed(target, str(tmp_path))
-    if state.robot.ros or state.robot.python != HERE.python:
-        pytest.skip(f"needs a system python3 {HERE.python[0]}.{HERE.python[1]} and no ROS; this machine has {state.robot}")
+    if state.robot.ros or state.robot.python != PLATFORM.python:
+        pytest.skip(
+            f"needs a system python3 {PLATFORM.python[0]}.{PLATFORM.python[1]} and no ROS; this machine has {state.robot}"
+        )
     operation = Release(root=str(tmp_path / "opt"))
     difference = examine(operation, target)
     assert difference is not None
@@ -243,13 +245,13 @@ def test_release_for_robot_with_ros_has_interface_sources_only() -> None:
     assert json.loads(paths["release.json"])["machine"] == "aarch64"
 
 
-def test_robot_without_a_possible_release_is_told_why() -> None:
+def test_impossible_release_is_refused_with_the_reason() -> None:
     with pytest.raises(ReleaseError, match="a robot without ROS gets the packages of this machine"):
-        list(release_files(RobotPlatform("aarch64", HERE.python, "")))
+        list(release_files(RobotPlatform("aarch64", PLATFORM.python, "")))
     with pytest.raises(ReleaseError, match=r"Python 3\.10 or newer"):
         list(release_files(RobotPlatform("x86_64", (3, 8), "")))
     with pytest.raises(OperationError, match="no release can be built"):
-        built(RobotPlatform("riscv64", (3, 11), ""))
+        build_release(RobotPlatform("riscv64", (3, 11), ""))
 
 
 def test_file_changed_during_the_build_is_named(target: LocalTarget, make: Make, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from lupin_cli.connection.destination import Destination
 from lupin_cli.connection.host_keys import KnownHosts
 from lupin_cli.connection.ssh import SshTarget
 from lupin_cli.operations import release_transfer
-from lupin_cli.operations.release import built
+from lupin_cli.operations.release import build_release
 from lupin_cli.operations.release_transfer import read_installed
 from lupin_cli.playbook import load, play
 from lupin_cli.playbook.lease import Lease
@@ -38,11 +38,11 @@ SETUP_LINE = "source ~/mirte_ws/install/setup.bash"
 
 
 def output_of(host: Host, *command: str) -> str:
-    return host.robot.inside("sh", "-c", " ".join(command)).stdout.strip()
+    return host.robot.run_as_root("sh", "-c", " ".join(command)).stdout.strip()
 
 
 def running_release(host: Host) -> str:
-    """The id of the release that the main process of lupin-onboard was started from; waits for the end of a restart."""
+    """Wait for the end of a restart, and return the id of the release that lupin-onboard was started from."""
     script = (
         "systemctl is-active lupin-onboard; tr '\\0' ' ' < /proc/$(systemctl show -p MainPID --value lupin-onboard)/cmdline"
     )
@@ -51,13 +51,13 @@ def running_release(host: Host) -> str:
         output = output_of(host, script)
         return output if output.startswith("active\n") and "/opt/lupin/releases/" in output else ""
 
-    found = wait_until(active_command_line, lambda: output_of(host, script), limit_s=60.0)
+    found = wait_until(active_command_line, lambda: output_of(host, script), timeout_s=60.0)
     return found.split("/opt/lupin/releases/")[1].split("/")[0]
 
 
 @pytest.fixture
 def deployed(robot_host: Host, lupin: Lupin) -> str:
-    """Deploy a release if there is none; the id of the running one."""
+    """Deploy a release if there is none, and return the id of the running one."""
     if not output_of(robot_host, "readlink /opt/lupin/current"):
         done = lupin("deploy", "robot", "--no-check")
         assert done.exit_code == 0, done.output
@@ -70,7 +70,7 @@ def target(
     lupin: Lupin,  # noqa: ARG001 -- the fixture must have run
     monkeypatch: pytest.MonkeyPatch,
 ) -> Iterator[SshTarget]:
-    """The robot, over a connection that notices a cut link soon."""
+    """Yield the robot, over a connection that soon notices a cut link."""
     monkeypatch.setattr("lupin_cli.connection.connect.UNACKNOWLEDGED_MS", 500)
     monkeypatch.setattr("lupin_cli.connection.keepalive.KEEPALIVE_AFTER_S", 0.3)
     place = Destination(robot_host.robot.eth0, 22, "mirte", (str(robot_host.key),), identities_only=True)
@@ -85,31 +85,31 @@ def target(
 def another_release(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[None]:
     """Give this machine a release that no other test has deployed."""
     monkeypatch.setattr(contents, "__version__", request.node.name)
-    built.cache_clear()
+    build_release.cache_clear()
     yield
-    built.cache_clear()
+    build_release.cache_clear()
 
 
 @pytest.fixture
 def large_release(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
-    """Add four large files to this machine's release; the folder with them."""
+    """Add four large files to this machine's release, and yield the folder with them."""
     folder = tmp_path / "large"
     folder.mkdir()
     for number in range(4):
         (folder / f"{number}.bin").write_bytes(os.urandom(5_000_000))
     monkeypatch.setattr("lupin_cli.operations.release.release_files", with_large_files(folder))
-    built.cache_clear()
+    build_release.cache_clear()
     yield folder
-    built.cache_clear()
+    build_release.cache_clear()
 
 
 def test_deploy_with_cable_cut_in_every_step_resumes_to_the_end(
     robot_host: Host,
     deployed: str,
-    another_release: None,  # noqa: ARG001 -- begins only once `deployed` has run
+    another_release: None,  # noqa: ARG001 -- must run after `deployed`
     target: SshTarget,
 ) -> None:
-    new = built(read_installed(target).robot).id
+    new = build_release(read_installed(target).robot).id
     assert new != deployed
 
     def assert_a_release_runs(_: Any) -> None:
@@ -175,7 +175,9 @@ def test_deploy_resumes_after_power_cut_and_kill_under_its_lease(
     with robot_host.popen([*program, "SIGSTOP", *resume], env=dict(os.environ), **quiet) as first:
         try:
             stat = Path(f"/proc/{first.pid}/stat")
-            wait_until(lambda: stat.read_text().rpartition(")")[2].split()[0] == "T", "the stop of the first run", limit_s=60.0)
+            wait_until(
+                lambda: stat.read_text().rpartition(")")[2].split()[0] == "T", "the stop of the first run", timeout_s=60.0
+            )
             assert first.poll() is None
             for words in (("deploy", "robot", "--no-check"), ("play", "deploy-robot", "-v", "set_up=true")):
                 monkeypatch.setenv("XDG_STATE_HOME", os.environ["HOME"] + "/another-operators")
@@ -202,8 +204,8 @@ REFUSALS = [
     ("disk-read-only", {}, 1, "read-only file system below /opt/lupin; nothing was copied", "dmesg"),
     ("program-missing", {"program": "python3"}, 1, "the robot has no python3", "apt install python3"),
     ("sudo-password", {}, 1, "a password is required", "lupin play deploy-robot --robot mirte --resume --ask-sudo-password"),
-    ("sudo-refused", {}, 1, "root is refused to mirte", "--ask-sudo-password"),
-    ("host-key-changed", {}, 3, "another key", "lupin robots forget mirte"),
+    ("sudo-refused", {}, 1, "mirte cannot run commands as root", "--ask-sudo-password"),
+    ("host-key-changed", {}, 3, "a key other than", "lupin robots forget mirte"),
     ("frozen", {}, 3, "accepts connections but does not answer", "lupin doctor"),
     ("sshd-down", {}, 3, "no sshd listens on that port", "ping"),
 ]
@@ -212,7 +214,7 @@ REFUSALS = [
 def test_refusal_is_reported_with_next_command_and_no_change(
     robot_host: Host,
     deployed: str,
-    another_release: None,  # noqa: ARG001 -- begins only once `deployed` has run
+    another_release: None,  # noqa: ARG001 -- must run after `deployed`
     lupin: Lupin,
 ) -> None:
     for fault, settings, status, words, command in REFUSALS:

@@ -11,10 +11,10 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture
-def robot_host(lupin_robot: Host) -> Host:
-    """The robot with the vendor's stack up and Lupin's units stopped."""
+def robot_host(lupin_host: Host) -> Host:
+    """Restart the vendor's stack and stop Lupin's units."""
     script = """systemctl stop lupin-auto-home lupin-cameras lupin-onboard; systemctl reset-failed
 systemctl restart mirte-ros && journalctl --rotate --vacuum-size=1"""
-    done = lupin_robot.robot.inside("sh", "-c", script, timeout_s=60.0)
+    done = lupin_host.robot.run_as_root("sh", "-c", script, timeout_s=60.0)
     assert done.status == 0, done.stderr
-    return lupin_robot
+    return lupin_host

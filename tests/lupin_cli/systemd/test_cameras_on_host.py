@@ -15,7 +15,7 @@ from lupin_sim.host import Host
 from tests.support.examined_robot import ExaminedRobot
 from tests.support.waiting import wait_until
 
-from .test_units_on_host import LIMIT_S, journal, show, state
+from .test_units_on_host import TIMEOUT_S, journal, show, state
 
 pytestmark = pytest.mark.host
 
@@ -30,20 +30,20 @@ done"""
 
 
 def shell(host: Host, script: str) -> str:
-    done = host.robot.inside("sh", "-ec", script, timeout_s=LIMIT_S)
+    done = host.robot.run_as_root("sh", "-ec", script, timeout_s=TIMEOUT_S)
     assert done.status == 0, done.stderr
     return done.stdout
 
 
 def pictures(host: Host) -> str:
-    """What the video server lists, as text."""
+    """Return what the video server lists, as text."""
     program = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:8091/streams', timeout=10).read().decode())"
-    done = host.robot.inside("/opt/lupin/current/venv/bin/python3", "-c", program, timeout_s=LIMIT_S)
+    done = host.robot.run_as_root("/opt/lupin/current/venv/bin/python3", "-c", program, timeout_s=TIMEOUT_S)
     return done.stdout.strip()
 
 
 def video_stage(host: Host) -> dict[str, Any]:
-    """The video server, as the camera service describes it."""
+    """Return the state of the video server, as the camera service describes it."""
     stages = json.loads(shell(host, "cat /run/lupin-cameras/lupin/runs/*/state.json"))["stages"]
     (video,) = [stage for stage in stages if stage["name"] == "video"]
     return dict(video)
@@ -51,7 +51,7 @@ def video_stage(host: Host) -> dict[str, Any]:
 
 @contextmanager
 def configured(host: Host, text: str) -> Iterator[None]:
-    """Another configuration until the block ends; then that of the computer without cameras, and the unit stopped."""
+    """Set another configuration for the duration of the block; then restore the old one and stop the unit."""
     shell(host, f"cp {CONFIGURATION} /run/cameras.yaml; echo '{text}' > {CONFIGURATION}")
     try:
         yield
@@ -74,9 +74,9 @@ def test_cameras_are_served_waited_for_and_restarted(robot_host: Host) -> None:
         wait_until(
             lambda: (now := video_stage(robot_host))["phase"] == "up" and now["pid"] != killed,
             lambda: journal(robot_host, UNIT),
-            LIMIT_S,
+            TIMEOUT_S,
         )
-        wait_until(lambda: pictures(robot_host) == "[]", lambda: journal(robot_host, UNIT), LIMIT_S)
+        wait_until(lambda: pictures(robot_host) == "[]", lambda: journal(robot_host, UNIT), TIMEOUT_S)
         assert show(robot_host, UNIT, "NRestarts") == "0"
 
         first = show(robot_host, UNIT, "MainPID")
@@ -84,7 +84,7 @@ def test_cameras_are_served_waited_for_and_restarted(robot_host: Host) -> None:
         wait_until(
             lambda: show(robot_host, UNIT, "MainPID") not in (first, "0") and state(robot_host, UNIT) == "active",
             lambda: journal(robot_host, UNIT),
-            LIMIT_S,
+            TIMEOUT_S,
         )
         shell(robot_host, f"systemctl stop {UNIT}")
         assert "lupin_runtime.cameras" not in shell(robot_host, "cat /proc/[0-9]*/cmdline 2>/dev/null | tr '\\0' ' ' || true")
@@ -92,10 +92,10 @@ def test_cameras_are_served_waited_for_and_restarted(robot_host: Host) -> None:
 
 
 def test_malformed_configuration_is_named_in_the_journal(robot_host: Host, tmp_path: Path) -> None:
-    wrong = f"{CONFIGURATION}: color.fps is a whole number from 1 to 60, not 'fast'"
+    wrong = f"{CONFIGURATION}: color.fps must be a whole number from 1 to 60, not 'fast'"
     with configured(robot_host, "color: {fps: fast}"):
         shell(robot_host, f"systemctl start {ONBOARD}")
-        assert robot_host.robot.inside("systemctl", "start", UNIT, timeout_s=LIMIT_S).status != 0
+        assert robot_host.robot.run_as_root("systemctl", "start", UNIT, timeout_s=TIMEOUT_S).status != 0
         assert wrong in journal(robot_host, UNIT)
         robot = ExaminedRobot(robot_host, tmp_path, CHECKS)
         (finding,) = robot.findings()
@@ -105,7 +105,7 @@ def test_malformed_configuration_is_named_in_the_journal(robot_host: Host, tmp_p
         wait_until(
             lambda: f"the gripper camera is switched off in {CONFIGURATION}" in journal(robot_host, UNIT),
             lambda: journal(robot_host, UNIT),
-            LIMIT_S,
+            TIMEOUT_S,
         )
 
 
@@ -116,14 +116,14 @@ def test_vendors_restart_restarts_the_cameras(robot_host: Host) -> None:
     wait_until(
         lambda: show(robot_host, UNIT, "MainPID") not in (first, "0") and state(robot_host, UNIT) == "active",
         lambda: journal(robot_host, UNIT),
-        LIMIT_S,
+        TIMEOUT_S,
     )
     shell(robot_host, f"systemctl stop {UNIT}")
 
 
 @pytest.fixture
 def robot(robot_host: Host, tmp_path: Path) -> Iterator[ExaminedRobot]:
-    """The robot with all units running, of which the checks find nothing."""
+    """Start all units, and yield the robot, in which the checks find nothing."""
     shell(robot_host, f"systemctl start {ONBOARD} {UNIT} lupin-auto-home")
     examined = ExaminedRobot(robot_host, tmp_path, CHECKS)
     assert examined.root_causes() == []
@@ -132,39 +132,39 @@ def robot(robot_host: Host, tmp_path: Path) -> Iterator[ExaminedRobot]:
 
 
 def test_each_fault_of_a_camera_is_named_alone(robot: ExaminedRobot) -> None:
-    def comes_about(*expected: str) -> None:
-        wait_until(lambda: robot.root_causes() == sorted(expected), lambda: f"{expected}, but {robot.root_causes()}", LIMIT_S)
+    def wait_for_causes(*expected: str) -> None:
+        wait_until(lambda: robot.root_causes() == sorted(expected), lambda: f"{expected}, but {robot.root_causes()}", TIMEOUT_S)
 
     host = robot.host
     try:
         with configured(host, "gripper: {enabled: false}"):
             shell(host, f"systemctl restart {UNIT}")
-            comes_about("camera-absent")
+            wait_for_causes("camera-absent")
             shell(host, PLUG_IN)
-            comes_about("camera-driver-missing")
+            wait_for_causes("camera-driver-missing")
             shell(host, f"printf '#!/bin/sh\\nexit 3\\n' > {ROS2}; chmod +x {ROS2}")
-            comes_about("camera-driver-failing")
+            wait_for_causes("camera-driver-failing")
             (finding,) = robot.findings()
             assert "status 3" in finding.evidence[0]
             shell(host, f"printf '#!/bin/sh\\nexec sleep infinity < /dev/astradepth\\n' > {ROS2}")
-            comes_about()
+            wait_for_causes()
             shell(host, f"{END_DRIVER}; {UNPLUG}")
-            comes_about("camera-absent")
+            wait_for_causes("camera-absent")
 
             person = "systemd-run -q --unit=stray --uid=mirte sh -c 'exec sleep 300 < /dev/astradepth'"
             shell(host, f"systemctl stop {UNIT}; {PLUG_IN}; chmod a+r /dev/astradepth; {person}; systemctl start {UNIT}")
-            comes_about("camera-held")
+            wait_for_causes("camera-held")
             (finding,) = robot.findings()
             assert "sleep (process" in finding.cause
             shell(host, "systemctl stop stray")
-            comes_about()
+            wait_for_causes()
 
             shell(host, f"systemctl disable -q {UNIT}")
-            comes_about("unit-not-enabled")
+            wait_for_causes("unit-not-enabled")
             shell(host, f"systemctl enable -q {UNIT}; systemctl stop {UNIT}")
-            comes_about("unit-not-running")
+            wait_for_causes("unit-not-running")
             shell(host, f"systemctl start {UNIT}")
-            comes_about()
+            wait_for_causes()
     finally:
         shell(host, f"systemctl stop stray 2>/dev/null || true; {UNPLUG}; rm -f {ROS2}")
 
@@ -176,7 +176,7 @@ def test_program_on_the_port_of_the_pictures_is_named(robot: ExaminedRobot) -> N
     try:
         (finding,) = robot.findings()
         assert finding.id == "port-8091-taken" and "python3" in finding.cause
-        wait_until(lambda: "8091 is in use" in journal(host, UNIT), lambda: journal(host, UNIT), LIMIT_S)
+        wait_until(lambda: "8091 is in use" in journal(host, UNIT), lambda: journal(host, UNIT), TIMEOUT_S)
         wait_until(lambda: show(host, UNIT, "NRestarts") != "0", "a restart of the unit", 90.0)
         assert robot.root_causes() == ["port-8091-taken"]
     finally:

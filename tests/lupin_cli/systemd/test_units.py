@@ -12,12 +12,12 @@ import pytest
 from lupin_cli.release import paths
 from lupin_cli.systemd import units
 
-# Limits for systemd-analyze security, from 0 (safe) to 10. The templates give the reasons for the remaining exposure.
+# Limits of `systemd-analyze security`, from 0 (safe) to 10. The templates give the reasons for the remaining exposure.
 EXPOSURE_LIMIT = {"lupin-onboard.service": 2.0, "lupin-auto-home.service": 2.0, "lupin-clock-sync.service": 2.7}
 
 
 def directives(text: str) -> dict[str, list[str]]:
-    """Every assignment of a unit file, by name."""
+    """Return every assignment of a unit file, by name."""
     found: dict[str, list[str]] = {}
     for line in text.splitlines():
         name, separator, value = line.partition("=")
@@ -28,7 +28,7 @@ def directives(text: str) -> dict[str, list[str]]:
 
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """All units in one folder, with the clock script and a stand-in for the vendor's service."""
+    """Write all units into one folder, with the clock script and a stand-in for the vendor's service."""
     folder = tmp_path_factory.mktemp("units")
     script = folder / "clock-sync"
     script.write_text(units.clock_sync_script())

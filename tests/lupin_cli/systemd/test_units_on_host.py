@@ -17,7 +17,7 @@ from lupin_sim.host.host import PROJECT
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.host
-LIMIT_S = 60.0
+TIMEOUT_S = 60.0
 # Prints for each topic how many messages arrived in the five seconds after the first ones.
 LISTENER = """
 import time
@@ -28,8 +28,8 @@ rclpy.init(args=[])
 node, received = LupinNode("listener"), {}
 for row in (graph.ESTOP_STATE, graph.DRIVE_STATUS):
     node.subscription(row, lambda _, name=row.name: received.setdefault(name, []).append(time.monotonic()))
-def spin_until(condition, limit_s):
-    end = time.monotonic() + limit_s
+def spin_until(condition, timeout_s):
+    end = time.monotonic() + timeout_s
     while not condition() and time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.1)
 spin_until(lambda: len(received) == 2, 20.0)
@@ -38,7 +38,7 @@ print(*(len(received.get(row.name, [])) for row in (graph.ESTOP_STATE, graph.DRI
 """
 
 # Drives on the robot as a console would, sends a signal to a process while the robot moves, and prints after how many seconds
-# the odometry showed a robot at rest; it stays there for as long as the process needs to be replaced.
+# the odometry showed a robot at rest.
 DRIVER = """
 import os, sys, time
 import rclpy
@@ -52,8 +52,8 @@ node.subscription(graph.DRIVE_STATUS, lambda message: status.append(message.data
 publisher = node.publisher(graph.CMD_VEL_MANUAL)
 node.create_timer(0.05, lambda: publisher.publish(encode(command[0])))
 node.subscription(graph.ODOM, lambda odom: speed.append((time.monotonic(), abs(odom.twist.twist.linear.x))))
-def spin_until(condition, limit_s):
-    end = time.monotonic() + limit_s
+def spin_until(condition, timeout_s):
+    end = time.monotonic() + timeout_s
     while not condition() and time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.05)
     return condition()
@@ -62,16 +62,16 @@ spin_until(lambda: False, 3.0)  # the drive bus must get zero first
 command[0] = Twist(0.3, 0.0, 0.0)
 if not spin_until(lambda: speed and speed[-1][1] > 0.25, 10.0):
     sys.exit(f"the robot does not drive: {speed[-1:]} {status[-1:]}")
-began = time.monotonic()
+start = time.monotonic()
 os.kill(pid, number)
 if not spin_until(lambda: speed[-1][1] < 0.01, 10.0):
     sys.exit("the robot drives on")
-print(f"{speed[-1][0] - began:.2f}", flush=True)
+print(f"{speed[-1][0] - start:.2f}", flush=True)
 """
 
 
 def show(host: Host, unit: str, name: str) -> str:
-    return host.robot.inside("systemctl", "show", "--value", f"--property={name}", unit).stdout.strip()
+    return host.robot.run_as_root("systemctl", "show", "--value", f"--property={name}", unit).stdout.strip()
 
 
 def state(host: Host, unit: str) -> str:
@@ -79,24 +79,24 @@ def state(host: Host, unit: str) -> str:
 
 
 def journal(host: Host, unit: str) -> str:
-    host.robot.inside("journalctl", "--sync")
-    return host.robot.inside("journalctl", "--no-pager", "--output=cat", "--unit", unit).stdout
+    host.robot.run_as_root("journalctl", "--sync")
+    return host.robot.run_as_root("journalctl", "--no-pager", "--output=cat", "--unit", unit).stdout
 
 
 def stages(host: Host) -> dict[str, dict[str, Any]]:
-    result = host.robot.inside("sh", "-c", "cat /run/lupin-onboard/lupin/runs/*/state.json")
+    result = host.robot.run_as_root("sh", "-c", "cat /run/lupin-onboard/lupin/runs/*/state.json")
     return {stage["name"]: stage for stage in json.loads(result.stdout)["stages"]} if result.stdout else {}
 
 
 def test_auto_home_activates_controllers_and_homes_the_arm(robot_host: Host) -> None:
     robot = robot_host.robot
     robot.inject_fault("controllers-stuck", state="unconfigured")
-    done = robot.inside("systemctl", "start", "lupin-auto-home", timeout_s=LIMIT_S)
+    done = robot.run_as_root("systemctl", "start", "lupin-auto-home", timeout_s=TIMEOUT_S)
     assert done.status == 0, journal(robot_host, "lupin-auto-home")
     log = journal(robot_host, "lupin-auto-home")
     assert "mirte_master_arm_controller is unconfigured" in log and "activate " in log
     assert "now: all 5 controllers are active" in log and "arm: home sent" in log
-    # lupin-onboard came up because auto-home wants it, and it was ready before auto-home started.
+    # lupin-onboard came up because auto-home has Wants= for it, and it was ready before auto-home started.
     assert state(robot_host, "lupin-onboard") == "active"
     assert show(robot_host, "lupin-onboard", "StatusText") == "up: estop, drive, body"
     assert set(stages(robot_host)) == {"estop", "drive", "body"}
@@ -105,20 +105,20 @@ def test_auto_home_activates_controllers_and_homes_the_arm(robot_host: Host) -> 
 
 def test_killed_process_restarts_alone_supervisor_restarts_all(robot_host: Host) -> None:
     robot = robot_host.robot
-    assert robot.inside("systemctl", "start", "lupin-onboard", timeout_s=LIMIT_S).status == 0
+    assert robot.run_as_root("systemctl", "start", "lupin-onboard", timeout_s=TIMEOUT_S).status == 0
     before = stages(robot_host)
-    robot.inside("kill", "-9", str(before["drive"]["pid"]))
+    robot.run_as_root("kill", "-9", str(before["drive"]["pid"]))
     wait_until(
         lambda: stages(robot_host)["drive"]["restarts"] == 1 and stages(robot_host)["drive"]["phase"] == "up",
         lambda: journal(robot_host, "lupin-onboard"),
-        LIMIT_S,
+        TIMEOUT_S,
     )
     assert stages(robot_host)["estop"]["pid"] == before["estop"]["pid"]
-    robot.inside("kill", "-9", show(robot_host, "lupin-onboard", "MainPID"))
+    robot.run_as_root("kill", "-9", show(robot_host, "lupin-onboard", "MainPID"))
     wait_until(
         lambda: show(robot_host, "lupin-onboard", "NRestarts") == "1" and state(robot_host, "lupin-onboard") == "active",
         lambda: journal(robot_host, "lupin-onboard"),
-        LIMIT_S,
+        TIMEOUT_S,
     )
 
 
@@ -128,31 +128,31 @@ def run_on_graph(host: Host, script: str, *arguments: str) -> CommandResult:
     environment = f"ROS_DISCOVERY_SERVER=127.0.0.1 FASTRTPS_DEFAULT_PROFILES_FILE={profile} PYTHONPATH={PROJECT}"
     command = shlex.join([sys.executable, "-c", script, *arguments])
     # As the robot's user: nodes of other users do not get all data over shared memory.
-    return host.robot.inside("runuser", "-u", "mirte", "--", "sh", "-c", f"{environment} {command}", timeout_s=LIMIT_S)
+    return host.robot.run_as_root("runuser", "-u", "mirte", "--", "sh", "-c", f"{environment} {command}", timeout_s=TIMEOUT_S)
 
 
 @pytest.mark.parametrize("name", ["estop", "drive", "body", "supervisor"])
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
 def test_wheels_stop_when_a_process_hangs_or_dies(robot_host: Host, name: str, number: signal.Signals) -> None:
-    assert robot_host.robot.inside("systemctl", "start", "lupin-onboard", timeout_s=LIMIT_S).status == 0
+    assert robot_host.robot.run_as_root("systemctl", "start", "lupin-onboard", timeout_s=TIMEOUT_S).status == 0
     supervisor = show(robot_host, "lupin-onboard", "MainPID")
     pid = supervisor if name == "supervisor" else str(stages(robot_host)[name]["pid"])
     done = run_on_graph(robot_host, DRIVER, pid, str(int(number)))
     assert done.status == 0, done.stderr + journal(robot_host, "lupin-onboard")
     print(f"{name} {number.name}: at rest after {float(done.stdout)} s")  # shown with -rP
-    robot_host.robot.inside("kill", "-CONT", supervisor)
+    robot_host.robot.run_as_root("kill", "-CONT", supervisor)
 
 
 @pytest.mark.parametrize("name", ["estop", "drive", "body"])
 def test_hung_process_is_named_and_replaced(robot_host: Host, name: str) -> None:
     robot = robot_host.robot
-    assert robot.inside("systemctl", "start", "lupin-onboard", timeout_s=LIMIT_S).status == 0
+    assert robot.run_as_root("systemctl", "start", "lupin-onboard", timeout_s=TIMEOUT_S).status == 0
     pid = stages(robot_host)[name]["pid"]
-    robot.inside("kill", "-STOP", str(pid))
+    robot.run_as_root("kill", "-STOP", str(pid))
     wait_until(
         lambda: stages(robot_host)[name]["pid"] != pid and stages(robot_host)[name]["phase"] == "up",
         lambda: journal(robot_host, "lupin-onboard"),
-        LIMIT_S,
+        TIMEOUT_S,
     )
     assert re.search(
         rf"^{name} did not respond for [0-9.]+ s .*: restarted$", journal(robot_host, "lupin-onboard"), re.MULTILINE
@@ -163,29 +163,29 @@ def test_hung_supervisor_is_replaced_by_systemd(robot_host: Host) -> None:
     robot = robot_host.robot
     folder = "/run/systemd/system/lupin-onboard.service.d"
     script = f"mkdir -p {folder}; printf '[Service]\\nWatchdogSec=5\\n' >{folder}/fast.conf; systemctl daemon-reload"
-    robot.inside("sh", "-c", script)
+    robot.run_as_root("sh", "-c", script)
     try:
-        assert robot.inside("systemctl", "restart", "lupin-onboard", timeout_s=LIMIT_S).status == 0
+        assert robot.run_as_root("systemctl", "restart", "lupin-onboard", timeout_s=TIMEOUT_S).status == 0
         first = show(robot_host, "lupin-onboard", "MainPID")
-        robot.inside("kill", "-STOP", first)
+        robot.run_as_root("kill", "-STOP", first)
         wait_until(
             lambda: (
                 show(robot_host, "lupin-onboard", "MainPID") not in (first, "0")
                 and state(robot_host, "lupin-onboard") == "active"
             ),
             lambda: journal(robot_host, "lupin-onboard"),
-            LIMIT_S,
+            TIMEOUT_S,
         )
         assert "Watchdog timeout" in journal(robot_host, "lupin-onboard")
     finally:
-        robot.inside("sh", "-c", f"rm -r {folder}; systemctl daemon-reload")
+        robot.run_as_root("sh", "-c", f"rm -r {folder}; systemctl daemon-reload")
 
 
 def test_estop_and_drive_keep_publishing_after_clock_steps_back(robot_host: Host) -> None:
     robot = robot_host.robot
     robot.inject_fault("clock-wrong", offset_s=300.0)
     try:
-        assert robot.inside("systemctl", "start", "lupin-onboard", timeout_s=LIMIT_S).status == 0
+        assert robot.run_as_root("systemctl", "start", "lupin-onboard", timeout_s=TIMEOUT_S).status == 0
     finally:
         robot.undo_fault("clock-wrong")
     done = run_on_graph(robot_host, LISTENER)
@@ -195,34 +195,34 @@ def test_estop_and_drive_keep_publishing_after_clock_steps_back(robot_host: Host
 
 def test_units_stop_cleanly_with_the_vendors_service(robot_host: Host) -> None:
     robot = robot_host.robot
-    assert robot.inside("systemctl", "start", "lupin-auto-home", timeout_s=LIMIT_S).status == 0
-    assert robot.inside("systemctl", "stop", "mirte-ros", timeout_s=LIMIT_S).status == 0
+    assert robot.run_as_root("systemctl", "start", "lupin-auto-home", timeout_s=TIMEOUT_S).status == 0
+    assert robot.run_as_root("systemctl", "stop", "mirte-ros", timeout_s=TIMEOUT_S).status == 0
     assert [state(robot_host, unit) for unit in ("lupin-onboard", "lupin-auto-home")] == ["inactive", "inactive"]
     log = journal(robot_host, "lupin-onboard")
     assert "lupin-onboard.service: Deactivated successfully." in log and "Killing" not in log
     assert show(robot_host, "lupin-onboard", "Result") == "success"
-    assert robot.inside("pgrep", "-f", "lupin_runtime").status == 1
+    assert robot.run_as_root("pgrep", "-f", "lupin_runtime").status == 1
 
 
 def test_onboard_without_discovery_server_names_what_it_waits_for(robot_host: Host) -> None:
     robot = robot_host.robot
-    assert robot.inside("pkill", "-9", "-x", "fast-discovery-").status == 0
-    robot.inside("systemctl", "start", "--no-block", "lupin-onboard")
+    assert robot.run_as_root("pkill", "-9", "-x", "fast-discovery-").status == 0
+    robot.run_as_root("systemctl", "start", "--no-block", "lupin-onboard")
     wait_until(
         lambda: "waiting for: estop" in show(robot_host, "lupin-onboard", "StatusText"),
         lambda: journal(robot_host, "lupin-onboard"),
-        LIMIT_S,
+        TIMEOUT_S,
     )
     assert state(robot_host, "lupin-onboard") == "activating"
-    robot.inside("systemctl", "stop", "lupin-onboard", timeout_s=LIMIT_S)
+    robot.run_as_root("systemctl", "stop", "lupin-onboard", timeout_s=TIMEOUT_S)
     assert state(robot_host, "lupin-onboard") == "inactive"
 
 
 def test_systemd_on_the_robot_accepts_the_units(robot_host: Host) -> None:
-    verified = robot_host.robot.inside(
+    verified = robot_host.robot.run_as_root(
         "systemd-analyze", "verify", *(f"/etc/systemd/system/lupin-{name}.service" for name in ("onboard", "auto-home"))
     )
     assert (verified.status, verified.stderr) == (0, "")
-    limits = robot_host.robot.inside("systemctl", "show", "lupin-onboard").stdout
+    limits = robot_host.robot.run_as_root("systemctl", "show", "lupin-onboard").stdout
     for line in ("LimitRTPRIO=1", "MemoryMax=268435456", "ProtectClock=yes", "KillMode=mixed", "OOMPolicy=continue"):
         assert re.search(rf"^{line}$", limits, re.MULTILINE), line

@@ -122,7 +122,7 @@ def console(graph_host: GraphHost) -> Any:
 
 
 def arm_nodes(host: GraphHost, tmp_path: Path | None = None, pinned_by: Any = None) -> Any:
-    """The three arm nodes as in one process; waits for the first hold command where a vendor publishes."""
+    """Create the three arm nodes of one process; with a vendor, wait for the first hold command."""
     from lupin_runtime.arm.node import ArmLibraryServer, ArmPresetServer, GripperActionBridge
 
     library = {"library_path": str(tmp_path / "arm_library.json")} if tmp_path else {}
@@ -293,7 +293,7 @@ def record(graph_host: GraphHost, vendor: Any, console: Any, name: str, mode: st
     for step in range(5):
         vendor.at = [0.1 + 0.1 * step, 0.2, 0.3, -0.4]
         vendor.gripper_at = 0.0 if step < 3 else 0.2
-        graph_host.until(lambda n=step: console.states[-1]["n_waypoints"] > n, what="the next way point")  # type: ignore[misc]
+        graph_host.until(lambda n=step: console.states[-1]["n_waypoints"] > n, what="the next waypoint")  # type: ignore[misc]
     answer = console.ask(graph.ARM_LIBRARY_RECORD, action="save")
     assert answer.success and answer.n_waypoints >= 5 and answer.duration_s > 0.5
 
@@ -381,7 +381,7 @@ def test_torque_off_ends_a_replay(graph_host: GraphHost, vendor: Any, console: A
 
 
 class EStop:
-    """Publishes the e-stop's state, as the bridge does."""
+    """Publishes the e-stop's state like the bridge."""
 
     def __init__(self, host: GraphHost, console: Any) -> None:
         self._host, self._publisher = host, console.node.publisher(graph.ESTOP_STATE)
@@ -436,7 +436,7 @@ def test_estop_refuses_every_arm_command_with_its_reason(
     graph_host.until(lambda: vendor.last == PRESETS["home"], what="the trajectory")
 
 
-def test_estop_aborts_a_replay_and_its_release_does_not_resume_it(
+def test_estop_aborts_a_replay_and_a_release_does_not_resume_it(
     graph_host: GraphHost, vendor: Any, console: Any, tmp_path: Path
 ) -> None:
     arm_nodes(graph_host, tmp_path, pinned_by=vendor)
@@ -459,7 +459,7 @@ def test_estop_aborts_a_replay_and_its_release_does_not_resume_it(
     assert console.ask(graph.ARM_LIBRARY_PLAY, name="nod", speed=2.0).success
 
 
-def test_replay_that_waits_for_the_torque_is_refused_after_an_estop(
+def test_replay_waiting_for_torque_is_refused_after_an_estop(
     graph_host: GraphHost, vendor: Any, console: Any, tmp_path: Path
 ) -> None:
     arm_nodes(graph_host, tmp_path, pinned_by=vendor)

@@ -1,4 +1,4 @@
-"""The arm goes home once its controllers are active, within a time bound, whatever the manager does."""
+"""Auto-home sends the arm home once its controllers are active, within a time limit, whatever the manager does."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ STATES = ("unconfigured", "inactive", "active", "finalized")
 LISTED = st.dictionaries(st.sampled_from(graph.CONTROLLERS), st.sampled_from(STATES))
 
 
-def obey(states: dict[str, str], targets: tuple[str, ...]) -> dict[str, str]:
-    """The states that the manager lists after a step."""
+def apply_step(states: dict[str, str], targets: tuple[str, ...]) -> dict[str, str]:
+    """Return the states that the manager lists after a step."""
     step = next_step(states, targets)
     after = dict(states)
     after.update(dict.fromkeys(step.load, "unconfigured"))
@@ -47,7 +47,7 @@ def obey(states: dict[str, str], targets: tuple[str, ...]) -> dict[str, str]:
 @given(LISTED)
 def test_three_steps_activate_every_controller_not_finalized(states: dict[str, Any]) -> None:
     for _ in range(3):
-        states = obey(states, graph.CONTROLLERS)
+        states = apply_step(states, graph.CONTROLLERS)
     wrong = inactive_controllers(states, graph.CONTROLLERS)
     assert all("finalized" in text for text in wrong)
     assert len(wrong) == sum(state == "finalized" for state in states.values())
@@ -176,14 +176,14 @@ def test_auto_home_prints_a_line_per_step(graph_host: GraphHost) -> None:
     from lupin_runtime.ros import LupinNode
 
     Manager(graph_host, {**dict.fromkeys(graph.CONTROLLERS, "active"), "pid_wheels_controller": "unconfigured"})
-    said: list[str] = []
+    lines: list[str] = []
     node = LupinNode("auto_home")
-    home = AutoHome(node, Limits(5.0, 0.5, 0.1, 5.0, 5.0, 5.0, 0.1, 5.0), said.append)
+    home = AutoHome(node, Limits(5.0, 0.5, 0.1, 5.0, 5.0, 5.0, 0.1, 5.0), lines.append)
     home.run()
     home.close()
     node.destroy_node()
-    told = [line for line in said if not line.startswith("waiting for ")]
-    assert told == [
+    reported = [line for line in lines if not line.startswith("waiting for ")]
+    assert reported == [
         "found: pid_wheels_controller is unconfigured",
         "configure pid_wheels_controller",
         "now: pid_wheels_controller is inactive",
@@ -201,12 +201,12 @@ def test_silent_controller_manager_is_not_changed(monkeypatch: pytest.MonkeyPatc
     from lupin_runtime.ros import LupinNode
 
     node = LupinNode("auto_home")
-    said: list[str] = []
-    home = AutoHome(node, Limits(visible_s=0.3, poll_s=0.1, call_s=0.1, list_repeat_s=0.1), said.append)
-    monkeypatch.setattr(home, "_wait", lambda *_: None)  # as if its service had been available just before it hung
+    lines: list[str] = []
+    home = AutoHome(node, Limits(visible_s=0.3, poll_s=0.1, call_s=0.1, list_repeat_s=0.1), lines.append)
+    monkeypatch.setattr(home, "_wait", lambda *_: None)  # as if the service had been available just before the manager hung
     with pytest.raises(NotHome, match="has a server that does not respond"):
         home.activate_controllers()
-    assert not any(line.startswith(("load", "configure", "activate")) for line in said)
+    assert not any(line.startswith(("load", "configure", "activate")) for line in lines)
     home.close()
     node.destroy_node()
 
@@ -233,11 +233,11 @@ def test_late_list_response_is_waited_for(graph_host: GraphHost) -> None:
 
     manager = Slow(graph_host, dict.fromkeys(graph.CONTROLLERS, "inactive"))
     node = LupinNode("auto_home")
-    said: list[str] = []
-    home = AutoHome(node, Limits(list_repeat_s=0.2 * LATE_S, poll_s=0.1), said.append)
+    lines: list[str] = []
+    home = AutoHome(node, Limits(list_repeat_s=0.2 * LATE_S, poll_s=0.1), lines.append)
     home.activate_controllers()
     assert manager.asked > 1 and set(manager.states.values()) == {"active"}
-    found = [line for line in said if line.startswith("found: ")]
+    found = [line for line in lines if line.startswith("found: ")]
     assert len(found) == 1 and found[0].count("is inactive") == len(graph.CONTROLLERS)
     home.close()
     node.destroy_node()
@@ -252,12 +252,12 @@ def test_lost_list_response_is_requested_again(graph_host: GraphHost, monkeypatc
 
     Manager(graph_host, dict.fromkeys(graph.CONTROLLERS, "active"))
     node = LupinNode("auto_home")
-    said: list[str] = []
-    home = AutoHome(node, Limits(call_s=10.0, visible_s=0.0, list_repeat_s=0.2), said.append)
+    lines: list[str] = []
+    home = AutoHome(node, Limits(call_s=10.0, visible_s=0.0, list_repeat_s=0.2), lines.append)
     ask, lost = home._list.call_async, [Future()]
     monkeypatch.setattr(home._list, "call_async", lambda request: lost.pop() if lost else ask(request))
     home.activate_controllers()
-    assert not lost and said[-1] == "found: all 5 controllers are active"
+    assert not lost and lines[-1] == "found: all 5 controllers are active"
     home.close()
     node.destroy_node()
 
@@ -306,8 +306,8 @@ def test_lupin_home_moves_the_arm_of_a_live_run(graph_host: GraphHost, tmp_path:
     home = subprocess.run(command, capture_output=True, text=True, timeout=60)
     os.close(lock)
     assert home.returncode == 0, home.stderr
-    said = [line.partition(" s  ")[2] for line in home.stdout.splitlines()]
-    assert "found: pid_wheels_controller is inactive" in said and said[-1] == "arm: sent"
+    lines = [line.partition(" s  ")[2] for line in home.stdout.splitlines()]
+    assert "found: pid_wheels_controller is inactive" in lines and lines[-1] == "arm: sent"
     assert manager.states["pid_wheels_controller"] == "active" and manager.presets == ["home"]
 
 

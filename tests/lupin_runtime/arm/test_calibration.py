@@ -111,7 +111,7 @@ def servos(graph_host: GraphHost) -> Any:
 
 @pytest.fixture
 def ask(graph_host: GraphHost, servos: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
-    """Calls `/lupin/arm/calibrate` on a server whose waits are short."""
+    """Call `/lupin/arm/calibrate` on a server with short waits."""
     from lupin_msgs.srv import CalibrateArm
 
     from lupin_runtime.arm import calibrate_server

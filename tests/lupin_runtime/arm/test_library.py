@@ -137,7 +137,7 @@ def test_binary_library_file_is_corrupt(tmp_path: Path) -> None:
 
 
 class Killed(BaseException):
-    """The process ended here."""
+    """The process was killed at this point."""
 
 
 STEPS = ("shutil.copy2", "pathlib.Path.replace", "pathlib.Path.replace#2", "pathlib.Path.open", "os.fsync")

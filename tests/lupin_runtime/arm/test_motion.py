@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lupin_runtime.arm import ArmMotion, ArmState, Point, Refused, timed, window
+from lupin_runtime.arm import ArmMotion, ArmState, Point, Refused, retime, window
 from lupin_runtime.graph import ARM_JOINTS
 from tests.support.optional import present
 
@@ -32,9 +32,9 @@ class Arm:
         self.sent: list[Any] = []
         self.motion = ArmMotion(lambda: self.state, self.sent.append, lambda: self.now_ns)
         if at is not None:
-            self.be(at)
+            self.set_pose(at)
 
-    def be(self, arm: Iterable[float]) -> None:
+    def set_pose(self, arm: Iterable[float]) -> None:
         pan, lift, elbow, wrist = arm
         self.state = ArmState((pan, lift, elbow, wrist), 0.0, self.now_ns)
 
@@ -45,7 +45,7 @@ class Arm:
 
 @given(POINTS, st.floats(0, 5), st.floats(0, 3))
 def test_replay_times_strictly_increase_to_the_last_point(points: list[Any], speed: float, lead_in_s: float) -> None:
-    path = timed(points, speed, lead_in_s)
+    path = retime(points, speed, lead_in_s)
     assert path[0].t_s >= 0.1
     assert all(a.t_s < b.t_s for a, b in pairwise(path))
     assert path[-1].arm == points[-1].arm
@@ -53,13 +53,13 @@ def test_replay_times_strictly_increase_to_the_last_point(points: list[Any], spe
 
 @pytest.mark.parametrize(("speed", "scale"), [(0.0, 1.0), (math.nan, 1.0), (0.1, 4.0), (9.0, 0.5), (2.0, 0.5)])
 def test_replay_speed_is_clamped_and_zero_means_recorded(speed: float, scale: float) -> None:
-    path = timed([Point(0.0, (0.0,) * 4), Point(10.0, (1.0,) * 4)], speed, lead_in_s=1.0)
+    path = retime([Point(0.0, (0.0,) * 4), Point(10.0, (1.0,) * 4)], speed, lead_in_s=1.0)
     assert path[-1].t_s == pytest.approx(1.0 + 10.0 * scale)
 
 
 def test_empty_replay_is_refused() -> None:
     with pytest.raises(ValueError, match="at least one"):
-        timed([])
+        retime([])
 
 
 @given(ARM)
@@ -109,10 +109,10 @@ def test_single_joint_duration_follows_distance_and_rate() -> None:
 def test_other_joints_ignore_sag_but_follow_a_hand() -> None:
     arm = Arm()
     arm.motion.move((0.5, 0.5, 0.5, 0.5), 3.0)
-    arm.be((0.5, 0.45, 0.5, 0.5))
+    arm.set_pose((0.5, 0.45, 0.5, 0.5))
     arm.motion.move_joint("wrist_joint", 0.1, 1.0)
     assert arm.last.arm == (0.5, 0.5, 0.5, 0.1)
-    arm.be((0.5, 0.2, 0.5, 0.1))
+    arm.set_pose((0.5, 0.2, 0.5, 0.1))
     arm.motion.move_joint("wrist_joint", 0.2, 1.0)
     assert arm.last.arm == (0.5, 0.2, 0.5, 0.2)
 
@@ -120,7 +120,7 @@ def test_other_joints_ignore_sag_but_follow_a_hand() -> None:
 def test_stale_feedback_does_not_move_the_other_joints() -> None:
     arm = Arm()
     arm.motion.move((0.5, 0.5, 0.5, 0.5), 3.0)
-    arm.be((0.0, 0.0, 0.0, 0.0))
+    arm.set_pose((0.0, 0.0, 0.0, 0.0))
     arm.now_ns += S
     arm.motion.move_joint("wrist_joint", 0.1, 1.0)
     assert arm.last.arm == (0.5, 0.5, 0.5, 0.1)
@@ -183,7 +183,7 @@ def test_move_without_a_subscriber_is_refused() -> None:
 def test_estop_holds_the_present_pose_and_refuses_moves() -> None:
     arm = Arm()
     arm.motion.move((1.0, 0.0, 0.0, 0.0), 3.0)
-    arm.be((0.4, 0.1, 0.0, 0.0))  # on its way
+    arm.set_pose((0.4, 0.1, 0.0, 0.0))  # on its way
     arm.motion.set_estop(True)
     assert arm.last.arm == (0.4, 0.1, 0.0, 0.0)
     sent = len(arm.sent)
@@ -206,13 +206,13 @@ def test_arm_that_leaves_its_hold_is_brought_back() -> None:
     arm = Arm((0.1, 0.2, 0.3, -0.4))
     arm.motion.set_estop(True)
     held = arm.last.arm
-    arm.be((0.15, 0.2, 0.3, -0.4))  # within the deviation of an arm at rest
+    arm.set_pose((0.15, 0.2, 0.3, -0.4))  # within the deviation of an arm at rest
     arm.motion.set_estop(True)
     assert len(arm.sent) == 1
-    arm.be((0.3, 0.2, 0.3, -0.4))
+    arm.set_pose((0.3, 0.2, 0.3, -0.4))
     arm.motion.set_estop(True)
     assert len(arm.sent) == 2 and arm.last.arm == held
-    arm.now_ns += 5 * S  # without fresh feedback nothing says that it left
+    arm.now_ns += 5 * S  # without fresh feedback it is unknown whether the arm left
     arm.motion.set_estop(True)
     assert len(arm.sent) == 2
 
@@ -234,7 +234,7 @@ def test_estop_holds_the_arm_once_its_pose_is_known() -> None:
     arm.motion.set_estop(True)
     arm.motion.set_estop(False)
     assert len(arm.sent) == 1
-    arm.be((0.6, 0.0, 0.0, 0.0))
+    arm.set_pose((0.6, 0.0, 0.0, 0.0))
     arm.motion.set_estop(False)
     assert arm.last.arm == (0.6, 0.0, 0.0, 0.0)
 
@@ -259,7 +259,7 @@ def test_command_that_waited_through_an_estop_is_refused() -> None:
 
 @given(st.lists(st.one_of(st.booleans(), ARM), max_size=30))
 def test_after_a_release_only_newer_commands_move_the_arm(events: list[Any]) -> None:
-    """Booleans are messages of the e-stop, tuples are moves; the arm reaches every pose that it is sent to half way."""
+    """Booleans are messages of the e-stop, tuples are moves; the arm goes half of the way to every commanded pose."""
     arm = Arm()
     engaged = False
     held = None
@@ -278,18 +278,16 @@ def test_after_a_release_only_newer_commands_move_the_arm(events: list[Any]) -> 
             assert len(arm.sent) == sent
         else:
             arm.motion.move(event, 1.0)
-            arm.be([(at + to) / 2 for at, to in zip(present(arm.state).arm, present(arm.last).arm)])
+            arm.set_pose([(at + to) / 2 for at, to in zip(present(arm.state).arm, present(arm.last).arm)])
 
 
 @given(st.lists(ARM, max_size=3), st.booleans())
-def test_other_trajectory_is_replaced_by_the_held_pose_under_estop(
-    path: list[tuple[float, float, float, float]], engaged: bool
-) -> None:
+def test_foreign_trajectory_is_replaced_by_the_held_pose(path: list[tuple[float, float, float, float]], engaged: bool) -> None:
     arm = Arm((0.1, 0.2, 0.3, -0.4))
     arm.motion.set_estop(True)
     held = arm.last.arm
     arm.motion.set_estop(engaged)
-    arm.be((0.1, 0.15, 0.3, -0.4))  # moved by the other trajectory, or by its weight
+    arm.set_pose((0.1, 0.15, 0.3, -0.4))  # moved by the other trajectory, or by its weight
     sent = len(arm.sent)
     arm.motion.counter(path)
     assert len(arm.sent) == sent + (engaged and path != [held])
@@ -299,7 +297,7 @@ def test_other_trajectory_is_replaced_by_the_held_pose_under_estop(
     assert len(arm.sent) == sent
 
 
-def test_target_of_before_the_estop_is_not_held() -> None:
+def test_target_from_before_the_estop_is_not_held() -> None:
     arm = Arm()
     arm.motion.move((1.0, 0.0, 0.0, 0.0), 30.0)
     arm.now_ns += 5 * S

@@ -18,7 +18,7 @@ def file(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("content", [None, "", "# nothing\n", "color: {}\n"])
-def test_what_is_left_out_is_by_default(file: Path, content: str | None) -> None:
+def test_omitted_keys_have_default_values(file: Path, content: str | None) -> None:
     if content is not None:
         file.write_text(content)
     assert read_configuration(file) == CameraConfiguration(
@@ -26,7 +26,7 @@ def test_what_is_left_out_is_by_default(file: Path, content: str | None) -> None
     )
 
 
-def test_what_is_written_holds(file: Path) -> None:
+def test_configured_values_are_used(file: Path) -> None:
     file.write_text(
         "color: {fps: 10}\ndepth: {enabled: true}\npoint_cloud: {enabled: true}\n"
         "gripper: {framerate: 15, pixel_format: mjpeg2rgb, width: 320, height: 240}\n"
@@ -39,16 +39,16 @@ def test_what_is_written_holds(file: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "named"),
     [
-        ("color: {}", "color"),
+        ("colour: {}", "colour"),
         ("color: {rate: 1}", "rate"),
         ("color: 7", "color: expected keys"),
         ("[]", "expected keys"),
-        ("color: {fps: 0}", "color.fps is a whole number from 1 to 60"),
+        ("color: {fps: 0}", "color.fps must be a whole number from 1 to 60"),
         ("color: {fps: 30.5}", "color.fps"),
         ("color: {fps: true}", "color.fps"),
-        ("color: {enabled: 1}", "color.enabled is true or false"),
+        ("color: {enabled: 1}", "color.enabled must be true or false"),
         ("gripper: {framerate: .nan}", "gripper.framerate"),
-        ("gripper: {pixel_format: 'rgb; reboot'}", "gripper.pixel_format is one of"),
+        ("gripper: {pixel_format: 'rgb; reboot'}", "gripper.pixel_format must be one of"),
         ("point_cloud: {enabled: true}", "point_cloud.enabled needs depth.enabled"),
         ("color: {", ":1: not YAML"),
         ("!!python/object/apply:os.system ['true']", "not YAML"),

@@ -31,12 +31,12 @@ def plug_body(root: Path, *links: str) -> None:
         (root / "dev" / link).symlink_to(device)
 
 
-def test_nothing_is_found_where_nothing_is(tmp_path: Path) -> None:
+def test_machine_without_cameras_has_none(tmp_path: Path) -> None:
     assert find_camera(BODY, DEFAULT, tmp_path) is None and find_camera(GRIPPER, DEFAULT, tmp_path) is None
 
 
 @pytest.mark.parametrize("name", ["HD Camera: HD Camera", "USB 2.0 PC Cam"])
-def test_gripper_camera_is_known_by_its_name(tmp_path: Path, name: str) -> None:
+def test_gripper_camera_is_found_by_its_name(tmp_path: Path, name: str) -> None:
     plug_gripper(tmp_path, 0, "cedrus")
     plug_gripper(tmp_path, 11, name)
     plug_gripper(tmp_path, 4, name)
@@ -57,7 +57,7 @@ def test_gripper_camera_is_known_by_its_name(tmp_path: Path, name: str) -> None:
         (("astra_mini_pro",), "ros2 launch orbbec_camera astra.launch.py"),
     ],
 )
-def test_body_camera_is_known_by_its_links(tmp_path: Path, links: tuple[str, ...], launch: str) -> None:
+def test_body_camera_is_found_by_its_links(tmp_path: Path, links: tuple[str, ...], launch: str) -> None:
     plug_body(tmp_path, *links)
     found = find_camera(BODY, CameraConfiguration(color=Color(fps=10), depth=Depth(True, 7)), tmp_path)
     assert found is not None and found.devices == (tmp_path / "dev/bus/usb/001/007",)
@@ -67,7 +67,7 @@ def test_body_camera_is_known_by_its_links(tmp_path: Path, links: tuple[str, ...
         assert argument in command
 
 
-def test_half_a_body_camera_is_none(tmp_path: Path) -> None:
+def test_incomplete_body_camera_is_not_found(tmp_path: Path) -> None:
     plug_body(tmp_path, "astradepth")
     assert find_camera(BODY, DEFAULT, tmp_path) is None
 

@@ -20,7 +20,7 @@ from lupin_runtime.cameras import driver
 from lupin_runtime.cameras.configuration import CameraConfiguration, Gripper
 from lupin_runtime.cameras.devices import GRIPPER
 from lupin_runtime.cameras.driver_state import ABSENT, ENDED, HELD, NO_DRIVER, OFF, RUNNING
-from lupin_runtime.cameras.holders import end, find_holders
+from lupin_runtime.cameras.holders import find_holders, terminate
 
 # Holds its argument open, as a camera driver does; with a second argument it hears no signal but the last.
 HOLD = """#!{python}
@@ -82,8 +82,8 @@ def ros2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shell = shutil.which("sh")
     assert shell is not None
     monkeypatch.setenv("PATH", f"{programs}:{Path(shell).parent}:/usr/bin:/bin")
-    monkeypatch.setattr(driver, "LOOK_S", 0.05)
-    monkeypatch.setattr(driver, "AGAIN_S", 0.05)
+    monkeypatch.setattr(driver, "CAMERA_CHECK_PERIOD_S", 0.05)
+    monkeypatch.setattr(driver, "RESTART_DELAY_S", 0.05)
     return calls
 
 
@@ -136,22 +136,22 @@ def test_holders_are_found_with_their_programs(device: Path, hold: Hold, tmp_pat
 
 
 @pytest.mark.parametrize("deaf", [(), ("deaf",)], ids=["hears", "deaf"])
-def test_drivers_are_ended_by_their_process(
+def test_driver_is_terminated_by_its_pid(
     device: Path, hold: Hold, deaf: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import signal
 
     monkeypatch.setattr(
-        "lupin_runtime.cameras.holders._ENDING", ((signal.SIGINT, 0.3), (signal.SIGTERM, 0.3), (signal.SIGKILL, 5.0))
+        "lupin_runtime.cameras.holders._SIGNALS", ((signal.SIGINT, 0.3), (signal.SIGTERM, 0.3), (signal.SIGKILL, 5.0))
     )
     process = hold("usb_cam_node_exe", device, *deaf)
     (holder,) = find_holders([device])
-    assert end(holder)
+    assert terminate(holder)
     process.wait(5.0)
-    assert end(holder), "it is gone already"
+    assert terminate(holder), "it is gone already"
 
 
-def test_vendors_driver_gives_way(device: Path, hold: Hold, ros2: Path, camera_driver: Callable[..., None]) -> None:
+def test_vendors_driver_is_replaced(device: Path, hold: Hold, ros2: Path, camera_driver: Callable[..., None]) -> None:
     vendor = hold("usb_cam_node_exe", device)
     camera_driver()
     vendor.wait(20.0)
@@ -159,7 +159,7 @@ def test_vendors_driver_gives_way(device: Path, hold: Hold, ros2: Path, camera_d
     until(lambda: len(find_holders([device])) == 1, "our driver on the device")
 
 
-def test_somebody_else_is_named_and_left_alone(
+def test_other_program_is_named_and_not_terminated(
     device: Path, hold: Hold, ros2: Path, camera_driver: Callable[..., None], capfd: pytest.CaptureFixture[str]
 ) -> None:
     person = hold("cheese", device)
@@ -172,7 +172,7 @@ def test_somebody_else_is_named_and_left_alone(
     until(ros2.read_text, "the start of our driver")
 
 
-def test_camera_is_waited_for_and_taken_up_again(
+def test_driver_starts_again_when_camera_returns(
     device: Path, ros2: Path, camera_driver: Callable[..., None], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     name = tmp_path / "sys/class/video4linux/video2/name"
@@ -189,7 +189,7 @@ def test_camera_is_waited_for_and_taken_up_again(
     until(lambda: ros2.read_text().count("\n") == 2, "the next start")
 
 
-def test_end_leaves_no_process(device: Path, ros2: Path, tmp_path: Path) -> None:
+def test_stopping_leaves_no_process(device: Path, ros2: Path, tmp_path: Path) -> None:
     ended = threading.Event()
     thread = threading.Thread(target=driver.CameraDriver(GRIPPER, CameraConfiguration(), ended, tmp_path).run)
     thread.start()
@@ -200,7 +200,7 @@ def test_end_leaves_no_process(device: Path, ros2: Path, tmp_path: Path) -> None
     until(lambda: find_holders([device]) == [], "the end of the driver")
 
 
-def test_camera_that_is_switched_off_stays_off(
+def test_driver_of_switched_off_camera_does_not_start(
     device: Path, ros2: Path, camera_driver: Callable[..., None], capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert device.exists()
@@ -210,7 +210,7 @@ def test_camera_that_is_switched_off_stays_off(
     assert ros2.read_text() == ""
 
 
-def test_missing_vendor_software_is_named(
+def test_missing_vendor_software_is_reported(
     device: Path, camera_driver: Callable[..., None], capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert device.exists()
@@ -220,7 +220,7 @@ def test_missing_vendor_software_is_named(
 
 
 @pytest.mark.usefixtures("ros2")
-def test_every_state_is_kept_for_the_doctor(
+def test_every_state_is_written_for_the_doctor(
     device: Path, hold: Hold, camera_driver: Callable[..., None], kept: Callable[[], dict[str, Any]], tmp_path: Path
 ) -> None:
     name = tmp_path / "sys/class/video4linux/video2/name"
@@ -242,13 +242,13 @@ def test_every_state_is_kept_for_the_doctor(
 
 
 @pytest.mark.usefixtures("ros2")
-def test_driver_that_runs_again_has_not_failed(
+def test_exit_count_restarts_after_a_stable_run(
     device: Path,
     camera_driver: Callable[..., None],
     kept: Callable[[], dict[str, Any]],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(driver, "STEADY_S", 0.3)
+    monkeypatch.setattr(driver, "STABLE_AFTER_S", 0.3)
     camera_driver()
     (ours,) = until(lambda: find_holders([device]), "the driver on the device")
     until(lambda: kept()["state"] == RUNNING, "the running driver")
@@ -257,7 +257,7 @@ def test_driver_that_runs_again_has_not_failed(
     until(lambda: kept() == {"state": RUNNING, "text": "the driver of the gripper camera runs", "ends": 0}, "the next driver")
 
 
-def test_missing_software_and_switched_off_cameras_are_kept_for_the_doctor(
+def test_missing_software_and_off_state_are_written(
     device: Path, camera_driver: Callable[..., None], kept: Callable[[], dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert device.exists()
@@ -269,7 +269,7 @@ def test_missing_software_and_switched_off_cameras_are_kept_for_the_doctor(
 
 
 @pytest.mark.usefixtures("ros2")
-def test_states_that_cannot_be_kept_stop_no_driver(
+def test_unwritable_state_does_not_stop_the_driver(
     device: Path, camera_driver: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("RUNTIME_DIRECTORY", "/nonexistent")

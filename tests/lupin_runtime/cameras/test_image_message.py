@@ -12,7 +12,7 @@ from tests.support.image_messages import compressed_message, image_message
 
 @pytest.mark.parametrize("frame", ["", "a", "camera_color_optical_frame", "fünf"])
 @pytest.mark.parametrize("encoding", ["rgb8", "mono8", "bayer_rggb8", "8UC1"])
-def test_fields_are_those_that_rclpy_wrote(frame: str, encoding: str) -> None:
+def test_fields_equal_those_that_rclpy_wrote(frame: str, encoding: str) -> None:
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import CompressedImage, Image
 
@@ -29,7 +29,7 @@ def test_fields_are_those_that_rclpy_wrote(frame: str, encoding: str) -> None:
     assert (read.stamp_ns, read.format, bytes(read.data)) == (0, encoding, b"\xff\xd8\xff" + bytes(7))
 
 
-def test_images_of_the_tests_are_those_of_rclpy() -> None:
+def test_images_of_the_tests_equal_those_of_rclpy() -> None:
     from rclpy.serialization import deserialize_message
     from sensor_msgs.msg import CompressedImage, Image
 
@@ -45,7 +45,7 @@ def test_big_endian_messages_are_read() -> None:
     assert read_compressed(message + bytes((0, 0, 0, 2)) + b"ab").data.tobytes() == b"ab"
 
 
-def test_every_shortened_message_is_refused() -> None:
+def test_every_truncated_message_is_refused() -> None:
     for message, read in (
         (image_message(bytes(18), 3, 2, "rgb8", 9), read_image),
         (compressed_message(bytes(18)), read_compressed),

@@ -42,7 +42,7 @@ def test_colors_are_kept(encoding: str, conversion: int | None, padding: int) ->
 
 
 @pytest.mark.parametrize(("encoding", "first"), [("yuv422", 1), ("uyvy", 1), ("yuv422_yuy2", 0), ("yuyv", 0)])
-def test_luminance_and_color_of_yuv_are_told_apart(encoding: str, first: int) -> None:
+def test_luminance_and_color_of_yuv_are_distinguished(encoding: str, first: int) -> None:
     yuv = cv2.cvtColor(BGR, cv2.COLOR_BGR2YUV)
     packed = np.zeros((HEIGHT, WIDTH, 2), np.uint8)
     packed[:, :, first] = yuv[:, :, 0]
@@ -55,7 +55,7 @@ def test_luminance_and_color_of_yuv_are_told_apart(encoding: str, first: int) ->
     ("bayer_rggb8", (0, 0), (1, 1)), ("bayer_bggr8", (1, 1), (0, 0)),
     ("bayer_gbrg8", (1, 0), (0, 1)), ("bayer_grbg8", (0, 1), (1, 0)),
 ])  # fmt: skip
-def test_bayer_patterns_are_told_apart(encoding: str, red: tuple[int, int], blue: tuple[int, int]) -> None:
+def test_bayer_patterns_are_distinguished(encoding: str, red: tuple[int, int], blue: tuple[int, int]) -> None:
     mosaic = np.ascontiguousarray(BGR[:, :, 1])
     for (row, column), channel in ((red, 2), (blue, 0)):
         mosaic[row::2, column::2] = BGR[row::2, column::2, channel]
@@ -64,14 +64,14 @@ def test_bayer_patterns_are_told_apart(encoding: str, red: tuple[int, int], blue
     assert np.abs(shown - BGR.astype(np.int16))[inner].mean() < TOLERANCE
 
 
-def test_gray_is_gray() -> None:
+def test_gray_images_stay_gray() -> None:
     gray = np.ascontiguousarray(BGR[:, :, 2])
     for pixels, encoding in ((gray, "mono8"), (gray, "8UC1"), (gray.astype(np.uint16) << 8, "mono16")):
         assert off_by(encode(raw(pixels, encoding)), np.repeat(gray[:, :, None], 3, 2)) < 3
 
 
 @pytest.mark.parametrize("big_endian", [False, True])
-def test_what_is_near_is_white_and_what_is_unknown_black(big_endian: bool) -> None:
+def test_near_depth_is_white_and_unknown_depth_black(big_endian: bool) -> None:
     meters = np.full((32, 64), 9.0, np.float32)
     meters[:, :16], meters[:, 16:32], meters[:, 32:48] = 0.5, np.nan, np.inf
     millimeters = np.where(np.isfinite(meters), meters * 1000, 0).astype(np.uint16)
@@ -81,7 +81,7 @@ def test_what_is_near_is_white_and_what_is_unknown_black(big_endian: bool) -> No
         assert shown[:, 4:12].min() > 230 and shown[:, 20:44].max() < 8 and 15 < shown[:, 52:60].mean() < 40
 
 
-def test_width_quality_and_rotation_are_as_asked() -> None:
+def test_width_quality_and_rotation_are_applied() -> None:
     image = raw(BGR, "bgr8")
     assert decoded(encode(image, width_px=32)).shape == (24, 32, 3)
     assert decoded(encode(image, width_px=200)).shape == (150, 200, 3)
@@ -114,6 +114,6 @@ def test_damaged_pictures_are_refused(data: bytes) -> None:
         transcode(data)
 
 
-def test_image_of_a_message_is_shown() -> None:
+def test_image_message_is_encoded() -> None:
     message = image_message(BGR.tobytes(), WIDTH, HEIGHT, "bgr8", 3 * WIDTH, stamp_ns=7)
     assert off_by(encode(read_image(message)), BGR) < 3

@@ -14,7 +14,7 @@ PICTURES = st.lists(st.tuples(st.binary(max_size=300), st.integers(0, 10**18)), 
 
 
 @given(PICTURES, st.lists(st.integers(0, 2000), max_size=8))
-def test_stream_arrives_whole_in_any_pieces(pictures: list[tuple[bytes, int]], cuts: list[int]) -> None:
+def test_stream_in_any_chunks_is_read_completely(pictures: list[tuple[bytes, int]], cuts: list[int]) -> None:
     stream = mjpeg.OPENING + b"".join(mjpeg.part(*picture) for picture in pictures)
     edges = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
     reader = mjpeg.PartReader()
@@ -22,7 +22,7 @@ def test_stream_arrives_whole_in_any_pieces(pictures: list[tuple[bytes, int]], c
 
 
 @given(st.lists(st.binary(max_size=3000), max_size=5))
-def test_any_bytes_are_taken_apart_or_refused(pieces: list[bytes]) -> None:
+def test_any_bytes_are_parsed_or_refused(pieces: list[bytes]) -> None:
     reader = mjpeg.PartReader()
     try:
         for piece in pieces:

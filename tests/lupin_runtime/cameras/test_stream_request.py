@@ -65,7 +65,7 @@ def test_queries_of_web_video_server_are_understood(query: dict[str, str], reque
         {"topic": "/c", "color": "1"},
     ],
 )
-def test_what_is_not_understood_is_refused(query: dict[str, str]) -> None:
+def test_invalid_queries_are_refused(query: dict[str, str]) -> None:
     with pytest.raises(BadRequest):
         read_request(query)
 
@@ -83,7 +83,7 @@ def test_compressed_pictures_are_preferred(topic: str, source: Source) -> None:
     assert choose_source(StreamRequest(topic), GRAPH) == source
 
 
-def test_unknown_camera_is_told_which_there_are() -> None:
+def test_unknown_camera_is_refused_with_list_of_cameras() -> None:
     for topic in ("/scan", "/nothing"):
         with pytest.raises(NoSuchCamera, match="cameras: /camera/image_raw, /depth/image_raw, /phone, /photo"):
             choose_source(StreamRequest(topic), GRAPH)

@@ -55,7 +55,7 @@ def listed(graph_host: GraphHost, client: VideoClient, topics: list[str]) -> Non
     graph_host.until(lambda: [row["topic"] for row in client.json("/streams")] == topics, what=f"the cameras {topics}")
 
 
-def test_pictures_of_both_kinds_reach_a_client(graph_host: GraphHost, peer: LupinNode, client: VideoClient) -> None:
+def test_raw_and_compressed_pictures_reach_a_client(graph_host: GraphHost, peer: LupinNode, client: VideoClient) -> None:
     from sensor_msgs.msg import CompressedImage, Image
 
     raw, companion = peer.publisher(CAMERA), peer.publisher(graph.compressed(CAMERA))
@@ -75,7 +75,7 @@ def test_pictures_of_both_kinds_reach_a_client(graph_host: GraphHost, peer: Lupi
 
 
 @pytest.mark.parametrize("reliable", [True, False], ids=["reliable", "best effort"])
-def test_camera_that_was_unplugged_is_shown_when_it_is_back(
+def test_stream_continues_when_unplugged_camera_returns(
     graph_host: GraphHost, server: VideoServer, client: VideoClient, reliable: bool
 ) -> None:
     from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -111,11 +111,11 @@ def test_camera_that_was_unplugged_is_shown_when_it_is_back(
     assert stream.picture()[0] == JPEG + b"2"
 
 
-def test_port_in_use_is_named_and_leaves_nothing(graph_host: GraphHost, peer: LupinNode) -> None:
+def test_port_in_use_is_reported_and_leaves_nothing(graph_host: GraphHost, peer: LupinNode) -> None:
     from lupin_runtime.cameras.node import VideoServer
 
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(OSError, match=f"port {port} is in use; see its owner with"):
+        with pytest.raises(OSError, match=f"port {port} is in use; show its owner with"):
             VideoServer({"port": port})
     graph_host.until(lambda: peer.get_node_names() == ["driver"], what="a graph without the server")

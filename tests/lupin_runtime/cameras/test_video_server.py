@@ -60,7 +60,7 @@ def watched(graph: PublishedPictures) -> int:
     return len(graph.subscriptions)
 
 
-def test_jpeg_pictures_are_passed_through_with_their_stamps(graph: PublishedPictures, client: VideoClient) -> None:
+def test_jpeg_pictures_are_forwarded_with_their_stamps(graph: PublishedPictures, client: VideoClient) -> None:
     stream = client.stream("/stream?topic=/jpeg")
     assert stream.headers["Content-Type"].startswith("multipart/x-mixed-replace; boundary=")
     for number in range(1, 5):
@@ -86,7 +86,7 @@ def test_raw_pictures_are_encoded_once_for_all_clients(
         pictures = {stream.picture() for stream in streams}
         assert len(pictures) == 1 and len(encoded) == number
     assert decoded(next(iter(pictures))[0]).shape == BGR.shape
-    assert graph.began == 1
+    assert graph.subscribe_count == 1
 
 
 @pytest.mark.parametrize("topic", ["/raw", "/jpeg"])
@@ -99,7 +99,7 @@ def test_clients_get_the_width_that_they_asked_for(graph: PublishedPictures, cli
     assert decoded(full.picture()[0]).shape == BGR.shape
 
 
-def test_subscription_begins_with_the_first_client_and_ends_with_the_last(
+def test_camera_is_subscribed_to_only_while_it_has_clients(
     graph: PublishedPictures, client: VideoClient
 ) -> None:
     assert watched(graph) == 0
@@ -113,7 +113,7 @@ def test_subscription_begins_with_the_first_client_and_ends_with_the_last(
     until(lambda: watched(graph) == 0, "the end of the subscription, though no picture comes")
 
 
-def test_streams_that_are_opened_and_closed_quickly_leave_nothing(graph: PublishedPictures, server: VideoHttpServer) -> None:
+def test_streams_opened_and_closed_quickly_leave_nothing(graph: PublishedPictures, server: VideoHttpServer) -> None:
     threads_before = threading.active_count()
 
     def visit() -> None:
@@ -132,7 +132,7 @@ def test_streams_that_are_opened_and_closed_quickly_leave_nothing(graph: Publish
     until(lambda: threading.active_count() <= threads_before, "the end of all threads")
 
 
-def test_client_that_never_reads_slows_nobody_down_and_is_disconnected(
+def test_client_that_never_reads_is_disconnected(
     graph: PublishedPictures, server: VideoHttpServer, client: VideoClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(http_server._Handler, "timeout", 1.0)
@@ -160,7 +160,7 @@ def test_slow_client_gets_the_newest_picture(graph: PublishedPictures, client: V
     assert seen == sorted(seen) and len(seen) < 150
 
 
-def test_snapshot_is_a_picture_that_was_taken_after_the_request(graph: PublishedPictures, client: VideoClient) -> None:
+def test_snapshot_is_taken_after_the_request(graph: PublishedPictures, client: VideoClient) -> None:
     stream = client.stream("/stream?topic=/jpeg")
     graph.publish(JPEG + b"old", 1)
     stream.picture()
@@ -177,10 +177,10 @@ def test_snapshot_is_a_picture_that_was_taken_after_the_request(graph: Published
     assert headers["Cache-Control"] == "no-store" and headers["X-Timestamp"].startswith("0.0000000")
 
 
-def test_snapshot_of_a_camera_that_is_silent_says_so(
+def test_snapshot_of_silent_camera_is_refused_with_reason(
     graph: PublishedPictures, client: VideoClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(http_server, "SNAPSHOT_S", 0.2)
+    monkeypatch.setattr(http_server, "SNAPSHOT_TIMEOUT_S", 0.2)
     assert "no picture came from /jpeg within 0.2 s" in client.text("/snapshot?topic=/jpeg", 504)
     until(lambda: watched(graph) == 0, "the end of the subscription")
 
@@ -197,7 +197,7 @@ def test_cameras_are_listed_with_their_rate(graph: PublishedPictures, client: Vi
     assert row["clients"] == 1 and 10 < row["fps"] < 200 and 0 <= row["age_s"] < 10
 
 
-def test_lists_and_viewers_for_people_escape_what_the_graph_calls_its_cameras(
+def test_html_pages_escape_topic_names(
     graph: PublishedPictures, client: VideoClient
 ) -> None:
     graph.topics["/<script>alert(1)</script>"] = [IMAGE]
@@ -211,15 +211,15 @@ def test_lists_and_viewers_for_people_escape_what_the_graph_calls_its_cameras(
 @pytest.mark.parametrize(
     ("path", "status", "reason"),
     [
-        ("/stream", 400, "/streams lists them"),
-        ("/stream?topic=/jpeg&quality=0.5", 400, "quality is a whole number from 1 to 100"),
+        ("/stream", 400, "/streams lists the cameras"),
+        ("/stream?topic=/jpeg&quality=0.5", 400, "quality must be a whole number from 1 to 100"),
         ("/stream?topic=/jpeg&" + "&".join(f"a{n}" for n in range(30)), 400, "fields"),
         ("/stream?topic=/nothing", 404, "cameras: /jpeg, /raw"),
         ("/snapshot?topic=/nothing", 404, "cameras: /jpeg, /raw"),
         ("/etc/passwd", 404, "there are /stream"),
     ],
 )
-def test_refusals_say_what_there_is(client: VideoClient, path: str, status: int, reason: str) -> None:
+def test_refusals_name_the_valid_choices(client: VideoClient, path: str, status: int, reason: str) -> None:
     assert reason in client.text(path, status)
 
 
@@ -230,7 +230,7 @@ def test_graph_that_does_not_respond_is_reported(graph: PublishedPictures, clien
 
 
 @pytest.mark.parametrize("damaged", [b"", b"\xff\xd8", b"\x89PNG damaged", bytes(5000)])
-def test_damaged_pictures_are_named_once_and_passed_over(
+def test_damaged_pictures_are_skipped_and_logged_once(
     graph: PublishedPictures, client: VideoClient, warnings: list[str], damaged: bytes
 ) -> None:
     stream = client.stream("/stream?topic=/jpeg")
@@ -243,7 +243,7 @@ def test_damaged_pictures_are_named_once_and_passed_over(
     assert len(warnings) == 1 and "error" not in client.json("/streams")[0]
 
 
-def test_malformed_messages_are_named(graph: PublishedPictures, client: VideoClient, warnings: list[str]) -> None:
+def test_malformed_messages_are_reported(graph: PublishedPictures, client: VideoClient, warnings: list[str]) -> None:
     streams = [client.stream(f"/stream?topic={topic}") for topic in ("/jpeg", "/raw")]
     for receive in graph.subscriptions.values():
         receive(b"\0\1\0\0no message")
@@ -255,8 +255,8 @@ def test_malformed_messages_are_named(graph: PublishedPictures, client: VideoCli
     assert [stream.picture()[1] for stream in streams] == [4, 4]
 
 
-def test_those_who_send_no_request_are_disconnected(server: VideoHttpServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(http_server, "REQUEST_S", 0.5)
+def test_client_without_a_request_is_disconnected(server: VideoHttpServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http_server, "REQUEST_TIMEOUT_S", 0.5)
     slow = socket.create_connection(("127.0.0.1", server.port), timeout=20.0)
     slow.sendall(b"GET /streams HTTP/1.1\r\n")
 
@@ -272,9 +272,9 @@ def test_those_who_send_no_request_are_disconnected(server: VideoHttpServer, mon
     slow.close()
 
 
-def test_address_that_opens_too_many_connections_gets_no_more(graph: PublishedPictures, server: VideoHttpServer) -> None:
+def test_connections_per_address_are_limited(graph: PublishedPictures, server: VideoHttpServer) -> None:
     client = VideoClient(server.port)
-    for _ in range(http_server.MAX_CONNECTIONS_OF_ADDRESS):
+    for _ in range(http_server.MAX_CONNECTIONS_PER_ADDRESS):
         client.stream("/stream?topic=/jpeg")
     with pytest.raises((ConnectionError, OSError)):
         VideoClient(server.port).get("/streams")
@@ -313,7 +313,7 @@ def test_hostile_requests_end_without_a_traceback(
     assert "Traceback" not in capfd.readouterr().err
 
 
-def test_end_of_the_server_ends_the_streams(graph: PublishedPictures, server: VideoHttpServer, client: VideoClient) -> None:
+def test_stopping_the_server_ends_its_streams(graph: PublishedPictures, server: VideoHttpServer, client: VideoClient) -> None:
     stream = client.stream("/stream?topic=/jpeg")
     server.stop()
     with pytest.raises(EOFError):

@@ -43,7 +43,7 @@ def read_qr(text: str, *, inverted: bool = False) -> str:
     return str(cv2.QRCodeDetector().detectAndDecode(picture)[0])
 
 
-def test_urls_of_both_schemes_are_listed_the_preferred_first() -> None:
+def test_urls_are_listed_preferred_scheme_first() -> None:
     assert URLS.network == (
         *("https://192.168.1.20:8443", "https://10.42.0.2:8443", "https://[fd00::2]:8443", "https://lab-7.local:8443"),
         *("http://192.168.1.20:8090", "http://10.42.0.2:8090", "http://[fd00::2]:8090", "http://lab-7.local:8090"),
@@ -59,12 +59,12 @@ def test_qr_code_leads_to_the_first_network_url() -> None:
     assert "discovery server 10.42.0.1:11811" in text and "!" not in text
 
 
-def test_pairing_url_takes_the_place_in_the_qr_code() -> None:
+def test_qr_code_leads_to_the_pairing_url_if_given() -> None:
     text = banner(URLS, SERVER, TERMINAL, pairing_url=PAIRING)
     assert read_qr(text) == PAIRING and PAIRING in text
 
 
-def test_code_without_color_is_light_on_dark() -> None:
+def test_qr_code_without_color_is_light_on_dark() -> None:
     text = banner(URLS, SERVER, Screen(80, True, True, False), pairing_url=PAIRING)
     assert "\x1b" not in text
     assert read_qr(text, inverted=True) == PAIRING
@@ -73,7 +73,7 @@ def test_code_without_color_is_light_on_dark() -> None:
 @pytest.mark.parametrize(
     "screen", [Screen(80, False, True, False), Screen(30, True, True, True), Screen(80, True, False, True)]
 )
-def test_output_that_cannot_show_a_qr_code_gets_the_urls(screen: Screen) -> None:
+def test_output_without_qr_code_still_has_the_urls(screen: Screen) -> None:
     text = banner(URLS, SERVER, screen)
     assert not set(text) & set("▄▀█\x1b")
     assert all(url in text for url in (*URLS.network, *URLS.local))
@@ -110,12 +110,12 @@ def test_control_characters_do_not_reach_the_terminal() -> None:
     assert not set(text) & set("\x1b\x9b\x07")
 
 
-def test_output_in_ascii_is_ascii() -> None:
+def test_ascii_terminal_gets_only_ascii() -> None:
     assert banner(URLS, DiscoveryMode("domäne"), Screen(80, False, False, False)).isascii()
 
 
 @given(st.text(min_size=1, max_size=120))
-def test_half_blocks_are_the_modules_of_the_code(text: str) -> None:
+def test_half_blocks_match_the_modules_of_the_code(text: str) -> None:
     modules = [list(row) for row in segno.make_qr(text, error="l").matrix_iter(border=QUIET_ZONE)]
     for color in (True, False):
         drawn = modules_of("\n".join(qr_lines(text, Screen(200, True, True, color))), inverted=not color)

@@ -52,7 +52,7 @@ def test_nan_and_infinities_are_null_in_json() -> None:
 
 
 @pytest.mark.parametrize("message_class", [String, Bool, Float64MultiArray])
-def test_truncated_and_foreign_data_is_malformed_or_harmless(message_class: Any) -> None:
+def test_truncated_or_foreign_data_is_refused_or_harmless(message_class: Any) -> None:
     rng = random.Random(5)
     whole = serialize_message(random_message(Float64MultiArray, rng))
     samples = [whole[:length] for length in range(len(whole))] + [rng.randbytes(rng.randrange(4, 60)) for _ in range(3000)]
@@ -64,7 +64,7 @@ def test_truncated_and_foreign_data_is_malformed_or_harmless(message_class: Any)
         assert set(values) == set(message_class.get_fields_and_field_types())
 
 
-def test_false_count_of_elements_ends_at_once() -> None:
+def test_wrong_sequence_length_is_refused_at_once() -> None:
     data = b"\x00\x01\x00\x00" + (0xFFFFFFFF).to_bytes(4, "little") + bytes(20)
     with pytest.raises(MalformedMessage, match="4294967295"):
         decoder(Float64MultiArray, Format.JSON)(data)

@@ -17,7 +17,7 @@ def rows(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-def test_command_is_noted_with_who_when_and_what(tmp_path: Path) -> None:
+def test_command_is_logged_with_session_time_and_detail(tmp_path: Path) -> None:
     path = tmp_path / "commands.jsonl"
     journal = CommandJournal(path)
     journal.record("phone-1", "call /mission/start", {"mission_type": "x"})
@@ -48,7 +48,7 @@ def test_repeats_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     ]
 
 
-def test_large_and_hostile_requests_make_one_short_line(tmp_path: Path) -> None:
+def test_large_or_hostile_request_gives_one_short_line(tmp_path: Path) -> None:
     path = tmp_path / "commands.jsonl"
     journal = CommandJournal(path)
     deep: Any = []
@@ -61,7 +61,7 @@ def test_large_and_hostile_requests_make_one_short_line(tmp_path: Path) -> None:
     assert all(len(line) < 20_000 for line in path.read_text().splitlines())
 
 
-def test_journal_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_journal_size_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command_journal, "MAX_BYTES", 2000)
     path = tmp_path / "commands.jsonl"
     journal = CommandJournal(path)

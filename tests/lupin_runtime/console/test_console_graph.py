@@ -136,7 +136,7 @@ def test_late_client_gets_the_latched_message_once(graph_host: GraphHost, peer: 
     assert [len([m for m in client.received if m["op"] == "publish"]) for client in clients] == [1, 1, 1]
 
 
-def test_subscription_follows_publishers_that_come_later(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
+def test_subscription_follows_qos_of_later_publishers(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
     from std_msgs.msg import String
 
     from lupin_runtime.ros.node import qos_profile
@@ -149,7 +149,7 @@ def test_subscription_follows_publishers_that_come_later(graph_host: GraphHost, 
     graph_host.until(lambda: best_effort.publish(String(data="heard")) or _has(client, "/later"))
 
 
-def test_client_stays_connected_while_the_graph_goes_and_comes_back(graph_host: GraphHost, connect: Connect) -> None:
+def test_client_stays_connected_while_graph_disappears(graph_host: GraphHost, connect: Connect) -> None:
     client = connect()
     client.send("subscribe", topic="/state", type="std_msgs/String")
     client.send("advertise", topic="/command", type="std_msgs/String")
@@ -159,7 +159,7 @@ def test_client_stays_connected_while_the_graph_goes_and_comes_back(graph_host: 
         graph_host.until(partial(_lacks, client, "/ask"), what="a graph without the robot")
 
 
-def test_service_that_comes_back_with_another_type_is_called(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
+def test_service_replaced_with_another_type_is_called(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
     from std_srvs.srv import Empty, Trigger
 
     client = connect()
@@ -254,7 +254,7 @@ def test_scan_arrives_in_every_encoding(graph_host: GraphHost, peer: LupinNode, 
         assert contents["ranges"] == [1.0, None, None, 2.5]
 
 
-def test_one_subscription_serves_all_clients_and_ends_with_the_last(
+def test_clients_share_one_subscription_until_the_last_leaves(
     graph_host: GraphHost, peer: LupinNode, connect: Connect
 ) -> None:
     clients = [connect() for _ in range(5)]
@@ -305,8 +305,8 @@ def test_unknown_type_and_conflicting_type_are_reported(graph_host: GraphHost, p
     client.refusal("Unable to import no_such_msgs.msg")
     client.send("subscribe", topic="/unknown")
     client.refusal("Cannot infer topic type for topic /unknown")
-    client.send("advertise", topic="not a name", type="std_msgs/String")
-    client.refusal("not a name")
+    client.send("advertise", topic="not a valid name", type="std_msgs/String")
+    client.refusal("not a valid name")
 
 
 def test_every_malformed_message_is_reported_and_harmless(connect: Connect) -> None:
@@ -351,7 +351,7 @@ def test_first_driver_has_control_until_it_leaves(graph_host: GraphHost, peer: L
     graph_host.until(lambda: heard[-1].linear.x == 0.1)
 
 
-def test_driver_that_vanishes_engages_the_stop_until_released(
+def test_lost_driver_engages_the_stop_until_released(
     graph_host: GraphHost, peer: LupinNode, connect_strict: Connect
 ) -> None:
     stops: list[bool] = []
@@ -371,7 +371,7 @@ def test_driver_that_vanishes_engages_the_stop_until_released(
     graph_host.until(lambda: not stops[-1], what="the release")
 
 
-def test_anyone_stops_and_only_control_releases(graph_host: GraphHost, peer: LupinNode, connect_strict: Connect) -> None:
+def test_any_client_stops_and_only_control_releases(graph_host: GraphHost, peer: LupinNode, connect_strict: Connect) -> None:
     stops: list[bool] = []
     peer.subscription(graph.CONSOLE_STOP, lambda message: stops.append(json.loads(message.data)["engaged"]))
     driver, visitor = connect_strict(), connect_strict()

@@ -59,7 +59,7 @@ def examined(browser: Browser, after_s: float = 0.0) -> dict[str, Any]:
         time.sleep(0.1)
 
 
-def test_finding_is_shown_previewed_and_fixed(browser: Browser, orphan: Path) -> None:
+def test_finding_is_listed_previewed_and_fixed(browser: Browser, orphan: Path) -> None:
     assert browser.get("/_api/doctor")["diagnosis"] is None
     assert browser.post("/_api/doctor/examination")["busy"] == "examining"
     browser.post("/_api/doctor/examination")  # under way already

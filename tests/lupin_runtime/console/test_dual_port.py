@@ -69,7 +69,7 @@ async def get(url: str) -> str:
         return await answer.text()
 
 
-def test_one_port_speaks_both(tls: ssl.SSLContext) -> None:
+def test_one_port_serves_http_and_https(tls: ssl.SSLContext) -> None:
     async def scenario() -> None:
         async with serving(tls) as port:
             assert await get(f"http://127.0.0.1:{port}/") == "http"
@@ -78,7 +78,7 @@ def test_one_port_speaks_both(tls: ssl.SSLContext) -> None:
     asyncio.run(scenario())
 
 
-def test_without_a_certificate_it_is_plain() -> None:
+def test_port_without_certificate_serves_http() -> None:
     async def scenario() -> None:
         async with serving(None) as port:
             assert await get(f"http://127.0.0.1:{port}/") == "http"
@@ -89,7 +89,7 @@ def test_without_a_certificate_it_is_plain() -> None:
 
 
 @pytest.mark.parametrize("first", [b"", b"\x16", b"\x16\x03\x01\x02\x00\x01", b"\x00" * 100, b"G", b"GET / HTTP/1.1\r\nHost:"])
-def test_client_that_says_too_little_or_nonsense_stops_nobody(tls: ssl.SSLContext, first: bytes) -> None:
+def test_silent_or_malformed_client_does_not_block_others(tls: ssl.SSLContext, first: bytes) -> None:
     async def scenario() -> None:
         async with serving(tls) as port:
             with socket.create_connection(("127.0.0.1", port), TIMEOUT_S) as half:
@@ -101,7 +101,7 @@ def test_client_that_says_too_little_or_nonsense_stops_nobody(tls: ssl.SSLContex
 
 
 def test_silent_client_is_disconnected(tls: ssl.SSLContext, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dual_port, "_FIRST_BYTE_S", 0.2)
+    monkeypatch.setattr(dual_port, "_FIRST_BYTE_TIMEOUT_S", 0.2)
 
     async def scenario() -> None:
         async with serving(tls) as port:
@@ -112,8 +112,8 @@ def test_silent_client_is_disconnected(tls: ssl.SSLContext, monkeypatch: pytest.
     asyncio.run(scenario())
 
 
-def test_connections_of_one_address_are_limited_and_become_free(tls: ssl.SSLContext, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dual_port, "_MAX_OF_ADDRESS", 3)
+def test_connections_per_address_are_limited_and_released(tls: ssl.SSLContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dual_port, "_MAX_PER_ADDRESS", 3)
 
     async def scenario() -> None:
         async with serving(tls) as port:

@@ -16,7 +16,7 @@ from lupin_runtime.console.fragments import BadFragment, Defragmenter
 
 
 @given(text=st.text(min_size=1, max_size=200), size=st.integers(1, 50), seed=st.integers(0, 99))
-def test_fragments_in_any_order_make_the_text(text: str, size: int, seed: int) -> None:
+def test_fragments_in_any_order_are_reassembled(text: str, size: int, seed: int) -> None:
     parts = [orjson.loads(part) for part in fragments(text.encode("utf-8", "replace"), size, "7")]
     random.Random(seed).shuffle(parts)
     defragmenter = Defragmenter()
@@ -42,7 +42,7 @@ def test_bad_fragment_is_refused(fragment: dict[str, Any]) -> None:
         Defragmenter().add(fragment, 0.0)
 
 
-def test_repeated_fragment_and_other_total_are_refused() -> None:
+def test_repeated_fragment_and_changed_total_are_refused() -> None:
     defragmenter = Defragmenter()
     defragmenter.add({"id": 1, "data": "x", "num": 0, "total": 2}, 0.0)
     for total in (2, 3):
@@ -50,7 +50,7 @@ def test_repeated_fragment_and_other_total_are_refused() -> None:
             defragmenter.add({"id": 1, "data": "x", "num": 0, "total": total}, 0.0)
 
 
-def test_unfinished_messages_are_bounded_and_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unfinished_messages_are_limited_and_expire(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limits, "MAX_CHARACTERS", 1000)
     defragmenter = Defragmenter()
     for number in range(1000):

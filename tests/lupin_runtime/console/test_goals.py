@@ -257,7 +257,7 @@ def test_goal_without_a_server_gets_the_protocols_text(rig: Rig, client: Client)
 
 
 def test_goal_waits_for_a_server_that_starts(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(goals, "SERVER_WAIT_S", WAIT_S)
+    monkeypatch.setattr(goals, "SERVER_TIMEOUT_S", WAIT_S)
     rig.end_server()
     rig.send(client)
     rig.start_server(Turner())
@@ -302,7 +302,7 @@ def test_canceled_goal_has_a_result_with_status_5(rig: Rig, client: Client) -> N
     client.assert_silent()
 
 
-def test_goal_without_id_cannot_be_cancelled(rig: Rig, client: Client) -> None:
+def test_goal_without_id_cannot_be_canceled(rig: Rig, client: Client) -> None:
     rig.send(client, identifier=None)
     handle = rig.accepted(1)
     rig.run(lambda: client.goals.cancel(None))
@@ -324,8 +324,8 @@ def test_cancel_before_acceptance_reaches_the_server(rig: Rig, client: Client) -
     assert client.next() == outcome(GoalStatus.STATUS_CANCELED)
 
 
-def test_goal_cancelled_before_its_server_starts_is_not_sent(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(goals, "SERVER_WAIT_S", WAIT_S)
+def test_goal_canceled_before_its_server_starts_is_not_sent(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(goals, "SERVER_TIMEOUT_S", WAIT_S)
     rig.end_server()
     rig.send(client)
     rig.run(lambda: client.goals.cancel("goal"))
@@ -335,7 +335,7 @@ def test_goal_cancelled_before_its_server_starts_is_not_sent(rig: Rig, client: C
     assert rig.accepted(1).request.target_yaw == 2.0
 
 
-def test_goal_goes_on_after_a_refused_cancel(rig: Rig, client: Client) -> None:
+def test_goal_continues_after_refused_cancel(rig: Rig, client: Client) -> None:
     rig.turner.cancelling = CancelResponse.REJECT
     rig.send(client)
     handle = rig.accepted(1)
@@ -346,7 +346,7 @@ def test_goal_goes_on_after_a_refused_cancel(rig: Rig, client: Client) -> None:
 
 
 # -- a client that leaves ---------------------------------------------------------------------------------------------
-def test_running_goals_of_a_client_that_left_are_cancelled(rig: Rig, client: Client) -> None:
+def test_goals_of_disconnected_client_are_canceled(rig: Rig, client: Client) -> None:
     other = rig.client()
     for sender, identifier in ((client, "goal"), (client, None), (other, "goal")):
         rig.send(sender, identifier)
@@ -359,11 +359,11 @@ def test_running_goals_of_a_client_that_left_are_cancelled(rig: Rig, client: Cli
     assert other.next() == outcome(GoalStatus.STATUS_SUCCEEDED)
     rig.host.until(lambda: rig.action_clients() == 0, what="the action client's end")
     client.assert_silent()
-    with pytest.raises(RequestFailed, match="the client has left"):
+    with pytest.raises(RequestFailed, match="the client has disconnected"):
         rig.send(client)
 
 
-def test_goal_accepted_after_its_client_left_is_cancelled(rig: Rig, client: Client) -> None:
+def test_goal_accepted_after_disconnect_is_canceled(rig: Rig, client: Client) -> None:
     rig.end_server()
     rig.start_server(Turner(hold=True))
     rig.send(client)
@@ -376,8 +376,8 @@ def test_goal_accepted_after_its_client_left_is_cancelled(rig: Rig, client: Clie
     client.assert_silent()
 
 
-def test_goal_of_a_client_that_left_is_not_sent_later(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(goals, "SERVER_WAIT_S", WAIT_S)
+def test_unsent_goal_of_disconnected_client_is_never_sent(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(goals, "SERVER_TIMEOUT_S", WAIT_S)
     rig.end_server()
     rig.send(client)
     rig.run(client.goals.close)

@@ -1,4 +1,4 @@
-"""Which names and addresses other devices can use."""
+"""Finds the names and addresses that other devices can use."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lupin_runtime.console.host_addresses import host_addresses, is_dns_name, la
 
 
 class Entry(NamedTuple):
-    """What psutil says of an address."""
+    """An interface's address, as psutil returns it."""
 
     family: int
     address: str
@@ -23,7 +23,7 @@ def interface(*addresses: str) -> list[Entry]:
     return [Entry(socket.AF_INET6 if ":" in address else socket.AF_INET, address) for address in addresses]
 
 
-def test_addresses_of_the_network_are_found_and_the_default_first() -> None:
+def test_lan_addresses_are_found_default_route_first() -> None:
     interfaces = {
         "lo": interface("127.0.0.1", "::1"),
         "eth0": [*interface("10.42.0.2", "fe80::1%eth0"), Entry(psutil.AF_LINK, "02:fc:00:00:00:01")],
@@ -37,7 +37,7 @@ def test_addresses_of_the_network_are_found_and_the_default_first() -> None:
     assert tuple(map(str, lan_addresses(interfaces))) == ("10.42.0.2", "192.168.1.20", "fd00::7")
 
 
-def test_machine_without_a_network_has_no_addresses() -> None:
+def test_machine_without_network_has_no_addresses() -> None:
     assert lan_addresses({"lo": interface("127.0.0.1", "::1")}) == ()
 
 
@@ -58,15 +58,15 @@ def test_machine_without_a_network_has_no_addresses() -> None:
         ("x" + ".y" * 130, ()),
     ],
 )
-def test_names_are_those_that_a_certificate_can_hold(host: str, names: tuple[str, ...]) -> None:
+def test_host_names_are_valid_in_certificates(host: str, names: tuple[str, ...]) -> None:
     assert names_of(host) == names
 
 
-def test_names_with_line_breaks_are_refused() -> None:
+def test_name_with_line_break_is_refused() -> None:
     assert not is_dns_name("pc\n")
 
 
-def test_this_machine_is_described() -> None:
+def test_host_addresses_of_this_machine_are_valid() -> None:
     here = host_addresses()
     own = {entry.address for entries in psutil.net_if_addrs().values() for entry in entries}
     assert {str(address) for address in here.addresses} <= own

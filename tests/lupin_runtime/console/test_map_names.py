@@ -29,7 +29,7 @@ def test_plain_name_is_a_file_in_the_folder() -> None:
 @pytest.mark.parametrize(
     "name", ["", ".", "..", ".bashrc", "../x", "/etc/x", "~/x", "a/b", "a\0b", "a\n", "x" * 65, None, 3, {}, []]
 )
-def test_other_names_are_refused(name: Any) -> None:
+def test_names_that_are_not_plain_are_refused(name: Any) -> None:
     for service, arguments in ((SAVE, {"name": {"data": name}}), (SERIALIZE, {"filename": name})):
         with pytest.raises(BadMapName, match="map's name"):
             with_map_path(service, arguments)
@@ -47,5 +47,5 @@ def test_no_name_leads_out_of_the_folder(name: str) -> None:
     assert path.resolve().parent == maps_folder().resolve()
 
 
-def test_arguments_of_other_services_stay() -> None:
+def test_arguments_of_other_services_are_unchanged() -> None:
     assert with_map_path("/mission/start", {"name": "../x"}) == {"name": "../x"}

@@ -81,7 +81,7 @@ def journal(folder: Path) -> list[dict[str, Any]]:
 
 
 # -- pairing ----------------------------------------------------------------------------------------------------------
-def test_browser_of_another_computer_gets_nothing_before_it_is_paired(phone: Browser, open_socket: Open) -> None:
+def test_unpaired_browser_on_another_computer_gets_nothing(phone: Browser, open_socket: Open) -> None:
     assert "<title>Lupin</title>" in phone.get("/")
     assert phone.get("/_api/session")["session"] is None
     for path, body in (("/_api/lease", {"action": "take"}), ("/_api/stop", {"engaged": True})):
@@ -96,18 +96,18 @@ def test_browser_of_another_computer_gets_nothing_before_it_is_paired(phone: Bro
 def test_code_pairs_one_browser_once(phone: Browser, console: Console, tmp_path: Path, open_socket: Open) -> None:
     first = code(tmp_path)
     assert phone.post("/_api/pair", code=first) == {"name": "phone-1", "role": "operator"}
-    cookie = phone.answer_headers["Set-Cookie"]
+    cookie = phone.response_headers["Set-Cookie"]
     assert all(part in cookie for part in ("HttpOnly", "SameSite=Strict", "Path=/", "Max-Age="))
     assert phone.get("/_api/session")["session"] == {"name": "phone-1", "role": "operator"}
     assert open_socket(phone).call("/rosapi/get_ros_version")["result"]
     assert code(tmp_path) != first, "the terminal shows the next one"
     status, answer = Browser(console.port, proxied=True).request("POST", "/_api/pair", {"code": first})
-    assert status == 403 and "not valid" in answer["error"]
+    assert status == 403 and "wrong, used or expired" in answer["error"]
     assert [row["what"] for row in journal(tmp_path)] == ["paired as operator", "/_api/pair"]
     assert first not in (tmp_path / "console_commands.jsonl").read_text()
 
 
-def test_browser_that_is_paired_again_is_one_session(phone: Browser, tmp_path: Path) -> None:
+def test_browser_paired_again_has_one_session(phone: Browser, tmp_path: Path) -> None:
     phone.post("/_api/pair", code=code(tmp_path, "viewer"))
     before = phone.headers["Cookie"]
     assert phone.post("/_api/pair", code=code(tmp_path))["role"] == "operator"
@@ -116,7 +116,7 @@ def test_browser_that_is_paired_again_is_one_session(phone: Browser, tmp_path: P
     assert phone.get("/_api/session")["session"] is None
 
 
-def test_browser_of_this_computer_is_paired_by_itself(console: Console, tmp_path: Path) -> None:
+def test_browser_on_this_computer_is_paired_automatically(console: Console, tmp_path: Path) -> None:
     browser, other = Browser(console.port, agent="Mozilla/5.0 (X11; Linux x86_64)"), Browser(console.port)
     browser.get("/")
     other.get("/")
@@ -146,7 +146,7 @@ def test_revoked_browser_is_disconnected(phone: Browser, tmp_path: Path, open_so
 
 
 @pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example"])
-def test_name_that_only_resolves_to_this_computer_is_refused(console: Console, host: str) -> None:
+def test_foreign_name_for_this_computer_is_refused(console: Console, host: str) -> None:
     status, text = Browser(console.port).request("GET", "/_api/session", Host=host)
     assert status == 421 and host in text
 
@@ -168,10 +168,10 @@ def test_bad_request_is_refused_with_its_reason(console: Console, path: str, bod
     assert status == 400 and text
 
 
-def test_page_may_run_only_its_own_scripts_and_lie_in_no_frame(console: Console) -> None:
+def test_page_runs_only_own_scripts_and_refuses_frames(console: Console) -> None:
     browser = Browser(console.port)
     browser.get("/")
-    policy = browser.answer_headers["Content-Security-Policy"]
+    policy = browser.response_headers["Content-Security-Policy"]
     assert "default-src 'self'" in policy and "frame-ancestors 'none'" in policy and "unsafe" not in policy
     for path in ("/page/console.js", "/page/console.css"):
         assert browser.get(path)
@@ -179,22 +179,22 @@ def test_page_may_run_only_its_own_scripts_and_lie_in_no_frame(console: Console)
         assert browser.request("GET", path)[0] in (403, 404)
 
 
-def test_page_is_the_installed_one_and_browsers_keep_no_copy(console: Console) -> None:
+def test_installed_page_is_served_and_never_cached(console: Console) -> None:
     browser = Browser(console.port)
     page = Path(lupin_runtime.__file__).parent / "console" / "page"
     for path, file in (("/", "index.html"), ("/page/console.js", "console.js"), ("/page/console.css", "console.css")):
         assert browser.get(path) == (page / file).read_text(encoding="utf-8")
-        assert browser.answer_headers["Cache-Control"] == "no-store"
+        assert browser.response_headers["Cache-Control"] == "no-store"
 
 
-def test_client_that_says_nothing_does_not_keep_others_out(console: Console) -> None:
+def test_silent_client_does_not_block_others(console: Console) -> None:
     silent = [socket.create_connection(("127.0.0.1", console.port), timeout=20) for _ in range(100)]
     assert Browser(console.port).get("/_api/session")["session"]
     for connection in silent:
         connection.close()
 
 
-def test_damaged_file_of_sessions_pairs_nobody_and_keeps_nobody_from_the_stop(
+def test_damaged_session_file_blocks_pairing_but_not_the_stop(
     phone: Browser, console: Console, tmp_path: Path
 ) -> None:
     phone.post("/_api/pair", code=code(tmp_path))
@@ -209,7 +209,7 @@ def openings(path: Path) -> int:
     return [file.path for file in psutil.Process().open_files()].count(str(path))
 
 
-def test_stop_waits_for_no_slow_disk(phone: Browser, console: Console, tmp_path: Path) -> None:
+def test_stop_does_not_wait_for_slow_disk(phone: Browser, console: Console, tmp_path: Path) -> None:
     phone.post("/_api/pair", code=code(tmp_path))
     with ThreadPoolExecutor() as pool:
         with locked(tmp_path / "sessions.json"):
@@ -221,7 +221,7 @@ def test_stop_waits_for_no_slow_disk(phone: Browser, console: Console, tmp_path:
         assert waiting.result(20.0)[0] == 200
 
 
-def test_browser_of_another_computer_is_sent_to_https(
+def test_browser_on_another_computer_is_sent_to_https(
     graph_host: GraphHost, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from lupin_runtime.console.certificate import CertificateStore
@@ -232,18 +232,18 @@ def test_browser_of_another_computer_is_sent_to_https(
     try:
         phone = Browser(node.port, proxied=True)
         assert phone.request("GET", "/?x=1")[0] == 308
-        assert phone.answer_headers["Location"] == f"https://127.0.0.1:{node.port}/?x=1"
+        assert phone.response_headers["Location"] == f"https://127.0.0.1:{node.port}/?x=1"
         assert phone.request("POST", "/_api/pair", {"code": code(tmp_path)})[0] == 403
         assert Browser(node.port).get("/_api/session")["session"], "this computer needs no encryption"
         trust = ssl.create_default_context(cafile=CertificateStore().root_path)
         secure = Browser(node.port, proxied=True, trust=trust)
         assert secure.post("/_api/pair", code=code(tmp_path))["role"] == "operator"
-        assert "Secure" in secure.answer_headers["Set-Cookie"]
+        assert "Secure" in secure.response_headers["Set-Cookie"]
         secure.headers.pop("Cookie")
         assert secure.get("/authority.crt") == CertificateStore().root_path.read_text(), (
             "a phone fetches it before it is paired"
         )
-        assert secure.answer_headers["Content-Type"] == "application/x-x509-ca-cert"
+        assert secure.response_headers["Content-Type"] == "application/x-x509-ca-cert"
         secure.post("/_api/pair", code=code(tmp_path))
         client = secure.socket()
         assert client.call("/rosapi/get_ros_version")["result"]
@@ -281,7 +281,7 @@ def test_control_is_requested_and_handed_over(anne: Browser, ben: Browser, open_
     events.wait(lambda event: event["event"] == "control" and event["value"]["holder"] == "phone-2")
 
 
-def test_control_is_taken_over_from_whom_the_operator_saw(anne: Browser, ben: Browser, tmp_path: Path) -> None:
+def test_control_is_taken_over_only_from_the_named_holder(anne: Browser, ben: Browser, tmp_path: Path) -> None:
     anne.post("/_api/lease", action="take")
     status, answer = ben.request("POST", "/_api/lease", {"action": "take_over", "from": "phone-7"})
     assert status == 409 and "phone-1" in answer["error"]
@@ -289,7 +289,7 @@ def test_control_is_taken_over_from_whom_the_operator_saw(anne: Browser, ben: Br
     assert journal(tmp_path)[-1]["what"] == "phone-2 has control, taken from phone-1"
 
 
-def test_taking_over_ends_what_the_other_drives(
+def test_taking_over_stops_the_previous_driver(
     graph_host: GraphHost, peer: LupinNode, anne: Browser, ben: Browser, open_socket: Open
 ) -> None:
     speeds: list[float] = []
@@ -308,7 +308,7 @@ def test_taking_over_ends_what_the_other_drives(
     graph_host.until(lambda: speeds[-1] == 0.1, what="the next driver's velocity")
 
 
-def test_viewer_sees_and_stops_and_does_not_drive(
+def test_viewer_watches_and_stops_but_does_not_drive(
     graph_host: GraphHost, peer: LupinNode, console: Console, tmp_path: Path, anne: Browser, open_socket: Open
 ) -> None:
     stops: list[bool] = []
@@ -330,7 +330,7 @@ def test_viewer_sees_and_stops_and_does_not_drive(
     graph_host.until(lambda: not stops[-1], what="the release")
 
 
-def test_release_says_who_still_holds_the_stop(anne: Browser, ben: Browser, open_socket: Open) -> None:
+def test_release_reports_who_still_holds_the_stop(anne: Browser, ben: Browser, open_socket: Open) -> None:
     client = open_socket(ben)
     events = open_socket(anne, "/_api/events")
     client.send("publish", topic="/lupin/hmi/estop", msg={"data": True})
@@ -338,7 +338,7 @@ def test_release_says_who_still_holds_the_stop(anne: Browser, ben: Browser, open
     assert anne.post("/_api/stop", engaged=False)["stop"] == ["phone-2 holds the stop"]
 
 
-def test_commands_are_journalled_with_who(anne: Browser, tmp_path: Path, open_socket: Open) -> None:
+def test_commands_are_logged_with_their_session(anne: Browser, tmp_path: Path, open_socket: Open) -> None:
     client = open_socket(anne)
     client.send("set_level", level="error")
     client.send("publish", topic="/cmd_vel", msg={})

@@ -26,7 +26,7 @@ def test_newest_samples_are_kept_and_state_is_never_dropped() -> None:
     assert outbox.dropped == 98
 
 
-def test_client_that_never_reads_costs_a_bounded_memory() -> None:
+def test_memory_for_client_that_never_reads_is_bounded() -> None:
     outbox = Outbox()
     for number in range(3000):
         outbox.put(Frame(bytes(100_000), stream=f"/image{number % 40}", depth=1000))

@@ -57,27 +57,27 @@ def filled(text: str) -> Any:
         ("[]", Kind.PARAMETER_BOOL_ARRAY, []),
     ],
 )
-def test_text_becomes_value_of_the_kind(text: str, kind: int, value: Any) -> None:
+def test_json_text_is_converted_to_its_parameter_type(text: str, kind: int, value: Any) -> None:
     found = filled(text)
     assert (found.type, plain_value(found)) == (kind, value)
 
 
 @settings(deadline=None)
 @given(AS_IN_YAML | st.lists(AS_IN_YAML | st.just("a") | st.none(), max_size=4))
-def test_kinds_are_those_of_rclpy(value: Any) -> None:
+def test_types_equal_those_of_rclpy(value: Any) -> None:
     text = json.dumps(value)
     assert filled(text) == get_parameter_value(text)
 
 
 @settings(deadline=None)
 @given(JSON)
-def test_every_json_value_is_some_parameter(value: Any) -> None:
+def test_every_json_value_is_converted_to_a_parameter(value: Any) -> None:
     assert Kind.PARAMETER_NOT_SET < filled(json.dumps(value)).type <= Kind.PARAMETER_STRING_ARRAY
 
 
 @settings(deadline=None)
 @given(st.text())
-def test_text_raises_value_errors_only(text: str) -> None:
+def test_invalid_text_raises_only_value_errors(text: str) -> None:
     for candidate in (text, json.dumps(text)):
         with contextlib.suppress(ValueError):
             filled(candidate)
@@ -85,7 +85,7 @@ def test_text_raises_value_errors_only(text: str) -> None:
 
 @settings(deadline=None)
 @given(st.booleans() | INT64 | FLOATS)
-def test_a_number_comes_back(value: float) -> None:
+def test_number_survives_the_round_trip(value: float) -> None:
     assert plain_value(filled(json.dumps(value))) == value
 
 
@@ -105,7 +105,7 @@ def test_deep_nesting_is_refused() -> None:
     assert normalize_json("[" * 100_000) == '""'
 
 
-def test_values_without_json_are_null_or_numbers() -> None:
+def test_nan_and_bytes_become_null_and_numbers() -> None:
     double = ParameterValue(type=Kind.PARAMETER_DOUBLE_ARRAY, double_array_value=[0.5, math.nan, math.inf])
     assert plain_value(double) == [0.5, None, None]
     octets = ParameterValue(type=Kind.PARAMETER_BYTE_ARRAY, byte_array_value=[b"\x01", b"\xff"])
@@ -115,5 +115,5 @@ def test_values_without_json_are_null_or_numbers() -> None:
 @pytest.mark.parametrize(
     ("text", "normalized"), [("", '""'), ("5", "5"), ("[1,2]", "[1, 2]"), ("none", '""'), ("NaN", '""'), ("1e999", '""')]
 )
-def test_default_is_json_in_any_case(text: str, normalized: str) -> None:
+def test_default_is_always_valid_json(text: str, normalized: str) -> None:
     assert normalize_json(text) == normalized

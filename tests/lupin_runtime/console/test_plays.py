@@ -54,7 +54,7 @@ def write_play(name: str, playbook: str, robot: str, end: str | None) -> None:
     (folder / f"{name}.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
 
 
-def test_plays_are_listed_and_shown_without_secrets(browser: Browser, tmp_path: Path) -> None:
+def test_playbook_runs_are_listed_and_shown_without_secrets(browser: Browser, tmp_path: Path) -> None:
     assert browser.get("/_api/plays") == [] and browser.get("/_api/deployments") == []
     file = tmp_path / "greet.yaml"
     file.write_text(PLAYBOOK.replace("FILE", str(tmp_path / "greeted")))
@@ -68,7 +68,7 @@ def test_plays_are_listed_and_shown_without_secrets(browser: Browser, tmp_path: 
     assert "s3cret" not in json.dumps([play, shown]) and "path" not in play
 
 
-def test_deployments_are_the_last_to_each_robot(browser: Browser) -> None:
+def test_only_last_deploy_to_each_robot_is_listed(browser: Browser) -> None:
     for number, (robot, end) in enumerate((("mirte", "done"), ("other", "done"), ("mirte", None))):
         write_play(f"20260101-00000{number}-deploy-robot", "deploy-robot", robot, end)
     write_play("20260101-000009-sync-clock", "sync-clock", "mirte", "done")
@@ -79,5 +79,5 @@ def test_deployments_are_the_last_to_each_robot(browser: Browser) -> None:
 
 
 @pytest.mark.parametrize("name", ["nothing", "--help", "..%2f..%2fetc%2fpasswd", "a%00b", "%1b%5b31m", "x" * 300])
-def test_plays_that_are_not_there_are_not_found(browser: Browser, name: str) -> None:
+def test_unknown_playbook_run_is_not_found(browser: Browser, name: str) -> None:
     assert browser.request("GET", f"/_api/plays/{name}")[0] == 404

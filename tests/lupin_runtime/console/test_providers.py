@@ -148,7 +148,7 @@ def test_parallel_requests_may_be_answered_out_of_order(rig: Rig, client: Client
     assert rig.done(first) == SetBool.Response(success=False, message="first")
 
 
-def test_unadvertised_service_ends_requests_empty_and_leaves(rig: Rig, client: Client) -> None:
+def test_unadvertised_service_answers_empty_and_leaves_the_graph(rig: Rig, client: Client) -> None:
     requests = [rig.call(), rig.call()]
     client.next(), client.next()
     rig.run(lambda: client.services.unadvertise(SERVICE))
@@ -158,7 +158,7 @@ def test_unadvertised_service_ends_requests_empty_and_leaves(rig: Rig, client: C
         answer(rig, client, 1, {})
 
 
-def test_next_client_takes_over_service_of_one_that_left(rig: Rig, client: Client) -> None:
+def test_next_client_can_offer_service_of_disconnected_one(rig: Rig, client: Client) -> None:
     left = rig.call()
     assert client.next()["id"] == f"service_request:{SERVICE}:1"
     rig.run(client.services.close)
@@ -169,7 +169,7 @@ def test_next_client_takes_over_service_of_one_that_left(rig: Rig, client: Clien
     assert other.next()["id"] == f"service_request:{SERVICE}:1"
     answer(rig, other, 1, {"success": True})
     assert rig.done(request).success
-    with pytest.raises(RequestFailed, match="the client has left"):
+    with pytest.raises(RequestFailed, match="the client has disconnected"):
         rig.run(lambda: client.services.advertise(SERVICE, SERVICE_TYPE))
 
 
@@ -184,7 +184,7 @@ def test_service_advertised_again_counts_requests_from_one(rig: Rig, client: Cli
     assert rig.done(second).success
 
 
-def test_request_that_is_never_answered_ends_empty(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unanswered_request_gets_empty_response(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(providers, "ANSWER_TIMEOUT_S", 0.1)
     assert rig.done(rig.call()) == SetBool.Response()
     identifier = client.next()["id"]
@@ -192,7 +192,7 @@ def test_request_that_is_never_answered_ends_empty(rig: Rig, client: Client, mon
         answer(rig, client, 1, {"success": True})
 
 
-def test_failure_at_the_client_gives_an_empty_response(rig: Rig, client: Client) -> None:
+def test_client_failure_gives_empty_response(rig: Rig, client: Client) -> None:
     request = rig.call()
     client.next()
     answer(rig, client, 1, "no such lamp", result=False)
@@ -200,7 +200,7 @@ def test_failure_at_the_client_gives_an_empty_response(rig: Rig, client: Client)
 
 
 @pytest.mark.parametrize("values", [{"success": 1}, {"unknown": 1}, "text", None])
-def test_unfit_response_values_give_an_empty_response(rig: Rig, client: Client, values: Any) -> None:
+def test_mismatching_response_values_give_empty_response(rig: Rig, client: Client, values: Any) -> None:
     request = rig.call()
     client.next()
     with pytest.raises(RequestFailed):
@@ -249,7 +249,7 @@ def test_services_come_and_go_under_load(rig: Rig) -> None:
 
 
 # -- actions ----------------------------------------------------------------------------------------------------------
-def test_feedback_of_a_goal_reaches_the_graph_before_its_result(rig: Rig, client: Client) -> None:
+def test_feedback_reaches_the_graph_before_the_result(rig: Rig, client: Client) -> None:
     heard: list[Any] = []
     handle = rig.send_goal(0.5, lambda message: heard.append(message.feedback.angular_distance_traveled))
     result = rig.result(handle)
@@ -295,7 +295,7 @@ def test_parallel_goals_may_end_out_of_order(rig: Rig, client: Client) -> None:
     assert (response.status, response.result.error_code) == (GoalStatus.STATUS_SUCCEEDED, 1)
 
 
-def test_canceled_goal_ends_when_the_client_says_so(rig: Rig, client: Client) -> None:
+def test_canceled_goal_ends_with_the_clients_result(rig: Rig, client: Client) -> None:
     handle = rig.send_goal()
     result = rig.result(handle)
     goal = client.next()
@@ -311,7 +311,7 @@ def test_canceled_goal_ends_when_the_client_says_so(rig: Rig, client: Client) ->
 def test_canceled_status_without_a_cancel_request_aborts(rig: Rig, client: Client) -> None:
     result = rig.result(rig.send_goal())
     client.next()
-    with pytest.raises(RequestFailed, match="nobody asked for that"):
+    with pytest.raises(RequestFailed, match="nobody canceled it"):
         finish(rig, client, 1, {"error_msg": "stopped"}, GoalStatus.STATUS_CANCELED)
     response = rig.done(result)
     assert (response.status, response.result.error_msg) == (GoalStatus.STATUS_ABORTED, "stopped")
@@ -325,7 +325,7 @@ def test_failed_goal_is_aborted_with_an_empty_result(rig: Rig, client: Client) -
     assert (response.status, response.result) == (GoalStatus.STATUS_ABORTED, Spin.Result())
 
 
-def test_unfit_values_fail_feedback_and_abort_at_the_result(rig: Rig, client: Client) -> None:
+def test_mismatching_values_fail_feedback_and_abort_result(rig: Rig, client: Client) -> None:
     result = rig.result(rig.send_goal())
     identifier = client.next()["id"]
     with pytest.raises(RequestFailed, match="requires a float for field angular_distance_traveled"):
@@ -352,7 +352,7 @@ def test_unadvertised_action_aborts_goals_and_rejects_new_ones(
         client.received.get_nowait()
 
 
-def test_idle_action_of_a_client_that_left_is_gone_at_once(rig: Rig, client: Client) -> None:
+def test_idle_action_of_disconnected_client_is_removed_at_once(rig: Rig, client: Client) -> None:
     rig.host.until(rig.action_client().server_is_ready, what="the action")
     rig.run(client.actions.close)
     other = rig.client()
@@ -362,11 +362,11 @@ def test_idle_action_of_a_client_that_left_is_gone_at_once(rig: Rig, client: Cli
     assert other.next()["id"] == f"action_goal:{ACTION}:1"
     with pytest.raises(Empty):
         client.received.get_nowait()
-    with pytest.raises(RequestFailed, match="the client has left"):
+    with pytest.raises(RequestFailed, match="the client has disconnected"):
         rig.run(lambda: client.actions.advertise(ACTION, ACTION_TYPE))
 
 
-def test_goal_of_a_client_that_left_is_aborted(rig: Rig, client: Client) -> None:
+def test_goal_at_disconnected_client_is_aborted(rig: Rig, client: Client) -> None:
     result = rig.result(rig.send_goal())
     client.next()
     rig.run(client.actions.close)

@@ -29,7 +29,7 @@ def test_own_names_and_addresses_are_accepted(host: str) -> None:
 @pytest.mark.parametrize(
     "host", ["evil.example", "localhost.evil.example:8090", "127.0.0.1.evil.example", "", "[", ":8090", "a:b:c"]
 )
-def test_other_names_are_refused(host: str) -> None:
+def test_foreign_host_names_are_refused(host: str) -> None:
     with pytest.raises(web.HTTPMisdirectedRequest):
         check_host(request(Host=host))
 
@@ -69,7 +69,7 @@ def test_page_of_another_origin_is_refused(method: str, headers: dict[str, str])
         ("", "computer"),
     ],
 )
-def test_device_is_told_by_its_browser(agent: str, kind: str) -> None:
+def test_device_kind_is_read_from_user_agent(agent: str, kind: str) -> None:
     assert device_kind(agent) == kind
 
 
@@ -84,5 +84,5 @@ def test_device_is_told_by_its_browser(agent: str, kind: str) -> None:
         ("10.0.0.1:1", "10.0.0.1"),
     ],
 )
-def test_name_of_a_host(host: str, name: str) -> None:
+def test_host_name_is_split_from_its_port(host: str, name: str) -> None:
     assert host_name(host) == name

@@ -68,7 +68,7 @@ def rig(graph_host: GraphHost) -> Iterator[Rig]:
     graph_host.until(lambda: not list(rig.console.clients), what="the end of all clients")
 
 
-def test_responses_fit_the_types_of_rosapi_msgs(rig: Rig) -> None:
+def test_responses_match_the_types_of_rosapi_msgs(rig: Rig) -> None:
     import rosapi_msgs.srv
     from builtin_interfaces.msg import Time
 
@@ -103,7 +103,7 @@ def test_topics_are_listed_with_their_types(rig: Rig) -> None:
     assert rig.call("topic_type", topic="/_secret/chatter") == rig.call("topic_type", topic="no topic") == {"type": ""}
 
 
-def test_publishers_and_subscribers_are_nodes(rig: Rig) -> None:
+def test_publishers_and_subscribers_are_listed_as_nodes(rig: Rig) -> None:
     assert rig.call("publishers", topic="/chatter") == {"publishers": ["/far/peer"]}
     assert rig.call("publishers", topic="/camera") == {"publishers": []}
     assert rig.call("subscribers", topic="/camera") == {"subscribers": ["/console"]}
@@ -128,7 +128,7 @@ def test_actions_are_found_by_their_topics(rig: Rig) -> None:
     assert rig.call("action_type", action="/switch") == {"type": ""}
 
 
-def test_node_details_leave_out_what_is_hidden(rig: Rig) -> None:
+def test_node_details_omit_hidden_names(rig: Rig) -> None:
     # Nodes of an earlier test leave the graph a moment later.
     rig.host.until(lambda: rig.call("nodes") == {"nodes": ["/console", "/far/peer"]}, what="the two nodes")
     details = rig.call("node_details", node="/far/peer")
@@ -139,7 +139,7 @@ def test_node_details_leave_out_what_is_hidden(rig: Rig) -> None:
         assert rig.call("node_details", node=unknown) == {"subscribing": [], "publishing": [], "services": []}
 
 
-def test_details_of_types_and_their_parts(rig: Rig) -> None:
+def test_details_describe_types_and_their_parts(rig: Rig) -> None:
     def types(name: str, type_name: str) -> list[str]:
         return [each["type"] for each in rig.call(name, type=type_name)["typedefs"]]
 
@@ -162,7 +162,7 @@ def test_interfaces_include_lupins_own(rig: Rig) -> None:
     assert "tf2_msgs/action/LookupTransform" in found
 
 
-def test_time_and_version_of_ros(rig: Rig) -> None:
+def test_ros_time_and_version_are_returned(rig: Rig) -> None:
     stamp = rig.call("get_time")["time"]
     assert abs(stamp["sec"] + stamp["nanosec"] / 1e9 - time.time()) < 10.0
     assert rig.call("get_ros_version") == {"version": 2, "distro": "jazzy"}
@@ -201,7 +201,7 @@ def test_arguments_may_be_a_list_or_absent(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("value", VALUES, ids=str)
-def test_parameter_of_another_node_comes_back(rig: Rig, value: Any) -> None:
+def test_parameter_of_another_node_is_set_and_read(rig: Rig, value: Any) -> None:
     done = {"successful": True, "reason": ""}
     assert rig.call("set_param", name="/far/peer:anything", value=json.dumps(value)) == done
     found = rig.call("get_param", name="far/peer:anything", default_value="")
@@ -210,7 +210,7 @@ def test_parameter_of_another_node_comes_back(rig: Rig, value: Any) -> None:
     assert (stored if isinstance(value, str) or not isinstance(value, list) else list(stored)) == value
 
 
-def test_deleted_parameter_is_no_longer_there(rig: Rig) -> None:
+def test_deleted_parameter_is_not_found(rig: Rig) -> None:
     name = "/far/peer:anything"
     assert rig.call("has_param", name=name) == {"exists": True}
     for _ in range(2):
@@ -220,7 +220,7 @@ def test_deleted_parameter_is_no_longer_there(rig: Rig) -> None:
     assert found == {"value": "[1, 2]", "successful": False, "reason": "Parameter anything not found"}
 
 
-def test_refused_value_has_the_nodes_reason(rig: Rig) -> None:
+def test_refused_value_returns_the_nodes_reason(rig: Rig) -> None:
     refused = rig.call("set_param", name="/far/peer:speed", value='"fast"')
     assert not refused["successful"] and "DOUBLE" in refused["reason"]
     too_large = rig.call("set_param", name="/far/peer:speed", value=str(2**64))
@@ -257,13 +257,13 @@ def test_unknown_parameters_are_not_found(rig: Rig) -> None:
     assert not rig.call("set_param", name="/far/peer:nothing", value="3")["successful"]
 
 
-def test_names_of_parameters_of_all_nodes(rig: Rig) -> None:
+def test_parameter_names_of_all_nodes_are_listed(rig: Rig) -> None:
     names = rig.call("get_param_names")["names"]
     assert {"/far/peer:speed", "/far/peer:anything"} <= set(names)
     assert all(name.startswith("/far/peer:") for name in names)
 
 
-def test_node_that_hangs_is_given_up(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_call_to_hanging_node_times_out(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     from lupin_runtime.console import rosapi_parameters
     from lupin_runtime.ros import LupinNode
 

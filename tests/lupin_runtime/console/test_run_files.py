@@ -79,15 +79,15 @@ def test_recording_is_served_in_ranges(browser: Browser, run: Run) -> None:
     connection.close()
 
 
-def test_report_reaches_nothing_of_the_console(browser: Browser, run: Run) -> None:
+def test_report_cannot_reach_the_console(browser: Browser, run: Run) -> None:
     assert browser.get(f"/_api/runs/{run.id}/report/report.html") == "<script>1</script>"
-    policy = browser.answer_headers["Content-Security-Policy"]
+    policy = browser.response_headers["Content-Security-Policy"]
     assert "sandbox allow-scripts" in policy and "allow-same-origin" not in policy and "default-src 'none'" in policy
     status, text = browser.request("GET", f"/_api/runs/{run.id}/report/report.json")
     assert status == 404 and "no report yet" in text
 
 
-def test_log_is_its_end_as_text(browser: Browser, run: Run) -> None:
+def test_end_of_log_is_served_as_text(browser: Browser, run: Run) -> None:
     assert browser.get(f"/_api/runs/{run.id}/logs") == ["nav"]
     connection = http.client.HTTPConnection("127.0.0.1", browser.port, timeout=20)
     connection.request("GET", f"/_api/runs/{run.id}/logs/nav")
@@ -98,7 +98,7 @@ def test_log_is_its_end_as_text(browser: Browser, run: Run) -> None:
     assert answer.getheader("Content-Type", "").startswith("text/plain")
 
 
-def test_commands_are_read_back(browser: Browser, run: Run) -> None:
+def test_command_journal_is_served(browser: Browser, run: Run) -> None:
     browser.post("/_api/stop", engaged=True)
     with (run.path / "console_commands.jsonl").open("a") as file:
         file.write("{ cut")
@@ -126,7 +126,7 @@ def test_maps_are_listed_and_read(browser: Browser) -> None:
         "/_api/runs/RUN/recording/x",
     ],
 )
-def test_other_files_are_not_reached(browser: Browser, run: Run, path: str) -> None:
+def test_other_files_cannot_be_reached(browser: Browser, run: Run, path: str) -> None:
     status, text = browser.request("GET", path.replace("RUN", run.id))
     assert status == 404 and "SECRET" not in json.dumps(text)
 

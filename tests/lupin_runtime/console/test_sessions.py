@@ -11,7 +11,7 @@ import pytest
 
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.console.authority import Role
-from lupin_runtime.console.sessions import LIFE_S, MAX_SESSIONS, Sessions
+from lupin_runtime.console.sessions import MAX_SESSIONS, SESSION_LIFETIME_S, Sessions
 
 
 class Clock:
@@ -31,7 +31,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "console" / "sessions.json"
 
 
-def test_token_is_found_again_and_is_in_no_file(path: Path, clock: Clock) -> None:
+def test_token_is_found_but_not_stored(path: Path, clock: Clock) -> None:
     sessions = Sessions(path, clock)
     session, token = sessions.add("phone", Role.VIEWER)
     assert (session.name, session.role) == ("phone-1", Role.VIEWER)
@@ -42,13 +42,13 @@ def test_token_is_found_again_and_is_in_no_file(path: Path, clock: Clock) -> Non
 
 
 @pytest.mark.parametrize("token", ["", "x", "../../etc/passwd", "ü" * 1000])
-def test_unknown_token_is_nobody(path: Path, clock: Clock, token: str) -> None:
+def test_unknown_token_has_no_session(path: Path, clock: Clock, token: str) -> None:
     sessions = Sessions(path, clock)
     sessions.add("phone", Role.OPERATOR)
     assert sessions.find(token) is None
 
 
-def test_names_are_unique_and_free_ones_are_used_again(path: Path, clock: Clock) -> None:
+def test_names_are_unique_and_reused(path: Path, clock: Clock) -> None:
     sessions = Sessions(path, clock)
     names = [sessions.add("phone", Role.VIEWER)[0].name for _ in range(3)]
     assert names == ["phone-1", "phone-2", "phone-3"]
@@ -56,12 +56,12 @@ def test_names_are_unique_and_free_ones_are_used_again(path: Path, clock: Clock)
     assert sessions.add("phone", Role.VIEWER)[0].name == "phone-2"
 
 
-def test_session_ends_when_it_is_not_used(path: Path, clock: Clock) -> None:
+def test_unused_session_expires(path: Path, clock: Clock) -> None:
     sessions = Sessions(path, clock)
     _, used = sessions.add("phone", Role.OPERATOR)
     _, left = sessions.add("phone", Role.OPERATOR)
     assert not sessions.is_use_due(used)
-    clock.now_s += LIFE_S - 1
+    clock.now_s += SESSION_LIFETIME_S - 1
     assert sessions.find(used) is not None
     assert sessions.is_use_due(used) and not sessions.is_use_due(used), "once is enough"
     sessions.note_use(used)
@@ -70,13 +70,13 @@ def test_session_ends_when_it_is_not_used(path: Path, clock: Clock) -> None:
     assert sessions.find(left) is None
 
 
-def test_clock_that_is_set_back_ends_no_session(path: Path, clock: Clock) -> None:
+def test_clock_set_back_expires_no_session(path: Path, clock: Clock) -> None:
     sessions = Sessions(path, clock)
     _, token = sessions.add("phone", Role.OPERATOR)
-    clock.now_s -= 10 * LIFE_S
+    clock.now_s -= 10 * SESSION_LIFETIME_S
     assert sessions.find(token) is not None and sessions.is_use_due(token)
     sessions.note_use(token)
-    clock.now_s += 10 * LIFE_S
+    clock.now_s += 10 * SESSION_LIFETIME_S
     assert sessions.find(token) is None, "long unused by the clock that it was used under"
 
 

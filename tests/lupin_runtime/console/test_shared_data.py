@@ -99,13 +99,13 @@ def test_locations_are_saved_shared_and_removed(browser: Browser, console: Conso
         ("nowhere", None),
     ],
 )
-def test_locations_that_are_none_are_refused(browser: Browser, name: Any, pose: Any) -> None:
+def test_malformed_locations_are_refused(browser: Browser, name: Any, pose: Any) -> None:
     status, answer = browser.request("POST", "/_api/locations", {"name": name, "pose": pose})
     assert status == 400 and answer.strip()
     assert browser.get("/_api/locations") == {"home": HOME}
 
 
-def test_only_who_has_control_changes_what_is_shared(browser: Browser, console: Console, tmp_path: Path) -> None:
+def test_only_session_in_control_changes_shared_data(browser: Browser, console: Console, tmp_path: Path) -> None:
     codes = json.loads((tmp_path / "console.json").read_text())["codes"]
     viewer, operator = (Browser(console.port, proxied=True) for _ in range(2))
     viewer.post("/_api/pair", code=codes["viewer"])
@@ -123,7 +123,7 @@ def test_only_who_has_control_changes_what_is_shared(browser: Browser, console: 
     assert viewer.get("/_api/settings")["settings"]["speedScale"] == 0.5
 
 
-def test_two_writers_lose_nothing(state: Path) -> None:
+def test_concurrent_writers_lose_no_location(state: Path) -> None:
     file = locations.locations_file()
     writers = [
         threading.Thread(target=lambda n=n: [locations.save_location(file, f"{n}-{k}", POSE) for k in range(10)]) for n in "ab"
@@ -136,7 +136,7 @@ def test_two_writers_lose_nothing(state: Path) -> None:
     assert not [path for path in state.iterdir() if path.name.startswith(".")]
 
 
-def test_there_is_an_end_to_locations(tmp_path: Path) -> None:
+def test_number_of_locations_is_limited(tmp_path: Path) -> None:
     file = tmp_path / "locations.json"
     change_object(file, lambda _: {f"n{number}": POSE for number in range(locations.MAX_LOCATIONS)})
     with pytest.raises(locations.BadLocation, match="remove one first"):
@@ -193,7 +193,7 @@ def test_settings_are_changed_for_all_browsers(browser: Browser, console: Consol
         "speedScale",
     ],
 )
-def test_what_settings_cannot_be_is_refused_as_a_whole(browser: Browser, changes: Any) -> None:
+def test_change_with_an_invalid_setting_is_refused_entirely(browser: Browser, changes: Any) -> None:
     both = {"theme": "light", **changes} if isinstance(changes, dict) and "theme" not in changes else changes
     status, answer = browser.request("POST", "/_api/settings", {"settings": both})
     assert status == 400 and answer.strip()
@@ -221,7 +221,7 @@ def test_settings_of_other_versions_are_refused(browser: Browser, version: Any) 
 
 
 # -- the robot's ------------------------------------------------------------------------------------------------------
-def test_map_is_saved_by_its_maker_under_a_plain_name(
+def test_map_is_saved_by_slam_under_a_plain_name(
     graph_host: GraphHost, browser: Browser, peer: LupinNode, state: Path
 ) -> None:
     from lupin_runtime.ros.node import interface
@@ -237,13 +237,13 @@ def test_map_is_saved_by_its_maker_under_a_plain_name(
     graph_host.until(lambda: browser.request("POST", "/_api/maps", {"name": "green house"})[0] == 200)
     assert asked == [str(state.parent / "maps" / "green house")]
     status, answer = browser.request("POST", "/_api/maps", {"name": "green house"})
-    assert status == 409 and "none has been received" in answer["error"]
+    assert status == 409 and "SLAM has not published one" in answer["error"]
     for name in ("../../etc/passwd", "", "a/b", None, "x" * 100):
         assert browser.request("POST", "/_api/maps", {"name": name})[0] == 400
     assert len(asked) == 2
 
 
-def test_library_of_the_arm_is_passed_on(graph_host: GraphHost, browser: Browser, peer: LupinNode) -> None:
+def test_arm_library_is_forwarded(graph_host: GraphHost, browser: Browser, peer: LupinNode) -> None:
     from lupin_runtime.ros.node import interface
 
     status, answer = browser.request("GET", "/_api/arm/library")

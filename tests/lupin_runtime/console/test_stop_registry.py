@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lupin_runtime.console.stop_registry import DRIVING_S, EXPIRY_S, StopRegistry
+from lupin_runtime.console.stop_registry import DRIVING_S, SILENCE_TIMEOUT_S, StopRegistry
 
 SECOND = 1_000_000_000
 
@@ -19,34 +19,34 @@ def registry(*names: str) -> StopRegistry:
 
 def test_stops_of_all_clients_are_combined() -> None:
     stops = registry("anne", "ben", "script")
-    stops.state("anne", False, 0)
-    stops.state("ben", True, 0)
+    stops.set_stop("anne", False, 0)
+    stops.set_stop("ben", True, 0)
     assert stops.reasons() == ["ben holds the stop"]
-    stops.state("ben", False, 1)
+    stops.set_stop("ben", False, 1)
     assert stops.reasons() == []
 
 
-def test_only_the_console_in_control_engages_by_falling_silent() -> None:
+def test_only_silence_of_client_in_control_engages_the_stop() -> None:
     stops = registry("anne", "ben", "script")
     for name in ("anne", "anne", "ben", "ben", "script"):
-        stops.state(name, False, 0)
-    late_ns = int((EXPIRY_S + 0.1) * SECOND)
-    stops.tick(late_ns, "script")
+        stops.set_stop(name, False, 0)
+    late_ns = int((SILENCE_TIMEOUT_S + 0.1) * SECOND)
+    stops.check_silence(late_ns, "script")
     assert stops.reasons() == [], "a script does not repeat what it states"
-    stops.tick(late_ns, "anne")
+    stops.check_silence(late_ns, "anne")
     assert stops.reasons() == ["anne was silent for more than 1.5 s"]
-    stops.state("anne", False, late_ns)
-    stops.tick(late_ns, None)
+    stops.set_stop("anne", False, late_ns)
+    stops.check_silence(late_ns, None)
     assert stops.reasons() == ["anne was silent for more than 1.5 s"], "released on purpose only"
 
 
-def test_client_lost_while_driving_or_holding_or_in_control_leaves_the_stop() -> None:
+def test_client_lost_while_driving_or_stopping_leaves_the_stop() -> None:
     stops = registry("driver", "stopper", "holder", "idle", "visitor")
-    assert stops.velocity("driver", True, 0)
-    stops.velocity("idle", True, 0)
-    stops.state("stopper", True, 0)
-    stops.state("holder", False, 0)
-    stops.state("holder", False, 1)
+    assert stops.note_velocity("driver", True, 0)
+    stops.note_velocity("idle", True, 0)
+    stops.set_stop("stopper", True, 0)
+    stops.set_stop("holder", False, 0)
+    stops.set_stop("holder", False, 1)
     now_ns = int(DRIVING_S * SECOND)
     assert stops.leave("driver", now_ns, False)
     assert not stops.leave("stopper", now_ns, False)
@@ -57,9 +57,9 @@ def test_client_lost_while_driving_or_holding_or_in_control_leaves_the_stop() ->
     assert stops.reasons() == []
 
 
-def test_stop_of_one_who_may_not_release_stays_when_it_is_let_go() -> None:
+def test_stop_withdrawn_without_control_stays_engaged() -> None:
     stops = registry("viewer", "driver")
-    stops.state("viewer", True, 0)
+    stops.set_stop("viewer", True, 0)
     stops.release_lost()
     assert stops.reasons() == ["viewer holds the stop"], "still pressed"
     stops.withdraw("viewer", 1)
@@ -68,7 +68,7 @@ def test_stop_of_one_who_may_not_release_stays_when_it_is_let_go() -> None:
     assert stops.reasons() == []
 
 
-def test_stop_without_a_connection_stays_until_it_is_released() -> None:
+def test_stop_without_connection_stays_until_released() -> None:
     stops = registry()
     stops.hold_for("phone-1")
     assert stops.reasons() == ["phone-1 stopped the robot"]
@@ -76,13 +76,13 @@ def test_stop_without_a_connection_stays_until_it_is_released() -> None:
     assert stops.reasons() == []
 
 
-def test_velocities_begin_and_end_with_who_has_control() -> None:
+def test_driving_starts_once_and_ends_with_control() -> None:
     stops = registry("anne")
-    assert stops.velocity("anne", True, 0)
-    assert not stops.velocity("anne", True, SECOND // 10), "the same drive"
+    assert stops.note_velocity("anne", True, 0)
+    assert not stops.note_velocity("anne", True, SECOND // 10), "the same drive"
     assert stops.end_driving(SECOND // 5)
     assert not stops.end_driving(SECOND // 5)
-    assert not stops.velocity("anne", False, SECOND // 5)
+    assert not stops.note_velocity("anne", False, SECOND // 5)
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.booleans(), st.integers(0, SECOND)), max_size=20))
@@ -91,6 +91,6 @@ def test_stop_is_engaged_while_any_client_holds_it(statements: list[tuple[str, b
     now_ns, last = 0, dict.fromkeys("abc", False)
     for name, engaged, step_ns in statements:
         now_ns += step_ns
-        stops.state(name, engaged, now_ns)
+        stops.set_stop(name, engaged, now_ns)
         last[name] = engaged
         assert bool(stops.reasons()) == any(last.values())

@@ -45,7 +45,7 @@ def test_definitions_of_every_type_are_complete() -> None:
             assert each["fieldnames"] == list(expected[each["type"]].get_fields_and_field_types())
 
 
-def test_columns_of_every_definition_agree() -> None:
+def test_columns_of_every_definition_have_equal_length() -> None:
     for message_class in installed_classes():
         defined = type_definitions(message_class)
         known = {each["type"] for each in defined}
@@ -61,7 +61,7 @@ def test_columns_of_every_definition_agree() -> None:
                 assert length >= 0 or kind != "boolean" or example in ("True", "False")
 
 
-def test_constants_of_every_definition_are_the_classes_own() -> None:
+def test_constants_of_every_definition_match_the_class() -> None:
     for message_class in installed_classes():
         root = type_definitions(message_class)[0]
         values = [getattr(message_class, name) for name in root["constnames"]]
@@ -128,7 +128,7 @@ def test_full_text_has_every_contained_type_once() -> None:
         assert sorted(names) == sorted(contained_types(message_class, {}))
 
 
-def test_full_text_begins_with_the_last_field() -> None:
+def test_full_text_is_ordered_from_the_last_field() -> None:
     text = full_text("sensor_msgs/msg/CameraInfo")
     names = [part.split("\n", 1)[0] for part in text.split(SEPARATOR)[1:]]
     assert names == ["sensor_msgs/RegionOfInterest", "std_msgs/Header", "builtin_interfaces/Time"]

@@ -65,13 +65,13 @@ def test_every_installed_type_survives_the_round_trip() -> None:
         (PointStamped, {"header": {"stamp": {"sec": 2**40}}}, "is out of range for field header.stamp.sec"),
     ],
 )
-def test_wrong_values_are_refused_with_the_field(message_class: Any, values: Any, text: str) -> None:
+def test_wrong_value_is_refused_with_the_fields_name(message_class: Any, values: Any, text: str) -> None:
     with pytest.raises(ValueMismatch) as caught:
         filled(message_class, values)
     assert text in str(caught.value)
 
 
-def test_header_without_stamp_gets_the_present_time() -> None:
+def test_header_without_stamp_gets_the_current_time() -> None:
     assert filled(PointStamped, {}).header.stamp == NOW
     assert filled(PointStamped, {"header": {"frame_id": "map"}}).header.stamp == NOW
     given_stamp = filled(PointStamped, {"header": {"stamp": {"secs": 5, "nsecs": 6}}}).header.stamp

@@ -122,7 +122,7 @@ def test_browser_that_never_reads_slows_nobody_down(
             assert reader.picture()[1] == number
 
 
-def test_snapshots_and_cameras_are_passed_on(pictures: PublishedPictures, client: VideoClient) -> None:
+def test_snapshots_and_camera_list_are_forwarded(pictures: PublishedPictures, client: VideoClient) -> None:
     assert [row["topic"] for row in client.json("/streams")] == ["/jpeg", "/raw"]
     stop = threading.Event()
 
@@ -140,7 +140,7 @@ def test_snapshots_and_cameras_are_passed_on(pictures: PublishedPictures, client
 
 
 @pytest.mark.parametrize("path", ["/streams", "/snapshot?topic=/jpeg", "/stream?topic=/jpeg"])
-def test_only_paired_browsers_and_no_other_sites_see_pictures(console: Console, server: VideoHttpServer, path: str) -> None:
+def test_pictures_are_only_for_paired_browsers_and_own_page(console: Console, server: VideoHttpServer, path: str) -> None:
     unpaired = VideoClient(console.port, "/_video", {"X-Forwarded-For": "192.0.2.7"})
     assert "not paired" in unpaired.text(path, 401)
     for site in ("cross-site", "same-site"):
@@ -149,7 +149,7 @@ def test_only_paired_browsers_and_no_other_sites_see_pictures(console: Console, 
     assert clients_of(server) == 0
 
 
-def test_stream_ends_when_its_browser_is_revoked(
+def test_stream_ends_when_its_session_is_revoked(
     graph_host: GraphHost, console: Console, pictures: PublishedPictures, tmp_path: Path
 ) -> None:
     phone = Browser(console.port, proxied=True)
@@ -168,17 +168,17 @@ def test_stream_ends_when_its_browser_is_revoked(
 @pytest.mark.parametrize(
     ("path", "status", "reason"),
     [
-        ("/stream", 400, "/streams lists them"),
+        ("/stream", 400, "/streams lists the cameras"),
         ("/stream?topic=/jpeg&width=1", 400, "width is a whole number"),
         ("/stream?topic=/nothing", 404, "cameras: /jpeg, /raw"),
         ("/snapshot?topic=/nothing", 404, "cameras: /jpeg, /raw"),
     ],
 )
-def test_refusals_are_passed_on(client: VideoClient, path: str, status: int, reason: str) -> None:
+def test_refusals_are_forwarded(client: VideoClient, path: str, status: int, reason: str) -> None:
     assert reason in client.text(path, status)
 
 
-def test_robot_that_is_gone_and_back(server: VideoHttpServer, pictures: PublishedPictures, client: VideoClient) -> None:
+def test_stream_can_be_reopened_after_robot_returns(server: VideoHttpServer, pictures: PublishedPictures, client: VideoClient) -> None:
     stream = client.stream("/stream?topic=/jpeg")
     pictures.publish(JPEG, 1)
     stream.picture()
@@ -210,7 +210,7 @@ def test_robot_that_is_gone_and_back(server: VideoHttpServer, pictures: Publishe
         b"HTTP/1.1 200 OK\r\n\r\n" + b"[" * 100_000,
     ],
 )
-def test_something_else_at_its_port_is_reported(serve: Serve, answer: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+def test_foreign_server_at_the_video_port_is_reported(serve: Serve, answer: bytes, capfd: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as impostor:
 
         def reply() -> None:
@@ -231,21 +231,21 @@ def test_something_else_at_its_port_is_reported(serve: Serve, answer: bytes, cap
     assert "Traceback" not in capfd.readouterr().err
 
 
-def test_video_server_that_never_answers_is_given_up(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_request_to_silent_video_server_times_out(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
     from lupin_runtime.console import video
 
-    monkeypatch.setattr(video, "_ANSWER_S", 0.5)
-    monkeypatch.setattr(video, "_SILENCE_S", 0.5)
+    monkeypatch.setattr(video, "_ANSWER_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(video, "_SILENCE_TIMEOUT_S", 0.5)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         client = VideoClient(serve(f"http://127.0.0.1:{silent.getsockname()[1]}").port, "/_video")
         for path in ("/streams", "/snapshot?topic=/jpeg", "/stream?topic=/jpeg"):
             assert "does not respond" in client.text(path, 504)
 
 
-def test_console_serves_no_more_browsers_than_it_can(client: VideoClient, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_number_of_browsers_is_limited(client: VideoClient, monkeypatch: pytest.MonkeyPatch) -> None:
     from lupin_runtime.console import video
 
     monkeypatch.setattr(video, "MAX_CLIENTS", 2)
     streams: list[Any] = [client.stream("/stream?topic=/jpeg") for _ in range(2)]
-    assert "2 browsers watch already" in client.text("/stream?topic=/jpeg", 503)
+    assert "2 browsers are already watching" in client.text("/stream?topic=/jpeg", 503)
     assert streams

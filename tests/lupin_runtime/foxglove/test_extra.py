@@ -33,7 +33,7 @@ def test_tests_use_the_version_that_the_extra_pins() -> None:
     assert is_installed()
 
 
-def test_missing_package_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_package_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> str:
         raise importlib.metadata.PackageNotFoundError(name)
 

@@ -98,7 +98,7 @@ def test_messages_arrive_byte_for_byte_in_order(graph_host: GraphHost, peer: Lup
     assert all(before_ns <= message.time_ns <= time.time_ns() for message in client.messages)
 
 
-def test_late_client_gets_the_latched_message_and_others_no_second(
+def test_only_late_client_gets_the_latched_message_again(
     graph_host: GraphHost, peer: LupinNode, connect: Connect
 ) -> None:
     from std_msgs.msg import String
@@ -118,7 +118,7 @@ def test_late_client_gets_the_latched_message_and_others_no_second(
     assert [client.on("/latched") for client in clients] == [[string_cdr("state")]] * 4
 
 
-def test_subscription_begins_with_the_first_client_and_ends_with_the_last(
+def test_topic_is_subscribed_to_only_while_it_has_clients(
     graph_host: GraphHost, peer: LupinNode, connect: Connect
 ) -> None:
     from std_msgs.msg import String
@@ -154,7 +154,7 @@ def test_client_that_vanishes_leaves_nothing(graph_host: GraphHost, peer: LupinN
     graph_host.until(lambda: peer.count_subscribers("/watched") == 0)
 
 
-def test_channels_follow_topics_that_come_and_go(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
+def test_channels_are_added_and_removed_with_topics(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
     from std_msgs.msg import Bool, String
 
     client = connect()
@@ -185,7 +185,7 @@ def test_channel_without_subscribers_is_announced_once_more(graph_host: GraphHos
     graph_host.until(lambda: publishers[0].get_subscription_count() == 1)
 
 
-def test_subscription_follows_the_qos_of_publishers_that_come_later(
+def test_subscription_follows_qos_of_later_publishers(
     graph_host: GraphHost, peer: LupinNode, connect: Connect
 ) -> None:
     from std_msgs.msg import String
@@ -200,7 +200,7 @@ def test_subscription_follows_the_qos_of_publishers_that_come_later(
     graph_host.until(lambda: best_effort.publish(String(data="heard")) or client.on("/later"), what="a message")
 
 
-def test_unknown_type_is_reported_once_and_harmless(
+def test_unknown_type_is_harmless_and_logged_once(
     peer: LupinNode, connect: Connect, bridge: FoxgloveBridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from std_msgs.msg import Bool, String
@@ -265,7 +265,7 @@ def test_other_subprotocols_are_refused(bridge: FoxgloveBridge) -> None:
         FoxgloveClient(bridge.port, subprotocol="rosbridge.v2")
 
 
-def test_twenty_clients_get_everything(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
+def test_twenty_clients_get_every_message(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
     from std_msgs.msg import String
 
     publishers = [peer.create_publisher(String, f"/many_{number}", 100) for number in range(5)]
@@ -300,7 +300,7 @@ def test_client_that_never_reads_slows_nobody_down(graph_host: GraphHost, peer: 
         reader.messages.clear()
 
 
-def test_client_that_never_reads_does_not_keep_the_server_from_stopping(
+def test_client_that_never_reads_does_not_delay_the_stop(
     graph_host: GraphHost, peer: LupinNode, bridge: FoxgloveBridge, connect: Connect
 ) -> None:
     from std_msgs.msg import UInt8MultiArray

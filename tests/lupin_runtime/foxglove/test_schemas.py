@@ -50,7 +50,7 @@ def test_every_contained_type_is_defined_with_all_its_fields(type_name: str) -> 
         assert [field for _, field in fields(root)] == names
 
 
-def test_types_of_the_graph_are_among_them() -> None:
+def test_types_of_the_graph_are_defined() -> None:
     assert {row.type for row in graph.topics()} <= set(topic_types())
     assert any(name.endswith("_FeedbackMessage") for name in topic_types())
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from lupin_runtime import graph
-from lupin_runtime.lights import COLORS
+from lupin_runtime.lights import COLORS_BY_NAME
 
 if TYPE_CHECKING:
     from mirte_msgs.srv import SetNeopixel_Response
@@ -86,7 +86,7 @@ class Robot:
         return future.result()
 
     def shows(self, name: str) -> bool:
-        return bool(self.colors) and self.colors[-1] == tuple(COLORS[name])
+        return bool(self.colors) and self.colors[-1] == tuple(COLORS_BY_NAME[name])
 
     def wait_for(self, name: str) -> None:
         self.host.until(lambda: self.shows(name), what=f"{name} on the strip")
@@ -174,11 +174,11 @@ def test_color_bytes_are_sent_in_the_order_of_the_strip(graph_host: GraphHost) -
     graph_host.until(lambda: robot.colors[-1] == (0, 255, 0), what="red, as this strip is wired")
 
 
-def test_strip_is_untouched_in_standby_where_configured(graph_host: GraphHost) -> None:
+def test_strip_is_untouched_in_standby_if_configured(graph_host: GraphHost) -> None:
     robot = Robot(graph_host)
     lights(graph_host, set_on_startup=False, mission_state_timeout=0.5)
     robot.driving = True
     robot.wait_for("GREEN")
     robot.driving = False
     robot.wait_for("BLUE")
-    assert set(robot.colors[:-1]) <= {tuple(COLORS["GREEN"]), tuple(COLORS["OFF"])}
+    assert set(robot.colors[:-1]) <= {tuple(COLORS_BY_NAME["GREEN"]), tuple(COLORS_BY_NAME["OFF"])}

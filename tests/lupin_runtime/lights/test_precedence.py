@@ -1,4 +1,4 @@
-"""Which rule decides the lights' color, and how colors reach the strip."""
+"""The rules that select the light, and the byte order of colors on the strip."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_runtime.lights import (
-    COLORS,
-    LIFECYCLE,
+    COLORS_BY_NAME,
+    LIFECYCLE_COLORS,
     RULES,
     Light,
     Mission,
     MotionDetector,
     Rgb,
     View,
+    byte_order,
     choose,
-    permutation,
     shown,
 )
-from lupin_runtime.lights.palette import IN_PROGRESS
+from lupin_runtime.lights.palette import IN_PROGRESS_COLORS
 
 STATES = ("BOOT", "READY", "PREPARE", "EXPLORING", "INSPECTING", "MONITORING", "RETURNING", "DONE", "FAULT", "NONSENSE")
 PHASES = ("", "LOCALIZING", "NAVIGATING", "SCANNING", "CONFIRMING", "PUBLISHING")
@@ -37,7 +37,7 @@ VIEW = st.builds(View, st.none() | MISSION, st.booleans(), st.none() | COLOR, st
 def test_stop_or_fault_is_red_regardless_of_age(view: Any) -> None:
     mission = view.mission
     if view.estop or (mission and (mission.estop or mission.lifecycle == "FAULT")):
-        assert choose(view) == ("e-stop or fault", Light(COLORS["RED"]))
+        assert choose(view) == ("e-stop or fault", Light(COLORS_BY_NAME["RED"]))
     else:
         assert choose(view)[0] != "e-stop or fault"
 
@@ -61,7 +61,7 @@ def test_only_motion_without_a_mission_blinks(view: Any) -> None:
     name, light = choose(view)
     assert light.blinking == (name in ("arm moving", "driving"))
     if light.blinking:
-        assert view.current is None or view.current.lifecycle not in IN_PROGRESS
+        assert view.current is None or view.current.lifecycle not in IN_PROGRESS_COLORS
 
 
 @given(VIEW)
@@ -70,9 +70,9 @@ def test_first_applicable_rule_wins(view: Any) -> None:
     assert choose(view) == spoken[0]
 
 
-@pytest.mark.parametrize("lifecycle", LIFECYCLE)
+@pytest.mark.parametrize("lifecycle", LIFECYCLE_COLORS)
 def test_every_mission_state_has_its_color(lifecycle: str) -> None:
-    assert choose(View(Mission(lifecycle)))[1] == Light(LIFECYCLE[lifecycle])
+    assert choose(View(Mission(lifecycle)))[1] == Light(LIFECYCLE_COLORS[lifecycle])
 
 
 @pytest.mark.parametrize(
@@ -95,32 +95,32 @@ def test_every_mission_state_has_its_color(lifecycle: str) -> None:
     ],
 )
 def test_light_rules_match_the_examples(view: Any, color: str, blinking: bool) -> None:
-    assert choose(view)[1] == Light(COLORS[color], blinking)
+    assert choose(view)[1] == Light(COLORS_BY_NAME[color], blinking)
 
 
 @given(st.floats(0, 1e6), st.floats(0.1, 5))
 def test_blinking_light_is_on_in_the_first_half_period(now_s: float, hz: float) -> None:
     on = (now_s * hz) % 1.0 < 0.5
-    assert shown(Light(COLORS["GREEN"], True), now_s, hz) == COLORS["GREEN" if on else "OFF"]
-    assert shown(Light(COLORS["GREEN"]), now_s, hz) == COLORS["GREEN"]
+    assert shown(Light(COLORS_BY_NAME["GREEN"], True), now_s, hz) == COLORS_BY_NAME["GREEN" if on else "OFF"]
+    assert shown(Light(COLORS_BY_NAME["GREEN"]), now_s, hz) == COLORS_BY_NAME["GREEN"]
 
 
 @given(COLOR, st.permutations("RGB"))
-def test_permutation_matches_the_wiring_of_the_strip(color: Any, order: list[str]) -> None:
-    sent = [color[index] for index in permutation("".join(order))]
+def test_byte_order_matches_the_wiring_of_the_strip(color: Any, order: list[str]) -> None:
+    sent = [color[index] for index in byte_order("".join(order))]
     assert dict(zip(order, sent)) == dict(zip("RGB", color))
 
 
 @pytest.mark.parametrize("order", ["", "RGBW", "RRB", "xyz"])
 def test_invalid_color_order_means_rgb(order: str) -> None:
-    assert permutation(order) == (0, 1, 2)
+    assert byte_order(order) == (0, 1, 2)
 
 
 def test_robot_strip_gets_blue_first() -> None:
-    assert permutation("brg") == (2, 0, 1)
+    assert byte_order("brg") == (2, 0, 1)
 
 
-def test_noise_is_no_motion_and_slow_motion_is() -> None:
+def test_slow_motion_is_detected_but_noise_is_not() -> None:
     detector = MotionDetector(0.0087, 0.3)
     for k in range(10):
         detector.update([0.005 * (k % 2), 0.0], k * 10**8)

@@ -121,7 +121,7 @@ def test_discovered_tag_without_normal_uses_robot_side(flat: tuple[float, float,
 
 
 def _aisle(width_m: float) -> ClearanceMap:
-    """An aisle along x between y = 0 (where tags hang) and y = width."""
+    """Return an aisle along x between y = 0 (where tags hang) and y = width."""
     cells = np.full((80, 120), 100, np.int8)
     cells[20 : 20 + round(width_m / 0.05), :] = 0
     return ClearanceMap.from_grid(GridMap(cells, 0.05, -3.0, -1.0))

@@ -303,7 +303,7 @@ class _Drive:
                 return
             self.goals.append(goal)
             if not reach(goal):
-                self.explorer.failed(goal, self.map_number, self.now_s)
+                self.explorer.record_failure(goal, self.map_number, self.now_s)
                 continue
             heading = math.atan2(goal.pose.y - self.pose.y, goal.pose.x - self.pose.x)
             length = self.pose.distance_to(goal.pose)
@@ -314,7 +314,7 @@ class _Drive:
             self.pose = goal.pose
             for _ in range(5):
                 self.explorer.note_pose(self.pose, 0.2)
-            self.explorer.arrived(goal, self.map_number)
+            self.explorer.record_arrival(goal, self.map_number)
         pytest.fail("the exploration does not end")
 
 
@@ -362,7 +362,7 @@ def test_visited_frontier_is_judged_on_a_newer_map() -> None:
     explorer, grid, robot = Explorer(), _corridor(), Pose2(0.5, 1.0, 0.0)
     goal = explorer.choose(grid, 3, robot, 0.0)
     assert goal is not None
-    explorer.arrived(goal, 3)
+    explorer.record_arrival(goal, 3)
     assert explorer.choose(grid, 3, robot, 1.0) is None
     assert explorer.choose(grid, 4, robot, 2.0) is not None
 

@@ -78,7 +78,7 @@ def test_resume_after_docking_at_last_tag_ends_inspection(make_rig: type[Rig]) -
     rig.inspect("1")
     rig.greenhouse.replies = False
     rig.arrive()
-    rig.close_tag_while_paused()
+    rig.pause_in_publishing()
     rig.requests.dock()
     rig.requests.resume()
     rig.arrive()
@@ -180,16 +180,16 @@ def test_stale_cancel_of_dock_goal_is_retried_once(make_rig: type[Rig]) -> None:
     rig = make_rig()
     rig.inspect("1")
     rig.requests.abort()
-    rig.arrive(5)
+    rig.end_drive(5)
     rig.step(2.0)
     assert rig.state == "RETURNING"
-    rig.arrive(5)
+    rig.end_drive(5)
     assert rig.state == "DONE"
 
 
 def test_lost_cancel_result_does_not_block_docking(make_rig: type[Rig]) -> None:
     rig = make_rig()
-    rig.navigation.acknowledges_cancels = False
+    rig.navigation.answers_cancels = False
     rig.inspect("1")
     rig.requests.abort()
     rig.step(2.5)

@@ -20,7 +20,7 @@ class RunnerRig:
         self.navigation, self.clock, self.arm = fakes.navigation, fakes.clock, fakes.arm
         self.runner = GoalRunner(self.navigation, self.clock)
         self.ends: list[DriveResult] = []
-        self.navigation.orchestrator = self
+        self.navigation.goal_listener = self
 
     def goal_accepted(self, token: int) -> None:
         self.runner.accepted(token)
@@ -39,7 +39,7 @@ class RunnerRig:
 
 @pytest.fixture
 def rig(make_rig: type[Rig]) -> RunnerRig:
-    return RunnerRig(make_rig(booted=False))
+    return RunnerRig(make_rig(ready=False))
 
 
 def test_goal_result_is_reported_once(rig: RunnerRig) -> None:
@@ -61,7 +61,7 @@ def test_action_status_maps_to_result(rig: RunnerRig, status: int, end: str) -> 
 
 
 def test_goal_accepted_after_cancel_is_cancelled(rig: RunnerRig) -> None:
-    rig.navigation.accepts = False
+    rig.navigation.answers_goals = False
     rig.runner.request(A, rig.ends.append)
     rig.runner.cancel()
     (goal,) = rig.navigation.goals
@@ -72,7 +72,7 @@ def test_goal_accepted_after_cancel_is_cancelled(rig: RunnerRig) -> None:
 
 
 def test_forgotten_goal_is_cancelled_on_acceptance(rig: RunnerRig) -> None:
-    rig.navigation.accepts = False
+    rig.navigation.answers_goals = False
     rig.runner.request(A, rig.ends.append)
     rig.runner.cancel()
     rig.wait(60.0)
@@ -81,7 +81,7 @@ def test_forgotten_goal_is_cancelled_on_acceptance(rig: RunnerRig) -> None:
 
 
 def test_unacknowledged_cancel_is_repeated(rig: RunnerRig) -> None:
-    rig.navigation.acknowledges_cancels = False
+    rig.navigation.answers_cancels = False
     rig.runner.request(A, rig.ends.append)
     rig.runner.cancel()
     rig.wait(5.0)
@@ -89,7 +89,7 @@ def test_unacknowledged_cancel_is_repeated(rig: RunnerRig) -> None:
 
 
 def test_next_goal_waits_for_end_of_cancelled_goal(rig: RunnerRig) -> None:
-    rig.navigation.acknowledges_cancels = False
+    rig.navigation.answers_cancels = False
     rig.runner.request(A, rig.ends.append)
     rig.runner.request(B, rig.ends.append)
     rig.wait(1.0)
@@ -100,7 +100,7 @@ def test_next_goal_waits_for_end_of_cancelled_goal(rig: RunnerRig) -> None:
 
 
 def test_next_goal_is_sent_after_cancel_timeout(rig: RunnerRig) -> None:
-    rig.navigation.acknowledges_cancels = False
+    rig.navigation.answers_cancels = False
     rig.runner.request(A, rig.ends.append)
     rig.runner.request(B, rig.ends.append)
     rig.wait(CANCEL_WAIT_S - 0.2)
@@ -113,7 +113,7 @@ def test_next_goal_is_sent_after_cancel_timeout(rig: RunnerRig) -> None:
 
 
 def test_cancelled_waiting_goal_is_never_sent(rig: RunnerRig) -> None:
-    rig.navigation.acknowledges_cancels = False
+    rig.navigation.answers_cancels = False
     rig.runner.request(A, rig.ends.append)
     rig.runner.request(B, rig.ends.append)
     rig.runner.cancel()
@@ -142,7 +142,7 @@ def test_goal_survives_short_discovery_gaps(rig: RunnerRig) -> None:
 
 
 def test_lost_goal_is_cancelled_when_server_returns(rig: RunnerRig) -> None:
-    rig.navigation.acknowledges_cancels = False
+    rig.navigation.answers_cancels = False
     rig.runner.request(A, rig.ends.append)
     rig.navigation.ready = False
     rig.wait(3.0)
@@ -166,7 +166,7 @@ def test_goal_is_lost_when_feedback_stops(rig: RunnerRig) -> None:
 
 
 def test_rejection_is_reported(rig: RunnerRig) -> None:
-    rig.navigation.accepts = False
+    rig.navigation.answers_goals = False
     rig.runner.request(A, rig.ends.append)
     rig.navigation.reject(rig.navigation.goals[0])
     assert rig.ends == [DriveResult("rejected", "nav_rejected")]

@@ -150,7 +150,7 @@ def test_frontier_goal_is_replaced_after_timeout(make_rig: type[Rig]) -> None:
 
 def test_rejected_frontiers_are_retried_slowly_then_given_up(make_rig: type[Rig]) -> None:
     rig = make_rig(exploration_timeout_s=1000.0)
-    rig.navigation.accepts = False
+    rig.navigation.answers_goals = False
     rig.explore()
     started = rig.clock.s
     while rig.state == "EXPLORING":
@@ -186,7 +186,7 @@ def test_discovered_tags_are_read_once_while_exploring(make_rig: type[Rig]) -> N
     assert rig.state == "EXPLORING"
 
 
-def test_first_readings_can_be_off_and_fail_silently(make_rig: type[Rig]) -> None:
+def test_first_readings_can_be_disabled_and_fail_silently(make_rig: type[Rig]) -> None:
     rig = make_rig(seed_climate_on_discovery=False)
     rig.explore(5)
     rig.discover("1")

@@ -75,7 +75,7 @@ def _flood(mask: np.ndarray[Any, Any]) -> list[list[tuple[int, int]]]:
 
 
 def _two_rooms() -> GridMap:
-    """Free in the middle, unknown left (a long frontier) and right (a short one)."""
+    """Return a map that is free in the middle, and unknown on the left (a long frontier) and on the right (a short one)."""
     grid = np.full((60, 100), 100, np.int8)
     grid[10:50, 20:80] = 0
     grid[15:45, 19] = -1

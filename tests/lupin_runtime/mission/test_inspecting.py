@@ -64,7 +64,7 @@ def test_tag_is_unreachable_after_failed_attempts(make_rig: type[Rig]) -> None:
 
 def test_rejected_goal_counts_as_attempt(make_rig: type[Rig]) -> None:
     rig = make_rig(nav_max_attempts=1)
-    rig.navigation.accepts = False
+    rig.navigation.answers_goals = False
     rig.inspect("1")
     rig.navigation.reject(rig.navigation.goals[-1])
     assert rig.statuses() == [("1", UNREACHABLE, "nav_rejected")]
@@ -73,7 +73,7 @@ def test_rejected_goal_counts_as_attempt(make_rig: type[Rig]) -> None:
 @pytest.mark.parametrize("accepted", [True, False])
 def test_goal_timeout_counts_from_sending(make_rig: type[Rig], accepted: bool) -> None:
     rig = make_rig(nav_timeout_s=10.0, nav_max_attempts=1)
-    rig.navigation.accepts = accepted
+    rig.navigation.answers_goals = accepted
     rig.inspect("1", "2")
     rig.step(9.5)
     assert rig.snapshot.current_target == "1"
@@ -109,13 +109,13 @@ def test_foreign_cancels_are_refunded_a_limited_number_of_times(make_rig: type[R
     rig = make_rig(nav_max_attempts=1)
     rig.inspect("1")
     for _ in range(3):
-        rig.arrive(5)
+        rig.end_drive(5)
         sent = len(rig.navigation.goals)
         rig.step(0.5)
         assert len(rig.navigation.goals) == sent  # an e-stop may follow: no goal at once
         rig.step(1.0)
         assert rig.state == "INSPECTING.NAVIGATING"
-    rig.arrive(5)
+    rig.end_drive(5)
     assert rig.statuses() == [("1", UNREACHABLE, "nav_status_5")]
 
 

@@ -55,7 +55,7 @@ def test_exploration_goal_is_at_least_one_tag() -> None:
 def test_goal_all_tags_is_never_complete() -> None:
     mission = ExplorationMission(ALL_TAGS)
     mission.discovered = 500
-    assert mission.wants_all
+    assert mission.seeks_all_tags
     assert not mission.is_complete
 
 

@@ -1,4 +1,4 @@
-"""Random orders of inputs: nothing raises, nothing moves while blocked, and the counters add up."""
+"""Inputs in random order: nothing raises, nothing moves while the mission is blocked, and the counters add up."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lupin_runtime.mission.hsm_spec import RETURNING, build_hsm_spec
 from tests.support.mission_rig import Rig
 
 TAGS = ("0", "1", "2")
-MOST_BATCHES = 4
+MAX_BATCHES = 4
 LEAVES = [leaf for leaf in build_hsm_spec().leaves() if leaf != "BOOT"]
 
 
@@ -59,7 +59,7 @@ def test_any_order_of_inputs_keeps_invariants(make_rig: type[Rig]) -> None:
         )
         def build(self, leaf_state: str, accepts: bool, confirm: bool, patrol: bool, rounds: int, dwell: float) -> None:
             self.rig = make_rig(
-                booted=False,
+                ready=False,
                 require_visual_confirmation=confirm,
                 arm_patrol_enabled=patrol,
                 arm_travel_settle_s=1.0,
@@ -73,7 +73,7 @@ def test_any_order_of_inputs_keeps_invariants(make_rig: type[Rig]) -> None:
             self.rig.show_map()
             self.rig.localize()
             self.rig.step()
-            self.rig.navigation.accepts = accepts
+            self.rig.navigation.answers_goals = accepts
             bring_to(self.rig, leaf_state)
             self.may_move = True
             self.sent_before = 0
@@ -105,7 +105,7 @@ def test_any_order_of_inputs_keeps_invariants(make_rig: type[Rig]) -> None:
         def servers_recover_and_succeed(self) -> None:
             """Without this rule, random failures of the servers let few missions proceed."""
             rig = self.rig
-            rig.navigation.ready = rig.navigation.accepts = rig.navigation.acknowledges_cancels = True
+            rig.navigation.ready = rig.navigation.answers_goals = rig.navigation.answers_cancels = True
             rig.greenhouse.replies, rig.greenhouse.status = True, 0
             rig.confirmer.replies = rig.confirmer.detected = True
             rig.greenhouse.reply()
@@ -128,7 +128,7 @@ def test_any_order_of_inputs_keeps_invariants(make_rig: type[Rig]) -> None:
 
         @rule(answers=st.booleans(), acknowledges=st.booleans())
         def navigation_behavior(self, answers: bool, acknowledges: bool) -> None:
-            self.rig.navigation.accepts, self.rig.navigation.acknowledges_cancels = answers, acknowledges
+            self.rig.navigation.answers_goals, self.rig.navigation.answers_cancels = answers, acknowledges
 
         @rule(answers=st.booleans(), status=st.sampled_from([0, 0, 1]), detected=st.booleans())
         def service_behavior(self, answers: bool, status: int, detected: bool) -> None:
@@ -223,9 +223,9 @@ def test_any_order_of_inputs_keeps_invariants(make_rig: type[Rig]) -> None:
             if s.battery_low and s.lifecycle_state != RETURNING:
                 assert self.rig.orchestrator.mission_runner.blocked
 
-    # Inputs that miss a state test no invariant there; one random batch misses a rare state at times.
+    # Invariants are tested only in states that the inputs reach, and a single random batch may miss a rare state.
     unreached = {leaf for leaf in build_hsm_spec().leaves() if leaf != "BOOT"}
-    for _ in range(MOST_BATCHES):
+    for _ in range(MAX_BATCHES):
         run_state_machine_as_test(
             RandomInputs,
             settings=settings(

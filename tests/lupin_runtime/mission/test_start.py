@@ -12,26 +12,26 @@ from tests.support.mission_rig import Rig
 
 
 def test_boot_waits_for_servers_then_cancels_old_goals(make_rig: type[Rig]) -> None:
-    rig = make_rig(booted=False)
+    rig = make_rig(ready=False)
     rig.navigation.ready = False
     rig.step(5.0)
     assert rig.state == "BOOT"
     rig.navigation.ready = True
     rig.step()
     assert rig.state == "READY"
-    assert rig.navigation.cancelled_all == 1
+    assert rig.navigation.cancel_all_count == 1
 
 
 @pytest.mark.parametrize("required", [False, True])
 def test_boot_waits_for_confirmation_service_only_if_required(make_rig: type[Rig], required: bool) -> None:
-    rig = make_rig(booted=False, require_visual_confirmation=required)
+    rig = make_rig(ready=False, require_visual_confirmation=required)
     rig.confirmer.ready = False
     rig.step()
     assert rig.state == ("BOOT" if required else "READY")
 
 
 def test_missing_dependencies_cause_fault_until_reset(make_rig: type[Rig]) -> None:
-    rig = make_rig(booted=False, dependency_timeout_s=3.0)
+    rig = make_rig(ready=False, dependency_timeout_s=3.0)
     rig.greenhouse.ready = False
     rig.step(3.5)
     assert rig.state == "FAULT"
@@ -44,7 +44,7 @@ def test_missing_dependencies_cause_fault_until_reset(make_rig: type[Rig]) -> No
 
 
 def test_boot_completes_while_e_stop_is_engaged(make_rig: type[Rig]) -> None:
-    rig = make_rig(booted=False)
+    rig = make_rig(ready=False)
     rig.orchestrator.on_estop(True)
     rig.step()
     assert rig.state == "READY"
@@ -81,7 +81,7 @@ def test_discovery_goal_of_zero_uses_the_parameter(make_rig: type[Rig]) -> None:
 
 
 def test_start_in_boot_names_missing_servers(make_rig: type[Rig]) -> None:
-    rig = make_rig(booted=False)
+    rig = make_rig(ready=False)
     rig.greenhouse.ready = False
     assert "/greenhouse_bridge/get_tag_reading" in rig.requests.start().message
 

@@ -38,12 +38,12 @@ def test_e_stop_holds_until_release_and_resume(make_rig: type[Rig], state: str) 
 
 @pytest.mark.parametrize("state", ["READY", "DONE", "FAULT", "BOOT"])
 def test_e_stop_release_while_idle_starts_nothing(make_rig: type[Rig], state: str) -> None:
-    rig = make_rig(booted=state != "BOOT", dependency_timeout_s=1.0)
+    rig = make_rig(ready=state != "BOOT", dependency_timeout_s=1.0)
     if state == "DONE":
         rig.inspect("1")
         rig.end_mission()
     elif state == "FAULT":
-        rig = make_rig(booted=False, dependency_timeout_s=1.0)
+        rig = make_rig(ready=False, dependency_timeout_s=1.0)
         rig.navigation.ready = False
         rig.step(2.0)
     assert rig.state == state
@@ -68,7 +68,7 @@ def test_e_stop_while_paused_needs_resume_after_release(make_rig: type[Rig]) -> 
 
 def test_e_stop_cancels_goal_that_is_accepted_later(make_rig: type[Rig]) -> None:
     rig = make_rig()
-    rig.navigation.accepts = False
+    rig.navigation.answers_goals = False
     rig.inspect("1")
     rig.orchestrator.on_estop(True)
     rig.navigation.accept(rig.navigation.goals[0])
@@ -77,7 +77,7 @@ def test_e_stop_cancels_goal_that_is_accepted_later(make_rig: type[Rig]) -> None
 
 def test_e_stop_drops_goal_waiting_for_a_cancel(make_rig: type[Rig]) -> None:
     rig = make_rig()
-    rig.navigation.acknowledges_cancels = False
+    rig.navigation.answers_cancels = False
     rig.inspect("1")
     rig.requests.abort()
     rig.orchestrator.on_estop(True)
@@ -124,7 +124,7 @@ def test_pause_does_not_count_as_attempt(make_rig: type[Rig]) -> None:
 @pytest.mark.parametrize("request_name", ["pause", "abort", "skip_current", "dock", "reset", "resume"])
 @pytest.mark.parametrize("state", ["READY", "BOOT", "DONE"])
 def test_request_in_wrong_state_is_refused_with_reason(make_rig: type[Rig], state: str, request_name: str) -> None:
-    rig = make_rig(booted=state != "BOOT")
+    rig = make_rig(ready=state != "BOOT")
     if state == "DONE":
         rig.inspect("1")
         rig.end_mission()
@@ -217,7 +217,7 @@ def test_resume_after_e_stop_drives_to_dock_with_low_battery(make_rig: type[Rig]
 
 
 def test_reset_keeps_e_stop_and_low_battery(make_rig: type[Rig]) -> None:
-    rig = make_rig(booted=False, dependency_timeout_s=1.0)
+    rig = make_rig(ready=False, dependency_timeout_s=1.0)
     rig.navigation.ready = False
     rig.orchestrator.on_battery(0.1)
     rig.orchestrator.on_estop(True)

@@ -1,4 +1,4 @@
-"""When a goal counts as reached, and a robot as stuck."""
+"""The checks whether a goal is reached, and whether the robot is stuck."""
 
 from __future__ import annotations
 

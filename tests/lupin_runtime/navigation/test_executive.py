@@ -147,7 +147,7 @@ def test_blind_robot_stands_still_then_fails_with_the_reason() -> None:
     drive.executive.start([Pose2(5.0, 1.5, 0.0)], drive.now_s)
     for _ in range(60):
         drive.step()
-    drive.blind = "no message arrives on /scan"
+    drive.lidar_fault = "no message arrives on /scan"
     assert drive.step().velocity == ZERO
     for _ in range(400):
         step = drive.step()
@@ -163,7 +163,7 @@ def test_robot_continues_when_the_lidar_recovers() -> None:
     goal = Pose2(5.0, 1.5, 0.0)
     drive.executive.start([goal], drive.now_s)
     for i in range(900):
-        drive.blind = "fog" if 60 < i < 200 else None
+        drive.lidar_fault = "fog" if 60 < i < 200 else None
         if (step := drive.step()).finished:
             break
     assert step.failure is None
@@ -209,8 +209,8 @@ def test_estop_between_two_ticks_fails_the_goal() -> None:
     assert drive.step().failure is Failure.ESTOP_ENGAGED
 
 
-class RestOrGo(RuleBasedStateMachine):
-    """Any order of goals, e-stop messages, ticks and cancellations."""
+class GoalsUnderEstop(RuleBasedStateMachine):
+    """Goals, e-stop messages, ticks and cancellations in any order."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -235,9 +235,9 @@ class RestOrGo(RuleBasedStateMachine):
         self.drive.executive.stop()
         self.may_move = False
 
-    @rule(ticks=st.integers(1, 12), blind=st.booleans())
-    def tick(self, ticks: int, blind: bool) -> None:
-        self.drive.blind = "fog" if blind else None
+    @rule(ticks=st.integers(1, 12), lidar_fails=st.booleans())
+    def tick(self, ticks: int, lidar_fails: bool) -> None:
+        self.drive.lidar_fault = "fog" if lidar_fails else None
         for _ in range(ticks):
             step = self.drive.step()
             if not self.may_move:
@@ -246,8 +246,8 @@ class RestOrGo(RuleBasedStateMachine):
             self.may_move = self.may_move and not step.finished
 
 
-TestRestOrGo = RestOrGo.TestCase
-TestRestOrGo.settings = settings(max_examples=30, stateful_step_count=30, deadline=None)
+TestGoalsUnderEstop = GoalsUnderEstop.TestCase
+TestGoalsUnderEstop.settings = settings(max_examples=30, stateful_step_count=30, deadline=None)
 
 
 def test_lost_transforms_fail_with_their_own_error() -> None:
@@ -271,7 +271,7 @@ class _SilentPlanner:
 
     def drop(self) -> None: ...
 
-    def clear(self) -> None: ...
+    def clear_obstacles(self) -> None: ...
 
 
 def test_planner_that_never_answers_times_out() -> None:
@@ -294,7 +294,7 @@ class _StuckPlanner:
 
     def drop(self) -> None: ...
 
-    def clear(self) -> None: ...
+    def clear_obstacles(self) -> None: ...
 
 
 def test_stuck_robot_tries_all_recoveries_then_fails() -> None:
@@ -333,7 +333,7 @@ class _ManualPlanner:
     def drop(self) -> None:
         self.answer = None
 
-    def clear(self) -> None: ...
+    def clear_obstacles(self) -> None: ...
 
 
 def test_path_planned_to_the_last_goal_is_discarded() -> None:

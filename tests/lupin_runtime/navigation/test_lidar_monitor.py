@@ -63,6 +63,6 @@ def test_scan_age_includes_its_delay_despite_clock_offset() -> None:
         late_s = 0.3 if i == 39 else 0.02
         assert lidar.accept(_scan(1.0 + 0.1 * i, robot_clock_ns + i * 100_000_000), Pose2(), i * 0.1 + late_s)
     assert lidar.age_s(4.3) == pytest.approx(0.1 + 0.28, abs=1e-6)
-    # A step of the robot's clock is no delay.
+    # A step of the robot's clock is not a delay.
     assert lidar.accept(_scan(7.0, 1_000_000_000), Pose2(), 4.4)
     assert lidar.age_s(4.4) == 0.0

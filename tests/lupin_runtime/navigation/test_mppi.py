@@ -23,7 +23,7 @@ HERE = Pose2()
 
 
 def walls(half_m: float) -> Costmap:
-    """An aisle along x."""
+    """Return an aisle along x."""
     return costmap_with(*((x, side * half_m) for x in np.arange(-1.45, 1.5, 0.05) for side in (-1, 1)))
 
 
@@ -154,7 +154,7 @@ def test_robot_does_not_drive_into_a_wall_ahead() -> None:
             velocity = (command.vx, command.vy, command.wz)
         except NoValidControl:
             velocity = (0.0, 0.0, 0.0)
-    # 0.13 m to the hull: what is driven for a second must not reach it.
+    # The wall is 0.13 m from the hull: driving for a second must not reach it.
     assert velocity[0] < 0.13
 
 

@@ -64,7 +64,7 @@ def _robot_class() -> type[Any]:
             self.arena = arena
             self.base = Base(start)
             self.command = (0.0, 0.0, 0.0)
-            self.heard: list[tuple[float, float, float]] = []
+            self.commands: list[tuple[float, float, float]] = []
             self.scan_mode = "good"
             self.collisions = 0
             self.lock = threading.Lock()
@@ -81,7 +81,7 @@ def _robot_class() -> type[Any]:
 
         def _on_command(self, message: Twist) -> None:
             self.command = (message.linear.x, message.linear.y, message.angular.z)
-            self.heard.append(self.command)
+            self.commands.append(self.command)
 
         def publish_map(self) -> None:
             grid = self.arena.grid()
@@ -178,7 +178,7 @@ class Pilot:
         return result
 
     def ends_with_zero(self) -> bool:
-        return bool(self.robot.heard) and self.robot.heard[-1] == (0.0, 0.0, 0.0)
+        return bool(self.robot.commands) and self.robot.commands[-1] == (0.0, 0.0, 0.0)
 
 
 @pytest.fixture
@@ -243,7 +243,7 @@ def test_goal_in_a_bench_aborts_before_the_robot_moves(pilot: Any) -> None:
     assert answer.status == ABORTED
     assert answer.result.error_code == ComputePathToPose.Result.GOAL_OCCUPIED
     assert "from an obstacle" in answer.result.error_msg
-    assert all(command == (0.0, 0.0, 0.0) for command in pilot.robot.heard)
+    assert all(command == (0.0, 0.0, 0.0) for command in pilot.robot.commands)
 
 
 @pytest.mark.parametrize(("x", "yaw", "frame"), [(math.nan, 0.0, "map"), (1.0, math.inf, "map"), (1.0, 0.0, "nowhere")])
@@ -259,6 +259,8 @@ def test_goals_that_are_no_map_poses_are_refused(pilot: Any, x: float, yaw: floa
 
 
 def test_goal_in_the_robot_frame_is_transformed(pilot: Any) -> None:
+    # The server may be discovered before the transforms arrive; a goal that needs them is refused until then.
+    pilot.host.until(lambda: pilot.navigator._robot_state.map_from_base() is not None, what="the robot's pose")
     answer = pilot.result(pilot.send(pilot.goal(0.5, 0.0, 0.0, graph.BASE_FRAME)))
     assert answer.status == SUCCEEDED
     assert pilot.robot.base.truth.distance_to(Pose2(1.1, 0.6)) < 0.25
@@ -353,7 +355,7 @@ def test_compute_path_plans_without_driving(pilot: Any) -> None:
     refused = pilot.result(pilot.send(ComputePathToPose.Goal(goal=pilot.goal(9.0, 2.0).pose), client))
     assert refused.status == ABORTED
     assert refused.result.error_code == ComputePathToPose.Result.GOAL_OUTSIDE_MAP
-    assert pilot.robot.heard == []
+    assert pilot.robot.commands == []
 
 
 def test_both_costmaps_are_published_and_can_be_cleared(pilot: Any) -> None:

@@ -66,7 +66,7 @@ def test_path_keeps_the_radius_from_every_wall(seed: int, boxes: int) -> None:
 
 def test_path_runs_in_the_middle_of_an_aisle() -> None:
     cells = room(60, 200)
-    cells[:22, 30:170] = cells[40:, 30:170] = 100  # an aisle of 18 cells, 0.9 m, round y = 1.55
+    cells[:22, 30:170] = cells[40:, 30:170] = 100  # an aisle of 18 cells, 0.9 m, around y = 1.55
     found = plan(costmap_from_cells(cells), (0.75, 2.2), (9.25, 0.9))
     inside = found.points[(found.points[:, 0] > 3.0) & (found.points[:, 0] < 7.0)]
     assert np.abs(inside[:, 1] - 1.55).max() < 0.08
@@ -121,7 +121,7 @@ def test_start_or_goal_outside_the_map_is_named(start: tuple[float, float], goal
     assert refusal.value.failure is failure
 
 
-def test_unknown_space_is_entered_only_where_allowed() -> None:
+def test_unknown_space_is_entered_only_if_allowed() -> None:
     cells = room()
     cells[1:-1, 50:70] = -1
     costmap = costmap_from_cells(cells)

@@ -39,7 +39,7 @@ def test_spin_turns_by_its_angle(angle: float) -> None:
     assert math.hypot(robot.x, robot.y) < 1e-9
 
 
-def test_spin_is_refused_where_a_hull_corner_would_touch() -> None:
+def test_spin_is_refused_if_a_hull_corner_would_touch() -> None:
     assert Spin().tick(Pose2(), costmap_with_obstacles((0.0, 0.26)), 0.0) is not None
     assert Spin().tick(Pose2(0.0, 0.1), costmap_with_obstacles((0.0, 0.26)), 0.0) is None
 
@@ -51,7 +51,7 @@ def test_spin_that_the_wheels_do_not_follow_times_out() -> None:
     assert ticks[-1] is None
 
 
-def test_back_up_drives_backwards_where_there_is_room() -> None:
+def test_back_up_drives_backwards_if_there_is_room() -> None:
     robot = _run(BackUp(), costmap_with_obstacles((0.5, 0.0)))
     assert robot.x == pytest.approx(-0.3, abs=0.02)
     assert abs(robot.y) < 0.02
@@ -63,6 +63,6 @@ def test_back_up_drives_sideways_with_a_wall_behind() -> None:
     assert abs(robot.y) > 0.15
 
 
-def test_back_up_stops_where_no_direction_is_free() -> None:
+def test_back_up_stops_if_no_direction_is_free() -> None:
     ring = [(0.27 * math.cos(a), 0.27 * math.sin(a)) for a in np.linspace(0, 2 * math.pi, 60)]
     assert BackUp().tick(Pose2(), costmap_with_obstacles(*ring), 0.0) is None

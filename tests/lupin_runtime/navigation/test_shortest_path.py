@@ -109,7 +109,7 @@ def test_gap_passes_only_discs_that_fit() -> None:
 
 
 def _geodesics(cells: np.ndarray, start: tuple[int, int]) -> np.ndarray:
-    """Lengths in cells from a cell over the 8-neighborhood without cutting corners."""
+    """Return lengths in cells from a cell over the 8-neighborhood without cutting corners."""
     height, width = cells.shape
     free = cells == 0
     rows, columns, weights = [], [], []
@@ -135,7 +135,7 @@ def _geodesics(cells: np.ndarray, start: tuple[int, int]) -> np.ndarray:
     arrays(np.int8, st.tuples(st.integers(2, 40), st.integers(2, 40)), elements=st.sampled_from([0, 0, 0, 0, 100])),
     st.data(),
 )
-def test_path_exists_exactly_where_cells_connect(cells: np.ndarray, data: Any) -> None:
+def test_path_exists_exactly_if_cells_connect(cells: np.ndarray, data: Any) -> None:
     height, width = cells.shape
     start = data.draw(st.tuples(st.integers(0, height - 1), st.integers(0, width - 1)))
     goal = data.draw(st.tuples(st.integers(0, height - 1), st.integers(0, width - 1)))
@@ -163,7 +163,7 @@ def test_maze_of_thin_walls_is_solved(seed: int) -> None:
     random = np.random.default_rng(seed)
     cells = empty(161, 161)
     cells[::8, :] = cells[:, ::8] = 100
-    # Open a door from every room to a neighbor of a random spanning tree: exactly one way leads anywhere.
+    # Open a door from every room to a neighbor of a random spanning tree: exactly one path leads to each room.
     seen, stack = {(0, 0)}, [(0, 0)]
     while stack:
         r, c = stack[-1]

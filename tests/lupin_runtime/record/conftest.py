@@ -55,4 +55,4 @@ def spinning(private_graph: int) -> Iterator[Spinning]:  # noqa: ARG001 -- the f
 @pytest.fixture
 def until() -> Callable[..., None]:
     """`wait_until` with a limit of 15 s."""
-    return partial(wait_until, limit_s=15.0)
+    return partial(wait_until, timeout_s=15.0)

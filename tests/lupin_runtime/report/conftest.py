@@ -385,7 +385,7 @@ def facts() -> dict[str, Any]:
         "wall_time_s": 214.2,
         "memory_mb": 986.4,
         "stages": stages,
-        "deaths": [{"stage": "twin", "status": "ended by SIGKILL", "consequence": "restarted"}],
+        "deaths": [{"stage": "twin", "status": "was killed by SIGKILL", "consequence": "restarted"}],
         "options": {"target": "sim", "world": "made-up"},
         "real_time_factor": 1.04,
         "sim_time_s": 210.0,

@@ -123,7 +123,7 @@ def test_findings_are_sorted_and_use_the_truth(built: Report) -> None:
     ranks = [("error", "warn", "note", "good").index(f["severity"]) for f in found]
     assert ranks == sorted(ranks)
     titles = [f["title"] for f in found]
-    for expected in ("1 tag never seen", "Bugs at 1 pot", "E-stop pressed", "twin ended by SIGKILL", "No collision"):
+    for expected in ("1 tag never seen", "Bugs at 1 pot", "E-stop pressed", "twin was killed by SIGKILL", "No collision"):
         assert expected in titles
     assert "Tag 21 cannot be reached" in titles  # not "was not reached": the world has no path to it
     assert any("slam_toolbox logged a warning, 3 times" in title for title in titles)

@@ -59,11 +59,11 @@ def test_attached_nodes_follow_clock_and_a_jump_back() -> None:
         wait_until(publisher.get_subscription_count, "a subscription to the clock", 10.0)
         for time_ns in (5_000_000_000, 7_250_000_000, 1_000_000_000):
 
-            def told(expected: int = time_ns) -> bool:
+            def follow_clock(expected: int = time_ns) -> bool:
                 publisher.publish(Clock(clock=stamp_from_ns(expected)))
                 return first.now_ns() == second.now_ns() == first.elapsed_clock_ns() == expected
 
-            wait_until(told, "the time", 10.0, every_s=0.01)
+            wait_until(follow_clock, "the time", 10.0, interval_s=0.01)
         assert jumps[-1] < -6_000_000_000
     finally:
         handle.unregister()
@@ -120,7 +120,7 @@ def test_timers_run_on_simulated_time_under_clock(monkeypatch: pytest.MonkeyPatc
         return len(fired) >= 5
 
     try:
-        wait_until(hurry, "the timer", 10.0, every_s=0.01)
+        wait_until(hurry, "the timer", 10.0, interval_s=0.01)
     finally:
         executor.shutdown(timeout_sec=2.0)
         thread.join(2.0)
@@ -128,5 +128,5 @@ def test_timers_run_on_simulated_time_under_clock(monkeypatch: pytest.MonkeyPatc
         node.destroy_node()
         source.destroy_node()
     gaps = [b - a for a, b in pairwise(fired)]
-    # On a busy machine one tick may be late; on another clock than the followed one there would be none.
+    # On a busy machine one tick may be late; on any other clock there would be no ticks.
     assert min(gaps) >= 900_000_000 and sorted(gaps)[len(gaps) // 2] <= 1_200_000_000

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def assigned(tree: ast.AST) -> set[str]:
-    """Names X of every `self.X = ...` below a node."""
+    """Return the names X of every `self.X = ...` below a node."""
     names = set()
     for node in ast.walk(tree):
         targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []

@@ -1,4 +1,4 @@
-"""The node runner: simulated time from one subscription, an orderly end, and an exit after a failure."""
+"""The node runner: simulated time from one subscription, a clean shutdown, and an exit after a failure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.graph
 
-TWO_NODES = """
+THREE_NODES = """
 import os, sys
 from lupin_runtime.ros import LupinNode, run
 from rosgraph_msgs.msg import Clock
@@ -63,11 +63,11 @@ os._exit(status)
 
 
 def start(fail: bool) -> subprocess.Popen[str]:
-    code = TWO_NODES.replace("{fail}", str(fail))
+    code = THREE_NODES.replace("{fail}", str(fail))
     return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def test_nodes_follow_clock_and_run_before_shutdown() -> None:
+def test_nodes_follow_clock_and_call_before_shutdown() -> None:
     process = start(fail=False)
     assert process.stdout is not None
     began = time.monotonic()
@@ -78,40 +78,41 @@ def test_nodes_follow_clock_and_run_before_shutdown() -> None:
     assert (out.strip(), process.returncode) == ("last words", 0), err
 
 
-def test_callback_exception_ends_the_process_with_a_traceback() -> None:
+def test_callback_exception_exits_with_a_traceback() -> None:
     process = start(fail=True)
     _, err = process.communicate(timeout=20)
     assert process.returncode == 1
     assert "RuntimeError: a defect" in err
 
 
-LEAVER = """
+ONE_NODE = """
 import os
 from lupin_runtime import graph
 from lupin_runtime.ros import LupinNode, run
 
-class Leaver(LupinNode):
+class Node(LupinNode):
     def __init__(self):
-        super().__init__('leaver')
+        super().__init__('terminated')
         self.create_timer(0.1, self.tick)
+        # An action client that is not destroyed would keep the node visible after the exit.
         self.navigation = self.action_client(graph.NAVIGATE_TO_POSE)
     def tick(self):
         pass
 
-os._exit(run([Leaver]))
+os._exit(run([Node]))
 """
 
 
-def test_ended_process_leaves_the_graph_at_once(graph_host: GraphHost) -> None:
+def test_terminated_process_leaves_the_graph_at_once(graph_host: GraphHost) -> None:
     from lupin_runtime.ros import LupinNode
 
-    looker = graph_host.add(LupinNode("looker"))
-    process = subprocess.Popen([sys.executable, "-c", LEAVER])
-    graph_host.until(lambda: "leaver" in looker.get_node_names(), what="the node")
+    observer = graph_host.add(LupinNode("observer"))
+    process = subprocess.Popen([sys.executable, "-c", ONE_NODE])
+    graph_host.until(lambda: "terminated" in observer.get_node_names(), what="the node")
     process.send_signal(signal.SIGTERM)
     assert process.wait(10) == 0
-    # A process that vanishes without leaving stays visible for its lease of 20 s.
-    graph_host.until(lambda: "leaver" not in looker.get_node_names(), 10.0, "the node's goodbye")
+    # A process that exits without leaving the graph stays visible until its DDS lease of 20 s expires.
+    graph_host.until(lambda: "terminated" not in observer.get_node_names(), 10.0, "the node's disappearance")
 
 
 def test_environment_of_tests_is_private() -> None:

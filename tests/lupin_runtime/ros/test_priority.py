@@ -1,4 +1,4 @@
-"""Scheduling priority: requested for every thread, and optional where it is not permitted."""
+"""Scheduling priority: requested for every thread, and optional if it is not permitted."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def refuse(*_: object) -> None:
 def test_refused_priority_changes_nothing_and_names_the_fix(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(os, "setpriority", refuse)
-    said = serve_first()
-    assert said.startswith("ordinary") and "LimitRTPRIO=1" in said and f"LimitNICE={NICE}" in said
+    result = serve_first()
+    assert result.startswith("ordinary") and "LimitRTPRIO=1" in result and f"LimitNICE={NICE}" in result
 
 
 def test_without_real_time_a_nice_value_is_requested(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -38,8 +38,8 @@ def test_permitted_priority_is_set_for_every_thread() -> None:
         "from lupin_runtime.ros.priority import serve_first\n"
         "gate = threading.Event()\n"
         "[threading.Thread(target=gate.wait, daemon=True).start() for _ in range(3)]\n"
-        "said = serve_first()\n"
-        "print(said.split()[0], len({os.sched_getscheduler(int(t)) for t in os.listdir('/proc/self/task')}))\n"
+        "result = serve_first()\n"
+        "print(result.split()[0], len({os.sched_getscheduler(int(t)) for t in os.listdir('/proc/self/task')}))\n"
         "gate.set()\n"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=20, check=True)

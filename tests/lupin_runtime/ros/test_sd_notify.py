@@ -21,7 +21,7 @@ def manager(tmp_path: Path) -> Iterator[socket.socket]:
         yield channel
 
 
-def heard(channel: socket.socket) -> list[str]:
+def received(channel: socket.socket) -> list[str]:
     channel.setblocking(False)
     lines = []
     while True:
@@ -37,7 +37,7 @@ def test_notifier_sends_ready_status_and_stopping(manager: Any) -> None:
     notifier.status("waiting for /scan")
     notifier.ready()
     notifier.stopping()
-    assert heard(manager) == ["STATUS=waiting for /scan", "READY=1", "STOPPING=1"]
+    assert received(manager) == ["STATUS=waiting for /scan", "READY=1", "STOPPING=1"]
 
 
 def test_children_do_not_inherit_the_notify_socket(manager: Any) -> None:
@@ -56,14 +56,14 @@ def test_watchdog_is_fed_twice_within_its_limit(manager: Any) -> None:
     assert notifier.watchdog_period_s == 15.0
     for _ in range(50):
         notifier.alive()
-    assert heard(manager) == ["WATCHDOG=1"]
+    assert received(manager) == ["WATCHDOG=1"]
 
 
 @pytest.mark.parametrize("pid", ["1", str(os.getpid() + 1)], ids=["first", "next"])
 def test_watchdog_of_another_process_is_not_fed(manager: Any, pid: str) -> None:
     notifier = Notifier({"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "30000000", "WATCHDOG_PID": pid})
     notifier.alive()
-    assert notifier.watchdog_period_s == 0.0 and heard(manager) == []
+    assert notifier.watchdog_period_s == 0.0 and received(manager) == []
 
 
 def test_notifier_reaches_an_abstract_socket() -> None:
@@ -71,7 +71,7 @@ def test_notifier_reaches_an_abstract_socket() -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
         channel.bind(f"\0{name}")
         Notifier({"NOTIFY_SOCKET": f"@{name}"}).ready()
-        assert heard(channel) == ["READY=1"]
+        assert received(channel) == ["READY=1"]
 
 
 def test_without_a_manager_nothing_is_sent() -> None:
@@ -80,6 +80,6 @@ def test_without_a_manager_nothing_is_sent() -> None:
     notifier.alive()
 
 
-def test_missing_manager_does_not_end_the_service(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_manager_does_not_stop_the_service(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Notifier({"NOTIFY_SOCKET": str(tmp_path / "gone")}).ready()
     assert "systemd did not receive READY" in capsys.readouterr().out

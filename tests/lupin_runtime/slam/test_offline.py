@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 def office() -> Log:
     """A floor with a loop of 100 m: 180 degrees of laser, a scan in three seconds, people, slips, drift of tens of meters."""
     drift = slam_worlds.Drift(travel_scale=0.03, turn_scale=0.05, turn_per_m=0.02, travel_noise=0.15, turn_noise=0.08)
-    trouble = slam_worlds.Trouble(people=3, nonsense=0.01, nothing=0.04, slip=0.0004)
-    log = slam_worlds.office_log(2, drift=drift, trouble=trouble)
+    disturbances = slam_worlds.Disturbances(people=3, wrong_readings=0.01, missing_readings=0.04, slip=0.0004)
+    log = slam_worlds.office_log(2, drift=drift, disturbances=disturbances)
     result: Log = slam_worlds.Log(log.stamps[:340], log.truth[:340], log.odom[:340], log.ranges[:340], log.angles)
     return result
 
@@ -191,7 +191,8 @@ def test_odometry_reset_costs_one_motion_not_the_map(short: tuple[Log, list[str]
 def test_corridor_of_equal_doors_is_not_closed_at_the_next_door() -> None:
     """A false closure would be off by one door, 5 m, and be confirmed at every further door."""
     drift = slam_worlds.Drift(travel_scale=0.03, turn_scale=0.05, turn_per_m=0.012, travel_noise=0.12, turn_noise=0.06)
-    log = slam_worlds.corridor_log(0, drift=drift, trouble=slam_worlds.Trouble(people=2, nonsense=0.005, nothing=0.03))
+    disturbances = slam_worlds.Disturbances(people=2, wrong_readings=0.005, missing_readings=0.03)
+    log = slam_worlds.corridor_log(0, drift=drift, disturbances=disturbances)
     assert slam_worlds.aligned_errors(log.odom, log.truth)[0].max() > 25.0
     result, poses = _mapped(slam_worlds.carmen_text(log))
     assert result.closures > 10

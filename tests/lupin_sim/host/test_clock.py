@@ -1,4 +1,4 @@
-"""The simulated wall clock: unmodified programs read, set, step and slew it, and never the developer's computer's."""
+"""The simulated wall clock: unmodified programs read, set, step and slew it, but never this machine's clock."""
 
 from __future__ import annotations
 
@@ -82,8 +82,8 @@ print(time.monotonic() - start)
 @pytest.mark.parametrize("offset_s", [-7200.0, 7200.0])
 def test_timed_wait_on_a_wrong_clock_lasts_its_time(host: Host, offset_s: float) -> None:
     with host.robot.with_fault("clock-wrong", offset_s=offset_s):
-        waited_s = float(host.robot.inside("python3", "-c", WAIT).stdout)
-    # Without conversion to the machine's clock it ends at once, so that the caller spins, or it lasts for two hours.
+        waited_s = float(host.robot.run_as_root("python3", "-c", WAIT).stdout)
+    # Without conversion to the machine's clock it would end at once, so the caller would spin, or it would last two hours.
     assert 0.3 < waited_s < 10.0
 
 
@@ -122,10 +122,10 @@ def test_laptops_chrony_may_run_without_serving(host: Host) -> None:
         "s.sendto(b'\\x23' + bytes(47), ('10.42.0.2', 123))\nprint(len(s.recv(99)))"
     )
     host.serve_ntp()
-    assert host.robot.inside("python3", "-c", query).stdout == "48\n"
+    assert host.robot.run_as_root("python3", "-c", query).stdout == "48\n"
     with host.robot.with_fault("chrony-not-serving"):
         wait_until(lambda: "chronyd" in host.run(LIST_PROCESSES).stdout, "a chronyd on the laptop")
-        assert host.robot.inside("python3", "-c", query).stdout == ""
+        assert host.robot.run_as_root("python3", "-c", query).stdout == ""
     host.serve_ntp("off")
     assert "chronyd" not in host.run(LIST_PROCESSES).stdout
 

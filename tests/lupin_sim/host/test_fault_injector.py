@@ -1,4 +1,4 @@
-"""The record of active faults stays as it was where injecting or undoing one fails."""
+"""The record of active faults stays as it was if injecting or undoing a fault fails."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KEY = FaultKey(0, "slow", "eth0")
 
 
 class FaultyNetwork:
-    """Stands in for the network: records what it is asked for, and fails on demand."""
+    """Stands in for the network: records the settings of links, and fails on demand."""
 
     def __init__(self) -> None:
         self.impaired: list[tuple[str, Any]] = []
@@ -26,7 +26,7 @@ class FaultyNetwork:
 
     def impair(self, _: object, link: str, settings: Any) -> None:
         if self.fails:
-            raise FaultError("the link emulator ended")
+            raise FaultError("the link emulator exited")
         self.impaired.append((link, settings))
 
 
@@ -58,7 +58,7 @@ def injector(network: FaultyNetwork) -> FaultInjector:
 
 def test_failed_first_injection_leaves_no_record(injector: FaultInjector, network: FaultyNetwork) -> None:
     network.fails = True
-    with pytest.raises(FaultError, match="ended"):
+    with pytest.raises(FaultError, match="exited"):
         injector.inject(COMPUTER, "slow", FIRST)
     assert injector.active(COMPUTER) == []
 
@@ -66,7 +66,7 @@ def test_failed_first_injection_leaves_no_record(injector: FaultInjector, networ
 def test_failed_repeated_injection_keeps_the_first_record(injector: FaultInjector, network: FaultyNetwork) -> None:
     injector.inject(COMPUTER, "slow", FIRST)
     network.fails = True
-    with pytest.raises(FaultError, match="ended"):
+    with pytest.raises(FaultError, match="exited"):
         injector.inject(COMPUTER, "slow", SECOND)
     assert injector._active == {KEY: FIRST}
 
@@ -77,7 +77,7 @@ def test_failed_undo_keeps_the_record_and_can_be_repeated(
 ) -> None:
     injector.inject(COMPUTER, "slow", FIRST)
     network.fails = True
-    with pytest.raises(FaultError, match="ended"):
+    with pytest.raises(FaultError, match="exited"):
         injector.undo(COMPUTER, "slow", settings)
     assert injector._active == {KEY: FIRST}
     network.fails = False
@@ -88,7 +88,7 @@ def test_failed_undo_keeps_the_record_and_can_be_repeated(
 def test_failed_reset_keeps_the_record_of_an_external_fault(injector: FaultInjector, network: FaultyNetwork) -> None:
     injector.inject(COMPUTER, "slow", FIRST)
     network.fails = True
-    with pytest.raises(FaultError, match="ended"):
+    with pytest.raises(FaultError, match="exited"):
         injector.prepare_reset(COMPUTER)
     assert injector._active == {KEY: FIRST}
     network.fails = False

@@ -1,4 +1,4 @@
-"""Each fault has the effect that an operator would see, and none after it is undone."""
+"""Each fault has the effect that an operator would see, and no effect after it is undone."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def connect(host: Host, port: int = 22, timeout_s: float = 1.0, address: str = "
 
 
 def round_trip_ms(host: Host) -> float:
-    """The shortest time to connect to sshd, of four; infinite if none succeeded within a second each."""
+    """The shortest time of four attempts to connect to sshd; infinite if each failed or took more than a second."""
     best = float("inf")
     for _ in range(4):
         with host.on_laptop():
@@ -118,9 +118,9 @@ EFFECTS = (
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: "-".join([effect.fault, *map(str, effect.settings.values())]))
 def test_fault_has_its_effect_until_it_is_undone(host: Host, effect: Effect) -> None:
     def output() -> str:
-        return " ".join(host.robot.inside("sh", "-c", effect.command).stdout.split())
+        return " ".join(host.robot.run_as_root("sh", "-c", effect.command).stdout.split())
 
-    host.robot.inside("sh", "-c", "test -e /etc/keys-before || cat /etc/ssh/ssh_host_*.pub > /etc/keys-before")
+    host.robot.run_as_root("sh", "-c", "test -e /etc/keys-before || cat /etc/ssh/ssh_host_*.pub > /etc/keys-before")
     if effect.fault == "stock-makestep":
         host.robot.undo_fault(effect.fault)  # a new robot has this fault, since the distribution ships it
     wait_until(lambda: output() == effect.healthy, f"{effect.healthy!r} before {effect.fault}, not {output()!r}")
@@ -136,7 +136,7 @@ def test_fault_has_its_effect_until_it_is_undone(host: Host, effect: Effect) -> 
 
 def test_cable_cut_on_both_links_is_undone_one_by_one(host: Host) -> None:
     def carriers() -> list[str]:
-        return host.robot.inside("cat", "/sys/class/net/eth0/carrier", "/sys/class/net/wlan0/carrier").stdout.split()
+        return host.robot.run_as_root("cat", "/sys/class/net/eth0/carrier", "/sys/class/net/wlan0/carrier").stdout.split()
 
     for link in ("eth0", "wlan0"):
         host.robot.inject_fault("cable-cut", link=link)
@@ -181,7 +181,7 @@ def test_frozen_robot_accepts_and_answers_after_it_is_resumed(host: Host) -> Non
     assert host.ssh("true").returncode == 0
 
 
-def test_slow_link_delays_both_directions_also_after_a_reboot(fresh_host: Host) -> None:
+def test_slow_link_delays_both_directions_after_power_cut_too(fresh_host: Host) -> None:
     robot = fresh_host.robot
     assert round_trip_ms(fresh_host) < 50.0
     robot.inject_fault("slow-link", delay_ms=60.0, jitter_ms=2.0)
@@ -252,7 +252,7 @@ def test_orphaned_segments_have_locks_that_no_process_holds(host: Host) -> None:
         "    except BlockingIOError: print('held')"
     )
     with host.robot.with_fault("shm-orphans", count=1):
-        locks = host.robot.inside("python3", "-c", test_lock).stdout.split()
+        locks = host.robot.run_as_root("python3", "-c", test_lock).stdout.split()
     assert "free" in locks
     assert "held" in locks  # the discovery server's own
 
@@ -260,7 +260,7 @@ def test_orphaned_segments_have_locks_that_no_process_holds(host: Host) -> None:
 def test_late_interface_has_no_sockets_of_the_server(host: Host) -> None:
     with host.robot.with_fault("interface-late"):
         wait_until(lambda: "192.168.42.1" in host.ssh("ip -4 -br address").stdout, "the access point's address")
-        sockets = host.robot.inside("ss", "-lnup").stdout
+        sockets = host.robot.run_as_root("ss", "-lnup").stdout
         assert [line for line in sockets.splitlines() if "10.42.0.1:" in line and "fast-discovery" in line]
         assert not [line for line in sockets.splitlines() if "192.168.42.1:" in line and "fast-discovery" in line]
 

@@ -1,4 +1,4 @@
-"""A host removes everything of itself, however it ends, changes nothing of this machine, and names missing prerequisites."""
+"""A host leaves nothing behind however it ends, changes nothing on this machine, and names missing prerequisites."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_next_start_removes_what_a_killed_daemon_left(boot_host: Callable[..., H
 
 
 @pytest.mark.host
-def test_host_changes_nothing_of_this_machine(boot_host: Callable[..., Host]) -> None:
+def test_host_changes_nothing_on_this_machine(boot_host: Callable[..., Host]) -> None:
     def snapshot() -> list[str]:
         links = subprocess.run(["ip", "-o", "link"], capture_output=True, text=True, check=True).stdout
         mounts = [line for line in Path("/proc/self/mountinfo").read_text().splitlines() if "lupin-host" in line]
@@ -133,7 +133,7 @@ def test_missing_programs_are_named_with_their_packages(monkeypatch: pytest.Monk
     assert "systemd-container" in message
 
 
-def test_start_without_root_names_root(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_start_without_root_says_that_it_needs_root(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     with pytest.raises(HostUnavailable, match="needs root here"):
         Host.start()

@@ -108,7 +108,7 @@ def test_stolen_key_cannot_make_another_authority(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("certificate", "path_length"), [(AUTHORITY.root, 1), (AUTHORITY.issuing, 0)])
-def test_each_certificate_may_do_what_it_is_for(certificate: x509.Certificate, path_length: int) -> None:
+def test_each_certificate_is_limited_to_its_purpose(certificate: x509.Certificate, path_length: int) -> None:
     basic = certificate.extensions.get_extension_for_class(x509.BasicConstraints)
     usage = certificate.extensions.get_extension_for_class(x509.KeyUsage)
     constraints = certificate.extensions.get_extension_for_class(x509.NameConstraints)
@@ -117,7 +117,7 @@ def test_each_certificate_may_do_what_it_is_for(certificate: x509.Certificate, p
     assert usage.value.key_cert_sign and not usage.value.digital_signature and not usage.value.crl_sign
 
 
-def test_the_key_of_the_root_is_kept_nowhere() -> None:
+def test_root_key_is_stored_nowhere() -> None:
     assert AUTHORITY.root.public_key() != AUTHORITY.key.public_key()
     assert AUTHORITY.pem().count(b"PRIVATE KEY") == 2  # one key: its first and its last line
 
@@ -135,13 +135,13 @@ def test_long_host_name_is_cut_and_the_id_stays() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n"])
-def test_other_files_are_no_authority(text: str) -> None:
+def test_other_files_are_refused_as_authority(text: str) -> None:
     with pytest.raises(certificate_authority.DamagedAuthority):
         certificate_authority.parse(text.encode())
 
 
 @pytest.mark.parametrize(("name", "may"), [("dev", False), ("xn--p1ai", False), ("lab-7", True), ("pc2", True), ("a.nl", True)])
-def test_host_called_like_a_top_level_domain_is_not_permitted(name: str, may: bool) -> None:
+def test_host_named_like_top_level_domain_is_not_permitted(name: str, may: bool) -> None:
     assert is_permittable(name) == may
     authority = certificate_authority.create(reachable(names=(name,)))
     assert authority.permits(f"www.{name}") == may

@@ -82,7 +82,7 @@ def test_name_of_another_host_is_refused(store: CertificateStore) -> None:
         handshake(certificate.context, client_context(store.root_path.read_bytes()), "printer.local")
 
 
-def test_tls_1_2_is_the_oldest_version(store: CertificateStore) -> None:
+def test_tls_older_than_1_2_is_refused(store: CertificateStore) -> None:
     certificate = ServerCertificate(store)
     client = client_context(store.root_path.read_bytes())
     client.maximum_version = ssl.TLSVersion.TLSv1_2
@@ -90,7 +90,7 @@ def test_tls_1_2_is_the_oldest_version(store: CertificateStore) -> None:
     assert certificate.context.minimum_version == ssl.TLSVersion.TLSv1_2
 
 
-def test_server_goes_on_with_a_new_certificate_after_a_step_of_the_clock(tmp_path: Path) -> None:
+def test_server_renews_its_certificate_after_clock_step(tmp_path: Path) -> None:
     now = datetime.datetime.now(datetime.timezone.utc)
     wrong = now + datetime.timedelta(days=3000)
     store = HostStore(tmp_path / "certificate", now=wrong)
@@ -104,20 +104,20 @@ def test_server_goes_on_with_a_new_certificate_after_a_step_of_the_clock(tmp_pat
         store.now = now
         while not log:
             await asyncio.sleep(0.01)
-        store.here = reachable("10.42.0.2")
+        store.host_addresses = reachable("10.42.0.2")
         while len(log) < 2:
             await asyncio.sleep(0.01)
         keeper.cancel()
 
     asyncio.run(asyncio.wait_for(scenario(), LIMIT_S))
     assert log == [
-        f"the server's certificate was renewed: it was issued on {wrong:%Y-%m-%d}, after the clock's present time",
+        f"the server's certificate was renewed: it was issued on {wrong:%Y-%m-%d}, after the clock's current time",
         "the server's certificate was renewed: it lacks 10.42.0.2",
     ]
     assert handshake(certificate.context, client_context(root), "10.42.0.2").version() == "TLSv1.3"
 
 
-def test_server_keeps_its_certificate_where_it_cannot_be_renewed(tmp_path: Path) -> None:
+def test_server_keeps_certificate_that_cannot_be_renewed(tmp_path: Path) -> None:
     store = HostStore(tmp_path / "certificate")
     certificate = ServerCertificate(store)
     before, log = certificate.certificates.leaf.sha256, list[str]()
@@ -130,7 +130,7 @@ def test_server_keeps_its_certificate_where_it_cannot_be_renewed(tmp_path: Path)
             await asyncio.sleep(0.01)
         store.folder.unlink()
         (tmp_path / "moved").rename(store.folder)
-        store.here = reachable("10.42.0.2")
+        store.host_addresses = reachable("10.42.0.2")
         while len(log) < 2:
             await asyncio.sleep(0.01)
         keeper.cancel()
@@ -140,7 +140,7 @@ def test_server_keeps_its_certificate_where_it_cannot_be_renewed(tmp_path: Path)
     assert certificate.certificates.leaf.sha256 != before
 
 
-def test_certificate_that_another_process_renewed_is_served(tmp_path: Path) -> None:
+def test_certificate_renewed_by_another_process_is_served(tmp_path: Path) -> None:
     store, log = HostStore(tmp_path / "certificate"), list[str]()
     certificate = ServerCertificate(store)
 

@@ -32,7 +32,7 @@ def test_certificate_names_localhost_and_all_names_and_addresses() -> None:
     assert tuple(map(str, made.addresses)) == ("127.0.0.1", "::1", "10.42.0.2", "192.168.1.20", "fd00::2")
 
 
-def test_validity_is_what_browsers_accept() -> None:
+def test_validity_period_is_accepted_by_browsers() -> None:
     certificate = leaf.issue(AUTHORITY, HOME, TODAY).certificate
     assert certificate.not_valid_after_utc - certificate.not_valid_before_utc <= datetime.timedelta(days=397)
     assert certificate.not_valid_before_utc <= TODAY - 30 * DAY
@@ -53,7 +53,7 @@ def test_certificate_is_renewed_before_it_expires(store: HostStore, days: int, r
 
 @pytest.mark.parametrize("wrong", [utc(1970), utc(2022), utc(2026, 10, 31), utc(2027, 1), utc(2035), utc(2099)])
 @pytest.mark.parametrize("right", [TODAY, utc(2029), utc(2034)])
-def test_certificates_of_a_wrong_clock_serve_once_it_is_right(
+def test_certificate_issued_by_wrong_clock_serves_when_corrected(
     store: HostStore, wrong: datetime.datetime, right: datetime.datetime
 ) -> None:
     store.now = wrong
@@ -66,47 +66,47 @@ def test_certificates_of_a_wrong_clock_serve_once_it_is_right(
 
 
 @pytest.mark.parametrize("wrong", [utc(1970), utc(2022), utc(2090)])
-def test_first_certificate_under_an_impossible_clock_is_valid_today(store: HostStore, wrong: datetime.datetime) -> None:
+def test_first_certificate_under_impossible_clock_is_valid_today(store: HostStore, wrong: datetime.datetime) -> None:
     store.now = wrong
     made = store.ensure().leaf.certificate
     assert made.not_valid_before_utc < leaf.EARLIEST < made.not_valid_after_utc - 300 * DAY
 
 
 @pytest.mark.parametrize("wrong", [utc(1970), utc(2022), utc(2090)])
-def test_good_certificate_survives_a_boot_with_an_impossible_clock(store: HostStore, wrong: datetime.datetime) -> None:
+def test_certificate_is_kept_when_booted_with_impossible_clock(store: HostStore, wrong: datetime.datetime) -> None:
     first = store.ensure()
     store.now = wrong
     assert store.ensure().leaf.sha256 == first.leaf.sha256
-    store.here = reachable("192.168.1.20", "10.42.0.2")  # must be issued anew: for the time of the last one
+    store.host_addresses = reachable("192.168.1.20", "10.42.0.2")  # must be issued anew: for the time of the last one
     second = store.ensure().leaf
     assert second.sha256 != first.leaf.sha256
     assert second.certificate.not_valid_before_utc == first.leaf.certificate.not_valid_before_utc
 
 
 @given(st.datetimes(datetime.datetime(1970, 1, 1), datetime.datetime(9000, 1, 1), timezones=st.just(datetime.timezone.utc)))
-def test_any_clock_gets_a_certificate_that_is_not_renewed_again(clock: datetime.datetime) -> None:
+def test_certificate_of_any_clock_is_not_renewed_again(clock: datetime.datetime) -> None:
     made = leaf.issue(AUTHORITY, HOME, clock)
     assert leaf.reason_to_renew(made, AUTHORITY, HOME, clock) is None
     assert made.certificate.not_valid_after_utc <= AUTHORITY.issuing.not_valid_after_utc
 
 
-def test_new_address_and_name_renew_it_and_old_ones_stay(store: HostStore) -> None:
+def test_new_address_or_name_renews_and_old_ones_stay(store: HostStore) -> None:
     first = store.ensure()
-    store.here = reachable("10.42.0.2", names=("lab-8.local",))
+    store.host_addresses = reachable("10.42.0.2", names=("lab-8.local",))
     second = store.ensure()
     assert second.renewed == "it lacks 10.42.0.2, lab-8.local"
     assert set(first.leaf.addresses) < set(second.leaf.addresses)
-    store.here = reachable("192.168.1.20")
+    store.host_addresses = reachable("192.168.1.20")
     assert store.ensure().leaf.sha256 == second.leaf.sha256
 
 
 def test_number_of_names_is_bounded(store: HostStore) -> None:
     for network in range(4):
-        store.here = reachable(*(f"10.{network}.0.{number}" for number in range(1, 31)))
+        store.host_addresses = reachable(*(f"10.{network}.0.{number}" for number in range(1, 31)))
         made = store.ensure().leaf
-        assert {str(address) for address in store.here.addresses} < {str(address) for address in made.addresses}
+        assert {str(address) for address in store.host_addresses.addresses} < {str(address) for address in made.addresses}
     assert len(made.names) + len(made.addresses) == leaf.MAX_NAMES
-    store.here = reachable(*(f"10.9.0.{number}" for number in range(1, 101)))
+    store.host_addresses = reachable(*(f"10.9.0.{number}" for number in range(1, 101)))
     assert store.ensure().leaf.sha256 == store.ensure().leaf.sha256
 
 

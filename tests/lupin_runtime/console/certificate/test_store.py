@@ -26,7 +26,7 @@ def mode(path: Path) -> int:
     return stat.S_IMODE(path.stat().st_mode)
 
 
-def test_certificates_are_the_same_in_the_next_run(store: HostStore) -> None:
+def test_certificates_stay_the_same_in_the_next_run(store: HostStore) -> None:
     first = store.ensure()
     again = HostStore(store.folder).ensure()
     assert again.authority.sha256 == first.authority.sha256
@@ -70,7 +70,7 @@ def test_truncated_authority_is_replaced_with_a_note(store: HostStore, kept_byte
 
 
 @pytest.mark.parametrize("kept_bytes", [0, 100, 250, 1000, 1500])
-def test_truncated_server_certificate_is_issued_anew(store: HostStore, kept_bytes: int) -> None:
+def test_truncated_server_certificate_is_replaced(store: HostStore, kept_bytes: int) -> None:
     first = store.ensure()
     store.server_path.write_bytes(store.server_path.read_bytes()[:kept_bytes])
     second = store.ensure()
@@ -79,7 +79,7 @@ def test_truncated_server_certificate_is_issued_anew(store: HostStore, kept_byte
     assert "damaged" in second.notes[0]
 
 
-def test_every_damaged_byte_is_survived(store: HostStore) -> None:
+def test_damage_to_any_byte_is_repaired(store: HostStore) -> None:
     store.ensure()
     for path in (store.authority_path, store.server_path):
         content = path.read_bytes()
@@ -89,17 +89,17 @@ def test_every_damaged_byte_is_survived(store: HostStore) -> None:
             path.write_bytes(content)
 
 
-def test_key_of_another_authority_is_not_mixed_in(store: HostStore, tmp_path: Path) -> None:
+def test_key_of_another_authority_is_refused(store: HostStore, tmp_path: Path) -> None:
     store.ensure()
     other = HostStore(tmp_path / "other")
     other.ensure()
     key = other.authority_path.read_bytes().split(b"-----BEGIN CERT")[0]
     chain = store.authority_path.read_bytes().partition(b"-----BEGIN CERT")
     store.authority_path.write_bytes(key + chain[1] + chain[2])
-    assert "its key is not that of its certificate" in store.ensure().notes[0]
+    assert "its key does not belong to its certificate" in store.ensure().notes[0]
 
 
-def test_certificate_of_a_replaced_authority_is_issued_anew(store: HostStore) -> None:
+def test_certificate_of_replaced_authority_is_replaced(store: HostStore) -> None:
     first = store.ensure()
     second = store.ensure(new_authority=True)
     assert second.authority.sha256 != first.authority.sha256
@@ -114,7 +114,7 @@ def test_missing_copy_of_the_root_is_written_again(store: HostStore) -> None:
     assert store.root_path.read_bytes() == first.authority.root_pem() == second.authority.root_pem()
 
 
-def test_readable_keys_are_closed_and_the_server_key_replaced(store: HostStore) -> None:
+def test_readable_keys_are_protected_and_server_key_replaced(store: HostStore) -> None:
     first = store.ensure()
     store.folder.chmod(0o755)
     store.authority_path.chmod(0o644)
@@ -127,7 +127,7 @@ def test_readable_keys_are_closed_and_the_server_key_replaced(store: HostStore) 
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root to give files away")
-def test_authority_that_another_user_wrote_is_not_trusted(store: HostStore) -> None:
+def test_authority_file_of_another_user_is_not_trusted(store: HostStore) -> None:
     first = store.ensure()
     os.chown(store.authority_path, 65534, 65534)
     second = store.ensure()
@@ -159,26 +159,26 @@ def test_symbolic_link_is_replaced_and_its_target_left_alone(store: HostStore, t
 
 
 @pytest.mark.parametrize("name", [AUTHORITY, SERVER])
-def test_pipe_in_place_of_a_file_blocks_nothing(store: HostStore, name: str) -> None:
+def test_named_pipe_in_place_of_file_does_not_block(store: HostStore, name: str) -> None:
     store.ensure()
     (store.folder / name).unlink()
     os.mkfifo(store.folder / name, 0o600)
-    assert "no regular file" in store.ensure().notes[0]
+    assert "not a regular file" in store.ensure().notes[0]
 
 
-def test_unwritable_place_is_a_clear_error(tmp_path: Path) -> None:
+def test_unwritable_folder_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(CertificateError, match=r"Not a directory.*XDG_STATE_HOME"):
         HostStore(tmp_path / "file" / "certificate").ensure()
 
 
-def test_held_lock_ends_in_an_error(store: HostStore, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lupin_runtime.console.certificate.store.LOCK_PATIENCE_S", 0.1)
+def test_lock_held_by_another_process_is_reported(store: HostStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lupin_runtime.console.certificate.store.LOCK_TIMEOUT_S", 0.1)
     with store._lock(), pytest.raises(CertificateError, match="another process"):
         store.ensure()
 
 
-def test_processes_that_start_together_agree(tmp_path: Path) -> None:
+def test_concurrent_processes_use_the_same_certificates(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from lupin_runtime.console.certificate import CertificateStore\n"
         "print('ready', flush=True); sys.stdin.readline()\n"
@@ -199,16 +199,16 @@ def test_processes_that_start_together_agree(tmp_path: Path) -> None:
     assert set(said) == {f"{made.authority.sha256} {made.leaf.sha256}\n"}
 
 
-def test_public_address_of_a_later_network_is_named(store: HostStore) -> None:
+def test_later_public_address_is_reported_as_omitted(store: HostStore) -> None:
     store.ensure()
-    store.here = reachable("192.168.1.20", "145.94.1.2", names=("lab-7.local", "lab-7.example.nl", "greenhouse"))
+    store.host_addresses = reachable("192.168.1.20", "145.94.1.2", names=("lab-7.local", "lab-7.example.nl", "greenhouse"))
     made = store.ensure()
     assert made.omitted == ("lab-7.example.nl", "145.94.1.2")
     assert "145.94.1.2" in map(str, store.ensure(new_authority=True).leaf.addresses)
     assert store.ensure().omitted == ()
 
 
-def test_wrong_clock_is_said(store: HostStore) -> None:
+def test_wrong_clock_is_reported(store: HostStore) -> None:
     store.now = utc(2022)
     assert "clock shows 2022-01-01" in store.ensure().notes[0]
     store.now = utc(2027)
