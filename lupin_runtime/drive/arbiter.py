@@ -7,11 +7,11 @@ Two rules are stricter than in a plain multiplexer, because people stand next to
 * The bus is locked while the supervisor forbids motion, because a process does not respond.
 * The end of a lock starts no motion. An input that commanded motion during the lock must be seen at rest once (neutral, or
   silent for `NEUTRAL_SILENCE_S` while the bus is unlocked) before its motion passes again. Until then it wins the bus by its
-  priority, but at zero, because a person may be pushing that stick. Autonomy must rest only after an engaged e-stop: after a
+  priority, but at zero, because a person may be pushing that stick. Autonomy must rest only after an engaged e-stop. After a
   mere loss of the e-stop's heartbeat (its process was restarted) its new commands pass, so that a mission continues.
 
 Several publishers may share an input, such as the sticks of two consoles, and their messages do not name them. A neutral
-message therefore counts as rest only where no motion arrived on its input within the input's timeout.
+message therefore counts as rest only if no motion arrived on its input within the input's timeout.
 
 The arbiter stores no command. It passes on only the message that it has just received, so no older one can reach the base.
 """
@@ -38,7 +38,7 @@ CLOSED = "shutting down"
 
 @dataclass(frozen=True)
 class Input:
-    """A command source of the bus. `operator`: a person holds its stick, so after every lock it must return to neutral."""
+    """A command source of the bus. `operator`: a person holds its stick, so it must return to neutral after every lock."""
 
     key: str
     priority: int
@@ -64,13 +64,13 @@ class _InputState:
     was_neutral: bool = False  # whether the last message was neutral
 
     def rested(self, now_ns: int, timeout_ns: int) -> bool:
-        """Whether the last message was neutral, and no publisher of this input commanded motion within its timeout."""
+        """Return whether the last message was neutral, and no publisher of this input commanded motion within its timeout."""
         return self.was_neutral and (self.moved_ns is None or not 0 <= now_ns - self.moved_ns <= timeout_ns)
 
 
 @dataclass(frozen=True)
 class Decision:
-    """The input that wins the bus, the reasons for locks, and per input the reason for its state and its age in seconds."""
+    """The input that wins the bus, the reasons for locks, and for each input why it does or does not pass, and its age."""
 
     winner: str | None
     locks: tuple[str, ...]
@@ -79,7 +79,7 @@ class Decision:
 
 
 class Arbiter:
-    """Decides for each message. Times are nanoseconds of one clock; after a jump back, earlier messages are stale."""
+    """Decides on each message. Times are nanoseconds of one clock; after a jump back, earlier messages are stale."""
 
     def __init__(
         self,
@@ -103,7 +103,7 @@ class Arbiter:
         self._estop_received_ns: int | None = None
         self._closed = False
         self._lock_reason = ""
-        self._locked = True  # until the first call with a time, which unlocks where no heartbeat is required
+        self._locked = True  # until the first call with a time, which unlocks the bus if no heartbeat is required
         self._unlocked_ns = 0
 
     # -- events -------------------------------------------------------------------------------------------------------
@@ -122,7 +122,7 @@ class Arbiter:
         self._update_lock(now_ns)
 
     def close(self, now_ns: int) -> None:
-        """Lock the bus permanently, because the process ends."""
+        """Lock the bus permanently, because the process is shutting down."""
         self._closed = True
         self._update_lock(now_ns)
 
@@ -150,11 +150,11 @@ class Arbiter:
 
     # -- reading ------------------------------------------------------------------------------------------------------
     def locked(self, now_ns: int) -> bool:
-        """Whether the bus is locked."""
+        """Return whether the bus is locked."""
         return self._update_lock(now_ns)
 
     def winner(self, now_ns: int) -> str | None:
-        """The key of the highest-priority fresh input; None when all are silent or the bus is locked."""
+        """Return the key of the highest-priority fresh input; None when all are silent or the bus is locked."""
         if self._locked:
             return None
         for item in self.inputs:
@@ -164,7 +164,7 @@ class Arbiter:
         return None
 
     def locks(self, now_ns: int) -> tuple[str, ...]:
-        """Every reason for which the bus is locked now."""
+        """Return every reason why the bus is locked now."""
         reasons = []
         if self._closed:
             reasons.append(CLOSED)
@@ -180,7 +180,7 @@ class Arbiter:
         return tuple(reasons)
 
     def decision(self, now_ns: int) -> Decision:
-        """The state of the bus, for people and the status topic."""
+        """Return the state of the bus for the log and the status topic."""
         self._update_lock(now_ns)
         locks = self.locks(now_ns)
         winner = self.winner(now_ns)
@@ -204,7 +204,7 @@ class Arbiter:
 
     # -- inside -------------------------------------------------------------------------------------------------------
     def _update_lock(self, now_ns: int) -> bool:
-        """Record whether a lock began or ended by `now_ns`; returns whether the bus is locked."""
+        """Record whether a lock began or ended by `now_ns`; return whether the bus is locked."""
         silent = self._require_heartbeat and not self._has_heartbeat(now_ns)
         locked = self._closed or self._estop.engaged or bool(self._lock_reason) or silent
         if locked and not self._locked:

@@ -1,6 +1,6 @@
-"""`twist_mux`, the node of the drive bus, and `idle_stop`, the simulation's constant zero at the lowest priority.
+"""`twist_mux`, the node of the drive bus, and `idle_stop`, a constant zero of the lowest priority for the simulation.
 
-Both work on serialized messages: the bus decodes six doubles, and sends an unchanged command as the bytes it received.
+Both work on serialized messages: the bus decodes six doubles, and sends an unchanged command as the bytes that it received.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ BYPASSES = "whose commands bypass the drive bus and the e-stop"
 FORGES = "which could forge the e-stop; while it publishes there, the e-stop cannot be released"
 ESTOP_BRIDGE = "estop_bridge"
 SINKS = {"sim": graph.CMD_VEL_SINK_SIM, "robot": graph.CMD_VEL_SINK_ROBOT}
+ALSO_OBEYED = {"sim": ("robot",)}  # the simulated base obeys both sinks
 
 _ZERO_BYTES = encode(ZERO)
 
@@ -73,6 +74,7 @@ class TwistMux(LupinNode):
         self._status = self.publisher(graph.DRIVE_STATUS)
         self._watches = (
             PublisherWatch(self, SINKS[sink].name, self.get_name(), BYPASSES),
+            *(PublisherWatch(self, SINKS[other].name, "", BYPASSES) for other in ALSO_OBEYED.get(sink, ())),
             PublisherWatch(self, graph.ESTOP_STATE.name, ESTOP_BRIDGE, FORGES),
         )
         self._alarms: tuple[str, ...] = ()
@@ -127,7 +129,7 @@ class TwistMux(LupinNode):
         if 0 <= since_ns < STATUS_PERIOD_NS:
             return
         decision = self._bus.decision(now_ns)
-        # Without a subscriber of the sink the robot ignores every command, without any error.
+        # Without a subscriber of the sink the robot ignores every command, and no error is reported.
         listeners = self._sink.get_subscription_count()
         key = (decision.winner, decision.locks, listeners, self._alarms, *decision.why.items(), *self._bus.rejected.items())
         if key == self._status_key and 0 <= since_ns < STATUS_REPEAT_NS:
@@ -152,7 +154,7 @@ class TwistMux(LupinNode):
 class IdleStop(LupinNode):
     """`idle_stop`: publishes a constant zero on `/zero_cmd_vel`, the lowest-priority input. Simulation only.
 
-    The simulated drive keeps its last velocity; this halts it even under a drive bus that sends no zero of its own.
+    The simulated drive keeps its last velocity; this stops it even if the drive bus sent no zero itself.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:

@@ -1,7 +1,7 @@
 """Limits velocity and acceleration of navigation's commands, open loop: it uses its last output, not the base's motion.
 
 Acceleration and deceleration are limited per axis. A velocity that changes sign first slows down to zero and then speeds up,
-both in one step where time is left. Without a command for `timeout_s`, and after a non-finite one, the target is zero. At rest
+both in one step if time is left. Without a command for `timeout_s`, and after a non-finite one, the target is zero. At rest
 it outputs zero REST_REPEATS times and then nothing, so that it does not win the drive bus.
 """
 
@@ -29,7 +29,7 @@ class AxisLimits:
             raise ValueError(f"expected fastest >= 0 >= slowest and accel > 0 > decel, found {self}")
 
     def step(self, velocity: float, target: float, dt_s: float) -> float:
-        """The velocity `dt_s` after `velocity`, on the way to `target`."""
+        """Return the velocity that follows `velocity` after `dt_s` on the way to `target`."""
         target = min(self.fastest, max(self.slowest, target))
         if velocity * target < 0.0:
             to_rest_s = abs(velocity) / -self.decel
@@ -63,7 +63,7 @@ class Smoother:
         self._received_ns = now_ns
 
     def tick(self, now_ns: int, dt_s: float) -> Twist | None:
-        """The velocity to publish now, `dt_s` after the last call; None after the repeated zeros at rest."""
+        """Return the velocity to publish now, `dt_s` after the last call; None after the repeated zeros at rest."""
         if self._received_ns is None or not 0 <= now_ns - self._received_ns <= self._timeout_ns:
             self._target = ZERO
         axes = zip(self._axes, self._velocity, self._target)

@@ -56,7 +56,7 @@ class VelocitySmoother(LupinNode):
     def _on_tick(self) -> None:
         now_ns = self.elapsed_clock_ns()
         if LupinNode.motion_hold():
-            self._smoother.command(ZERO, now_ns)  # the drive bus of a robot does not know of this computer's processes
+            self._smoother.command(ZERO, now_ns)  # the robot's drive bus knows nothing of the processes on this computer
         elapsed_s = self._period_s if self._ticked_ns is None else (now_ns - self._ticked_ns) / 1e9
         self._ticked_ns = now_ns
         # A late tick may catch up by one period, as more would be a jump in velocity. A clock that was set back counts as 0 s.

@@ -27,11 +27,11 @@ class Twist(NamedTuple):
     yaw: float
 
     def is_finite(self) -> bool:
-        """Whether no component is NaN or infinite."""
+        """Return whether no component is NaN or infinite."""
         return math.isfinite(self.x) and math.isfinite(self.y) and math.isfinite(self.yaw)
 
     def is_neutral(self, tolerance: float = 1e-3) -> bool:
-        """Whether every component is within `tolerance` of zero, so that the base stands still. NaN is not neutral."""
+        """Return whether every component is within `tolerance` of zero, so that the base stands still. NaN is not neutral."""
         return abs(self.x) <= tolerance and abs(self.y) <= tolerance and abs(self.yaw) <= tolerance
 
 
@@ -49,7 +49,7 @@ class HardLimits:
     yaw_radps: float = 1.9
 
     def clamp(self, twist: Twist) -> Twist:
-        """`twist` within the limits. x and y are scaled together, which keeps the direction of travel."""
+        """Limit `twist`. x and y are scaled together, which keeps the direction of travel."""
         fastest = max(abs(twist.x), abs(twist.y))
         yaw = min(self.yaw_radps, max(-self.yaw_radps, twist.yaw))
         if fastest <= self.linear_mps:
@@ -59,9 +59,9 @@ class HardLimits:
 
 
 def decode(data: bytes) -> Twist | None:
-    """The planar velocity of a serialized geometry_msgs/Twist; its z, roll and pitch are dropped.
+    """Return the planar velocity of a serialized geometry_msgs/Twist; its z, roll and pitch are dropped.
 
-    Returns None for too few bytes, or where any of the six numbers is not finite.
+    Returns None for too few bytes, or if any of the six numbers is not finite.
     """
     if len(data) < CDR_TWIST_BYTES:
         return None
@@ -71,5 +71,5 @@ def decode(data: bytes) -> Twist | None:
 
 
 def encode(twist: Twist) -> bytes:
-    """`twist` as a serialized geometry_msgs/Twist, little-endian."""
+    """Serialize `twist` as a geometry_msgs/Twist, little-endian."""
     return _HEADER + _LITTLE.pack(twist.x, twist.y, 0.0, 0.0, 0.0, twist.yaw)

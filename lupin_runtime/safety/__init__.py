@@ -1,7 +1,7 @@
 """The e-stop, which combines the robot's button and the consoles into one state, and the battery and e-stop monitors.
 
-This package exports the cores; the node is in `lupin_runtime.safety.node`. It is not safety rated: no hardware kill switch is
-in this path.
+This package exports the cores; the nodes are in `lupin_runtime.safety.node`. It is not safety-rated: the path contains no
+hardware kill switch.
 """
 
 from lupin_runtime.safety.battery_monitor import BatteryEdge, BatteryMonitor, normalize

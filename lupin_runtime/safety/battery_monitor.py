@@ -1,4 +1,4 @@
-"""Detects a low and a recovered battery from its percentage, on either scale that drivers use."""
+"""Detects when the battery becomes low and when it recovers, from its percentage on either scale that drivers use."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class BatteryEdge(enum.Enum):
 
 
 def normalize(percentage: object) -> float | None:
-    """BatteryState.percentage as a fraction in [0, 1]; None where it is not a percentage.
+    """Convert BatteryState.percentage to a fraction in [0, 1]; return None if it is not a percentage.
 
     Some drivers report 0..1, others 0..100, and NaN when they only know the voltage. A value above 1 is read as percent. A
     0..100 source at exactly 1 % therefore reads as full, which a single value cannot distinguish.
@@ -31,7 +31,7 @@ def normalize(percentage: object) -> float | None:
 class BatteryMonitor:
     """Keeps the last valid value and the low state; each edge is reported once.
 
-    A caller that clears a flag of its own must read `low` again, because an edge is not repeated.
+    A caller that clears its own flag must read `low` again, because an edge is not repeated.
     """
 
     def __init__(self, threshold: float = LOW_THRESHOLD) -> None:
@@ -42,7 +42,7 @@ class BatteryMonitor:
         self.low = False
 
     def update(self, percentage: object) -> BatteryEdge | None:
-        """Handle a BatteryState.percentage; returns the edge that it caused, or None."""
+        """Handle a BatteryState.percentage; return the edge that it caused, or None."""
         value = normalize(percentage)
         if value is None:
             return None

@@ -1,9 +1,10 @@
 """The stop of the console's servers, each of which speaks for all its browsers.
 
-A statement is JSON: `server` names the process, `engaged` is the stop of its browsers, `driving` tells whether one of them
-drives now, and `releases` counts how often somebody released the stop there on purpose. The last statement holds: a server
-that crashes neither releases a stop nor stops a mission. One that falls silent while a browser drives engages the stop, as
-a browser that is lost while it drives does. What a silent server left is ended by a release on another one.
+A statement is JSON: `server` names the process, `engaged` tells whether one of its browsers holds the stop, `driving` whether
+one is driving now, `presses` counts how often the stop was engaged there, and `releases` how often somebody released it on
+purpose. By `presses` a stop is noticed that was engaged and released while the link was cut. The last statement stays valid: a
+server that crashes neither releases a stop nor stops a mission. But a server that falls silent while a browser is driving
+engages the stop, like a browser that is lost while it drives. A release on another server ends the stop of a silent one.
 """
 
 from __future__ import annotations
@@ -12,9 +13,11 @@ import json
 from dataclasses import dataclass
 
 EXPIRY_S = 1.5  # a server states its stop twice a second
+HOLD_S = 1.5  # how long a stop is engaged whose statements did not arrive: a short one might be missed again
 MAX_SERVERS = 32
 
 HOLDS = "a browser of the console holds the stop"
+UNHEARD = "a browser of the console held the stop while the link was cut"
 LOST = "the console was lost while a browser was driving: press and release its stop"
 _UNKNOWN = ""  # the sender of a malformed statement
 
@@ -25,7 +28,9 @@ class _Server:
     engaged: bool = False
     driving: bool = False
     lost: bool = False  # it fell silent while a browser was driving
+    presses: int = 0
     releases: int = 0
+    unheard_ns: int | None = None  # when it was noticed that a stop had not been heard
 
 
 class ConsoleServerStop:
@@ -35,31 +40,37 @@ class ConsoleServerStop:
         self._servers: dict[str, _Server] = {}
 
     def update(self, text: str, now_ns: int) -> bool:
-        """Handle a statement; returns whether it engages the stop. One that is malformed engages it, too."""
+        """Handle a statement; return whether it engages the stop. A malformed statement engages it, too."""
         self._expire(now_ns)
         try:
             statement = json.loads(text)
-            name, releases = statement["server"], statement["releases"]
+            name, presses, releases = statement["server"], statement["presses"], statement["releases"]
             engaged, driving = statement["engaged"], statement["driving"]
             flags_are_valid = isinstance(engaged, bool) and isinstance(driving, bool)
-            if not (flags_are_valid and isinstance(name, str) and type(releases) is int):
+            if not (flags_are_valid and isinstance(name, str) and type(presses) is type(releases) is int):
                 raise ValueError("not a statement")
         except (ValueError, KeyError, TypeError):
-            name, engaged, driving, releases = _UNKNOWN, True, False, 0
-        server = self._servers.setdefault(name, _Server(now_ns))
+            name, engaged, driving, presses, releases = _UNKNOWN, True, False, 0, 0
+        server = self._servers.setdefault(name, _Server(now_ns, presses=presses))
         if releases > server.releases:
             self._release_silent(now_ns)
             server.lost = False
-        server.heard_ns, server.engaged, server.driving, server.releases = now_ns, engaged, driving, releases
+        is_unheard = presses > server.presses and not engaged
+        if is_unheard:
+            server.unheard_ns = now_ns
+        server.heard_ns, server.engaged, server.driving = now_ns, engaged, driving
+        server.presses, server.releases = presses, releases
         self._forget_oldest()
-        return bool(engaged)
+        return bool(engaged) or is_unheard
 
     def reason(self, now_ns: int) -> str | None:
-        """Why a server engages the stop; None while none does."""
+        """Return why a server engages the stop, or None."""
         self._expire(now_ns)
         servers = self._servers.values()
         if any(server.lost for server in servers):
             return LOST
+        if any(server.unheard_ns is not None and 0 <= now_ns - server.unheard_ns <= HOLD_S * 1e9 for server in servers):
+            return UNHEARD
         return HOLDS if any(server.engaged for server in servers) else None
 
     def _expire(self, now_ns: int) -> None:

@@ -9,10 +9,10 @@ message, and consoles behind one rosbridge are one publisher, so this works on t
   one dies while it holds the stop, the falses of the others are too few to release it, and the stop stays engaged until a
   person presses and releases it. One case cannot be distinguished from a press and release by one console: another console
   that joins, presses and dies within two seconds.
-* Silence of all consoles, once one was received, engages the stop, because a released state that is not repeated is stale. It
-  ends when a console publishes released again.
-* Of several consoles that all publish released, one may leave without effect.
-* Where no console was ever received (a headless run) nothing is engaged.
+* Silence of all consoles engages the stop once one was received, because a released state that is not repeated is stale. This
+  stop ends when a console publishes released again.
+* If several consoles all publish released, one may leave without effect.
+* If no console was ever received (a headless run), nothing is engaged.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class ConsoleStop:
         self._expiry_ns = int(expiry_s * 1e9)
         self._recent: deque[tuple[int, bool]] = deque()
         self._received_ns: int | None = None
-        self._held_ns: int | None = None  # the last true, or when silence engaged; None while released
+        self._held_ns: int | None = None  # the time of the last true, or when silence engaged the stop; None while released
         self._held_by_silence = False
         self._consoles = 1
 
@@ -66,7 +66,7 @@ class ConsoleStop:
             self._held_ns = None
 
     def reason(self, now_ns: int) -> str | None:
-        """Why the consoles engage the stop; None while they do not."""
+        """Return why the consoles engage the stop, or None."""
         self._engage_on_silence(now_ns)
         if self._held_ns is None or self._received_ns is None:
             return None
@@ -75,7 +75,7 @@ class ConsoleStop:
         return HOLDS if now_ns - self._held_ns <= self._expiry_ns else LOST_HOLDING
 
     def _count(self, now_ns: int) -> int:
-        """The number of consoles, from the messages of the last few periods."""
+        """Return the number of consoles, from the messages of the last few periods."""
         of_each = 1 + int((now_ns - self._recent[0][0]) / self._period_ns + 0.25)
         return max(1, int(len(self._recent) / of_each + 0.5))
 

@@ -23,10 +23,11 @@ class EstopState:
 class EstopSources:
     """Combines the button, the consoles and a press that was missed. All start released.
 
-    The button's last value holds until its next message. A button that falls silent engages the e-stop, because it can no
-    longer be pressed. It is silent only by both clocks: a jump of the simulated clock, or a slow simulation, is no silence.
-    One that was never received causes a warning: a robot without a button can still be driven. Clear `button_silence_engages`
-    for firmware that reports a button only when it changes; its silence is then a warning too.
+    The button's last value stays valid until its next message. A button that falls silent engages the e-stop, because a press
+    would no longer be noticed. It counts as silent only if it is silent on both clocks, so that neither a jump of the simulated
+    clock nor a slow simulation counts. A button that was never received causes a warning: a robot without one can still be
+    driven. Clear `button_silence_engages` for firmware that reports the button only when it changes; silence then causes a
+    warning, too.
     """
 
     def __init__(
@@ -43,7 +44,7 @@ class EstopSources:
         self._silence_ns = int(button_silence_s * 1e9)
         self._silence_engages = button_silence_engages
         self._pressed = False
-        self._button_ns: tuple[int, int] | None = None  # of its last message, on its driver's clock and in real time
+        self._button_ns: tuple[int, int] | None = None  # the time of its last message, on its driver's clock and in real time
         self.missed_press = False  # whether another process saw a press that this one missed
 
     def button(self, value: bool, now_ns: int, real_ns: int) -> None:
@@ -52,7 +53,7 @@ class EstopSources:
         self._button_ns = (now_ns, real_ns)
 
     def state(self, now_ns: int, real_ns: int) -> EstopState:
-        """The e-stop state at `now_ns` of the button's clock and `real_ns` of the consoles' clock."""
+        """Return the e-stop state at `now_ns` of the button's clock and `real_ns` of the consoles' clock."""
         reasons, warnings = [], []
         if self._pressed:
             reasons.append("the button is pressed")

@@ -1,6 +1,6 @@
-"""Evaluates the repeated e-stop state, whose topic any node of the graph can publish on.
+"""Evaluates the repeated e-stop state, on whose topic any node of the graph can publish.
 
-Engaging takes one message; releasing takes evidence, because a single false may come from a node that is not the e-stop bridge.
+One message engages; a release needs evidence, because a single false may come from a node that is not the e-stop bridge.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ class EStopEdge(enum.Enum):
 
 
 class EStopMonitor:
-    """`engaged` follows the first true; released before the first message.
+    """`engaged` is set by the first true; it is clear before the first message.
 
-    It is released by RELEASE_COUNT falses in a row and QUIET_S without a true, while the topic has exactly one publisher.
-    A second node that publishes false therefore cannot release it.
+    It is cleared by RELEASE_COUNT falses in a row and QUIET_S without a true, while the topic has exactly one publisher.
+    A second node that publishes false therefore cannot clear it.
     """
 
     def __init__(self, publisher_count: Callable[[], int] = lambda: 1) -> None:
-        """`publisher_count` returns the number of publishers of the topic; called only where all else allows a release."""
+        """`publisher_count` returns the topic's number of publishers; it is called only if all else allows a release."""
         self.engaged = False
         self._publisher_count = publisher_count
         self._falses = 0
         self._true_ns = 0
 
     def update(self, engaged: bool, now_ns: int) -> EStopEdge | None:
-        """Handle a message of the e-stop state; returns the edge that it caused, or None."""
+        """Handle a message of the e-stop state; return the edge that it caused, or None."""
         if engaged:
             self._true_ns, self._falses = now_ns, 0
             edge = None if self.engaged else EStopEdge.ENGAGED

@@ -1,4 +1,4 @@
-"""Subscribes a node to the e-stop, so that every node engages and releases by the same evidence."""
+"""Subscribes a node to the e-stop, so that every node engages and releases on the same evidence."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from rclpy.subscription import Subscription
 from lupin_runtime import graph
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.safety.estop_monitor import EStopMonitor
+from lupin_runtime.safety.unheard_press import UnheardPress
 
 
 def subscribe_estop(
@@ -29,12 +30,14 @@ def subscribe_estop(
 def subscribe_stops(
     node: LupinNode, on_message: Callable[[bool], None], topic: graph.Topic = graph.ESTOP_STATE
 ) -> tuple[Subscription, ...]:
-    """Call `on_message` with every message of the e-stop's state, and with True when its process missed a press.
+    """Call `on_message` with every message of the e-stop's state, and with True for a press that was missed.
 
-    The process that replaces the e-stop's makes good a missed press by a short stop. On a busy machine a node may discover
-    that process only after the stop has ended, but it has long discovered the drive process, which reports the missed press.
+    Either this node did not hear it (UnheardPress), or the e-stop's process did not. The process that replaces the latter makes
+    up for a missed press with a short stop. On a busy machine a node may discover that process only after the stop has ended,
+    but it discovered the drive process, which reports the missed press, long before.
     """
     missed = False
+    unheard = UnheardPress()
 
     def on_state(message: Any) -> None:
         on_message(bool(message.data) or missed)
@@ -45,4 +48,12 @@ def subscribe_stops(
         if missed:
             on_message(True)
 
-    return node.subscription(topic, on_state), node.subscription(graph.ESTOP_MISSED_PRESS, on_missed_press)
+    def on_status(message: Any) -> None:
+        if unheard.status(message.data, time.monotonic_ns()):
+            on_message(True)
+
+    return (
+        node.subscription(topic, on_state),
+        node.subscription(graph.ESTOP_MISSED_PRESS, on_missed_press),
+        node.subscription(graph.ESTOP_STATUS, on_status),
+    )

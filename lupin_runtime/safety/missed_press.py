@@ -1,21 +1,21 @@
-"""A press of the e-stop that its bridge missed, because it was hung or being replaced.
+"""A press of the e-stop that the e-stop bridge missed, because the bridge hung or was being replaced.
 
-Somebody who presses the button and lets it go meanwhile expects what follows any other press: nothing moves until a newer
-command. A process beside the bridge therefore hears button and consoles too.
+Somebody who presses and releases the button meanwhile expects what follows any other press: nothing moves until a newer
+command. Another process therefore subscribes to button and consoles, too.
 """
 
 from __future__ import annotations
 
-# A bridge that works answers within milliseconds; on a busy machine a message may also overtake its answer by this much.
+# A working bridge answers within milliseconds; on a busy machine a press may also arrive this long before or after the answer.
 ANSWER_S = 0.5
-# A bridge that was replaced is discovered by one process after the other: a shorter stop would be missed in turn.
+# The processes discover a new bridge one after the other; some would miss a shorter stop.
 HOLD_S = 1.5
 
 
 class MissedPress:
     """Whether a press was missed: the e-stop's state was not engaged from ANSWER_S before it until ANSWER_S after it.
 
-    It stays missed until the state has been engaged for HOLD_S. Times are nanoseconds of one monotonic clock.
+    It counts as missed until the state has been engaged for HOLD_S. Times are nanoseconds of one monotonic clock.
     """
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class MissedPress:
                 self._made_good_ns = now_ns
 
     def tick(self, now_ns: int) -> bool:
-        """Whether a press is missed at `now_ns`."""
+        """Return whether a press is missed at `now_ns`."""
         if self._press_ns is not None and now_ns - self._press_ns > ANSWER_S * 1e9:
             self.missed = True
         if self._made_good_ns is not None and now_ns - self._made_good_ns >= HOLD_S * 1e9:

@@ -1,6 +1,6 @@
 """`estop_bridge`: publishes `/e_stop_state`, as its only publisher, from the robot's button and the consoles' stop.
 
-`estop_witness`, in another process: tells a bridge that was replaced of a press that its predecessor missed.
+`estop_witness`, in another process: reports a press that the bridge missed to the bridge that replaces it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from lupin_runtime.safety.console_server_stop import ConsoleServerStop
 from lupin_runtime.safety.console_stop import EXPIRY_S, ConsoleStop
 from lupin_runtime.safety.estop import BUTTON_SILENCE_S, EstopSources, EstopState
 from lupin_runtime.safety.missed_press import ANSWER_S, MissedPress
+from lupin_runtime.safety.unheard_press import PressCounter
 
 SLOWEST_HZ = 0.5
 # Discovery and then two periods of a console.
@@ -55,6 +56,7 @@ class EstopBridge(LupinNode):
         # Real time, because discovery and consoles do not follow the simulation's clock.
         self._released_from_ns = time.monotonic_ns() + int(self.parameter("listen_s", LISTEN_S) * 1e9)
         self._published: EstopState | None = None
+        self._presses = PressCounter()
         self._output = self.publisher(self._named(graph.ESTOP_STATE, "estop_topic"))
         self._status = self.publisher(graph.ESTOP_STATUS)
         self.subscription(self._named(graph.ESTOP_BUTTON, "button_topic"), self._on_button)
@@ -93,12 +95,13 @@ class EstopBridge(LupinNode):
         if not state.engaged and self._published is None and time.monotonic_ns() < self._released_from_ns:
             return
         edge = self._published is None or state.engaged != self._published.engaged
+        if edge and state.engaged:
+            self._presses.count(time.monotonic_ns())
         if edge or repeat:
             self._output.publish(Bool(data=state.engaged))
         if state != self._published:
-            self._status.publish(
-                String(data=json.dumps({"engaged": state.engaged, "reasons": state.reasons, "warnings": state.warnings}))
-            )
+            status = {"engaged": state.engaged, "reasons": state.reasons, "warnings": state.warnings}
+            self._status.publish(String(data=json.dumps({**status, **self._presses.report()})))
         if edge and (state.engaged or self._published is not None):
             text = "e-stop engaged: " + ", ".join(state.reasons) if state.engaged else "e-stop released"
             self.get_logger().warning(text)
@@ -108,9 +111,9 @@ class EstopBridge(LupinNode):
 
 
 class EstopWitness(LupinNode):
-    """Publishes whether a press of the button, or a console's stop, was missed by `estop_bridge`, and until it is made good.
+    """Publishes true from when `estop_bridge` has missed a press of the button or a console's stop until it has made up for it.
 
-    Parameter: `engaged_value`, as `estop_bridge`'s.
+    Parameter: `engaged_value`, the same as that of `estop_bridge`.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
@@ -118,7 +121,7 @@ class EstopWitness(LupinNode):
         self._engaged_value = self.parameter("engaged_value", True)
         self._press = MissedPress()
         self._console_server = ConsoleServerStop()
-        self._published: bool | None = None  # so that the first value ends what a former witness stated
+        self._published: bool | None = None  # so that the first value replaces that of a former witness
         self._output = self.publisher(graph.ESTOP_MISSED_PRESS)
         self.subscription(graph.ESTOP_STATE, self._on_state)
         self.subscription(graph.ESTOP_BUTTON, self._on_button)
@@ -147,5 +150,7 @@ class EstopWitness(LupinNode):
             return
         self._published = missed
         if missed:
-            self.get_logger().error("the e-stop was pressed and its process did not respond: it engages when it is back")
+            self.get_logger().error(
+                "the e-stop was pressed, but its process did not respond; it engages once the process is back"
+            )
         self._output.publish(Bool(data=missed))

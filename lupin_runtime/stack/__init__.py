@@ -1,1 +1,1 @@
-"""The process table of the whole runtime, how a process of it runs, and the supervisor behind `lupin up`."""
+"""The table of the runtime's processes, the program that runs one of them, and the supervisor behind `lupin up`."""

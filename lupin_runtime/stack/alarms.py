@@ -1,4 +1,4 @@
-"""What is wrong with a run that is up, from its `state.json`: for `lupin status` and the live view."""
+"""Finds what is wrong with a running run from its `state.json`, for `lupin status` and the live view."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ STALE_S = 2.5
 
 
 def supervisor_silent_s(state: Mapping[str, Any], now_s: float | None = None) -> float:
-    """For how long the supervisor has not written its state, in seconds; 0 where that is no longer than usual."""
+    """Return for how many seconds the supervisor has not written its state; 0 if that is no longer than usual."""
     written_s = state.get("monotonic_s")
     if not isinstance(written_s, (int, float)):
         return 0.0  # an earlier version, or a damaged file
@@ -20,9 +20,10 @@ def supervisor_silent_s(state: Mapping[str, Any], now_s: float | None = None) ->
 
 
 def alarms(state: Mapping[str, Any], now_s: float | None = None) -> list[str]:
-    """One sentence per alarm: who does not respond or is replaced, and who bypasses the drive bus or could forge the e-stop.
+    """Return one sentence per alarm.
 
-    `now_s` is seconds of CLOCK_MONOTONIC; now by default.
+    Alarms name processes that do not respond or are being replaced, and nodes that bypass the drive bus or could forge the
+    e-stop. `now_s` is seconds of CLOCK_MONOTONIC; now by default.
     """
     found = []
     silent_s = supervisor_silent_s(state, now_s)

@@ -1,4 +1,4 @@
-"""DDS environments: a private domain on loopback for a simulated run, and the robot's graph as `ros-env.sh` describes it.
+"""DDS environments: a private domain on loopback for a simulated run, and the robot's graph as configured in `ros-env.sh`.
 
 The loopback profile uses UDP on 127.0.0.1 only, so no packet leaves the machine. It does not use shared memory, which leaves
 orphaned or foreign segments and lets late joiners see names without samples; tuned UDP is also faster for images. The large
@@ -68,7 +68,7 @@ class NoFreeDomain(RuntimeError):
 
 @dataclass
 class DomainClaim:
-    """A claimed domain, held until `release` or the end of this process."""
+    """A claimed domain, held until `release` or until this process exits."""
 
     domain: int
     _socket: socket.socket
@@ -81,7 +81,7 @@ class DomainClaim:
 def claim_domain(first: int | None = None) -> DomainClaim:
     """Claim a domain that no other run on this machine holds; `first` requests a particular one.
 
-    The claim is a bound port, so the kernel releases it with the process. Raises NoFreeDomain.
+    The claim is a bound port, so the kernel releases it when the process exits. Raises NoFreeDomain.
     """
     candidates = [first] if first is not None else random.sample(range(_FIRST_DOMAIN, _LAST_DOMAIN + 1), _LAST_DOMAIN)
     for domain in candidates:
@@ -97,7 +97,7 @@ def claim_domain(first: int | None = None) -> DomainClaim:
 
 
 def loopback_environment(domain: int, directory: Path, base: Mapping[str, str] | None = None) -> dict[str, str]:
-    """The environment in which a process joins `domain` on loopback; writes the DDS profile into `directory`."""
+    """Return the environment in which a process joins `domain` on loopback; write the DDS profile into `directory`."""
     profile = directory / _LOOPBACK_PROFILE
     directory.mkdir(parents=True, exist_ok=True)
     profile.write_text(_PROFILE)
@@ -118,10 +118,10 @@ _EXPORT = re.compile(r"^\s*export\s+([A-Za-z_][A-Za-z0-9_]*)=(.*?)\s*$")
 
 
 def robot_environment(base: Mapping[str, str] | None = None) -> tuple[dict[str, str], list[str]]:
-    """The environment in which a process joins the robot's graph, and the variable names that `ros-env.sh` set.
+    """Return the environment in which a process joins the robot's graph, and the variable names that `ros-env.sh` set.
 
-    Reads the `export NAME=value` lines of `${XDG_CONFIG_HOME:-~/.config}/lupin/ros-env.sh`, so that a terminal
-    opened before the set-up works too. Raises NoRobotEnvironment where neither the file nor the shell names a discovery server.
+    Reads the `export NAME=value` lines of `${XDG_CONFIG_HOME:-~/.config}/lupin/ros-env.sh`, so that a terminal that was opened
+    before the set-up works, too. Raises NoRobotEnvironment if neither the file nor the shell names a discovery server.
     """
     environment = dict(os.environ if base is None else base)
     home = Path(environment.get("HOME") or Path.home())
@@ -144,14 +144,14 @@ def robot_environment(base: Mapping[str, str] | None = None) -> tuple[dict[str, 
 
 @dataclass(frozen=True)
 class DiscoveryMode:
-    """How the processes of an environment find others. `warning` says what will not work and the next command, or is empty."""
+    """How processes find each other in an environment. `warning` says what will not work and what to type, or is empty."""
 
     sentence: str
     warning: str = ""
 
 
 def discovery_mode(environment: Mapping[str, str]) -> DiscoveryMode:
-    """The mode that the variables of a process give it when it starts; other terminals may have another one."""
+    """Return the discovery mode of a process that starts with these variables; other terminals may have another mode."""
     domain = environment.get("ROS_DOMAIN_ID") or "0"
     if server := environment.get("ROS_DISCOVERY_SERVER"):
         return DiscoveryMode(f"discovery server {server}, domain {domain}")

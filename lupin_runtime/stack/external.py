@@ -1,6 +1,6 @@
 """Runs a third-party program as a process of the stack: `python -m lupin_runtime.stack.external PROGRAM ARGUMENT...`.
 
-The program ends with the run, however the run ends. When its window is closed it is not started again.
+The program is terminated with the run, however the run ends. If its window is closed, it is not started again.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def main(command: list[str]) -> int:
-    """Run a program until SIGTERM arrives; where it ends earlier, wait for SIGTERM. Returns the exit status."""
-    ended = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: ended.set())
+    """Run a program until SIGTERM arrives; if it exits earlier, wait for SIGTERM. Return the exit status."""
+    terminated = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: terminated.set())
     end_with_parent()
     prctl = ctypes.CDLL(None).prctl
     # If this process is killed, the kernel sends SIGTERM to the program.
     child = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=lambda: prctl(_PR_SET_PDEATHSIG, signal.SIGTERM))
-    while not ended.wait(0.2):
+    while not terminated.wait(0.2):
         if child.poll() is not None:
-            print(f"{command[0]} has ended with status {child.returncode}; it is not started again", flush=True)
-            ended.wait()
+            print(f"{command[0]} exited with status {child.returncode}; it is not started again", flush=True)
+            terminated.wait()
     child.terminate()
     try:
         child.wait(TERMINATE_GRACE_S)

@@ -1,8 +1,8 @@
 """The supervisor's monitor of the graph: tests readiness conditions, measures topic rates, collects the drive bus's alarms,
 starts and follows the mission.
 
-It is one node without a thread of its own; the supervisor's loop spins it. A readiness probe exists only until its condition
-holds, so that the monitor of a running stack costs no more than the rates that the operator sees.
+It is one node, which the supervisor's loop spins. A readiness test exists only until its condition holds, so that monitoring a
+running stack costs no more than measuring the rates that the operator sees.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from rclpy.executors import SingleThreadedExecutor
 from lupin_runtime import graph
 from lupin_runtime.ros.node import LupinNode, interface
 from lupin_runtime.ros.tf import TransformListener
+from lupin_runtime.safety.unheard_press import UnheardPress
 from lupin_runtime.stack.readiness import (
     ActionReady,
     MissionReady,
@@ -33,13 +34,18 @@ from lupin_runtime.stack.readiness import (
 from lupin_runtime.transforms import TransformUnavailable
 
 RATE_WINDOW_S = 5.0
-# A discovery server that starts together with its clients sometimes leaves a subscription unmatched for good: its topic is
-# listed with a publisher, but nothing arrives (seen on one start in four on a loaded machine). A new subscription is matched.
+# A discovery server that starts together with its clients sometimes never matches a subscription: its topic is listed with a
+# publisher, but nothing arrives (seen on one start in four on a loaded machine). A new subscription is matched.
 RESUBSCRIBE_AFTER_S = 5.0
 SILENT_AFTER_S = 3.0
 MAX_ALARMS, MAX_ALARM_CHARS = 10, 300
 MONITORED_TOPICS = tuple(topic for topic in graph.topics() if topic.monitored)
 REPEATING_TOPICS = tuple(topic for topic in MONITORED_TOPICS if topic.repeats)
+
+
+def _sentences(values: Any) -> tuple[str, ...]:
+    """The texts of a list from the graph, limited in number and length; empty for anything else."""
+    return tuple(str(value)[:MAX_ALARM_CHARS] for value in values[:MAX_ALARMS]) if isinstance(values, list) else ()
 
 
 class Rate:
@@ -53,21 +59,21 @@ class Rate:
         self._arrivals.append(time.monotonic())
 
     def hz(self) -> float:
-        """The rate over the last window."""
+        """Return the rate over the last window."""
         since = time.monotonic() - RATE_WINDOW_S
         recent = [arrival for arrival in list(self._arrivals) if arrival > since]
         return len(recent) / RATE_WINDOW_S
 
     def silent_s(self) -> float | None:
-        """Seconds since the last message; None before the first one."""
+        """Return seconds since the last message; None before the first one."""
         return time.monotonic() - self._arrivals[-1] if self._arrivals else None
 
 
 class GraphMonitor:
-    """Monitors the graph that this process's environment selects. Call `close` before the process ends."""
+    """Monitors the graph that this process's environment selects. Call `close` before the process exits."""
 
     def __init__(self, rated: Sequence[graph.Topic] = MONITORED_TOPICS) -> None:
-        """Join the graph; the rates of the topics `rated` are measured, each by a subscription."""
+        """Join the graph, and subscribe to the topics `rated` to measure their rates."""
         rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
         self.node = LupinNode("lupin_supervisor", enable_rosout=False)
         self._satisfied: set[Readiness] = set()
@@ -81,7 +87,11 @@ class GraphMonitor:
         self.mission_received_s = 0.0
         self.node.subscription(graph.MISSION_STATE, self._take_mission)
         self.alarms: tuple[str, ...] = ()  # of the drive bus
+        self.bus_locks: tuple[str, ...] = ()
+        self.was_pressed = False  # whether the e-stop was pressed after its first status arrived
+        self._presses: UnheardPress | None = None
         self.node.subscription(graph.DRIVE_STATUS, self._take_drive_status)
+        self.node.subscription(graph.ESTOP_STATUS, self._take_estop_status)
         self._start = self.node.client(graph.MISSION_START)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
@@ -89,8 +99,8 @@ class GraphMonitor:
     def spin(self, seconds: float) -> None:
         """Handle messages for this many seconds."""
         deadline = time.monotonic() + seconds
-        while (left := deadline - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=left)
+        while (remaining_s := deadline - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=remaining_s)
 
     def close(self) -> None:
         """Leave the graph."""
@@ -108,26 +118,34 @@ class GraphMonitor:
 
     def _take_drive_status(self, message: Any) -> None:
         try:
-            alarms = json.loads(message.data)["alarms"]
+            status = json.loads(message.data)
+            alarms, locks = status["alarms"], status["locks"]
         except (ValueError, KeyError, TypeError):
             return  # not from a drive bus of this version
-        self.alarms = tuple(str(alarm)[:MAX_ALARM_CHARS] for alarm in alarms[:MAX_ALARMS]) if isinstance(alarms, list) else ()
+        self.alarms, self.bus_locks = _sentences(alarms), _sentences(locks)
+
+    def _take_estop_status(self, message: Any) -> None:
+        if self._presses is None:
+            self._presses = UnheardPress()
+            self._presses.status(message.data, time.monotonic_ns())  # what was pressed before is not this run's concern
+        elif self._presses.status(message.data, time.monotonic_ns()):
+            self.was_pressed = True
 
     def rates_hz(self) -> dict[str, float]:
-        """The rate of each monitored topic."""
+        """Return the rate of each monitored topic."""
         return {name: rate.hz() for name, rate in self._rates.items()}
 
     def silent_s(self) -> dict[str, float]:
-        """The repeating topics that have fallen silent after a first message, each with the silence in seconds."""
+        """Return the repeating topics that have fallen silent after a first message, each with the silence in seconds."""
         ages = {topic.name: self._rates[topic.name].silent_s() for topic in REPEATING_TOPICS if topic.name in self._rates}
         return {name: round(age, 1) for name, age in ages.items() if age is not None and age > SILENT_AFTER_S}
 
     def forget(self, condition: Readiness) -> None:
-        """Test the condition again: the process that satisfied it has ended."""
+        """Test the condition again, because the process that satisfied it has exited."""
         self._satisfied.discard(condition)
 
     def satisfied(self, condition: Readiness) -> bool:
-        """Whether the condition holds. A condition that has held once is not tested again before `forget`."""
+        """Return whether the condition holds. A condition that has held once is not tested again before `forget`."""
         if condition in self._satisfied:
             return True
         probe = self._probes.get(condition)
@@ -143,7 +161,7 @@ class GraphMonitor:
         return False
 
     def explain(self, condition: Readiness) -> str:
-        """Why the condition does not hold, as far as the graph shows it."""
+        """Return why the condition does not hold, as far as the graph shows it."""
         if isinstance(condition, TopicSample):
             publishers = self.node.count_publishers(condition.topic.name)
             return f"{condition}: {'no publisher' if publishers == 0 else f'{publishers} publisher(s), no sample yet'}"
@@ -174,7 +192,7 @@ class GraphMonitor:
         return self.mission is not None and self.mission.lifecycle_state not in ("BOOT", "FAULT")
 
     def start_mission(self, mission_type: str, discovery_goal: int, done: Callable[[bool, str], None]) -> None:
-        """Request a mission; `done(accepted, mission id or reason)` is called while spinning."""
+        """Request a mission; `done` is called while spinning with True and the mission's id, or with False and the reason."""
         request = interface(graph.MISSION_START.type).Request()
         request.mission_type = mission_type
         request.discovery_goal = discovery_goal

@@ -1,11 +1,11 @@
 """Prints what each graph known to this machine contains, as JSON: `python -m lupin_runtime.stack.graph_probe`.
 
-Each graph is joined by a process of its own, because a process's DDS mode is fixed when it starts. A probe changes nothing: it
-subscribes, and calls only services without side effects. Every wait is bounded. It collects
+Each graph is joined by a separate process, because a process's DDS mode is fixed when it starts. A probe changes nothing: it
+subscribes, and calls only services without side effects. Every wait has a timeout. It collects
 
 * names: nodes, topics, and for each topic the publishers and subscriptions with their QoS;
 * samples: whether messages arrive on the topics that a working robot always publishes. A probe joins later than every other
-  process, so it sees names without samples where the data path is broken and the discovery server still works;
+  process, so it sees names without samples if the data path is broken and the discovery server still works;
 * round trips: only a service call needs the route to the robot and back.
 """
 
@@ -31,7 +31,7 @@ JOIN_TIMEOUT_S = 4.0
 # Console and drive bus repeat at 20 and 1 Hz: this is long enough to see which source is active.
 LISTEN_S = 1.2
 SAMPLE_TIMEOUT_S = 4.0
-# A first sample takes up to 3.3 s through a discovery server. While no topic has delivered, the bound is twice as long.
+# A first sample takes up to 3.3 s through a discovery server. Until any topic has delivered, the timeout is twice as long.
 SILENCE_TIMEOUT_S = 8.0
 CALL_TIMEOUT_S = 3.0
 WAIT_TIMEOUT_S = 10.0
@@ -73,7 +73,7 @@ class GraphSession:
         self.controllers: list[dict[str, str]] | None = None
         self._pending: dict[str, Any] = {}
         self._names: dict[str, Any] = {}
-        self._since_s: dict[str, float] = {}  # when each topic was subscribed and each service call was begun
+        self._since_s: dict[str, float] = {}  # when each topic was subscribed and each service call was started
 
     def close(self) -> None:
         """Leave the graph, so that its other nodes are informed at once."""
@@ -82,7 +82,7 @@ class GraphSession:
         self._rclpy.try_shutdown()
 
     def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Handle messages until `condition()` holds; False after the bound."""
+        """Handle messages until `condition()` holds; return False after the timeout."""
         deadline = time.monotonic() + timeout_s
         while not condition():
             if time.monotonic() > deadline:
@@ -91,7 +91,7 @@ class GraphSession:
         return True
 
     def join(self) -> float:
-        """Wait until the names no longer change, subscribing and calling meanwhile; returns the seconds that took."""
+        """Wait until the names no longer change, subscribing and calling meanwhile; return the seconds since the start."""
         since_s, polled_s = time.monotonic(), 0.0
 
         def settled() -> bool:
@@ -104,7 +104,7 @@ class GraphSession:
             if seen != self._names:
                 self._names, since_s = seen, now_s
                 self._subscribe_and_call()
-            # Node names travel like data and topic names with discovery: one of the two may never arrive.
+            # Node names are sent as data, topic names by discovery: one of the two may never arrive.
             return bool(seen["nodes"] or seen["topics"]) and now_s - since_s > SETTLE_S
 
         self.until(settled, JOIN_TIMEOUT_S)
@@ -116,7 +116,7 @@ class GraphSession:
         self.call()
 
     def names(self) -> dict[str, Any]:
-        """Nodes, and topics with their endpoints, without those of this probe."""
+        """Return the nodes, and the topics with their endpoints, without those of this probe."""
         own = self.node.get_name()
         nodes = sorted(
             f"{namespace.rstrip('/')}/{name}"
@@ -210,10 +210,10 @@ class GraphSession:
                 del self._pending[name]
 
     def wait(self) -> None:
-        """Wait until every topic has delivered and every service has answered, or until the bound of each has passed.
+        """Wait until every topic has delivered and every service has answered, or until the timeout of each has expired.
 
-        A topic or service that appeared too late for its bound is removed from the results. The wait ends early when a complete
-        robot was received, no command reached the drive bus, and the names have not changed.
+        A topic or service that appeared too late for its timeout is removed from the results. The wait ends early if all of a
+        robot's topics and services have answered, no source commands the drive bus, and the names have not changed.
         """
         started_s = scanned_s = time.monotonic()
         before, self._names = self._names, self.names()
@@ -244,22 +244,22 @@ class GraphSession:
         for name, since_s in self._since_s.items():
             timeout_s = CALL_TIMEOUT_S if name in self.calls else SAMPLE_TIMEOUT_S
             answered = self.calls[name]["answered"] if name in self.calls else self.samples[name]["count"]
-            # A server that was listed but never became ready got no request, so nothing is known of its answer.
+            # A server that was listed but never became ready was sent no request, so whether it answers is unknown.
             not_sent = name in self._pending and self._pending[name][2] is None
             if not answered and (end_s - since_s < timeout_s or not_sent):
                 (self.calls if name in self.calls else self.samples).pop(name)
 
     def _is_complete(self) -> bool:
-        """Whether every topic and service of a working robot has appeared, so that none of them is merely late."""
+        """Return whether every topic and service of a working robot has appeared, so that none of them is merely late."""
         return all(row.name in self.samples for row in ROBOT_TOPICS) and len(self.calls) == len(PROBED_SERVICES)
 
     def _topics_waited_for(self) -> list[tuple[float, float]]:
-        """(start of the wait, its bound in seconds) of every subscribed topic without a sample."""
+        """Return (start of the wait, timeout in seconds) of every subscribed topic without a sample."""
         timeout_s = SAMPLE_TIMEOUT_S if any(sample["count"] for sample in self.samples.values()) else SILENCE_TIMEOUT_S
         return [(self._since_s[name], timeout_s) for name, sample in self.samples.items() if not sample["count"]]
 
     def _calls_waited_for(self) -> list[tuple[float, float]]:
-        """(start of the wait, its bound in seconds) of every call without a response."""
+        """Return (start of the wait, timeout in seconds) of every call without a response."""
         return [(self._since_s[name], CALL_TIMEOUT_S) for name, call in self.calls.items() if not call["answered"]]
 
 
@@ -272,7 +272,7 @@ _STATE_DECODERS: dict[graph.Topic, Callable[[Any], Any]] = {
 
 
 def _finite(value: float) -> float | None:
-    """The value, or None for NaN and infinity, which JSON cannot hold."""
+    """Return the value, or None for NaN and infinity, which JSON cannot hold."""
     return float(value) if value - value == 0.0 else None
 
 
@@ -289,7 +289,7 @@ def probe_graph() -> dict[str, Any]:
     try:
         joined_s = session.join()
         session.wait()
-        # Names again: a healthy stack that has just started gained endpoints meanwhile.
+        # Names again: a healthy stack that has just started has gained endpoints meanwhile.
         names = session.names()
     finally:
         session.close()
@@ -315,13 +315,13 @@ def _finish(process: subprocess.Popen[str], deadline_s: float) -> dict[str, Any]
     except subprocess.TimeoutExpired:
         process.kill()
         process.communicate()
-        return {"error": f"the graph probe did not end within {PROBE_TIMEOUT_S:.0f} s"}
+        return {"error": f"the graph probe did not finish within {PROBE_TIMEOUT_S:.0f} s"}
     with suppress(ValueError):
         seen = json.loads(out)
         if isinstance(seen, dict):
             return seen
     last = (err.strip().splitlines() or ["no error output"])[-1]
-    return {"error": f"the graph probe ended with status {process.returncode}: {last}"}
+    return {"error": f"the graph probe exited with status {process.returncode}: {last}"}
 
 
 def _is_silent(seen: Mapping[str, Any]) -> bool:
@@ -332,7 +332,7 @@ def _is_silent(seen: Mapping[str, Any]) -> bool:
 def probe_all(graphs: tuple[KnownGraph, ...]) -> list[dict[str, Any]]:
     """Probe all graphs at the same time.
 
-    Where names were seen but no sample arrived, a second probe without shared memory shows whether shared memory is the cause.
+    If names were seen but no sample arrived, a second probe without shared memory shows whether shared memory is the cause.
     """
     deadline_s = time.monotonic() + PROBE_TIMEOUT_S
     processes = [_start(known.environment) for known in graphs]

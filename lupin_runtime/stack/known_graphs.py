@@ -27,7 +27,7 @@ class KnownGraph:
 
 
 def known_graphs(base: Mapping[str, str] | None = None) -> tuple[KnownGraph, ...]:
-    """The graph of every live run, then the robot's where `ros-env.sh` or the shell names one, without duplicates."""
+    """Return the graph of every live run, then the robot's if `ros-env.sh` or the shell names it, without duplicates."""
     base = dict(os.environ if base is None else base)
     found = []
     for run in live_runs():

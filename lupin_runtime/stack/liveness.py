@@ -1,4 +1,4 @@
-"""Detects hung and dead processes, and blocks robot motion until they are replaced.
+"""Detects hung and exited processes, and blocks robot motion until they are replaced.
 
 Every process sends heartbeats (`lupin_runtime.heartbeat`). A thread of the supervisor receives and judges them, so that
 neither a slow disk nor a long repaint of the live view in the main loop looks like a hang.
@@ -26,16 +26,16 @@ MOTION_BLOCK_AFTER_S, REPLACE_AFTER_S = 0.5, 2.0
 MOTION_BLOCK_WALL_S, REPLACE_WALL_S = 2.0, 10.0
 # Deadline for the first heartbeat after readiness: on a busy machine the process's other nodes may still be starting.
 FIRST_BEAT_S = 5.0
-EXAMINE_AFTER_S = 0.35  # shorter silences do not read /proc
+EXAMINE_AFTER_S = 0.35  # for shorter silences /proc is not read
 OWN_STALL_S = 1.0  # a longer gap between two rounds of this thread is excused for all processes
 MAIN_LOOP_S = 3.0
 SUPERVISOR = "the supervisor's main loop"
-SILENT, ENDED, RESTARTING = "does not respond", "has ended", "is being restarted"
+SILENT, EXITED, RESTARTING = "does not respond", "has exited", "is being restarted"
 
 
 @dataclass(frozen=True)
 class Silence:
-    """How long a process has been silent: by the rules of this module, and by the wall clock; `node` is its slowest one."""
+    """How long a process has been silent: by the rules of this module, and by the wall clock. `node` is its slowest node."""
 
     counted_s: float
     wall_s: float
@@ -68,7 +68,7 @@ class HeartbeatRecord:
     _last: Activity | None = field(default=None, repr=False)
 
     def silence(self, now_ns: int, ignore_before_ns: int = 0) -> Silence:
-        """The silence up to now; time before `ignore_before_ns` does not count. Call it every SUPERVISOR_PERIOD_S."""
+        """Return the silence up to now; time before `ignore_before_ns` does not count. Call it every SUPERVISOR_PERIOD_S."""
         heard_ns = self.first_due_ns if self.beat is None else self.beat.time_ns
         if heard_ns is None:
             return NO_SILENCE
@@ -82,7 +82,7 @@ class HeartbeatRecord:
         return Silence(self._counted_s, wall_s, self.beat.text if self.beat else "")
 
     def _interval_s(self, now_ns: int) -> float:
-        """The part of the time since the last call that counts as silence."""
+        """Return the part of the time since the last call that counts as silence."""
         interval_s = (now_ns - self._judged_ns) / 1e9
         before, self._last = self._last, self.read_activity()
         if before is None or self._last is None or not self._last.waiting:
@@ -97,20 +97,20 @@ class _MonitoredProcess:
     socket: socket.socket
     record: HeartbeatRecord
     commands_motion: bool
-    is_replacement: bool = False  # whether it was started in place of a process that had sent heartbeats
-    ended: bool = False
+    is_replacement: bool = False  # whether it replaces a process that had sent heartbeats
+    exited: bool = False
 
     def motion_block_reason(self, silence: Silence) -> str:
-        """Why nothing may move because of this process; empty where it responds, or is started for the first time."""
-        if self.ended:
-            return ENDED if self.is_replacement or self.record.beat is not None else ""
+        """Return why nothing may move because of this process; empty if it responds, or has not come up yet."""
+        if self.exited:
+            return EXITED if self.is_replacement or self.record.beat is not None else ""
         if self.record.beat is None and self.is_replacement:
             return RESTARTING
         return SILENT if silence.blocks_motion else ""
 
 
 class Liveness:
-    """Receives the heartbeats of all processes and judges them in a thread of its own."""
+    """Receives the heartbeats of all processes and judges them in its own thread."""
 
     def __init__(self) -> None:
         self._processes: dict[str, _MonitoredProcess] = {}
@@ -145,35 +145,35 @@ class Liveness:
             self._hangup_poll.register(channel, 0)  # event mask 0: poll() reports only POLLHUP and POLLERR
 
     def expect_heartbeats(self, name: str) -> None:
-        """A process is up, and no longer starting: without heartbeats within FIRST_BEAT_S it is silent."""
+        """Expect heartbeats from a process that is up: without any within FIRST_BEAT_S it counts as silent."""
         with self._lock:
             process = self._processes.get(name)
             if process is not None:
                 process.record.first_due_ns = time.monotonic_ns() + int(FIRST_BEAT_S * 1e9)
 
     def stop_monitoring(self, name: str) -> None:
-        """Drop a process that has ended and is not replaced, and close its socket."""
+        """Drop a process that has exited and is not replaced, and close its socket."""
         with self._lock:
             self._drop(name)
 
     def record_main_loop_iteration(self) -> None:
-        """Called by the supervisor's main loop in each iteration: when that hangs, nothing may move."""
+        """Record an iteration of the supervisor's main loop: if the loop hangs, nothing may move."""
         self._main_loop_ns = time.monotonic_ns()
 
     def responds(self, name: str) -> bool:
-        """Whether a process has sent heartbeats and is not silent."""
+        """Return whether a process has sent heartbeats and is not silent."""
         with self._lock:
             process = self._processes.get(name)
             return process is not None and process.record.beat is not None and not self._motion_block_reason(name)
 
     def motion_block_reasons(self) -> dict[str, str]:
-        """The processes because of which nothing may move now, each with what is wrong."""
+        """Return the processes because of which nothing may move now, each with what is wrong."""
         with self._lock:
             reasons = {name: self._motion_block_reason(name) for name in self._processes}
         return {name: reason for name, reason in reasons.items() if reason}
 
     def hung(self) -> dict[str, Silence]:
-        """The processes that must be replaced because they do not respond."""
+        """Return the processes that must be replaced because they do not respond."""
         with self._lock:
             return {name: silence for name, silence in self._silences.items() if silence.hung}
 
@@ -184,7 +184,7 @@ class Liveness:
         process = self._processes.pop(name, None)
         self._silences.pop(name, None)
         if process is not None:
-            if not process.ended:
+            if not process.exited:
                 self._hangup_poll.unregister(process.socket)
             process.socket.close()
 
@@ -192,14 +192,14 @@ class Liveness:
         while not self._closed.is_set():
             self._hangup_poll.poll(SUPERVISOR_PERIOD_S * 1e3)
             with self._lock:
-                # Asked again: meanwhile a process may have been replaced by one whose socket has the same descriptor.
+                # Polled again: meanwhile a process may have been replaced by one whose socket has the same descriptor.
                 self._judge({descriptor for descriptor, _ in self._hangup_poll.poll(0)})
 
-    def _judge(self, ended: set[int]) -> None:
+    def _judge(self, hung_up: set[int]) -> None:
         for process in self._processes.values():
             process.record.beat = _newest(process.socket) or process.record.beat
-            if process.socket.fileno() in ended:
-                process.ended = True
+            if process.socket.fileno() in hung_up:
+                process.exited = True
                 self._hangup_poll.unregister(process.socket)
         now_ns = time.monotonic_ns()
         if self._judged_ns is not None and now_ns - self._judged_ns > OWN_STALL_S * 1e9:
@@ -208,7 +208,7 @@ class Liveness:
         self._silences = {
             name: process.record.silence(now_ns, self._ignore_before_ns)
             for name, process in self._processes.items()
-            if not process.ended
+            if not process.exited
         }
         reasons = [f"{name} {reason}" for name in self._processes if (reason := self._motion_block_reason(name))]
         if now_ns - max(self._main_loop_ns, self._ignore_before_ns) > MAIN_LOOP_S * 1e9:
@@ -221,7 +221,7 @@ class Liveness:
 
 def _newest(channel: socket.socket) -> Beat | None:
     newest = None
-    with contextlib.suppress(OSError):  # everything is read, or the process has ended
+    with contextlib.suppress(OSError):  # everything is read, or the process has exited
         while packet := channel.recv(MAX_BYTES):
             newest = decode(packet) or newest
     return newest

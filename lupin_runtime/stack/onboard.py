@@ -8,11 +8,11 @@ from __future__ import annotations
 from lupin_runtime.stack.service import exit_with, serve
 from lupin_runtime.stack.table import ONBOARD, Options
 
-WATCHED = ("estop", "drive")  # systemd restarts the unit where these do not respond
+WATCHED = ("estop", "drive")  # systemd restarts the unit if these do not respond
 
 
 def onboard_options() -> Options:
-    """The options that select the processes of the robot; all others run on the laptop."""
+    """Return the options that select the processes of the robot; all others run on the laptop."""
     off = dict.fromkeys(("slam", "navigation", "twin", "perception", "flowers", "mission", "record", "cameras"), False)
     return Options(target=ONBOARD, **off)  # type: ignore[arg-type]
 

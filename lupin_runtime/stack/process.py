@@ -1,7 +1,7 @@
 """One process of the stack: `python -m lupin_runtime.stack.process FILE.json`.
 
-The file lists the node classes and their parameters. The process ends when its standard input ends, which also happens when
-the supervisor is killed.
+The file lists the node classes and their parameters. The process exits when its standard input is closed, which also happens
+when the supervisor is killed.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from typing import Any
 
 
 def node_class(path: str) -> Any:
-    """The class of `package.module:Class`."""
+    """Import the class named by `package.module:Class`."""
     module, name = path.split(":")
     return getattr(importlib.import_module(module), name)
 
 
 def main(argument: str) -> int:
-    """Run the nodes of a process file until a signal or the end of standard input; returns the exit status."""
+    """Run the nodes of a process file until a signal or the end of standard input; return the exit status."""
     faulthandler.enable()
     config = json.loads(Path(argument).read_text())
     from lupin_runtime.ros import run
@@ -34,7 +34,7 @@ def main(argument: str) -> int:
     supervision.start()
 
     factories = [partial(node_class(node["class"]), node.get("parameters") or {}) for node in config["nodes"]]
-    # Imported objects live as long as the process: freezing spares every full collection from visiting them.
+    # Imported objects live as long as the process. Frozen, they are not visited by every full garbage collection.
     gc.collect()
     gc.freeze()
     return run(factories, simulated_time=bool(config["simulated_time"]), supervision=supervision)

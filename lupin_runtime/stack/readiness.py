@@ -62,7 +62,7 @@ class Port:
         return f"port {self.address}:{self.number}"
 
     def is_listening(self) -> bool:
-        """Connect and disconnect; False where the connection is refused or takes longer than CONNECT_TIMEOUT_S."""
+        """Connect and disconnect; return False if the connection is refused or takes longer than CONNECT_TIMEOUT_S."""
         try:
             socket.create_connection((self.address, self.number), CONNECT_TIMEOUT_S).close()
         except OSError:
@@ -72,7 +72,7 @@ class Port:
 
 @dataclass(frozen=True)
 class MissionReady:
-    """The mission has left BOOT, so its own dependencies answer."""
+    """The mission has left BOOT, so its dependencies are available, and is not in FAULT."""
 
     def __str__(self) -> str:
         return "/mission/state READY"

@@ -1,4 +1,4 @@
-"""The processes that a run recorded in its files. They are signalled only where they are still the same processes."""
+"""The processes that a run recorded in its files. A signal is sent only if the PID still belongs to the same process."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class RecordedProcess:
     start_ticks: Any
 
     def exists(self) -> bool:
-        """Whether this very process exists: a PID greater than 1 that started at the recorded time."""
+        """Return whether this very process exists: a PID greater than 1 that started at the recorded time."""
         if type(self.pid) is not int or self.pid <= 1 or type(self.start_ticks) is not int:
             return False
         return start_ticks(self.pid) == self.start_ticks
 
     def signal(self, number: signal.Signals) -> bool:
-        """Send a signal; returns whether the process existed."""
+        """Send a signal; return whether the process existed."""
         if not self.exists():
             return False
         try:
@@ -37,13 +37,13 @@ class RecordedProcess:
 
 
 def supervisor_of(run: Run) -> RecordedProcess:
-    """The supervisor of a run."""
+    """Return the supervisor of a run."""
     info = run.info()
     return RecordedProcess("the supervisor", info.get("pid"), info.get("start_ticks"))
 
 
 def processes_of(run: Run) -> list[RecordedProcess]:
-    """The processes of a run except its supervisor, from its last state."""
+    """Return the processes of a run except its supervisor, from its last state."""
     stages = run.state().get("stages")
     return [
         RecordedProcess(str(stage.get("name")), stage.get("pid"), stage.get("start_ticks"))

@@ -1,4 +1,4 @@
-"""How many ended runs are kept. A run that a person marked to keep, and one that is up, is never removed."""
+"""Removes old runs beyond limits. A run that is up, or that a person marked to keep, is never removed."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class StoredRun:
 
 
 def stored_runs() -> list[StoredRun]:
-    """All runs on the disk, oldest first."""
+    """Return all runs on the disk, oldest first."""
     return [StoredRun(run, _size_bytes(run.path), run.alive(), run.is_kept()) for run in all_runs()]
 
 
 def removable(stored: Sequence[StoredRun], max_runs: int = MAX_RUNS, max_bytes: int = MAX_BYTES) -> list[StoredRun]:
-    """The runs to remove, oldest first, so that at most `max_runs` of at most `max_bytes` together are left."""
+    """Return the runs to remove, oldest first, so that at most `max_runs` and `max_bytes` remain."""
     count, size_bytes = len(stored), sum(one.size_bytes for one in stored)
     newest = min(NEWEST_KEPT, max_runs)
     removed = []
@@ -48,7 +48,7 @@ def removable(stored: Sequence[StoredRun], max_runs: int = MAX_RUNS, max_bytes: 
 
 
 def remove(stored: StoredRun) -> bool:
-    """Remove a run's directory; returns whether it is gone."""
+    """Remove a run's directory; return whether it is gone."""
     shutil.rmtree(stored.run.path, ignore_errors=True)
     return not stored.run.path.exists()
 
@@ -60,7 +60,7 @@ def remove_old_runs(max_runs: int = MAX_RUNS) -> None:
 
 
 def _size_bytes(path: Path) -> int:
-    """The size of all files below a directory on the disk; links are not followed."""
+    """Return the disk space of all files below a directory; links are not followed."""
     total = 0
     for folder, _, names in os.walk(path):
         for name in names:

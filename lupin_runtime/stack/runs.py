@@ -1,7 +1,7 @@
 """Run directories, which hold the logs, state, recording and report of one run of the stack, and the functions that find them.
 
 A run is in `${XDG_STATE_HOME:-~/.local/state}/lupin/runs/<id>/`. It is alive while its supervisor holds a lock on the file
-`lock`, so a crashed supervisor leaves no run that seems alive.
+`lock`, so no run seems alive after its supervisor has crashed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class RunError(RuntimeError):
 
 
 def state_home() -> Path:
-    """The folder of all state that Lupin keeps for this user."""
+    """Return the folder of all state that Lupin keeps for this user."""
     base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
     return Path(base) / "lupin"
 
@@ -56,11 +56,11 @@ class Run:
         return self.path / "report"
 
     def info(self) -> dict[str, Any]:
-        """How the run was started: pid, DDS domain, options, environment. Empty where it ended before writing that."""
+        """Return how the run was started: pid, DDS domain, options, environment. Empty if it ended before writing that."""
         return _read(self.path / "run.json")
 
     def state(self) -> dict[str, Any]:
-        """The last state that the supervisor wrote: stages, processes, mission."""
+        """Return the last state that the supervisor wrote: stages, processes, mission."""
         return _read(self.path / "state.json")
 
     def write_info(self, info: Mapping[str, Any]) -> None:
@@ -72,7 +72,7 @@ class Run:
         write_atomically(self.path / "state.json", json.dumps(dict(state)))
 
     def is_kept(self) -> bool:
-        """Whether a person protected it from removal."""
+        """Return whether a person protected it from removal."""
         return (self.path / "keep").exists()
 
     def keep(self, kept: bool) -> None:
@@ -83,7 +83,7 @@ class Run:
             (self.path / "keep").unlink(missing_ok=True)
 
     def alive(self) -> bool:
-        """Whether its supervisor is alive."""
+        """Return whether its supervisor is alive."""
         try:
             descriptor = os.open(self.path / "lock", os.O_RDWR)
         except OSError:
@@ -107,12 +107,12 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def runs_directory() -> Path:
-    """The folder of all runs."""
+    """Return the folder of all runs."""
     return state_home() / "runs"
 
 
 def create_run() -> tuple[Run, int]:
-    """Create a run. Returns it with the descriptor of its lock, which keeps it alive until it is closed. Raises RunError."""
+    """Create a run. Return it with the descriptor of its lock; the run is alive until that is closed. Raises RunError."""
     run = Run(runs_directory() / f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(2)}")
     try:
         run.logs.mkdir(parents=True)
@@ -125,7 +125,7 @@ def create_run() -> tuple[Run, int]:
 
 
 def all_runs() -> list[Run]:
-    """All runs, oldest first."""
+    """Return all runs, oldest first."""
     folder = runs_directory()
     if not folder.is_dir():
         return []
@@ -133,23 +133,23 @@ def all_runs() -> list[Run]:
 
 
 def live_runs() -> list[Run]:
-    """The runs whose supervisor is alive, oldest first."""
+    """Return the runs whose supervisor is alive, oldest first."""
     return [run for run in all_runs() if run.alive()]
 
 
 def find_live_run(name: str | None = None) -> Run:
-    """The live run whose id contains `name`, or the only live run. Raises RunError unless there is exactly one."""
+    """Return the live run whose id contains `name`, or the only live run. Raises RunError unless there is exactly one."""
     candidates = [run for run in live_runs() if name is None or name in run.id]
     if len(candidates) == 1:
         return candidates[0]
     if not candidates:
-        wanted = f" like {name!r}" if name else ""
-        raise RunError(f"no run{wanted} is up; start one with: lupin up")
+        pattern = f" like {name!r}" if name else ""
+        raise RunError(f"no run{pattern} is up; start one with: lupin up")
     raise RunError(f"several runs are up; choose one with --run: {', '.join(run.id for run in candidates)}")
 
 
 def find_run(name: str | None = None) -> Run:
-    """The newest live run whose id contains `name`, or else the newest ended one. Raises RunError."""
+    """Return the newest live run whose id contains `name`, or else the newest ended one. Raises RunError."""
     runs = [run for run in all_runs() if name is None or name in run.id]
     if not runs:
         raise RunError(f"there is no run{f' like {name!r}' if name else ''}; start one with: lupin up")

@@ -1,8 +1,8 @@
-"""A target's processes as a systemd service on the robot.
+"""Runs a target's processes as a systemd service on the robot.
 
-It notifies systemd of READY when all are up, and until then reports the conditions that it waits for. Exit status: 0 stopped by
-a signal, 1 a process did not come up or was given up. systemd then starts it again, which also helps where it started before
-its network interface.
+It notifies systemd of READY when all processes are up, and until then reports the conditions that it waits for. Exit status: 0
+stopped by a signal, 1 a process did not come up or was given up. systemd then starts the service again, which also helps if it
+was started before its network interface.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MAX_RUNS = 5  # they are in memory
 
 
 def failure(supervisor: Supervisor) -> str:
-    """Why the service cannot continue; empty while it can."""
+    """Return why the service cannot continue, or an empty text."""
     for stage in supervisor.stalled():
         waits = "; ".join(supervisor.waiting_for(stage))
         return f"{stage.row.name} did not come up: {waits}" if waits else f"{stage.row.name}: {stage.why}"
@@ -39,16 +39,16 @@ def failure(supervisor: Supervisor) -> str:
 
 
 def progress(supervisor: Supervisor) -> str:
-    """One line that lists the processes that are up and the conditions that are waited for."""
+    """Return one line that lists the processes that are up and the conditions that the others wait for."""
     waiting = [f"{s.row.name} ({'; '.join(supervisor.waiting_for(s))})" for s in supervisor.stages if supervisor.waiting_for(s)]
     up = [stage.row.name for stage in supervisor.stages if supervisor.all_up([stage.row.name])]
     return f"up: {', '.join(up) or 'nothing yet'}" + (f"; waiting for: {', '.join(waiting)}" if waiting else "")
 
 
 def serve(chosen: Options, watched: Sequence[str]) -> int:
-    """Run the processes of a target until a signal arrives or one fails for good; returns the exit status.
+    """Run the processes of a target until a signal arrives or a process fails for good; return the exit status.
 
-    systemd is told that the service lives while the processes `watched` respond.
+    The systemd watchdog is notified while the processes `watched` respond.
     """
     notifier = Notifier()
     stop: list[int] = []
@@ -115,7 +115,7 @@ def _supervise(
 
 
 def exit_with(status: int) -> None:
-    """End this process. Interpreter shutdown after DDS is slow and may abort; all output is flushed first."""
+    """Exit at once, after flushing all output. A normal interpreter shutdown after DDS is slow and may abort."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.stack.alarms import alarms
 from lupin_runtime.stack.dds import GRAPH_VARIABLES, DomainClaim, claim_domain, loopback_environment, robot_environment
 from lupin_runtime.stack.retention import remove_old_runs
@@ -44,7 +45,7 @@ class Outcome:
 
 
 def mission_facts(message: Any) -> dict[str, Any]:
-    """The fields of a MissionState message that views and scripts show; empty for None."""
+    """Return the fields of a MissionState message that views and scripts show; empty for None."""
     if message is None:
         return {}
     names = (
@@ -58,7 +59,7 @@ def mission_facts(message: Any) -> dict[str, Any]:
 class Session:
     """A run of the stack: the supervisor, the graph monitor, and the requested mission.
 
-    `observe(state)` is called about ten times a second with the same plain data that goes into `state.json`.
+    `observe(state)` is called about ten times a second with the data that is also written to `state.json`.
     """
 
     def __init__(self, options: Options, observe: Callable[[dict[str, Any]], None]) -> None:
@@ -118,7 +119,7 @@ class Session:
         return self.outcome
 
     def _interrupt(self, *_: object) -> None:
-        # It raises nothing: the signal may arrive anywhere, also while a run that has ended by itself stops its processes.
+        # Raises nothing: the signal may arrive at any point, also while a run that has ended by itself stops its processes.
         self._interrupted = True
 
     def _update_progress(self) -> None:
@@ -132,6 +133,10 @@ class Session:
             self.outcome.ready_s = round(age, 2)
         if not self._mission_requested:
             self._mission_requested = True
+            if self.monitor.was_pressed:
+                # The command to start the mission is older than the release: it starts nothing.
+                self._mission_refused = "the e-stop was pressed meanwhile; start it with: lupin mission start"
+                return
             self.monitor.start_mission("ExplorationMission", self.options.discovery_goal, self._mission_answered)
 
     def _mission_answered(self, accepted: bool, text: str) -> None:
@@ -180,17 +185,25 @@ class Session:
         return True
 
     def state(self) -> dict[str, Any]:
-        """The state of the whole run as plain data."""
+        """Return the state of the whole run as plain data."""
         return {
             **self.supervisor.snapshot(),
             "id": self.run.id,
             "rates_hz": self.monitor.rates_hz(),
             "silent_s": self.monitor.silent_s(),
-            "alarms": list(self.monitor.alarms),
+            "alarms": [*self.monitor.alarms, *self._remote_alarms()],
             "mission": mission_facts(self.monitor.mission),
             "drivable_s": self.outcome.drivable_s,
             "ready_s": self.outcome.ready_s,
         }
+
+    def _remote_alarms(self) -> list[str]:
+        """What keeps a robot's drive bus locked, and what it no longer publishes: its processes are supervised there."""
+        if self.options.target != "robot":
+            return []
+        locks = [f"the drive bus is locked: {lock}" for lock in self.monitor.bus_locks if lock != ESTOP_ENGAGED]
+        silent = [f"nothing on {topic} for {age_s:.0f} s" for topic, age_s in self.monitor.silent_s().items()]
+        return locks + silent
 
     def _report_state(self) -> None:
         state = self.state()
@@ -218,5 +231,5 @@ class Session:
             self._domain.release()
 
     def state_after_end(self) -> dict[str, Any]:
-        """The last state of an ended run."""
+        """Return the last state of an ended run."""
         return {"id": self.run.id, "pid": os.getpid(), "mission": self.outcome.mission, "stages": self.outcome.stages}

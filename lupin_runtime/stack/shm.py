@@ -16,9 +16,9 @@ _NAMES = ("lttng-ust-wait-6", "lttng-ust-wait-6-{uid}")
 
 
 def disable_lttng_shm(folder: Path = Path("/dev/shm")) -> list[Path]:  # noqa: S108 -- LTTng's own folder
-    """Where /dev/shm is full, create directories in place of lttng-ust's wait files, which it then cannot map.
+    """If /dev/shm is full, create directories in place of lttng-ust's wait files, so that it cannot map them.
 
-    Returns the created directories, which are removed when this process has ended. Does nothing where there is space.
+    Return the created directories, which are removed after this process has exited. Do nothing if there is space.
     """
     free = os.statvfs(folder)
     if free.f_bavail * free.f_frsize >= 16 * _PAGE_BYTES:
@@ -36,9 +36,9 @@ def disable_lttng_shm(folder: Path = Path("/dev/shm")) -> list[Path]:  # noqa: S
 
 
 def _remove_after_exit(folders: list[Path]) -> None:
-    """Leave the removal of empty folders to a shell that waits for the end of this process.
+    """Let a shell remove empty folders after this process has exited.
 
-    The tracer's threads try again for as long as this process lives, also while the interpreter shuts down.
+    The tracer's threads try to map the files as long as this process lives, even while the interpreter shuts down.
     """
     if not folders:
         return

@@ -22,7 +22,7 @@ from lupin_runtime.stack.liveness import Liveness
 from lupin_runtime.stack.readiness import Readiness
 from lupin_runtime.stack.runs import Run
 from lupin_runtime.stack.table import Launch, Options, ProcessRow, launch, rows
-from lupin_runtime.stack.usage import cpu_time_s, memory_mb, start_ticks
+from lupin_runtime.stack.usage import cpu_time_s, descendants_by_pid, memory_mb, start_ticks
 
 STOP_GRACE_S = 4.0
 RESTARTS_ALLOWED, RESTARTS_WITHIN_S = 3, 60.0
@@ -37,7 +37,7 @@ class ReadinessMonitor(Protocol):
         """Return whether the condition holds now."""
 
     def forget(self, condition: Readiness) -> None:
-        """Drop what was observed of a condition, because its process has ended."""
+        """Drop what was observed of a condition, because its process has exited."""
 
     def explain(self, condition: Readiness) -> str:
         """Say what is still missing, for the operator."""
@@ -79,7 +79,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Death:
-    """An unplanned end of a process."""
+    """An unplanned exit of a process."""
 
     stage: str
     status: str
@@ -93,12 +93,12 @@ class Supervisor:
     def __init__(
         self, options: Options, run: Run, environment: Mapping[str, str], monitor: ReadinessMonitor, own_output: bool = False
     ) -> None:
-        """With `own_output` processes write to this process's output, such as the system journal, and not to log files."""
+        """With `own_output`, processes write to this process's output, such as the system journal, instead of log files."""
         self.options = options
         self._own_output = own_output
         self.run = run
         self._environment = {**environment, "PYTHONUNBUFFERED": "1", "PYTHONFAULTHANDLER": "1"}
-        # One computing thread per process: twelve processes share the cores, and thread pools would compete for them.
+        # One computing thread per process: a dozen processes share the cores, and thread pools would compete for them.
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
             self._environment.setdefault(name, "1")
         self._monitor = monitor
@@ -112,11 +112,11 @@ class Supervisor:
         self._stopping = False
 
     def stage(self, name: str) -> Stage | None:
-        """The stage called `name`; None where the run has none."""
+        """Return the stage called `name`, or None."""
         return next((stage for stage in self.stages if stage.row.name == name), None)
 
     def step(self) -> None:
-        """Update every stage once: start it when its needs are met, note that it is up, restart it when it has ended."""
+        """Update every stage once: start it when its needs are met, mark it as up, restart it when it has exited."""
         now = time.monotonic()
         self.liveness.record_main_loop_iteration()
         hung = self.liveness.hung()
@@ -136,9 +136,16 @@ class Supervisor:
                     if stage.row.sends_heartbeats:
                         self.liveness.expect_heartbeats(stage.row.name)
                     stage.up_after_s = now - self.started_s if stage.up_after_s is None else stage.up_after_s
+                elif self._is_stuck_replacement(stage, now):
+                    self._kill(stage, f"was not up again within {stage.row.up_within_s:g} s and was killed")
         if now >= self._usage_due_s:
             self._usage_due_s = now + USAGE_PERIOD_S
             self._measure()
+
+    @staticmethod
+    def _is_stuck_replacement(stage: Stage, now: float) -> bool:
+        """Whether a process that was up before does not come up again; one that never came up ends the run instead."""
+        return stage.phase is Phase.STARTING and stage.up_after_s is not None and now - stage.since_s > stage.row.up_within_s
 
     def _start(self, stage: Stage, now: float) -> None:
         stage.phase, stage.since_s, stage.cpu_seen = Phase.STARTING, now, None
@@ -164,12 +171,12 @@ class Supervisor:
         self.liveness.monitor(stage.row.name, stage.process.pid, channel, stage.row.commands_motion)
 
     def _log(self, name: str) -> AbstractContextManager[BinaryIO | None]:
-        """The log file of a process; None where it shares this process's output."""
+        """Return the log file of a process; None if it shares this process's output."""
         return nullcontext() if self._own_output else (self.run.logs / f"{name}.log").open("ab")
 
     @staticmethod
     def _kill(stage: Stage, why: str) -> None:
-        """Kill a process; its end is then handled like any other."""
+        """Kill a process; its exit is then handled like any other."""
         if stage.process is not None and not stage.killed_why:
             stage.killed_why = why
             stage.process.kill()
@@ -199,17 +206,17 @@ class Supervisor:
         self.deaths.append(Death(stage.row.name, status, consequence, ends_run=not (may_restart or stage.row.optional)))
 
     def waiting_for(self, stage: Stage) -> list[str]:
-        """Why each condition for a stage's next phase does not hold."""
+        """Return why each condition for a stage's next phase does not hold."""
         conditions = {Phase.WAITING: stage.row.needs, Phase.STARTING: stage.row.ready}.get(stage.phase, ())
         return [self._monitor.explain(condition) for condition in conditions if not self._monitor.satisfied(condition)]
 
     def all_up(self, names: Sequence[str] | None = None) -> bool:
-        """Whether the stages called `names`, or all that a run needs, are up."""
+        """Return whether the stages called `names`, or all that a run needs, are up."""
         chosen = [s for s in self.stages if (not s.row.optional if names is None else s.row.name in names)]
         return all(stage.phase is Phase.UP for stage in chosen)
 
     def stalled(self) -> list[Stage]:
-        """Stages that a run needs and that are late: failed or not up in time; only without such, those that still wait."""
+        """Return the needed stages that failed or are not up in time; if there are none, those that have waited too long."""
         now = time.monotonic()
         needed = [stage for stage in self.stages if not stage.row.optional]
         late = [
@@ -224,6 +231,7 @@ class Supervisor:
 
     def _measure(self) -> None:
         total = memory_mb("self") or 0.0
+        descendants = descendants_by_pid()
         for stage in self.stages:
             if stage.process is None or stage.phase not in (Phase.STARTING, Phase.UP):
                 stage.cpu_percent = stage.memory_mb = 0.0
@@ -231,6 +239,7 @@ class Supervisor:
             used_s, memory = cpu_time_s(stage.process.pid), memory_mb(stage.process.pid)
             if used_s is None or memory is None:
                 continue
+            memory += sum(memory_mb(pid) or 0.0 for pid in descendants(stage.process.pid))
             now = time.monotonic()
             if stage.cpu_seen is not None:
                 since_s, before_s = stage.cpu_seen
@@ -273,7 +282,7 @@ class Supervisor:
             stage.phase = Phase.STOPPED
 
     def snapshot(self) -> dict[str, Any]:
-        """The state of the run as plain data, for `state.json` and the live view."""
+        """Return the state of the run as plain data, for `state.json` and the live view."""
         reasons = self.liveness.motion_block_reasons()
         return {
             "monotonic_s": round(time.monotonic(), 2),  # a reader sees by it whether the supervisor still responds
@@ -305,10 +314,10 @@ class Supervisor:
 
 def _exit_text(returncode: int | None) -> str:
     if returncode is None:
-        return "ended"
+        return "exited"
     if returncode < 0:
-        return f"ended by {signal.Signals(-returncode).name}"
-    return f"ended with status {returncode}"
+        return f"was killed by {signal.Signals(-returncode).name}"
+    return f"exited with status {returncode}"
 
 
 def shorten_log(path: Path) -> None:
@@ -322,7 +331,7 @@ def shorten_log(path: Path) -> None:
 
 
 def log_tail(path: Path, lines: int = 5) -> list[str]:
-    """The last lines of a log file; empty where it cannot be read."""
+    """Return the last lines of a log file; empty if it cannot be read."""
     try:
         return path.read_text(errors="replace").splitlines()[-lines:]
     except OSError:

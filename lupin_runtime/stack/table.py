@@ -1,4 +1,4 @@
-"""The table of processes: what each one runs, waits for, and shows when it is up, and what follows when it dies.
+"""The table of processes: what each one runs and waits for, what shows that it is up, and what follows if it dies.
 
 Adding a process is adding one row to TABLE.
 """
@@ -15,11 +15,11 @@ from lupin_runtime import graph
 from lupin_runtime.stack.readiness import ActionReady, MissionReady, Port, Readiness, ServiceReady, TopicSample, TransformReady
 
 ROBOT_CAMERAS = "cameras"  # the target of the robot's camera service
-ONBOARD = "onboard"  # the target of the processes on the robot; `lupin up --target robot` starts those of the laptop
+ONBOARD = "onboard"  # the target of the processes on the robot; `lupin up --target robot` starts those on the laptop
 CONSOLE_PORT = 8090
-ROSBRIDGE_PORT = 9090  # where every client of rosbridge looks for it
-VIDEO_PORT = 8091  # of the cameras; the vendor's web_video_server has 8181
-FOXGLOVE_PORT = 8765  # what Foxglove and Lichtblick offer as the address of a robot
+ROSBRIDGE_PORT = 9090  # the default of every rosbridge client
+VIDEO_PORT = 8091  # of the cameras; the vendor's web_video_server uses 8181
+FOXGLOVE_PORT = 8765  # the default of Foxglove and Lichtblick
 DOCTOR = (sys.executable, "-m", "lupin_cli.app")  # the program whose `doctor` and `play` the console offers
 ALL_TAGS = 65535  # discovery goal "all": the largest count that fits into StartMission
 
@@ -41,13 +41,13 @@ class Options:
     mission: bool = False
     record: bool = True
     console: bool = False
-    video: bool = True  # of the simulated cameras, for the console
+    video: bool = True  # serve the simulated cameras to the console
     foxglove: bool = False
     rviz: bool = False
     map_file: Path | None = None
     initial_pose: tuple[float, float, float] | None = None  # on the map: x m, y m, yaw rad
     discovery_goal: int = 5
-    monitoring_rounds: int = 0  # 0 repeats them without end
+    monitoring_rounds: int = 0  # 0 repeats them forever
     dependency_timeout_s: float = 120.0
     approach_overrides: Path | None = None
     layout: Path | None = None
@@ -59,13 +59,13 @@ class Options:
         return self.target == "sim"
 
     def as_json(self) -> dict[str, Any]:
-        """The options as `run.json` and `report.json` hold them: some are named like their flags."""
+        """Return the options as stored in `run.json` and `report.json`, in which some have the names of their flags."""
         names = {"navigation": "nav2", "flowers": "yolo", "console": "web", "monitoring_rounds": "sweeps"}
         plain = {names.get(key, key): value for key, value in vars(self).items()}
         return {key: str(value) if isinstance(value, Path) else value for key, value in plain.items()}
 
     def in_folder(self, path: Path) -> Options:
-        """A copy for the run whose directory is `path`."""
+        """Return a copy for the run with the directory `path`."""
         return replace(self, run_path=path)
 
 
@@ -87,12 +87,12 @@ class NodeRow:
 
 @dataclass(frozen=True)
 class ProcessRow:
-    """A process of the stack. A row without nodes and without a command is external: it is waited for, not started.
+    """A process of the stack. A row without nodes and without a command is external: it is not started, only waited for.
 
     It starts when all of `needs` hold, and is up when all of `ready` hold, which must happen within `up_within_s`. `on_death`
-    says what follows an unplanned end: "restart" starts it again; "mission" or "run" stops that, because the state that the
-    process held is lost. A run goes on without one that is `optional`. `next_command` is what an operator should type when it
-    does not come up.
+    says what follows an unplanned exit: "restart" starts the process again; "mission" or "run" stops the mission or the run,
+    because the state of the process is lost. A run continues without a process that is `optional`. `next_command` is what an
+    operator should type if it does not come up.
     """
 
     name: str
@@ -102,7 +102,7 @@ class ProcessRow:
     ready: tuple[Readiness, ...] = ()
     on_death: str = "restart"
     up_within_s: float = 30.0
-    # Ranks stop in ascending order, so that the drive bus publishes its last zero while the base still receives it.
+    # Processes are stopped by ascending rank, so that the base still receives the drive bus's last zero.
     stop_rank: int = 0
     command: Callable[[Options], list[str]] | None = None
     memory_max_mb: int = 384
@@ -141,7 +141,7 @@ def _rviz_command(options: Options) -> list[str]:
 
 
 def _drive(options: Options) -> Parameters:
-    # Twelve processes share the cores: the drive bus and the e-stop ask for a higher priority than the others.
+    # A dozen processes share the cores: the drive bus and the e-stop request a higher priority than the others.
     return {"sink": "sim" if options.simulated else "robot", "serve_first": True}
 
 
@@ -154,7 +154,7 @@ def _console(options: Options) -> Parameters:
 
 
 def _video(options: Options) -> Parameters:
-    # Browsers reach the robot's pictures through the laptop's console, other programs directly.
+    # Browsers get the robot's pictures through the laptop's console, other programs directly.
     return {"host": "0.0.0.0"} if options.target == ROBOT_CAMERAS else {}
 
 
@@ -225,7 +225,7 @@ TABLE: tuple[ProcessRow, ...] = (
         "robot",
         (),
         when=lambda o: o.target == "robot",
-        # The vendor's software and the onboard service of a robot that may still be booting.
+        # Published by the vendor's software and the onboard service of a robot that may still be booting.
         ready=(
             TopicSample(graph.SCAN),
             TopicSample(graph.ODOM),
@@ -367,7 +367,7 @@ TABLE: tuple[ProcessRow, ...] = (
         (NodeRow("lupin_runtime.foxglove.node:FoxgloveBridge"),),
         when=lambda o: o.foxglove and not _on_robot(o),
         ready=(Port(FOXGLOVE_PORT),),
-        memory_max_mb=512,  # several slow clients of raw images: up to 128 of them wait for each
+        memory_max_mb=512,  # for several slow clients of raw images: each may have up to 128 images waiting
         optional=True,
         next_command="lupin logs foxglove",
     ),
@@ -385,10 +385,10 @@ class Launch:
 
 
 def rows(options: Options) -> tuple[ProcessRow, ...]:
-    """The rows that a run with these options starts, each with the nodes that the options select."""
+    """Return the rows that a run with these options starts, each with the nodes that the options select."""
     selected = (replace(row, nodes=tuple(n for n in row.nodes if n.when(options))) for row in TABLE if row.when(options))
     if options.target == ROBOT_CAMERAS:
-        # Pictures are what that service is for; a camera may be absent.
+        # That service needs only the video server; a camera may be absent.
         return tuple(replace(row, optional=row.name != "video") for row in selected)
     if _on_robot(options):
         # `lupin-auto-home` repairs the vendor's controllers, and starts after these processes: they must not wait for topics
@@ -398,7 +398,7 @@ def rows(options: Options) -> tuple[ProcessRow, ...]:
 
 
 def launch(row: ProcessRow, options: Options) -> Launch:
-    """How to start a row: the interpreter's arguments and, for a row of nodes, the configuration file that they name."""
+    """Return how to start a row: the interpreter's arguments and, for a row of nodes, the configuration file that they name."""
     if row.command is not None:
         return Launch(row, row.command(options))
     config = {

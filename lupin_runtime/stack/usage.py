@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
-# proc(5): utime, stime and starttime are fields 14, 15 and 22 of /proc/PID/stat, counted from 1; field 3 follows the name in
-# parentheses.
-_UTIME, _STIME, _START = 14 - 3, 15 - 3, 22 - 3
+# proc(5): ppid, utime, stime and starttime are fields 4, 14, 15 and 22 of /proc/PID/stat, counted from 1; field 3 follows the
+# name in parentheses.
+_PARENT, _UTIME, _STIME, _START = 4 - 3, 14 - 3, 15 - 3, 22 - 3
 
 
 def cpu_time_s(pid: int | str) -> float | None:
-    """Processor time that a process has used so far, in seconds; None where the process does not exist."""
+    """Return the processor time that a process has used so far, in seconds; None if the process does not exist."""
     try:
         fields = _stat_fields(Path(f"/proc/{pid}/stat"))
     except OSError:
@@ -22,7 +23,7 @@ def cpu_time_s(pid: int | str) -> float | None:
 
 
 def memory_mb(pid: int | str) -> float | None:
-    """Memory of a process in MB, including its proportional share of shared pages (PSS); None where it cannot be read."""
+    """Return the memory of a process in MB, including its share of shared pages (PSS); None if it cannot be read."""
     try:
         text = Path(f"/proc/{pid}/smaps_rollup").read_text()
     except OSError:
@@ -33,6 +34,26 @@ def memory_mb(pid: int | str) -> float | None:
     return None
 
 
+def descendants_by_pid() -> Callable[[int], list[int]]:
+    """Return a function that lists the children of a process and theirs, as of now."""
+    children: dict[int, list[int]] = {}
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            try:
+                parent = int(_stat_fields(folder / "stat")[_PARENT])
+            except OSError:
+                continue  # it has just exited
+            children.setdefault(parent, []).append(int(folder.name))
+
+    def descendants(pid: int) -> list[int]:
+        found = list(children.get(pid, ()))
+        for child in found:
+            found += children.get(child, ())
+        return found
+
+    return descendants
+
+
 class Activity(NamedTuple):
     """What a process does: whether any thread waits for a processor or a disk, and its processor time so far in seconds."""
 
@@ -41,7 +62,7 @@ class Activity(NamedTuple):
 
 
 def activity(pid: int) -> Activity | None:
-    """What a process does now; None where it does not exist."""
+    """Return what a process does now; None if it does not exist."""
     waiting, ticks = False, 0
     try:
         for task in Path(f"/proc/{pid}/task").iterdir():
@@ -54,7 +75,7 @@ def activity(pid: int) -> Activity | None:
 
 
 def start_ticks(pid: int) -> int | None:
-    """The time at which a process started, in clock ticks since boot: with the PID it identifies the process until a reboot."""
+    """Return when a process started, in clock ticks since boot. With the PID this identifies the process until a reboot."""
     try:
         return int(_stat_fields(Path(f"/proc/{pid}/stat"))[_START])
     except OSError:
@@ -62,5 +83,5 @@ def start_ticks(pid: int) -> int | None:
 
 
 def _stat_fields(path: Path) -> list[str]:
-    """The fields of a `stat` file from the third on, which is the state. Raises OSError."""
+    """Return the fields of a `stat` file from the third, the state, on. Raises OSError."""
     return path.read_text(errors="replace").rpartition(")")[2].split()

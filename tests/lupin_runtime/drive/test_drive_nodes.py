@@ -55,7 +55,7 @@ class Probe:
         self._estop.publish(Bool(data=engaged))
 
     def at_sink(self, data: bytes) -> bool:
-        return any(heard == data for _, heard in self.sink)
+        return any(received == data for _, received in self.sink)
 
     def flow(self, host: GraphHost, row: graph.Topic, data: bytes, until: Callable[..., Any], what: str) -> None:
         """Publish `data` at 50 Hz until the condition holds."""
@@ -195,7 +195,7 @@ def test_joy_outranks_manual_outranks_auto_in_the_status(graph_host: GraphHost) 
         probe.flow(
             graph_host, row, STILL, lambda k=key: probe.status and probe.status[-1]["winner"] == k, f"{key} wins the bus"
         )
-    # while joy publishes, the others are outranked
+    # While joy publishes, the others are outranked.
     command = encode(Twist(0.1, 0.0, 0.0))
 
     def both() -> bool:
@@ -221,7 +221,7 @@ def test_nan_never_reaches_the_sink_and_is_counted(graph_host: GraphHost) -> Non
     assert probe.sink[-1][1] == STILL
 
 
-def test_ending_bus_sends_zero_several_times(graph_host: GraphHost) -> None:
+def test_bus_sends_zero_several_times_at_shutdown(graph_host: GraphHost) -> None:
     probe = Probe(graph_host)
     mux = bus(graph_host)
     probe.flow(graph_host, graph.CMD_VEL_AUTO, FORWARD, lambda: probe.at_sink(FORWARD), "the command at the sink")

@@ -28,7 +28,7 @@ def smoother() -> Smoother:
 
 
 def run(commands: Sequence[Twist | None]) -> list[Twist]:
-    """Every command is followed by a tick; None means that no command came before that tick."""
+    """Return the outputs of one tick after each command; None stands for a tick without a command."""
     core, out, now_ns = smoother(), [], 0
     for command in commands:
         now_ns += TICK_NS
@@ -69,20 +69,20 @@ def test_reversal_passes_through_rest(speed: float) -> None:
 def test_silent_input_brings_the_output_to_rest_and_silence() -> None:
     core = smoother()
     core.command(Twist(0.5, 0.0, 1.0), 0)
-    said = [core.tick(k * TICK_NS, DT) for k in range(1, 60)]
-    assert said[18] == Twist(0.5, 0.0, 1.0), "within the timeout of 1 s it goes on"
-    rest = said.index(ZERO)
-    assert said[rest : rest + REST_REPEATS] == [ZERO] * REST_REPEATS
-    assert set(said[rest + REST_REPEATS :]) == {None}
+    outputs = [core.tick(k * TICK_NS, DT) for k in range(1, 60)]
+    assert outputs[18] == Twist(0.5, 0.0, 1.0), "it continues within the timeout of 1 s"
+    rest = outputs.index(ZERO)
+    assert outputs[rest : rest + REST_REPEATS] == [ZERO] * REST_REPEATS
+    assert set(outputs[rest + REST_REPEATS :]) == {None}
 
 
 def test_zero_command_does_not_win_the_bus() -> None:
     core = smoother()
-    said = []
+    outputs = []
     for k in range(40):
         core.command(ZERO, k * TICK_NS)
-        said.append(core.tick(k * TICK_NS, DT))
-    assert set(said[REST_REPEATS:]) == {None}
+        outputs.append(core.tick(k * TICK_NS, DT))
+    assert set(outputs[REST_REPEATS:]) == {None}
 
 
 @pytest.mark.parametrize("bad", [None, Twist(math.nan, 0.0, 0.0), Twist(0.1, math.inf, 0.0)])

@@ -1,4 +1,4 @@
-"""The stops of the console's servers: the last statements hold, and silence engages only while a browser drives."""
+"""The stops of the console's servers: the last statements stay valid, and silence engages only while a browser drives."""
 
 from __future__ import annotations
 
@@ -8,67 +8,102 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lupin_runtime.safety.console_server_stop import EXPIRY_S, HOLDS, LOST, MAX_SERVERS, ConsoleServerStop
+from lupin_runtime.safety.console_server_stop import (
+    EXPIRY_S,
+    HOLD_S,
+    HOLDS,
+    LOST,
+    MAX_SERVERS,
+    UNHEARD,
+    ConsoleServerStop,
+)
 
 S = 1_000_000_000
 LATE_NS = int((EXPIRY_S + 0.1) * S)
 
 
 def say(
-    stop: ConsoleServerStop, now_ns: int, *, engaged: bool = False, driving: bool = False, releases: int = 0, server: str = "a"
+    stop: ConsoleServerStop,
+    now_ns: int,
+    *,
+    engaged: bool = False,
+    driving: bool = False,
+    presses: int = 0,
+    releases: int = 0,
+    server: str = "a",
 ) -> bool:
-    statement = {"server": server, "engaged": engaged, "driving": driving, "releases": releases}
+    counts = {"presses": presses, "releases": releases}
+    statement = {"server": server, "engaged": engaged, "driving": driving, **counts}
     return stop.update(json.dumps(statement), now_ns)
 
 
-def test_stop_of_a_server_that_crashed_holds_until_somebody_releases_it_on_the_next() -> None:
+def test_stop_of_crashed_server_lasts_until_released_on_another() -> None:
     stop = ConsoleServerStop()
     assert say(stop, 0, engaged=True)
     assert stop.reason(100 * S) == HOLDS
     say(stop, 100 * S, server="b")
-    assert stop.reason(101 * S) == HOLDS, "the next server was told nothing yet"
+    assert stop.reason(101 * S) == HOLDS, "nobody has released the stop yet"
     say(stop, 102 * S, server="b", releases=1)
     assert stop.reason(102 * S) is None
 
 
-def test_server_that_crashes_stops_no_mission() -> None:
+def test_stop_that_was_held_while_the_link_was_cut_engages_for_a_while() -> None:
+    stop = ConsoleServerStop()
+    say(stop, 0, presses=3)
+    assert stop.reason(0) is None, "what was pressed before this process listened is past"
+    assert say(stop, 10 * S, presses=4, releases=1)
+    assert stop.reason(10 * S) == UNHEARD
+    say(stop, 11 * S, presses=4, releases=1)
+    assert stop.reason(11 * S) == UNHEARD
+    assert stop.reason(10 * S + int(HOLD_S * S) + 1) is None
+
+
+def test_stop_that_was_heard_counts_once() -> None:
+    stop = ConsoleServerStop()
+    say(stop, 0)
+    assert say(stop, S, engaged=True, presses=1)
+    assert not say(stop, 2 * S, presses=1, releases=1)
+    assert stop.reason(2 * S) is None
+
+
+def test_crash_of_an_idle_server_does_not_engage() -> None:
     stop = ConsoleServerStop()
     say(stop, 0)
     assert stop.reason(100 * S) is None
 
 
-def test_server_that_is_lost_while_a_browser_drives_engages_until_a_release() -> None:
+def test_server_lost_while_a_browser_drives_engages_the_stop() -> None:
     stop = ConsoleServerStop()
     say(stop, 0, driving=True)
     assert stop.reason(S) is None
     assert stop.reason(LATE_NS) == LOST
     say(stop, LATE_NS, driving=True)
-    assert stop.reason(LATE_NS) == LOST, "driving releases nothing"
+    assert stop.reason(LATE_NS) == LOST, "driving does not release the stop"
     say(stop, LATE_NS, engaged=True)
     assert stop.reason(LATE_NS) == LOST
     say(stop, LATE_NS, releases=1)
     assert stop.reason(LATE_NS) is None
 
 
-def test_driving_that_ended_is_no_reason() -> None:
+def test_server_lost_after_driving_does_not_engage() -> None:
     stop = ConsoleServerStop()
     say(stop, 0, driving=True)
     say(stop, S)
     assert stop.reason(100 * S) is None
 
 
-def test_one_server_does_not_release_what_another_holds() -> None:
+def test_server_does_not_release_the_stop_of_a_live_one() -> None:
     stop = ConsoleServerStop()
     say(stop, 0, engaged=True)
     say(stop, 1, server="b", releases=3)
     assert stop.reason(1) == HOLDS
     say(stop, S, server="b", releases=4)
-    assert stop.reason(S) == HOLDS, "it is alive, and its browsers hold the stop"
+    assert stop.reason(S) == HOLDS, "server a is alive, and its browsers hold the stop"
     say(stop, 2 * S, releases=1)
     assert stop.reason(2 * S) is None
 
 
-def test_release_of_before_is_none_of_what_was_left_since() -> None:
+def test_old_release_count_does_not_end_a_newer_stop() -> None:
     stop = ConsoleServerStop()
     say(stop, 0, server="b", releases=7)
     say(stop, 1, engaged=True)
@@ -87,10 +122,10 @@ def test_release_of_before_is_none_of_what_was_left_since() -> None:
         "[]",
         "3",
         "{}",
-        '{"server": "a", "engaged": 1, "driving": true, "releases": 0}',
-        '{"server": "a", "engaged": false, "driving": 0, "releases": 0}',
-        '{"server": 3, "engaged": false, "driving": false, "releases": 0}',
-        '{"server": "a", "engaged": false, "driving": false, "releases": true}',
+        '{"server": "a", "engaged": 1, "driving": true, "presses": 0, "releases": 0}',
+        '{"server": "a", "engaged": false, "driving": 0, "presses": 0, "releases": 0}',
+        '{"server": 3, "engaged": false, "driving": false, "presses": 0, "releases": 0}',
+        '{"server": "a", "engaged": false, "driving": false, "presses": 0, "releases": true}',
     ],
 )
 def test_malformed_statement_engages_until_a_release(text: str) -> None:
@@ -101,7 +136,7 @@ def test_malformed_statement_engages_until_a_release(text: str) -> None:
     assert stop.reason(LATE_NS) is None
 
 
-def test_servers_that_come_and_go_are_forgotten_and_their_stops_are_not() -> None:
+def test_old_servers_are_forgotten_unless_they_hold_the_stop() -> None:
     stop = ConsoleServerStop()
     say(stop, 0, engaged=True, server="holder")
     for number in range(10 * MAX_SERVERS):

@@ -25,14 +25,14 @@ class Console:
     jitter_ms: tuple[int, ...]
     value: bool = False
     alive: bool = True
-    said: int = 0
+    sent: int = 0
 
     def next_ms(self) -> int:
-        return self.phase_ms + 500 * self.said + self.jitter_ms[self.said % len(self.jitter_ms)]
+        return self.phase_ms + 500 * self.sent + self.jitter_ms[self.sent % len(self.jitter_ms)]
 
 
-class Room:
-    """Consoles and a ConsoleStop that receives all of them on one topic."""
+class ConsoleGroup:
+    """Consoles, and a ConsoleStop that receives the messages of all of them on one topic."""
 
     def __init__(self, consoles: list[Console]) -> None:
         self.stop, self.consoles, self.now_ms = ConsoleStop(), consoles, 10_000
@@ -49,7 +49,7 @@ class Room:
             self.now_ms, who = heapq.heappop(due)
             if who >= 0:
                 console = self.consoles[who]
-                console.said += 1
+                console.sent += 1
                 if console.alive:
                     self.stop.update(console.value, self.now_ms * MS)
                 heapq.heappush(due, (console.next_ms(), who))
@@ -73,99 +73,99 @@ class Room:
 
 
 CONSOLE = st.builds(Console, st.integers(0, 499), st.lists(st.integers(0, 60), min_size=1, max_size=7).map(tuple))
-ROOMS = st.lists(CONSOLE, min_size=1, max_size=3)
-CROWDS = st.lists(CONSOLE, min_size=2, max_size=3)
+GROUPS = st.lists(CONSOLE, min_size=1, max_size=3)
+GROUPS_OF_SEVERAL = st.lists(CONSOLE, min_size=2, max_size=3)
 
 
 @settings(max_examples=150, deadline=None)
-@given(ROOMS, st.integers(0, 3000), st.integers(600, 6000))
+@given(GROUPS, st.integers(0, 3000), st.integers(600, 6000))
 def test_one_console_engages_while_it_holds(consoles: list[Any], before_ms: int, held_ms: int) -> None:
-    room = Room(consoles)
-    room.run(3000 + before_ms)
-    assert room.reason() is None
-    start_ms = room.now_ms
-    room.publish(0, True)
-    room.run(held_ms)
-    assert room.states_since(start_ms + 1) <= {True} and room.reason() == HOLDS
+    group = ConsoleGroup(consoles)
+    group.run(3000 + before_ms)
+    assert group.reason() is None
+    start_ms = group.now_ms
+    group.publish(0, True)
+    group.run(held_ms)
+    assert group.states_since(start_ms + 1) <= {True} and group.reason() == HOLDS
 
 
 @settings(max_examples=150, deadline=None)
-@given(ROOMS, st.integers(2500, 5000))
+@given(GROUPS, st.integers(2500, 5000))
 def test_release_takes_effect_within_a_bound_per_console(consoles: list[Any], held_ms: int) -> None:
-    room = Room(consoles)
-    room.run(5000)
-    room.publish(0, True)
-    room.run(held_ms)
-    room.publish(0, False)
-    room.run(500 + 1000 * len(consoles))
-    assert room.reason() is None
+    group = ConsoleGroup(consoles)
+    group.run(5000)
+    group.publish(0, True)
+    group.run(held_ms)
+    group.publish(0, False)
+    group.run(500 + 1000 * len(consoles))
+    assert group.reason() is None
 
 
 @settings(max_examples=150, deadline=None)
-@given(CROWDS, st.integers(2500, 5000))
+@given(GROUPS_OF_SEVERAL, st.integers(2500, 5000))
 def test_lost_holder_stays_engaged_until_press_and_release(consoles: list[Any], held_ms: int) -> None:
-    room = Room(consoles)
-    room.run(5000)
-    room.publish(0, True)
-    room.run(held_ms)
-    died_ms = room.now_ms
-    room.consoles[0].alive = False
-    room.run(20_000)
-    assert room.states_since(died_ms) == {True} and room.reason() == LOST_HOLDING
-    room.publish(1, True)
-    room.run(5000)
-    assert room.reason() == HOLDS
-    room.publish(1, False)
-    room.run(3500)
-    assert room.reason() is None
+    group = ConsoleGroup(consoles)
+    group.run(5000)
+    group.publish(0, True)
+    group.run(held_ms)
+    died_ms = group.now_ms
+    group.consoles[0].alive = False
+    group.run(20_000)
+    assert group.states_since(died_ms) == {True} and group.reason() == LOST_HOLDING
+    group.publish(1, True)
+    group.run(5000)
+    assert group.reason() == HOLDS
+    group.publish(1, False)
+    group.run(3500)
+    assert group.reason() is None
 
 
 @settings(max_examples=100, deadline=None)
-@given(CROWDS, st.integers(0, 499))
+@given(GROUPS_OF_SEVERAL, st.integers(0, 499))
 def test_new_console_that_holds_is_not_outvoted(consoles: list[Any], wait_ms: int) -> None:
     newcomer = consoles[0]
     newcomer.alive = False
-    room = Room(consoles)
-    room.run(5000 + wait_ms)
-    assert room.reason() is None
+    group = ConsoleGroup(consoles)
+    group.run(5000 + wait_ms)
+    assert group.reason() is None
     newcomer.alive = True
-    start_ms = room.now_ms
-    room.publish(0, True)
-    room.run(5000)
-    assert room.states_since(start_ms + 1) == {True}
+    start_ms = group.now_ms
+    group.publish(0, True)
+    group.run(5000)
+    assert group.states_since(start_ms + 1) == {True}
 
 
 @settings(max_examples=100, deadline=None)
-@given(ROOMS, st.integers(0, 2000))
+@given(GROUPS, st.integers(0, 2000))
 def test_silence_of_all_consoles_engages_until_a_release(consoles: list[Any], before_ms: int) -> None:
-    room = Room(consoles)
-    room.run(3000)
-    room.publish(0, True)  # the number of consoles at the press must not be required after the loss
-    room.run(5000)
-    room.publish(0, False)
-    room.run(5000 + before_ms)
-    assert room.reason() is None
-    for console in room.consoles:
+    group = ConsoleGroup(consoles)
+    group.run(3000)
+    group.publish(0, True)  # the number of consoles at the press must not be required after the loss
+    group.run(5000)
+    group.publish(0, False)
+    group.run(5000 + before_ms)
+    assert group.reason() is None
+    for console in group.consoles:
         console.alive = False
-    silent_ms = room.now_ms
-    room.run(int(EXPIRY_S * 1000) + 100)
-    assert room.reason() is not None and present(room.reason()).startswith(LOST)
-    room.run(30_000)
-    assert room.states_since(silent_ms + int(EXPIRY_S * 1000) + 100) == {True}
-    room.consoles[0].alive = True
-    room.run(2500)
-    assert room.reason() is None
+    silent_ms = group.now_ms
+    group.run(int(EXPIRY_S * 1000) + 100)
+    assert group.reason() is not None and present(group.reason()).startswith(LOST)
+    group.run(30_000)
+    assert group.states_since(silent_ms + int(EXPIRY_S * 1000) + 100) == {True}
+    group.consoles[0].alive = True
+    group.run(2500)
+    assert group.reason() is None
 
 
 @settings(max_examples=50, deadline=None)
-@given(CROWDS)
+@given(GROUPS_OF_SEVERAL)
 def test_one_of_several_released_consoles_may_leave(consoles: list[Any]) -> None:
-    room = Room(consoles)
-    room.run(3000)
-    room.consoles[0].alive = False
-    start_ms = room.now_ms
-    room.run(10_000)
-    assert room.states_since(start_ms) == {False}
+    group = ConsoleGroup(consoles)
+    group.run(3000)
+    group.consoles[0].alive = False
+    start_ms = group.now_ms
+    group.run(10_000)
+    assert group.states_since(start_ms) == {False}
 
 
 def test_without_any_console_nothing_is_engaged() -> None:
@@ -173,7 +173,7 @@ def test_without_any_console_nothing_is_engaged() -> None:
     assert [stop.reason(t * 10**9) for t in (0, 1, 1000)] == [None] * 3
 
 
-def test_silence_does_not_engage_where_disabled() -> None:
+def test_silence_does_not_engage_if_disabled() -> None:
     stop = ConsoleStop(silence_engages=False)
     stop.update(False, 0)
     assert stop.reason(10**12) is None

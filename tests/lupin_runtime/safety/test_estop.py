@@ -32,7 +32,7 @@ def test_estop_without_sources_is_released_with_a_warning() -> None:
 
 
 @pytest.mark.parametrize("pressed", [False, True])
-def test_silent_button_keeps_its_value_with_a_warning_where_configured(pressed: bool) -> None:
+def test_silent_button_keeps_its_value_if_configured(pressed: bool) -> None:
     stop = sources(button_silence_engages=False)
     stop.button(pressed, S, S)
     state = stop.state(4 * S, 4 * S)
@@ -50,7 +50,7 @@ def test_silent_button_engages() -> None:
 
 
 @pytest.mark.parametrize(("now_s", "real_s"), [(100, 12), (12, 100), (-50, 12)])
-def test_button_silent_by_one_clock_only_is_not_silent(now_s: int, real_s: int) -> None:
+def test_button_silent_on_only_one_clock_is_not_silent(now_s: int, real_s: int) -> None:
     stop = sources()
     stop.button(False, 11 * S, 11 * S)
     assert not stop.state(now_s * S, real_s * S).engaged

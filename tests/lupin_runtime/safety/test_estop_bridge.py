@@ -165,17 +165,17 @@ def test_stop_reaches_the_sink_through_bridge_and_bus(graph_host: GraphHost) -> 
     graph_host.until(lambda: not probe.engaged, what="the release")
     count = len(sink)
     graph_host.until(drive(lambda: len(sink) >= count + 20), what="what the sink gets after the release")
-    assert set(sink[count:]) == {Twist(0.0, 0.0, 0.0)}, "the goal that was running must not carry on by itself"
+    assert set(sink[count:]) == {Twist(0.0, 0.0, 0.0)}, "the goal that was running must not continue by itself"
 
 
-def test_console_server_engages_and_releases_and_its_end_changes_nothing(graph_host: GraphHost) -> None:
+def test_console_server_engages_and_its_exit_changes_nothing(graph_host: GraphHost) -> None:
     from std_msgs.msg import String
 
     bridge(graph_host)
     probe = Probe(graph_host)
     server = probe.node.publisher(graph.CONSOLE_STOP)
     graph_host.until(server.get_subscription_count, what="the bridge's subscription")
-    statement = '{"server": "a", "engaged": %s, "driving": false, "releases": 0}'
+    statement = '{"server": "a", "engaged": %s, "driving": false, "presses": 0, "releases": 0}'
     server.publish(String(data=statement % "true"))
     graph_host.until(lambda: probe.engaged, what="the engaged state")
     graph_host.until(lambda: probe.status[-1]["reasons"] == [HOLDS], what="the reason")

@@ -1,4 +1,4 @@
-"""A press that the bridge missed, and only such a one, is remembered until the e-stop is engaged."""
+"""Only a press that the bridge missed is remembered until the e-stop has engaged."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ S = 1_000_000_000
 ANSWER_NS, HOLD_NS = int(ANSWER_S * S), int(HOLD_S * S)
 
 
-def test_press_without_an_answer_is_missed_until_the_stop_was_held() -> None:
+def test_unanswered_press_is_missed_until_the_stop_was_held() -> None:
     press = MissedPress()
     press.button(False, 0)
     press.button(True, S)
     press.button(False, S + S // 10)
     assert not press.tick(S + ANSWER_NS)
     assert press.tick(S + ANSWER_NS + 1)
-    press.state(False, 3 * S)  # the bridge that came back, and knows nothing
+    press.state(False, 3 * S)  # the bridge is back, and knows of no press
     assert press.tick(3 * S)
     press.state(True, 4 * S)
     assert press.tick(4 * S + HOLD_NS - 1)
@@ -27,13 +27,13 @@ def test_press_without_an_answer_is_missed_until_the_stop_was_held() -> None:
     assert not press.tick(9 * S)
 
 
-def test_console_that_holds_the_stop_is_a_press() -> None:
+def test_console_that_holds_the_stop_counts_as_a_press() -> None:
     press = MissedPress()
     press.press(S)
     assert press.tick(S + ANSWER_NS + 1)
 
 
-def test_first_message_of_a_button_that_is_down_is_a_press() -> None:
+def test_pressed_button_in_the_first_message_counts_as_a_press() -> None:
     press = MissedPress()
     press.button(True, S)
     assert press.tick(S + ANSWER_NS + 1)
@@ -44,7 +44,7 @@ def test_first_message_of_a_button_that_is_down_is_a_press() -> None:
     st.integers(0, ANSWER_NS),
     st.lists(st.integers(0, ANSWER_NS), max_size=5),
 )
-def test_press_with_an_answer_is_not_missed_in_whatever_order_they_arrive(at: int, answer: int, repeats: list[int]) -> None:
+def test_answered_press_is_not_missed_in_any_order_of_arrival(at: int, answer: int, repeats: list[int]) -> None:
     press = MissedPress()
     press.state(False, 0)
     events = [(S + at, "press"), (S + answer, "engaged"), (S + answer, "released"), *((S + time, "press") for time in repeats)]

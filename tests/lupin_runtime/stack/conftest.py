@@ -25,7 +25,7 @@ class Up:
     def __init__(self, home: Path, *arguments: str, prefix: tuple[str, ...] = ()) -> None:
         self.home = home
         self.environment = {**os.environ, "XDG_STATE_HOME": str(home)}
-        # Runs of other tests are up at the same time, and the console's ports are of the whole machine.
+        # Runs of other tests are up at the same time, and the console's ports exist only once on a machine.
         arguments = arguments if "--web" in arguments else (*arguments, "--no-web")
         command = [*prefix, sys.executable, "-m", "lupin_cli.app", "up", *arguments]
         self.process = subprocess.Popen(
@@ -38,46 +38,46 @@ class Up:
         )
 
     def folder(self) -> Path | None:
-        """The run's directory; None before it exists."""
+        """Return the run's directory; None before it exists."""
         for path in (self.home / "lupin" / "runs").glob("*"):
             if (path / "run.json").exists() and json.loads((path / "run.json").read_text())["pid"] == self.process.pid:
                 return path
         return None
 
     def state(self) -> dict[str, Any]:
-        """The last state that the supervisor wrote; empty before the first."""
+        """Return the last state that the supervisor wrote; empty before the first."""
         folder = self.folder()
         if folder is None or not (folder / "state.json").exists():
             return {}
         return {**json.loads((folder / "state.json").read_text()), "run": json.loads((folder / "run.json").read_text())}
 
     def simulator(self) -> dict[str, Any]:
-        """The last state that the simulator wrote: true pose, velocity, collisions."""
+        """Return the last state that the simulator wrote: true pose, velocity, collisions."""
         folder = self.folder()
         path = folder / "sim_state.json" if folder is not None else None
         return json.loads(path.read_text()) if path is not None and path.exists() else {}
 
     def until(self, condition: Callable[[dict[str, Any]], bool], what: str, timeout_s: float = UP_TIMEOUT_S) -> dict[str, Any]:
-        """The first state in which the condition holds."""
+        """Return the first state in which the condition holds."""
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             state = self.state()
             if state.get("stages") and condition(state):
                 return state
-            assert self.process.poll() is None, f"ended while waiting for {what}: {self.process.communicate()}"
+            assert self.process.poll() is None, f"exited while waiting for {what}: {self.process.communicate()}"
             time.sleep(0.1)
         raise AssertionError(f"no {what} within {timeout_s} s: {self.state()}")
 
     def wait_up(self) -> dict[str, Any]:
-        """The first state in which every stage is up."""
+        """Return the first state in which every stage is up."""
         return self.until(lambda state: all(stage["phase"] == "up" for stage in state["stages"]), "stack that is up")
 
     def stage(self, name: str) -> dict[str, Any]:
-        """One stage of the newest state."""
+        """Return one stage of the newest state."""
         return next(stage for stage in self.state()["stages"] if stage["name"] == name)
 
     def kill(self, name: str) -> int:
-        """SIGKILL a process of the run; returns its pid."""
+        """SIGKILL a process of the run; return its pid."""
         pid = int(self.stage(name)["pid"])
         os.kill(pid, signal.SIGKILL)
         return pid
@@ -94,32 +94,32 @@ class Up:
         )
 
     def speed_m_s(self) -> float:
-        """The robot's true speed."""
+        """Return the robot's true speed."""
         twist = self.simulator().get("twist") or [0.0, 0.0, 0.0]
         return float((twist[0] ** 2 + twist[1] ** 2) ** 0.5)
 
     def wait(self, condition: Callable[[], Any], what: str, timeout_s: float = UP_TIMEOUT_S) -> Any:
-        """Wait for the first true value of the condition; fail where the run ends."""
+        """Wait for the first true value of the condition; fail if the run ends."""
         deadline = time.monotonic() + timeout_s
         while not (value := condition()):
-            assert self.process.poll() is None, f"ended while waiting for {what}: {self.process.communicate()}"
+            assert self.process.poll() is None, f"exited while waiting for {what}: {self.process.communicate()}"
             assert time.monotonic() < deadline, f"no {what} within {timeout_s:.0f} s: {self.simulator()} {self.state()}"
             time.sleep(0.1)
         return value
 
     def log(self, stage: str) -> str:
-        """The log of a process of the run."""
+        """Return the log of a process of the run."""
         folder = self.folder()
         path = folder / "logs" / f"{stage}.log" if folder is not None else None
         return path.read_text(errors="replace") if path is not None and path.exists() else ""
 
     def children(self) -> list[psutil.Process]:
-        """The live processes of the run."""
+        """Return the live processes of the run."""
         pids = [stage["pid"] for stage in self.state()["stages"] if stage["pid"] is not None]
         return [psutil.Process(pid) for pid in pids if psutil.pid_exists(pid)]
 
     def result(self, timeout_s: float = 60.0) -> tuple[int, dict[str, Any]]:
-        """Exit status and the JSON object of a run that was started with --json."""
+        """Return exit status and the JSON object of a run that was started with --json."""
         out, err = self.process.communicate(timeout=timeout_s)
         assert out.strip(), err
         return self.process.returncode, json.loads(out)
@@ -171,7 +171,7 @@ class Observer:
         self._executor.spin_until_future_complete(self._end)
 
     def until(self, condition: Callable[[], Any], what: str, timeout_s: float = 30.0) -> Any:
-        """The first true value of the condition."""
+        """Return the first true value of the condition."""
         deadline = time.monotonic() + timeout_s
         while not (value := condition()):
             assert time.monotonic() < deadline, f"no {what} within {timeout_s:.0f} s"
@@ -185,14 +185,14 @@ class Observer:
         return task.result()
 
     def publisher(self, topic: Any) -> Callable[[Any], None]:
-        """A publisher that has matched a subscription."""
+        """Return a publisher that has matched a subscription."""
         made = self.node.publisher(topic)
         self.until(lambda: made.get_subscription_count() > 0, f"reader of {topic.name}")
         result: Callable[[Any], None] = made.publish
         return result
 
     def call(self, service: Any, request: Any) -> Any:
-        """The service's response."""
+        """Return the service's response."""
         client = self.node.client(service)
         self.until(client.service_is_ready, f"server of {service.name}")
         future = client.call_async(request)
@@ -224,5 +224,5 @@ def join() -> Iterator[Callable[[Up], Observer]]:
 
 @pytest.fixture(scope="session")
 def make_up() -> type[Up]:
-    """`lupin up` with a state folder and arguments, for tests that share a run; the caller ends it."""
+    """Return the class Up, for tests that share a run; the caller ends the run."""
     return Up

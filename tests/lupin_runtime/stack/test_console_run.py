@@ -1,6 +1,6 @@
-"""A run with its console: pictures, a client that drives, and the console killed and stopped beneath it.
+"""A run with its console: pictures, a client that drives, and a console that is killed or suspended meanwhile.
 
-One test, because the console's ports are of the whole machine.
+One test, because the console's ports exist only once on a machine.
 """
 
 from __future__ import annotations
@@ -55,24 +55,24 @@ def at_rest(run: Up) -> bool:
 
 
 def stopped(run: Up, times: int) -> bool:
-    """Whether the e-stop has engaged so often because a console was lost."""
+    """Return whether lost consoles have engaged the e-stop this many times."""
     return run.log("estop").count(LOST) == times
 
 
 def release(browser: Browser) -> bool:
-    """Release the stop; False while the console does not answer yet."""
+    """Release the stop; return False while the console does not answer yet."""
     with suppress(OSError):
         return bool(browser.post("/_api/stop", engaged=False)["stop"] == [])
     return False
 
 
 def replaced(before: dict[str, Any], state: dict[str, Any]) -> bool:
-    """Whether another process than `before` is up."""
+    """Return whether a process other than `before` is up."""
     stage = next(stage for stage in state["stages"] if stage["name"] == "console")
     return bool(stage["phase"] == "up" and stage["pid"] != before["pid"])
 
 
-def test_console_serves_a_run_and_its_end_stops_who_drives(launch: Callable[..., Up]) -> None:
+def test_console_serves_a_run_and_its_loss_stops_the_robot(launch: Callable[..., Up]) -> None:
     run = launch("--headless", "--json", "--world", "walled", "--no-record", "--web")
     run.wait_up()
     folder = run.folder()
@@ -104,7 +104,7 @@ def test_console_serves_a_run_and_its_end_stops_who_drives(launch: Callable[...,
         run.wait(lambda: at_rest(run), f"rest after {number.name}")
         run.until(partial(replaced, before), "another console")
         client.close()
-        # The next console may be up before the e-stop counts the former as lost: a release that comes earlier releases nothing.
+        # The next console may be up before the e-stop counts the former as lost, and an earlier release has no effect.
         run.wait(partial(stopped, run, losses), f"the stop after {number.name}")
         run.wait(lambda: release(browser), "release by the browser, which is still paired")
 

@@ -120,7 +120,7 @@ def write_files(folder: Path, kind: Kind, content: bytes) -> Path:
 
 
 def run_command(kind: Kind, path: Path) -> tuple[int, str]:
-    """Exit status and output of the command; an unhandled exception fails the test."""
+    """Return exit status and output of the command; an unhandled exception fails the test."""
     result = CliRunner().invoke(app, kind.command(str(path)), catch_exceptions=False)
     return result.exit_code, result.output + result.stderr
 
@@ -165,12 +165,12 @@ def mutate(valid: bytes, at: float, cut: int, insert: bytes) -> bytes:
 
 @pytest.mark.parametrize("name", KINDS)
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(where=MUTATION)
+@given(mutation=MUTATION)
 def test_mutated_file_is_accepted_or_refused_by_name(
-    name: str, tmp_path: Path, home: Path, where: tuple[float, int, bytes]
+    name: str, tmp_path: Path, home: Path, mutation: tuple[float, int, bytes]
 ) -> None:
     kind = KINDS[name]
-    content = mutate(kind.valid, *where)
+    content = mutate(kind.valid, *mutation)
     path = write_files(tmp_path, kind, content)
     status, output = run_command(kind, path)
     accepted = status == 0 or "discovery-goal" in output
@@ -182,9 +182,9 @@ def test_mutated_file_is_accepted_or_refused_by_name(
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(where=MUTATION)
-def test_mutated_arm_library_is_kept_byte_for_byte(tmp_path: Path, where: tuple[float, int, bytes]) -> None:
-    content = mutate(json.dumps(LIBRARY).encode(), *where)
+@given(mutation=MUTATION)
+def test_mutated_arm_library_is_kept_byte_for_byte(tmp_path: Path, mutation: tuple[float, int, bytes]) -> None:
+    content = mutate(json.dumps(LIBRARY).encode(), *mutation)
     folder = tmp_path / "library"
     folder.mkdir(exist_ok=True)
     for old in folder.iterdir():

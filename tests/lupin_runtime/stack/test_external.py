@@ -42,7 +42,7 @@ def external() -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
 
 
 @pytest.mark.parametrize("end", ["terminate", "kill", "input"])
-def test_external_program_ends_with_its_wrapper(external: Any, tmp_path: Path, end: str) -> None:
+def test_external_program_exits_with_its_wrapper(external: Any, tmp_path: Path, end: str) -> None:
     note = tmp_path / "pid"
     wrapper = external(sys.executable, "-c", SLEEPER, str(note))
     wait_until(lambda: note.exists() and note.read_text(), "start of the program")
@@ -57,7 +57,7 @@ def test_external_program_ends_with_its_wrapper(external: Any, tmp_path: Path, e
 
 def test_closed_external_program_is_not_restarted(external: Any) -> None:
     wrapper = external(sys.executable, "-c", "raise SystemExit(3)")
-    assert b"has ended with status 3" in wrapper.stdout.readline()
+    assert b"exited with status 3" in wrapper.stdout.readline()
     assert wrapper.poll() is None
     os.kill(wrapper.pid, signal.SIGTERM)
     assert wrapper.wait(10.0) == 0

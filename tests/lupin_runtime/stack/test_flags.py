@@ -12,7 +12,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from lupin_cli.commands.up import _pose, _unavailable, command
+from lupin_cli.commands.up import _find_unavailable, _pose, command
 from lupin_runtime.stack import table
 from lupin_runtime.stack.table import ONBOARD, Options, launch, rows
 
@@ -27,28 +27,30 @@ def program_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_parts_missing_from_this_release_are_reported() -> None:
-    assert _unavailable(web=False, joystick=True, rviz=False) == {"joystick": "the Xbox teleop is not in this release"}
-    assert _unavailable(web=False, joystick=False, rviz=False) == {}
+    assert _find_unavailable(web=False, joystick=True, rviz=False) == {"joystick": "the Xbox teleop is not in this release"}
+    assert _find_unavailable(web=False, joystick=False, rviz=False) == {}
 
 
-def test_port_of_the_console_that_is_in_use_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_used_console_port_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         monkeypatch.setattr(table, "ROSBRIDGE_PORT", port)
-        reason = _unavailable(True, False, False)["web"]
+        reason = _find_unavailable(True, False, False)["web"]
         assert reason.startswith(f"port {port} is in use by process {os.getpid()} (")
-    assert _unavailable(True, False, False) == {}
+    assert _find_unavailable(True, False, False) == {}
 
 
-def test_port_of_the_video_server_that_is_in_use_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_used_video_port_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         monkeypatch.setattr(table, "VIDEO_PORT", port)
-        assert f"port {port} is in use by process {os.getpid()} (" in _unavailable(False, False, False, video=True)["video"]
-    assert _unavailable(False, False, False, video=True) == {}
+        assert (
+            f"port {port} is in use by process {os.getpid()} (" in _find_unavailable(False, False, False, video=True)["video"]
+        )
+    assert _find_unavailable(False, False, False, video=True) == {}
 
 
-def test_pictures_of_the_simulated_cameras_are_served_with_the_console() -> None:
+def test_simulated_cameras_are_served_with_the_console() -> None:
     def serves(**options: bool | str) -> bool:
         return any(row.name == "video" for row in rows(replace(Options(), **options)))  # type: ignore[arg-type]
 
@@ -59,7 +61,7 @@ def test_pictures_of_the_simulated_cameras_are_served_with_the_console() -> None
     assert not serves(console=True, target="robot")
 
 
-def test_mission_without_graphics_is_refused_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mission_without_graphics_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     from lupin_sim import graphics
 
     monkeypatch.setattr(graphics, "usable_backend", lambda: graphics.DISABLED)
@@ -69,30 +71,30 @@ def test_mission_without_graphics_is_refused_with_what_to_install(monkeypatch: p
     assert done.exit_code == 2 and "apt-get install libegl1 libgl1" in done.output
 
 
-def test_port_of_foxglove_that_is_in_use_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_used_foxglove_port_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         monkeypatch.setattr(table, "FOXGLOVE_PORT", port)
-        reason = _unavailable(False, False, False, foxglove=True)["foxglove"]
+        reason = _find_unavailable(False, False, False, foxglove=True)["foxglove"]
         assert reason.startswith(f"port {port} is in use by process {os.getpid()} (")
-    assert _unavailable(False, False, False, foxglove=True) == {}
+    assert _find_unavailable(False, False, False, foxglove=True) == {}
 
 
 @pytest.mark.parametrize("target", ["sim", "robot", ONBOARD])
-def test_foxglove_runs_only_where_it_was_asked_for_and_restarts(target: str) -> None:
+def test_foxglove_runs_only_if_requested_and_restarts(target: str) -> None:
     assert all(row.name != "foxglove" for row in rows(Options(target=target)))
     found = [row for row in rows(Options(target=target, foxglove=True)) if row.name == "foxglove"]
     assert [row.on_death for row in found] == ([] if target == ONBOARD else ["restart"])
 
 
 def test_missing_rviz_or_display_is_reported_with_advice(program_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "rviz2 is not on PATH" in _unavailable(False, False, rviz=True)["rviz"]
+    assert "rviz2 is not on PATH" in _find_unavailable(False, False, rviz=True)["rviz"]
     program = program_path / "rviz2"
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
-    assert "needs a display" in _unavailable(False, False, rviz=True)["rviz"]
+    assert "needs a display" in _find_unavailable(False, False, rviz=True)["rviz"]
     monkeypatch.setenv("DISPLAY", ":0")
-    assert _unavailable(False, False, rviz=True) == {}
+    assert _find_unavailable(False, False, rviz=True) == {}
 
 
 def test_initial_pose_reaches_amcl_with_a_simulator_default() -> None:
@@ -131,7 +133,7 @@ def test_rviz_row_uses_the_clock_of_the_target(target: str, simulated: str) -> N
 
 
 def test_option_defaults_equal_those_of_a_run() -> None:
-    """The defaults in `lupin up --help` are those of Options, except where they depend on the target."""
+    """The defaults in `lupin up --help` are those of Options, except those that depend on the target."""
     defaults = {name: each.default.default for name, each in inspect.signature(command).parameters.items()}
     fields = {name: value for name, value in vars(Options()).items() if name in defaults}
     by_target = {"discovery_goal", "monitoring_rounds", "rviz"}

@@ -57,7 +57,7 @@ class Goals:
         self.fastest = max(self.fastest, *map(abs, speeds))
 
     def go(self, x: float, y: float, timeout_s: float = 90.0) -> Any:
-        """Drive to a point of the map; returns the result, or None where the goal was rejected."""
+        """Drive to a point of the map; return the result, or None if the goal was rejected."""
         sent = self._observer.within(lambda: self._client.send_goal_async(self._type.Goal(pose=pose_message(x, y))))
         handle = self._observer.until(lambda: sent.done() and sent.result(), "answer to the goal")
         if not handle.accepted:
@@ -196,7 +196,7 @@ class Buttons:
 
 @pytest.fixture
 def start_process() -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
-    """`lupin run PROCESS` in the foreground; it is stopped after the test."""
+    """Start `lupin run PROCESS` in the foreground; it is stopped after the test."""
     made: list[subprocess.Popen[bytes]] = []
 
     def start(run: Any, *arguments: str) -> subprocess.Popen[bytes]:
@@ -207,7 +207,7 @@ def start_process() -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
 
     yield start
     for one in made:
-        one.terminate()  # its child process ends with its standard input
+        one.terminate()  # its child process exits when its standard input is closed
         one.wait(20.0)
 
 

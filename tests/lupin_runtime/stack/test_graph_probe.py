@@ -33,15 +33,15 @@ CHECKS = (*controllers.CHECKS, *drive.CHECKS, *topic_delivery.CHECKS, *motor_boa
 
 
 def probe() -> Graph:
-    """The probed graph of this test."""
+    """Return the probed graph of this test."""
     command = [sys.executable, "-m", "lupin_runtime.stack.graph_probe", "--here"]
     answer = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert answer.returncode == 0, answer.stderr
     return read(answer.stdout)
 
 
-def read(told: str) -> Graph:
-    return parse(Output(0, '{"graphs": [{"name": "test", "kind": "sim", ' + told.strip()[1:] + "]}")).graphs[0]
+def read(text: str) -> Graph:
+    return parse(Output(0, '{"graphs": [{"name": "test", "kind": "sim", ' + text.strip()[1:] + "]}")).graphs[0]
 
 
 def ids(seen: Graph) -> list[str]:
@@ -52,7 +52,7 @@ def ids(seen: Graph) -> list[str]:
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
-    """Starts simulated robots as processes and waits until they publish."""
+    """Start simulated robots as processes, and wait until they publish."""
     running: list[subprocess.Popen[bytes]] = []
 
     def start(*arguments: str) -> subprocess.Popen[bytes]:
@@ -90,7 +90,7 @@ def test_unconfigured_controllers_are_the_root_cause(robot: Callable[..., Any]) 
 
 
 @pytest.mark.graph
-def test_robot_stopped_after_discovery_gives_names_no_samples(
+def test_robot_hung_after_discovery_gives_names_but_no_samples(
     robot: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     process = robot()
@@ -176,8 +176,8 @@ from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.node import interface
 rclpy.init(args=[])
 node = LupinNode("speaker")
-said = [(node.publisher(row), interface(row.type)()) for row in (graph.SCAN, graph.ODOM, graph.BATTERY)]
-node.create_timer(0.1, lambda: [publisher.publish(message) for publisher, message in said])
+messages = [(node.publisher(row), interface(row.type)()) for row in (graph.SCAN, graph.ODOM, graph.BATTERY)]
+node.create_timer(0.1, lambda: [publisher.publish(message) for publisher, message in messages])
 print("up", flush=True)
 rclpy.spin(node)
 """
@@ -200,11 +200,11 @@ finally:
 
 @pytest.mark.graph
 @pytest.mark.host
-@pytest.mark.usefixtures("own_mounts")  # a /dev/shm of its own
-def test_separate_shared_memory_is_found_with_udp_as_the_fix() -> None:
+@pytest.mark.usefixtures("private_mounts")  # its own /dev/shm
+def test_separate_shared_memory_is_found_and_udp_fixes_it() -> None:
     unset = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS")
     environment = {key: value for key, value in os.environ.items() if key not in unset}
-    # In a network namespace of their own both use the default transports, and no packet leaves it.
+    # In their own network namespace both use the default transports, and no packet leaves it.
     alone = ["unshare", "--net", "sh", "-c", 'ip link set lo up && exec "$@"', "sh"]
     command = [*alone, sys.executable, "-c", PROBE, SPEAKER]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=90)
@@ -224,8 +224,8 @@ def test_empty_graph_gives_no_finding() -> None:
 
 def test_probe_that_hangs_is_killed_and_reported() -> None:
     process = subprocess.Popen(["sleep", "600"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    told = graph_probe._finish(process, time.monotonic() + 0.2)
-    assert "did not end" in told["error"] and process.poll() is not None
+    result = graph_probe._finish(process, time.monotonic() + 0.2)
+    assert "did not finish" in result["error"] and process.poll() is not None
 
 
 def test_probe_that_fails_reports_its_last_error_line() -> None:
@@ -235,8 +235,8 @@ def test_probe_that_fails_reports_its_last_error_line() -> None:
         stderr=subprocess.PIPE,
         text=True,
     )
-    told = graph_probe._finish(process, time.monotonic() + 30)
-    assert told["error"] == "the graph probe ended with status 1: no such middleware"
+    result = graph_probe._finish(process, time.monotonic() + 30)
+    assert result["error"] == "the graph probe exited with status 1: no such middleware"
 
 
 def test_known_graphs_are_live_runs_and_the_robot_once_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

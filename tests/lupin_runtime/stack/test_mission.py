@@ -17,7 +17,7 @@ RESTARTABLE = ("perception", "twin", "recorder", "body", "estop", "drive", "nav"
 
 
 def speed_m_s(run: Any) -> float:
-    """The robot's true speed."""
+    """Return the robot's true speed."""
     twist = run.simulator().get("twist") or [0.0, 0.0, 0.0]
     return float((twist[0] ** 2 + twist[1] ** 2) ** 0.5)
 

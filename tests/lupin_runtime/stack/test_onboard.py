@@ -59,10 +59,10 @@ def test_onboard_notifies_ready_restarts_and_stops_cleanly(tmp_path: Path) -> No
             text=True,
         )
         try:
-            said = [manager.recv(4096).decode()]
-            while said[-1] != "READY=1":
-                said.append(manager.recv(4096).decode())
-            assert any("waiting for: estop (/e_stop_state: " in line for line in said)
+            notifications = [manager.recv(4096).decode()]
+            while notifications[-1] != "READY=1":
+                notifications.append(manager.recv(4096).decode())
+            assert any("waiting for: estop (/e_stop_state: " in line for line in notifications)
             state = stages(tmp_path)
             os.kill(state["drive"]["pid"], signal.SIGKILL)
             wait_until(
@@ -76,7 +76,7 @@ def test_onboard_notifies_ready_restarts_and_stops_cleanly(tmp_path: Path) -> No
             service.send_signal(signal.SIGTERM)
             text, _ = service.communicate(timeout=TIMEOUT_S)
     assert service.returncode == 0, text
-    assert "drive ended by SIGKILL: restarted" in text
+    assert "drive was killed by SIGKILL: restarted" in text
     assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
 
 
@@ -91,7 +91,7 @@ def test_monitor_resubscribes_until_a_sample_arrives(graph_host: GraphHost, monk
     monkeypatch.setattr("rclpy.init", lambda **_: None)  # the test's context is initialized already
     monitor, condition, created = module.GraphMonitor(rated=()), TopicSample(graph.ESTOP_STATE), []
     make_probe = monitor._make_probe
-    monkeypatch.setattr(monitor, "_make_probe", lambda wanted: created.append(wanted) or make_probe(wanted))  # type: ignore[func-returns-value]
+    monkeypatch.setattr(monitor, "_make_probe", lambda needed: created.append(needed) or make_probe(needed))  # type: ignore[func-returns-value]
     deadline = time.monotonic() + TIMEOUT_S
     while len(created) < 3 and time.monotonic() < deadline:
         assert not monitor.satisfied(condition)

@@ -1,4 +1,4 @@
-"""A recorded process is signalled only where it is still the same process."""
+"""A recorded process is signalled only if its PID still belongs to the same process."""
 
 from __future__ import annotations
 

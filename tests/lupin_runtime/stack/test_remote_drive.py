@@ -75,18 +75,18 @@ class Laptop:
         return self.host.popen([sys.executable, *command], {**self.environment, **environment}, **pipes)
 
     def exports(self) -> dict[str, str]:
-        """The variables that ros-env.sh sets in a terminal."""
-        said = subprocess.run(
+        """Return the variables that ros-env.sh sets in a terminal."""
+        output = subprocess.run(
             ["bash", "-c", f". {self.home}/.config/lupin/ros-env.sh; env"],
             env=self.environment, capture_output=True, text=True, check=True,
         ).stdout  # fmt: skip
-        pairs = (line.split("=", 1) for line in said.splitlines() if "=" in line)
+        pairs = (line.split("=", 1) for line in output.splitlines() if "=" in line)
         return {name: value for name, value in pairs if name not in self.environment}
 
 
 def truth(host: Host) -> list[tuple[float, float, float]]:
-    """The robot's true path: seconds, x, y, ten times a second."""
-    text = host.robot.inside("cat", f"{TRUTH}/truth_trajectory.tum").stdout
+    """Return the robot's true path: seconds, x, y, ten times a second."""
+    text = host.robot.run_as_root("cat", f"{TRUTH}/truth_trajectory.tum").stdout
     rows = [line.split() for line in text.splitlines() if not line.startswith("#")]
     return [(float(row[0]), float(row[1]), float(row[2])) for row in rows if len(row) == 8]
 
@@ -96,15 +96,15 @@ def moved_m(track: list[tuple[float, float, float]]) -> float:
 
 
 @pytest.fixture
-def laptop(lupin_robot: Host, tmp_path: Path) -> Laptop:
-    inside = lupin_robot.robot.inside
+def laptop(lupin_host: Host, tmp_path: Path) -> Laptop:
+    run_as_root = lupin_host.robot.run_as_root
     arguments = f"--wall-clock --no-cameras --world walled --run-dir {TRUTH}"
     script = f"""install -d -o mirte {TRUTH}; sed -i "s|^ROBOT_ARGUMENTS=.*|ROBOT_ARGUMENTS='{arguments}'|" /etc/mirte/robot
 for each in /proc/sys/net/ipv4/neigh/*/unres_qlen_bytes; do echo {WAITING_BYTES} > $each; done
 systemctl restart mirte-ros"""
-    done = inside("sh", "-ec", script, timeout_s=60.0)
+    done = run_as_root("sh", "-ec", script, timeout_s=60.0)
     assert done.status == 0, done.stderr
-    return Laptop(lupin_robot, tmp_path)
+    return Laptop(lupin_host, tmp_path)
 
 
 def test_cut_cable_stops_a_robot_driven_by_the_laptop(laptop: Laptop) -> None:
@@ -117,19 +117,19 @@ def test_cut_cable_stops_a_robot_driven_by_the_laptop(laptop: Laptop) -> None:
     try:
         state = laptop.home / "state" / "lupin" / "runs"
 
-        def told(key: str) -> Any:
+        def state_of(key: str) -> Any:
             assert up.poll() is None, up.communicate()
             texts = [path.read_text() for path in state.glob("*/state.json")]
             return json.loads(texts[0])[key] if texts else []
 
         def waits() -> str:
-            robot = next((stage for stage in told("stages") if stage["name"] == "robot"), None)
+            robot = next((stage for stage in state_of("stages") if stage["name"] == "robot"), None)
             return "; ".join(robot["waiting_for"]) if robot else ""
 
         # Only the vendor's software runs: the onboard processes are waited for.
         wait_until(lambda: "/e_stop_state: no publisher" in waits() and "/scan" not in waits(), "what it waits for", 90.0)
-        assert host.robot.inside("systemctl", "start", "lupin-onboard", timeout_s=60.0).status == 0
-        wait_until(lambda: all(stage["phase"] == "up" for stage in told("stages")), "a robot and a half that are up", 90.0)
+        assert host.robot.run_as_root("systemctl", "start", "lupin-onboard", timeout_s=60.0).status == 0
+        wait_until(lambda: all(stage["phase"] == "up" for stage in state_of("stages")), "every stage up", 90.0)
         client = laptop.starts("-c", CLIENT, "2.2", **laptop.exports())
         try:
             assert client.stdout is not None
@@ -147,10 +147,10 @@ def test_cut_cable_stops_a_robot_driven_by_the_laptop(laptop: Laptop) -> None:
             assert moved_m(track[len(at_rest) :]) < 0.005  # type: ignore[arg-type]
             assert moved_m(track[cut:]) < 0.6  # including the lag of the record
             assert math.dist(track[0][1:], track[-1][1:]) < 1.8  # it was still driving
-            wait_until(lambda: sorted(told("silent_s")) == ["/e_stop_state", "/scan"], "word of the silence", 60.0)
+            wait_until(lambda: sorted(state_of("silent_s")) == ["/e_stop_state", "/scan"], "the silent topics", 60.0)
             for link in ("eth0", "wlan0"):
                 host.robot.undo_fault("cable-cut", link=link)
-            wait_until(lambda: told("silent_s") == {}, "the two on one graph again", 90.0)
+            wait_until(lambda: state_of("silent_s") == {}, "both machines on one graph again", 90.0)
         finally:
             client.kill()
             client.communicate()
@@ -159,8 +159,8 @@ def test_cut_cable_stops_a_robot_driven_by_the_laptop(laptop: Laptop) -> None:
             host.robot.undo_fault("cable-cut", link=link)
         up.terminate()
         try:
-            said = up.communicate(timeout=60.0)
+            output = up.communicate(timeout=60.0)
         except subprocess.TimeoutExpired:
             up.kill()
-            said = up.communicate()
-    assert up.returncode == 130, said
+            output = up.communicate()
+    assert up.returncode == 130, output

@@ -1,4 +1,4 @@
-"""Old runs are removed, and never one that is up, kept, or among the newest."""
+"""Old runs are removed, but never one that is up, kept, or among the newest."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STORED = st.lists(
 
 
 @given(STORED, st.integers(0, 20), st.integers(0, 1500))
-def test_removed_are_the_oldest_unprotected_that_exceed_a_limit(stored: list[StoredRun], count: int, size: int) -> None:
+def test_oldest_unprotected_runs_beyond_a_limit_are_removed(stored: list[StoredRun], count: int, size: int) -> None:
     removed = removable(stored, count, size)
     assert not any(one.is_alive or one.is_kept for one in removed)
     assert not set(removed) & set(stored[len(stored) - min(NEWEST_KEPT, count) :])
@@ -44,7 +44,7 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Run]:
     return made
 
 
-def test_removal_takes_the_whole_directory_and_nothing_behind_a_link(runs: list[Run], tmp_path: Path) -> None:
+def test_removal_deletes_the_directory_but_no_link_target(runs: list[Run], tmp_path: Path) -> None:
     precious = tmp_path / "precious"
     precious.mkdir()
     (precious / "file").touch()

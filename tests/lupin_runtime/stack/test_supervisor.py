@@ -96,7 +96,7 @@ def test_killed_process_is_restarted_and_reported(supervise: Any) -> None:
     os.kill(first, signal.SIGKILL)
     until(supervisor, lambda: bool(supervisor.deaths) and stage.phase is Phase.UP)
     assert stage.process.pid != first
-    assert (supervisor.deaths[0].stage, supervisor.deaths[0].status) == ("nav", "ended by SIGKILL")
+    assert (supervisor.deaths[0].stage, supervisor.deaths[0].status) == ("nav", "was killed by SIGKILL")
 
 
 def test_process_that_keeps_dying_gets_three_restarts(supervise: Any) -> None:
@@ -109,7 +109,7 @@ def test_process_that_keeps_dying_gets_three_restarts(supervise: Any) -> None:
     assert [death.ends_run for death in supervisor.deaths] == [False, False, False, True]
 
 
-def test_run_goes_on_without_an_optional_process(supervise: Any) -> None:
+def test_run_continues_without_an_optional_process(supervise: Any) -> None:
     unable = row("console", "raise SystemExit(7)", ready=(TopicSample(graph.MAP),), optional=True)
     supervisor = supervise(FakeMonitor(), unable, row("nav", STAY))
     stage = supervisor.stage("console")
@@ -128,7 +128,7 @@ def test_death_of_the_simulator_stops_the_run(supervise: Any) -> None:
     assert "the run was stopped" in supervisor.deaths[0].consequence and supervisor.deaths[0].ends_run
 
 
-def test_processes_stop_by_rank_and_a_deaf_one_is_killed(
+def test_processes_stop_by_rank_and_a_stuck_one_is_killed(
     supervise: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "STOP_GRACE_S", 1.0)
@@ -186,16 +186,16 @@ def test_stopped_process_blocks_motion_and_is_replaced(supervise: Any) -> None:
 
     until(supervisor, lambda: received_holds()[-1] == "")
     assert received_holds()[:2] == ["", "twin does not respond"]
-    assert {*received_holds()[2:-1]} <= {"twin has ended", "twin is being restarted"}
+    assert {*received_holds()[2:-1]} <= {"twin has exited", "twin is being restarted"}
 
 
-def test_hung_node_is_replaced_though_its_process_sends_beats(supervise: Any) -> None:
+def test_hung_node_is_replaced_although_its_process_sends_beats(supervise: Any) -> None:
     supervisor = supervise(FakeMonitor(), row("nav", STUCK))
     until(supervisor, lambda: bool(supervisor.deaths))
     assert "did not respond" in supervisor.deaths[0].status
 
 
-def test_process_that_is_up_and_never_sends_a_heartbeat_is_replaced(supervise: Any) -> None:
+def test_up_process_without_any_heartbeat_is_replaced(supervise: Any) -> None:
     supervisor = supervise(FakeMonitor(), row("body", STAY, sends_heartbeats=True))
     until(supervisor, lambda: bool(supervisor.deaths))
     assert supervisor.deaths[0].status.startswith("did not respond for 2.")
@@ -219,13 +219,35 @@ def test_hung_main_loop_of_supervisor_blocks_motion(supervise: Any, monkeypatch:
     wait_until(lambda: "the supervisor's main loop does not respond" in log.read_text(), log.read_text)  # without any step
 
 
-def test_process_above_its_memory_limit_is_replaced_with_the_reason(supervise: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_process_above_its_memory_limit_is_replaced(supervise: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "USAGE_PERIOD_S", 0.1)
     supervisor = supervise(FakeMonitor(), row("slam", f"data = bytearray(80_000_000); {STAY}", memory_max_mb=50))
     until(supervisor, lambda: bool(supervisor.deaths))
     status = supervisor.deaths[0].status
     assert status.startswith("used ") and status.endswith(" MB, its limit is 50 MB, and was killed")
     assert supervisor.deaths[0].consequence == "restarted"
+
+
+def test_memory_of_children_counts_toward_the_limit(supervise: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "USAGE_PERIOD_S", 0.1)
+    child = f"data = bytearray(80_000_000); {STAY}"
+    code = f"import subprocess, sys\nsubprocess.run([sys.executable, '-c', {child!r}], stdin=0, start_new_session=True)"
+    supervisor = supervise(FakeMonitor(), row("rviz", code, memory_max_mb=60))
+    until(supervisor, lambda: bool(supervisor.deaths))
+    assert supervisor.deaths[0].status.endswith(" MB, its limit is 60 MB, and was killed")
+
+
+def test_replacement_that_does_not_come_up_is_replaced_again(supervise: Any) -> None:
+    watch = FakeMonitor()
+    ready = TopicSample(graph.SCAN)
+    watch.holds.add(ready)
+    supervisor = supervise(watch, row("slam", STAY, ready=(ready,), up_within_s=0.5))
+    until(supervisor, lambda: supervisor.stages[0].phase is Phase.UP)
+    os.kill(supervisor.stages[0].process.pid, signal.SIGKILL)
+    until(supervisor, lambda: len(supervisor.deaths) == 2)
+    assert supervisor.deaths[1].status == "was not up again within 0.5 s and was killed"
+    watch.holds.add(ready)
+    until(supervisor, lambda: supervisor.stages[0].phase is Phase.UP)
 
 
 def test_long_log_is_shortened_while_its_process_writes(supervise: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -242,7 +264,7 @@ def test_long_log_is_shortened_while_its_process_writes(supervise: Any, monkeypa
     assert log.read_bytes().count(b"\0") == 0
 
 
-def test_child_ends_when_its_supervisor_is_killed_with_heartbeats_unread() -> None:
+def test_child_exits_if_a_killed_supervisor_left_beats_unread() -> None:
     parent = (
         "import socket, subprocess, sys, time\n"
         "channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)\n"
@@ -260,7 +282,7 @@ def test_child_ends_when_its_supervisor_is_killed_with_heartbeats_unread() -> No
     assert not orphan.is_running() or orphan.status() == psutil.STATUS_ZOMBIE
 
 
-def test_children_end_when_their_supervisor_is_killed() -> None:
+def test_children_exit_when_their_supervisor_is_killed() -> None:
     child = "from lupin_runtime.ros.supervision import end_with_parent; import signal; end_with_parent(); signal.pause()"
     parent = (
         "import subprocess, sys, time\n"

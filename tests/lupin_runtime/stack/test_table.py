@@ -16,7 +16,7 @@ ONBOARD = onboard_options()
 
 
 def nodes(options: Options) -> dict[str, NodeRow]:
-    """Every node of a run by its class; fails for a duplicate class."""
+    """Return every node of a run by its class; fails for a duplicate class."""
     found: dict[str, NodeRow] = {}
     for row in rows(options):
         for node in row.nodes:

@@ -46,7 +46,7 @@ def test_interrupted_run_leaves_no_process_or_shared_memory(up: Callable[..., An
     assert shared_memory() <= before
 
 
-def test_killed_supervisor_ends_every_process(up: Callable[..., Any]) -> None:
+def test_killed_supervisor_terminates_every_process(up: Callable[..., Any]) -> None:
     run = up()
     run.wait_up()
     children = run.children()
@@ -65,7 +65,7 @@ def test_two_runs_have_separate_graphs(up: Callable[..., Any]) -> None:
         assert run.process.wait(10) == 130, run.process.communicate()
 
 
-@pytest.mark.usefixtures("own_mounts")  # a small /dev/shm of its own
+@pytest.mark.usefixtures("private_mounts")  # its own small /dev/shm
 def test_full_dev_shm_does_not_stop_a_run(up: Callable[..., Any]) -> None:
     fill = 'mount -t tmpfs -o size=64k tmpfs /dev/shm; dd if=/dev/zero of=/dev/shm/full bs=1k 2>/dev/null; exec "$@"'
     run = up(prefix=("unshare", "--mount", "sh", "-c", fill, "sh"))
@@ -85,7 +85,7 @@ def test_killed_drive_process_is_restarted_and_recorded(up: Callable[..., Any]) 
         "drive bus that is up again",
     )
     assert run.state()["deaths"] == [
-        {"stage": "drive", "status": "ended by SIGKILL", "consequence": "restarted", "ends_run": False}
+        {"stage": "drive", "status": "was killed by SIGKILL", "consequence": "restarted", "ends_run": False}
     ]
 
 
@@ -99,7 +99,7 @@ def test_run_ends_lost_when_the_simulator_dies(up: Callable[..., Any]) -> None:
     assert gone(children)
 
 
-def test_invalid_layout_ends_up_with_a_usage_error(launch: Callable[..., Any], tmp_path: Path) -> None:
+def test_invalid_layout_is_a_usage_error(launch: Callable[..., Any], tmp_path: Path) -> None:
     layout = tmp_path / "broken.json"
     layout.write_text('{"units": "m", "tables": {"A": {"x0": 0, "x1": 1, "y0": 0}}, "tags": {}}')
     run = launch(*BARE, "--world", str(layout))
@@ -108,7 +108,7 @@ def test_invalid_layout_ends_up_with_a_usage_error(launch: Callable[..., Any], t
     assert "broken.json" in err and "y1" in err
 
 
-def test_detached_run_is_shown_by_status_and_ended_by_down(launch: Callable[..., Any]) -> None:
+def test_detached_run_is_shown_by_status_and_stopped_by_down(launch: Callable[..., Any]) -> None:
     run = launch("--detach", *BARE)
     out, err = run.process.communicate(timeout=60)
     assert run.process.returncode == 0, err
@@ -137,7 +137,7 @@ def test_hung_process_is_named_by_status_and_replaced(up: Callable[..., Any]) ->
     run.wait(lambda: run.lupin("status").returncode == 0, "status without an alarm")
 
 
-def test_stopped_supervisor_is_named_by_status_and_ended_by_down(launch: Callable[..., Any]) -> None:
+def test_hung_supervisor_is_named_by_status_and_stopped_by_down(launch: Callable[..., Any]) -> None:
     run = launch(*BARE)
     run.wait_up()
     children = run.children()
@@ -152,7 +152,7 @@ def test_stopped_supervisor_is_named_by_status_and_ended_by_down(launch: Callabl
     assert gone(children)
 
 
-def test_suspended_run_goes_on_without_replacing_anything(up: Callable[..., Any]) -> None:
+def test_suspended_run_continues_without_replacing_anything(up: Callable[..., Any]) -> None:
     run = up()
     run.wait_up()
     everything = [psutil.Process(run.process.pid), *run.children()]
