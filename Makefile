@@ -6,10 +6,11 @@ WORLD ?= demo
 
 INTERFACES := $(shell find interfaces -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name '*.py' -o -name '*.toml' -o -name package.xml | grep -v /build/)
 KERNELS := $(shell find lupin_runtime -name '_kernels.c')
+PAGE := $(shell find web -type f -not -path '*/node_modules/*' -not -path '*/dist/*')
 
-.PHONY: setup mission test test-core test-graph test-host test-mission lint bench lock wheel clean
+.PHONY: setup mission test test-page test-core test-graph test-host test-mission lint bench lock wheel clean
 
-setup: $(VENV)/.lupin
+setup: $(VENV)/.lupin $(VENV)/.page
 
 mission: setup
 	$(VENV)/bin/lupin up --mission --headless --world $(WORLD)
@@ -17,10 +18,13 @@ mission: setup
 # The four stages of the tests. Cores run side by side. Tests that talk over DDS run one after another, since their peers are
 # processes that need the cores themselves. Booted computers mostly wait, and a mission keeps its own pace, so several run at once.
 PYTEST := $(PY) -m pytest -q --durations=12 --durations-min=5
-test: setup lint test-core test-graph test-host test-mission
+test: setup lint test-page test-core test-graph test-host test-mission
 
 test-core: setup
 	$(PYTEST) -n 2 $(COVERAGE) -m "not graph and not sim and not host and not mission" tests
+
+test-page: setup
+	$(PY) tools/build_page.py test
 
 test-graph: setup
 	$(PYTEST) -m "(graph or sim) and not host and not mission" tests
@@ -36,6 +40,7 @@ lint: setup
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
+	$(PY) tools/build_page.py lint
 
 bench: setup
 	$(PY) -m bench
@@ -72,6 +77,12 @@ $(VENV)/.lupin: $(VENV)/.interfaces pyproject.toml setup.py $(KERNELS)
 	$(PY) -m compileall -q lupin_cli lupin_runtime lupin_sim
 	touch $@
 
+# The console's page, which the package carries. Node comes with the environment where the system's is too old for it.
+$(VENV)/.page: $(VENV)/.packages $(PAGE) tools/build_page.py
+	$(PY) tools/build_page.py
+	touch $@
+
 clean:
+	rm -rf lupin_runtime/console/page web/node_modules web/dist
 	rm -rf $(VENV) build *.egg-info
 	find lupin_runtime lupin_cli lupin_sim -name '*.so' -delete

@@ -1,0 +1,26 @@
+import { defineConfig } from "@playwright/test";
+
+const CHROMIUM = process.env["LUPIN_CHROMIUM"] ?? "/usr/bin/chromium";
+/** A running console, for the tests of `tests/live`. */
+const live = process.env["LUPIN_CONSOLE"];
+
+export default defineConfig({
+  testDir: live === undefined ? "tests/mock" : "tests/live",
+  timeout: 60_000,
+  workers: live === undefined ? 2 : 1,
+  retries: 0,
+  reporter: [["list"]],
+  outputDir: "test-results",
+  use: {
+    baseURL: live ?? "http://127.0.0.1:5299/page/",
+    viewport: { width: 1440, height: 900 },
+    locale: "en-US",
+    launchOptions: {
+      executablePath: CHROMIUM,
+      args: ["--no-sandbox", "--disable-gpu", "--disable-quic", "--disable-background-networking", "--disable-component-update", "--disable-sync"],
+    },
+  },
+  ...(live === undefined
+    ? { webServer: { command: "npx vite preview --host 127.0.0.1 --port 5299 --strictPort", url: "http://127.0.0.1:5299/page/", timeout: 60_000 } }
+    : {}),
+});

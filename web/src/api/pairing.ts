@@ -1,0 +1,17 @@
+/** Pairing this browser with the console's server. */
+import { socketUrl } from "@/environment";
+import { followServer } from "./events";
+import { ask } from "./http";
+
+/** Pair this browser by a code, then follow the server. Throws ApiError with the reason. */
+export async function pair(code: string): Promise<void> {
+  await ask("/_api/pair", { code });
+  await followServer(socketUrl("/_api/events"));
+}
+
+/** The code that a QR code put into the address, which is taken out of it: it stays in no address bar and no history. */
+export function takeScannedCode(): string | null {
+  const scanned = new URLSearchParams(location.hash.slice(1)).get("code");
+  if (scanned !== null) history.replaceState(null, "", location.pathname);
+  return scanned;
+}

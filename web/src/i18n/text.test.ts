@@ -1,0 +1,13 @@
+import { describe, expect, it } from "vitest";
+import { TEXT_KEYS, textIn } from "./text";
+
+describe("texts", () => {
+  it("have the same places for values in both languages", () => {
+    const places = (text: string) => [...text.matchAll(/\{(\w+)\}/g)].map((match) => match[1]).toSorted();
+    for (const key of TEXT_KEYS) expect([key, places(textIn("nl", key))]).toEqual([key, places(textIn("en", key))]);
+  });
+
+  it("take values as they are", () => {
+    expect(textIn("en", "driving_to", { tag: "<b>$&{tag}" })).toBe("Driving to tag <b>$&{tag}");
+  });
+});

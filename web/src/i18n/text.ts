@@ -1,0 +1,95 @@
+/** The page's texts: one catalog, in English and Dutch. */
+import { useCallback } from "react";
+import { create } from "zustand";
+import { localStorageOrNull } from "@/state/settings";
+import { arm } from "./catalog/arm";
+import { boot } from "./catalog/boot";
+import { cameras } from "./catalog/cameras";
+import { doctor } from "./catalog/doctor";
+import { logs } from "./catalog/logs";
+import { map } from "./catalog/map";
+import { mission } from "./catalog/mission";
+import { palette } from "./catalog/palette";
+import { runs } from "./catalog/runs";
+import { settings } from "./catalog/settings";
+import { shell } from "./catalog/shell";
+import { telemetry } from "./catalog/telemetry";
+import { teleop } from "./catalog/teleop";
+import { voice } from "./catalog/voice";
+
+const english = {
+  ...arm.en,
+  ...boot.en,
+  ...cameras.en,
+  ...doctor.en,
+  ...logs.en,
+  ...map.en,
+  ...mission.en,
+  ...palette.en,
+  ...runs.en,
+  ...settings.en,
+  ...shell.en,
+  ...telemetry.en,
+  ...teleop.en,
+  ...voice.en,
+};
+const dutch: Record<TextKey, string> = {
+  ...arm.nl,
+  ...boot.nl,
+  ...cameras.nl,
+  ...doctor.nl,
+  ...logs.nl,
+  ...map.nl,
+  ...mission.nl,
+  ...palette.nl,
+  ...runs.nl,
+  ...settings.nl,
+  ...shell.nl,
+  ...telemetry.nl,
+  ...teleop.nl,
+  ...voice.nl,
+};
+
+export type TextKey = keyof typeof english;
+export type Language = "en" | "nl";
+export const TEXT_KEYS = Object.keys(english) as TextKey[];
+export type TextValues = Record<string, string | number>;
+
+const CATALOG: Record<Language, Record<TextKey, string>> = { en: english, nl: dutch };
+const KEY = "lupin-language";
+
+export const LANGUAGES: readonly { value: Language; label: string }[] = [
+  { value: "en", label: "English" },
+  { value: "nl", label: "Nederlands" },
+];
+
+function preferredLanguage(): Language {
+  const stored = localStorageOrNull()?.getItem(KEY);
+  if (stored === "en" || stored === "nl") return stored;
+  return navigator.language.startsWith("nl") ? "nl" : "en";
+}
+
+export const useLanguage = create<{ language: Language }>(() => ({ language: preferredLanguage() }));
+
+export function setLanguage(language: Language): void {
+  useLanguage.setState({ language });
+  document.documentElement.lang = language;
+  try {
+    localStorageOrNull()?.setItem(KEY, language);
+  } catch {
+    // Storage is full: the language holds until the page is closed.
+  }
+}
+
+/** A text of the catalog, with `{name}` replaced by the values. */
+export function textIn(language: Language, key: TextKey, values: TextValues = {}): string {
+  return CATALOG[language][key].replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
+}
+
+export type Text = (key: TextKey, values?: TextValues) => string;
+
+/** The function that returns texts in the language of the page. */
+export function useText(): Text {
+  const language = useLanguage((state) => state.language);
+  return useCallback((key, values) => textIn(language, key, values), [language]);
+}

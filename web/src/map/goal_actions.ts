@@ -1,0 +1,56 @@
+/** What the operator's drawn poses do on the robot. */
+import { ApiError, ask } from "@/api/http";
+import { ACTIONS, TOPICS } from "@/generated/graph";
+import type { nav2_msgs_ComputePathToPose_Result } from "@/generated/messages";
+import { cancelGoals, link, publish } from "@/robot";
+import type { Pose2 } from "@/ros/tf";
+import { setting } from "@/state/settings";
+import { goalMessage, initialPoseMessage, pathProblem } from "./goal";
+import { type Preview, useMapUi } from "./map_ui";
+import { readPath } from "./route";
+
+/** Send the robot to a pose. Whether it goes is seen by its plan. Throws where the server refuses control. */
+export async function sendGoal(pose: Pose2): Promise<void> {
+  await takeControl();
+  const row = { name: setting("goalPoseTopic"), type: TOPICS.GOAL_POSE.type };
+  if (!publish(row, goalMessage(pose, setting("mapFrame")))) throw new ApiError(0, "there is no link to the robot");
+  useMapUi.setState({ sent: { pose, atMs: performance.now() }, draft: null, preview: null, tool: "move" });
+}
+
+/** Tell the robot where it is. Throws where the server refuses control. */
+export async function sendInitialPose(pose: Pose2): Promise<void> {
+  await takeControl();
+  if (!publish(TOPICS.INITIAL_POSE, initialPoseMessage(pose, setting("mapFrame")))) throw new ApiError(0, "there is no link to the robot");
+  useMapUi.setState({ draft: null, preview: null, tool: "move" });
+}
+
+/** A publication is refused without an answer; this says why before it is sent. */
+async function takeControl(): Promise<void> {
+  await ask("/_api/lease", { action: "take" });
+}
+
+export function cancelNavigation(): void {
+  cancelGoals();
+  useMapUi.setState({ sent: null });
+}
+
+/** Ask the planner for the way to a pose; the returned function gives up. */
+export function askForPath(pose: Pose2, answered: (preview: Preview) => void): () => void {
+  const row = ACTIONS.COMPUTE_PATH_TO_POSE;
+  const goal = { goal: goalMessage(pose, setting("mapFrame")), planner_id: "", use_start: false };
+  const handle = link.sendGoal<nav2_msgs_ComputePathToPose_Result>(row.name, row.type, goal, () => {});
+  let isWanted = true;
+  handle.result
+    .then(({ result }) => {
+      const points = readPath(result?.path);
+      const problem: Preview["problem"] = pathProblem(result?.error_code ?? 0) ?? (points.length === 0 ? "map_no_path" : null);
+      if (isWanted) answered({ points, problem, isPending: false });
+    })
+    .catch(() => {
+      if (isWanted) answered({ points: [], problem: "map_no_planner", isPending: false });
+    });
+  return () => {
+    isWanted = false;
+    handle.cancel();
+  };
+}

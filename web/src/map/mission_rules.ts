@@ -1,0 +1,60 @@
+/** Which request to the mission is possible now, and why not: as the robot will judge it. */
+import type { lupin_msgs_MissionState } from "@/generated/messages";
+import type { TextKey } from "@/i18n/text";
+import { ACTIVE_STATES } from "@/state/sentence";
+
+export type MissionAction = "start" | "pause" | "resume" | "abort" | "skip" | "dock" | "reset";
+
+export interface MissionFacts {
+  linkOpen: boolean;
+  isViewer: boolean;
+  /** Another session has control. */
+  isHeldByOther: boolean;
+  /** The robot's e-stop; null while it is not known. */
+  stopped: boolean | null;
+  /** The mission's state; null where there is none, or where it is out of date. */
+  mission: Pick<lupin_msgs_MissionState, "lifecycle_state" | "current_target" | "paused" | "estop_engaged" | "battery_low"> | null;
+}
+
+const RESUMABLE = ["EXPLORING", "INSPECTING", "MONITORING"];
+
+/** Why an action is not possible; null where it is. */
+export function refusal(action: MissionAction, facts: MissionFacts): TextKey | null {
+  const { mission } = facts;
+  if (!facts.linkOpen) return "mission_no_link";
+  if (mission === null) return "mission_silent";
+  if (facts.isViewer) return "mission_viewer";
+  if (facts.isHeldByOther) return "mission_held";
+  const isStopped = facts.stopped === true || mission.estop_engaged;
+  const active = (ACTIVE_STATES as readonly string[]).includes(mission.lifecycle_state);
+  switch (action) {
+    case "start":
+      if (active) return "mission_running";
+      if (mission.lifecycle_state === "FAULT") return "mission_reset_first";
+      if (mission.lifecycle_state !== "READY" && mission.lifecycle_state !== "DONE") return "mission_not_ready";
+      if (isStopped) return "mission_release_first";
+      return mission.battery_low ? "mission_charge_first" : null;
+    case "pause":
+      if (!active) return "mission_none_running";
+      if (mission.paused) return "mission_is_paused";
+      return mission.lifecycle_state === "RETURNING" && mission.battery_low ? "mission_returns_to_charge" : null;
+    case "resume":
+      if (!active || !mission.paused) return "mission_not_paused";
+      if (isStopped) return "mission_release_first";
+      return mission.battery_low && mission.lifecycle_state !== "RETURNING" ? "mission_charge_first" : null;
+    case "abort":
+      if (!active) return "mission_none_running";
+      return mission.lifecycle_state === "RETURNING" && mission.battery_low && !mission.paused ? "mission_returns_to_charge" : null;
+    case "skip":
+      return mission.lifecycle_state === "INSPECTING" && mission.current_target !== "" ? null : "mission_skip_in_inspection";
+    case "dock":
+      return RESUMABLE.includes(mission.lifecycle_state) ? null : "mission_dock_while_active";
+    case "reset":
+      return mission.lifecycle_state === "FAULT" ? null : "mission_reset_in_fault";
+  }
+}
+
+/** The tag ids of a text, divided by commas or spaces; duplicates are kept, since a mission may visit a tag twice. */
+export function readTagIds(text: string): string[] {
+  return text.split(/[\s,;]+/).filter((id) => id !== "");
+}

@@ -1,0 +1,21 @@
+/** The species of flowers: their colors on the map (CONTRACT 15.8) and their names. */
+import type { TextKey } from "@/i18n/text";
+
+const SPECIES: Record<string, { color: string; name: TextKey }> = {
+  tulip_red: { color: "#e23a3a", name: "map_tulip_red" },
+  tulip_white: { color: "#e8e8ee", name: "map_tulip_white" },
+  tulip_pink: { color: "#ec6aa6", name: "map_tulip_pink" },
+};
+const OTHER_COLOR = "#9aa0aa";
+
+export function speciesColor(species: string): string {
+  return SPECIES[species]?.color ?? OTHER_COLOR;
+}
+
+/** The text of a species; null where it is one that the page does not know, which is shown as it is called. */
+export function speciesName(species: string): TextKey | null {
+  return species === "" ? "map_unclassified" : (SPECIES[species]?.name ?? null);
+}
+
+/** The colors of the states of health on the map (CONTRACT 15.8): for marks, never for text. */
+export const HEALTH_COLORS = { healthy: "#3ec46d", stressed: "#e0b341", critical: "#e23a3a", no_data: "#6b7280" } as const;

@@ -1,0 +1,116 @@
+/** What moves on the floor beside the robot: its plan, its trail, and what the lidar sees. */
+import { useRef } from "react";
+import { BufferAttribute, BufferGeometry, type Mesh, type MeshBasicMaterial, type Points } from "three";
+import { FRESH_TRAIL_MS } from "@/map/draw/motion";
+import { LIDAR } from "@/generated/robot_model";
+import { SCAN_STALE_MS, liveMap } from "@/map/live_map";
+import { ribbon } from "@/map/ribbon";
+import { PLAN_FORGOTTEN_MS, PLAN_STALE_MS, remaining } from "@/map/route";
+import type { Point } from "@/map/view";
+import { useLiveUpdate } from "./use_live";
+
+const PLAN_WIDTH_M = 0.05;
+const TRAIL_WIDTH_M = 0.035;
+
+function setRibbon(mesh: Mesh, points: readonly Point[], widthM: number, z: number): void {
+  const { positions, indices } = ribbon(points, widthM, z);
+  mesh.geometry.dispose();
+  mesh.geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(positions, 3)).setIndex(new BufferAttribute(indices, 1));
+  mesh.visible = indices.length > 0;
+}
+
+export function Plan({ isStopped, color }: { isStopped: boolean; color: string }) {
+  const band = useRef<Mesh>(null);
+  useLiveUpdate(["motion"], () => {
+    if (band.current === null) return;
+    const { plan, pose } = liveMap;
+    const age = plan === null ? Infinity : performance.now() - plan.receivedMs;
+    setRibbon(band.current, plan === null || age > PLAN_FORGOTTEN_MS ? [] : remaining(plan.points, pose), PLAN_WIDTH_M, 0.012);
+    (band.current.material as MeshBasicMaterial).color.set(isStopped || age > PLAN_STALE_MS ? "#7d8780" : color);
+  });
+  return (
+    <mesh ref={band} renderOrder={4} frustumCulled={false}>
+      <bufferGeometry />
+      <meshBasicMaterial color={color} transparent depthWrite={false} />
+    </mesh>
+  );
+}
+
+export function TrailLine({ color }: { color: string }) {
+  const band = useRef<Mesh>(null);
+  useLiveUpdate(["motion"], () => {
+    if (band.current === null) return;
+    const nowMs = performance.now();
+    const { points } = liveMap.trail;
+    const since = points.findLastIndex((point) => point.begins || nowMs - point.atMs > FRESH_TRAIL_MS);
+    setRibbon(band.current, points.slice(Math.max(0, since)), TRAIL_WIDTH_M, 0.008);
+  });
+  return (
+    <mesh ref={band} renderOrder={3} frustumCulled={false}>
+      <bufferGeometry />
+      <meshBasicMaterial color={color} transparent opacity={0.6} depthWrite={false} />
+    </mesh>
+  );
+}
+
+/** Echoes as points at the height of the lidar, and the floor that it sees as a pool of light. */
+export function Scan({ color, isStale }: { color: string; isStale: boolean }) {
+  const points = useRef<Points>(null);
+  const pool = useRef<Mesh>(null);
+  useLiveUpdate(["motion"], () => {
+    const { scan } = liveMap;
+    if (points.current === null || pool.current === null) return;
+    const isShown = scan !== null && !isStale && performance.now() - scan.receivedMs < SCAN_STALE_MS && scan.echoes.length > 4;
+    points.current.visible = isShown;
+    pool.current.visible = isShown;
+    if (!isShown) return;
+    const count = scan.echoes.length / 2;
+    const positions = new Float32Array(count * 3);
+    for (let index = 0; index < count; index += 1) {
+      positions.set([scan.echoes[index * 2] ?? 0, scan.echoes[index * 2 + 1] ?? 0, LIDAR.at[2]], index * 3);
+    }
+    replace(points.current, new BufferGeometry().setAttribute("position", new BufferAttribute(positions, 3)));
+    replace(pool.current, fanOf(scan.echoes, scan.from));
+  });
+  return (
+    <>
+      <points ref={points} renderOrder={8} frustumCulled={false}>
+        <bufferGeometry />
+        <pointsMaterial color={color} size={2.5} sizeAttenuation={false} depthTest={false} transparent />
+      </points>
+      <mesh ref={pool} renderOrder={2} frustumCulled={false}>
+        <bufferGeometry />
+        <meshBasicMaterial vertexColors transparent depthWrite={false} />
+      </mesh>
+    </>
+  );
+}
+
+function replace(object: Points | Mesh, geometry: BufferGeometry): void {
+  object.geometry.dispose();
+  object.geometry = geometry;
+}
+
+const POOL_M = 3.4;
+const POOL_ALPHA = 0.16;
+
+/** Triangles from the lidar to its echoes, the fainter the farther. */
+function fanOf(echoes: Float32Array, from: Point): BufferGeometry {
+  const count = echoes.length / 2;
+  const positions = new Float32Array((count + 1) * 3);
+  const colors = new Float32Array((count + 1) * 4);
+  positions.set([from.x, from.y, 0.002]);
+  colors.set([0.044, 0.672, 0.791, POOL_ALPHA]);
+  for (let index = 0; index < count; index += 1) {
+    const [x, y] = [echoes[index * 2] ?? 0, echoes[index * 2 + 1] ?? 0];
+    const distance = Math.hypot(x - from.x, y - from.y);
+    positions.set([x, y, 0.002], (index + 1) * 3);
+    colors.set([0.044, 0.672, 0.791, POOL_ALPHA * Math.max(0, 1 - distance / POOL_M)], (index + 1) * 4);
+  }
+  const indices = new Uint32Array(count * 3);
+  for (let index = 0; index < count; index += 1) indices.set([0, index + 1, ((index + 1) % count) + 1], index * 3);
+  return new BufferGeometry()
+    .setAttribute("position", new BufferAttribute(positions, 3))
+    .setAttribute("color", new BufferAttribute(colors, 4))
+    .setIndex(new BufferAttribute(indices, 1));
+}

@@ -1,0 +1,165 @@
+/** Who has control in the mock mode, and who stops the robot: the rules of the console's server. */
+import type { Control, Own } from "@/api/console_store";
+import { AUTHORITY } from "@/generated/robot";
+import type { MockOptions } from "./options";
+import type { World } from "./world";
+
+export const OTHER = "phone-2";
+export const BUTTON = "the button is pressed";
+const OWN_NAME = "laptop-1";
+/** How long the other browser takes to hand over. */
+const ANSWER_MS = 4000;
+/** When the other browser asks for control, after the page was opened. */
+const ASKS_AFTER_MS = 1500;
+
+/** A request that is refused; `status` is that of the answer. */
+export class RequestRefused extends Error {
+  constructor(
+    message: string,
+    readonly status = 403,
+  ) {
+    super(message);
+  }
+}
+
+export class MockAuthority {
+  readonly own: Own;
+  control: Control = { holder: null, since_s: null, requester: null };
+  /** Stops that no browser holds any more, but that nobody has released. */
+  private lost: string[] = [];
+  private ownStop = false;
+  private timer: ReturnType<typeof setTimeout> | undefined;
+
+  constructor(
+    options: MockOptions,
+    private readonly world: World,
+    private readonly changed: () => void,
+  ) {
+    this.own = { name: OWN_NAME, role: options.role };
+    if (options.control === "phone") this.give(OTHER);
+    if (options.control === "you" || options.control === "asked") this.give(OWN_NAME);
+    if (options.control === "asked") setTimeout(() => this.ask(OTHER), ASKS_AFTER_MS);
+    if (options.state === "stopped") this.lost = [`${OTHER} stopped the robot`];
+    if (options.faults.has("button")) this.lost.push(BUTTON);
+    this.update();
+  }
+
+  get hasControl(): boolean {
+    return this.control.holder === this.own.name;
+  }
+
+  /** Why the browsers stop the robot. */
+  get stopReasons(): string[] {
+    const held = this.ownStop ? [`${this.own.name} holds the stop`] : [];
+    return [...this.lost.filter((reason) => reason !== BUTTON), ...held];
+  }
+
+  /** Every reason for which the robot is stopped, as `/lupin/estop/status` has them. */
+  get estopReasons(): string[] {
+    const button = this.lost.includes(BUTTON) ? [BUTTON] : [];
+    return this.stopReasons.length > 0 ? [...button, "a browser of the console holds the stop"] : button;
+  }
+
+  /** Take control where it is free; refuse where it is not. */
+  take(): void {
+    if (this.own.role !== "operator") {
+      throw new RequestRefused(`${this.own.name} is a viewer; to drive, pair this browser as operator`);
+    }
+    const { holder, since_s } = this.control;
+    if (holder === this.own.name) return;
+    if (holder !== null) {
+      const seconds = Math.round(Date.now() / 1000 - (since_s ?? 0));
+      throw new RequestRefused(`${holder} has had control for ${seconds} s; ask for it or take it over`);
+    }
+    this.give(this.own.name);
+  }
+
+  lease(action: string, from: string): Control {
+    switch (action) {
+      case "take":
+        this.take();
+        break;
+      case "request":
+        if (this.control.holder === null) this.take();
+        else this.ask(this.own.name);
+        break;
+      case "grant":
+      case "refuse":
+        this.answer(action === "grant");
+        break;
+      case "give_up":
+        if (this.control.requester === this.own.name) this.control = { ...this.control, requester: null };
+        else if (this.hasControl) this.give(this.control.requester);
+        break;
+      case "take_over":
+        if (from !== this.control.holder) throw new RequestRefused(`control is with ${this.control.holder ?? "nobody"} now`, 409);
+        this.control = { holder: null, since_s: null, requester: null };
+        this.take();
+        break;
+      default:
+        throw new RequestRefused("action must be one of take, request, grant, refuse, give_up, take_over", 400);
+    }
+    this.changed();
+    return this.control;
+  }
+
+  /** This browser's own stop. Releasing it takes control. */
+  setStop(engaged: boolean): void {
+    if (engaged === this.ownStop) return;
+    if (!engaged) {
+      this.take();
+      this.lost = this.lost.filter((reason) => reason === BUTTON);
+    }
+    this.ownStop = engaged;
+    this.update();
+  }
+
+  /** Release the stops that nobody holds any more, or stop for a browser without a link. */
+  setLostStop(engaged: boolean): string[] {
+    if (engaged) this.lost.push(`${this.own.name} stopped the robot`);
+    else {
+      this.take();
+      this.lost = this.lost.filter((reason) => reason === BUTTON);
+    }
+    this.update();
+    return this.stopReasons;
+  }
+
+  private update(): void {
+    const before = this.world.isStopped;
+    this.world.stopReasons = this.estopReasons;
+    if (!before && this.world.isStopped) this.world.stopAll();
+    this.changed();
+  }
+
+  private ask(requester: string): void {
+    if (this.control.requester !== null && this.control.requester !== requester) {
+      throw new RequestRefused(`${this.control.requester} is already asking for control; ask again later`);
+    }
+    this.control = { ...this.control, requester };
+    clearTimeout(this.timer);
+    const isMine = requester === this.own.name;
+    this.timer = setTimeout(() => this.end(isMine), isMine ? ANSWER_MS : AUTHORITY.requestS * 1000);
+    this.changed();
+  }
+
+  /** The end of a request: the other browser hands over, and asks in vain. */
+  private end(grant: boolean): void {
+    if (this.control.requester === null) return;
+    if (grant) this.give(this.control.requester);
+    else this.control = { ...this.control, requester: null };
+    this.changed();
+  }
+
+  private answer(grant: boolean): void {
+    if (!this.hasControl) throw new RequestRefused(`${this.own.name} does not have control`);
+    if (this.control.requester === null) throw new RequestRefused("nobody is asking for control now");
+    this.end(grant);
+  }
+
+  private give(holder: string | null): void {
+    clearTimeout(this.timer);
+    this.control = { holder, since_s: holder === null ? null : Math.round(Date.now() / 1000), requester: null };
+    this.changed();
+  }
+}

@@ -1,0 +1,77 @@
+/** The mock mode: a robot and the console's server in the page itself, for `?mock=1`. Nothing else loads this chunk. */
+import { useConsole } from "@/api/console_store";
+import { take } from "@/api/events";
+import type { Socket } from "@/ros/rosbridge";
+import { MockApi } from "./api";
+import { MockAuthority } from "./authority";
+import { MockDoctor } from "./doctor";
+import { readOptions } from "./options";
+import { RosbridgeServer } from "./rosbridge_server";
+import { runState } from "./run_data";
+import { World } from "./world";
+
+const STEP_MS = 20;
+const RUN_MS = 1000;
+/** Time that was missed while the page was hidden is not made up for. */
+const LONGEST_STEP_S = 0.1;
+/** In the state `lost`, how long the channel of events works before. */
+const WORKS_MS = 1600;
+
+const options = readOptions(new URLSearchParams(location.search));
+const world = new World(options);
+const maps = new Set(["greenhouse", "hall"]);
+let isOnline = false;
+
+function push(event: string, value: unknown): void {
+  if (isOnline) take(JSON.stringify({ event, value }));
+}
+
+const authority: MockAuthority = new MockAuthority(options, world, () => pushState());
+const robot = { world, authority, maps };
+const rosbridge = new RosbridgeServer(robot);
+const doctor = new MockDoctor(options, (state) => push("doctor", state));
+const api = new MockApi(robot, doctor, push);
+
+function pushState(): void {
+  // Called by the constructor too, before there is anybody to tell.
+  if (!isOnline) return;
+  push("control", authority.control);
+  push("stop", authority.stopReasons);
+}
+
+/** A socket to the rosbridge of this page. */
+export function openSocket(): Socket {
+  return rosbridge.open();
+}
+
+/** Answer a request to the page's own origin, as `fetch` does. */
+export function answer(path: string, request?: RequestInit): Promise<Response> {
+  return api.answer(path, request);
+}
+
+/** Begin: time runs, samples are sent, and what the server pushes is taken. */
+export function startServer(): void {
+  let beforeMs = performance.now();
+  setInterval(() => {
+    const nowMs = performance.now();
+    world.advance(Math.min(LONGEST_STEP_S, (nowMs - beforeMs) / 1000));
+    beforeMs = nowMs;
+    rosbridge.publish(nowMs);
+  }, STEP_MS);
+  isOnline = true;
+  useConsole.setState({ own: authority.own, known: true, online: true, changedMs: performance.now() });
+  pushState();
+  push("doctor", doctor.state);
+  push("run", runState(world));
+  void Promise.all([
+    answer("/_api/locations").then(async (response) => push("locations", await response.json())),
+    answer("/_api/settings").then(async (response) => push("settings", ((await response.json()) as { settings: unknown }).settings)),
+  ]).catch(() => {});
+  setInterval(() => push("run", runState(world)), RUN_MS);
+  if (options.state === "lost") {
+    setTimeout(() => {
+      isOnline = false;
+      useConsole.setState({ online: false, changedMs: performance.now() });
+    }, WORKS_MS);
+  }
+}

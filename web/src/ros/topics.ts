@@ -1,0 +1,67 @@
+/** The last sample of every topic that something shows, with the time of its arrival. */
+import type { MessageTypes } from "@/generated/messages";
+import type { Rosbridge, SubscribeOptions } from "./rosbridge";
+
+export interface TopicRow<Type extends keyof MessageTypes = keyof MessageTypes> {
+  readonly name: string;
+  readonly type: Type;
+}
+
+export interface Sample<Message> {
+  message: Message;
+  /** performance.now() of its arrival. */
+  receivedMs: number;
+}
+
+type Listener = () => void;
+
+interface Entry {
+  sample: Sample<unknown> | undefined;
+  listeners: Set<Listener>;
+  end: () => void;
+  count: number;
+}
+
+/** One subscription per topic and throttle, whatever the number of panels that show it. */
+export class TopicStore {
+  private entries = new Map<string, Entry>();
+
+  constructor(
+    private readonly link: Rosbridge,
+    private readonly now: () => number = () => performance.now(),
+  ) {}
+
+  /** Call `listener` with every sample until the returned function is called. */
+  listen(row: TopicRow, options: SubscribeOptions, listener: Listener): () => void {
+    const key = entryKey(row, options);
+    let entry = this.entries.get(key);
+    if (entry === undefined) {
+      const created: Entry = { sample: undefined, listeners: new Set(), end: () => {}, count: 0 };
+      created.end = this.link.subscribe(row.name, row.type, options, (message) => {
+        created.sample = { message, receivedMs: this.now() };
+        created.count += 1;
+        for (const each of created.listeners) each();
+      });
+      this.entries.set(key, created);
+      entry = created;
+    }
+    const current = entry;
+    current.listeners.add(listener);
+    return () => {
+      current.listeners.delete(listener);
+      if (current.listeners.size === 0 && this.entries.get(key) === current) {
+        this.entries.delete(key);
+        current.end();
+      }
+    };
+  }
+
+  /** The last sample, while something listens to the topic. */
+  last<Type extends keyof MessageTypes>(row: TopicRow<Type>, options: SubscribeOptions = {}): Sample<MessageTypes[Type]> | undefined {
+    return this.entries.get(entryKey(row, options))?.sample as Sample<MessageTypes[Type]> | undefined;
+  }
+}
+
+function entryKey(row: TopicRow, options: SubscribeOptions): string {
+  return `${row.name} ${row.type} ${options.throttleMs ?? 0} ${options.queueLength ?? 0}`;
+}

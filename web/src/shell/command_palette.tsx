@@ -1,0 +1,117 @@
+import { Command } from "cmdk";
+import { Search } from "lucide-react";
+import { useEffect, useRef, useState } from "react";
+import { hasControl, useConsole } from "@/api/console_store";
+import { useEstop, useMission } from "@/hooks/use_situation";
+import { type Text, type TextKey, useLanguage, useText } from "@/i18n/text";
+import { stop, useLink } from "@/robot";
+import { showDone, showProblem } from "@/state/problems";
+import { Dialog } from "@/ui/dialog";
+import { useOverlayState } from "./overlays";
+import { type Command as PaletteCommand, commandsFor } from "./palette/commands";
+import { perform } from "./palette/perform";
+
+/** Every command by its name: Ctrl or Cmd and K. */
+export default function CommandPalette() {
+  const text = useText();
+  const [isOpen, setOpen] = useOverlayState("palette");
+  return (
+    <Dialog open={isOpen} onOpenChange={setOpen} title={text("palette")} className="w-[min(620px,calc(100vw-1.5rem))]">
+      {isOpen && <Commands onChosen={() => setOpen(false)} />}
+    </Dialog>
+  );
+}
+
+function Commands({ onChosen }: { onChosen: () => void }) {
+  const text = useText();
+  const commands = useCommands();
+  const [query, setQuery] = useState("");
+  const input = useRef<HTMLInputElement>(null);
+  useEffect(() => input.current?.focus(), []);
+  const groups = [...new Set(commands.map(({ group }) => group))];
+
+  async function choose(command: PaletteCommand): Promise<void> {
+    onChosen();
+    try {
+      const outcome = await perform(command.action);
+      if (outcome !== null) showDone(text(outcome === "done" ? "palette_done" : "palette_sent", { command: labelOf(command, text) }));
+    } catch (error) {
+      showProblem(error);
+    }
+  }
+
+  return (
+    <Command label={text("palette")} loop className="flex flex-col gap-2">
+      <div className="flex items-center gap-3 rounded-md border border-line-strong bg-well px-3">
+        <Search aria-hidden="true" className="size-5 shrink-0 text-text-3" />
+        <Command.Input
+          ref={input}
+          value={query}
+          onValueChange={setQuery}
+          placeholder={text("palette_search")}
+          onKeyDown={(event) => {
+            // No command begins with a space, so it stops here too.
+            if (event.code !== "Space" || query !== "") return;
+            event.preventDefault();
+            stop();
+          }}
+          className="h-12 w-full bg-transparent text-base outline-none placeholder:text-text-3"
+        />
+      </div>
+      <Command.List className="max-h-[min(60dvh,520px)] overflow-y-auto">
+        <Command.Empty className="py-6 text-center text-text-3">{text("palette_nothing")}</Command.Empty>
+        {groups.map((group) => (
+          <Command.Group key={group} heading={text(group)} className="[&_[cmdk-group-heading]]:px-3 [&_[cmdk-group-heading]]:pt-3 [&_[cmdk-group-heading]]:pb-1 [&_[cmdk-group-heading]]:text-xs [&_[cmdk-group-heading]]:text-text-3">
+            {commands.filter((command) => command.group === group).map((command) => (
+              <Item key={command.id} command={command} text={text} onSelect={() => void choose(command)} />
+            ))}
+          </Command.Group>
+        ))}
+      </Command.List>
+    </Command>
+  );
+}
+
+function Item({ command, text, onSelect }: { command: PaletteCommand; text: Text; onSelect: () => void }) {
+  const { id, obstacle } = command;
+  const label = labelOf(command, text);
+  return (
+    <Command.Item
+      value={id}
+      keywords={[label]}
+      disabled={obstacle !== null}
+      onSelect={onSelect}
+      className="flex min-h-11 cursor-pointer items-center gap-3 rounded-md px-3 text-sm data-[disabled=true]:cursor-not-allowed data-[disabled=true]:text-text-3 data-[selected=true]:bg-hover"
+    >
+      <span className="grow">{label}</span>
+      {obstacle !== null && <span className="text-xs text-text-3">{text(obstacle)}</span>}
+    </Command.Item>
+  );
+}
+
+function labelOf({ label, values, valueKeys = {} }: PaletteCommand, text: Text): string {
+  const translated = Object.fromEntries(Object.entries(valueKeys).map(([name, key]: [string, TextKey]) => [name, text(key)]));
+  return text(label, { ...values, ...translated });
+}
+
+function useCommands(): PaletteCommand[] {
+  const linkOpen = useLink((link) => link.state === "open");
+  const state = useConsole();
+  const estop = useEstop();
+  const mission = useMission();
+  const language = useLanguage((store) => store.language);
+  const mine = hasControl(state);
+  const { holder } = state.control;
+  const isViewer = state.own?.role === "viewer";
+  return commandsFor({
+    linkOpen,
+    mayCommand: !isViewer && (mine || holder === null),
+    hasControl: mine,
+    holder,
+    isViewer,
+    stopped: estop.engaged === true || state.stop.length > 0,
+    mission,
+    locations: state.locations,
+    language,
+  });
+}

@@ -1,0 +1,22 @@
+import { Stethoscope } from "lucide-react";
+import { useText } from "@/i18n/text";
+import { Button } from "@/ui/button";
+import { examine } from "./doctor/requests";
+import { showOverlay } from "./overlays";
+
+/** Asks the doctor, from where something is missing. */
+export function DoctorButton({ size = "medium" }: { size?: "small" | "medium" }) {
+  const text = useText();
+  return (
+    <Button
+      size={size}
+      onClick={() => {
+        showOverlay("doctor");
+        void examine();
+      }}
+    >
+      <Stethoscope />
+      {text("run_doctor")}
+    </Button>
+  );
+}

@@ -1,0 +1,177 @@
+/** The commands of the palette, and which of them can be given now. */
+import type { Location } from "@/api/console_store";
+import type { lupin_msgs_MissionState } from "@/generated/messages";
+import { ARM_PRESETS, LED_COLORS } from "@/generated/robot";
+import { LANGUAGES, type Language, type TextKey, type TextValues } from "@/i18n/text";
+import { isActive } from "@/state/sentence";
+import type { TabId } from "@/tabs/table";
+import type { OverlayName } from "../overlays";
+
+export type MissionCall = "pause" | "resume" | "skip" | "abort";
+
+export type Action =
+  | { kind: "show"; tab: TabId }
+  | { kind: "open"; overlay: OverlayName }
+  | { kind: "stop" }
+  | { kind: "lease"; action: "take" | "give_up" | "request" }
+  | { kind: "start"; missionType: "ExplorationMission" | "InspectionMission" }
+  | { kind: "mission"; call: MissionCall }
+  | { kind: "drive"; to: Location }
+  | { kind: "preset"; name: string }
+  | { kind: "light"; color: keyof typeof LED_COLORS | "auto" }
+  | { kind: "examine" }
+  | { kind: "language"; language: Language };
+
+export interface Command {
+  id: string;
+  group: TextKey;
+  label: TextKey;
+  values?: TextValues;
+  /** Texts of the catalog that stand for values of `label`. */
+  valueKeys?: Record<string, TextKey>;
+  action: Action;
+  /** Why it cannot be given now; null where it can. */
+  obstacle: TextKey | null;
+}
+
+export interface CommandFacts {
+  linkOpen: boolean;
+  /** Whether this browser may command: it has control, or could take it. */
+  mayCommand: boolean;
+  hasControl: boolean;
+  holder: string | null;
+  isViewer: boolean;
+  stopped: boolean;
+  mission: lupin_msgs_MissionState | null;
+  locations: Readonly<Record<string, Location>>;
+  language: Language;
+}
+
+const TAB_KEYS: Readonly<Record<TabId, TextKey>> = {
+  teleop: "tab_teleop",
+  arm: "tab_arm",
+  voice: "tab_voice",
+  cameras: "tab_cameras",
+  telemetry: "tab_telemetry",
+  logs: "tab_logs",
+  map: "tab_map",
+};
+
+/** All commands, in the order in which the palette shows them. */
+export function commandsFor(facts: CommandFacts): Command[] {
+  return [...robotCommands(facts), ...missionCommands(facts), ...viewCommands(), ...motionCommands(facts), ...consoleCommands(facts)];
+}
+
+function viewCommands(): Command[] {
+  return Object.entries(TAB_KEYS).map(([tab, key]) => ({
+    id: `show ${tab}`,
+    group: "palette_views",
+    label: "palette_show",
+    valueKeys: { view: key },
+    action: { kind: "show", tab: tab as TabId },
+    obstacle: null,
+  }));
+}
+
+function robotCommands({ hasControl, holder, isViewer }: CommandFacts): Command[] {
+  const commands: Command[] = [{ id: "stop", group: "palette_robot", label: "palette_stop", action: { kind: "stop" }, obstacle: null }];
+  const lease = (label: TextKey, action: "take" | "give_up" | "request") =>
+    commands.push({ id: action, group: "palette_robot", label, action: { kind: "lease", action }, obstacle: isViewer ? "you_are_viewer" : null });
+  if (hasControl) lease("give_up_control", "give_up");
+  else if (holder === null) lease("take_control", "take");
+  else lease("ask_for_control", "request");
+  return commands;
+}
+
+function obstacleOf({ linkOpen, mayCommand }: CommandFacts): TextKey | null {
+  return !linkOpen ? "palette_no_link" : mayCommand ? null : "palette_needs_control";
+}
+
+/** As `obstacleOf`, for what moves the robot. */
+function motionObstacle(facts: CommandFacts): TextKey | null {
+  return obstacleOf(facts) ?? (facts.stopped ? "palette_stopped" : null);
+}
+
+function missionCommands(facts: CommandFacts): Command[] {
+  const { mission } = facts;
+  const obstacle = obstacleOf(facts);
+  const commands: Command[] = [];
+  const add = (id: string, label: TextKey, action: Action, blocked: TextKey | null, values?: TextValues) =>
+    commands.push({ id, group: "palette_mission", label, action, obstacle: blocked, ...(values === undefined ? {} : { values }) });
+  if (mission === null) return [];
+  if (!isActive(mission)) {
+    add("start exploration", "palette_start_exploration", { kind: "start", missionType: "ExplorationMission" }, motionObstacle(facts));
+    add("start inspection", "palette_start_inspection", { kind: "start", missionType: "InspectionMission" }, motionObstacle(facts));
+    return commands;
+  }
+  if (mission.paused) add("resume", "palette_resume", { kind: "mission", call: "resume" }, motionObstacle(facts));
+  else add("pause", "palette_pause", { kind: "mission", call: "pause" }, obstacle);
+  if (mission.lifecycle_state === "INSPECTING" && mission.current_target !== "") {
+    add("skip", "palette_skip", { kind: "mission", call: "skip" }, obstacle, { tag: mission.current_target });
+  }
+  add("abort", "palette_abort", { kind: "mission", call: "abort" }, obstacle);
+  return commands;
+}
+
+function motionCommands(facts: CommandFacts): Command[] {
+  const obstacle = motionObstacle(facts);
+  const drives = Object.entries(facts.locations).map(([name, to]): Command => ({
+    id: `drive ${name}`,
+    group: "palette_locations",
+    label: "palette_go_to",
+    values: { location: name },
+    action: { kind: "drive", to },
+    obstacle,
+  }));
+  const presets = Object.keys(ARM_PRESETS).map((name): Command => ({
+    id: `preset ${name}`,
+    group: "palette_arm",
+    label: "palette_preset",
+    values: { preset: name },
+    action: { kind: "preset", name },
+    obstacle,
+  }));
+  const lights = Object.keys(LED_COLORS).map((color): Command => ({
+    id: `light ${color}`,
+    group: "palette_lights",
+    label: "palette_light",
+    valueKeys: { color: `light_${color as keyof typeof LED_COLORS}` },
+    action: { kind: "light", color: color as keyof typeof LED_COLORS },
+    obstacle: obstacleOf(facts),
+  }));
+  const auto: Command = {
+    id: "light auto",
+    group: "palette_lights",
+    label: "palette_light_auto",
+    action: { kind: "light", color: "auto" },
+    obstacle: obstacleOf(facts),
+  };
+  return [...drives, ...presets, auto, ...lights];
+}
+
+function consoleCommands({ language }: CommandFacts): Command[] {
+  const open = (overlay: OverlayName, label: TextKey): Command => ({
+    id: `open ${overlay}`,
+    group: "palette_console",
+    label,
+    action: { kind: "open", overlay },
+    obstacle: null,
+  });
+  const others = LANGUAGES.filter(({ value }) => value !== language).map(({ value, label }): Command => ({
+    id: `language ${value}`,
+    group: "palette_console",
+    label: "palette_language",
+    values: { language: label },
+    action: { kind: "language", language: value },
+    obstacle: null,
+  }));
+  return [
+    { id: "examine", group: "palette_console", label: "run_doctor", action: { kind: "examine" }, obstacle: null },
+    open("doctor", "doctor"),
+    open("settings", "settings"),
+    open("runs", "settings_runs"),
+    open("share", "settings_share"),
+    open("keys", "keys_title"),
+    ...others,
+  ];
+}

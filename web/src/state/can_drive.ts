@@ -1,0 +1,79 @@
+/** Why the sticks would not move the robot now: all reasons, the nearest one first. */
+import type { TextKey, TextValues } from "@/i18n/text";
+import type { Role } from "@/generated/robot";
+
+export interface DriveStatus {
+  winner: string | null;
+  locks: string[];
+  alarms: string[];
+  sink: { topic: string; listeners: number };
+}
+
+export interface DriveFacts {
+  linkOpen: boolean;
+  role: Role | null;
+  holder: string | null;
+  inControl: boolean;
+  /** This page's own gate, with the text of its reason; null while it is open. */
+  gateReason: string | null;
+  /** Reasons of the robot's own e-stop; empty while it is released. */
+  estopReasons: string[];
+  missionDrives: boolean;
+  /** The drive bus's last status; null where none was received. */
+  bus: DriveStatus | null;
+}
+
+export interface Reason {
+  key: TextKey;
+  values?: TextValues;
+}
+
+export function driveObstacles(facts: DriveFacts): Reason[] {
+  if (!facts.linkOpen) return [{ key: "why_no_link" }];
+  const reasons: Reason[] = [];
+  if (facts.role === "viewer") reasons.push({ key: "why_viewer" });
+  if (facts.estopReasons.length > 0) reasons.push({ key: "why_estop", values: { reason: facts.estopReasons.join(", ") } });
+  if (!facts.inControl && facts.holder !== null) reasons.push({ key: "why_control", values: { holder: facts.holder } });
+  if (facts.gateReason !== null) reasons.push({ key: "why_gate", values: { reason: facts.gateReason } });
+  if (facts.missionDrives) reasons.push({ key: "why_mission" });
+  if (facts.bus === null) reasons.push({ key: "why_no_bus" });
+  else {
+    const locks = facts.estopReasons.length > 0 ? facts.bus.locks.filter((lock) => !lock.includes("e-stop")) : facts.bus.locks;
+    if (locks.length > 0) reasons.push({ key: "why_locked", values: { reason: locks.join(", ") } });
+    if (facts.bus.sink.listeners === 0) reasons.push({ key: "why_no_wheels" });
+  }
+  return reasons;
+}
+
+/** The JSON of `/lupin/drive/status`; null where it is damaged. */
+export function parseDriveStatus(text: string): DriveStatus | null {
+  const object = parseObject(text);
+  if (object === null) return null;
+  const sink = object["sink"] as Partial<DriveStatus["sink"]> | undefined;
+  return {
+    winner: typeof object["winner"] === "string" ? object["winner"] : null,
+    locks: strings(object["locks"]),
+    alarms: strings(object["alarms"]),
+    sink: { topic: String(sink?.topic ?? ""), listeners: Number(sink?.listeners ?? 0) },
+  };
+}
+
+/** The reasons in the JSON of `/lupin/estop/status`. */
+export function parseEstopReasons(text: string): { engaged: boolean; reasons: string[]; warnings: string[] } | null {
+  const object = parseObject(text);
+  if (object === null) return null;
+  return { engaged: object["engaged"] === true, reasons: strings(object["reasons"]), warnings: strings(object["warnings"]) };
+}
+
+function parseObject(text: string): Record<string, unknown> | null {
+  try {
+    const value: unknown = JSON.parse(text);
+    return typeof value === "object" && value !== null && !Array.isArray(value) ? (value as Record<string, unknown>) : null;
+  } catch {
+    return null;
+  }
+}
+
+function strings(value: unknown): string[] {
+  return Array.isArray(value) ? value.filter((each): each is string => typeof each === "string") : [];
+}

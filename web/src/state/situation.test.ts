@@ -1,0 +1,80 @@
+import { describe, expect, it } from "vitest";
+import type { lupin_msgs_MissionState } from "@/generated/messages";
+import { type DriveFacts, driveObstacles, parseDriveStatus, parseEstopReasons } from "./can_drive";
+import { progress, sentence } from "./sentence";
+
+const MISSION = {
+  lifecycle_state: "MONITORING",
+  mission_phase: "NAVIGATING",
+  current_target: "19",
+  paused: false,
+  targets_total: 12,
+  targets_completed: 10,
+  targets_failed: 1,
+  targets_unreachable: 0,
+  targets_skipped: 0,
+  tags_discovered: 12,
+  discovery_goal: 12,
+} as lupin_msgs_MissionState;
+
+const LIVE = { linkOpen: true, wasOpen: true, stopped: false, mission: MISSION, drivenByHand: false };
+
+describe("the sentence", () => {
+  it("names the tag that the robot drives to", () => {
+    expect(sentence(LIVE)).toEqual({ key: "driving_to", values: { tag: "19" }, tone: "active" });
+    expect(sentence({ ...LIVE, mission: { ...MISSION, mission_phase: "SCANNING" } }).key).toBe("reading_tag");
+  });
+
+  it("puts link and stop before everything else", () => {
+    expect(sentence({ ...LIVE, linkOpen: false }).key).toBe("link_lost");
+    expect(sentence({ ...LIVE, linkOpen: false, wasOpen: false }).key).toBe("connecting");
+    expect(sentence({ ...LIVE, stopped: true }).key).toBe("stopped");
+  });
+
+  it("knows the robot without a mission", () => {
+    expect(sentence({ ...LIVE, mission: null }).key).toBe("at_rest");
+    expect(sentence({ ...LIVE, mission: null, drivenByHand: true }).key).toBe("driving_by_hand");
+    expect(sentence({ ...LIVE, mission: { ...MISSION, lifecycle_state: "UNHEARD_OF" } }).key).toBe("at_rest");
+  });
+
+  it("counts what was tried, and discovered tags before there are targets", () => {
+    expect(progress(MISSION)).toEqual({ done: 11, total: 12 });
+    expect(progress({ ...MISSION, targets_total: 0, tags_discovered: 3 })).toEqual({ done: 3, total: 12 });
+    expect(progress({ ...MISSION, lifecycle_state: "READY" })).toBeNull();
+  });
+});
+
+describe("can I drive?", () => {
+  const FREE: DriveFacts = {
+    linkOpen: true,
+    role: "operator",
+    holder: null,
+    inControl: false,
+    gateReason: null,
+    estopReasons: [],
+    missionDrives: false,
+    bus: { winner: "zero", locks: [], alarms: [], sink: { topic: "/cmd_vel", listeners: 1 } },
+  };
+
+  it("has no obstacle on a free robot", () => {
+    expect(driveObstacles(FREE)).toEqual([]);
+  });
+
+  it("names all obstacles, the nearest first", () => {
+    const facts = { ...FREE, holder: "phone-2", estopReasons: ["button"], missionDrives: true, bus: { ...FREE.bus!, locks: ["e-stop engaged", "slam"] } };
+    expect(driveObstacles(facts).map((reason) => reason.key)).toEqual(["why_estop", "why_control", "why_mission", "why_locked"]);
+    expect(driveObstacles(facts).at(-1)?.values).toEqual({ reason: "slam" });
+  });
+
+  it("names a silent bus and wheels without a listener", () => {
+    expect(driveObstacles({ ...FREE, bus: null })).toEqual([{ key: "why_no_bus" }]);
+    const deaf = { ...FREE.bus!, sink: { topic: "/cmd_vel", listeners: 0 } };
+    expect(driveObstacles({ ...FREE, bus: deaf })).toEqual([{ key: "why_no_wheels" }]);
+  });
+
+  it.each(["", "null", "[]", "{", '{"locks": 1, "sink": 2}'])("survives the status %s", (text) => {
+    const status = parseDriveStatus(text);
+    if (status !== null) expect(status.locks).toEqual([]);
+    expect(parseEstopReasons(text)?.engaged ?? false).toBe(false);
+  });
+});

@@ -1,0 +1,199 @@
+/** Draws the arm on a canvas: the measured pose as bodies, the commanded one as a dashed line over it, and labels. */
+import { cssColor, fitCanvas } from "@/widgets/canvas";
+import type { Angles, JointName } from "./joints";
+import { type Point, skeleton } from "./kinematics";
+import { type Camera, type Projected, projection, visibleFaces } from "./scene";
+
+export interface JointLabel {
+  joint: JointName;
+  title: string;
+  /** What was asked, or how far the joint is. */
+  note: string;
+  tone: "calm" | "moving" | "attention" | "lost";
+}
+
+export interface Picture {
+  camera: Camera;
+  /** Empty where no pose was measured: then the arm is not drawn. */
+  measured: Angles;
+  /** Null where it is no other than the measured pose. */
+  commanded: Angles | null;
+  isStale: boolean;
+  labels: readonly JointLabel[];
+}
+
+interface Screen {
+  context: CanvasRenderingContext2D;
+  onScreen: (point: Projected) => [x: number, y: number];
+  at: (point: Point) => [x: number, y: number];
+}
+
+/** The picture shows the sphere that the arm can reach, and what is below it: the chassis, from above the sphere's other half. */
+const SHOULDER: Point = [0.085, 0, 0.188];
+const REACH_M = 0.43;
+const CHASSIS_BELOW_M = 0.22;
+/** Half of the floor's edge; its lines are 0.1 m apart. */
+const FLOOR_M = 1;
+const LABELS_FROM_PX = 460;
+
+export function drawArm(canvas: HTMLCanvasElement, picture: Picture): void {
+  const drawing = fitCanvas(canvas);
+  if (drawing === null) return;
+  const { context, width, height } = drawing;
+  const project = projection(picture.camera);
+  const pitch = (picture.camera.pitchDeg * Math.PI) / 180;
+  const belowM = CHASSIS_BELOW_M + (REACH_M - CHASSIS_BELOW_M) * Math.sin(pitch);
+  const scale = Math.min(width / (2 * REACH_M), (height - 16) / (REACH_M + belowM));
+  const center = project(SHOULDER);
+  const middle: [number, number] = [width / 2, (height - (REACH_M + belowM) * scale) / 2 + REACH_M * scale];
+  const onScreen = ({ x, y }: Projected): [number, number] => [middle[0] + (x - center.x) * scale, middle[1] - (y - center.y) * scale];
+  const screen: Screen = { context, onScreen, at: (point) => onScreen(project(point)) };
+  const isKnown = Object.keys(picture.measured).length > 0;
+  context.clearRect(0, 0, width, height);
+  context.lineJoin = context.lineCap = "round";
+  drawFloor(screen, picture.camera.pitchDeg < 3);
+  drawBodies(screen, picture, isKnown);
+  if (!isKnown) return;
+  if (picture.commanded !== null) drawGhost(screen, picture.commanded);
+  drawLabels(screen, picture, width, height, getComputedStyle(canvas).fontFamily);
+}
+
+function drawFloor({ context, at }: Screen, isEdgeOn: boolean): void {
+  context.strokeStyle = cssColor("--color-line");
+  context.lineWidth = 1;
+  context.beginPath();
+  if (isEdgeOn) {
+    context.moveTo(...at([-FLOOR_M, 0, 0]));
+    context.lineTo(...at([FLOOR_M, 0, 0]));
+  } else {
+    for (let position = -FLOOR_M; position <= FLOOR_M + 1e-6; position += 0.1) {
+      context.moveTo(...at([position, -FLOOR_M, 0]));
+      context.lineTo(...at([position, FLOOR_M, 0]));
+      context.moveTo(...at([-FLOOR_M, position, 0]));
+      context.lineTo(...at([FLOOR_M, position, 0]));
+    }
+  }
+  context.stroke();
+}
+
+function drawBodies({ context, onScreen }: Screen, picture: Picture, isKnown: boolean): void {
+  const edge = cssColor("--color-ground");
+  const hairline = cssColor("--color-line-strong");
+  for (const face of visibleFaces(picture.measured, picture.camera)) {
+    if (face.isArm && !isKnown) continue;
+    context.beginPath();
+    for (const point of face.outline) context.lineTo(...onScreen(point));
+    context.closePath();
+    const fill = face.isArm ? armColor(face.light, picture.isStale) : chassisColor(face.light);
+    context.fillStyle = fill;
+    context.fill();
+    // The sides of a cylinder have no edges between them; their seams are closed by their own color.
+    context.strokeStyle = face.isSmooth ? fill : face.isArm ? edge : hairline;
+    context.lineWidth = 1;
+    context.stroke();
+  }
+}
+
+function armColor(light: number, isStale: boolean): string {
+  const level = isStale ? 0.25 + 0.25 * light : 0.38 + 0.6 * light;
+  return `rgb(${Math.round(233 * level)} ${Math.round(242 * level)} ${Math.round(235 * level)})`;
+}
+
+function chassisColor(light: number): string {
+  return `rgb(${Math.round(18 + 22 * light)} ${Math.round(24 + 30 * light)} ${Math.round(20 + 25 * light)})`;
+}
+
+function drawGhost({ context, at }: Screen, commanded: Angles): void {
+  const { chain, fingers } = skeleton(commanded);
+  const alive = cssColor("--color-alive");
+  const lines: readonly (readonly Point[])[] = [chain, ...fingers, fingers.map(([from]) => from)];
+  // A dark line below the dashes keeps them visible over the light arm.
+  for (const [color, width, dash] of [[cssColor("--color-ground"), 5, []], [alive, 2.5, [7, 6]]] as const) {
+    context.strokeStyle = color;
+    context.lineWidth = width;
+    context.setLineDash([...dash]);
+    context.beginPath();
+    for (const line of lines) for (const [index, point] of line.entries()) context[index === 0 ? "moveTo" : "lineTo"](...at(point));
+    context.stroke();
+  }
+  context.setLineDash([]);
+  for (const point of chain.slice(1, 4)) {
+    context.beginPath();
+    context.arc(...at(point), 5, 0, 2 * Math.PI);
+    context.fillStyle = cssColor("--color-ground");
+    context.fill();
+    context.stroke();
+  }
+}
+
+const TONES: Record<JointLabel["tone"], string> = {
+  calm: "--color-text-2",
+  moving: "--color-alive",
+  attention: "--color-attention",
+  lost: "--color-text-3",
+};
+const LABEL_HEIGHT = 40;
+const LABEL_DISTANCE = 92;
+
+function drawLabels({ context, at }: Screen, picture: Picture, width: number, height: number, font: string): void {
+  const { chain, fingers } = skeleton(picture.measured);
+  const [pan, lift, elbow, wrist] = chain;
+  const tip = fingers[0]?.[1];
+  const places: Record<JointName, Point | undefined> = {
+    shoulder_pan_joint: pan,
+    shoulder_lift_joint: lift,
+    elbow_joint: elbow,
+    wrist_joint: wrist,
+    gripper_joint: tip,
+  };
+  for (const { joint, tone } of picture.labels) {
+    const place = places[joint];
+    if (place === undefined || joint === "gripper_joint" || joint === "shoulder_pan_joint") continue;
+    context.beginPath();
+    context.arc(...at(place), 8, 0, 2 * Math.PI);
+    context.fillStyle = cssColor("--color-ground");
+    context.fill();
+    context.lineWidth = 3;
+    context.strokeStyle = cssColor(tone === "calm" ? "--color-sensed" : TONES[tone]);
+    context.stroke();
+  }
+  if (width < LABELS_FROM_PX) return;
+  const chainX = chain.map((point) => at(point)[0]);
+  const middle = (Math.min(...chainX) + Math.max(...chainX)) / 2;
+  const spread = Math.max(...chainX) - Math.min(...chainX);
+  const sides: Record<"left" | "right", { label: JointLabel; x: number; y: number }[]> = { left: [], right: [] };
+  for (const [index, label] of picture.labels.entries()) {
+    const place = places[label.joint];
+    if (place === undefined) continue;
+    const [x, y] = at(place);
+    // An upright arm has no side of its own: its labels take turns.
+    const isLeft = spread < 60 ? index % 2 === 1 : x < middle;
+    sides[isLeft ? "left" : "right"].push({ label, x, y });
+  }
+  for (const side of ["left", "right"] as const) {
+    let free = 30;
+    for (const { label, x, y } of sides[side].toSorted((a, b) => a.y - b.y)) {
+      const top = Math.min(height - LABEL_HEIGHT, Math.max(free, y - 44));
+      free = top + LABEL_HEIGHT + 6;
+      drawLabel(context, label, [x, y], [side === "left" ? Math.max(120, x - LABEL_DISTANCE) : Math.min(width - 120, x + LABEL_DISTANCE), top], side, font);
+    }
+  }
+}
+
+function drawLabel(context: CanvasRenderingContext2D, label: JointLabel, from: [number, number], [x, y]: [number, number], side: "left" | "right", font: string): void {
+  const away = side === "left" ? -1 : 1;
+  context.strokeStyle = cssColor("--color-line-strong");
+  context.lineWidth = 1;
+  context.beginPath();
+  context.moveTo(from[0] + away * 11, from[1] - 3);
+  context.lineTo(x - away * 6, y + 14);
+  context.stroke();
+  context.textAlign = side === "left" ? "right" : "left";
+  context.textBaseline = "middle";
+  context.font = `600 15px ${font}`;
+  context.fillStyle = cssColor(label.tone === "lost" ? "--color-text-3" : "--color-text");
+  context.fillText(label.title, x, y + 10);
+  context.font = `13px ${font}`;
+  context.fillStyle = cssColor(TONES[label.tone]);
+  context.fillText(label.note, x, y + 28);
+}

@@ -1,0 +1,36 @@
+/** The calibration of the arm's zero offsets: what the robot answered, as rows of a table. */
+import type { lupin_msgs_CalibrateArm_Response } from "@/generated/messages";
+
+export type CalibrationState = "IDLE" | "AWAITING_POSE";
+export type CalibrationAction = "start" | "commit" | "cancel" | "status";
+
+export interface OffsetRow {
+  joint: string;
+  /** Encoder counts between the pose and the joint's zero, and those written as its offset; 0 where none was written. */
+  difference: number;
+  offset: number;
+  /** What the robot said about this joint. */
+  remark: string;
+}
+
+export function calibrationState(state: string): CalibrationState | null {
+  return state === "IDLE" || state === "AWAITING_POSE" ? state : null;
+}
+
+/** One row per joint. The message holds a remark per joint, as `elbow: offset 212; wrist: ...`. */
+export function offsetRows(answer: lupin_msgs_CalibrateArm_Response): OffsetRow[] {
+  return answer.joint_names.map((joint, index) => ({
+    joint,
+    difference: answer.diffs_observed[index] ?? NaN,
+    offset: answer.offsets_applied[index] ?? NaN,
+    remark: remarkOf(answer.message, joint, answer.joint_names[index + 1]),
+  }));
+}
+
+/** What the message says about a joint: up to the next one's remark, as a remark may hold a semicolon itself. */
+function remarkOf(message: string, joint: string, next: string | undefined): string {
+  const start = message.indexOf(`${joint}: `);
+  if (start < 0) return "";
+  const end = next === undefined ? -1 : message.indexOf(`; ${next}: `, start);
+  return message.slice(start + joint.length + 2, end < 0 ? undefined : end);
+}

@@ -1,0 +1,88 @@
+/** The arm's joints as the console shows them: names, windows, services, and the gripper's own scale. */
+import { JOINTS, SERVICES } from "@/generated/graph";
+import type { sensor_msgs_JointState } from "@/generated/messages";
+import { GRIPPER, JOINT_LIMITS } from "@/generated/robot";
+import type { TextKey } from "@/i18n/text";
+import { toDegrees } from "@/ui/numbers";
+
+export type ArmJoint = (typeof JOINTS.arm)[number];
+export type JointName = ArmJoint | typeof JOINTS.gripper;
+
+export interface Joint {
+  name: JointName;
+  label: TextKey;
+  hint: TextKey;
+  /** The command window in degrees; the gripper's is on the console's scale: -30 open, +30 closed. */
+  lowerDeg: number;
+  upperDeg: number;
+  /** Within this much of its target a joint has arrived. */
+  toleranceDeg: number;
+  service: { readonly name: string; readonly type: typeof SERVICES.GRIPPER_ANGLE.type };
+}
+
+const ARM_TOLERANCE_DEG = 3;
+const GRIPPER_TOLERANCE_DEG = 4;
+
+const LABELS: Record<JointName, { label: TextKey; hint: TextKey }> = {
+  shoulder_pan_joint: { label: "arm_pan", hint: "arm_pan_hint" },
+  shoulder_lift_joint: { label: "arm_lift", hint: "arm_lift_hint" },
+  elbow_joint: { label: "arm_elbow", hint: "arm_elbow_hint" },
+  wrist_joint: { label: "arm_wrist", hint: "arm_wrist_hint" },
+  gripper_joint: { label: "arm_gripper", hint: "arm_gripper_hint" },
+};
+
+function joint(name: JointName): Joint {
+  const { lowerDeg, upperDeg } = JOINT_LIMITS[name];
+  const isGripper = name === JOINTS.gripper;
+  return {
+    name,
+    ...LABELS[name],
+    lowerDeg,
+    upperDeg,
+    toleranceDeg: isGripper ? GRIPPER_TOLERANCE_DEG : ARM_TOLERANCE_DEG,
+    // The arm bridge has one service per joint; the table of the graph makes their names by this rule (graph.arm_joint_angle).
+    service: isGripper
+      ? SERVICES.GRIPPER_ANGLE
+      : { name: `/lupin/arm/${name.replace(/_joint$/, "")}/set_angle_with_speed`, type: SERVICES.GRIPPER_ANGLE.type },
+  };
+}
+
+export const ARM: readonly Joint[] = [...JOINTS.arm, JOINTS.gripper].map(joint);
+
+/** Angles in degrees by joint; a joint is left out where its angle is unknown. */
+export type Angles = Partial<Record<JointName, number>>;
+
+function rescale(value: number, [from, to]: readonly [number, number], [low, high]: readonly [number, number]): number {
+  const share = Math.min(1, Math.max(0, (value - from) / (to - from)));
+  return low + share * (high - low);
+}
+
+/** The console's scale of the gripper for the angle of its joint. */
+export function gripperDegrees(angleRad: number): number {
+  return rescale(angleRad, [GRIPPER.openRad, GRIPPER.closedRad], [GRIPPER.openDeg, GRIPPER.closedDeg]);
+}
+
+/** How far the gripper is closed, 0 open to 1 closed, for a value of the console's scale. */
+export function gripperClosedShare(degrees: number): number {
+  return rescale(degrees, [GRIPPER.openDeg, GRIPPER.closedDeg], [0, 1]);
+}
+
+/** The arm's angles in a message: joints that are missing or not a number are left out. */
+export function measuredAngles(message: Pick<sensor_msgs_JointState, "name" | "position">): Angles {
+  const angles: Angles = {};
+  for (const { name } of ARM) {
+    const radians = message.position[message.name.indexOf(name)];
+    if (radians === undefined || !Number.isFinite(radians)) continue;
+    angles[name] = name === JOINTS.gripper ? gripperDegrees(radians) : toDegrees(radians);
+  }
+  return angles;
+}
+
+/** The angles of four joints in rad, in the order of the graph's table, such as a preset's. */
+export function anglesOf(radians: readonly number[]): Angles {
+  return Object.fromEntries(JOINTS.arm.map((name, index) => [name, toDegrees(radians[index] ?? NaN)])) as Angles;
+}
+
+export function clampToWindow({ lowerDeg, upperDeg }: Joint, degrees: number): number {
+  return Math.min(upperDeg, Math.max(lowerDeg, degrees));
+}

@@ -1,0 +1,76 @@
+import { LockKeyhole, Power, PowerOff } from "lucide-react";
+import { type TextKey, useText } from "@/i18n/text";
+import type { Reason } from "@/state/can_drive";
+import { Button } from "@/ui/button";
+import { cn } from "@/ui/cn";
+import { HoldButton } from "@/ui/hold_button";
+import { useArmModel } from "./arm_model";
+import type { Torque } from "./torque";
+
+const STATES: Record<"on" | "off" | "unknown", { title: TextKey; hint: TextKey; icon: typeof Power }> = {
+  on: { title: "arm_torque_on", hint: "arm_torque_on_hint", icon: Power },
+  off: { title: "arm_torque_off", hint: "arm_torque_off_hint", icon: PowerOff },
+  unknown: { title: "arm_torque_unknown", hint: "arm_torque_unknown_hint", icon: LockKeyhole },
+};
+
+function stateOf(torque: Torque): keyof typeof STATES {
+  return torque === null ? "unknown" : torque ? "on" : "off";
+}
+
+/** The gate of the arm: whether its servos hold it, and the switch that arms everything below. */
+export function TorquePanel({ obstacles }: { obstacles: readonly Reason[] }) {
+  const text = useText();
+  const arm = useArmModel();
+  const torque = arm.use((state) => state.torque);
+  const switchingTo = arm.use((state) => state.switchingTo);
+  const answer = arm.use((each) => each.answer);
+  const state = stateOf(torque);
+  const { title, hint, icon: Icon } = STATES[state];
+  const blocker = obstacles.find(({ key }) => key === "why_no_link" || key === "why_viewer" || key === "why_control");
+  const other = obstacles[0];
+  const isSwitching = switchingTo !== null;
+
+  return (
+    <section
+      aria-label={text("arm_torque")}
+      className={cn(
+        "panel flex flex-wrap items-center gap-x-4 gap-y-3 px-4 py-3",
+        state === "on" && "border-alive-2",
+        state !== "on" && "border-attention/60",
+      )}
+    >
+      <span
+        aria-hidden="true"
+        className={cn(
+          "grid size-12 shrink-0 place-items-center rounded-full",
+          state === "on" ? "bg-alive text-alive-ink" : "border-2 border-attention text-attention",
+        )}
+      >
+        <Icon className="size-6" />
+      </span>
+      <div role="status" className="min-w-0 grow basis-48">
+        <p className="text-lg leading-tight font-bold">{text(title)}</p>
+        <p className="text-xs text-text-2">
+          {text(hint)}
+          {answer !== "" && <span className="block text-text-3">{text("arm_answer", { answer })}</span>}
+        </p>
+        {other !== undefined && <p className="text-xs text-attention">{text("arm_not_now", { reason: text(other.key, other.values) })}</p>}
+      </div>
+      {state === "on" ? (
+          <HoldButton tone="dark" disabled={isSwitching || blocker !== undefined} onHeld={() => void arm.switchTorque(false)}>
+            {isSwitching ? text("arm_switching") : text("arm_disable")}
+          </HoldButton>
+        ) : (
+          <Button
+            kind="primary"
+            className="h-11"
+            disabled={isSwitching || blocker !== undefined}
+            data-testid="enable-torque"
+            onClick={() => void arm.switchTorque(true)}
+          >
+            {isSwitching ? text("arm_switching") : text("arm_enable")}
+          </Button>
+        )}
+    </section>
+  );
+}

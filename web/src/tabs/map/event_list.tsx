@@ -1,0 +1,77 @@
+import { Bell, CircleAlert, Flag, Footprints, type LucideIcon, OctagonX, Pause, Radar, Waypoints } from "lucide-react";
+import { useState } from "react";
+import { useLanguage, useText } from "@/i18n/text";
+import type { EventKind } from "@/map/events";
+import { type LoggedEvent, useMissionLog } from "@/map/mission_log";
+import { cn } from "@/ui/cn";
+import { clock } from "@/ui/numbers";
+import { Segments } from "@/ui/segments";
+
+const ICONS: Record<EventKind, LucideIcon> = {
+  lifecycle: Flag,
+  phase: Footprints,
+  target: Waypoints,
+  pause: Pause,
+  estop: OctagonX,
+  fault: CircleAlert,
+  observation: Radar,
+  notice: Bell,
+};
+
+type Filter = "all" | "tags" | "problems";
+
+function passes(event: LoggedEvent, filter: Filter): boolean {
+  if (filter === "tags") return event.kind === "observation" || event.kind === "target";
+  return filter === "all" || event.severity !== "info" || event.kind === "estop";
+}
+
+/** The mission's last events, the newest first. */
+export function EventList() {
+  const text = useText();
+  const language = useLanguage((state) => state.language);
+  const events = useMissionLog((log) => log.events);
+  const [filter, setFilter] = useState<Filter>("all");
+  const shown = events.filter((event) => passes(event, filter));
+  return (
+    <div>
+      <div className="sticky top-0 bg-panel px-4 py-2">
+        <Segments
+          label={text("mission_events")}
+          value={filter}
+          options={[
+            { value: "all", label: text("mission_events_all") },
+            { value: "tags", label: text("mission_events_tags") },
+            { value: "problems", label: text("mission_events_problems") },
+          ]}
+          onChange={setFilter}
+        />
+      </div>
+      {shown.length === 0 && <p className="px-4 py-2 text-text-2">{text(events.length === 0 ? "mission_events_empty" : "mission_events_none_of_kind")}</p>}
+      <ol aria-label={text("mission_events")}>
+        {shown.map((event) => (
+          <EventRow key={event.number} event={event} language={language} />
+        ))}
+      </ol>
+    </div>
+  );
+}
+
+function EventRow({ event, language }: { event: LoggedEvent; language: string }) {
+  const text = useText();
+  const Icon = ICONS[event.kind];
+  return (
+    <li className="flex items-baseline gap-3 border-b border-line px-4 py-1.5">
+      <time className="shrink-0 text-xs text-text-3 numeric">
+        {event.timeS > 1e9 ? new Date(event.timeS * 1000).toLocaleTimeString(language) : clock(event.timeS)}
+      </time>
+      <Icon
+        aria-hidden="true"
+        className={cn("size-3.5 shrink-0 self-center text-text-3", event.severity === "warn" && "text-attention", event.severity === "error" && "text-stop-text")}
+      />
+      <span className={cn("min-w-0 grow break-words", event.severity === "error" && "text-stop-text")}>
+        {"key" in event.text ? text(event.text.key, event.text.values) : event.text.raw.slice(0, 300)}
+      </span>
+      <span className="shrink-0 text-xs text-text-3">{text(`mission_kind_${event.kind}`)}</span>
+    </li>
+  );
+}

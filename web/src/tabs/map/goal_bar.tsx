@@ -1,0 +1,155 @@
+import { Check, Navigation, X } from "lucide-react";
+import { type ReactNode, useEffect } from "react";
+import { useNow } from "@/hooks/use_now";
+import { useDriveObstacles } from "@/hooks/use_situation";
+import { type TextKey, useText } from "@/i18n/text";
+import { keepApproach } from "@/map/approaches";
+import { goalProgress } from "@/map/goal";
+import { cancelNavigation, sendGoal, sendInitialPose } from "@/map/goal_actions";
+import { liveMap } from "@/map/live_map";
+import { isRunning, useMissionState } from "@/map/use_mission";
+import { type Draft, type Preview, dropDraft, useMapUi } from "@/map/map_ui";
+import { PLAN_STALE_MS, lengthOf, remaining } from "@/map/route";
+import { writeLength } from "@/map/sensor_text";
+import { showDone, showProblem } from "@/state/problems";
+import { Button } from "@/ui/button";
+import { cn } from "@/ui/cn";
+import { fixed, span, toDegrees } from "@/ui/numbers";
+
+/** What the drawn pose would do, with the button that does it; then what became of it. */
+export function GoalBar() {
+  const text = useText();
+  const { tool, draft, preview, selected } = useMapUi();
+  useEffect(() => {
+    if (tool === "move") return;
+    const onKey = (event: KeyboardEvent) => event.key === "Escape" && dropDraft();
+    window.addEventListener("keydown", onKey);
+    return () => window.removeEventListener("keydown", onKey);
+  }, [tool]);
+  if (draft !== null) return <DraftBar draft={draft} preview={preview} />;
+  if (tool !== "move") {
+    const hint: Record<Exclude<typeof tool, "move">, string> = {
+      goal: text("map_goal_hint"),
+      relocate: text("map_relocate_hint"),
+      approach: selected === null ? text("map_approach_no_tag") : text("map_approach_hint", { tag: selected }),
+    };
+    return (
+      <Bar>
+        <p className="px-1">{hint[tool]}</p>
+        <Button size="small" onClick={dropDraft}>
+          {text("map_drop")}
+        </Button>
+      </Bar>
+    );
+  }
+  return <Progress />;
+}
+
+function Bar({ children, className }: { children: ReactNode; className?: string }) {
+  return (
+    <div role="group" className={cn("pointer-events-auto flex max-w-full flex-wrap items-center justify-center gap-x-4 gap-y-2 rounded-lg border border-line-strong bg-panel px-3 py-2", className)}>
+      {children}
+    </div>
+  );
+}
+
+const SEND: Record<Draft["kind"], TextKey> = { goal: "map_send_goal", relocate: "map_send_relocate", approach: "map_keep_approach" };
+
+function DraftBar({ draft, preview }: { draft: Draft; preview: Preview | null }) {
+  const text = useText();
+  const obstacle = useDriveObstacles()[0];
+  const { pose, kind } = draft;
+  const place = { x: fixed(pose.x, 2), y: fixed(pose.y, 2), tag: draft.name ?? "" };
+  const isBlocked = kind === "goal" && obstacle !== undefined;
+  const isReady = kind !== "approach" || draft.name !== undefined;
+  const title =
+    kind === "goal"
+      ? draft.name === undefined
+        ? text("map_goal_place", place)
+        : text("map_goal_named", { name: draft.name })
+      : text(kind === "relocate" ? "map_relocate_place" : "map_approach_place", place);
+  const send = () => {
+    if (kind === "goal") sendGoal(pose).catch(showProblem);
+    if (kind === "relocate") sendInitialPose(pose).then(() => showDone(text("map_relocated")), showProblem);
+    if (kind === "approach" && draft.name !== undefined) keepApproach(draft.name, pose);
+  };
+  return (
+    <Bar>
+      <div className="min-w-0">
+        <p className="font-semibold">
+          {title} <span className="font-normal text-text-2 numeric">{fixed(toDegrees(pose.yaw), 0)}°</span>
+        </p>
+        {kind === "goal" && <PathLine preview={preview} />}
+        {isBlocked && obstacle !== undefined && <p className="text-xs text-attention">{text("map_blocked", { reason: text(obstacle.key, obstacle.values) })}</p>}
+      </div>
+      <div className="flex gap-2">
+        <Button kind="primary" disabled={isBlocked || !isReady} onClick={send} data-testid="send-pose">
+          {kind === "goal" ? <Navigation /> : <Check />}
+          {text(SEND[kind])}
+        </Button>
+        <Button onClick={dropDraft}>
+          <X />
+          {text("map_drop")}
+        </Button>
+      </div>
+    </Bar>
+  );
+}
+
+function PathLine({ preview }: { preview: Preview | null }) {
+  const text = useText();
+  if (preview === null || (preview.isPending && preview.points.length === 0)) return <p className="text-xs text-text-2">{text("map_asking_path")}</p>;
+  if (preview.problem !== null) return <p className="text-xs text-attention">{text(preview.problem)}</p>;
+  return <p className="text-xs text-text-2">{text("map_path_length", { length: writeLength(lengthOf(preview.points)) })}</p>;
+}
+
+/** A goal that was sent from here, or that anybody else sent outside of a mission. */
+function Progress() {
+  const text = useText();
+  const now = useNow();
+  const sent = useMapUi((state) => state.sent);
+  const mission = useMissionState();
+  const isInMission = mission !== null && isRunning(mission) && !mission.paused;
+  const { plan, pose } = liveMap;
+  const planAge = plan === null ? Infinity : now - plan.receivedMs;
+  const isDriving = plan !== null && plan.points.length > 1 && planAge < PLAN_STALE_MS;
+  const progress = sent === null ? null : goalProgress(sent.pose, now - sent.atMs, { end: plan?.points.at(-1) ?? null, ageMs: planAge }, pose);
+  useEffect(() => {
+    if (isInMission) useMapUi.setState({ sent: null });
+  }, [isInMission]);
+  if (isInMission || (sent === null && !isDriving)) return null;
+  if (sent !== null && progress === "reached") {
+    return (
+      <Bar>
+        <p className="flex items-center gap-2 text-alive">
+          <Check aria-hidden="true" className="size-4" />
+          {text("map_goal_reached")}
+        </p>
+        <Button size="small" onClick={() => useMapUi.setState({ sent: null })}>
+          {text("map_dismiss")}
+        </Button>
+      </Bar>
+    );
+  }
+  const waited = sent === null ? "" : span((now - sent.atMs) / 1000);
+  const left = isDriving && plan !== null ? text("map_goal_left", { length: writeLength(lengthOf(remaining(plan.points, pose))) }) : "";
+  return (
+    <Bar>
+      <p>
+        {progress === "sent" ? (
+          text("map_goal_sent", { age: waited })
+        ) : progress === "unanswered" ? (
+          <span className="text-attention">{text("map_goal_unanswered", { age: waited })}</span>
+        ) : (
+          <>
+            <strong className="font-semibold">{text("map_goal_driving")}</strong> <span className="text-text-2">{left}</span>
+          </>
+        )}
+      </p>
+      <Button onClick={cancelNavigation} data-testid="cancel-goal">
+        <X />
+        {text("map_cancel_goal")}
+      </Button>
+    </Bar>
+  );
+}

@@ -1,0 +1,99 @@
+import { Component, type ReactNode, Suspense, lazy, useCallback } from "react";
+import { create } from "zustand";
+import { useText } from "@/i18n/text";
+import { MapCanvas } from "@/map/map_canvas";
+import { useMapUi } from "@/map/map_ui";
+import { hasWebGl } from "@/map/webgl";
+import { type View, scaleBar } from "@/map/view";
+import { useSetting } from "@/state/settings";
+import { cn } from "@/ui/cn";
+import { GoalBar } from "./goal_bar";
+import { HeatLegend } from "./heat_legend";
+import { Legend } from "./legend";
+import { MapNotices, NoMap } from "./map_notices";
+import { LayerChoice, MapTools, ModeChoice } from "./toolbar";
+
+const MapScene = lazy(() => import("@/map/three/map_scene"));
+
+/** CSS pixels per meter of the shown view. */
+const useMapScale = create<{ scale: number }>(() => ({ scale: 50 }));
+const useSceneFailure = create<{ reason: string }>(() => ({ reason: "" }));
+
+export function MapView({ className }: { className?: string }) {
+  const text = useText();
+  const mode = useMapUi((state) => state.mode);
+  const failure = useSceneFailure((state) => state.reason);
+  const onView = useCallback(({ scale }: View) => {
+    if (useMapScale.getState().scale !== scale) useMapScale.setState({ scale });
+  }, []);
+  const isSceneShown = mode === "3d" && hasWebGl() && failure === "";
+  return (
+    <section aria-label={text("map_title")} className={cn("relative overflow-hidden rounded-lg border border-line bg-void/70", className)}>
+      <p id="map-keys" className="sr-only">
+        {text("map_keys")}
+      </p>
+      {isSceneShown ? (
+        <SceneBoundary onFailure={(reason) => useSceneFailure.setState({ reason })}>
+          <Suspense fallback={<Centered>{text("map_loading_3d")}</Centered>}>
+            <MapScene onView={onView} />
+          </Suspense>
+        </SceneBoundary>
+      ) : (
+        <MapCanvas onView={onView} />
+      )}
+      <div className="pointer-events-none absolute inset-x-3 top-3 flex items-start gap-2 select-none">
+        <div className="flex min-w-0 grow flex-wrap gap-2">
+          <ModeChoice />
+          <LayerChoice />
+        </div>
+        <MapTools className="max-md:hidden" />
+      </div>
+      <NoMap />
+      <div className="pointer-events-none absolute inset-x-3 bottom-3 flex flex-col items-center gap-2 select-none">
+        <MapNotices sceneFailure={mode === "3d" ? failure : ""} />
+        <GoalBar />
+        <div className="flex w-full items-end justify-between gap-4">
+          <ScaleBar />
+          <div className="flex flex-col items-end gap-2">
+            <HeatLegend />
+            <Legend />
+            <MapTools className="flex-row md:hidden" />
+          </div>
+        </div>
+      </div>
+    </section>
+  );
+}
+
+function Centered({ children }: { children: ReactNode }) {
+  return <p className="grid size-full place-items-center text-text-2">{children}</p>;
+}
+
+function ScaleBar() {
+  const text = useText();
+  const scale = useMapScale((state) => state.scale);
+  const turned = useSetting("polarityInvertHmi");
+  const { meters, pixels } = scaleBar(scale, 100);
+  const length = meters < 1 ? `${Math.round(meters * 100)} cm` : `${meters} m`;
+  return (
+    <div role="img" aria-label={text("map_scale", { length })} className="shrink-0 text-sm text-text-2 max-md:text-xs">
+      {turned && <p className="mb-1 text-attention">{text("map_turned")}</p>}
+      <span className="numeric">{length}</span>
+      <div className="h-1.5 border border-t-0 border-text-2" style={{ width: pixels }} />
+    </div>
+  );
+}
+
+/** A view in 3D may fail where the browser takes its WebGL away; the map goes on in 2D. */
+class SceneBoundary extends Component<{ onFailure: (reason: string) => void; children: ReactNode }, { failed: boolean }> {
+  override state = { failed: false };
+  static getDerivedStateFromError() {
+    return { failed: true };
+  }
+  override componentDidCatch(error: Error): void {
+    this.props.onFailure(error.message);
+  }
+  override render() {
+    return this.state.failed ? null : this.props.children;
+  }
+}

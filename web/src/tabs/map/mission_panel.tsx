@@ -1,0 +1,174 @@
+import { CirclePause, CirclePlay, House, RotateCcw, SkipForward } from "lucide-react";
+import { useMemo } from "react";
+import { hasControl, useConsole } from "@/api/console_store";
+import { SERVICES, TOPICS } from "@/generated/graph";
+import { useTimeValue } from "@/hooks/use_now";
+import { type Text, useText } from "@/i18n/text";
+import { useMissionLog } from "@/map/mission_log";
+import { type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
+import { transitStops } from "@/map/transit";
+import { type Mission, isRunning, useIsMissionStale, useIsStopped, useMissionState } from "@/map/use_mission";
+import { call, topics, useLink } from "@/robot";
+import { showDone, showProblem } from "@/state/problems";
+import { Button } from "@/ui/button";
+import { cn } from "@/ui/cn";
+import { HoldButton } from "@/ui/hold_button";
+import { fixed, span } from "@/ui/numbers";
+import { StartForm } from "./start_form";
+import { TransitLine } from "./transit_line";
+import { useTwin } from "./use_tags";
+
+/** A discovery goal of this stands for all tags that can be found. */
+export const ALL_TAGS = 65535;
+
+/** The mission with its controls, and the line of its tags. */
+export function MissionPanel({ className }: { className?: string }) {
+  const text = useText();
+  const mission = useMissionState();
+  const isStale = useIsMissionStale();
+  const facts = useMissionFacts(isStale ? null : mission);
+  const active = isRunning(mission);
+  const startRefusal = refusal("start", facts);
+  return (
+    <section aria-label={text("mission_title")} className={cn("panel flex min-w-0 flex-col", isStale && mission !== null && "hatched", className)}>
+      <header className="flex min-h-14 flex-wrap items-center gap-x-4 gap-y-1 px-4 py-2">
+        <h2 className="font-semibold text-text-2">{text("mission_title")}</h2>
+        <p className="grow text-sm whitespace-nowrap text-text-2 max-md:whitespace-normal">{counts(text, mission)}</p>
+        {active && mission !== null && <ActiveControls mission={mission} facts={facts} />}
+        {!active && mission !== null && mission.lifecycle_state !== "FAULT" && <StartForm refusal={startRefusal} />}
+        {mission?.lifecycle_state === "FAULT" && <Trigger action="reset" facts={facts} label={text("mission_reset")} icon={<RotateCcw />} />}
+      </header>
+      {mission !== null && mission.mission_id !== "" && <Line mission={mission} isStale={isStale} />}
+      {!active && mission !== null && startRefusal !== null && !isStale && <p className="px-4 pb-3 text-sm text-text-2">{text("mission_cannot_start", { reason: text(startRefusal) })}</p>}
+      {isStale && (
+        <p role="status" className="border-t border-line px-4 py-2 text-xs text-attention">
+          <StaleText />
+        </p>
+      )}
+    </section>
+  );
+}
+
+function StaleText() {
+  const text = useText();
+  const topic = TOPICS.MISSION_STATE.name;
+  const age = useTimeValue((now) => {
+    const receivedMs = topics.last(TOPICS.MISSION_STATE)?.receivedMs;
+    return receivedMs === undefined ? "" : span((now - receivedMs) / 1000);
+  });
+  return age === "" ? text("mission_nobody", { topic }) : text("stale_since", { topic, age });
+}
+
+function useMissionFacts(mission: Mission | null): MissionFacts {
+  const linkOpen = useLink((link) => link.state === "open");
+  const isViewer = useConsole((state) => state.own?.role === "viewer");
+  const isHeldByOther = useConsole((state) => state.control.holder !== null && !hasControl(state));
+  const stopped = useIsStopped();
+  return { linkOpen, isViewer, isHeldByOther, stopped, mission };
+}
+
+function counts(text: Text, mission: Mission | null): string {
+  if (mission === null || mission.mission_id === "") return text("mission_idle");
+  if (mission.lifecycle_state === "EXPLORING" || mission.lifecycle_state === "PREPARE") {
+    const { tags_discovered: found, discovery_goal: goal } = mission;
+    if (mission.mission_type !== "InspectionMission") return goal >= ALL_TAGS ? text("mission_found", { found }) : text("mission_found_of", { found, goal });
+  }
+  const [done, failed, unreachable, skipped] = [mission.targets_completed, mission.targets_failed, mission.targets_unreachable, mission.targets_skipped].map(
+    (count) => fixed(count, 0),
+  ) as [string, string, string, string];
+  return text(mission.targets_skipped > 0 ? "mission_counts_skipped" : "mission_counts", { done, failed, unreachable, skipped });
+}
+
+function Line({ mission, isStale }: { mission: Mission; isStale: boolean }) {
+  const visits = useMissionLog((log) => log.visits);
+  const requested = useMissionLog((log) => log.requested);
+  const { tags } = useTwin();
+  const { mission_id, lifecycle_state, current_target, targets_total, paused } = mission;
+  const visited = mission.targets_completed + mission.targets_failed + mission.targets_unreachable + mission.targets_skipped;
+  const stops = useMemo(
+    () => transitStops({ mission_id, lifecycle_state, current_target, targets_total, visited }, visits, tags, requested?.missionId === mission_id ? requested.tags : []),
+    [mission_id, lifecycle_state, current_target, targets_total, visited, visits, tags, requested],
+  );
+  return (
+    <TransitLine
+      stops={stops}
+      tags={tags}
+      startedS={mission.startedS}
+      isPaused={paused}
+      isSearching={lifecycle_state === "EXPLORING" && !isStale}
+      isReturning={lifecycle_state === "RETURNING"}
+      isDone={lifecycle_state === "DONE"}
+    />
+  );
+}
+
+function ActiveControls({ mission, facts }: { mission: Mission; facts: MissionFacts }) {
+  const text = useText();
+  const abortRefusal = refusal("abort", facts);
+  return (
+    <div className="flex flex-wrap items-center gap-2 max-md:w-full max-md:*:grow">
+      {mission.paused ? (
+        <Trigger action="resume" facts={facts} label={text("mission_resume")} icon={<CirclePlay />} isPrimary />
+      ) : (
+        <Trigger action="pause" facts={facts} label={text("mission_pause")} icon={<CirclePause />} />
+      )}
+      {mission.lifecycle_state === "INSPECTING" && (
+        <Trigger
+          action="skip"
+          facts={facts}
+          label={mission.current_target === "" ? text("mission_skip_none") : text("mission_skip", { tag: mission.current_target })}
+          icon={<SkipForward />}
+        />
+      )}
+      <Trigger action="dock" facts={facts} label={text("mission_dock")} icon={<House />} />
+      <HoldButton
+        tone="dark"
+        disabled={abortRefusal !== null}
+        title={abortRefusal === null ? undefined : text(abortRefusal)}
+        onHeld={() => void trigger("abort")}
+        className="h-10 max-xl:h-11 pointer-coarse:h-11"
+      >
+        {text("mission_abort")}
+      </HoldButton>
+    </div>
+  );
+}
+
+const TRIGGERS = {
+  pause: SERVICES.MISSION_PAUSE,
+  resume: SERVICES.MISSION_RESUME,
+  abort: SERVICES.MISSION_ABORT,
+  skip: SERVICES.MISSION_SKIP,
+  dock: SERVICES.MISSION_DOCK,
+  reset: SERVICES.MISSION_RESET,
+} as const;
+
+/** Call a service of the mission, and show what it answers. */
+async function trigger(action: keyof typeof TRIGGERS): Promise<void> {
+  try {
+    const { success, message } = await call(TRIGGERS[action], {});
+    if (!success) throw new Error(message);
+    if (message !== "") showDone(message);
+  } catch (error) {
+    showProblem(error);
+  }
+}
+
+interface TriggerProps {
+  action: Exclude<MissionAction, "start" | "abort">;
+  facts: MissionFacts;
+  label: string;
+  icon: React.ReactNode;
+  isPrimary?: boolean;
+}
+
+function Trigger({ action, facts, label, icon, isPrimary = false }: TriggerProps) {
+  const text = useText();
+  const reason = refusal(action, facts);
+  return (
+    <Button kind={isPrimary ? "primary" : "plain"} disabled={reason !== null} title={reason === null ? undefined : text(reason)} onClick={() => void trigger(action)}>
+      {icon}
+      {label}
+    </Button>
+  );
+}

@@ -1,0 +1,231 @@
+import { Crosshair, Download, MapPinPlus, Navigation, PencilLine, Save, X } from "lucide-react";
+import { type ReactNode, useEffect, useState } from "react";
+import { type Location, useConsole } from "@/api/console_store";
+import { ask } from "@/api/http";
+import { SERVICES, TOPICS } from "@/generated/graph";
+import { useText } from "@/i18n/text";
+import { overridesFile, removeApproach, useApproaches } from "@/map/approaches";
+import { liveMap } from "@/map/live_map";
+import { chooseTool, drawPose, useMapUi } from "@/map/map_ui";
+import { usePoseState } from "@/map/use_presentation";
+import { call } from "@/robot";
+import { showDone, showProblem } from "@/state/problems";
+import { Button } from "@/ui/button";
+import { HoldButton } from "@/ui/hold_button";
+import { fixed, toDegrees } from "@/ui/numbers";
+
+/** Named locations, saved maps, the robot's own place, and approaches of tags. */
+export function PlacesPanel() {
+  return (
+    <div className="flex flex-col gap-5 px-4 py-4">
+      <Locations />
+      <Maps />
+      <Relocation />
+      <Approaches />
+    </div>
+  );
+}
+
+function Part({ title, children }: { title: string; children: ReactNode }) {
+  return (
+    <section className="flex flex-col gap-2">
+      <h3 className="text-sm font-semibold text-text-2">{title}</h3>
+      {children}
+    </section>
+  );
+}
+
+interface SaveFormProps {
+  label: string;
+  placeholder: string;
+  icon: ReactNode;
+  disabled?: boolean;
+  /** Saves under a name; resolves once the server has it. */
+  save: (name: string) => Promise<void>;
+}
+
+function SaveForm({ label, placeholder, icon, disabled = false, save }: SaveFormProps) {
+  const [name, setName] = useState("");
+  const [isBusy, setBusy] = useState(false);
+  return (
+    <form
+      className="flex gap-2"
+      onSubmit={(event) => {
+        event.preventDefault();
+        setBusy(true);
+        save(name.trim())
+          .then(() => setName(""), showProblem)
+          .finally(() => setBusy(false));
+      }}
+    >
+      <input
+        value={name}
+        onChange={(event) => setName(event.target.value)}
+        aria-label={placeholder}
+        placeholder={placeholder}
+        maxLength={64}
+        className="h-10 min-w-0 grow rounded-md border border-line-strong bg-well px-3 placeholder:text-text-3 max-xl:h-11 pointer-coarse:h-11"
+      />
+      <Button type="submit" disabled={disabled || isBusy || name.trim() === ""}>
+        {icon}
+        {label}
+      </Button>
+    </form>
+  );
+}
+
+function Locations() {
+  const text = useText();
+  const locations = useConsole((state) => state.locations);
+  const { isKnown, isStale } = usePoseState();
+  const change = async (name: string, pose: Location | null) => {
+    const changed = await ask<Record<string, Location>>("/_api/locations", { name, pose });
+    useConsole.setState({ locations: changed });
+  };
+  const saveHere = async (name: string) => {
+    const { pose } = liveMap;
+    if (pose === null) throw new Error(text("map_place_unknown"));
+    await change(name, pose);
+    showDone(text("map_saved_location", { name }));
+  };
+  return (
+    <Part title={text("map_locations")}>
+      <ul className="flex flex-col">
+        {Object.entries(locations).map(([name, location]) => (
+          <li key={name} className="flex min-h-12 items-center gap-2 border-b border-line">
+            <div className="min-w-0 grow">
+              <p className="truncate font-semibold">{name}</p>
+              <p className="text-xs text-text-3 numeric">
+                {fixed(location.x, 2)}, {fixed(location.y, 2)} m · {fixed(toDegrees(location.yaw), 0)}°
+              </p>
+            </div>
+            <Button size="small" aria-label={text("map_go_to", { name })} onClick={() => drawPose({ kind: "goal", name, pose: location })}>
+              <Navigation />
+              {text("map_go")}
+            </Button>
+            <HoldButton
+              tone="dark"
+              aria-label={text(name === "home" ? "map_reset_home" : "map_remove", { name })}
+              title={text(name === "home" ? "map_reset_home" : "map_remove", { name })}
+              className="h-8 px-2 max-xl:h-11 pointer-coarse:h-11"
+              onHeld={() => change(name, null).catch(showProblem)}
+            >
+              <X aria-hidden="true" className="size-4" />
+            </HoldButton>
+          </li>
+        ))}
+      </ul>
+      <SaveForm label={text("map_save_here")} placeholder={text("map_save_here_hint")} icon={<MapPinPlus />} disabled={!isKnown || isStale} save={saveHere} />
+    </Part>
+  );
+}
+
+interface MapList {
+  maps: string[] | null;
+  problem: string;
+}
+
+async function loadMaps(): Promise<MapList> {
+  try {
+    return { maps: await ask<string[]>("/_api/maps"), problem: "" };
+  } catch (error) {
+    return { maps: null, problem: error instanceof Error ? error.message : String(error) };
+  }
+}
+
+function Maps() {
+  const text = useText();
+  const [{ maps, problem }, setList] = useState<MapList>({ maps: null, problem: "" });
+  useEffect(() => void loadMaps().then(setList), []);
+  const save = async (name: string) => {
+    await ask("/_api/maps", { name });
+    showDone(text("map_saved_map", { name }));
+    setList(await loadMaps());
+  };
+  return (
+    <Part title={text("map_maps")}>
+      {problem !== "" && <p className="text-sm text-attention">{text("map_maps_failed", { reason: problem })}</p>}
+      {maps?.length === 0 && <p className="text-text-3">{text("map_no_maps")}</p>}
+      {maps !== null && maps.length > 0 && (
+        <>
+          <ul className="flex flex-wrap gap-2">
+            {maps.map((name) => (
+              <li key={name} className="rounded-sm border border-line bg-raised px-2 py-1">
+                {name}
+              </li>
+            ))}
+          </ul>
+          <p className="text-xs text-text-3">
+            {text("map_load_hint", { command: `lupin up --map ~/.local/state/lupin/maps/${maps.at(-1) ?? ""}.yaml` })}
+          </p>
+        </>
+      )}
+      <SaveForm label={text("map_save_map")} placeholder={text("map_save_map_hint")} icon={<Save />} save={save} />
+    </Part>
+  );
+}
+
+function Relocation() {
+  const text = useText();
+  const [isHeard, setHeard] = useState<boolean | null>(null);
+  const topic = TOPICS.INITIAL_POSE.name;
+  useEffect(() => {
+    call(SERVICES.SUBSCRIBERS, { topic }).then(
+      ({ subscribers }) => setHeard(subscribers.length > 0),
+      () => setHeard(null),
+    );
+  }, [topic]);
+  return (
+    <Part title={text("map_relocate")}>
+      <p className="text-sm text-text-2">{isHeard === false ? text("map_relocate_deaf", { topic }) : text("map_relocate_explained")}</p>
+      <Button disabled={isHeard === false} onClick={() => chooseTool("relocate")} className="self-start">
+        <Crosshair />
+        {text("map_relocate")}
+      </Button>
+    </Part>
+  );
+}
+
+function Approaches() {
+  const text = useText();
+  const selected = useMapUi((state) => state.selected);
+  const poses = useApproaches((state) => state.poses);
+  const tags = Object.keys(poses);
+  return (
+    <Part title={text("map_approaches")}>
+      <p className="text-sm text-text-2">{text("map_approaches_explained", { command: "lupin up --overrides overrides.yaml" })}</p>
+      {tags.length > 0 && (
+        <ul className="flex flex-wrap gap-2">
+          {tags.map((tag) => (
+            <li key={tag} className="flex items-center gap-1 rounded-sm border border-line bg-raised pl-2">
+              {tag}
+              <Button kind="quiet" size="small" aria-label={text("map_remove_approach", { tag })} onClick={() => removeApproach(tag)} className="px-2">
+                <X />
+              </Button>
+            </li>
+          ))}
+        </ul>
+      )}
+      <div className="flex flex-wrap gap-2">
+        <Button disabled={selected === null} onClick={() => chooseTool("approach")}>
+          <PencilLine />
+          {selected === null ? text("map_draw_approach_none") : text("map_draw_approach", { tag: selected })}
+        </Button>
+        {tags.length > 0 && (
+          <Button onClick={() => download("overrides.yaml", overridesFile(poses))}>
+            <Download />
+            {text("map_download_overrides", { count: tags.length })}
+          </Button>
+        )}
+      </div>
+    </Part>
+  );
+}
+
+function download(name: string, content: string): void {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([content], { type: "application/yaml" }));
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}

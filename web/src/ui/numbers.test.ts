@@ -1,0 +1,22 @@
+import { describe, expect, it } from "vitest";
+import { UNKNOWN, clock, fixed, signed, span } from "./numbers";
+
+describe("numbers", () => {
+  it("have fixed places, a real minus, and no negative zero", () => {
+    expect(fixed(-1.239, 2)).toBe("−1.24");
+    expect(fixed(-0.001, 2)).toBe("0.00");
+    expect(signed(0.5, 1)).toBe("+0.5");
+    expect(signed(-0.5, 1)).toBe("−0.5");
+  });
+
+  it("that are not known are a dash", () => {
+    for (const value of [NaN, Infinity, null, undefined]) expect(fixed(value, 1)).toBe(UNKNOWN);
+    expect(span(-1)).toBe(UNKNOWN);
+    expect(signed(NaN, 1)).toBe(UNKNOWN);
+  });
+
+  it("of time grow from seconds to hours", () => {
+    expect([0.42, 12.9, 185, 3729].map(span)).toEqual(["0.4 s", "12 s", "03:05", "1:02:09"]);
+    expect(clock(59)).toBe("00:59");
+  });
+});

@@ -1,0 +1,82 @@
+import { type PointerEvent, useRef, useState } from "react";
+import { cn } from "@/ui/cn";
+
+interface JoystickProps {
+  label: string;
+  /** Only left and right. */
+  horizontal?: boolean;
+  disabled: boolean;
+  /** -1..1 to the right and upwards; 0, 0 when it is let go. */
+  onMove: (right: number, up: number) => void;
+  className?: string;
+}
+
+const DEAD_ZONE = 0.06;
+
+/** A stick that springs back. It moves by pointer; the keyboard drives by its own keys. */
+export function Joystick({ label, horizontal = false, disabled, onMove, className }: JoystickProps) {
+  const pad = useRef<HTMLDivElement>(null);
+  const [offset, setOffset] = useState({ x: 0, y: 0 });
+  const [held, setHeld] = useState(false);
+
+  function follow(event: PointerEvent<HTMLDivElement>): void {
+    const area = pad.current?.getBoundingClientRect();
+    if (area === undefined) return;
+    const reach = area.width * 0.36;
+    let x = (event.clientX - area.left - area.width / 2) / reach;
+    let y = horizontal ? 0 : (event.clientY - area.top - area.height / 2) / reach;
+    const length = Math.hypot(x, y);
+    if (length > 1) {
+      x /= length;
+      y /= length;
+    }
+    setOffset({ x, y });
+    onMove(shaped(x), -shaped(y));
+  }
+
+  function letGo(): void {
+    setHeld(false);
+    setOffset({ x: 0, y: 0 });
+    onMove(0, 0);
+  }
+
+  return (
+    <div
+      ref={pad}
+      role="application"
+      aria-label={label}
+      aria-disabled={disabled}
+      onPointerDown={(event) => {
+        event.currentTarget.setPointerCapture(event.pointerId);
+        setHeld(true);
+        follow(event);
+      }}
+      onPointerMove={(event) => held && follow(event)}
+      onPointerUp={letGo}
+      onPointerCancel={letGo}
+      onLostPointerCapture={letGo}
+      onContextMenu={(event) => event.preventDefault()}
+      className={cn(
+        "relative aspect-square touch-none rounded-full border-8 border-panel/80 bg-void/85 select-none",
+        "before:absolute before:inset-0 before:rounded-full before:border before:border-line-strong",
+        className,
+      )}
+    >
+      {!horizontal && <span aria-hidden="true" className="absolute inset-y-[12%] left-1/2 w-px bg-line-strong" />}
+      <span aria-hidden="true" className="absolute inset-x-[12%] top-1/2 h-px bg-line-strong" />
+      <span
+        aria-hidden="true"
+        className={cn("absolute top-1/2 left-1/2 size-[34%] rounded-full", disabled ? "bg-text-3" : "bg-alive", !held && "transition-transform duration-150")}
+        style={{ transform: `translate(calc(-50% + ${offset.x * 106}%), calc(-50% + ${offset.y * 106}%))` }}
+      />
+      <span aria-hidden="true" className="absolute inset-x-0 bottom-[9%] text-center text-sm text-text-2">
+        {label}
+      </span>
+    </div>
+  );
+}
+
+function shaped(value: number): number {
+  const size = Math.abs(value);
+  return size < DEAD_ZONE ? 0 : (Math.sign(value) * (size - DEAD_ZONE)) / (1 - DEAD_ZONE);
+}
