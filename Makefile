@@ -25,6 +25,7 @@ test-core: setup
 
 test-page: setup
 	$(PY) tools/build_page.py test
+	$(PY) tools/build_page.py e2e
 
 test-graph: setup
 	$(PYTEST) -m "(graph or sim) and not host and not mission" tests

@@ -23,7 +23,7 @@ def wall_ms(command: list[str]) -> float:
 
 
 def main() -> int:
-    """Time `python -c pass` and `lupin --help` alternately, and print the medians and the limit."""
+    """Time `python -c pass` and `lupin --help` alternately, and print the medians; return 1 if the limit is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--runs", type=int, default=21, help="measure this many pairs")
     parser.add_argument("--json", action="store_true", help="print only the JSON line")
@@ -45,7 +45,7 @@ def main() -> int:
         print(f"python -c pass {result['python_pass_ms']} ms, lupin --help {result['lupin_help_ms']} ms")
         print(f"overhead: {result['overhead_ms']} ms, limit {LIMIT_MS} ms, ratio {result['ratio_to_limit']}")
     print(json.dumps(result))
-    return 0
+    return 0 if result["overhead_ms"] <= LIMIT_MS else 1
 
 
 if __name__ == "__main__":

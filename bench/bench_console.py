@@ -1,6 +1,6 @@
-"""The console's server: throughput, service calls during video, five clients, a client that never reads, the e-stop, idling.
+"""The console: throughput, service calls during video, five clients, clients that never read, the e-stop, idling.
 
-    python -m bench.bench_console [--seconds 10] [--only REGEX] [--suite FOLDER] [--json]
+    python -m bench.bench_console [--seconds 10] [--presses 60] [--only REGEX] [--suite FOLDER] [--json]
 
 Each part starts a server and a load generator as separate processes on a private graph. `--seconds 3600 --only five` measures
 the growth of memory over an hour. With FOLDER, a checkout of rosbridge_suite, its server is measured too, with the same load.
@@ -19,7 +19,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,8 +28,10 @@ import psutil
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from bench import stop_to_sink
 from lupin_runtime import graph
 from lupin_runtime.stack.dds import claim_domain, loopback_environment
+from tests.support.raw_websocket import open_raw_websocket, text_frame
 
 LIMITS = {
     "messages_per_cpu_s": 15_000.0,
@@ -38,25 +40,29 @@ LIMITS = {
     "five_clients_percent": 15.0,
     "five_clients_growth_mb": 8.0,
     "silent_client_mb": 8.0,
-    "stop_p99_ms": 60.0,
+    "silent_client_adds_p99_ms": 3.0,
+    "sending_client_mb": 8.0,
+    "sending_client_adds_p99_ms": 3.0,
+    "stop_to_sink_p99_ms": 60.0,
     "idle_percent": 2.0,
     "idle_mb": 120.0,
+    "ratio_to_suite": 5.0,
 }
-AT_LEAST = ("messages_per_cpu_s",)
+AT_LEAST = ("messages_per_cpu_s", "ratio_to_suite")
 SMALL_HZ = 10_000.0
 _ANSWER_TIMEOUT_S = 20.0
 
 
 # -- the measured processes ---------------------------------------------------------------------------------------------
-def serve() -> int:
-    """Run the console's server, and print its port once it listens."""
+def serve(**parameters: Any) -> int:
+    """Run the console, and print its port once it listens."""
     from lupin_runtime.console.node import Console
     from lupin_runtime.ros import run
 
     def announce(nodes: Any) -> None:
         print(nodes[0].rosbridge_port, flush=True)
 
-    return run([lambda: Console({"port": 0, "rosbridge_port": 0, "unlisted": True})], ready=announce)
+    return run([lambda: Console({"port": 0, "rosbridge_port": 0, "unlisted": True, **parameters})], ready=announce)
 
 
 def publish(kind: str, seconds: float) -> int:
@@ -131,7 +137,7 @@ class ServerRig:
 
 
 @contextmanager
-def server_rig(suite: Path | None = None, module: str = "bench.bench_console") -> Iterator[ServerRig]:
+def server_rig(suite: Path | None = None, module: str = "bench.bench_console", role: str = "server") -> Iterator[ServerRig]:
     """Start the server of a rosbridge_suite checkout, or else of a benchmark's module, on a private graph."""
     claim = claim_domain()
     with ExitStack() as exits, tempfile.TemporaryDirectory() as directory:
@@ -139,7 +145,7 @@ def server_rig(suite: Path | None = None, module: str = "bench.bench_console") -
         environment = loopback_environment(claim.domain, Path(directory), {**os.environ, "XDG_STATE_HOME": directory})
         command = [sys.executable, "-m", "bench.peers.rosbridge_suite", str(suite)] if suite else None
         server = subprocess.Popen(
-            command or [sys.executable, "-m", module, "--as", "server"],
+            command or [sys.executable, "-m", module, "--as", role],
             env=environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -214,25 +220,43 @@ def five_clients(seconds: float) -> dict[str, float]:
         }
 
 
-def silent_client(seconds: float) -> dict[str, float]:
-    """Measure the peak memory for a client that never reads, and another client's calls before and after it subscribes."""
+def silent_client(seconds: float, *, sending: bool = False) -> dict[str, float]:
+    """Measure the peak memory for a client that never reads, and another client's calls before and after it connects.
+
+    With `sending`, it also asks for answers without end, and connects again whenever it is disconnected.
+    """
+    name = "sending_client" if sending else "silent_client"
     with server_rig() as server:
         caller = server.connect_client()
         server.start_load("robot", 2 * seconds + 8.0)
         alone_ms, before_mb = _call_repeatedly(caller, seconds), server.memory_mb()
-        silent = server.exits.enter_context(connect(f"ws://127.0.0.1:{server.port}", max_size=None, max_queue=1))
-        for row in (graph.TF, graph.SCAN, graph.ODOM, graph.MAP, graph.compressed(graph.BODY_IMAGE_ROBOT)):
-            send(silent, "subscribe", topic=row.name, type=row.type)
+        over = threading.Event()
+        silent = threading.Thread(target=_never_read, args=(server.port, over, sending))
+        silent.start()
         peak_mb, beside_ms = before_mb, []
         deadline_s = time.monotonic() + seconds
         while time.monotonic() < deadline_s:
             beside_ms += _call_repeatedly(caller, 0.5)
             peak_mb = max(peak_mb, server.memory_mb())
+        over.set()
+        silent.join()
+        alone_p99_ms, beside_p99_ms = (statistics.quantiles(times_ms, n=100)[98] for times_ms in (alone_ms, beside_ms))
         return {
-            "call_p99_alone_ms": statistics.quantiles(alone_ms, n=100)[98],
-            "call_p99_with_silent_ms": statistics.quantiles(beside_ms, n=100)[98],
-            "silent_client_mb": peak_mb - before_mb,
+            f"{name}_call_p99_alone_ms": alone_p99_ms,
+            f"{name}_adds_p99_ms": beside_p99_ms - alone_p99_ms,
+            f"{name}_mb": peak_mb - before_mb,
         }
+
+
+def _never_read(port: int, over: threading.Event, sending: bool) -> None:
+    rows = (graph.TF, graph.SCAN, graph.ODOM, graph.MAP, graph.compressed(graph.BODY_IMAGE_ROBOT))
+    while not over.is_set():
+        with open_raw_websocket(port, receive_buffer=65536) as client, suppress(OSError):
+            client.settimeout(1.0)
+            for row in rows:
+                client.sendall(text_frame("subscribe", topic=row.name, type=row.type))
+            while not over.wait(0.02):
+                client.sendall(text_frame("call_service", service="/rosapi/interfaces") if sending else b"")
 
 
 def _call_repeatedly(caller: ClientConnection, seconds: float) -> list[float]:
@@ -254,34 +278,19 @@ def _call_repeatedly(caller: ClientConnection, seconds: float) -> list[float]:
     return times_ms
 
 
-def stop_to_topic(presses: int) -> dict[str, float]:
-    """Measure the time from a client's stop frame to the message on the console's stop topic."""
+def stop(presses: int) -> dict[str, float]:
+    """Measure the time from a client's stop frame to zero at the sink, while the client drives."""
     with server_rig() as server:
-        watcher, presser = server.connect_client(), server.connect_client()
-        name = graph.HMI_ESTOP.name
-        send(watcher, "subscribe", topic=graph.CONSOLE_STOP.name, type=graph.CONSOLE_STOP.type)
-        times_ms = []
-        time.sleep(2.0)
-        for number in range(presses):
-            began_s = time.perf_counter()
-            send(presser, "publish", topic=name, msg={"data": True})
-            while not _next_is_engaged(watcher):
-                pass
-            times_ms.append((time.perf_counter() - began_s) * 1e3)
-            send(presser, "publish", topic=name, msg={"data": False})
-            while _next_is_engaged(watcher):
-                pass
-            time.sleep(0.05 + 0.001 * (number % 7))
-        return {"stop_p99_ms": statistics.quantiles(times_ms, n=100)[98]}
-
-
-def _next_is_engaged(watcher: Any) -> bool:
-    return bool(json.loads(json.loads(watcher.recv(timeout=_ANSWER_TIMEOUT_S))["msg"]["data"])["engaged"])
+        times_ms = stop_to_sink.measure(server, presses)
+        return {
+            "stop_to_sink_median_ms": statistics.median(times_ms),
+            "stop_to_sink_p99_ms": statistics.quantiles(times_ms, n=100)[98],
+        }
 
 
 def idle(seconds: float) -> dict[str, float]:
-    """Measure a server without clients."""
-    with server_rig() as server:
+    """Measure a server without clients, with HTTPS on all addresses, as in the stack."""
+    with server_rig(role="server-tls") as server:
         time.sleep(3.0)
         before_s = server.cpu_s()
         time.sleep(seconds)
@@ -293,13 +302,16 @@ def main() -> int:
     """Measure every part; with `--as`, run one of the measured processes instead."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--seconds", type=float, default=10.0, help="measure each part for this long")
+    parser.add_argument("--presses", type=int, default=60, help="press the stop this often")
     parser.add_argument("--only", default="", help="measure only the parts whose name matches this regular expression")
     parser.add_argument("--suite", type=Path, help="also measure the server of this checkout of rosbridge_suite")
     parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
-    parser.add_argument("--as", dest="role", choices=("server", "small", "robot"), help=argparse.SUPPRESS)
+    parser.add_argument("--as", dest="role", choices=("server", "server-tls", "small", "robot"), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.role == "server":
         return serve()
+    if options.role == "server-tls":
+        return serve(tls=True, host="")
     if options.role:
         return publish(options.role, options.seconds)
     parts: dict[str, Callable[[], dict[str, float]]] = {
@@ -307,7 +319,8 @@ def main() -> int:
         "calls": lambda: calls_during_robot_load(options.seconds),
         "five clients": lambda: five_clients(options.seconds),
         "silent client": lambda: silent_client(options.seconds),
-        "stop": lambda: stop_to_topic(60),
+        "sending client": lambda: silent_client(options.seconds, sending=True),
+        "stop": lambda: stop(options.presses),
         "idle": lambda: idle(options.seconds),
     }
     figures: dict[str, float] = {}

@@ -28,7 +28,7 @@ from lupin_sim.cameras import CameraRig, GraphicsUnavailable, new_image
 from lupin_sim.engine import Simulation
 from lupin_sim.worlds import load_world
 
-CPU_LIMIT_PERCENT, MEMORY_LIMIT_MB = 45.0, 300.0
+CPU_LIMIT_PERCENT, MEMORY_LIMIT_MB, SPEED_LIMIT = 45.0, 300.0, 1.0
 SETTLE_S = 3.0
 
 
@@ -152,7 +152,7 @@ def _subscribe_and_measure(robot: psutil.Process, directory: Path, seconds: floa
 
 
 def main() -> int:
-    """Measure the engine with and without cameras, the lidar and the whole process, and print the results."""
+    """Measure the engine with and without cameras, the lidar and the process; return 1 if the process misses a limit."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seconds", type=float, default=20.0, help="measure each part for this long")
     parser.add_argument("--world", default="demo", help="simulate this world of `lupin up --world`")
@@ -165,9 +165,12 @@ def main() -> int:
         print(f"bench_sim: {missing}", file=sys.stderr)
     result["lidar"] = measure_lidar(arguments.world)
     result["process"] = measure_process(arguments.world, arguments.seconds)
+    row = result["process"]
+    speed = round(row["real_time_factor"], 2)
+    met = row["cpu_percent"] <= CPU_LIMIT_PERCENT and row["memory_mb"] <= MEMORY_LIMIT_MB and speed >= SPEED_LIMIT
     if arguments.json:
         print(json.dumps(result))
-        return 0
+        return 0 if met else 1
     print(f"world {arguments.world}, {arguments.seconds:.0f} s, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     for name in ("engine", "engine_with_cameras"):
         if name in result:
@@ -181,8 +184,8 @@ def main() -> int:
     share = row["cpu_percent"] / CPU_LIMIT_PERCENT
     print(f"{'process, all topics':22} {row['cpu_percent']:7.1f} % of a core: {share:.2f} of the limit")
     print(f"{'':22} {row['memory_mb']:7.0f} MB: {row['memory_mb'] / MEMORY_LIMIT_MB:.2f} of the limit")
-    print(f"{'':22} {row['real_time_factor']:7.3f} x real time")
-    return 0
+    print(f"{'':22} {row['real_time_factor']:7.3f} x real time: limit {SPEED_LIMIT:g}  {'ok' if met else 'MISSED'}")
+    return 0 if met else 1
 
 
 if __name__ == "__main__":

@@ -27,8 +27,9 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from bench.fault_case import Case
 from bench.fault_rig import FaultRig, RigError
-from bench.triage import CASES, Case
+from bench.triage import CASES
 from lupin_cli.exit_codes import SUCCESS, UNREACHABLE
 from lupin_sim.host import HostError
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from lupin_cli.exit_codes import SUCCESS
+from lupin_runtime.ports import DISCOVERY_PORT
 from lupin_sim.host import Host
 from lupin_sim.host.host import PROJECT
 
@@ -122,7 +123,7 @@ class FaultRig:
         return {
             **self.bare_env,
             "FASTRTPS_DEFAULT_PROFILES_FILE": str(self.config_dir / "fastdds_super_client.xml"),
-            "ROS_DISCOVERY_SERVER": f"{ADDRESS}:11811",
+            "ROS_DISCOVERY_SERVER": f"{ADDRESS}:{DISCOVERY_PORT}",
             "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
         }
 

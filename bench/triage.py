@@ -5,159 +5,31 @@ The robot runs the vendor's stack on a simulated robot and Lupin's units, and it
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
-
-from bench.fault_rig import ADDRESS, NAME, OTHER_ADDRESS, PARTICIPANT, RELEASE, START_STOPPED_UNITS, FaultRig, RigError
+from bench.fault_case import (
+    AUTO_HOME,
+    ONBOARD,
+    PROFILE,
+    Action,
+    Case,
+    host_fault,
+    no_action,
+    node_fault,
+    order_fault,
+    participant_fault,
+    port_fault,
+    profile_fault,
+    script_fault,
+    stack_fault,
+)
+from bench.fault_rig import ADDRESS, NAME, OTHER_ADDRESS, PARTICIPANT, RELEASE, FaultRig, RigError
+from lupin_runtime.ports import CONSOLE_PORT, DISCOVERY_PORT, ROSBRIDGE_PORT
 from lupin_sim.host.host import PROJECT
 
 UNSETTING_HOOK = "unset ROS_DISCOVERY_SERVER FASTRTPS_DEFAULT_PROFILES_FILE\n"
-Action = Callable[[FaultRig], object]
-
-# Faults of the drive bus: the onboard unit publishes their evidence, so they are invisible while it is down.
-NEED_ONBOARD = ("page-zeros", "pad-zeros", "page-stop", "red-button", "wrong-sink")
-# Faults that losing the controllers hides: auto-home is then stopped and disabled, so that systemd forgets its failure and
-# reads all unit files again.
-NEED_AUTO_HOME = ("controller-inactive", "auto-home-failed", "unit-unread")
-NEED_PROFILE = ("profile-not-default", "profile-client", "profile-prefix", "profile-address")
-
-
-def no_action(_: FaultRig) -> None:
-    """Do nothing: `FaultRig.restore`, or undoing another fault, undoes this one."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """One fault, and the findings that the doctor must report for it."""
-
-    name: str
-    expected: frozenset[str]
-    inject: Action
-    undo: Action = no_action
-    exclusive_group: str = ""  # two faults of the same group exclude each other
-    hides_graph: bool = False  # the doctor sees nothing of the robot's graph while the fault lasts
-    needs_graph: bool = False  # the evidence is on the robot's graph
-    unreachable: bool = False  # the robot cannot be reached
-    on_robot: bool = True  # the evidence is on the robot
-    shell: str = "sourced"  # the environment in which the doctor runs; see FaultRig.shells
-    robot: str = NAME  # the inventory's name by which the doctor reaches the robot
-    hides: tuple[str, ...] = ()  # names of faults whose evidence this one removes
-
-    def is_compatible(self, other: Case) -> bool:
-        """Whether both faults can exist, and be detected, at the same time."""
-        if (
-            (self.exclusive_group and self.exclusive_group == other.exclusive_group)
-            or self.name in other.hides
-            or other.name in self.hides
-        ):
-            return False
-        if (self.hides_graph and other.needs_graph) or (other.hides_graph and self.needs_graph):
-            return False
-        if (self.unreachable and other.on_robot) or (other.unreachable and self.on_robot):
-            return False
-        return len({self.shell, other.shell} - {"sourced"}) <= 1 and self.robot == other.robot
-
-
-def host_fault(
-    name: str, fault: str, expected: str, group: str = "", settings: Mapping[str, Any] | None = None, **fields: Any
-) -> Case:
-    """Return a fault of `lupin sim host fault`; `fields` are further fields of Case."""
-    options = dict(settings or {})
-    return Case(
-        name,
-        frozenset({expected}),
-        lambda rig: rig.host.robot.inject_fault(fault, **options),
-        lambda rig: rig.host.robot.undo_fault(fault, **options),
-        group,
-        **fields,
-    )
-
-
-def stack_fault(name: str, fault: str, expected: str, settings: Mapping[str, Any] | None = None) -> Case:
-    """Return a fault that restarts the vendor's stack; then Lupin's units start again, as after a boot."""
-    options = dict(settings or {})
-
-    def inject(rig: FaultRig) -> None:
-        rig.host.robot.inject_fault(fault, **options)
-        rig.root(START_STOPPED_UNITS, 90.0)
-
-    return Case(
-        name,
-        frozenset({expected}),
-        inject,
-        host_fault(name, fault, expected, settings=options).undo,
-        "server",
-        hides_graph=True,
-    )
-
-
-def participant_fault(name: str, role: str, expected: str, group: str = "") -> Case:
-    """Return a fault that a participant of the graph on the laptop causes."""
-    return Case(
-        name,
-        frozenset({expected}),
-        lambda rig: rig.start_participant(role),
-        lambda rig: rig.stop_participant(role),
-        group or role,
-        needs_graph=True,
-    )
-
-
-def order_fault(name: str, inject: str, undo: str, expected: str, group: str) -> Case:
-    """Return a fault that one order to the simulated robot causes and another undoes."""
-    return Case(
-        name,
-        frozenset({expected}),
-        lambda rig: rig.start_participant(*inject.split()),
-        lambda rig: rig.start_participant(*undo.split()),
-        group,
-        needs_graph=True,
-    )
-
-
-def file_fault(name: str, path: str, change: Callable[[str], str | None], expected: str, group: str, **fields: Any) -> Case:
-    """Return a wrong file in the operator's home; `change` maps its text to the wrong text, or to None to remove it."""
-
-    def inject(rig: FaultRig) -> None:
-        file = rig.home / path
-        rig.write(file, change(file.read_text() if file.exists() else ""))
-
-    return Case(name, frozenset({expected}), inject, exclusive_group=group, on_robot=False, **fields)
-
-
-def profile_fault(name: str, old: str, new: str, expected: str) -> Case:
-    """Return a wrong value in the super client's profile."""
-
-    def change(text: str) -> str:
-        if old not in text:
-            raise RigError(f"the profile does not contain {old!r}")
-        return text.replace(old, new)
-
-    return file_fault(name, ".config/lupin/fastdds_super_client.xml", change, expected, "profile", hides_graph=True)
-
-
-def script_fault(name: str, inject: str, undo: str, expected: str, group: str, **fields: Any) -> Case:
-    """Return a fault that one script on the robot, run as root, causes and another undoes."""
-    return Case(name, frozenset({expected}), lambda rig: rig.root(inject), lambda rig: rig.root(undo), group, **fields)
-
-
-def node_fault(name: str, expected: str, **variables: str | None) -> Case:
-    """Return a node on the laptop whose environment variables do not match the robot's graph; None unsets a variable."""
-
-    def inject(rig: FaultRig) -> None:
-        env = {**rig.sourced_env, **{key: value for key, value in variables.items() if value is not None}}
-        rig.start_participant(
-            "talker", env={key: value for key, value in env.items() if variables.get(key, "") is not None}, name=name
-        )
-
-    return Case(name, frozenset({expected}), inject, lambda rig: rig.stop_participant(name), name, on_robot=False)
 
 
 def _start_stale_daemon(rig: FaultRig) -> None:
-    env = {**rig.sourced_env, "ROS_DISCOVERY_SERVER": f"{OTHER_ADDRESS}:11811"}
+    env = {**rig.sourced_env, "ROS_DISCOVERY_SERVER": f"{OTHER_ADDRESS}:{DISCOVERY_PORT}"}
     rig.start_participant("talker", env=env, name="stale-daemon", command_line_tag="ros2cli.daemon")
 
 
@@ -174,17 +46,6 @@ def _start_root_node(rig: FaultRig) -> None:
         'printed() { journalctl -q -o cat "_SYSTEMD_INVOCATION_ID=$id"; }\n'
         "for _ in $(seq 300); do printed | grep -qx up && exit; sleep 0.1; done; exit 1"
     )
-
-
-def port_fault(name: str, code: str, expected: str, port: int) -> Case:
-    """Return a program on the laptop that listens on a port of Lupin's."""
-
-    def inject(rig: FaultRig) -> None:
-        process = rig.host.popen([sys.executable, "-c", code], rig.bare_env, stdout=subprocess.PIPE, text=True)
-        assert process.stdout is not None and process.stdout.readline() == "up\n"
-        rig.participants[name] = process
-
-    return Case(name, frozenset({expected}), inject, lambda rig: rig.stop_participant(name), f"port {port}", on_robot=False)
 
 
 def _lose_controllers(state: str) -> Action:
@@ -292,7 +153,7 @@ CASES: tuple[Case, ...] = (
     stack_fault("dds-off", "dds-off", "discovery-server-switched-off"),
     # -- processes, shells, profiles
     node_fault("node-bare-shell", "process-multicast-only", ROS_DISCOVERY_SERVER=None, FASTRTPS_DEFAULT_PROFILES_FILE=None),
-    node_fault("node-wrong-server", "process-wrong-server", ROS_DISCOVERY_SERVER="10.42.0.7:11811"),
+    node_fault("node-wrong-server", "process-wrong-server", ROS_DISCOVERY_SERVER=f"10.42.0.7:{DISCOVERY_PORT}"),
     profile_fault("profile-not-default", 'is_default_profile="true"', 'is_default_profile="false"', "profile-not-default"),
     profile_fault("profile-client", "SUPER_CLIENT", "CLIENT", "profile-not-super-client"),
     profile_fault("profile-prefix", UDP_PREFIX, UDP_PREFIX.replace("44.53.00", "44.53.07"), "profile-wrong-prefix"),
@@ -310,10 +171,11 @@ CASES: tuple[Case, ...] = (
         on_robot=False,
         shell="bare",
         hides_graph=True,
-        hides=(*NEED_PROFILE, "stale-daemon"),  # the set-up names the server that a daemon should use
+        takes=PROFILE,
+        hides=("stale-daemon",),  # the set-up names the server that a daemon should use
     ),
-    port_fault("page-port-taken", TCP.format(port=8090), "port-8090-taken", 8090),
-    port_fault("bridge-port-taken", TCP.format(port=9090), "port-9090-taken", 9090),
+    port_fault("page-port-taken", TCP.format(port=CONSOLE_PORT), "port-8090-taken", CONSOLE_PORT),
+    port_fault("bridge-port-taken", TCP.format(port=ROSBRIDGE_PORT), "port-9090-taken", ROSBRIDGE_PORT),
     Case(
         "stale-daemon",
         frozenset({"stale-daemon"}),
@@ -341,24 +203,25 @@ CASES: tuple[Case, ...] = (
         "stale-resources",
     ),
     # -- units
-    host_fault("auto-home-failed", "oneshot-failed", "oneshot-failed", "auto-home"),
-    host_fault("onboard-stopped", "unit", "unit-not-running", "onboard", {"state": "stopped"}, hides=NEED_ONBOARD),
+    host_fault("auto-home-failed", "oneshot-failed", "oneshot-failed", "auto-home", needs=AUTO_HOME),
+    host_fault("onboard-stopped", "unit", "unit-not-running", "onboard", {"state": "stopped"}, takes=ONBOARD),
     Case(
         "onboard-given-up",
         frozenset({"unit-start-limit"}),
         _reach_start_limit,
         _undo_start_limit,
         "onboard",
-        hides=NEED_ONBOARD,
+        takes=ONBOARD,
     ),
     host_fault("onboard-disabled", "unit", "unit-not-enabled", "onboard", {"state": "disabled"}),
-    host_fault("onboard-masked", "unit", "unit-not-enabled", "onboard", {"state": "masked"}, hides=NEED_ONBOARD),
+    host_fault("onboard-masked", "unit", "unit-not-enabled", "onboard", {"state": "masked"}, takes=ONBOARD),
     script_fault(
         "unit-unread",
         "sleep 1; touch /etc/systemd/system/lupin-onboard.service",
         "systemctl daemon-reload",
         "units-need-reload",
         "onboard",
+        needs=AUTO_HOME,
     ),
     script_fault(
         "vendor-stopped",
@@ -384,7 +247,7 @@ CASES: tuple[Case, ...] = (
         _restore_controllers,
         "server",
         needs_graph=True,
-        hides=NEED_AUTO_HOME,
+        takes=AUTO_HOME,
     ),
     Case(
         "controllers-unloaded",
@@ -393,7 +256,7 @@ CASES: tuple[Case, ...] = (
         _restore_controllers,
         "server",
         needs_graph=True,
-        hides=NEED_AUTO_HOME,
+        takes=AUTO_HOME,
     ),
     order_fault(
         "controller-inactive",
@@ -401,10 +264,11 @@ CASES: tuple[Case, ...] = (
         "switch activate mirte_base_controller",
         "controllers-not-active",
         "controllers",
+        needs=AUTO_HOME,
     ),
     participant_fault("reader-wants-reliable", "reader", "qos-mismatch"),
-    participant_fault("page-zeros", "page", "page-holds-bus", "bus"),
-    participant_fault("pad-zeros", "pad", "pad-holds-bus", "bus"),
+    participant_fault("page-zeros", "page", "page-holds-bus", "bus", needs=ONBOARD),
+    participant_fault("pad-zeros", "pad", "pad-holds-bus", "bus", needs=ONBOARD),
     Case(
         "page-stop",
         frozenset({"estop-engaged"}),
@@ -412,9 +276,10 @@ CASES: tuple[Case, ...] = (
         _release_page_stop,
         "bus",
         needs_graph=True,
+        needs=ONBOARD,
     ),
-    order_fault("red-button", "press yes", "press no", "estop-engaged", "bus"),
-    participant_fault("wrong-sink", "sink", "drive-sink-unheard"),
+    order_fault("red-button", "press yes", "press no", "estop-engaged", "bus", needs=ONBOARD),
+    participant_fault("wrong-sink", "sink", "drive-sink-unheard", needs=ONBOARD),
     order_fault("lidar-silent", "sim scan silent", "sim scan none", "topic-silent", "lidar"),
     order_fault("board-silent", "sim board silent", "sim board none", "board-wedged", "board"),
     order_fault("battery-low", "battery 0.1", "battery 0.85", "battery-low", "board"),

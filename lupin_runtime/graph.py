@@ -66,7 +66,7 @@ EVERY_NODE = "every node"
 VENDOR_PUBLISHERS = (LIDAR, ROS2_CONTROL, MOTOR_BOARD, CAMERAS)
 EXTERNAL_PUBLISHERS = (*VENDOR_PUBLISHERS, OPERATOR, EVERY_NODE)
 
-# Who may publish a topic, call a service or send a goal through the console's server: nobody, every client, or only the client
+# Who may publish a topic, call a service or send a goal through the console: nobody, every client, or only the session
 # that has control.
 BY_NOBODY = ""
 BY_VIEWER = "viewer"
@@ -161,9 +161,9 @@ GRIPPER_IMAGE = Topic("/gripper_camera/image_raw", "sensor_msgs/msg/Image", REL1
 # -- safety -----------------------------------------------------------------------------------------------------------
 ESTOP_STATE = Topic("/e_stop_state", "std_msgs/msg/Bool", REL10, 5.0, ("estop",), ALL, repeats=True, monitored=True)
 HMI_ESTOP = Topic("/lupin/hmi/estop", "std_msgs/msg/Bool", REL10, 2.0, (OPERATOR,), ALL, note="stop button of one console; true engages the e-stop, and so does silence of all consoles after a first message", console=BY_OPERATOR)
-CONSOLE_STOP = Topic("/lupin/console/stop", "std_msgs/msg/String", REL10, 2.0, ("console",), ALL, note="JSON: whether a browser of the console's server holds the stop, whether one is driving, and how often the stop was released")
-ESTOP_MISSED_PRESS = Topic("/lupin/estop/missed_press", "std_msgs/msg/Bool", LATCHED1, None, ("drive",), ALL, note="true after a press that the e-stop's process missed because it hung or was being replaced, until the e-stop has engaged")
-ESTOP_STATUS = Topic("/lupin/estop/status", "std_msgs/msg/String", LATCHED1, 1.0, ("estop",), probed=True, note="JSON: every reason for the e-stop")
+CONSOLE_STOP = Topic("/lupin/console/stop", "std_msgs/msg/String", REL10, 2.0, ("console",), ALL, note="JSON: whether a client of the console engages the stop, whether one is driving, and how often the stop was released")
+ESTOP_MISSED_PRESS = Topic("/lupin/estop/missed_press", "std_msgs/msg/Bool", LATCHED1, None, ("drive",), ALL, note="true after a press that the e-stop's process missed because it hung or was being replaced, until the e-stop has engaged; and while the button, once received, is silent")
+ESTOP_STATUS = Topic("/lupin/estop/status", "std_msgs/msg/String", LATCHED1, 1.0, ("estop",), probed=True, note="JSON: every reason for the e-stop, how often it was pressed, and how long ago it was engaged")
 
 # -- mapping and navigation -------------------------------------------------------------------------------------------
 MAP = Topic("/map", "nav_msgs/msg/OccupancyGrid", LATCHED1, 0.2, ("slam", "localization"), ALL, monitored=True)
@@ -186,7 +186,7 @@ MISSION_STATE = Topic("/mission/state", "lupin_msgs/msg/MissionState", LATCHED1,
 TWIN_STATE = Topic("/twin/state", "lupin_msgs/msg/TwinState", LATCHED1, 1.0, ("twin",), ALL, probed=True)
 
 # -- arm, lights, log -------------------------------------------------------------------------------------------------
-ARM_TRAJECTORY = Topic("/mirte_master_arm_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", REL10, None, ("body",), ALL)
+ARM_TRAJECTORY = Topic("/mirte_master_arm_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", REL10, None, ("body", "drive"), ALL)
 JOY = Topic("/joy", "sensor_msgs/msg/Joy", REL10, 20.0, (OPERATOR,))
 ARM_LIBRARY_STATE = Topic("/lupin/arm/library/state", "std_msgs/msg/String", LATCHED1, 5.0, ("body",))
 ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", REL100, None, (EVERY_NODE,), ALL)
@@ -252,9 +252,7 @@ LIST_CONTROLLERS = Service("/controller_manager/list_controllers", "controller_m
 LOAD_CONTROLLER = Service("/controller_manager/load_controller", "controller_manager_msgs/srv/LoadController")
 CONFIGURE_CONTROLLER = Service("/controller_manager/configure_controller", "controller_manager_msgs/srv/ConfigureController")
 SWITCH_CONTROLLER = Service("/controller_manager/switch_controller", "controller_manager_msgs/srv/SwitchController")
-SIM_PRESS_ESTOP = Service(
-    "/sim/press_estop", "std_srvs/srv/SetBool", "simulation only: true presses the red button, false releases it"
-)
+SIM_PRESS_ESTOP = Service("/sim/press_estop", "std_srvs/srv/SetBool", "simulation only: true presses the red button")
 
 
 def servo_position(servo: str) -> Topic:

@@ -23,6 +23,11 @@ class Beat(NamedTuple):
     text: str = ""
 
 
+def names_process(reason: str, process: str) -> bool:
+    """Return whether the supervisor's reason why nothing may move names this process."""
+    return any(part.startswith(f"{process} ") for part in reason.split(", "))
+
+
 def encode(beat: Beat) -> bytes:
     """Return the packet of a heartbeat; never empty, because an empty packet means the end of the channel."""
     return f"{beat.time_ns} {beat.text}".encode()[:MAX_BYTES]

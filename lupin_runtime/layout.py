@@ -1,7 +1,7 @@
 """Layout files: the tables and tags of a greenhouse that are known without discovery.
 
 The format: `{"units": "m", "tables": {NAME: {"x0", "x1", "y0", "y1"}}, "tags": {ID: {"x", "y", "sensors": [...]}}}`, units m
-(the default), cm or mm. Other keys are ignored here; `sensors` is for the greenhouse's climate.
+(the default), cm or mm. Other keys are ignored. Only the greenhouse's climate needs `sensors`: `Layout` is without them.
 """
 
 from __future__ import annotations
@@ -91,13 +91,7 @@ class LayoutText:
 
     def parse(self) -> Layout:
         """Parse the layout, corners as they are written. Raises LayoutError."""
-        try:
-            document = json.loads(self._text)
-        except json.JSONDecodeError as error:
-            raise LayoutError(f"{self._source}:{error.lineno}: not JSON: {error.msg}") from error
-        except (ValueError, RecursionError) as error:  # numbers with thousands of digits, brackets thousands of levels deep
-            raise LayoutError(f"{self._source}: not JSON that can be read: {error}") from error
-        root = self._object(document, "the file", "")
+        root = self._root()
         unit = root.get("units", "m")
         if not isinstance(unit, str) or unit not in _METERS:
             raise self.error("units", f"units must be one of {', '.join(_METERS)}, found {_found(unit)}")
@@ -112,15 +106,38 @@ class LayoutText:
         }
         return Layout(tables, tags)
 
+    def sensors(self) -> dict[str, tuple[str, ...]]:
+        """Parse the names of each tag's sensors, by tag id; here `tags` must not be missing. Raises LayoutError."""
+        root = self._root()
+        found = {}
+        for name, value in self._object(root.get("tags"), "tags", "tags" if "tags" in root else "").items():
+            sensors = self._object(value, f"tags.{name}", name).get("sensors")
+            if not isinstance(sensors, list) or not all(isinstance(sensor, str) for sensor in sensors):
+                raise self.error(name, f"tags.{name}.sensors must be a list of names, found {_found(sensors)}")
+            found[name] = tuple(sensors)
+        return found
+
     def error(self, key: str, problem: str) -> LayoutError:
         """Build the error for a problem with the value of `key`.
 
-        The json module keeps no positions, so the line is the first one that contains the quoted key.
+        The json module keeps no positions, so the line is the first one that contains the quoted key; an empty key means the
+        whole file.
         """
+        if not key:
+            return LayoutError(f"{self._source}:1: {problem}")
         for number, line in enumerate(self._text.splitlines(), 1):
-            if key and f'"{key}"' in line:
+            if f'"{key}"' in line:
                 return LayoutError(f"{self._source}:{number}: {problem}")
         return LayoutError(f"{self._source}: {problem}")
+
+    def _root(self) -> Mapping[str, Any]:
+        try:
+            document = json.loads(self._text)
+        except json.JSONDecodeError as error:
+            raise LayoutError(f"{self._source}:{error.lineno}: not JSON: {error.msg}") from error
+        except (ValueError, RecursionError) as error:  # numbers with thousands of digits, brackets thousands of levels deep
+            raise LayoutError(f"{self._source}: not JSON that can be read: {error}") from error
+        return self._object(document, "the file", "")
 
     def _object(self, value: Any, name: str, key: str) -> Mapping[str, Any]:
         if not isinstance(value, dict):

@@ -26,7 +26,7 @@ DRIVING_LED, INSPECTING_LED = (0, 255, 128), (180, 0, 255)
 
 
 @dataclass(frozen=True)
-class Frame:
+class FilmFrame:
     """One frame of a film: pose of the robot, joint angles of its arm (rad), color of its LED strip (0..255 each)."""
 
     time_s: float
@@ -35,20 +35,22 @@ class Frame:
     leds: tuple[int, int, int] = DRIVING_LED
 
 
-def from_trajectory(trajectory: NDArray[np.float64], rate_hz: float) -> list[Frame]:
+def from_trajectory(trajectory: NDArray[np.float64], rate_hz: float) -> list[FilmFrame]:
     """Frames along a recorded trajectory of shape (n, 8), in TUM order and the world frame."""
     t = trajectory[:, 0]
     yaw = np.unwrap(2.0 * np.arctan2(trajectory[:, 6], trajectory[:, 7]))
     times = np.arange(t[0], t[-1] + 1e-9, 1.0 / rate_hz)
     columns = [np.interp(times, t, values) for values in (trajectory[:, 1], trajectory[:, 2], yaw)]
-    return [Frame(float(at - t[0]), Pose2(float(x), float(y), wrap_angle(float(a)))) for at, x, y, a in zip(times, *columns)]
+    return [
+        FilmFrame(float(at - t[0]), Pose2(float(x), float(y), wrap_angle(float(a)))) for at, x, y, a in zip(times, *columns)
+    ]
 
 
-def flythrough(world: World, rate_hz: float) -> list[Frame]:
+def flythrough(world: World, rate_hz: float) -> list[FilmFrame]:
     """Frames of a drive to every reachable tag, always the nearest next, with an inspection of its flowers, and back."""
     routes = _Routes(world)
     position = world.start
-    frames: list[Frame] = [Frame(0.0, position)]
+    frames: list[FilmFrame] = [FilmFrame(0.0, position)]
     remaining = {tag.id: tag for tag in world.tags if routes.reaches(*tag.pose.apply(STANDOFF_M, 0.0))}
     while remaining:
         paths = {i: routes.path(position, tag.pose.apply(STANDOFF_M, 0.0)) for i, tag in remaining.items()}
@@ -110,9 +112,9 @@ def _length(points: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def _drive(last: Frame, points: NDArray[np.float64], goal: Pose2, rate_hz: float) -> list[Frame]:
+def _drive(last: FilmFrame, points: NDArray[np.float64], goal: Pose2, rate_hz: float) -> list[FilmFrame]:
     distances = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    frames: list[Frame] = []
+    frames: list[FilmFrame] = []
     yaw, time_s, step = last.pose.yaw, last.time_s, 1.0 / rate_hz
     driven = 0.0
     while driven < distances[-1] or abs(wrap_angle(goal.yaw - yaw)) > 1e-3:
@@ -126,11 +128,11 @@ def _drive(last: Frame, points: NDArray[np.float64], goal: Pose2, rate_hz: float
         # Slower in turns and towards the end.
         driven = min(float(distances[-1]), driven + SPEED_MPS * step * max(0.15, math.cos(error)) * min(1.0, 0.25 + rest))
         time_s += step
-        frames.append(Frame(time_s, Pose2(x, y, wrap_angle(yaw))))
+        frames.append(FilmFrame(time_s, Pose2(x, y, wrap_angle(yaw))))
     return frames
 
 
-def _inspect(last: Frame, rate_hz: float) -> list[Frame]:
+def _inspect(last: FilmFrame, rate_hz: float) -> list[FilmFrame]:
     frames = []
     moments = round(INSPECTION_S * rate_hz)
     for index in range(moments):
@@ -138,5 +140,5 @@ def _inspect(last: Frame, rate_hz: float) -> list[Frame]:
         phase = index / moments
         f = min(1.0, phase * 4, (1.0 - phase) * 4)
         arm = tuple(a + f * (b - a) for a, b in zip(HOME, INSPECT))
-        frames.append(Frame(last.time_s + (index + 1) / rate_hz, last.pose, arm, INSPECTING_LED))
+        frames.append(FilmFrame(last.time_s + (index + 1) / rate_hz, last.pose, arm, INSPECTING_LED))
     return frames

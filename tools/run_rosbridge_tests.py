@@ -68,7 +68,8 @@ def main() -> int:
 def _run(path: Path, folder: Path, stubs: Path) -> str:
     claim = claim_domain()
     environment = loopback_environment(claim.domain, stubs, {**os.environ, "XDG_STATE_HOME": str(stubs)})
-    environment["PYTHONPATH"] = os.pathsep.join([str(stubs), str(Path(__file__).parents[1]), *sys.path[1:]])
+    folders = [str(stubs), str(Path(__file__).parents[1]), *sys.path[1:]]  # noqa: TID251 -- read, for another process
+    environment["PYTHONPATH"] = os.pathsep.join(folders)
     command = [sys.executable, "-m", "tools.run_rosbridge_tests", "--inside", str(folder), path.name[:-8]]
     log = stubs / f"{path.name}.log"
     try:
@@ -114,11 +115,12 @@ _SERVER = """
 import sys
 from rclpy.node import Node
 from lupin_runtime.console.node import Console
+from lupin_runtime.ports import ROSBRIDGE_PORT
 from lupin_runtime.ros import run
 
 def announce(nodes):
     nodes[1].declare_parameter("actual_port", nodes[0].rosbridge_port)
-    nodes[1].declare_parameter("port", 9090)
+    nodes[1].declare_parameter("port", ROSBRIDGE_PORT)
 
 parameters = {"port": 0, "rosbridge_port": 0, "unlisted": True, "unregister_after_s": float(sys.argv[1])}
 sys.exit(run([lambda: Console(parameters), lambda: Node("rosbridge_websocket")], ready=announce))

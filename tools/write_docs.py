@@ -1,15 +1,15 @@
-"""Write the generated pages: the table in docs/doctor.md, docs/commands.md and docs/topics.md.
+"""Write the pages that are generated, docs/commands.md and docs/topics.md, and the generated tables of other pages.
 
     python -m tools.write_docs [--check]
 
-Their sources are the table of findings and the faults of `bench.triage`, the command line itself, and the table of the graph.
-`--check` changes nothing, and exits with 1 if a page differs from the code.
+A table stands between two markers; `TABLES` lists each with its page and source. `--check` changes nothing, and exits with 1 if
+a page differs from the code.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,12 @@ import typer
 from bench.triage import CASES
 from lupin_cli.app import COMMANDS, app
 from lupin_cli.checks.findings import FINDINGS, FindingRow
+from lupin_cli.operations.table import OPERATIONS
 from lupin_runtime import graph
+from tools.known_faults import KNOWN_FAULTS
+from tools.resilience_events import EVENTS
 
 DOCS = Path(__file__).parents[1] / "docs"
-BEGIN, END = "<!-- table of findings: begin -->", "<!-- table of findings: end -->"
 FINDINGS_HEADER = ("Symptom", "Check", "Finding", "Bench", "Test", "`--fix`")
 GENERATED = "This page is generated: `python -m tools.write_docs`."
 
@@ -58,11 +60,36 @@ def _fix(row: FindingRow) -> str:
     return f"plays `{row.playbook}`" if row.safe else f"asks, then plays `{row.playbook}`"
 
 
-def doctor_page(page: str) -> str:
-    """Return the page with the current table between its markers."""
-    before, _, rest = page.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    return f"{before}{BEGIN}\n\n{findings_table()}\n\n{END}{after}"
+# -- docs/playbooks.md ------------------------------------------------------------------------------------------------
+def operations_table() -> str:
+    """Return the table of operations in Markdown."""
+    rows = [(f"`{name}`", operation.effect, operation.undo_effect) for name, operation in OPERATIONS.items()]
+    return _table(("Operation", "What it ensures", "Undo"), rows)
+
+
+# -- docs/regressions.md ----------------------------------------------------------------------------------------------
+def known_faults_tables() -> str:
+    """Return the known faults in Markdown, with a heading and a table for each section."""
+    parts = []
+    for heading, faults in KNOWN_FAULTS.items():
+        rows = [
+            (str(each.number), each.fault, f"`{each.prevented_in}`", _tests(each.tests))
+            if each.tests
+            else (str(each.number), each.fault, "–", "not in this release")
+            for each in faults
+        ]
+        parts += [f"## {heading}", _table(("No.", "Fault", "Prevented in", "Tests"), rows)]
+    return "\n\n".join(parts)
+
+
+# -- docs/resilience.md -----------------------------------------------------------------------------------------------
+def events_table() -> str:
+    """Return the table of events in Markdown."""
+    return _table(("Event", "Reaction", "Tests"), [(each.event, each.reaction, _tests(each.tests)) for each in EVENTS])
+
+
+def _tests(tests: Iterable[str]) -> str:
+    return "<br>".join(f"`{test}`" for test in tests)
 
 
 # -- docs/commands.md -------------------------------------------------------------------------------------------------
@@ -113,6 +140,7 @@ def topics_page() -> str:
             "on change" if topic.rate_hz is None else f"{topic.rate_hz:g} Hz",
             ", ".join(topic.publishers) or "–",
             "every message" if topic.recorded_hz == graph.ALL else f"{topic.recorded_hz:g} Hz" if topic.recorded_hz else "–",
+            ", ".join(name for name in ("repeats", "probed", "monitored") if getattr(topic, name)) or "–",
             topic.console or "–",
             topic.note,
         )
@@ -123,13 +151,15 @@ def topics_page() -> str:
         "",
         f"{GENERATED} Its source is `lupin_runtime/graph.py`.",
         "",
-        "*Published by*: processes of the stack, the vendor's software, or `operator`: a console, a gamepad or RViz.",
-        "*Console*: who may publish the topic, call the service or send a goal through [the console's server](console.md).",
-        "`viewer` means every client, `operator` only the client that has control, – nobody.",
+        "*Published by*: processes of the stack, the vendor's software, or `operator`: a console client, a gamepad or RViz.",
+        "*Watched*: *repeats* if it is published continuously, so that silence is a fault; *probed* if the doctor waits for a",
+        "sample although it may be silent; *monitored* if `lupin up` measures its rate.",
+        "*Console*: who may publish the topic, call the service or send a goal through [the console](console.md).",
+        "`viewer` means every client, `operator` only the session that has control, – nobody.",
         "",
         "## Topics",
         "",
-        _table(("Topic", "Type", "QoS", "Rate", "Published by", "Recorded", "Console", "Notes"), topics),
+        _table(("Topic", "Type", "QoS", "Rate", "Published by", "Recorded", "Watched", "Console", "Notes"), topics),
     ]
     for heading, rows in (("Services", graph.services()), ("Actions", graph.actions())):
         table = _table(
@@ -154,14 +184,30 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
+# What stands between the markers of each page that is written by hand otherwise.
+TABLES: dict[str, tuple[str, Callable[[], str]]] = {
+    "doctor.md": ("findings", findings_table),
+    "playbooks.md": ("operations", operations_table),
+    "regressions.md": ("known faults", known_faults_tables),
+    "resilience.md": ("events", events_table),
+}
+
+
+def insert_table(page: str, name: str, table: str) -> str:
+    """Return the page with this table between its markers. Raises ValueError if the page has not exactly one pair of them."""
+    begin, end = f"<!-- table of {name}: begin -->", f"<!-- table of {name}: end -->"
+    if (page.count(begin), page.count(end)) != (1, 1) or page.index(begin) > page.index(end):
+        raise ValueError(f"expected {begin} and then {end}, each once")
+    return f"{page[: page.index(begin)]}{begin}\n\n{table}\n\n{page[page.index(end) :]}"
+
+
 def main() -> int:
     """Write the pages that differ; with `--check`, write nothing and return 1 instead."""
-    doctor = DOCS / "doctor.md"
     pages = {
-        doctor: doctor_page(doctor.read_text(encoding="utf-8")),
-        DOCS / "commands.md": commands_page(),
-        DOCS / "topics.md": topics_page(),
+        DOCS / name: insert_table((DOCS / name).read_text(encoding="utf-8"), title, table())
+        for name, (title, table) in TABLES.items()
     }
+    pages |= {DOCS / "commands.md": commands_page(), DOCS / "topics.md": topics_page()}
     differing = [path for path, text in pages.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
     for path in differing:
         if "--check" in sys.argv:

@@ -49,7 +49,7 @@ def main() -> None:
     """Run the server until SIGTERM."""
     folder = Path(sys.argv[1])
     for package in ("rosbridge_library", "rosbridge_server"):
-        sys.path.insert(0, str(folder / package / "src"))
+        sys.path.insert(0, str(folder / package / "src"))  # noqa: TID251 -- the server's own program imports from here
     clients = types.ModuleType("rosbridge_server.client_manager")
     vars(clients)["ClientManager"] = _ClientManager
     sys.modules[clients.__name__] = clients

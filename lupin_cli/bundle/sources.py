@@ -27,7 +27,7 @@ ROBOT, LAPTOP = "robot", "laptop"
 
 
 @dataclass(frozen=True)
-class Source:
+class ItemSource:
     """One file of a machine's folder in the archive. With `root`, a robot's sudo is tried first."""
 
     path: str
@@ -38,7 +38,7 @@ class Source:
     timeout_s: float = TIMEOUT_S
 
 
-def journal(path: str, description: str, *selection: str, machines: tuple[str, ...] = (ROBOT, LAPTOP)) -> Source:
+def journal(path: str, description: str, *selection: str, machines: tuple[str, ...] = (ROBOT, LAPTOP)) -> ItemSource:
     """The system journal's lines for `selection`: of this boot, or since `$since`."""
     words = shlex.join(selection)
     script = f"""command -v journalctl >/dev/null 2>&1 || exit {NOT_FOUND}
@@ -46,15 +46,15 @@ j() {{ journalctl --no-pager -q -o short-iso-precise ${{since:--b}} "$@" {words}
 echo '@@ last'; j -n {LAST_LINES} | tail -c {TAIL_BYTES}; echo
 echo '@@ first'; j | head -n {FIRST_LINES} | head -c {HEAD_BYTES}
 """
-    return Source(path, description, script, root=True, machines=machines)
+    return ItemSource(path, description, script, root=True, machines=machines)
 
 
 def command(
     path: str, description: str, text: str, *, root: bool = False, machines: tuple[str, ...] = (ROBOT, LAPTOP)
-) -> Source:
+) -> ItemSource:
     """The output of some commands, each after the command itself; the last TAIL_BYTES of it."""
     lines = [f"echo {shlex.quote(f'$ {line}')}; {line} 2>&1" for line in text.splitlines()]
-    return Source(path, description, f"{{ {'; '.join(lines)}; }} | tail -c {TAIL_BYTES}\n", root, machines)
+    return ItemSource(path, description, f"{{ {'; '.join(lines)}; }} | tail -c {TAIL_BYTES}\n", root, machines)
 
 
 def files(
@@ -64,7 +64,7 @@ def files(
     root: bool = False,
     machines: tuple[str, ...] = (ROBOT, LAPTOP),
     limit: int = FILE_BYTES,
-) -> Source:
+) -> ItemSource:
     """The concatenated files that match `patterns`. An unreadable file leaves its error message in its place."""
     script = f"""found=
 for f in {" ".join(patterns)}; do
@@ -75,14 +75,14 @@ for f in {" ".join(patterns)}; do
 done
 [ -n "$found" ] || exit {NOT_FOUND}
 """
-    return Source(path, description, f"set +f\n{script}", root, machines)
+    return ItemSource(path, description, f"set +f\n{script}", root, machines)
 
 
 _ROBOT_ONLY = (ROBOT,)
 _CLOCK = ("chrony", "chronyd", "systemd-timesyncd", "lupin-clock-sync")
 _NETWORK = ("NetworkManager", "wpa_supplicant", "systemd-networkd", "hostapd", "dnsmasq", "mirte-ap", "mirte-wifi-watchdog")
 
-SOURCES: tuple[Source, ...] = (
+SOURCES: tuple[ItemSource, ...] = (
     journal("journal/mirte-ros.log", "the vendor's ROS stack", "-u", VENDOR, machines=_ROBOT_ONLY),
     journal("journal/lupin.log", "Lupin's units", "-u", "lupin-*"),
     journal("journal/clock.log", "chrony and the clock", *(word for unit in _CLOCK for word in ("-u", unit))),
@@ -90,11 +90,11 @@ SOURCES: tuple[Source, ...] = (
     journal("journal/kernel.log", "the kernel", "-k"),
     journal("journal/ssh.log", "logins", "-u", "ssh", "-u", "sshd", machines=_ROBOT_ONLY),
     journal("journal/warnings.log", "warnings and errors of all programs", "-p", "warning", machines=_ROBOT_ONLY),
-    Source(
+    ItemSource(
         "journal/boots.txt", "the boots that the journal has",
         f"command -v journalctl >/dev/null 2>&1 || exit {NOT_FOUND}\njournalctl -q --list-boots | tail -n 30\n", root=True,
     ),
-    Source(
+    ItemSource(
         "system/dmesg.txt", "the kernel's ring buffer",
         f"dmesg >/dev/null || exit 1\ndmesg | tail -n 2000 | tail -c {TAIL_BYTES}\n", root=True,
     ),
@@ -148,12 +148,12 @@ SOURCES: tuple[Source, ...] = (
 )  # fmt: skip
 
 
-def sources_of(machine: str) -> tuple[Source, ...]:
+def sources_of(machine: str) -> tuple[ItemSource, ...]:
     """Return the sources of "robot" or "laptop"."""
     return tuple(source for source in SOURCES if machine in source.machines)
 
 
-def script_of(source: Source, max_age_s: float | None) -> str:
+def script_of(source: ItemSource, max_age_s: float | None) -> str:
     """Return the complete script of a source; system journals go back `max_age_s` seconds, or to the boot."""
     since = "" if max_age_s is None else f"since=--since=-{max(1, round(max_age_s))}s\n"
     return PRELUDE + since + source.script
@@ -168,7 +168,7 @@ _JOURNAL = re.compile(r"@@ last\n(?P<last>.*?)\n?@@ first\n(?P<first>.*)\Z", re.
 
 
 def read_sources(
-    target: Target, sources: Sequence[Source], folder: str, *, max_age_s: float | None = None, sudo: bool = True
+    target: Target, sources: Sequence[ItemSource], folder: str, *, max_age_s: float | None = None, sudo: bool = True
 ) -> Iterable[BundleItem | Omission]:
     """Run all sources on `target` and yield their items below `folder`.
 
@@ -188,14 +188,14 @@ def read_sources(
         yield parse_source(source, outputs[source.path], folder, target.user, reasons.get(source.path, ""))
 
 
-def _run(target: Target, sources: Sequence[Source], max_age_s: float | None, *, root: bool) -> dict[str, Output]:
+def _run(target: Target, sources: Sequence[ItemSource], max_age_s: float | None, *, root: bool) -> dict[str, Output]:
     scripts = [Script(each.path, script_of(each, max_age_s), each.timeout_s, root and each.root) for each in sources]
     missing = Output(None, "", "the machine gave no answer")
     outputs = target.batch(scripts, timeout_s=max(each.timeout_s for each in sources) + _BATCH_SLACK_S)
     return {each.path: outputs.get(each.path, missing) for each in sources}
 
 
-def parse_source(source: Source, output: Output, folder: str, user: str, refused: str = "") -> BundleItem | Omission:
+def parse_source(source: ItemSource, output: Output, folder: str, user: str, refused: str = "") -> BundleItem | Omission:
     """Turn a source's output into an item or an omission. `refused` is the reason if sudo refused. Pure."""
     path = f"{folder}/{source.path}"
     if output.status == NOT_FOUND:

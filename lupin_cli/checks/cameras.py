@@ -9,7 +9,8 @@ from lupin_cli.checks.findings import make_finding
 from lupin_cli.checks.remote_command import command_on_robot
 from lupin_cli.facts.camera_drivers import CAMERA_DRIVERS
 from lupin_cli.facts.devices import DEVICES
-from lupin_cli.facts.units import CAMERAS, UNIT_STATES, VENDOR
+from lupin_cli.facts.units import UNIT_STATES, VENDOR
+from lupin_cli.systemd.units import CAMERAS
 from lupin_runtime.cameras.driver_state import ABSENT, ENDED, HELD, NO_DRIVER, DriverState
 
 SYMPTOMS = {

@@ -13,7 +13,8 @@ from lupin_cli.checks.findings import make_finding
 from lupin_cli.checks.remote_command import command_on_robot
 from lupin_cli.facts.chrony import CHRONY
 from lupin_cli.facts.clock import CLOCK, Offset, offset
-from lupin_cli.facts.units import CLOCK_SYNC, UNIT_STATES, VENDOR
+from lupin_cli.facts.units import UNIT_STATES, VENDOR
+from lupin_cli.systemd.units import CLOCK_SYNC
 
 DRIFT_LIMIT_S = 3.0  # below this, restarting the stack costs more than the correction gains
 

@@ -7,13 +7,12 @@ from collections.abc import Iterator
 
 from lupin_cli.checks.base import Check, Finding, Snapshot
 from lupin_cli.checks.dds_environment import server_host
-from lupin_cli.checks.findings import make_finding
-from lupin_cli.checks.graph_consequences import SEEN_OVER_THE_GRAPH
+from lupin_cli.checks.findings import OVER_GRAPH, make_finding
 from lupin_cli.checks.remote_command import command_on_robot, robot_option
-from lupin_cli.facts.dds_profiles import DISCOVERY_PORT
 from lupin_cli.facts.discovery_log import DISCOVERY_LOG, DiscoveryLog
 from lupin_cli.facts.ros_processes import ROS_PROCESSES, RosProcess
 from lupin_cli.facts.sockets import SOCKETS, Socket
+from lupin_runtime.ports import DISCOVERY_PORT
 
 # `env -u`: with the vendor's profile in its environment the server inherits a pinned locator and fails even on a free port.
 START_SERVER = (
@@ -63,7 +62,7 @@ def _asks_local_server(process: RosProcess) -> bool:
 
 def _missing_server(snapshot: Snapshot, log: DiscoveryLog, clients: list[RosProcess]) -> Finding:
     journal = " ".join(log.journal).lower()
-    explains = SEEN_OVER_THE_GRAPH
+    explains = OVER_GRAPH
     if "not found" in journal:
         explains |= {"profile-unreadable:robot"}  # the script that writes the profile did not find its tools either
         reason = "the vendor's script did not find fast-discovery-server: PATH was incomplete when it ran"
@@ -92,7 +91,7 @@ def _disabled_server(snapshot: Snapshot, log: DiscoveryLog) -> Finding:
         cause="the vendor's settings do not enable the discovery server, so its nodes multicast, which WiFi drops",
         evidence=(f"~/.mirte_settings.sh: MIRTE_FASTDDS={log.switch or '(unset)'}", f"mirte-ros.service: {log.vendor}"),
         command=command_on_robot(snapshot, _SWITCH_ON),
-        explains=SEEN_OVER_THE_GRAPH | {"process-multicast-only"},
+        explains=OVER_GRAPH | {"process-multicast-only"},
     )
 
 
@@ -112,7 +111,7 @@ def _taken_port(snapshot: Snapshot, bound: tuple[Socket, ...], processes: tuple[
                 evidence=(socket.line(), socket.command),
                 command=f"terminate process {socket.pid} ({socket.command or socket.process}), "
                 f"then: {_recover_command(snapshot)}",
-                explains=SEEN_OVER_THE_GRAPH | {"discovery-server-pinned"},
+                explains=OVER_GRAPH | {"discovery-server-pinned"},
             )
 
 
@@ -126,7 +125,7 @@ def _stopped_server(snapshot: Snapshot, bound: tuple[Socket, ...], processes: tu
                 cause=f"the discovery server (process {process.pid}) is stopped: it holds its port but answers no client",
                 evidence=(process.line(), f"state {process.state} in /proc/{process.pid}/stat"),
                 command=command_on_robot(snapshot, f"kill -CONT {process.pid}"),
-                explains=SEEN_OVER_THE_GRAPH,
+                explains=OVER_GRAPH,
             )
 
 
@@ -142,7 +141,7 @@ def _pinned_server(snapshot: Snapshot, bound: tuple[Socket, ...]) -> Iterator[Fi
                 cause=f"the discovery server is pinned to {address} and answers on no other address",
                 evidence=(socket.line(), socket.command),
                 command=command_on_robot(snapshot, f"kill {socket.pid}") + f" && {_recover_command(snapshot)}",
-                explains=SEEN_OVER_THE_GRAPH,
+                explains=OVER_GRAPH,
             )
 
 

@@ -39,6 +39,8 @@ class FindingRow:
     playbook: str = ""  # what `--fix` plays; empty: a person types the finding's command
     safe: bool = False  # the playbook is played without asking
     note: str = ""  # for the manual: limits of the proof or of the fix
+    over_graph: bool = False  # it is observed over DDS: a broken link or discovery explains it
+    needs_vendor: bool = False  # it concerns what the vendor's service runs: that the service is down explains it
 
     @property
     def captured(self) -> bool:
@@ -86,7 +88,8 @@ FINDINGS: tuple[FindingRow, ...] = (
         "the robot does not answer: no topics, blank panels, dead controllers", _UNREACHABLE,
         note="no route, timeout, refused, silence, another host key"),
     FindingRow("discovery-server-missing", "discovery", "discovery.server", _NO_GRAPH,
-        f"{_LINK}::test_missing_discovery_server_is_the_only_root_cause", playbook="recover-discovery", safe=True),
+        f"{_LINK}::test_missing_discovery_server_is_the_only_root_cause", playbook="recover-discovery", safe=True,
+        needs_vendor=True),
     FindingRow("discovery-server-switched-off", "discovery", "discovery.server", _NO_GRAPH,
         f"{_LINK}::test_vendor_stack_on_multicast_is_the_only_root_cause"),
     FindingRow("discovery-port-taken", "discovery", "discovery.server", _NO_GRAPH, _BAD_SERVER),
@@ -168,14 +171,15 @@ FINDINGS: tuple[FindingRow, ...] = (
         f"{_HEALTH}::test_unit_missing_after_deploy_is_named", playbook="deploy-robot"),
     FindingRow("oneshot-failed", "services", "units.lupin", "controllers are stuck and the arm is not at its home pose",
         f"{_HEALTH}::test_failed_oneshot_shows_its_journal_lines", playbook="heal",
-        note="`heal` for auto-home; a person for clock-sync"),
+        note="`heal` for auto-home; a person for clock-sync", needs_vendor=True),
     FindingRow("unit-start-limit", "services", "units.lupin", "a part of Lupin is down, and systemd does not start it again",
         _STOPPED_UNIT, playbook="start-onboard", safe=True, note="the onboard unit; a person starts the others"),
     FindingRow("unit-failed", "services", "units.lupin", "a part of Lupin is down", _FAILED_UNIT, playbook="start-onboard",
-        safe=True, note="the onboard unit; a person starts the others"),
-    FindingRow("unit-restarting", "services", "units.lupin", "a part of Lupin goes down again and again", _FAILED_UNIT),
+        safe=True, note="the onboard unit; a person starts the others", needs_vendor=True),
+    FindingRow("unit-restarting", "services", "units.lupin", "a part of Lupin goes down again and again", _FAILED_UNIT,
+        needs_vendor=True),
     FindingRow("unit-not-running", "services", "units.lupin", "a part of Lupin is down", _STOPPED_UNIT,
-        playbook="start-onboard", safe=True, note="the onboard unit; a person starts the others"),
+        playbook="start-onboard", safe=True, note="the onboard unit; a person starts the others", needs_vendor=True),
     FindingRow("unit-not-enabled", "services", "units.lupin", "a part of Lupin does not start at the next boot",
         f"{_HEALTH}::test_disabled_unit_and_unread_unit_file_are_named", severity=Severity.WARNING),
     FindingRow("unit-outlived-vendor", "services", "units.together",
@@ -206,26 +210,29 @@ FINDINGS: tuple[FindingRow, ...] = (
     FindingRow("qos-mismatch", "topic_delivery", "graph.qos", "a subscriber never gets a message, without any error",
         _GRAPH_FAULTS),
     FindingRow("names-no-samples", "topic_delivery", "graph.samples",
-        "every topic is listed and no sample arrives, though the robot's own nodes work", _LATE_JOINER),
+        "every topic is listed and no sample arrives, though the robot's own nodes work", _LATE_JOINER, over_graph=True),
     FindingRow("one-way-data", "topic_delivery", "graph.asymmetry",
         "telemetry is live, and no drive command, arm service or controller call gets through",
-        f"{_GRAPH}::test_dual_homed_robot_shows_one_way_data", playbook="single-home"),
-    FindingRow("topic-silent", "topic_delivery", "graph.silent", "everything that needs the topic waits for it", _SILENT),
-    FindingRow("camera-silent", "topic_delivery", "graph.cameras", "a camera's picture is black or frozen", _SILENT),
+        f"{_GRAPH}::test_dual_homed_robot_shows_one_way_data", playbook="single-home", over_graph=True),
+    FindingRow("topic-silent", "topic_delivery", "graph.silent", "everything that needs the topic waits for it", _SILENT,
+        over_graph=True, needs_vendor=True),
+    FindingRow("camera-silent", "topic_delivery", "graph.cameras", "a camera's picture is black or frozen", _SILENT,
+        over_graph=True, needs_vendor=True),
     FindingRow("graph-not-visited", "topic_delivery", "graph.visit",
         "no program of the laptop can join the graph, or the doctor cannot",
-        f"{_GRAPH_CAPTURES}::test_failed_graph_visit_is_named", severity=Severity.WARNING),
+        f"{_GRAPH_CAPTURES}::test_failed_graph_visit_is_named", severity=Severity.WARNING, over_graph=True),
     FindingRow("controllers-not-active", "controllers", "controllers.states",
         "the base does not drive, or arm and gripper do not move, without any error",
-        f"{_GRAPH}::test_unconfigured_controllers_explain_silent_topics", playbook="heal"),
+        f"{_GRAPH}::test_unconfigured_controllers_explain_silent_topics", playbook="heal", over_graph=True, needs_vendor=True),
     FindingRow("controller-manager-missing", "controllers", "controllers.manager",
-        "wheels, arm and gripper are dead; the lidar may still work", _REAL_NODES, playbook="sync-clock"),
+        "wheels, arm and gripper are dead; the lidar may still work", _REAL_NODES, playbook="sync-clock",
+        over_graph=True, needs_vendor=True),
     FindingRow("controller-manager-silent", "controllers", "controllers.manager",
         "wheels, arm and gripper are dead although every topic is listed",
         f"{_GRAPH_CAPTURES}::test_hanging_controller_manager_differs_from_one_way_link", playbook="sync-clock",
-        note="the simulated one shares its process with the rest"),
+        note="the simulated one shares its process with the rest", over_graph=True, needs_vendor=True),
     FindingRow("drive-sink-unheard", "drive", "drive.sink", "the robot ignores every drive command, without any error",
-        _GRAPH_FAULTS),
+        _GRAPH_FAULTS, over_graph=True, needs_vendor=True),
     FindingRow("estop-engaged", "drive", "drive.estop", _NOT_DRIVING, _REAL_NODES),
     FindingRow("bus-locked", "drive", "drive.estop", _NOT_DRIVING,
         f"{_GRAPH_CAPTURES}::test_engaged_stop_names_its_holder_and_explains_bus_lock"),
@@ -240,7 +247,7 @@ FINDINGS: tuple[FindingRow, ...] = (
         "navigation has a goal and the robot stands still: the gamepad holds the drive bus", _ZEROS, severity=Severity.WARNING),
     FindingRow("board-wedged", "motor_board", "board.motor",
         "wheels spin freely and ignore commands; battery, IMU and red button publish nothing", _SILENT,
-        note="captured: what USB and kernel print"),
+        note="captured: what USB and kernel print", needs_vendor=True),
     FindingRow("battery-unreadable", "motor_board", "board.battery", "a mission does not end when the battery runs low",
         _REAL_NODES, severity=Severity.WARNING),
     FindingRow("battery-low", "motor_board", "board.battery",
@@ -270,6 +277,8 @@ FINDINGS: tuple[FindingRow, ...] = (
 )
 # fmt: on
 _BY_ID: Mapping[str, FindingRow] = {row.id: row for row in FINDINGS}
+OVER_GRAPH = frozenset(row.id for row in FINDINGS if row.over_graph)
+NEED_VENDOR = frozenset(row.id for row in FINDINGS if row.needs_vendor)
 
 
 def modules() -> tuple[str, ...]:

@@ -6,8 +6,7 @@ import shlex
 from collections.abc import Iterator
 
 from lupin_cli.checks.base import Check, Finding, Snapshot
-from lupin_cli.checks.findings import make_finding
-from lupin_cli.checks.graph_consequences import ROBOT_UNREACHABLE, SEEN_OVER_THE_GRAPH
+from lupin_cli.checks.findings import OVER_GRAPH, make_finding
 from lupin_cli.checks.robot_address import robot_address
 from lupin_cli.facts.addresses import ADDRESSES
 from lupin_cli.facts.networkmanager import NETWORK_MANAGER, NetworkManager, Profile
@@ -81,7 +80,7 @@ def find_roamed_wifi(snapshot: Snapshot) -> Iterator[Finding]:
                     *_route_lines(routes, address),
                 ),
                 command=f"nmcli connection up {shlex.quote(saved[0].name)}",
-                explains=ROBOT_UNREACHABLE | SEEN_OVER_THE_GRAPH | {"wifi-may-roam"},
+                explains=OVER_GRAPH | {"robot-unreachable", "wifi-may-roam"},
             )
 
 
@@ -136,7 +135,7 @@ def find_missing_carrier(snapshot: Snapshot) -> Iterator[Finding]:
             "the cable is unplugged, or its other end is off",
             evidence=(*(each.line() for each in on_subnet), *_route_lines(routes, address)),
             command=f"plug the cable in, then: ip -brief link show {interface}",
-            explains=ROBOT_UNREACHABLE | SEEN_OVER_THE_GRAPH,
+            explains=OVER_GRAPH | {"robot-unreachable"},
         )
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from lupin_cli.checks.base import Check, Finding, Snapshot
-from lupin_cli.checks.findings import make_finding
-from lupin_cli.checks.graph_consequences import SEEN_OVER_THE_GRAPH
+from lupin_cli.checks.findings import OVER_GRAPH, make_finding
 from lupin_cli.checks.packet_evidence import packet_lines
 from lupin_cli.checks.remote_command import command_on_robot
 from lupin_cli.checks.robot_address import robot_address
@@ -57,7 +56,7 @@ def find_unroutable_address(snapshot: Snapshot) -> Iterator[Finding]:
             *packet_lines(snapshot),
         ),
         command=command_on_robot(snapshot, command),
-        explains=SEEN_OVER_THE_GRAPH,
+        explains=OVER_GRAPH,
     )
 
 
@@ -123,7 +122,7 @@ def _older_processes(snapshot: Snapshot, facts: Facts, address: Address) -> Iter
             command=command_on_robot(snapshot, "sudo systemctl restart mirte-ros.service")
             if facts.machine == "robot"
             else f"terminate and start again: {', '.join(str(each.pid) for each in older)}",
-            explains=SEEN_OVER_THE_GRAPH,
+            explains=OVER_GRAPH,
         )
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from lupin_cli.checks.base import Snapshot
-from lupin_cli.facts.dds_profiles import DISCOVERY_PORT
 from lupin_cli.facts.packets import CAPTURE_S, PACKETS, Flow, Packets
+from lupin_runtime.ports import DISCOVERY_PORT
 
 SHOWN_FLOWS = 4
 

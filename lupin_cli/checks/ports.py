@@ -10,7 +10,9 @@ from lupin_cli.checks.findings import make_finding
 from lupin_cli.checks.remote_command import command_on
 from lupin_cli.facts.base import Facts
 from lupin_cli.facts.sockets import SOCKETS, Socket
-from lupin_cli.facts.units import CAMERAS, UNIT_STATES
+from lupin_cli.facts.units import UNIT_STATES
+from lupin_cli.systemd.units import CAMERAS
+from lupin_runtime.ports import CONSOLE_PORT, ROSBRIDGE_PORT, VIDEO_PORT
 
 
 @dataclass(frozen=True)
@@ -24,11 +26,11 @@ class ReservedPort:
 
 
 LAPTOP_PORTS = (
-    ReservedPort("port-8090-taken", "tcp", 8090, "lupin"),  # the operator's page
-    ReservedPort("port-9090-taken", "tcp", 9090, "lupin"),  # rosbridge, over which the page reaches the graph
+    ReservedPort("port-8090-taken", "tcp", CONSOLE_PORT, "lupin"),  # the operator's page
+    ReservedPort("port-9090-taken", "tcp", ROSBRIDGE_PORT, "lupin"),  # rosbridge, over which the page reaches the graph
     ReservedPort("port-123-taken", "udp", 123, "chronyd"),  # the clock that the robot follows
 )
-ROBOT_PORTS = (ReservedPort("port-8091-taken", "tcp", 8091, "lupin"),)  # the cameras' pictures
+ROBOT_PORTS = (ReservedPort("port-8091-taken", "tcp", VIDEO_PORT, "lupin"),)  # the cameras' pictures
 
 
 def find_taken_ports(snapshot: Snapshot) -> Iterator[Finding]:

@@ -5,28 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
-from lupin_cli.checks.findings import make_finding
+from lupin_cli.checks.findings import NEED_VENDOR, make_finding
 from lupin_cli.checks.remote_command import command_on_robot
 from lupin_cli.facts.system_journal import SYSTEM_JOURNAL
-from lupin_cli.facts.units import AUTO_HOME, CAMERAS, CLOCK_SYNC, LUPIN_UNITS, ONBOARD, UNIT_STATES, VENDOR, Unit
+from lupin_cli.facts.units import UNIT_STATES, VENDOR, Unit
 from lupin_cli.facts.versions import VERSIONS
+from lupin_cli.systemd.units import AUTO_HOME, CAMERAS, LUPIN_UNITS, ONBOARD
 
 JOURNAL_LINES = 4
 MANY_RESTARTS = 3  # a service that was restarted this often since boot will fail again
-DEPLOYED = (ONBOARD, AUTO_HOME)  # every deploy installs these; early releases have no cameras, and clock sync is optional
-# What the operator misses while a unit is down.
-SYMPTOMS = {
-    ONBOARD: "no drive bus, no e-stop, no arm presets, no lights",
-    CAMERAS: "no camera images",
-    AUTO_HOME: "controllers stay stuck after a boot, and the arm never moves to its home pose",
-    CLOCK_SYNC: "the clock is wrong after a boot",
-}
-
-MISSING_SYMPTOMS = {
-    ONBOARD: "after a boot, manual drive, e-stop, arm and lights do not work",
-    CAMERAS: "no camera images on the page",
-    AUTO_HOME: "the arm never moves to its home pose",
-}
 
 
 def _unit_evidence(snapshot: Snapshot, unit: Unit) -> tuple[str, ...]:
@@ -49,12 +36,8 @@ def find_vendor_down(snapshot: Snapshot) -> Iterator[Finding]:
         cause=f"{VENDOR} is {unit.active} ({unit.sub}, {unit.result})",
         evidence=_unit_evidence(snapshot, unit),
         command="lupin play heal",
-        explains={
-            "unit-not-running", "unit-failed", "oneshot-failed", "unit-restarting", "controller-manager-missing",
-            "controller-manager-silent", "controllers-not-active", "drive-sink-unheard", "board-wedged", "topic-silent",
-            "camera-silent", "discovery-server-missing",
-        },
-    )  # fmt: skip
+        explains=NEED_VENDOR,
+    )
 
 
 def find_unit_faults(snapshot: Snapshot) -> Iterator[Finding]:
@@ -63,18 +46,15 @@ def find_unit_faults(snapshot: Snapshot) -> Iterator[Finding]:
     if units is None or not units.systemd:
         return
     release = versions.release if versions is not None else None
-    expected: tuple[str, ...] = ()
-    if release is not None and release.current:
-        expected = (*DEPLOYED, CAMERAS) if release.cameras else DEPLOYED
-    for name in LUPIN_UNITS:
+    for name, row in LUPIN_UNITS.items():
         unit = units.get(name)
         if unit is not None:
             yield from _unit_faults(snapshot, unit)
-        elif name in expected:
+        elif row.in_release and release is not None and release.current and (name != CAMERAS or release.cameras):
             yield make_finding(
                 "unit-missing",
                 where="robot",
-                symptom=MISSING_SYMPTOMS[name],
+                symptom=row.missing_symptom,
                 cause=f"a release is deployed, but {name} is not installed",
                 evidence=(f"{name}: LoadState=not-found",),
                 command="lupin deploy robot",
@@ -138,7 +118,7 @@ def _unit_not_enabled(snapshot: Snapshot, unit: Unit, cause: str, evidence: tupl
     return make_finding(
         "unit-not-enabled",
         where="robot",
-        symptom=f"{SYMPTOMS[unit.name]}, after the next boot",
+        symptom=f"{LUPIN_UNITS[unit.name].symptom}, after the next boot",
         cause=cause,
         evidence=evidence,
         command=command_on_robot(snapshot, command),
@@ -154,7 +134,7 @@ def _unit_down(snapshot: Snapshot, id: str, unit: Unit, cause: str, command: str
         id,
         severity=_severity(unit),
         where="robot",
-        symptom=SYMPTOMS[unit.name],
+        symptom=LUPIN_UNITS[unit.name].symptom,
         cause=cause,
         evidence=_unit_evidence(snapshot, unit),
         command="lupin play start-onboard" if by_playbook else command_on_robot(snapshot, command),
@@ -166,7 +146,7 @@ def _unit_down(snapshot: Snapshot, id: str, unit: Unit, cause: str, command: str
 
 
 def _severity(unit: Unit) -> Severity:
-    return Severity.WARNING if unit.name == CLOCK_SYNC else Severity.PROBLEM
+    return Severity.WARNING if LUPIN_UNITS[unit.name].optional else Severity.PROBLEM
 
 
 def _reached_start_limit(snapshot: Snapshot, unit: Unit) -> bool:

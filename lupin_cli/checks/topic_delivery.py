@@ -11,7 +11,7 @@ from lupin_cli.checks.packet_evidence import data_reaches_robot, packet_lines
 from lupin_cli.checks.remote_command import command_on_robot
 from lupin_cli.facts.graph import GRAPH, Endpoint, Graph
 from lupin_cli.facts.packets import PACKETS
-from lupin_cli.facts.units import CAMERAS
+from lupin_cli.systemd.units import CAMERAS
 from lupin_runtime.graph import BODY_IMAGE_ROBOT, BODY_IMAGE_SIM, GRIPPER_IMAGE, MOTOR_BOARD, camera_info, topics
 
 KNOWN_TOPICS = frozenset(topic.name for topic in topics())

@@ -12,6 +12,7 @@ import typer
 from lupin_cli.commands.console_certificate import certificate
 from lupin_cli.exit_codes import FAILURE, UNREACHABLE, USAGE_ERROR
 from lupin_cli.terminal import echo
+from lupin_runtime.ports import CONSOLE_PORT, ROSBRIDGE_PORT
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,9 +38,9 @@ def serve(
     run: str = RUN,
     host: str = typer.Option("", help="Listen on this address [all of this computer's]."),
     tls: bool = typer.Option(True, "--tls/--no-tls", help="Use HTTPS for browsers on other computers."),
-    port: int = typer.Option(8090, min=0, max=65535, help="Serve the page on this port; 0: any free one."),
+    port: int = typer.Option(CONSOLE_PORT, min=0, max=65535, help="Serve the page on this port; 0: any free one."),
     rosbridge_port: int = typer.Option(
-        9090, min=0, max=65535, help="Serve rosbridge on this port of 127.0.0.1; 0: any free one."
+        ROSBRIDGE_PORT, min=0, max=65535, help="Serve rosbridge on this port of 127.0.0.1; 0: any free one."
     ),
     share: bool = typer.Option(False, "--share", help="Print the code that pairs a viewer, who can only watch and stop."),
 ) -> None:
@@ -52,8 +53,9 @@ def serve(
     from lupin_cli.run.console_access import access_banner
     from lupin_cli.run.foreground import graph_of, start_in_foreground
     from lupin_runtime.console.ports import PortInUse, check_free
+    from lupin_runtime.stack.options import Options
     from lupin_runtime.stack.runs import RunError
-    from lupin_runtime.stack.table import TABLE, Options, launch
+    from lupin_runtime.stack.table import TABLE, launch
 
     try:
         environment, folder = graph_of(run)

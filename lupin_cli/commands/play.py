@@ -146,7 +146,7 @@ def _needs_robot(playbook: Playbook, given: dict[str, Any], resume: bool) -> boo
     from lupin_cli.playbook.binding import Binding
 
     try:
-        return "robot" in Binding(playbook, given, None).machines()
+        return "robot" in Binding(playbook, given, None).needed_machines()
     except (ValueError, PlaybookError) as error:
         if isinstance(error, PlaybookError) and not resume:  # a resumed run has the variables that aren't given again
             raise

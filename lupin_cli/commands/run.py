@@ -22,8 +22,9 @@ def command(
 ) -> None:
     """Run one process of the stack in the foreground, on the graph of the live run if there is one."""
     from lupin_cli.run.foreground import graph_of, run_in_foreground
+    from lupin_runtime.stack.options import Options
     from lupin_runtime.stack.runs import RunError
-    from lupin_runtime.stack.table import TABLE, Options, launch
+    from lupin_runtime.stack.table import TABLE, launch
 
     rows = {row.name: row for row in TABLE if not row.external}
     if process is None:
@@ -46,7 +47,7 @@ def command(
 
 def _program(row: ProcessRow) -> str:
     """Return the program of a row without nodes."""
-    from lupin_runtime.stack.table import Options
+    from lupin_runtime.stack.options import Options
 
     command = row.command(Options()) if row.command is not None else [sys.executable]
     return command[2] if command[1] == "lupin_runtime.stack.external" else command[1]

@@ -14,7 +14,7 @@ from lupin_cli.exit_codes import FAILURE, SUCCESS, USAGE_ERROR
 from lupin_cli.terminal import echo
 
 if TYPE_CHECKING:
-    from lupin_sim.flythrough import Frame
+    from lupin_sim.flythrough import FilmFrame
     from lupin_sim.world import World
 
 app = typer.Typer(
@@ -145,7 +145,7 @@ def _load(name: str, seed: int) -> World:
         raise typer.Exit(USAGE_ERROR) from None
 
 
-def _recorded_frames(path: Path, rate_hz: float) -> list[Frame]:
+def _recorded_frames(path: Path, rate_hz: float) -> list[FilmFrame]:
     from lupin_sim.flythrough import from_trajectory
     from lupin_sim.scoring import read_tum
 

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +17,12 @@ import typer
 
 from lupin_cli.exit_codes import UNREACHABLE, USAGE_ERROR
 from lupin_cli.terminal import echo
+from lupin_runtime.ports import CONSOLE_PORT, FOXGLOVE_PORT, ROSBRIDGE_PORT, VIDEO_PORT
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from lupin_runtime.stack.options import Options
 
 DEFAULT_GOAL = {"sim": "all", "robot": "5"}
 DETACH_TIMEOUT_S = 20.0
@@ -44,12 +48,19 @@ def command(
     flowers: bool = typer.Option(True, "--yolo/--no-yolo", help="Detect flowers."),
     cameras: bool = typer.Option(True, "--cameras/--no-cameras", help="Simulate the cameras."),
     record: bool = typer.Option(True, "--record/--no-record", help="Record the graph to an MCAP file."),
-    web: bool = typer.Option(True, "--web/--no-web", help="Serve the console: its page on port 8090, rosbridge on 9090."),
+    web: bool = typer.Option(
+        True, "--web/--no-web", help=f"Serve the console: its page on port {CONSOLE_PORT}, rosbridge on {ROSBRIDGE_PORT}."
+    ),
+    rosbridge_port: int = typer.Option(
+        ROSBRIDGE_PORT, min=0, max=65535, help="Serve rosbridge on this port of 127.0.0.1; 0: any free one."
+    ),
     video: bool = typer.Option(
-        True, "--video/--no-video", help="Serve the simulated cameras' pictures to the console, on 127.0.0.1:8091."
+        True, "--video/--no-video", help=f"Serve the simulated cameras' pictures to the console, on 127.0.0.1:{VIDEO_PORT}."
     ),
     foxglove: bool = typer.Option(
-        False, "--foxglove/--no-foxglove", help="Serve the graph to Foxglove and Lichtblick, read-only, on 127.0.0.1:8765."
+        False,
+        "--foxglove/--no-foxglove",
+        help=f"Serve the graph to Foxglove and Lichtblick, read-only, on 127.0.0.1:{FOXGLOVE_PORT}.",
     ),
     joystick: bool = typer.Option(True, "--joystick/--no-joystick", help="Drive with an Xbox gamepad (not in this release)."),
     rviz: bool = typer.Option(True, "--rviz/--no-rviz", help="Start RViz, if it is installed and there is a display."),
@@ -78,14 +89,15 @@ def command(
         return
 
     from lupin_cli.run.mission_client import goal_count
-    from lupin_runtime.stack.table import Options
+    from lupin_runtime.stack.options import Options
 
     no_cameras = _why_no_cameras() if cameras and target == "sim" else ""
     if no_cameras and mission:
         echo(f"lupin up: --mission: the tags are read by the cameras: {no_cameras}", err=True)
         raise typer.Exit(USAGE_ERROR)
     serves_video = video and web and cameras and target == "sim"
-    unavailable = _find_unavailable(web, joystick, rviz and not headless, foxglove, serves_video)
+    requested = {"web": web, "video": serves_video, "foxglove": foxglove, "joystick": joystick, "rviz": rviz and not headless}
+    unavailable = _find_unavailable({flag for flag, wanted in requested.items() if wanted})
     if no_cameras:
         unavailable["cameras"] = no_cameras
     options = Options(
@@ -105,6 +117,7 @@ def command(
         mission=mission,
         record=record,
         console=web and "web" not in unavailable,
+        rosbridge_port=rosbridge_port,
         video=video and "video" not in unavailable,
         foxglove=foxglove and "foxglove" not in unavailable,
         rviz=rviz and not headless and "rviz" not in unavailable,
@@ -113,6 +126,8 @@ def command(
         dependency_timeout_s=dependency_timeout_s,
         approach_overrides=overrides.resolve() if overrides else None,
     )
+    if options.console:
+        _report_taken_port(rosbridge_port)
     open_browser = not headless and sys.stdout.isatty() and bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     raise typer.Exit(_run(options, unavailable, as_json, open_browser))
 
@@ -167,26 +182,36 @@ def _check_foxglove_extra() -> None:
         raise typer.Exit(USAGE_ERROR)
 
 
-def _find_unavailable(web: bool, joystick: bool, rviz: bool, foxglove: bool = False, video: bool = False) -> dict[str, str]:
-    """Return the requested parts that cannot be started on this machine, each with the reason."""
+def _find_unavailable(requested: Collection[str]) -> dict[str, str]:
+    """Return the requested parts, by their flags, that cannot be started on this machine, each with the reason."""
     from lupin_runtime.console.ports import PortInUse, check_free
-    from lupin_runtime.stack.table import CONSOLE_PORT, FOXGLOVE_PORT, ROSBRIDGE_PORT, VIDEO_PORT
+    from lupin_runtime.stack.table import TABLE
 
     unavailable = {}
-    ports = {"web": (CONSOLE_PORT, ROSBRIDGE_PORT), "video": (VIDEO_PORT,), "foxglove": (FOXGLOVE_PORT,)}
-    for part, requested in (("web", web), ("video", video), ("foxglove", foxglove)):
+    for row in TABLE:
         try:
-            for port in ports[part] if requested else ():
+            for port in row.listens if row.flag in requested else ():
                 check_free("127.0.0.1", port)
         except PortInUse as error:
-            unavailable[part] = str(error)
-    if joystick:
+            unavailable[row.flag] = str(error)
+    if "joystick" in requested:
         unavailable["joystick"] = "the Xbox teleop is not in this release"
-    if rviz and shutil.which("rviz2") is None:
+    if "rviz" in requested and shutil.which("rviz2") is None:
         unavailable["rviz"] = "rviz2 is not on PATH; install rviz2 of your ROS distribution and source its setup.bash"
-    elif rviz and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    elif "rviz" in requested and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         unavailable["rviz"] = "rviz2 needs a display; set DISPLAY or WAYLAND_DISPLAY"
     return unavailable
+
+
+def _report_taken_port(rosbridge_port: int) -> None:
+    """Say if another program, such as the vendor's rosbridge, uses the port for programs: browsers need another one."""
+    from lupin_runtime.console.ports import PortInUse, check_free
+
+    try:
+        if rosbridge_port:
+            check_free("127.0.0.1", rosbridge_port)
+    except PortInUse as error:
+        echo(f"lupin up: no rosbridge for programs: {error}; choose another port with --rosbridge-port", err=True)
 
 
 def _layout(world: str, target: str) -> Path | None:
@@ -202,14 +227,14 @@ def _layout(world: str, target: str) -> Path | None:
     return Path(world).resolve() if world.endswith(".json") else None
 
 
-def _run(options: Any, unavailable: dict[str, str], as_json: bool, open_browser: bool) -> int:
+def _run(options: Options, unavailable: dict[str, str], as_json: bool, open_browser: bool) -> int:
     from rich.console import Console
 
     from lupin_cli.run.live_view import LiveView
     from lupin_cli.run.summary import summarize
     from lupin_runtime.stack.dds import NoFreeDomain, NoRobotEnvironment
     from lupin_runtime.stack.runs import RunError
-    from lupin_runtime.stack.session import Session
+    from lupin_runtime.stack.stack_runner import StackRunner
 
     console = Console(stderr=as_json)
     announced = False
@@ -218,23 +243,23 @@ def _run(options: Any, unavailable: dict[str, str], as_json: bool, open_browser:
         nonlocal announced
         if not announced and _console_is_up(state):
             announced = True
-            _announce_console(session.run.path, console, open_browser)
+            _announce_console(runner.run.path, console, open_browser)
         view.show(state)
 
     try:
         view = LiveView(console)
-        session = Session(options, observe)
+        runner = StackRunner(options, observe)
     except (NoFreeDomain, NoRobotEnvironment, RunError) as error:
         echo(f"lupin up: {error}", err=True)
         return USAGE_ERROR
-    if session.applied:
-        console.print(f"variables from ros-env.sh: {', '.join(session.applied)}", highlight=False)
+    if runner.applied:
+        console.print(f"variables from ros-env.sh: {', '.join(runner.applied)}", highlight=False)
     for flag, reason in unavailable.items():
         console.print(f"not started: {reason} (--no-{flag})", highlight=False, soft_wrap=True)
     with view:
-        console.print(f"run {session.run.id}  logs: {session.run.logs}", highlight=False, soft_wrap=True)
-        outcome = session.execute()
-    result = summarize(session.run, options, outcome, console)
+        console.print(f"run {runner.run.id}  logs: {runner.run.logs}", highlight=False, soft_wrap=True)
+        outcome = runner.execute()
+    result = summarize(runner.run, options, outcome, console)
     if as_json:
         print(json.dumps(result))
     return outcome.exit_status

@@ -35,7 +35,7 @@ echo '@@ end'
 
 
 @dataclass(frozen=True)
-class Source:
+class TimeSource:
     """A time source: one line of `chronyc -c sources`."""
 
     address: str
@@ -71,7 +71,7 @@ class Chrony:
     conf: tuple[str, ...]
     listeners: tuple[str, ...]  # UDP listeners on the NTP port, as ss prints them
     tracking: Tracking | None
-    sources: tuple[Source, ...]
+    sources: tuple[TimeSource, ...]
     others: tuple[str, ...] = ()  # other programs that discipline the clock
 
     def directives(self, name: str) -> tuple[str, ...]:
@@ -107,11 +107,11 @@ def _tracking(sections: Sections) -> Tracking | None:
     return Tracking(fields[1], int(fields[2] or 0), float(fields[4]), fields[13], raw)
 
 
-def _sources(sections: Sections) -> tuple[Source, ...]:
+def _sources(sections: Sections) -> tuple[TimeSource, ...]:
     lines = sections.lines("sources") if sections.get("sources") else ()
     rows = [(line, line.split(",")) for line in lines]
     return tuple(
-        Source(fields[2], fields[1], int(fields[3]), int(fields[5]), float(fields[7]), line)
+        TimeSource(fields[2], fields[1], int(fields[3]), int(fields[5]), float(fields[7]), line)
         for line, fields in rows
         if len(fields) >= 10 and fields[0] in ("^", "=", "#")
     )

@@ -10,10 +10,10 @@ from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.ros_processes import FILTER_NETWORK_NAMESPACE
 from lupin_cli.facts.sections import PRELUDE, Section, parse_sections
+from lupin_runtime.ports import DISCOVERY_PORT
 
 # The GUID prefix of discovery server 0 in the vendor's profiles and in ours; its bytes spell DS_EPROSIMA.
 SERVER_PREFIX = "44.53.00.5f.45.50.52.4f.53.49.4d.41"
-DISCOVERY_PORT = 11811
 OWN_PROFILE = "fastdds_super_client.xml"  # written by `lupin dds setup`, in the folder of ros-env.sh
 
 PROBE = (

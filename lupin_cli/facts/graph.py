@@ -15,6 +15,7 @@ from typing import Any
 
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
+from lupin_runtime.graph import BATTERY, DRIVE_STATUS, ESTOP_STATE, ESTOP_STATUS
 
 GHOST = "_NODE_NAME_UNKNOWN_"  # the name that rmw reports for an unknown node
 PROBE = f"exec {shlex.quote(sys.executable)} -m lupin_runtime.stack.graph_probe"
@@ -149,9 +150,9 @@ def _graph(document: Mapping[str, Any]) -> Graph:
     if document.get("error"):
         return Graph(str(document["name"]), str(document["kind"]), environment, error=str(document["error"]))
     messages = document.get("said", {})
-    battery = messages.get("/io/power/power_watcher")
-    estop_status = messages.get("/lupin/estop/status") or {}
-    drive = messages.get("/lupin/drive/status") or {}
+    battery = messages.get(BATTERY.name)
+    estop_status = messages.get(ESTOP_STATUS.name) or {}
+    drive = messages.get(DRIVE_STATUS.name) or {}
     sink = drive.get("sink")
     controllers = document.get("controllers")
     return Graph(
@@ -168,7 +169,7 @@ def _graph(document: Mapping[str, Any]) -> Graph:
         controllers=None if controllers is None else tuple(Controller(c["name"], c["state"]) for c in controllers),
         calls=tuple(ServiceCall(name, call["round_trip_s"]) for name, call in document["calls"].items()),
         battery=(battery["percentage"], battery["voltage"]) if battery else None,
-        estop=estop_status.get("engaged", messages.get("/e_stop_state")),
+        estop=estop_status.get("engaged", messages.get(ESTOP_STATE.name)),
         estop_reasons=tuple(estop_status.get("reasons", ())),
         bus_winner=str(drive.get("winner") or ""),
         bus_locks=tuple(drive.get("locks", ())),

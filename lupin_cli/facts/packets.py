@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.dds_profiles import DISCOVERY_PORT
 from lupin_cli.facts.sections import PRELUDE, integer, parse_sections
+from lupin_runtime.ports import DISCOVERY_PORT
 
 CAPTURE_S = 6.0  # the graph probe, which causes the packets, joins within two seconds and calls services for three
 MAX_PACKETS = 20_000

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, integer, parse_sections
+from lupin_runtime.ports import DISCOVERY_PORT, VIDEO_PORT
 
 # ss may omit the owner of a socket that was just opened, so it is run again if all owners are missing. If another user owns
 # the port of the discovery server or of the cameras, it is run as root, since that owner is always needed.
@@ -15,8 +16,10 @@ PROBE = (
     PRELUDE
     + r"""found=$(ss -H -lntup) || exit 1
 case $found in *udp*) printf '%s\n' "$found" | grep -q '^udp.*users:' || { sleep 0.1; found=$(ss -H -lntup); } ;; esac
-unowned=$(printf '%s\n' "$found" | grep -E ':(11811|8091)[[:space:]]' | grep -v 'users:')
-[ -z "$unowned" ] || { sudo -n true 2>/dev/null && found=$(sudo -n ss -H -lntup); }
+"""
+    + rf"""unowned=$(printf '%s\n' "$found" | grep -E ':({DISCOVERY_PORT}|{VIDEO_PORT})[[:space:]]' | grep -v 'users:')
+"""
+    + r"""[ -z "$unowned" ] || { sudo -n true 2>/dev/null && found=$(sudo -n ss -H -lntup); }
 echo '@@ sockets'; printf '%s\n' "$found"
 pids=$(printf '%s\n' "$found" | grep -oE 'pid=[0-9]+' | cut -d= -f2 | sort -un)
 echo '@@ commands'; grep -zHas '' $(for pid in $pids; do echo "/proc/$pid/cmdline"; done) /dev/null | tr '\n\0' ' \n'

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, as_root_if_allowed, parse_sections
-from lupin_cli.facts.units import LUPIN_UNITS, VENDOR
+from lupin_cli.facts.units import VENDOR
+from lupin_cli.systemd.units import LUPIN_UNITS
 
 KEPT_LINES = 60
 SEARCHED_LINES = 4000

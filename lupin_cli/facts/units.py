@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, parse_sections
+from lupin_cli.systemd.units import LUPIN_UNITS
 
 VENDOR = "mirte-ros.service"
-ONBOARD, CAMERAS, AUTO_HOME = "lupin-onboard.service", "lupin-cameras.service", "lupin-auto-home.service"
-CLOCK_SYNC = "lupin-clock-sync.service"
-LUPIN_UNITS = (ONBOARD, CAMERAS, AUTO_HOME, CLOCK_SYNC)
 UNITS = (VENDOR, *LUPIN_UNITS, "mirte-ap.service", "mirte-wifi-watchdog.service", "chrony.service")
 
 PROPERTIES = (

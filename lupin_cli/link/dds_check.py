@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from lupin_cli.facts.dds_profiles import DISCOVERY_PORT, SERVER_PREFIX, parse_profile
+from lupin_cli.facts.dds_profiles import SERVER_PREFIX, parse_profile
 from lupin_cli.link.dds_setup import RMW, VARIABLES, SetupPaths, find_hooks, hook_line, lines_undoing_hook, parse_robot_ip
+from lupin_runtime.ports import DISCOVERY_PORT
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from lupin_cli.facts.dds_profiles import DISCOVERY_PORT, OWN_PROFILE, SERVER_PREFIX
+from lupin_cli.facts.dds_profiles import OWN_PROFILE, SERVER_PREFIX
+from lupin_runtime.ports import DISCOVERY_PORT
 
 DEFAULT_IP = "192.168.42.1"  # the robot's own access point
 VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_DISCOVERY_SERVER", "RMW_IMPLEMENTATION")

@@ -8,22 +8,22 @@ from lupin_cli.connection.base import Output, Script
 from lupin_cli.operations.base import OperationError, probe_script
 from lupin_cli.operations.shell import quote
 from lupin_cli.release.paths import RELEASE, setup_lines
-from lupin_runtime.graph import CONTROLLERS
+from lupin_runtime.graph import CONTROLLERS, LIST_CONTROLLERS
 
 _TIMEOUT_S = 25.0
 
 # A node for one service call. It prints one line of JSON, or nothing if the service does not answer in time.
-_LIST_CONTROLLERS = """
+_LIST_CONTROLLERS = f"""
 import json, os, sys, rclpy
 from controller_manager_msgs.srv import ListControllers
 rclpy.init(args=[])
 node = rclpy.create_node("lupin_controllers", start_parameter_services=False, enable_rosout=False)
-client = node.create_client(ListControllers, "/controller_manager/list_controllers")
+client = node.create_client(ListControllers, {LIST_CONTROLLERS.name!r})
 if client.wait_for_service(timeout_sec=15.0):
     future = client.call_async(ListControllers.Request())
     rclpy.spin_until_future_complete(node, future, timeout_sec=5.0)
     if future.done():
-        print("states " + json.dumps({c.name: c.state for c in future.result().controller}), flush=True)
+        print("states " + json.dumps({{c.name: c.state for c in future.result().controller}}), flush=True)
 node.destroy_node()  # otherwise the node stays on the graph for 20 s
 os._exit(0)
 """

@@ -9,8 +9,7 @@ from lupin_cli.connection.base import Output, Script, Target
 from lupin_cli.operations.base import Difference, Operation
 from lupin_cli.operations.controller_states import controllers_probe, find_inactive, parse_controllers
 from lupin_cli.operations.shell import change
-
-AUTO_HOME = "lupin-auto-home.service"
+from lupin_cli.systemd.units import AUTO_HOME
 
 
 @dataclass(frozen=True, kw_only=True)

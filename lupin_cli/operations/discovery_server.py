@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from lupin_cli.connection.base import Output, Script, Target
 from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
 from lupin_cli.operations.shell import change, observe, query, text_of
+from lupin_runtime.ports import DISCOVERY_PORT
 
 # The vendor's client profile must not be in the server's environment: the server would use it and try to take its port.
 # The shell that starts the server exits at once, so the server needs a session of its own. Its PID is stored beside its log.
@@ -46,12 +47,12 @@ class DiscoveryServer(Operation):
     """
 
     name: ClassVar[str] = "discovery-server"
-    effect: ClassVar[str] = "a discovery server listens on UDP `port` (default 11811), on every address"
+    effect: ClassVar[str] = f"a discovery server listens on UDP `port` (default {DISCOVERY_PORT}), on every address"
     undo_effect: ClassVar[str] = "the server that the step started is terminated by PID"
     settle_s: ClassVar[float] = 10.0
     result_keys: ClassVar[tuple[str, ...]] = ("listens",)
 
-    port: int = 11811
+    port: int = DISCOVERY_PORT
     patience_s: float = 0.0  # how long to wait for the vendor's own server after its service was started
     log: str = "/tmp/lupin-disc.log"
 

@@ -10,7 +10,7 @@ from typing import Any
 from lupin_cli.connection.base import Target
 from lupin_cli.operations.base import Operation
 from lupin_cli.playbook.expressions import Expression, ExpressionError
-from lupin_cli.playbook.model import Frame, Playbook, Step
+from lupin_cli.playbook.model import Playbook, PlaybookFrame, Step
 from lupin_cli.playbook.parser import build
 from lupin_cli.playbook.templates import resolve
 from lupin_cli.playbook.variables import check_variable
@@ -40,7 +40,7 @@ class Binding:
         if targets is None:
             return
         self._check_arguments()
-        for machine in sorted(self.machines()):
+        for machine in sorted(self.needed_machines()):
             if machine not in targets:
                 raise PlaybookError(
                     f"{playbook.name!r} works on the {machine}, but no {machine} was named; name one with --robot NAME",
@@ -59,7 +59,7 @@ class Binding:
             except ExpressionError:
                 continue  # it needs the result of an earlier step
 
-    def machines(self) -> set[str]:
+    def needed_machines(self) -> set[str]:
         """Return the machines of the steps whose conditions hold, or need the result of an earlier step."""
         return {step.machine for step in self._playbook.steps if self._may_run(step)}
 
@@ -69,11 +69,11 @@ class Binding:
         except (PlaybookError, ExpressionError):
             return True
 
-    def scope(self, frame: Frame) -> dict[str, Any]:
+    def scope(self, frame: PlaybookFrame) -> dict[str, Any]:
         """Return the value of every name that a step of this frame may use."""
         return {**self._variables(frame), **self._results.get(id(frame), {})}
 
-    def _variables(self, frame: Frame) -> dict[str, Any]:
+    def _variables(self, frame: PlaybookFrame) -> dict[str, Any]:
         values: dict[str, Any] = dict(self._machines)
         parent = self.scope(frame.parent) if frame.parent is not None else {}
         for variable in frame.variables:

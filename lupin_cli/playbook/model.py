@@ -62,12 +62,12 @@ class Retry:
 
 
 @dataclass(frozen=True)
-class Frame:
+class PlaybookFrame:
     """The names that the steps of one file see. An included file has its own names; the including step gives their values."""
 
     variables: tuple[Variable, ...]
     given: Mapping[str, tuple[Any, Place]] = field(default_factory=dict)  # templates over the parent's names
-    parent: Frame | None = None
+    parent: PlaybookFrame | None = None
     when: Expression | None = None  # of the including step, over the parent's names
     when_place: Place | None = None
 
@@ -80,7 +80,7 @@ class Step:
     place: Place
     operation: type[Operation]
     arguments: Mapping[str, tuple[Any, Place]]  # values and templates, with their places
-    frame: Frame
+    frame: PlaybookFrame
     machine: str = "robot"
     result: str = ""
     when: Expression | None = None

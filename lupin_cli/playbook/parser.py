@@ -13,10 +13,10 @@ import yaml
 from lupin_cli.operations.base import Operation
 from lupin_cli.playbook.argument_types import arguments_of, coerce, required_of
 from lupin_cli.playbook.expressions import Expression
-from lupin_cli.playbook.model import DEFAULT_TIMEOUT_S, MACHINES, RESULT_VALUES, Frame, Playbook, Retry, Step, Variable
+from lupin_cli.playbook.model import DEFAULT_TIMEOUT_S, MACHINES, RESULT_VALUES, Playbook, PlaybookFrame, Retry, Step, Variable
 from lupin_cli.playbook.templates import names_in
 from lupin_cli.playbook.variables import RESERVED, WORD, read_variables
-from lupin_cli.playbook.yaml_source import Place, PlaybookError, Source, suggest
+from lupin_cli.playbook.yaml_source import Place, PlaybookError, YamlSource, suggest
 from lupin_cli.playbook.yaml_values import (
     Entries,
     NameScope,
@@ -52,7 +52,7 @@ def read_playbook(path: Path, operations: Mapping[str, type[Operation]], find: F
 class _Include:
     """The step that includes a file."""
 
-    frame: Frame
+    frame: PlaybookFrame
     given: Mapping[str, tuple[Any, Place]]  # values of the file's variables
     when: Expression | None
     place: Place
@@ -77,7 +77,7 @@ class _PlaybookParser:
 
     def parse_file(self, path: Path, chain: tuple[Path, ...], included_by: _Include | None) -> _ParsedFile:
         """Parse a file; `chain` are the files that include it, the outermost first."""
-        source = Source.read(path)
+        source = YamlSource.read(path)
         self.texts.append(source.text)
         top = source.mapping(source.root, "a playbook")
         require_known_keys(source, top, _TOP, "a playbook")
@@ -93,13 +93,13 @@ class _PlaybookParser:
         for word, (_, place) in (included_by.given if included_by else {}).items():
             if word not in {variable.name for variable in variables}:
                 raise PlaybookError(f"{name!r} has no variable {word!r}{suggest(word, [v.name for v in variables])}", place)
-        frame = Frame(variables)
+        frame = PlaybookFrame(variables)
         if included_by is not None:
             for variable in variables:
                 if not variable.has_default and variable.name not in included_by.given:
                     message = f"{name!r} needs the variable {variable.name!r}: vars: {{{variable.name}: ...}}"
                     raise PlaybookError(message, included_by.place)
-            frame = Frame(variables, included_by.given, included_by.frame, included_by.when, included_by.place)
+            frame = PlaybookFrame(variables, included_by.given, included_by.frame, included_by.when, included_by.place)
         nodes = source.sequence(top["steps"][1], "'steps'")
         if not nodes:
             raise source.error(top["steps"][1], "a playbook has at least one step")
@@ -119,9 +119,9 @@ class _PlaybookParser:
 
     def _include(
         self,
-        source: Source,
+        source: YamlSource,
         entries: Entries,
-        frame: Frame,
+        frame: PlaybookFrame,
         names: NameScope,
         chain: tuple[Path, ...],
     ) -> list[Step]:
@@ -146,7 +146,7 @@ class _PlaybookParser:
         parsed = self.parse_file(path, chain, _Include(frame, given, when, source.place(target)))
         return [replace(step, name=f"{prefix} / {step.name}") for step in parsed.steps]
 
-    def _step(self, source: Source, node: yaml.Node, entries: Entries, frame: Frame, names: NameScope) -> Step:
+    def _step(self, source: YamlSource, node: yaml.Node, entries: Entries, frame: PlaybookFrame, names: NameScope) -> Step:
         words = [word for word in entries if word not in _STEP]
         for word in words:
             if word not in self._operations:
@@ -181,7 +181,7 @@ class _PlaybookParser:
             undo=read_truth(source, entries["undo"][1]) if "undo" in entries else True,
         )
 
-    def _result(self, source: Source, entries: Entries, operation: type[Operation], names: NameScope) -> str:
+    def _result(self, source: YamlSource, entries: Entries, operation: type[Operation], names: NameScope) -> str:
         if "as" not in entries:
             return ""
         node = entries["as"][1]
@@ -193,7 +193,7 @@ class _PlaybookParser:
 
     def _arguments(
         self,
-        source: Source,
+        source: YamlSource,
         word: str,
         operation: type[Operation],
         entry: tuple[yaml.Node, yaml.Node],
@@ -221,7 +221,7 @@ class _PlaybookParser:
             build(operation, {name: value for name, (value, _) in arguments.items()}, machine, source.place(key), word)
         return arguments
 
-    def _retry(self, source: Source, node: yaml.Node) -> Retry:
+    def _retry(self, source: YamlSource, node: yaml.Node) -> Retry:
         if not isinstance(node, yaml.MappingNode):
             return Retry(read_count(source, node, "'retry'"))
         entries = source.mapping(node, "'retry'")

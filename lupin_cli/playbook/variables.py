@@ -10,7 +10,7 @@ import yaml
 from lupin_cli.playbook.argument_types import VARIABLE_TYPES
 from lupin_cli.playbook.model import BUILTINS, Variable
 from lupin_cli.playbook.templates import Template, names_in
-from lupin_cli.playbook.yaml_source import Source, suggest
+from lupin_cli.playbook.yaml_source import YamlSource, suggest
 from lupin_cli.playbook.yaml_values import NameScope, read_value, require_known_keys
 
 WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
@@ -32,7 +32,7 @@ def _type_of(value: Any) -> str:
     return {bool: "truth", int: "integer", float: "number", list: "list"}.get(type(value), "text")
 
 
-def read_variables(source: Source, node: yaml.Node, names: NameScope) -> tuple[Variable, ...]:
+def read_variables(source: YamlSource, node: yaml.Node, names: NameScope) -> tuple[Variable, ...]:
     """Read the declarations under `vars`, and add them to `names`; raises PlaybookError."""
     variables: list[Variable] = []
     for word, (key, value) in source.mapping(node, "'vars'").items():
@@ -45,7 +45,7 @@ def read_variables(source: Source, node: yaml.Node, names: NameScope) -> tuple[V
     return tuple(variables)
 
 
-def _variable(source: Source, word: str, node: yaml.Node, names: NameScope) -> Variable:
+def _variable(source: YamlSource, word: str, node: yaml.Node, names: NameScope) -> Variable:
     place = source.place(node)
     if not isinstance(node, yaml.MappingNode):
         default = read_value(source, node, names)

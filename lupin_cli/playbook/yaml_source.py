@@ -69,7 +69,7 @@ _SCALARS: dict[str, Callable[[str], Any]] = {
 }
 
 
-class Source:
+class YamlSource:
     """One YAML file, and the values of its nodes."""
 
     def __init__(self, file: str, text: str) -> None:
@@ -79,7 +79,7 @@ class Source:
         self.root = self._compose(text)
 
     @classmethod
-    def read(cls, path: Path) -> Source:
+    def read(cls, path: Path) -> YamlSource:
         """Read a file; raises PlaybookError if it cannot be read."""
         try:
             data = path.read_bytes()

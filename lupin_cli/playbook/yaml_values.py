@@ -12,7 +12,7 @@ from lupin_cli.playbook.expressions import Expression, ExpressionError, Name
 from lupin_cli.playbook.expressions import parse as parse_expression
 from lupin_cli.playbook.model import BUILTINS
 from lupin_cli.playbook.templates import names_in, read_template
-from lupin_cli.playbook.yaml_source import PlaybookError, Source, suggest
+from lupin_cli.playbook.yaml_source import PlaybookError, YamlSource, suggest
 
 Entries = Mapping[str, tuple[yaml.Node, yaml.Node]]  # key and value nodes by key
 
@@ -43,14 +43,14 @@ class NameScope:
             )
 
 
-def require_known_keys(source: Source, entries: Entries, known: tuple[str, ...], what: str) -> None:
+def require_known_keys(source: YamlSource, entries: Entries, known: tuple[str, ...], what: str) -> None:
     """Raise PlaybookError for a key of the mapping `what` that is not known."""
     for key, (node, _) in entries.items():
         if key not in known:
             raise source.error(node, f"{what} has no key {key!r}{suggest(key, known)}")
 
 
-def read_value(source: Source, node: yaml.Node, names: NameScope) -> Any:
+def read_value(source: YamlSource, node: yaml.Node, names: NameScope) -> Any:
     """Return a value whose texts may be templates over `names`; raises PlaybookError."""
     if isinstance(node, yaml.MappingNode):
         return {key: read_value(source, value, names) for key, (_, value) in source.mapping(node, "this mapping").items()}
@@ -68,7 +68,7 @@ def read_value(source: Source, node: yaml.Node, names: NameScope) -> Any:
     return template
 
 
-def read_condition(source: Source, node: yaml.Node, names: NameScope) -> Expression:
+def read_condition(source: YamlSource, node: yaml.Node, names: NameScope) -> Expression:
     """Return a condition over `names`; raises PlaybookError."""
     text = node.value if isinstance(node, yaml.ScalarNode) else source.text_of(node, "a condition")
     try:
@@ -80,11 +80,11 @@ def read_condition(source: Source, node: yaml.Node, names: NameScope) -> Express
     return expression
 
 
-def _condition_error(source: Source, node: yaml.Node, column: int, message: str) -> PlaybookError:
+def _condition_error(source: YamlSource, node: yaml.Node, column: int, message: str) -> PlaybookError:
     return source.error(node, message, column)
 
 
-def read_count(source: Source, node: yaml.Node, what: str) -> int:
+def read_count(source: YamlSource, node: yaml.Node, what: str) -> int:
     """Return a whole number from 0 to 100; raises PlaybookError."""
     value = source.plain(node)
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= _MAX_RETRIES:
@@ -92,7 +92,7 @@ def read_count(source: Source, node: yaml.Node, what: str) -> int:
     return value
 
 
-def read_seconds(source: Source, node: yaml.Node, what: str) -> float:
+def read_seconds(source: YamlSource, node: yaml.Node, what: str) -> float:
     """Return a number of seconds, more than 0 and at most 3600; raises PlaybookError."""
     value = source.plain(node)
     if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0 < value <= _MAX_DURATION_S:
@@ -100,7 +100,7 @@ def read_seconds(source: Source, node: yaml.Node, what: str) -> float:
     return float(value)
 
 
-def read_truth(source: Source, node: yaml.Node) -> bool:
+def read_truth(source: YamlSource, node: yaml.Node) -> bool:
     """Return true or false; raises PlaybookError."""
     value = source.plain(node)
     if not isinstance(value, bool):

@@ -24,7 +24,8 @@ def access_banner(described: ConsoleDescription, environment: Mapping[str, str],
     )
     # One port serves HTTP and HTTPS, and redirects other devices to HTTPS.
     network = tuple(url for url in urls.network if url.startswith("https:") or not described.tls)
-    urls = ConsoleUrls(network, (f"http://localhost:{described.port}", f"rosbridge ws://localhost:{described.rosbridge_port}"))
+    programs = (f"rosbridge ws://localhost:{described.rosbridge_port}",) if described.rosbridge_port else ()
+    urls = ConsoleUrls(network, (f"http://localhost:{described.port}", *programs))
     code = described.codes["viewer" if share else "operator"]
     notes = [f"{spoken(code)} pairs one {'viewer' if share else 'browser'}; show the next code with: lupin console code"]
     screen = screen_of(stream, environment)

@@ -109,7 +109,7 @@ def _finish(success: bool, text: str) -> None:
 
 def goal_count(text: str) -> int:
     """Parse a discovery goal: a number of tags, or `all`. Raises typer.BadParameter."""
-    from lupin_runtime.stack.table import ALL_TAGS
+    from lupin_runtime.stack.options import ALL_TAGS
 
     if text == "all":
         return ALL_TAGS

@@ -11,9 +11,9 @@ from typing import Any
 from rich.console import Console
 
 from lupin_cli.exit_codes import SUCCESS, UNREACHABLE
+from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.runs import Run
-from lupin_runtime.stack.session import Outcome
-from lupin_runtime.stack.table import Options
+from lupin_runtime.stack.stack_runner import Outcome
 
 SCRIPT_FIELDS = (
     "state",

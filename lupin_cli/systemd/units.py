@@ -1,4 +1,4 @@
-"""Renders the robot's systemd units from the templates in `systemd/`, which contain placeholders `@name@`.
+"""Lupin's systemd units on the robot, and their texts, rendered from templates in `systemd/` with placeholders `@name@`.
 
 An unknown variable, a missing one, and a value that systemd or the shell would interpret differently are errors, because a
 slightly wrong unit fails only at the next boot, unnoticed.
@@ -8,12 +8,47 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 from lupin_cli.package_data import shipped_folder
 
 TEMPLATES = shipped_folder("systemd")
 SUFFIX = ".service.in"
 CLOCK_SYNC_SCRIPT = "/usr/local/lib/lupin/clock-sync"  # the script of lupin-clock-sync.service on a robot
+
+
+@dataclass(frozen=True)
+class LupinUnit:
+    """A unit of Lupin on the robot. To add one, add its template in `systemd/` and its row below."""
+
+    name: str
+    symptom: str  # what the operator misses while it does not run
+    missing_symptom: str = ""  # ... while it is not installed, although a release that has it is deployed
+    in_release: bool = True  # a deploy installs it
+    optional: bool = False  # a fault of it is a warning
+
+
+ONBOARD = "lupin-onboard.service"
+CAMERAS = "lupin-cameras.service"  # early releases do not have it
+AUTO_HOME = "lupin-auto-home.service"
+CLOCK_SYNC = "lupin-clock-sync.service"
+LUPIN_UNITS: dict[str, LupinUnit] = {
+    unit.name: unit
+    for unit in (
+        LupinUnit(
+            ONBOARD,
+            symptom="no drive bus, no e-stop, no arm presets, no lights",
+            missing_symptom="after a boot, manual drive, e-stop, arm and lights do not work",
+        ),
+        LupinUnit(CAMERAS, symptom="no camera images", missing_symptom="no camera images on the page"),
+        LupinUnit(
+            AUTO_HOME,
+            symptom="controllers stay stuck after a boot, and the arm never moves to its home pose",
+            missing_symptom="the arm never moves to its home pose",
+        ),
+        LupinUnit(CLOCK_SYNC, symptom="the clock is wrong after a boot", in_release=False, optional=True),
+    )
+}
 
 _PLACEHOLDER = re.compile(r"@([a-z_]+)@")
 
@@ -86,13 +121,12 @@ def render(unit: str, variables: Mapping[str, object]) -> str:
 def robot_units(user: str, release: str, setup_lines: Sequence[str]) -> dict[str, str]:
     """Return the units of a release, by file name. `setup_lines` run before the units' programs. Raises UnitError."""
     variables = {"user": user, "release": release, "set_up": setup_lines}
-    names = ("lupin-onboard.service", "lupin-cameras.service", "lupin-auto-home.service")
-    return {unit: render(unit, variables) for unit in names}
+    return {unit.name: render(unit.name, variables) for unit in LUPIN_UNITS.values() if unit.in_release}
 
 
 def clock_sync_unit(laptop: str, script: str = CLOCK_SYNC_SCRIPT) -> str:
     """Return the unit that sets the clock at boot from the NTP server at the address `laptop`. Raises UnitError."""
-    return render("lupin-clock-sync.service", {"laptop": laptop, "script": script})
+    return render(CLOCK_SYNC, {"laptop": laptop, "script": script})
 
 
 def clock_sync_script() -> str:

@@ -8,7 +8,7 @@ from lupin_runtime.arm.library import Library, LibraryError, StoredPose, StoredS
 from lupin_runtime.arm.limits import LIMITS, Arm, clamp, clamp_arm, gripper_deg, gripper_rad, window
 from lupin_runtime.arm.motion import ArmMotion, ArmState, Refused
 from lupin_runtime.arm.presets import PRESETS, UnknownPreset, preset
-from lupin_runtime.arm.recorder import Recorder, gripper_events
+from lupin_runtime.arm.recorder import ArmRecorder, gripper_events
 from lupin_runtime.arm.store import LibraryStore
 from lupin_runtime.arm.trajectory import Point, retime, to_pose
 
@@ -17,12 +17,12 @@ __all__ = [
     "PRESETS",
     "Arm",
     "ArmMotion",
+    "ArmRecorder",
     "ArmState",
     "Library",
     "LibraryError",
     "LibraryStore",
     "Point",
-    "Recorder",
     "Refused",
     "StoredPose",
     "StoredSequence",

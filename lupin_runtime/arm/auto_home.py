@@ -1,8 +1,10 @@
-"""Activates the vendor's controllers, then moves the arm to `home`: `python -m lupin_runtime.arm.auto_home [--patience S]`.
+"""Activates the vendor's controllers, then moves the arm to `home`.
 
-The robot runs it at boot, and `lupin home` runs it on request. It prints a line per step with what it found and did. Exit
-status: 0 the arm was sent home, or LUPIN_AUTO_HOME disables this; 4 the e-stop was engaged, if only for a moment, and systemd
-does not start it again; 1 otherwise, with the reason. Every wait has a timeout.
+    python -m lupin_runtime.arm.auto_home [--patience S] [--unattended]
+
+The robot runs it at boot and again after a failure (`--unattended`), and `lupin home` runs it on request. It prints a line per
+step with what it found and did. Exit status: 0 the arm was sent home, or LUPIN_AUTO_HOME disables this; 4 the e-stop was
+engaged, if only for a moment, and systemd does not start it again; 1 otherwise, with the reason. Every wait has a timeout.
 """
 
 from __future__ import annotations
@@ -25,12 +27,14 @@ from lupin_runtime import graph
 from lupin_runtime.arm.controllers import inactive_controllers, next_step
 from lupin_runtime.arm.joint_state import arm_state
 from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
+from lupin_runtime.exit_codes import ESTOPPED, FAILURE, SUCCESS
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 OPT_OUT = ("false", "0", "no", "off")
 RETRY_S = 1.0
-ESTOPPED = 4  # exit status; named in RestartPreventExitStatus of the systemd unit
+# The unit's RestartSec= and the start of a process on a slow computer: a press between two attempts is not older than this.
+BETWEEN_ATTEMPTS_S = 30.0
 
 
 class NotHome(RuntimeError):
@@ -38,7 +42,7 @@ class NotHome(RuntimeError):
 
 
 class Estopped(NotHome):
-    """The e-stop was engaged after this program started, so its command is older than the release."""
+    """The e-stop is engaged, or was pressed after the command to move, so that the command is older than the release."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +67,19 @@ def opted_out(environment: Mapping[str, str]) -> bool:
 
 
 class AutoHome:
-    """Runs the steps in order; `say` is called with a line per step."""
+    """Runs the steps in order; `say` is called with a line per step.
 
-    def __init__(self, node: LupinNode, limits: Limits | None = None, say: Callable[[str], None] = print) -> None:
-        self._limits, self._say = limits or Limits(), say
+    Nobody has just asked for an `unattended` one: it moves nothing if the e-stop was pressed within BETWEEN_ATTEMPTS_S before.
+    """
+
+    def __init__(
+        self,
+        node: LupinNode,
+        limits: Limits | None = None,
+        say: Callable[[str], None] = print,
+        unattended: bool = False,
+    ) -> None:
+        self._limits, self._say, self._unattended = limits or Limits(), say, unattended
         self._began_s = time.monotonic()
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
@@ -75,15 +88,20 @@ class AutoHome:
         self._configure = node.client(graph.CONFIGURE_CONTROLLER)
         self._switch = node.client(graph.SWITCH_CONTROLLER)
         self._preset = node.client(graph.ARM_PRESET)
-        self._arm_received = False
-        subscribe_estop(node, self._on_estop)
+        self._arm_received = self._status_received = False
+        since_ns = time.monotonic_ns() - int(BETWEEN_ATTEMPTS_S * 1e9) * unattended
+        subscribe_estop(node, self._on_estop, pressed_since_ns=since_ns)
+        node.subscription(graph.ESTOP_STATUS, self._on_estop_status)
         node.subscription(graph.JOINT_STATES, self._on_joint_states)
 
     def run(self) -> None:
         """Run all steps. Raises NotHome."""
         self.activate_controllers()
-        self._wait(lambda: self._arm_received, self._limits.joint_states_s, "/joint_states with all four arm joints")
+        awaited = f"{graph.JOINT_STATES.name} with all four arm joints"
+        self._wait(lambda: self._arm_received, self._limits.joint_states_s, awaited)
         self._wait(self._preset.service_is_ready, self._limits.preset_s, f"the service {graph.ARM_PRESET.name}")
+        if self._unattended:
+            self._wait(lambda: self._status_received, self._limits.preset_s, graph.ESTOP_STATUS.name)
         self._spin_for(self._limits.settle_s)
         self._go_home()
 
@@ -188,6 +206,9 @@ class AutoHome:
         if engaged:
             raise Estopped(f"{ESTOP_ENGAGED}: the arm is not moved; after its release: lupin home")
 
+    def _on_estop_status(self, _: Any) -> None:
+        self._status_received = True
+
     def _on_joint_states(self, message: Any) -> None:
         self._arm_received = self._arm_received or arm_state(message.name, message.position, 0) is not None
 
@@ -218,10 +239,13 @@ def main(arguments: list[str]) -> int:
     parser.add_argument(
         "--patience", type=float, default=visible_s, help="seconds to wait for the vendor to load its controllers"
     )
-    patience_s = parser.parse_args(arguments).patience
+    parser.add_argument(
+        "--unattended", action="store_true", help=f"exit with 4 if the e-stop was pressed in the last {BETWEEN_ATTEMPTS_S:g} s"
+    )
+    options = parser.parse_args(arguments)
     if opted_out(os.environ):
         print("LUPIN_AUTO_HOME disables auto-home: the arm is not moved")
-        return 0
+        return SUCCESS
     began_s = time.monotonic()
 
     def say(line: str) -> None:
@@ -229,20 +253,20 @@ def main(arguments: list[str]) -> int:
 
     rclpy.init(args=[])
     node = LupinNode("auto_home")
-    home = AutoHome(node, replace(Limits(), visible_s=patience_s), say)
+    home = AutoHome(node, replace(Limits(), visible_s=options.patience), say, options.unattended)
     try:
         home.run()
     except NotHome as reason:
         print(reason, file=sys.stderr)
-        return ESTOPPED if isinstance(reason, Estopped) else 1
+        return ESTOPPED if isinstance(reason, Estopped) else FAILURE
     except ExternalShutdownException:
         print("stopped before the arm was home", file=sys.stderr)
-        return 1
+        return FAILURE
     finally:
         home.close()
         node.destroy_node()
         rclpy.try_shutdown()
-    return 0
+    return SUCCESS
 
 
 if __name__ == "__main__":

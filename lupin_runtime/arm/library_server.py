@@ -18,9 +18,9 @@ from lupin_runtime.arm import async_wait
 from lupin_runtime.arm.library import LibraryError, StoredPose, now_text, valid_name
 from lupin_runtime.arm.limits import GRIPPER_CLOSED_RAD, GRIPPER_OPEN_RAD, clamp_arm, gripper_deg
 from lupin_runtime.arm.motion import Refused
-from lupin_runtime.arm.player import Player, points_of
+from lupin_runtime.arm.player import ArmPlayer, points_of
 from lupin_runtime.arm.presets import PRESET_DURATION_S
-from lupin_runtime.arm.recorder import MODES, Recorder
+from lupin_runtime.arm.recorder import MODES, ArmRecorder
 from lupin_runtime.arm.shared_arm import ArmNode
 from lupin_runtime.arm.store import LibraryStore, default_path
 from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
@@ -43,8 +43,8 @@ class _Activity:
     name: str
     mode: str = ""
     began_ns: int | None = None
-    recorder: Recorder | None = None
-    player: Player | None = None
+    recorder: ArmRecorder | None = None
+    player: ArmPlayer | None = None
     estop_count: int = 0  # the arm's count when the activity was accepted
 
     @property
@@ -147,7 +147,7 @@ class ArmLibraryServer(ArmNode):
         name = valid_name(request.name) if request.name.strip() else ""
         if mode == "kinesthetic":
             self.motion.require_released()  # the arm sinks when it becomes limp
-        activity = self._begin(_Activity("recording", name, mode, recorder=Recorder(mode, request.include_gripper)))
+        activity = self._begin(_Activity("recording", name, mode, recorder=ArmRecorder(mode, request.include_gripper)))
         if mode == "kinesthetic":
             try:
                 await self._set_torque(False)
@@ -174,7 +174,7 @@ class ArmLibraryServer(ArmNode):
         self._end(activity)
         return "recording discarded" + await self._stiffen(activity)
 
-    def _recording(self) -> tuple[_Activity, Recorder]:
+    def _recording(self) -> tuple[_Activity, ArmRecorder]:
         activity = self._activity
         if activity is None or activity.recorder is None or activity.began_ns is None:
             raise Refused("nothing is being recorded")
@@ -208,7 +208,7 @@ class ArmLibraryServer(ArmNode):
         except _REFUSALS as refusal:
             self._end(activity)
             return _failed(response, refusal)
-        activity.player = Player(sequence, path, request.speed)
+        activity.player = ArmPlayer(sequence, path, request.speed)
         self._run(activity)
         response.success, response.message = True, f"playing {name}, {activity.player.duration_s:.1f} s"
         return response

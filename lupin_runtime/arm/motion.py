@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
@@ -18,6 +19,7 @@ from lupin_runtime.arm.limits import Arm, clamp, clamp_arm
 from lupin_runtime.arm.trajectory import MIN_DURATION_S, Point, retime, to_pose
 from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.graph import ARM_CALIBRATE, ARM_JOINTS, ARM_LIBRARY_STOP
+from lupin_runtime.safety.estop_monitor import DRAIN_S
 
 DEFAULT_RATE_RADPS = math.radians(60.0)
 # A joint is assumed to be at its last command, unless feedback of at most this age differs by more than this angle.
@@ -44,7 +46,8 @@ class ArmMotion:
     """Commands the arm. It is thread-safe, because the nodes of a process share it.
 
     `feedback` returns the newest state of the arm or None, `send` publishes a trajectory, `clock_ns` is the clock of
-    `ArmState.received_ns`, and `listeners` returns the number of subscribers of the trajectory topic.
+    `ArmState.received_ns`, `listeners` returns the number of subscribers of the trajectory topic, and `real_ns` is real time,
+    which the e-stop follows.
     """
 
     def __init__(
@@ -53,12 +56,16 @@ class ArmMotion:
         send: Callable[[tuple[Point, ...]], None],
         clock_ns: Callable[[], int],
         listeners: Callable[[], int] = lambda: 1,
+        real_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._feedback, self._send, self._clock_ns, self._listeners = feedback, send, clock_ns, listeners
+        self._real_ns = real_ns
         self._lock = threading.RLock()
         self._commanded: Arm | None = None
+        self._ends_ns = 0  # when the last trajectory ends
         self._holder: str | None = None
         self._estop_engaged = False
+        self._released_ns: int | None = None
         self._hold_due = False
         self.estop_count = 0  # how often the e-stop was engaged
         self.torque: bool | None = None  # None: not switched yet; the vendor starts with torque on
@@ -109,11 +116,13 @@ class ArmMotion:
                 self._hold_due = self.torque is not False
             elif was_engaged and (not engaged or self._has_left_held_pose()):
                 self._send_held_pose()
+            if was_engaged and not engaged:
+                self._released_ns = self._real_ns()
             if self._hold_due:
                 with suppress(Refused):
                     self.pin()
 
-    def counter(self, path: Sequence[Arm]) -> None:
+    def counter(self, path: Sequence[tuple[float, ...]]) -> None:
         """Replace another publisher's trajectory by the held pose while the e-stop is engaged. `path` are its points."""
         with self._lock:
             if self._estop_engaged and list(path) != [self._commanded]:
@@ -132,8 +141,10 @@ class ArmMotion:
         return max(abs(is_at - held_at) for is_at, held_at in zip(state.arm, held)) > DRIFT_RAD
 
     def require_released(self, since: int | None = None) -> None:
-        """Raise Refused while the e-stop is engaged, or if it has been engaged since `estop_count` was `since`."""
-        if self._estop_engaged or since not in (None, self.estop_count):
+        """Raise Refused while the e-stop is engaged and for DRAIN_S after that, or if `estop_count` is no longer `since`."""
+        released_ns = self._released_ns
+        drains = released_ns is not None and self._real_ns() - released_ns < DRAIN_S * 1e9
+        if self._estop_engaged or drains or since not in (None, self.estop_count):
             raise Refused(f"{ESTOP_ENGAGED}: the arm is not moved; after its release, repeat the command")
 
     # -- moving -------------------------------------------------------------------------------------------------------
@@ -153,6 +164,18 @@ class ArmMotion:
             state = self.state(fresh=True)
             if state is not None:
                 self._send_path(to_pose(state.arm, duration_s))
+
+    def stop_unfinished(self) -> bool:
+        """Hold the present pose if a trajectory has not ended yet, because this process exits; return whether it was sent.
+
+        The controller would follow a replay to its end although no process is left that could stop it.
+        """
+        with self._lock:
+            if self.torque is False or self._clock_ns() >= self._ends_ns or self.state(fresh=True) is None:
+                return False
+            self.stop(MIN_DURATION_S)
+            self._ends_ns = 0  # several nodes share the arm
+            return True
 
     def move(self, arm: Sequence[float], duration_s: float, holder: str | None = None) -> Arm:
         """Move all four joints; return the clamped target. Raises Refused, or ValueError for an invalid pose."""
@@ -227,5 +250,6 @@ class ArmMotion:
     def _send_path(self, path: tuple[Point, ...]) -> Arm:
         self._send(path)
         self._commanded = path[-1].arm
+        self._ends_ns = self._clock_ns() + int(path[-1].t_s * 1e9)
         self._hold_due = False
         return self._commanded

@@ -9,16 +9,14 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from action_msgs.srv import CancelGoal
 from control_msgs.action import GripperCommand
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.client import Client
-from rclpy.task import Future
 from std_srvs.srv import SetBool
 
 from lupin_runtime import graph
 from lupin_runtime.arm import async_wait
 from lupin_runtime.arm.calibrate_server import ArmCalibrateServer
+from lupin_runtime.arm.goal_canceler import GoalCanceler
 from lupin_runtime.arm.library_server import ArmLibraryServer
 from lupin_runtime.arm.limits import GRIPPER_MAX_EFFORT, gripper_rad
 from lupin_runtime.arm.motion import CALIBRATING, Refused
@@ -70,10 +68,7 @@ class GripperActionBridge(ArmNode):
             row: self.create_client(SetBool, row.name, callback_group=self._group)
             for row in (graph.VENDOR_ARM_GATE, graph.VENDOR_TORQUE)
         }
-        self._cancels: dict[Client, Future | None] = {
-            self.create_client(CancelGoal, f"{row.name}/_action/cancel_goal", callback_group=self._group): None
-            for row in (graph.GRIPPER_COMMAND, graph.ARM_FOLLOW_TRAJECTORY)
-        }
+        self._canceler = GoalCanceler(self, self._group)
         for joint in graph.ARM_JOINTS:
             self.service(graph.arm_joint_angle(joint), self._joint_service(joint))
         self.service(graph.ARM_INIT, self._on_init)
@@ -98,13 +93,8 @@ class GripperActionBridge(ArmNode):
         A goal may arrive while the e-stop is engaged, even between the last two messages.
         """
         was_engaged, self._estop_engaged = self._estop_engaged, engaged
-        if not (engaged or was_engaged):
-            return
-        for client, pending in self._cancels.items():
-            if pending is not None and not pending.done():
-                client.remove_pending_request(pending)
-            # A request without an id and a stamp means every goal (action_msgs/CancelGoal).
-            self._cancels[client] = client.call_async(CancelGoal.Request()) if client.service_is_ready() else None
+        if engaged or was_engaged:
+            self._canceler.cancel_all()
 
     def _joint_service(self, joint: str) -> Callable[[Any, Any], Any]:
         def serve(request: Any, response: Any) -> Any:
@@ -168,8 +158,10 @@ class GripperActionBridge(ArmNode):
         if self.motion.holder == CALIBRATING:
             return False, "a calibration is in progress: commit or cancel it first"
         done: list[TorqueStep] = []
+        estop_count = self.motion.estop_count
         for step in steps(on):
-            failure = await self._execute(step)
+            failure = "" if on else self._estop_refusal(estop_count)  # a limp arm sinks; a stiff one is held where it is
+            failure = failure or await self._execute(step)
             if failure:
                 for undo in (previous.undone() for previous in reversed(done)):
                     if undo is not None:
@@ -179,6 +171,13 @@ class GripperActionBridge(ArmNode):
             if step.row is graph.VENDOR_TORQUE:
                 self.motion.torque = step.value
         return True, "the arm is stiff and takes commands" if on else "the arm is limp and takes no commands"
+
+    def _estop_refusal(self, estop_count: int) -> str:
+        try:
+            self.motion.require_released(since=estop_count)
+        except Refused as refusal:
+            return str(refusal)
+        return ""
 
     async def _execute(self, step: TorqueStep) -> str:
         """Execute one step; return an error message, or an empty string."""

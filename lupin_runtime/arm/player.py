@@ -14,7 +14,7 @@ def points_of(sequence: StoredSequence) -> tuple[Point, ...]:
     return tuple(Point(waypoint.t, waypoint.arm) for waypoint in sequence.waypoints)
 
 
-class Player:
+class ArmPlayer:
     """Follows a replay that was sent as `path` at `speed` times the recorded speed. Times are seconds since it was sent."""
 
     def __init__(self, sequence: StoredSequence, path: Sequence[Point], speed: float) -> None:

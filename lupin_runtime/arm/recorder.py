@@ -18,7 +18,7 @@ GRIPPER_EVENT_RAD = 0.05
 MODES = ("kinesthetic", "teleop")
 
 
-class Recorder:
+class ArmRecorder:
     """Collects waypoints; call `offer` with every new state of the arm and its time in seconds, from any origin."""
 
     def __init__(self, mode: str, include_gripper: bool) -> None:

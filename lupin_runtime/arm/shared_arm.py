@@ -7,21 +7,25 @@ Each node has its own thread, so shared data is either locked (ArmMotion) or rep
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any
 
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from lupin_runtime import graph
 from lupin_runtime.arm.joint_state import arm_state
+from lupin_runtime.arm.messages import poses_of, trajectory_message
 from lupin_runtime.arm.motion import ArmMotion, ArmState
-from lupin_runtime.arm.trajectory import VELOCITY_HINT, Point
+from lupin_runtime.arm.trajectory import Point
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
+LAST_COMMAND_S = 0.05  # a publisher that is destroyed earlier may drop its last message
+# Nodes that subscribe to arm trajectories but move nothing.
+OBSERVERS = ("arm_guard", "lupin_recorder", "lupin_console", "lupin_foxglove")
 # Every serialized message with the arm's joints contains this; the wheels may be published in separate messages.
 _MARK = graph.ARM_JOINTS[0].encode()
 
@@ -77,7 +81,7 @@ class _SharedArm:
     def _on_trajectory(self, message: Any) -> None:
         motion = self.motion
         if motion is not None:
-            motion.counter([tuple(point.positions) for point in message.points])
+            motion.counter(poses_of(message))
 
     def _receive(self, data: Any) -> None:
         # 50 messages arrive per second and few are read, so they are deserialized on reading.
@@ -88,8 +92,13 @@ class _SharedArm:
         return self._members[0].elapsed_clock_ns()
 
     def _listeners(self) -> int:
-        # Without this process's own subscription.
-        return 0 if self._publisher is None else int(self._publisher.get_subscription_count()) - 1
+        """Return the number of matched subscriptions without this process's own and those of observers."""
+        if self._publisher is None:
+            return 0
+        host = self._members[0]
+        names = [info.node_name for info in host.get_subscriptions_info_by_topic(graph.ARM_TRAJECTORY.name)]
+        observers = sum(name in (host.get_name(), *OBSERVERS) for name in names)
+        return max(0, int(self._publisher.get_subscription_count()) - observers)
 
     def _state(self) -> ArmState | None:
         received = self._received
@@ -104,14 +113,8 @@ class _SharedArm:
         return decoded[1]
 
     def _send(self, path: tuple[Point, ...]) -> None:
-        message = JointTrajectory(joint_names=list(graph.ARM_JOINTS))
-        for point in path:
-            row = JointTrajectoryPoint(positions=list(point.arm), velocities=[VELOCITY_HINT] * len(point.arm))
-            row.time_from_start.sec = int(point.t_s)
-            row.time_from_start.nanosec = min(999_999_999, round((point.t_s - int(point.t_s)) * 1e9))
-            message.points.append(row)
         if self._publisher is not None:
-            self._publisher.publish(message)
+            self._publisher.publish(trajectory_message(path))
 
 
 _SHARED_ARM = _SharedArm()
@@ -123,6 +126,11 @@ class ArmNode(LupinNode):
     def __init__(self, name: str, parameters: dict[str, Any] | None = None) -> None:
         super().__init__(name, parameters)
         self.motion = _SHARED_ARM.join(self)
+
+    def before_shutdown(self) -> None:
+        """Hold the arm if it is still following a trajectory."""
+        if self.motion.stop_unfinished():
+            time.sleep(LAST_COMMAND_S)
 
     def destroy_node(self) -> None:
         """Leave the shared arm and destroy the node."""

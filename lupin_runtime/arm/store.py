@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from pathlib import Path
 from typing import Any
 
 from lupin_runtime.arm.library import Library, LibraryError, StoredPose, StoredSequence, from_json, to_json, valid_name
+from lupin_runtime.atomic_file import write_atomically
 
 
 def default_path() -> Path:
@@ -97,14 +97,8 @@ class LibraryStore:
             raise LibraryError(self._write_refusal)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         if self.path.exists():
-            shutil.copy2(self.path, self._sibling(".bak.tmp"))
-            self._sibling(".bak.tmp").replace(self._sibling(".bak"))
-        fresh = self._sibling(".tmp")
-        with fresh.open("w") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        fresh.replace(self.path)
+            write_atomically(self.path.with_name(self.path.name + ".bak"), self.path.read_bytes())
+        write_atomically(self.path, text, sync=True)
 
     def _load(self) -> tuple[Library, str]:
         """Return the library, and a message about its file, which is empty if the file is valid or missing."""
@@ -132,6 +126,3 @@ class LibraryStore:
             )
             return self._write_refusal
         return f"{found}; it was moved to {aside} and the library starts empty"
-
-    def _sibling(self, suffix: str) -> Path:
-        return self.path.with_name(self.path.name + suffix)

@@ -20,6 +20,7 @@ from lupin_runtime.cameras.configuration import CONFIGURATION, CameraConfigurati
 from lupin_runtime.cameras.devices import BODY, GRIPPER, Camera, find_camera, is_enabled
 from lupin_runtime.cameras.driver_state import ABSENT, ENDED, HELD, NO_DRIVER, OFF, RUNNING, DriverState, write_state
 from lupin_runtime.cameras.holders import find_holders, terminate
+from lupin_runtime.exit_codes import SUCCESS, USAGE_ERROR
 from lupin_runtime.ros.supervision import end_with_parent
 
 CAMERA_CHECK_PERIOD_S = 2.0
@@ -123,13 +124,13 @@ def main(kind: str) -> int:
         configuration = read_configuration()
     except (MalformedFile, OSError) as error:
         print(error, file=sys.stderr)
-        return 2
+        return USAGE_ERROR
     CameraDriver(kind, configuration, stopping).run()
-    return 0
+    return SUCCESS
 
 
 if __name__ == "__main__":
     if sys.argv[1:] not in ([BODY], [GRIPPER]):
         print(f"usage: python -m lupin_runtime.cameras.driver {BODY}|{GRIPPER}", file=sys.stderr)
-        sys.exit(2)
+        sys.exit(USAGE_ERROR)
     sys.exit(main(sys.argv[1]))

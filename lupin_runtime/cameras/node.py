@@ -13,11 +13,11 @@ from rclpy.node import Node
 from lupin_runtime.cameras.http_server import VideoHttpServer
 from lupin_runtime.cameras.stream_request import Source
 from lupin_runtime.cameras.video_streams import GraphSilent, VideoStreams
+from lupin_runtime.ports import VIDEO_PORT
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.node import interface
 from lupin_runtime.ros.raw_subscription import RawSubscription
 from lupin_runtime.ros.ros_thread import RosThread
-from lupin_runtime.stack.table import VIDEO_PORT
 
 _GRAPH_TIMEOUT_S = 5.0
 _FOLLOW_PERIOD_S = 1.0

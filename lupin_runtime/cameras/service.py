@@ -9,16 +9,8 @@ import sys
 
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.cameras.configuration import read_configuration
+from lupin_runtime.stack.options import ROBOT_CAMERAS, Options
 from lupin_runtime.stack.service import exit_with, serve
-from lupin_runtime.stack.table import ROBOT_CAMERAS, Options
-
-WATCHED = ("video",)  # systemd restarts the unit if one of these processes does not respond
-
-
-def camera_options() -> Options:
-    """Return the options that select the processes of the service."""
-    off = dict.fromkeys(("slam", "navigation", "twin", "perception", "flowers", "mission", "record"), False)
-    return Options(target=ROBOT_CAMERAS, **off)  # type: ignore[arg-type]
 
 
 def main() -> int:
@@ -28,7 +20,7 @@ def main() -> int:
     except (MalformedFile, OSError) as error:
         print(f"error: {error}", file=sys.stderr, flush=True)  # the doctor finds the line by the word "error"
         return 1
-    return serve(camera_options(), WATCHED)
+    return serve(Options(target=ROBOT_CAMERAS))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Connects the clients to the graph: topics, services, actions, the operator lease and the stop.
 
 Methods are called on the event loop. Work on the graph is passed to the executor's thread, in the order of the calls; its
-errors are reported to the client as `status`.
+errors are reported to the client as `status`. Only velocities and the combined stop are published from the event loop, because
+they must not wait behind other clients' requests.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import time
 import traceback
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -24,6 +26,7 @@ from std_msgs.msg import String
 from lupin_runtime import graph
 from lupin_runtime.console import values
 from lupin_runtime.console.authority import Authority, Refused, Session
+from lupin_runtime.console.estop_reasons import OF_CONSOLES, EstopReasons
 from lupin_runtime.console.goals import ActionClientPool, GoalSender
 from lupin_runtime.console.providers import ActionProvider, ServiceProvider
 from lupin_runtime.console.publisher_pool import PublisherPool
@@ -37,6 +40,7 @@ from lupin_runtime.ros.ros_thread import RosThread
 
 STOP_PERIOD_S = 0.5
 _UPKEEP_S = 0.5
+_ESTOP_DELAY_NS = 1_500_000_000  # after which the e-stop's status contains a release of the clients' stop
 # How many requests of one client may wait for the executor; beyond that the server reads nothing more from the client.
 MAX_WAITING = 200
 
@@ -92,6 +96,8 @@ class Bridge:
         self._server = f"{socket.gethostname()} {os.getpid()} {time.time_ns()}"
         self._presses = self._releases = 0
         self._was_stopped = False
+        self._stopped_ns = -_ESTOP_DELAY_NS  # when a client last held the stop
+        self._estop = EstopReasons(node)
         now = node.get_clock().now
         self._now: values.Now = lambda: now().to_msg()
         self._topics = TopicHub(node)
@@ -124,20 +130,21 @@ class Bridge:
         was_driving = self._stops.leave(client, now_ns, in_control)
         if was_driving:
             self._send_zero()
-            self.record(client.session.name, "lost while driving")
         self.publish_combined_stop()
-        if not any(each.session is client.session for each in self._clients):
-            self.authority.give_up(client.session, now_ns)
 
         def clean_up() -> None:
-            # Goals first: they move the robot.
-            resources.goals.close()
-            resources.services.close()
-            resources.actions.close()
-            self._topics.leave(client)
-            self._publishers.leave(client)
+            with ExitStack() as steps:  # every step is carried out, whatever another one raises; the last one first
+                steps.callback(self._publishers.leave, client)
+                steps.callback(self._topics.leave, client)
+                steps.callback(resources.actions.close)
+                steps.callback(resources.services.close)
+                steps.callback(resources.goals.close)  # they move the robot
 
         self._ros.run(clean_up).add_done_callback(self._log_failure)
+        if was_driving:
+            self.record(client.session.name, "lost while driving")
+        if not any(each.session is client.session for each in self._clients):
+            self.authority.give_up(client.session, now_ns)
 
     def is_overloaded(self, client: Client) -> bool:
         """Return whether so many of a client's requests are waiting that nothing more should be read from it."""
@@ -199,7 +206,7 @@ class Bridge:
         client: Client,
         topic: str,
         type_name: str | None,
-        identifier: Hashable,
+        identifier: Hashable | None,
         contents: Any,
         latch: bool,
         queue_size: int,
@@ -207,7 +214,7 @@ class Bridge:
         """Publish a client's message, after advertising the topic if the client has not."""
 
         def publish() -> None:
-            message_class, publisher = self._publishers.advertise(client, topic, type_name, identifier, latch, queue_size)
+            message_class, publisher = self._publishers.to_publish(client, topic, type_name, latch, queue_size)
             publisher.publish(values.fill(message_class, contents, self._now))
 
         self._run(client, "publish", publish, identifier)
@@ -224,6 +231,10 @@ class Bridge:
     def request_service(self, session: Session, service: str, arguments: dict[str, Any]) -> Future[Any]:
         """Call a service for a request to the API. Raises Refused; the future gets the response or a ServiceFailed."""
         self.authority.check_call(session, service, time.monotonic_ns())
+        return self.request_own_service(service, arguments)
+
+    def request_own_service(self, service: str, arguments: dict[str, Any]) -> Future[Any]:
+        """Call a service that clients may not call themselves. The future gets the response or a ServiceFailed."""
         answered: Future[Any] = Future()
 
         def done(succeeded: bool, response: Any) -> None:
@@ -260,11 +271,15 @@ class Bridge:
         self._run(client, "goal", lambda: function(resources.goals))
 
     # -- driving and stopping -----------------------------------------------------------------------------------------
-    def note_velocity(self, client: Client, moving: bool) -> None:
-        """Note that a client has sent a velocity, which is zero unless `moving`."""
-        if self._stops.note_velocity(client, moving, time.monotonic_ns()):
-            self.record(client.session.name, "drive")
+    def drive(self, client: Client, twist: dict[str, dict[str, float]]) -> None:
+        """Publish a client's velocity: the parts and axes of a Twist, in m/s and rad/s."""
+        moving = any(value for axes in twist.values() for value in axes.values())
+        is_start = self._stops.note_velocity(client, moving, time.monotonic_ns())
+        if is_start:
             self.publish_combined_stop()
+        self._manual_output.publish(values.fill(Twist, twist, self._now))
+        if is_start:
+            self.record(client.session.name, "drive")
 
     def set_stop(self, client: Client, engaged: bool) -> None:
         """Engage or release a client's own stop; releasing needs control, which is taken if it is free.
@@ -273,9 +288,8 @@ class Bridge:
         """
         now_ns = time.monotonic_ns()
         is_change = engaged != self._stops.holds(client)
-        if is_change:
-            self.record(client.session.name, "stop" if engaged else "release")
         if is_change and not engaged:
+            self.record(client.session.name, "release")
             try:
                 self.authority.take(client.session, now_ns)
             except Refused:
@@ -283,15 +297,17 @@ class Bridge:
                 raise
             self._release()
         self._stops.set_stop(client, engaged, now_ns)
-        self.authority.note_alive(client.session, now_ns)
         if is_change:
             self.publish_combined_stop()
+        self.authority.note_alive(client.session, now_ns)
+        if is_change and engaged:
+            self.record(client.session.name, "stop")
 
     def stop_for(self, session: Session) -> None:
         """Engage a stop for a session that has no connection to hold it; the session in control releases it."""
-        self.record(session.name, "stop")
         self._stops.hold_for(session.name)
         self.publish_combined_stop()
+        self.record(session.name, "stop")
 
     def release_for(self, session: Session) -> list[str]:
         """Release the stops that no client holds any more. Raises Refused without control, which is taken if it is free.
@@ -305,8 +321,12 @@ class Bridge:
         return self.stop_reasons()
 
     def stop_reasons(self) -> list[str]:
-        """Return why the clients engage the stop; empty if they do not."""
-        return self._stops.reasons()
+        """Return why clients engage the stop, and what else holds the robot; empty if nothing does."""
+        own = self._stops.reasons()
+        others = self._estop.reasons
+        if own or time.monotonic_ns() - self._stopped_ns < _ESTOP_DELAY_NS:
+            others = tuple(reason for reason in others if reason not in OF_CONSOLES)
+        return [*own, *others]
 
     def _release(self) -> None:
         """Release the stops that no client holds any more, also those of a console that is gone."""
@@ -319,13 +339,15 @@ class Bridge:
             self._send_zero()
 
     def _send_zero(self) -> None:
-        self._ros.run(lambda: self._manual_output.publish(Twist())).add_done_callback(self._log_failure)
+        self._manual_output.publish(Twist())
 
     def publish_combined_stop(self) -> None:
         """Publish the combined stop of all clients. To be called every STOP_PERIOD_S."""
         now_ns = time.monotonic_ns()
         self._stops.check_silence(now_ns, self.authority.lease(now_ns).holder)
         engaged = bool(self._stops.reasons())
+        if engaged or self._was_stopped:
+            self._stopped_ns = now_ns
         self._presses += engaged and not self._was_stopped
         self._was_stopped = engaged
         statement = {
@@ -335,9 +357,9 @@ class Bridge:
             "presses": self._presses,
             "releases": self._releases,
         }
-        text = json.dumps(statement)
-        self._ros.run(lambda: self._stop_output.publish(String(data=text))).add_done_callback(self._log_failure)
+        self._stop_output.publish(String(data=json.dumps(statement)))
 
     def _maintain(self) -> None:
+        self._estop.update()
         self._topics.follow_publishers()
         self._publishers.close_unused()

@@ -15,7 +15,7 @@ _NAME = "console.json"
 
 @dataclass(frozen=True)
 class ConsoleDescription:
-    """A running console. `codes` is the current one-time code of each role."""
+    """A running console. `codes` is the current one-time code of each role; `rosbridge_port` is 0 if that port was in use."""
 
     pid: int
     host: str

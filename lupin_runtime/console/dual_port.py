@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
+import ipaddress
 import socket
 import ssl
 from collections.abc import Callable
@@ -14,8 +16,11 @@ from typing import Any
 
 _TLS_HANDSHAKE = 0x16  # the type of a TLS record that begins a connection
 _FIRST_BYTE_TIMEOUT_S = 10.0
-_MAX_UNDECIDED = 128  # connections that have sent nothing yet
-# A client that opens connections without end only keeps out other clients of its own address.
+# Connections that have sent nothing yet, or have not completed the TLS handshake: beyond these numbers the oldest is closed, so
+# that silent connections keep nobody out. Those from this computer itself do not count towards the total.
+_MAX_UNDECIDED = 128
+_MAX_UNDECIDED_PER_ADDRESS = 16
+# A client that opens connections without end only keeps out other clients of its own address. This computer has no limit.
 _MAX_PER_ADDRESS = 128
 
 
@@ -30,8 +35,8 @@ class DualPort:
         self._tls = tls
         self._sockets: list[socket.socket] = []
         self._accepting: list[asyncio.Task[None]] = []
-        self._undecided: set[asyncio.Task[None]] = set()
-        self._open: dict[str, list[asyncio.BaseTransport]] = {}
+        self._undecided: dict[str, dict[asyncio.Task[None], None]] = {}  # by address, the oldest first
+        self._open: dict[str, list[asyncio.BaseTransport]] = {}  # by address: those that count towards its limit
 
     def open(self, host: str, port: int) -> int:
         """Listen on `host`, or on all addresses if it is empty; returns the port. Raises OSError."""
@@ -51,11 +56,19 @@ class DualPort:
         """Use another TLS context for new connections."""
         self._tls = tls
 
+    def exempt(self, transport: asyncio.BaseTransport) -> None:
+        """No longer count a connection towards its address's limit, because it belongs to a paired browser."""
+        for transports in self._open.values():
+            if transport in transports:
+                transports.remove(transport)
+                return
+
     async def close(self) -> None:
         """Stop listening; connections that were given to the factory stay open."""
-        for task in (*self._accepting, *self._undecided):
+        tasks = [*self._accepting, *(task for waiting in self._undecided.values() for task in waiting)]
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*self._accepting, *self._undecided, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
         for listener in self._sockets:
             listener.close()
 
@@ -67,12 +80,33 @@ class DualPort:
             except OSError:
                 await asyncio.sleep(0.1)  # too many open files; existing connections go on
                 continue
-            if len(self._undecided) >= _MAX_UNDECIDED or self._count_open(address[0]) >= _MAX_PER_ADDRESS:
+            host = address[0]
+            if self._count_open(host) >= _MAX_PER_ADDRESS:
                 connection.close()
                 continue
-            task = loop.create_task(self._decide(connection, address[0]))
-            self._undecided.add(task)
-            task.add_done_callback(self._undecided.discard)
+            self._make_room(host)
+            task = loop.create_task(self._decide(connection, host))
+            self._undecided.setdefault(host, {})[task] = None
+            task.add_done_callback(functools.partial(self._forget, host))
+
+    def _make_room(self, address: str) -> None:
+        """Close the oldest undecided connection of an address if it has too many, or else of the one that has most of them."""
+        if len(self._undecided.get(address, ())) >= (_MAX_UNDECIDED if _is_loopback(address) else _MAX_UNDECIDED_PER_ADDRESS):
+            self._close_oldest(address)
+        others = {each: len(waiting) for each, waiting in self._undecided.items() if not _is_loopback(each)}
+        if sum(others.values()) >= _MAX_UNDECIDED:
+            self._close_oldest(max(others, key=others.__getitem__))
+
+    def _close_oldest(self, address: str) -> None:
+        task = next(iter(self._undecided[address]))
+        task.cancel()
+        self._forget(address, task)
+
+    def _forget(self, address: str, task: asyncio.Task[None]) -> None:
+        waiting = self._undecided.get(address, {})
+        waiting.pop(task, None)
+        if not waiting:
+            self._undecided.pop(address, None)
 
     def _count_open(self, address: str) -> int:
         """Return how many connections of an address are open."""
@@ -94,12 +128,17 @@ class DualPort:
                 options = {"ssl": self._tls, "ssl_handshake_timeout": _FIRST_BYTE_TIMEOUT_S}
             with contextlib.suppress(OSError):  # the handshake fails if the client does not trust the certificate
                 transport, _ = await loop.connect_accepted_socket(self._factory, connection, **options)
-                self._open.setdefault(address, []).append(transport)
+                if not _is_loopback(address):
+                    self._open.setdefault(address, []).append(transport)
         except (OSError, asyncio.TimeoutError):
             connection.close()
         except asyncio.CancelledError:
             connection.close()
             raise
+
+
+def _is_loopback(address: str) -> bool:
+    return ipaddress.ip_address(address.removeprefix("::ffff:").split("%", 1)[0]).is_loopback
 
 
 async def _peek_first_byte(connection: socket.socket) -> int:

@@ -9,6 +9,7 @@ from typing import Any
 MAX_CHARACTERS = 16_000_000  # of all unfinished messages of one client
 MAX_FRAGMENTS = 10_000
 MAX_MESSAGES = 32
+FRAGMENT_CHARACTERS = 64  # what a fragment counts in addition to its text: it takes memory even if it is empty
 TIMEOUT_S = 60.0
 
 
@@ -32,15 +33,15 @@ class Defragmenter:
 
     @property
     def waiting_characters(self) -> int:
-        """Characters of all unfinished messages."""
+        """Characters of all unfinished messages, including FRAGMENT_CHARACTERS for each fragment."""
         return sum(message.size for message in self._messages.values())
 
     def add(self, fragment: dict[str, Any], now_s: float) -> str | None:
         """Add a `fragment` message; returns the whole text if no fragment is missing now. Raises BadFragment."""
         identifier, data, number, total = (fragment.get(key) for key in ("id", "data", "num", "total"))
         integers = all(isinstance(value, int) and not isinstance(value, bool) for value in (number, total))
-        if identifier is None or not isinstance(data, str) or not integers:
-            raise BadFragment("a fragment needs id, data (text), num and total (integers)")
+        if not isinstance(identifier, (str, int, float)) or not isinstance(data, str) or not integers:
+            raise BadFragment("a fragment needs id (text or a number), data (text), num and total (integers)")
         assert isinstance(number, int) and isinstance(total, int)  # for the type checker
         if not 0 < total <= MAX_FRAGMENTS or not 0 <= number < total:
             raise BadFragment(f"fragment {number} of {total}: expected 0 to total - 1, of at most {MAX_FRAGMENTS}")
@@ -50,7 +51,7 @@ class Defragmenter:
         if message.total != total or number in message.parts:
             raise BadFragment(f"fragment {number} of {total} does not fit the earlier ones with its id")
         message.parts[number] = data
-        message.size += len(data)
+        message.size += len(data) + FRAGMENT_CHARACTERS
         if len(message.parts) == total:
             del self._messages[key]
             return "".join(message.parts[index] for index in range(total))

@@ -28,6 +28,7 @@ from lupin_runtime.console.providers import (
 from lupin_runtime.console.values import Now, by_name, fill
 
 SERVER_TIMEOUT_S = 1.0
+MAX_GOALS = 100  # of one client that have not ended yet
 _POLL_S = 0.02
 _WATCH_PERIOD_S = 0.5
 
@@ -250,6 +251,8 @@ class GoalSender:
         if self._closed:
             raise RequestFailed("the client has disconnected")
         try:
+            if len(self._goals) >= MAX_GOALS:
+                raise RequestFailed(f"a client may have {MAX_GOALS} goals; wait for the end of others, or cancel them")
             with request_errors():
                 action_class = find_interface(action_type, "action", "Result", "Feedback")
                 validate_topic_name(action)

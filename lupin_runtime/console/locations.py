@@ -8,6 +8,7 @@ from typing import Any
 
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.console.shared_file import change_object, read_object
+from lupin_runtime.console.short_text import short_repr
 from lupin_runtime.stack.runs import state_home
 
 MAX_LOCATIONS = 500
@@ -52,7 +53,7 @@ def remove_location(path: Path, name: Any) -> dict[str, dict[str, float]]:
 
     def remove(locations: dict[str, Any]) -> dict[str, Any]:
         if name not in (*locations, HOME):
-            raise BadLocation(f"there is no location {str(name)[:MAX_NAME]!r}")
+            raise BadLocation(f"there is no location {short_repr(name, MAX_NAME)}")
         return {each: pose for each, pose in locations.items() if each != name}
 
     return {HOME: dict(_AT_ORIGIN), **change_object(path, remove)}

@@ -1,12 +1,14 @@
-"""Confines the maps that clients save to one folder, by plain names: the services on the graph would accept any path."""
+"""Confines the maps that clients save and load to one folder, by plain names: the services on the graph accept any path."""
 
 from __future__ import annotations
 
 import re
+import zipfile
 from pathlib import Path
 from typing import Any
 
 from lupin_runtime import graph
+from lupin_runtime.console.short_text import short_repr
 from lupin_runtime.stack.runs import state_home
 
 _PLAIN = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_. -]{0,63}")
@@ -22,20 +24,29 @@ def maps_folder() -> Path:
 
 
 def with_map_path(service: str, arguments: Any) -> Any:
-    """Return a service's arguments; if it writes a map, with the map's name replaced by the path in the folder.
+    """Return a service's arguments; if it writes or reads a map, with the map's name replaced by the path in the folder.
 
     Raises BadMapName, and OSError if the folder cannot be created.
     """
     if service == graph.SLAM_SAVE_MAP.name:
         name = arguments.get("name") if isinstance(arguments, dict) else None
         return {"name": {"data": _path(name.get("data") if isinstance(name, dict) else None)}}
-    if service == graph.SLAM_SERIALIZE.name:
-        return {"filename": _path(arguments.get("filename") if isinstance(arguments, dict) else None)}
+    if service in (graph.SLAM_SERIALIZE.name, graph.SLAM_DESERIALIZE.name):
+        given = arguments if isinstance(arguments, dict) else {}
+        return {**given, "filename": _path(given.get("filename"))}
     return arguments
 
 
 def _path(name: Any) -> str:
     if not isinstance(name, str) or not _PLAIN.fullmatch(name):
-        raise BadMapName(f"a map's name must be 1 to 64 letters, digits, spaces, and . _ - (no folder), not {name!r:.100}")
+        raise BadMapName(f"a map's name must be 1 to 64 letters, digits, spaces, and . _ - (no folder), not {short_repr(name)}")
     maps_folder().mkdir(parents=True, exist_ok=True)
     return str(maps_folder() / name)
+
+
+def pose_graph_problem(path: str) -> str:
+    """Return why SLAM could not load the graph at a path without suffix; empty if nothing speaks against it."""
+    file = Path(path).with_name(Path(path).name + ".posegraph")
+    if not file.is_file():
+        return f"there is no {file.name}; only maps that were saved while SLAM ran can be loaded"
+    return "" if zipfile.is_zipfile(file) else f"{file.name} is damaged"

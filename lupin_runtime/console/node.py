@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from pathlib import Path
@@ -18,23 +19,24 @@ from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.publisher_pool import UNREGISTER_AFTER_S
 from lupin_runtime.console.server import ConsoleServer
 from lupin_runtime.console.sessions import Sessions, sessions_file
+from lupin_runtime.ports import CONSOLE_PORT, ROSBRIDGE_PORT, VIDEO_PORT
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.stack.runs import Run
-from lupin_runtime.stack.table import CONSOLE_PORT, DOCTOR, ROSBRIDGE_PORT, VIDEO_PORT
+from lupin_runtime.stack.table import DOCTOR
 
 JOURNAL = "console_commands.jsonl"
 MAX_MISSED_TURNS = 6  # an event loop that misses this many turns, one every STOP_PERIOD_S, hangs
 
 
 class Console(LupinNode):
-    """The console's server as a node.
+    """The console as a node.
 
     Parameters: `host` and `port` for browsers, `rosbridge_host` and `rosbridge_port` for other programs (port 0: any free one;
     an empty host: all of this computer's addresses), `tls` (serve HTTPS too, and redirect browsers on other computers to it),
     `video_target` (the URL of the video server [the robot's, or this computer's]), `folder` (of the command journal and
     `console.json`), `sessions_file` (the paired browsers), `unlisted` (clients may also use topics, services and actions that
     the graph's table does not contain), `unregister_after_s` (how long a publisher that no client uses is kept).
-    Raises OSError if a port is in use.
+    If `rosbridge_port` is in use, only browsers are served. Raises OSError if `port` is in use.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
@@ -42,7 +44,7 @@ class Console(LupinNode):
         logger = self.get_logger()
         folder = Path(self.parameter("folder", "") or sessions_file().parent)
         folder.mkdir(parents=True, exist_ok=True)
-        self._journal = CommandJournal(folder / JOURNAL)
+        self._journal = CommandJournal(folder / JOURNAL, logger.warning)
         record = self._journal.record
 
         def log_control_change(line: str) -> None:
@@ -83,11 +85,12 @@ class Console(LupinNode):
             self._journal.close()
             self.destroy_node()
             raise
-        self._describe()
-        logger.info(
-            f"console: http://{self._host}:{self.port}; rosbridge for programs: ws://{rosbridge_host}:{self.rosbridge_port}"
-        )
+        with contextlib.suppress(OSError):  # on a full disk; the server tries again and reports it
+            self._codes.announce()
+        programs = f"; rosbridge for programs: ws://{rosbridge_host}:{self.rosbridge_port}" if self.rosbridge_port else ""
+        logger.info(f"console: http://{self._host}:{self.port}{programs}")
         self._last_turns = self._missed = 0
+        self._stopping = False
         self.create_timer(STOP_PERIOD_S, self._watch_event_loop, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _certificate(self) -> ServerCertificate | None:
@@ -105,6 +108,8 @@ class Console(LupinNode):
 
     def _watch_event_loop(self) -> None:
         """Raise RuntimeError, which ends the process, if the event loop hangs: the supervisor watches only this executor."""
+        if self._stopping:
+            return
         turns = self._server.turns
         self._missed = self._missed + 1 if turns == self._last_turns else 0
         self._last_turns = turns
@@ -113,6 +118,7 @@ class Console(LupinNode):
 
     def before_shutdown(self) -> None:
         """Close all connections. If a client was driving, this stops the robot."""
+        self._stopping = True
         self._server.stop()
         remove_description(self._folder)
         self._journal.close()

@@ -6,8 +6,9 @@ Only paired browsers are served. A browser on this computer is paired automatica
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +19,20 @@ from lupin_runtime.console import run_files
 from lupin_runtime.console.api_table import SESSION, Resource, add_resources, json_object
 from lupin_runtime.console.authority import Refused, Role, Session
 from lupin_runtime.console.bridge import Bridge
-from lupin_runtime.console.connection import HEARTBEAT_S, MAX_MESSAGE_BYTES, Connection, Handoff
+from lupin_runtime.console.connection import Connection, Connections, Handoff
 from lupin_runtime.console.doctor import Doctor, DoctorError
 from lupin_runtime.console.events import EventChannel
 from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.plays import Plays
 from lupin_runtime.console.program import LupinProgram
-from lupin_runtime.console.request_rules import check_encryption, check_host, check_origin, device_kind, is_loopback
+from lupin_runtime.console.request_rules import (
+    check_encryption,
+    check_host,
+    check_origin,
+    device_kind,
+    is_loopback,
+    opens_page,
+)
 from lupin_runtime.console.rosbridge import RosbridgeClient
 from lupin_runtime.console.sessions import SESSION_LIFETIME_S, Sessions
 from lupin_runtime.console.shared_data import SharedData
@@ -36,12 +44,17 @@ LOCAL_SESSION = Session("this computer", Role.OPERATOR)  # the session of progra
 _ROOT_CERTIFICATE_PATH = "/authority.crt"
 _PAGE = Path(__file__).with_name("page")
 _WRONG_CODE_PAUSE_S = 1.0
+_CLOSE_TIMEOUT_S = 1.0
 _HEADERS = {
     "Content-Security-Policy": "default-src 'self'; connect-src 'self' ws: wss:; frame-ancestors 'none'; base-uri 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
+# The names of these files hold a hash of their content.
+_ASSETS = "/page/assets/"
+_KEEP_FOREVER = "public, max-age=31536000, immutable"
+_NOT_BUILT = "the page is not built in this checkout; build it with: make setup\n"
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -68,6 +81,7 @@ class Origin:
         self,
         bridge: Bridge,
         handoff: Handoff,
+        connections: Connections,
         sessions: Sessions,
         codes: PairingCodes,
         doctor_command: Sequence[str],
@@ -82,11 +96,12 @@ class Origin:
         self._bridge = bridge
         self._root_certificate = root_certificate
         self._handoff = handoff
+        self._connections = connections
         self._sessions = sessions
         self._codes = codes
         self._events = EventChannel()
         self._shared = SharedData(bridge, self._events)
-        self._sockets: dict[web.WebSocketResponse, Session] = {}
+        self._open: dict[Connection, Session] = {}
         self._open_paths: set[str] = set()
         self._rosbridge_count = 0  # connections so far
         self._holder: str | None = None
@@ -97,8 +112,9 @@ class Origin:
         """Return the aiohttp application with all routes."""
         application = web.Application(middlewares=[self._guard])
         application.router.add_get("/", self._page)
-        application.router.add_static("/page/", _PAGE)
-        application.router.add_get("/_ros", self._ros)
+        if _PAGE.is_dir():
+            application.router.add_static("/page/", _PAGE)
+        application.router.add_get("/_ros", self.serve_rosbridge)
         application.router.add_get(_ROOT_CERTIFICATE_PATH, self._send_root_certificate)
         resources = (
             Resource(
@@ -133,11 +149,11 @@ class Origin:
 
     def close_revoked(self) -> None:
         """Disconnect browsers whose pairing was revoked. To be called twice a second."""
-        for socket, session in list(self._sockets.items()):
+        for connection, session in list(self._open.items()):
             if session is not LOCAL_SESSION and not self._sessions.is_valid(session):
-                del self._sockets[socket]
-                closing = socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"this browser is no longer paired")
-                task = asyncio.ensure_future(closing)
+                del self._open[connection]
+                reason = b"this browser is no longer paired"
+                task = asyncio.ensure_future(connection.close(WSCloseCode.POLICY_VIOLATION, reason, _CLOSE_TIMEOUT_S))
                 task.add_done_callback(lambda done: done.exception())
 
     # -- access -------------------------------------------------------------------------------------------------------
@@ -149,7 +165,7 @@ class Origin:
             check_encryption(request)
         session = None
         try:
-            session = self._find_session(request)
+            session = self.find_session(request)
             if session is None and is_loopback(request):
                 session = LOCAL_SESSION
             if session is not None:
@@ -168,11 +184,14 @@ class Origin:
         except (MalformedFile, OSError) as error:  # from the files of paired browsers, locations or settings
             response = web.json_response({"error": str(error)}, status=503)
         if not response.prepared:
+            if request.path.startswith(_ASSETS) and response.status == 200:
+                response.headers.setdefault("Cache-Control", _KEEP_FOREVER)
             for name, value in _HEADERS.items():
                 response.headers.setdefault(name, value)
         return response
 
-    def _find_session(self, request: web.Request) -> Session | None:
+    def find_session(self, request: web.Request) -> Session | None:
+        """Return the session that the cookie of a request names; None if there is none."""
         token = request.cookies.get(COOKIE, "")
         session = self._sessions.find(token)
         if session is not None and self._sessions.is_use_due(token):
@@ -183,9 +202,11 @@ class Origin:
 
     # -- the page -----------------------------------------------------------------------------------------------------
     async def _page(self, request: web.Request) -> web.StreamResponse:
+        if not (_PAGE / "index.html").is_file():
+            raise web.HTTPServiceUnavailable(text=_NOT_BUILT)
         response = web.FileResponse(_PAGE / "index.html")
-        if request.get(SESSION) is LOCAL_SESSION and "text/html" in request.headers.get("Accept", ""):
-            _, token = await self._pair_browser(request, Role.OPERATOR)
+        if request.get(SESSION) is LOCAL_SESSION and opens_page(request):
+            _, token = await self._pair_browser(request, Role.OPERATOR, by_itself=True)
             _set_cookie(request, response, token)
         return response
 
@@ -206,7 +227,7 @@ class Origin:
         except Refused:
             await asyncio.sleep(_WRONG_CODE_PAUSE_S)
             raise
-        previous = self._find_session(request)
+        previous = self.find_session(request)
         session, token = await self._pair_browser(request, role)
         if previous is not None:
             await asyncio.to_thread(self._sessions.revoke, previous.name)
@@ -215,24 +236,24 @@ class Origin:
         _set_cookie(request, response, token)
         return response
 
-    async def _pair_browser(self, request: web.Request, role: Role) -> tuple[Session, str]:
+    async def _pair_browser(self, request: web.Request, role: Role, *, by_itself: bool = False) -> tuple[Session, str]:
         kind = device_kind(request.headers.get("User-Agent", ""))
-        return await asyncio.to_thread(self._sessions.add, kind, role)
+        return await asyncio.to_thread(self._sessions.add, kind, role, by_itself=by_itself)
 
     # -- rosbridge ----------------------------------------------------------------------------------------------------
-    async def _ros(self, request: web.Request) -> web.StreamResponse:
+    async def serve_rosbridge(self, request: web.Request) -> web.StreamResponse:
+        """Serve rosbridge to the session of a request."""
         session = request[SESSION]
         self._rosbridge_count += 1
         if session is LOCAL_SESSION:
             session = Session(f"program {self._rosbridge_count} of this computer", Role.OPERATOR)
-        socket, connection = await self._open(request)
-        client = RosbridgeClient(session, self._bridge, lambda frame: self._handoff.put(connection, frame))
-        try:
-            await connection.serve(client.handle, lambda: self._bridge.is_overloaded(client))
-        finally:
-            self._sockets.pop(socket, None)
-            client.close()
-        return socket
+        async with self._accept(request) as connection:
+            client = RosbridgeClient(session, self._bridge, lambda frame: self._handoff.put(connection, frame))
+            try:
+                await connection.serve(client.handle, lambda: self._bridge.is_overloaded(client))
+            finally:
+                client.close()
+        return connection.socket
 
     # -- the API ------------------------------------------------------------------------------------------------------
     async def _session(self, request: web.Request) -> web.StreamResponse:
@@ -297,14 +318,13 @@ class Origin:
 
     async def _listen(self, request: web.Request) -> web.StreamResponse:
         session = request[SESSION]
-        socket, connection = await self._open(request)
-        self._events.join(connection)
-        try:
-            await connection.serve(lambda _: self._bridge.authority.note_alive(session, time.monotonic_ns()), lambda: False)
-        finally:
-            self._sockets.pop(socket, None)
-            self._events.leave(connection)
-        return socket
+        async with self._accept(request) as connection:
+            self._events.join(connection)
+            try:
+                await connection.serve(lambda _: self._bridge.authority.note_alive(session, time.monotonic_ns()), lambda: False)
+            finally:
+                self._events.leave(connection)
+        return connection.socket
 
     def _is_paired(self, request: web.Request) -> bool:
         """Return whether the browser that sent a request is still paired."""
@@ -318,13 +338,16 @@ class Origin:
         since_s = round(self._since_s) if lease.holder is not None else None
         return {"holder": lease.holder, "since_s": since_s, "requester": lease.requester}
 
-    async def _open(self, request: web.Request) -> tuple[web.WebSocketResponse, Connection]:
-        if len(self._sockets) >= MAX_CLIENTS:
+    @contextlib.asynccontextmanager
+    async def _accept(self, request: web.Request) -> AsyncIterator[Connection]:
+        if len(self._open) >= MAX_CLIENTS:
             raise web.HTTPServiceUnavailable(text=f"{MAX_CLIENTS} clients are connected\n")
-        socket = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
-        await socket.prepare(request)
-        self._sockets[socket] = request[SESSION]
-        return socket, Connection(socket)
+        async with self._connections.accept(request) as connection:
+            self._open[connection] = request[SESSION]
+            try:
+                yield connection
+            finally:
+                self._open.pop(connection, None)
 
 
 def _set_cookie(request: web.Request, response: web.StreamResponse, token: str) -> None:

@@ -7,6 +7,7 @@ within CODE_LIFETIME_S is one in a million.
 
 from __future__ import annotations
 
+import contextlib
 import hmac
 import secrets
 from collections.abc import Callable
@@ -20,12 +21,16 @@ _LENGTH = 8
 
 
 class PairingCodes:
-    """The current code of each role. `changed` is called after one is replaced. Times are monotonic nanoseconds."""
+    """The current code of each role. Times are monotonic nanoseconds.
+
+    `changed` is called after one is replaced. If it raises OSError, as on a full disk, `tick` calls it again.
+    """
 
     def __init__(self, changed: Callable[[], None], now_ns: int) -> None:
         self._changed = changed
         self._codes = {role: _new_code() for role in Role}
         self._made_ns = now_ns
+        self._is_announced = True
 
     def code(self, role: Role) -> str:
         """Return the code that pairs a browser in a role."""
@@ -38,16 +43,25 @@ class PairingCodes:
         for role, code in self._codes.items():
             if hmac.compare_digest(entered.encode(), code.encode()):
                 self._codes[role] = _new_code()
-                self._changed()
+                with contextlib.suppress(OSError):
+                    self.announce()
                 return role
         raise Refused("this code is wrong, used or expired; type the one that the terminal shows, or run: lupin console code")
 
     def tick(self, now_ns: int) -> None:
-        """Replace codes that are too old."""
+        """Replace codes that are too old. Raises what `changed` raises."""
         if now_ns - self._made_ns > CODE_LIFETIME_S * 1e9:
             self._codes = {role: _new_code() for role in Role}
             self._made_ns = now_ns
-            self._changed()
+            self._is_announced = False
+        if not self._is_announced:
+            self.announce()
+
+    def announce(self) -> None:
+        """Call `changed`. Raises what it raises."""
+        self._is_announced = False
+        self._changed()
+        self._is_announced = True
 
 
 def _new_code() -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
+import time
 from typing import Any
 
 from aiohttp import web
@@ -11,6 +13,7 @@ from lupin_runtime.console.api_table import Resource
 from lupin_runtime.console.program import LupinProgram, ProgramError
 
 _TIMEOUT_S = 20.0
+_FRESH_S = 1.0  # how long an answer is given again: each one takes a Python process
 _MAX_LISTED = 200
 _DEPLOY = "deploy-robot"
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.:@+-]{0,199}")
@@ -18,10 +21,12 @@ _UNFINISHED = ("interrupted", "cut off", "unreachable", "failed")
 
 
 class Plays:
-    """Reads the journal with `lupin journal`, which needs no connection to a robot."""
+    """Reads the journal with `lupin journal`, which needs no connection to a robot. It runs once at a time."""
 
     def __init__(self, program: LupinProgram) -> None:
         self._program = program
+        self._lock = asyncio.Lock()
+        self._answers: dict[tuple[str, ...], tuple[float, Any, str]] = {}  # time in s, answer, and why there is none
 
     def resources(self) -> tuple[Resource, ...]:
         """Return the routes, each with a summary of its answer."""
@@ -56,10 +61,20 @@ class Plays:
         return [_with_resume(row) for row in rows]
 
     async def _journal(self, *arguments: str) -> Any:
-        try:
-            return await self._program.run(["journal", *arguments], _TIMEOUT_S)
-        except ProgramError as error:
-            raise web.HTTPServiceUnavailable(text=f"{error}\n") from error
+        async with self._lock:
+            now_s = time.monotonic()
+            self._answers = {key: each for key, each in self._answers.items() if now_s - each[0] <= _FRESH_S}
+            if arguments not in self._answers:
+                answer, problem = None, ""
+                try:
+                    answer = await self._program.run(["journal", *arguments], _TIMEOUT_S)
+                except ProgramError as error:
+                    problem = str(error)
+                self._answers[arguments] = time.monotonic(), answer, problem
+            _, answer, problem = self._answers[arguments]
+        if problem:
+            raise web.HTTPServiceUnavailable(text=f"{problem}\n")
+        return answer
 
 
 def _with_resume(play: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-_STOP_TIMEOUT_S = 5.0
+_STOP_TIMEOUT_S = 5.0  # before the command is killed
 
 
 class ProgramError(RuntimeError):
@@ -50,3 +50,6 @@ async def _terminate(process: asyncio.subprocess.Process) -> None:
     except asyncio.TimeoutError:
         process.kill()
         await process.wait()
+    finally:
+        if process.returncode is None:  # the console stops, and waits no longer
+            process.kill()

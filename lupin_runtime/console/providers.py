@@ -7,7 +7,7 @@ since a callback that raises would end the executor.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -27,6 +27,7 @@ from lupin_runtime.console.cdr import Format, decoder
 from lupin_runtime.console.values import Now, fill
 
 ANSWER_TIMEOUT_S = 60.0  # a service request that the client has not answered after this time gets an empty response
+MAX_ADVERTISED = 100  # services, and as many actions, that one client may offer
 DESTROY_DELAY_S = 1.0  # an action server is kept this long after its last goal, so that callers can fetch the result
 
 Send = Callable[[dict[str, Any]], None]  # queues a message for the client; thread-safe, never raises
@@ -171,6 +172,7 @@ class ServiceProvider:
     def advertise(self, service: str, type_name: str) -> None:
         """Offer a service on the graph, replacing an earlier one of the client with this name."""
         _check_not_closed(self._closed)
+        _check_count(service, self._services)
         with request_errors():
             service_class = find_interface(type_name, "srv", "Request")
             validate_topic_name(service, is_service=True)
@@ -323,6 +325,7 @@ class ActionProvider:
     def advertise(self, action: str, type_name: str) -> None:
         """Offer an action on the graph, replacing an earlier one of the client with this name."""
         _check_not_closed(self._closed)
+        _check_count(action, self._actions)
         with request_errors():
             action_class = find_interface(type_name, "action", "Goal")
             validate_topic_name(action)
@@ -357,6 +360,11 @@ class ActionProvider:
         if action not in self._actions:
             raise RequestFailed(f"Action {action} has not been advertised via rosbridge.")
         return self._actions[action]
+
+
+def _check_count(name: str, advertised: Collection[str]) -> None:
+    if name not in advertised and len(advertised) >= MAX_ADVERTISED:
+        raise RequestFailed(f"{name}: a client may advertise {MAX_ADVERTISED} of these; unadvertise others first")
 
 
 def _check_not_closed(closed: bool) -> None:

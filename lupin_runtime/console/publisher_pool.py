@@ -17,7 +17,9 @@ from lupin_runtime.ros.node import qos_profile
 
 # A reloaded page advertises the same topics within seconds; a new publisher would lose its first messages during discovery.
 UNREGISTER_AFTER_S = 10.0
-DEFAULT_QUEUE = 100
+MAX_TOPICS = 300  # that one client may publish on
+MAX_ADVERTISEMENTS = 100  # of one client for one topic, each with its id
+_BY_PUBLISHING = object()  # the id of the advertisement of a client that publishes without one
 
 
 @dataclass
@@ -40,30 +42,50 @@ class PublisherPool:
         self._topics: dict[str, _Shared] = {}
 
     def advertise(
-        self, client: Hashable, topic: str, type_name: str | None, identifier: Hashable, latch: bool, queue_size: int
-    ) -> tuple[Any, Publisher]:
-        """Register a client for a topic; returns the message class and the publisher. Raises TopicFailed.
+        self, client: Hashable, name: str, type_name: str | None, identifier: Hashable, latch: bool, queue_size: int
+    ) -> None:
+        """Register a client for a topic. Raises TopicFailed.
 
         The first registration sets the QoS: that of the topic's row in the graph's table, or else reliable, and latched if
         `latch` is set.
         """
-        shared = self._topics.get(topic)
-        if shared is None:
-            shared = self._topics[topic] = self._open(topic, type_name, latch, queue_size)
-        elif type_name is not None and interfaces.full_name(type_name, "msg") != shared.type_name:
-            raise TopicFailed(type_conflict(topic, interfaces.full_name(type_name, "msg"), shared.type_name))
-        shared.users.setdefault(client, set()).add(identifier)
+        identifiers = self._shared(client, name, type_name, latch, queue_size).users[client]
+        if identifier not in identifiers and len(identifiers) >= MAX_ADVERTISEMENTS:
+            raise TopicFailed(f"{name}: a client may advertise a topic {MAX_ADVERTISEMENTS} times; unadvertise it first")
+        identifiers.add(identifier)
+
+    def to_publish(
+        self, client: Hashable, name: str, type_name: str | None, latch: bool, queue_size: int
+    ) -> tuple[Any, Publisher]:
+        """Return a topic's message class and publisher, after advertising it if the client has not. Raises TopicFailed."""
+        shared = self._shared(client, name, type_name, latch, queue_size)
+        if not shared.users[client]:
+            shared.users[client].add(_BY_PUBLISHING)
         return shared.message_class, shared.publisher
 
-    def unadvertise(self, client: Hashable, topic: str, identifier: Hashable | None) -> None:
-        """Remove a client's advertisement with this id, or all of its advertisements of the topic if the id is None."""
+    def _shared(self, client: Hashable, name: str, type_name: str | None, latch: bool, queue_size: int) -> _Shared:
+        topic = interfaces.absolute(name)
         shared = self._topics.get(topic)
+        if (shared is None or client not in shared.users) and self._count(client) >= MAX_TOPICS:
+            raise TopicFailed(f"{name}: a client may publish on {MAX_TOPICS} topics; unadvertise others first")
+        if shared is None:
+            shared = self._topics[topic] = self._open(topic, name, type_name, latch, queue_size)
+        elif type_name is not None and interfaces.full_name(type_name, "msg") != shared.type_name:
+            raise TopicFailed(type_conflict(name, interfaces.full_name(type_name, "msg"), shared.type_name))
+        shared.users.setdefault(client, set())
+        return shared
+
+    def _count(self, client: Hashable) -> int:
+        return sum(client in shared.users for shared in self._topics.values())
+
+    def unadvertise(self, client: Hashable, name: str, identifier: Hashable | None) -> None:
+        """Remove a client's advertisement with this id, or all of its advertisements of the topic if the id is None."""
+        shared = self._topics.get(interfaces.absolute(name))
         if shared is None or client not in shared.users:
             return
         identifiers = shared.users[client]
-        if identifier is not None:
-            identifiers.discard(identifier)
-        if identifier is None or not identifiers:
+        identifiers.discard(identifier)
+        if identifier is None or identifiers <= {_BY_PUBLISHING}:
             del shared.users[client]
         if not shared.users:
             shared.unused_since_s = time.monotonic()
@@ -81,13 +103,13 @@ class PublisherPool:
                 self._node.destroy_publisher(shared.publisher)
                 del self._topics[topic]
 
-    def _open(self, topic: str, type_name: str | None, latch: bool, queue_size: int) -> _Shared:
+    def _open(self, topic: str, name: str, type_name: str | None, latch: bool, queue_size: int) -> _Shared:
         known = topic_type(self._node, topic)
         if type_name is None and known is None:
-            raise TopicFailed(f"Cannot infer topic type for topic {topic} as it is not yet advertised")
+            raise TopicFailed(f"Cannot infer topic type for topic {name} as it is not yet advertised")
         requested = interfaces.full_name(type_name, "msg") if type_name is not None else str(known)
         if known is not None and known != requested:
-            raise TopicFailed(type_conflict(topic, requested, known))
+            raise TopicFailed(type_conflict(name, requested, known))
         row = graph.topic(topic)
         qos = row.qos if row is not None else graph.Qos(reliable=True, latched=latch, depth=1 if latch else queue_size)
         try:

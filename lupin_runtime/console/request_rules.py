@@ -27,6 +27,12 @@ def check_origin(request: web.Request) -> None:
         raise web.HTTPForbidden(text="pages of other sites may not use this server\n")
 
 
+def opens_page(request: web.Request) -> bool:
+    """Return whether a browser's user opens a page with this request: a page of another site can send it, too, unseen."""
+    site, destination = request.headers.get("Sec-Fetch-Site", "none"), request.headers.get("Sec-Fetch-Dest", "document")
+    return site in ("none", "same-origin") and destination == "document" and "text/html" in request.headers.get("Accept", "")
+
+
 def check_encryption(request: web.Request) -> None:
     """Redirect browsers on other computers to HTTPS: a code or a cookie must not cross the network unencrypted."""
     if request.secure or is_loopback(request):

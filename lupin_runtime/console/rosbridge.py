@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from typing import Any
 
 import orjson
@@ -19,10 +19,12 @@ from lupin_runtime.console.authority import READ_ONLY_PREFIX, Refused, Session
 from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.encoding import COMPRESSIONS, fragments, to_json
 from lupin_runtime.console.fragments import BadFragment, Defragmenter
-from lupin_runtime.console.interfaces import absolute
+from lupin_runtime.console.interfaces import absolute, full_name
 from lupin_runtime.console.map_names import BadMapName, with_map_path
 from lupin_runtime.console.outbox import Frame
+from lupin_runtime.console.short_text import short_repr
 from lupin_runtime.console.subscription import Request
+from lupin_runtime.console.topic_hub import type_conflict
 
 MAX_QUEUE = 1000
 LEVELS = ("none", "error", "warning", "info")
@@ -50,6 +52,7 @@ class RosbridgeClient:
         self._level = "none"
         self._fragment_size: int | None = None
         self._defragmenter = Defragmenter()
+        self._defragmenting = False  # whether the message that is being handled came in fragments
         self._operations: dict[str, Callable[[dict[str, Any]], None]] = {
             "advertise": self._advertise,
             "unadvertise": self._unadvertise,
@@ -82,7 +85,11 @@ class RosbridgeClient:
 
     def answer(self, message: dict[str, Any]) -> None:
         """Queue a message of the protocol."""
-        data = to_json(message)
+        try:
+            data = to_json(message)
+        except TypeError as error:  # called on the executor's thread, which an exception would end
+            self._bridge.log_request(self.session, "error", f"an answer was not sent: {error}")
+            return
         if self._fragment_size is not None and len(data) > self._fragment_size:
             for part in fragments(data, self._fragment_size, str(message.get("id", "0"))):
                 self._send(Frame(part))
@@ -100,11 +107,15 @@ class RosbridgeClient:
             self.status("error", f"a message must be a JSON object, not {type(message).__name__}")
             return
         identifier = message.get("id")
+        if identifier is not None and not isinstance(identifier, (str, int, float)):
+            # An id comes back in the answer, and a deeply nested value cannot be encoded.
+            self.status("error", f"id must be text, a number, true or false, not {short_repr(identifier)}")
+            return
         operation = message.get("op")
         handler = self._operations.get(operation) if isinstance(operation, str) else None
         if handler is None:
             allowed = ", ".join(self._operations)
-            self.status("error", f"Unknown operation: {str(operation)[:100]}.  Allowed operations: {allowed}", identifier)
+            self.status("error", f"Unknown operation: {_shown(operation)}.  Allowed operations: {allowed}", identifier)
             return
         try:
             self._note_fragment_size(message)
@@ -125,7 +136,7 @@ class RosbridgeClient:
 
     def _refuse(self, operation: str, message: dict[str, Any], error: Refused) -> None:
         name = message.get("topic") or message.get("service") or message.get("action") or ""
-        self._bridge.record(self.session.name, f"{operation} {str(name)[:_MAX_NAME]}", refused=str(error))
+        self._bridge.record(self.session.name, f"{operation} {_shown(name)}", refused=str(error))
 
     def close(self) -> None:
         """Remove everything that the client has set up, and stop the robot if the client was driving it."""
@@ -135,7 +146,7 @@ class RosbridgeClient:
         size = message.get("fragment_size")
         if size is not None:
             if not isinstance(size, int) or isinstance(size, bool) or size < 100:
-                raise InvalidRequest(f"fragment_size must be an integer of at least 100, not {size!r:.100}")
+                raise InvalidRequest(f"fragment_size must be an integer of at least 100, not {short_repr(size)}")
             self._fragment_size = size
 
     # -- topics -------------------------------------------------------------------------------------------------------
@@ -143,10 +154,10 @@ class RosbridgeClient:
         topic = _name(message, "topic")
         self._bridge.authority.check_advertise(topic)
         queue_size = _number(message, "queue_size", 100, 1, MAX_QUEUE)
-        self._bridge.advertise(self, topic, _text(message, "type"), _id(message), bool(message.get("latch")), queue_size)
+        self._bridge.advertise(self, topic, _text(message, "type"), message.get("id"), bool(message.get("latch")), queue_size)
 
     def _unadvertise(self, message: dict[str, Any]) -> None:
-        self._bridge.unadvertise(self, _name(message, "topic"), _id(message))
+        self._bridge.unadvertise(self, _name(message, "topic"), message.get("id"))
 
     def _publish(self, message: dict[str, Any]) -> None:
         topic = _name(message, "topic")
@@ -156,13 +167,18 @@ class RosbridgeClient:
             return
         self._bridge.authority.check_publish(self.session, absolute(topic), time.monotonic_ns())
         if absolute(topic) == graph.CMD_VEL_MANUAL.name:
-            contents = _limited(contents)
-            self._bridge.note_velocity(self, any(contents[part][axis] for part, axis in _AXES))
-        else:
-            self._bridge.record(self.session.name, f"publish {absolute(topic)}", contents)
+            self._drive(topic, _optional_text(message, "type"), contents)
+            return
+        self._bridge.record(self.session.name, f"publish {absolute(topic)}", contents)
         latch = bool(message.get("latch"))
         queue_size = _number(message, "queue_size", 100, 1, MAX_QUEUE)
-        self._bridge.publish(self, topic, _optional_text(message, "type"), _id(message), contents, latch, queue_size)
+        self._bridge.publish(self, topic, _optional_text(message, "type"), message.get("id"), contents, latch, queue_size)
+
+    def _drive(self, topic: str, type_name: str | None, contents: Any) -> None:
+        kind = graph.CMD_VEL_MANUAL.type
+        if type_name is not None and full_name(type_name, "msg") != kind:
+            raise InvalidRequest(type_conflict(topic, full_name(type_name, "msg"), kind))
+        self._bridge.drive(self, _limited(contents))
 
     def _set_stop(self, contents: Any) -> None:
         """Engage or release the client's own stop: everybody may engage it, releasing needs control."""
@@ -178,10 +194,10 @@ class RosbridgeClient:
             queue_length=_number(message, "queue_length", 0, 0, MAX_QUEUE),
             compression=compression if compression in COMPRESSIONS else "none",
         )
-        self._bridge.subscribe(self, _name(message, "topic"), _optional_text(message, "type"), _id(message), request)
+        self._bridge.subscribe(self, _name(message, "topic"), _optional_text(message, "type"), message.get("id"), request)
 
     def _unsubscribe(self, message: dict[str, Any]) -> None:
-        self._bridge.unsubscribe(self, _name(message, "topic"), _id(message))
+        self._bridge.unsubscribe(self, _name(message, "topic"), message.get("id"))
 
     # -- services -----------------------------------------------------------------------------------------------------
     def _call_service(self, message: dict[str, Any]) -> None:
@@ -197,7 +213,7 @@ class RosbridgeClient:
             service = _name({"service": service}, "service")
             timeout_s = message.get("timeout")
             if timeout_s is not None and (isinstance(timeout_s, bool) or not isinstance(timeout_s, (int, float))):
-                raise InvalidRequest(f"timeout must be a number of seconds, not {timeout_s!r:.100}")
+                raise InvalidRequest(f"timeout must be a number of seconds, not {short_repr(timeout_s)}")
             self._bridge.authority.check_call(self.session, absolute(service), time.monotonic_ns())
             if not absolute(service).startswith(READ_ONLY_PREFIX):
                 self._bridge.record(self.session.name, f"call {absolute(service)}", message.get("args"))
@@ -270,9 +286,16 @@ class RosbridgeClient:
         self._level = level
 
     def _fragment(self, message: dict[str, Any]) -> None:
+        if self._defragmenting:
+            # Fragments within fragments, hundreds of levels deep, would exceed the interpreter's recursion limit.
+            raise InvalidRequest("a message that comes in fragments must not be a fragment itself")
         text = self._defragmenter.add(message, time.monotonic())
         if text is not None:
-            self.handle(text)
+            self._defragmenting = True
+            try:
+                self.handle(text)
+            finally:
+                self._defragmenting = False
 
 
 _AXES = tuple((part, axis) for part in ("linear", "angular") for axis in ("x", "y", "z"))
@@ -289,7 +312,7 @@ def _limited(contents: Any) -> dict[str, dict[str, float]]:
     for part, axis in _AXES:
         value = contents.get(part, {}).get(axis, 0.0)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise InvalidRequest(f"{part}.{axis} of a Twist must be a finite number, not {value!r:.100}")
+            raise InvalidRequest(f"{part}.{axis} of a Twist must be a finite number, not {short_repr(value)}")
         twist[part][axis] = float(value)
     speed_mps = math.hypot(twist["linear"]["x"], twist["linear"]["y"])
     if speed_mps > _LINEAR_MPS:
@@ -298,9 +321,8 @@ def _limited(contents: Any) -> dict[str, dict[str, float]]:
     return twist
 
 
-def _id(message: dict[str, Any]) -> Hashable | None:
-    identifier = message.get("id")
-    return identifier if isinstance(identifier, Hashable) else repr(identifier)
+def _shown(value: Any) -> str:
+    return value[:_MAX_NAME] if isinstance(value, str) else short_repr(value)
 
 
 def _text(message: dict[str, Any], key: str) -> str:
@@ -308,7 +330,7 @@ def _text(message: dict[str, Any], key: str) -> str:
         raise InvalidRequest(_MISSING.format(key))
     value = message[key]
     if not isinstance(value, str) or not value:
-        raise InvalidRequest(f"Expected field {key} to be one of {str}. Invalid value: {value!r:.100}")
+        raise InvalidRequest(f"Expected field {key} to be one of {str}. Invalid value: {short_repr(value)}")
     return value
 
 
@@ -329,7 +351,7 @@ def _number(message: dict[str, Any], key: str, default: int, least: int, most: i
     if value is None:
         return default
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise InvalidRequest(f"Expected field {key} to be one of {int}. Invalid value: {value!r:.100}")
+        raise InvalidRequest(f"Expected field {key} to be one of {int}. Invalid value: {short_repr(value)}")
     return max(least, min(most, int(value)))
 
 
@@ -337,5 +359,5 @@ def _flag(message: dict[str, Any], key: str) -> bool:
     if key not in message:
         raise InvalidRequest(_MISSING.format(key))
     if not isinstance(message[key], bool):
-        raise InvalidRequest(f"Expected field {key} to be one of {bool}. Invalid value: {message[key]!r:.100}")
+        raise InvalidRequest(f"Expected field {key} to be one of {bool}. Invalid value: {short_repr(message[key])}")
     return bool(message[key])

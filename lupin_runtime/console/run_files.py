@@ -1,4 +1,7 @@
-"""The API's read-only resources: runs with their state, report, recording and logs, and saved maps."""
+"""The API's read-only resources: runs with their state, report, recording and logs, and saved maps.
+
+Disks are read on other threads, because a slow one must not delay a stop on the event loop.
+"""
 
 from __future__ import annotations
 
@@ -40,76 +43,90 @@ def resources() -> tuple[Resource, ...]:
 
 
 async def _runs(_: web.Request) -> web.StreamResponse:
-    stored = await asyncio.to_thread(stored_runs)
-    return web.json_response([_summary(one) for one in reversed(stored)])
+    return web.json_response(await asyncio.to_thread(lambda: [_summary(one) for one in reversed(stored_runs())]))
 
 
 async def _run(request: web.Request) -> web.StreamResponse:
-    run = _chosen_run(request)
-    info = run.info()
-    result = await asyncio.to_thread(_json_file, run.path / "result.json")
-    plain = {
-        "id": run.id,
-        "up": run.alive(),
-        "started_s": info.get("started"),
-        "options": info.get("options", {}),
-        "state": run.state(),
-        "result": result,
-    }
-    return web.json_response(plain)
+    return web.json_response(await asyncio.to_thread(_describe, await _chosen_run(request)))
 
 
 async def _report(request: web.Request) -> web.StreamResponse:
     name = request.match_info["file"]
     if name not in _REPORT_FILES:
         raise web.HTTPNotFound(text=f"a report has the files {', '.join(_REPORT_FILES)}\n")
-    response = _file(_chosen_run(request).report / name, "there is no report yet; it is written at the end of the run")
+    run = await _chosen_run(request)
+    response = await _file(run.report / name, "there is no report yet; it is written at the end of the run")
     response.content_type = _REPORT_FILES[name]
     response.headers["Content-Security-Policy"] = _REPORT_POLICY
     return response
 
 
 async def _recording(request: web.Request) -> web.StreamResponse:
-    run = _chosen_run(request)
-    response = _file(run.recording, "this run was not recorded")
+    run = await _chosen_run(request)
+    response = await _file(run.recording, "this run was not recorded")
     response.content_type = "application/octet-stream"
     response.headers["Content-Disposition"] = f'attachment; filename="{run.id}.mcap"'
     return response
 
 
 async def _logs(request: web.Request) -> web.StreamResponse:
-    return web.json_response(sorted(path.stem for path in _chosen_run(request).logs.glob("*.log")))
+    return web.json_response(sorted(await asyncio.to_thread(_log_files, await _chosen_run(request))))
 
 
 async def _log(request: web.Request) -> web.StreamResponse:
-    names = {path.stem: path for path in _chosen_run(request).logs.glob("*.log")}
-    path = names.get(request.match_info["process"])
+    files = await asyncio.to_thread(_log_files, await _chosen_run(request))
+    path = files.get(request.match_info["process"])
     if path is None:
-        raise web.HTTPNotFound(text=f"there are logs of: {', '.join(sorted(names))}\n")
+        raise web.HTTPNotFound(text=f"there are logs of: {', '.join(sorted(files))}\n")
     return web.Response(body=await asyncio.to_thread(_end_of, path), content_type="text/plain", charset="utf-8")
 
 
 async def _commands(request: web.Request) -> web.StreamResponse:
-    lines = await asyncio.to_thread(_end_of, _chosen_run(request).path / "console_commands.jsonl")
+    run = await _chosen_run(request)
+    return web.json_response(await asyncio.to_thread(_last_commands, run.path / "console_commands.jsonl"))
+
+
+async def _maps(_: web.Request) -> web.StreamResponse:
+    return web.json_response(await asyncio.to_thread(lambda: sorted(path.stem for path in maps_folder().glob("*.yaml"))))
+
+
+async def _map(request: web.Request) -> web.StreamResponse:
+    name, absent = request.match_info["map"], "there is no such map"
+    files = await asyncio.to_thread(_map_files)
+    if name not in files:
+        raise web.HTTPNotFound(text=f"{absent}\n")
+    return await _file(files[name], absent)
+
+
+def _map_files() -> dict[str, Path]:
+    suffixes = (".yaml", ".pgm", ".png")
+    return {path.name: path for path in islice(maps_folder().glob("*"), 10_000) if path.suffix in suffixes}
+
+
+def _log_files(run: Run) -> dict[str, Path]:
+    return {path.stem: path for path in run.logs.glob("*.log")}
+
+
+def _last_commands(path: Path) -> list[Any]:
     rows = []
-    for line in lines.decode(errors="replace").splitlines()[-MAX_COMMANDS:]:
+    for line in _end_of(path).decode(errors="replace").splitlines()[-MAX_COMMANDS:]:
         try:
             rows.append(json.loads(line))
         except ValueError:
             continue  # the first line was cut, and the last one may still be incomplete
-    return web.json_response(rows)
+    return rows
 
 
-async def _maps(_: web.Request) -> web.StreamResponse:
-    return web.json_response(sorted(path.stem for path in maps_folder().glob("*.yaml")))
-
-
-async def _map(request: web.Request) -> web.StreamResponse:
-    name = request.match_info["map"]
-    files = {path.name: path for path in islice(maps_folder().glob("*"), 10_000) if path.suffix in (".yaml", ".pgm", ".png")}
-    if name not in files:
-        raise web.HTTPNotFound(text="there is no such map\n")
-    return _file(files[name], "there is no such map")
+def _describe(run: Run) -> dict[str, Any]:
+    info = run.info()
+    return {
+        "id": run.id,
+        "up": run.alive(),
+        "started_s": info.get("started"),
+        "options": info.get("options", {}),
+        "state": run.state(),
+        "result": _json_file(run.path / "result.json"),
+    }
 
 
 def _summary(stored: StoredRun) -> dict[str, Any]:
@@ -124,16 +141,16 @@ def _summary(stored: StoredRun) -> dict[str, Any]:
     }
 
 
-def _chosen_run(request: web.Request) -> Run:
+async def _chosen_run(request: web.Request) -> Run:
     """Find a request's run by its full id: text from the client never becomes part of a path."""
-    for run in all_runs():
+    for run in await asyncio.to_thread(all_runs):
         if run.id == request.match_info["run"]:
             return run
     raise web.HTTPNotFound(text="there is no such run; see /_api/runs\n")
 
 
-def _file(path: Path, absent: str) -> web.FileResponse:
-    if not path.is_file():
+async def _file(path: Path, absent: str) -> web.FileResponse:
+    if not await asyncio.to_thread(path.is_file):
         raise web.HTTPNotFound(text=f"{absent}\n")
     return web.FileResponse(path)
 

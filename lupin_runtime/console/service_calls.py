@@ -15,7 +15,7 @@ from rclpy.serialization import serialize_message
 from rclpy.task import Future
 
 from lupin_runtime.console import interfaces, values
-from lupin_runtime.console.cdr import Format, decoder
+from lupin_runtime.console.cdr import Format, UnsupportedType, decoder
 
 DISCOVERY_TIMEOUT_S = 1.0  # for the wait until the graph lists a service
 TIMEOUT_S = 5.0
@@ -101,10 +101,10 @@ class ServiceCalls:
         request_class = client.srv_type.Request
         try:
             request = values.fill(request_class, values.by_name(request_class, arguments), self._now)
-        except values.ValueMismatch as error:
+            decode = decoder(client.srv_type.Response, Format.JSON)
+        except (values.ValueMismatch, UnsupportedType) as error:
             done(False, str(error))
             return
-        decode = decoder(client.srv_type.Response, Format.JSON)
         future = client.call_async(request)
         self._open[key] += 1
         number = self._number = self._number + 1

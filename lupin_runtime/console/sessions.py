@@ -33,13 +33,17 @@ def sessions_file() -> Path:
 
 @dataclass(frozen=True)
 class Pairing:
-    """A paired browser as stored in the file; times are Unix time in seconds."""
+    """A paired browser as stored in the file; times are Unix time in seconds.
+
+    `by_itself`: it was paired without a code, because it runs on this computer.
+    """
 
     name: str
     role: Role
     token_sha256: str
     paired_s: float
     used_s: float
+    by_itself: bool = False
 
 
 class Sessions:
@@ -65,16 +69,21 @@ class Sessions:
         self.refresh()
         return sorted(self._pairings.values(), key=lambda pairing: -pairing.used_s)
 
-    def add(self, kind: str, role: Role) -> tuple[Session, str]:
-        """Pair a browser; returns its session, named after its kind and a number, and its token."""
+    def add(self, kind: str, role: Role, *, by_itself: bool = False) -> tuple[Session, str]:
+        """Pair a browser; returns its session, named after its kind and a number, and its token.
+
+        Beyond MAX_SESSIONS, one that was paired without a code is forgotten, since it can be paired again in the same way, or
+        else the one that has not been used for the longest time.
+        """
         token = secrets.token_urlsafe(32)
         now_s = self._clock()
         with self._changing() as pairings:
             names = {pairing.name for pairing in pairings.values()}
             name = next(f"{kind}-{number}" for number in range(1, len(names) + 2) if f"{kind}-{number}" not in names)
-            pairings[_hash(token)] = Pairing(name, role, _hash(token), now_s, now_s)
+            pairings[_hash(token)] = Pairing(name, role, _hash(token), now_s, now_s, by_itself)
             while len(pairings) > MAX_SESSIONS:
-                del pairings[min(pairings, key=lambda key: pairings[key].used_s)]
+                others = (key for key in pairings if key != _hash(token))
+                del pairings[min(others, key=lambda key: (not pairings[key].by_itself, pairings[key].used_s))]
         session = self.find(token)
         assert session is not None
         return session, token

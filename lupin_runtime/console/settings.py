@@ -15,6 +15,7 @@ from typing import Any
 from lupin_runtime import graph
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.console.shared_file import change_object, read_object
+from lupin_runtime.console.short_text import short_repr
 from lupin_runtime.stack.runs import state_home
 
 VERSION = 5
@@ -63,7 +64,7 @@ class Setting:
 
     def _expect(self, value: Any, fits: bool, kind: str) -> Any:
         if not fits:
-            raise BadSetting(f"{self.name} must be {kind}, not {value!r:.60}")
+            raise BadSetting(f"{self.name} must be {kind}, not {short_repr(value, 60)}")
         return value
 
 
@@ -146,7 +147,7 @@ def describe_settings() -> list[dict[str, Any]]:
 
 def _checked(changes: Any, version: Any) -> dict[str, Any]:
     if isinstance(version, bool) or not isinstance(version, int) or not OLDEST_VERSION <= version <= VERSION:
-        raise BadSetting(f"version must be a whole number from {OLDEST_VERSION} to {VERSION}, not {version!r:.60}")
+        raise BadSetting(f"version must be a whole number from {OLDEST_VERSION} to {VERSION}, not {short_repr(version, 60)}")
     if not isinstance(changes, dict):
         raise BadSetting("settings must be an object of names and values")
     dropped = (*_KEPT_BY_BROWSERS, *(_DROPPED_BEFORE_5 if version < VERSION else ()))

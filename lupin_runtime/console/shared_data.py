@@ -14,7 +14,7 @@ from lupin_runtime.console.api_table import SESSION, Resource, json_object
 from lupin_runtime.console.bridge import Bridge, ServiceFailed
 from lupin_runtime.console.events import EventChannel
 from lupin_runtime.console.locations import BadLocation, all_locations, locations_file, remove_location, save_location
-from lupin_runtime.console.map_names import BadMapName, with_map_path
+from lupin_runtime.console.map_names import BadMapName, pose_graph_problem, with_map_path
 from lupin_runtime.console.settings import (
     VERSION,
     BadSetting,
@@ -24,7 +24,9 @@ from lupin_runtime.console.settings import (
     settings_file,
 )
 
+_START_AT_FIRST_NODE = 1  # the constant of slam_toolbox/srv/DeserializePoseGraph
 _NUMBER = {"type": "number"}
+_MAP_BODY: dict[str, dict[str, Any]] = {"name": {"type": "string"}}
 _LOCATION_BODY: dict[str, dict[str, Any]] = {
     "name": {"type": "string"},
     "pose": {
@@ -49,7 +51,13 @@ class SharedData:
     def resources(self) -> tuple[Resource, ...]:
         """Return the routes, each with a summary of its answer."""
         return (
-            Resource("/_api/maps", self._save_map, "Save the current SLAM map. Needs control.", {"name": {"type": "string"}}),
+            Resource("/_api/maps", self._save_map, "Save the current SLAM map. Needs control.", _MAP_BODY),
+            Resource(
+                "/_api/maps/load",
+                self._load_map,
+                "Go on mapping in a saved map, at whose start the robot must stand. Needs control.",
+                _MAP_BODY,
+            ),
             Resource("/_api/locations", self._locations, "The named locations on the map: x and y in m, yaw in rad."),
             Resource("/_api/locations", self._change_location, "Save or remove a location. Needs control.", _LOCATION_BODY),
             Resource("/_api/settings", self._settings, "The page's settings, with defaults and allowed values."),
@@ -69,7 +77,29 @@ class SharedData:
         self._bridge.record(request[SESSION].name, f"save map {name}")
         if response["result"] != 0:
             return web.json_response({"error": "no map was saved: SLAM has not published one yet"}, status=409)
-        return web.json_response({"saved": name})
+        pose_graph = with_map_path(graph.SLAM_SERIALIZE.name, {"filename": name})
+        try:
+            loadable = (await self._call(request, graph.SLAM_SERIALIZE, pose_graph))["result"] == 0
+        except web.HTTPServiceUnavailable:
+            loadable = False
+        return web.json_response({"saved": name, "loadable": loadable})
+
+    async def _load_map(self, request: web.Request) -> web.StreamResponse:
+        name = (await json_object(request)).get("name")
+        self._take_control(request)
+        try:
+            arguments = with_map_path(graph.SLAM_DESERIALIZE.name, {"filename": name, "match_type": _START_AT_FIRST_NODE})
+        except BadMapName as error:
+            raise web.HTTPBadRequest(text=f"{error}\n") from error
+        problem = await asyncio.to_thread(pose_graph_problem, arguments["filename"])
+        if problem:
+            return web.json_response({"error": f"{name} was not loaded: {problem}"}, status=409)
+        self._bridge.record(request[SESSION].name, f"load map {name}")
+        try:
+            await asyncio.wrap_future(self._bridge.request_own_service(graph.SLAM_DESERIALIZE.name, arguments))
+        except ServiceFailed as error:
+            raise web.HTTPServiceUnavailable(text=f"{error}\n") from error
+        return web.json_response({"loaded": name})
 
     async def _arm_library(self, request: web.Request) -> web.StreamResponse:
         response = await self._call(request, graph.ARM_LIBRARY_LIST, {})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 from lupin_runtime.console.encoding import COMPRESSIONS
@@ -27,19 +27,29 @@ class ClientSubscription:
     def __init__(self) -> None:
         self._requests: dict[Hashable, Request] = {}
         self._sent_ns: int | None = None
-        self.compression = "none"
-        self.queue_length = 0
-        self._interval_ns = 0
+        self._merged = Request()
 
     @property
-    def empty(self) -> bool:
-        """Whether no request is left."""
-        return not self._requests
+    def compression(self) -> str:
+        """The strongest compression that a request asks for."""
+        return self._merged.compression
+
+    @property
+    def queue_length(self) -> int:
+        """The shortest queue that a request asks for; 0 for the topic's own."""
+        return self._merged.queue_length
+
+    def __len__(self) -> int:
+        return len(self._requests)
+
+    def __contains__(self, identifier: Hashable) -> bool:
+        return identifier in self._requests
 
     def add(self, identifier: Hashable, request: Request) -> None:
         """Add a request, or replace the one with the same id."""
+        others = [self._merged] if self._requests and identifier not in self._requests else self._others(identifier)
         self._requests[identifier] = request
-        self._merge()
+        self._merged = _merge([*others, request])
 
     def remove(self, identifier: Hashable | None) -> None:
         """Remove the request with an id, or all of them if the id is None."""
@@ -47,17 +57,22 @@ class ClientSubscription:
             self._requests.clear()
         else:
             self._requests.pop(identifier, None)
-        self._merge()
+        self._merged = _merge(list(self._requests.values()) or [Request()])
 
-    def _merge(self) -> None:
-        requests = self._requests.values()
-        self._interval_ns = min((request.throttle_ms for request in requests), default=0) * 1_000_000
-        self.queue_length = min((request.queue_length for request in requests), default=0)
-        self.compression = max((request.compression for request in requests), key=COMPRESSIONS.index, default="none")
+    def _others(self, identifier: Hashable) -> list[Request]:
+        return [request for key, request in self._requests.items() if key != identifier]
 
     def due(self, now_ns: int) -> bool:
         """Return whether a message that arrives now is to be sent, and if so, count it as sent."""
-        if self._sent_ns is not None and 0 <= now_ns - self._sent_ns < self._interval_ns:
+        if self._sent_ns is not None and 0 <= now_ns - self._sent_ns < self._merged.throttle_ms * 1_000_000:
             return False
         self._sent_ns = now_ns
         return True
+
+
+def _merge(requests: Sequence[Request]) -> Request:
+    return Request(
+        min(request.throttle_ms for request in requests),
+        min(request.queue_length for request in requests),
+        max((request.compression for request in requests), key=COMPRESSIONS.index),
+    )

@@ -6,6 +6,7 @@ A subscription's QoS follows the topic's publishers. A client that joins late ge
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
@@ -20,12 +21,15 @@ from lupin_runtime.console.outbox import SAMPLES_PER_TOPIC, Frame
 from lupin_runtime.console.subscription import ClientSubscription, Request
 from lupin_runtime.ros.raw_subscription import QUEUE_DEPTH, RawSubscription
 
+MAX_TOPICS = 300  # that one client may subscribe to
+MAX_REQUESTS = 100  # of one client for one topic, each with its id
+
 
 class TopicFailed(ValueError):
     """A topic that can't be subscribed to or published on; the text is the reason."""
 
 
-class Receiver(Protocol):
+class Receiver(Hashable, Protocol):
     """A client of the hub."""
 
     def deliver(self, frame: Frame) -> None:
@@ -34,13 +38,13 @@ class Receiver(Protocol):
 
 @dataclass
 class _Stream:
-    """A topic with its subscription and its receiving clients."""
+    """A topic with its subscription and its receiving clients, each with the name of the topic as the client sent it."""
 
     topic: str
     type_name: str
     message_class: Any
     subscription: RawSubscription
-    receivers: dict[Receiver, ClientSubscription] = field(default_factory=dict)
+    receivers: dict[tuple[Receiver, str], ClientSubscription] = field(default_factory=dict)
     failed: bool = False  # whether a message that can't be encoded has been logged
 
     @property
@@ -57,39 +61,48 @@ class TopicHub:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._streams: dict[str, _Stream] = {}
+        self._streams: dict[str, _Stream] = {}  # by absolute name
+        self._counts: Counter[Receiver] = Counter()  # of each client's topics
 
     # -- clients ------------------------------------------------------------------------------------------------------
-    def subscribe(self, receiver: Receiver, topic: str, type_name: str | None, identifier: Hashable, request: Request) -> None:
+    def subscribe(self, receiver: Receiver, name: str, type_name: str | None, identifier: Hashable, request: Request) -> None:
         """Add a client's request for a topic; without `type_name`, the type is the graph's. Raises TopicFailed."""
+        topic, key = interfaces.absolute(name), (receiver, name)
         stream = self._streams.get(topic)
+        merged = stream.receivers.get(key) if stream is not None else None
+        if merged is None and self._counts[receiver] >= MAX_TOPICS:
+            raise TopicFailed(f"{name}: a client may subscribe to {MAX_TOPICS} topics; unsubscribe from others first")
+        if merged is not None and identifier not in merged and len(merged) >= MAX_REQUESTS:
+            raise TopicFailed(f"{name}: a client may have {MAX_REQUESTS} subscriptions to one topic; unsubscribe some first")
         if stream is None:
-            stream = self._streams[topic] = self._open(topic, type_name)
+            stream = self._streams[topic] = self._open(topic, name, type_name)
         elif type_name is not None and interfaces.full_name(type_name, "msg") != stream.type_name:
-            raise TopicFailed(type_conflict(topic, interfaces.full_name(type_name, "msg"), stream.type_name))
-        known = receiver in stream.receivers
-        merged = stream.receivers.setdefault(receiver, ClientSubscription())
+            raise TopicFailed(type_conflict(name, interfaces.full_name(type_name, "msg"), stream.type_name))
+        if merged is not None:
+            merged.add(identifier, request)
+            return
+        merged = stream.receivers[key] = ClientSubscription()
         merged.add(identifier, request)
-        if not known:
-            for data in stream.subscription.kept:
-                self._send(stream, data, {receiver: merged})
+        self._counts[receiver] += 1
+        for data in stream.subscription.kept:
+            self._send(stream, data, {key: merged})
 
-    def unsubscribe(self, receiver: Receiver, topic: str, identifier: Hashable | None) -> None:
+    def unsubscribe(self, receiver: Receiver, name: str, identifier: Hashable | None) -> None:
         """Remove a client's request with this id, or all of its requests for the topic if the id is None."""
-        stream = self._streams.get(topic)
-        merged = stream.receivers.get(receiver) if stream else None
+        stream = self._streams.get(interfaces.absolute(name))
+        merged = stream.receivers.get((receiver, name)) if stream else None
         if stream is None or merged is None:
             return
         merged.remove(identifier)
-        if merged.empty:
-            del stream.receivers[receiver]
-            self._close_unused(stream)
+        if not merged:
+            self._remove(stream, receiver, name)
 
     def leave(self, receiver: Receiver) -> None:
         """Remove all requests of a client."""
         for stream in list(self._streams.values()):
-            if stream.receivers.pop(receiver, None) is not None:
-                self._close_unused(stream)
+            for name in (stream.topic, stream.topic[1:]):
+                if (receiver, name) in stream.receivers:
+                    self._remove(stream, receiver, name)
 
     def follow_publishers(self) -> None:
         """Reopen subscriptions whose publishers now offer another QoS. To be called about once a second."""
@@ -97,16 +110,16 @@ class TopicHub:
             stream.subscription.follow_publishers()
 
     # -- subscriptions ------------------------------------------------------------------------------------------------
-    def _open(self, topic: str, type_name: str | None) -> _Stream:
+    def _open(self, topic: str, name: str, type_name: str | None) -> _Stream:
         known = topic_type(self._node, topic)
         if type_name is None:
             if known is None:
-                raise TopicFailed(f"Cannot infer topic type for topic {topic} as it is not yet advertised")
+                raise TopicFailed(f"Cannot infer topic type for topic {name} as it is not yet advertised")
             requested = known
         else:
             requested = interfaces.full_name(type_name, "msg")
             if known is not None and known != requested:
-                raise TopicFailed(type_conflict(topic, requested, known))
+                raise TopicFailed(type_conflict(name, requested, known))
         try:
             message_class = interfaces.find(requested, "msg")
         except interfaces.UnknownType as error:
@@ -117,10 +130,12 @@ class TopicHub:
             raise TopicFailed(f"{topic}: {error}") from error
         return _Stream(topic, requested, message_class, subscription)
 
-    def _close_unused(self, stream: _Stream) -> None:
+    def _remove(self, stream: _Stream, receiver: Receiver, name: str) -> None:
+        del stream.receivers[receiver, name]
+        self._counts -= Counter([receiver])
         if not stream.receivers:
-            stream.subscription.close()
             del self._streams[stream.topic]
+            stream.subscription.close()
 
     # -- messages -----------------------------------------------------------------------------------------------------
     def _receive(self, topic: str, data: bytes) -> None:
@@ -128,25 +143,26 @@ class TopicHub:
         if stream is not None:
             self._send(stream, data, stream.receivers)
 
-    def _send(self, stream: _Stream, data: bytes, receivers: dict[Receiver, ClientSubscription]) -> None:
+    def _send(self, stream: _Stream, data: bytes, receivers: dict[tuple[Receiver, str], ClientSubscription]) -> None:
         now_ns = time.monotonic_ns()
-        frames: dict[tuple[str, int], Frame] = {}
-        for receiver, merged in receivers.items():
-            if not merged.due(now_ns):
+        droppable = stream.droppable
+        frames: dict[tuple[str, str, int], Frame] = {}
+        for (receiver, name), merged in receivers.items():
+            if droppable and not merged.due(now_ns):
                 continue
-            key = (merged.compression, merged.queue_length)
+            key = (name, merged.compression, merged.queue_length)
             if key not in frames:
-                encoded = self._encode(stream, data, merged.compression)
+                encoded = self._encode(stream, name, data, merged.compression)
                 if encoded is None:
                     return
                 depth = merged.queue_length or (SAMPLES_PER_TOPIC if graph.topic(stream.topic) is not None else QUEUE_DEPTH)
-                frames[key] = replace(encoded, stream=stream.topic, depth=depth) if stream.droppable else encoded
+                frames[key] = replace(encoded, stream=name, depth=depth) if droppable else encoded
             receiver.deliver(frames[key])
 
-    def _encode(self, stream: _Stream, data: bytes, compression: str) -> Frame | None:
+    def _encode(self, stream: _Stream, name: str, data: bytes, compression: str) -> Frame | None:
         received_ns = self._node.get_clock().now().nanoseconds if compression == "cbor-raw" else 0
         try:
-            return publication(compression, stream.topic, stream.message_class, data, received_ns)
+            return publication(compression, name, stream.message_class, data, received_ns)
         except (MalformedMessage, UnsupportedType) as error:
             if not stream.failed:
                 self._node.get_logger().warning(f"{stream.topic} is not sent to clients: {error}")

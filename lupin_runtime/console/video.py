@@ -22,6 +22,9 @@ from lupin_runtime.cameras.stream_request import BadRequest, StreamRequest, read
 from lupin_runtime.console.api_table import Resource
 
 MAX_CLIENTS = 64
+# The video server accepts 16 connections of one address: streams and the other requests together need fewer.
+MAX_UPSTREAMS = 8
+_MAX_FETCHES = 4
 _CONNECT_TIMEOUT_S = 5.0
 _SILENCE_TIMEOUT_S = 15.0  # an upstream connection on which nothing arrives for this long is closed; browsers ask again
 _ANSWER_TIMEOUT_S = 8.0
@@ -57,6 +60,7 @@ class VideoRelay:
         self._http: aiohttp.ClientSession | None = None
         self._upstreams: dict[StreamRequest, _Upstream] = {}
         self._clients = 0
+        self._fetching = asyncio.Semaphore(_MAX_FETCHES)
 
     def resources(self) -> tuple[Resource, ...]:
         """Return the routes, each with a summary of its answer."""
@@ -111,11 +115,13 @@ class VideoRelay:
         stream_request = read_request(request.query)
         if self._clients >= MAX_CLIENTS:
             raise VideoUnavailable(503, f"{MAX_CLIENTS} browsers are already watching")
-        self._clients += 1
         upstream = self._upstreams.get(stream_request)
+        if upstream is None and len(self._upstreams) >= MAX_UPSTREAMS:
+            raise VideoUnavailable(503, f"{MAX_UPSTREAMS} other streams are being watched; watch one of them, or wait")
         if upstream is None:
             upstream = self._upstreams[stream_request] = _Upstream()
             upstream.task = asyncio.create_task(self._follow(upstream, stream_request))
+        self._clients += 1
         upstream.clients += 1
         try:
             await asyncio.shield(upstream.opened)
@@ -157,7 +163,7 @@ class VideoRelay:
 
     async def _fetch(self, path: str, query: Mapping[str, str], limit_bytes: int) -> tuple[bytes, Mapping[str, str]]:
         timeout = aiohttp.ClientTimeout(total=_ANSWER_TIMEOUT_S, sock_connect=_CONNECT_TIMEOUT_S)
-        async with self._get(path, query, timeout) as answer:
+        async with self._fetching, self._get(path, query, timeout) as answer:
             content = await answer.content.read(limit_bytes + 1)
             while len(content) <= limit_bytes and (more := await answer.content.read(_CHUNK_BYTES)):
                 content += more
@@ -230,7 +236,7 @@ class _Upstream:
         self._wake()
 
     async def after(self, number: int) -> Frame | None:
-        """Wait briefly for a picture after `number`, and return the newest; None if there is none, or the stream has ended."""
+        """Wait briefly for a picture after `number`, and return the newest one; None if there is none."""
         if self._number <= number and not self.ended:
             with contextlib.suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(self._next.wait(), _CHECK_PERIOD_S)

@@ -12,9 +12,9 @@ from rclpy.clock import Clock, ClockType
 
 from lupin_runtime.foxglove.channels import GraphChannels
 from lupin_runtime.foxglove.server import FoxgloveServer
+from lupin_runtime.ports import FOXGLOVE_PORT
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.ros_thread import RosThread
-from lupin_runtime.stack.table import FOXGLOVE_PORT
 
 _FOLLOW_PERIOD_S = 0.5
 _ANNOUNCE_TIME_PERIOD_S = 0.1

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import math
 import random
 from collections.abc import Callable, Mapping
@@ -26,6 +25,8 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+
+from lupin_runtime.layout import LayoutError, LayoutText
 
 DAY_S = 86400.0
 DEFAULT_SPEEDUP = 1800.0  # a day in 48 s
@@ -82,9 +83,9 @@ class ClimateSimulator:
         """A file of None is the packaged one. `clock_s` returns real time in seconds since the start of a day; it is needed
         unless debug mode fixes the hour. Raises GreenhouseConfigError."""
         overrides = overrides or Overrides()
-        for path, check in ((tag_file, check_tag_file), (sim_config_file, check_config_file)):
-            if path is not None:
-                check(path)
+        layout = _read_layout(tag_file) if tag_file is not None else None
+        if sim_config_file is not None:
+            check_config_file(sim_config_file)
         self._simulator = _construct(tag_file, sim_config_file)
         time = self._simulator.sim_config["time"] = dict(self._simulator.sim_config.get("time") or {})
         time.setdefault("debug_mode", False)
@@ -99,7 +100,7 @@ class ClimateSimulator:
         self._speedup = float(time.get("speedup_factor", DEFAULT_SPEEDUP))
         self._clock_s = clock_s
         self._noise = random.Random(time.get("debug_seed")) if self._debug else random.Random()
-        self._check_sensors(tag_file)
+        self._check_sensors(layout)
 
     @property
     def tags(self) -> tuple[str, ...]:
@@ -134,15 +135,14 @@ class ClimateSimulator:
         # `timestamp` is in the same dictionary and is not a sensor.
         return Reading(now_s, {name: float(value) for name, value in data.items() if name != "timestamp"})
 
-    def _check_sensors(self, tag_file: Path | None) -> None:
+    def _check_sensors(self, layout: LayoutText | None) -> None:
         for tag_id, tag in self._simulator.tag_manager.get_tags().items():
             missing = [name for name in tag.get("sensors", ()) if name not in self.sensors]
             if missing:
-                source = f"{tag_file}:{_line_of_key(tag_file, tag_id)}" if tag_file else "the packaged layout"
-                raise GreenhouseConfigError(
-                    f"{source}: tag {tag_id} has the sensor {missing[0]!r}, which the configuration lacks; "
-                    f"it has {', '.join(self.sensors)}"
-                )
+                has = f"it has {', '.join(self.sensors)}"
+                problem = f"tag {tag_id} has the sensor {missing[0]!r}, which the configuration lacks; {has}"
+                located = layout.error(tag_id, problem) if layout is not None else f"the packaged layout: {problem}"
+                raise GreenhouseConfigError(str(located))
 
 
 def _wrapped(time_s: float) -> float:
@@ -165,30 +165,20 @@ def _construct(tag_file: Path | None, sim_config_file: Path | None) -> Any:
     return simulator
 
 
-def check_tag_file(path: Path) -> None:
-    """Raise GreenhouseConfigError unless `path` holds a layout: tags with x, y and sensors."""
-    text = _text(path, "layout")
+def _read_layout(path: Path) -> LayoutText:
+    """Return the text of a layout that has the sensors of each tag. Raises GreenhouseConfigError."""
     try:
-        document = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise GreenhouseConfigError(f"{path}:{error.lineno}: the layout is not JSON: {error.msg}") from error
-    if not isinstance(document, dict) or not isinstance(document.get("tags"), dict):
-        raise GreenhouseConfigError(f"{path}:1: the layout has no object 'tags'; expected tag ids with x, y and sensors")
-    for tag_id, tag in document["tags"].items():
-        where = f"{path}:{_line_of_key(path, tag_id)}: tag {tag_id}"
-        if not isinstance(tag, dict):
-            raise GreenhouseConfigError(f"{where} is {tag!r}, expected an object with x, y and sensors")
-        for key in ("x", "y"):
-            if not _is_number(tag.get(key)):
-                raise GreenhouseConfigError(f"{where} has {key} = {tag.get(key)!r}, expected meters")
-        sensors = tag.get("sensors")
-        if not isinstance(sensors, list) or not all(isinstance(name, str) for name in sensors):
-            raise GreenhouseConfigError(f"{where} has sensors = {sensors!r}, expected a list of sensor names")
+        text = LayoutText.read(path)
+        text.parse()
+        text.sensors()
+    except LayoutError as error:
+        raise GreenhouseConfigError(str(error)) from error
+    return text
 
 
 def check_config_file(path: Path) -> None:
     """Raise GreenhouseConfigError unless `path` holds a configuration: a mapping `sensors` of lists of settings."""
-    text = _text(path, "simulator configuration")
+    text = _text(path)
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
     except yaml.YAMLError as error:
@@ -240,26 +230,12 @@ def _section(path: Path, name: str, node: yaml.Node | None) -> dict[str, yaml.No
     return {str(key.value): value for key, value in node.value}
 
 
-def _text(path: Path, what: str) -> str:
+def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise GreenhouseConfigError(f"{path}: cannot read the {what}: {error}") from error
+        raise GreenhouseConfigError(f"{path}: cannot read the simulator configuration: {error}") from error
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _line_of_key(path: Path, key: str) -> int:
-    """Find the line of a key of the object `tags` in a JSON file, by reading it as YAML, which keeps line numbers."""
-    try:
-        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    except yaml.YAMLError:
-        return 1  # tabs: JSON allows them where YAML doesn't
-    for name, value in root.value if isinstance(root, yaml.MappingNode) else ():
-        if name.value == "tags" and isinstance(value, yaml.MappingNode):
-            for tag_key, _ in value.value:
-                if tag_key.value == key:
-                    return int(tag_key.start_mark.line) + 1
-    return 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -50,6 +51,11 @@ class NodeClock:
             self._elapsed_ns += min(max(now_ns - self._last_read_ns, 0), int(MAX_STEP_S * 1e9))
         self._last_read_ns = now_ns
         return self._elapsed_ns / 1e9
+
+    @staticmethod
+    def real_s() -> float:
+        """Return seconds of the monotonic clock."""
+        return time.monotonic()
 
     def stamp_ns(self) -> int:
         """Return ROS time in nanoseconds."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 from difflib import get_close_matches
 from typing import Any
 
+from lupin_runtime import graph
 from lupin_runtime.mission.frontier import FrontierSettings
 
 
@@ -20,17 +21,17 @@ class MissionConfig:
     """The fields have the names of the ROS parameters; a suffix is the unit."""
 
     # -- names of topics, services and frames
-    nav_action_name: str = "navigate_to_pose"
-    bridge_service_name: str = "/greenhouse_bridge/get_tag_reading"
-    visual_confirmation_service: str = "/perception/confirm_tag"
-    arm_preset_service: str = "/lupin/arm/preset"
-    estop_topic: str = "/e_stop_state"
-    battery_topic: str = "/io/power/power_watcher"
-    amcl_pose_topic: str = "/amcl_pose"
-    discovered_tags_topic: str = "/perception/discovered_tags"
-    map_topic: str = "/map"
-    base_frame: str = "base_link"
-    frame_id: str = "map"
+    nav_action_name: str = graph.NAVIGATE_TO_POSE.name
+    bridge_service_name: str = graph.GET_TAG_READING.name
+    visual_confirmation_service: str = graph.CONFIRM_TAG.name
+    arm_preset_service: str = graph.ARM_PRESET.name
+    estop_topic: str = graph.ESTOP_STATE.name
+    battery_topic: str = graph.BATTERY.name
+    amcl_pose_topic: str = graph.AMCL_POSE.name
+    discovered_tags_topic: str = graph.DISCOVERED_TAGS.name
+    map_topic: str = graph.MAP.name
+    base_frame: str = graph.BASE_FRAME
+    frame_id: str = graph.MAP_FRAME
     mission_id_prefix: str = "lupin"
     state_publish_rate_hz: float = 5.0
 

@@ -39,7 +39,7 @@ class Context:
     """What every activity receives. `fire` fires a trigger of the state machine.
 
     `estop_engaged` is the last state received, and low battery is read from its monitor, so no request can clear a flag whose
-    cause persists.
+    cause persists. `estop_released_s` is the real time of the last release.
     """
 
     config: MissionConfig
@@ -54,6 +54,7 @@ class Context:
     mission: ActiveMission | None = None
     paused: bool = False
     estop_engaged: bool = False
+    estop_released_s: float | None = None
     last_error: str = ""
 
     @property

@@ -72,6 +72,8 @@ class Orchestrator:
         self._context.estop_engaged = engaged
         if engaged:
             self._stop_for_estop()
+        else:
+            self._context.estop_released_s = self._context.ports.clock.real_s()
         self._context.ports.publisher.state_changed()
 
     def _stop_for_estop(self) -> None:

@@ -15,10 +15,13 @@ STATUS_UNKNOWN, STATUS_SUCCEEDED, STATUS_CANCELED, STATUS_ABORTED = 0, 4, 5, 6
 
 
 class Clock(Protocol):
-    """The mission's two clocks."""
+    """The mission's clocks."""
 
     def now_s(self) -> float:
         """Return seconds for timeouts, which never jump back while a mission runs."""
+
+    def real_s(self) -> float:
+        """Return seconds of real time, which the e-stop and operators follow also in a simulation; never decreases."""
 
     def stamp_ns(self) -> int:
         """Return ROS time for message stamps, in nanoseconds."""

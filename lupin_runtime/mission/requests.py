@@ -23,6 +23,10 @@ from lupin_runtime.mission.mission_runner import MissionRunner, mission_input
 from lupin_runtime.mission.missions import ExplorationMission, InspectionMission, tag_order
 from lupin_runtime.mission.tag_discovery import TagDiscovery
 
+# A request that was queued in this process while the e-stop was engaged is handled within milliseconds of the release, and
+# navigation may notice the release one message later (0.2 s), and accepts goals 0.1 s and one control cycle after that.
+SETTLE_S = 0.4
+
 
 @dataclass(frozen=True)
 class Reply:
@@ -90,10 +94,21 @@ class OperatorRequests:
             return f"not ready: still waiting for {missing or 'the next watchdog tick'}"
         if state == FAULT:
             return f"in FAULT ({self._context.last_error}); first: lupin mission reset"
-        if self._context.estop_engaged:
-            return "the e-stop is engaged: release it, then start again"
+        estop = self._estop_refusal("start")
+        if estop:
+            return estop
         if self._context.battery.low:
             return f"battery low ({self._context.battery.percentage:.0%}): charge it, then start again"
+        return ""
+
+    def _estop_refusal(self, request: str) -> str:
+        """Return why the e-stop forbids a request that moves the robot: it is older than the release, or might be."""
+        context = self._context
+        if context.estop_engaged:
+            return f"the e-stop is engaged: release it, then {request} again"
+        released_s = context.estop_released_s
+        if released_s is not None and context.ports.clock.real_s() - released_s < SETTLE_S:
+            return f"the e-stop was released less than {SETTLE_S:g} s ago: {request} again"
         return ""
 
     def _inspection_tags(self, requested: Sequence[str]) -> tuple[list[str], str]:
@@ -140,8 +155,9 @@ class OperatorRequests:
         returning, docking, battery = self._hsm.top_level_state == RETURNING, self._docking, self._context.battery
         if not self._context.paused:
             return Reply(False, "not paused")
-        if self._context.estop_engaged:
-            return Reply(False, "the e-stop is engaged: release it, then resume")
+        estop = self._estop_refusal("resume")
+        if estop:
+            return Reply(False, estop)
         # A robot that was stopped on its way may continue to the dock with a low battery: it has to charge there.
         if battery.low and (not returning or docking.docked):
             return Reply(False, f"battery low ({battery.percentage:.0%}): charge it, then resume")

@@ -63,6 +63,8 @@ class View:
     lidar_fault: str | None = None
     # The age of the scan in the local costmap.
     scan_age_s: float = 0.0
+    # False until it is known whether the e-stop was engaged while the goal was sent.
+    estop_known: bool = True
 
 
 @dataclass(frozen=True)
@@ -279,6 +281,8 @@ class Executive:
 
     @staticmethod
     def _blocking_reason(view: View) -> str | None:
+        if not view.estop_known:
+            return "the e-stop's state has not been received"
         if view.odom_from_base is None:
             return "no recent transform odom -> base_link"
         if view.map_from_odom is None:
@@ -295,7 +299,7 @@ class Executive:
         self._sensors_lost_since_s = since_s
         if waited_s <= self._p.sensor_patience_s:
             return Decision(STANDSTILL)
-        code = Failure.SENSOR_LOST if view.lidar_fault is not None else Failure.TF_ERROR
+        code = Failure.TF_ERROR if view.lidar_fault is None and view.estop_known else Failure.SENSOR_LOST
         return self._give_up(code, f"{reason}, for {waited_s:.0f} s")
 
     def _arrive(self) -> Decision:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -34,14 +35,12 @@ from lupin_runtime.navigation.robot_state import RobotState
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.node import interface, qos_profile
 from lupin_runtime.ros.plane_messages import plane_pose_message
+from lupin_runtime.safety.estop_monitor import DRAIN_S
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 from lupin_runtime.transforms import TransformUnavailable
 
 # A late tick advances the node's clock by at most this, so that no timeout expires after a stall or a clock jump.
 _LONGEST_TICK_S = 0.5
-
-# Goals that were queued in this process when the e-stop was released are handled within this (real) time, and are refused.
-_DRAIN_NS = 100_000_000
 
 # /plan is for display only: a point every 10 cm is enough.
 _PLAN_STRIDE = 2
@@ -50,13 +49,18 @@ _PLAN_STRIDE = 2
 class Navigator(LupinNode):
     """Connects costmaps, planner, controller and recoveries to the graph.
 
-    While the e-stop is engaged every goal, of any client, is aborted with that reason. Its release starts nothing.
+    While the e-stop is engaged every goal, of any client, is aborted with that reason. Its release starts nothing. With the
+    parameter `wait_for_estop`, no goal moves the robot before the e-stop's state and status are known: a new process might
+    accept a goal that is older than a release it has not heard of.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("bt_navigator", parameters)
         settings = self._settings = declare_settings(self)
         self._estop_engaged = False
+        # What has to arrive before the first goal moves the robot.
+        estop_topics = (graph.ESTOP_STATE, graph.ESTOP_STATUS) if self.parameter("wait_for_estop", False) else ()
+        self._estop_unknown = {topic.name for topic in estop_topics}
         self._released_ns: int | None = None
         self._elapsed_s = 0.0
         self._last_tick_ns: int | None = None
@@ -91,6 +95,8 @@ class Navigator(LupinNode):
         self._global_out = self.publisher(graph.GLOBAL_COSTMAP)
         self.subscription(graph.MAP, self._on_map, raw=True)
         subscribe_estop(self, self._on_estop)
+        for topic in estop_topics:  # subscribed after subscribe_estop, which therefore handles the same message first
+            self.subscription(topic, partial(self._note_estop_known, topic.name))
         self.subscription(graph.GOAL_POSE, self._on_goal_pose)
         self.service(graph.CLEAR_LOCAL_COSTMAP, self._clear_local)
         self.service(graph.CLEAR_GLOBAL_COSTMAP, self._clear_global)
@@ -120,6 +126,9 @@ class Navigator(LupinNode):
         events = SubscriptionEventCallbacks(use_default_callbacks=False)
         kind, profile = interface(topic.type), qos_profile(qos or topic.qos)
         return self.create_subscription(kind, topic.name, callback, profile, raw=raw, event_callbacks=events)
+
+    def _note_estop_known(self, name: str, _: Any) -> None:
+        self._estop_unknown.discard(name)
 
     # -- control -------------------------------------------------------------------------------------------------------
     def _control(self) -> None:
@@ -163,6 +172,7 @@ class Navigator(LupinNode):
             local=state.local,
             lidar_fault=state.lidar_fault(),
             scan_age_s=state.scan_age_s(),
+            estop_known=not self._estop_unknown,
         )
 
     def _drive(self, velocity: tuple[float, float, float]) -> None:
@@ -258,7 +268,7 @@ class Navigator(LupinNode):
 
     def _apply_release(self) -> None:
         """Release the executive once the goals that were queued before the release have been refused."""
-        if self._released_ns is not None and time.monotonic_ns() - self._released_ns >= _DRAIN_NS:
+        if self._released_ns is not None and time.monotonic_ns() - self._released_ns >= DRAIN_S * 1e9:
             self._released_ns = None
             self._executive.set_estop(False)
 

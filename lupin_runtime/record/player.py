@@ -20,6 +20,7 @@ from typing import Any
 import yaml
 
 from lupin_runtime import graph
+from lupin_runtime.exit_codes import FAILURE, INTERRUPTED, SUCCESS, USAGE_ERROR
 from lupin_runtime.graph import Qos, Topic
 from lupin_runtime.record.reader import ChannelInfo, NotARecording, RawMessage, Recording
 
@@ -68,7 +69,7 @@ def schedule(messages: Iterable[RawMessage], start_ns: int, rate: float) -> Iter
         yield Due(latest_s, message)
 
 
-class Player:
+class GraphPlayer:
     """Publishes recordings. `report` is called with the progress about four times a second."""
 
     def __init__(self, node: Any, report: Callable[[dict[str, Any]], None], stop: threading.Event) -> None:
@@ -169,22 +170,22 @@ def main() -> int:
         end_with_parent()
     if not 0.0 < arguments.rate < float("inf"):
         print(f"--rate {arguments.rate} is not a valid speed; expected a positive number", file=sys.stderr)
-        return 2
+        return USAGE_ERROR
     try:
         recordings = [Recording(path) for path in arguments.files]
         summaries = [recording.summary() for recording in recordings]
     except NotARecording as error:
         print(error, file=sys.stderr)
-        return 1
+        return FAILURE
     recorded = {topic.channel.topic: topic.channel for summary in summaries for topic in summary.topics}
     wanted = {name.strip() for name in arguments.topics.split(",") if name.strip()} or None
     if wanted is not None and (missing := wanted - recorded.keys()):
         print(f"not recorded: {', '.join(sorted(missing))}; list what is with: lupin replay --info", file=sys.stderr)
-        return 2
+        return USAGE_ERROR
     non_empty = [summary for summary in summaries if summary.messages]
     if not non_empty:
         print(f"{arguments.files[0]} holds no messages", file=sys.stderr)
-        return 1
+        return FAILURE
     return _play(
         recordings,
         recorded.values(),
@@ -210,7 +211,7 @@ def _play(
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     node = LupinNode("lupin_replay", enable_rosout=False)
     try:
-        player = Player(node, _print_line, stop)
+        player = GraphPlayer(node, _print_line, stop)
         for problem in player.advertise(channels, wanted):
             print(problem, file=sys.stderr)
         player.wait_for_subscribers(arguments.wait_s)
@@ -221,7 +222,7 @@ def _play(
             if not arguments.loop:
                 break
         player.settle(SETTLE_S)
-        return 0 if whole and not stop.is_set() else 130
+        return SUCCESS if whole and not stop.is_set() else INTERRUPTED
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

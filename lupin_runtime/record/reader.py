@@ -247,9 +247,14 @@ def _unpack_chunk(data: bytes) -> bytes:
     packed = data[at + 8 : at + 8 + length]
     if len(packed) != length or size > _CHUNK_LIMIT_BYTES:
         raise ValueError("inconsistent lengths")
+    # The decompressors allocate the size that the frame itself claims, which may be any number in a damaged one.
     if name == b"zstd":
+        if zstandard.frame_content_size(packed) > _CHUNK_LIMIT_BYTES:
+            raise ValueError("inconsistent lengths")
         records = zstandard.decompress(packed, max_output_size=size)
     elif name == b"lz4":
+        if lz4.frame.get_frame_info(packed)["content_size"] > _CHUNK_LIMIT_BYTES:
+            raise ValueError("inconsistent lengths")
         records = lz4.frame.decompress(packed)
     elif name == b"":
         records = packed

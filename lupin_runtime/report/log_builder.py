@@ -15,12 +15,12 @@ from lupin_runtime.report.run_log import (
     CameraImage,
     DiscoveryEntry,
     LidarScan,
+    LoggedFlower,
+    LoggedPot,
     LogLine,
     MissionSample,
     ObservationEntry,
-    PlacedFlower,
     Point,
-    PotObservation,
     RunLog,
     TagPlacement,
     TwinTag,
@@ -266,15 +266,15 @@ def _polygon(polygon: Any) -> tuple[Point, ...]:
     return points if len(points) >= 3 and _finite(*(v for point in points for v in point)) else ()
 
 
-def _pot_observation(message: Any, confidence: float | None = None) -> PotObservation:
+def _pot_observation(message: Any, confidence: float | None = None) -> LoggedPot:
     placed = tuple(
-        PlacedFlower(
+        LoggedFlower(
             float(f.position.x), float(f.position.y), f.species, float(f.confidence), bool(f.anomaly), float(f.height_m)
         )
         for f in message.flowers
         if _finite(f.position.x, f.position.y)
     )
-    return PotObservation(
+    return LoggedPot(
         message.species,
         float(message.confidence if confidence is None else confidence),
         bool(message.anomaly),

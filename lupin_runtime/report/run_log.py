@@ -25,7 +25,7 @@ class TagPlacement:
 
 
 @dataclass(frozen=True)
-class PlacedFlower:
+class LoggedFlower:
     """A flower with its position in the map."""
 
     x: float
@@ -37,7 +37,7 @@ class PlacedFlower:
 
 
 @dataclass(frozen=True)
-class PotObservation:
+class LoggedPot:
     """The flowers that perception found in one pot."""
 
     species: str
@@ -45,7 +45,7 @@ class PotObservation:
     anomaly: bool
     flower_count: int
     bug_count: int
-    placed: tuple[PlacedFlower, ...]
+    placed: tuple[LoggedFlower, ...]
     footprint: tuple[Point, ...]
 
 
@@ -60,7 +60,7 @@ class ObservationEntry:
     source: str
     tag_id: str
     readings: tuple[tuple[str, float], ...] = ()
-    flower: PotObservation | None = None
+    flower: LoggedPot | None = None
     pose: TagPlacement | None = None
 
 
@@ -81,7 +81,7 @@ class TwinTag:
     """A tag in the twin's last state; `readings` are (sensor, value)."""
 
     pose: TagPlacement | None = None
-    flower: PotObservation | None = None
+    flower: LoggedPot | None = None
     readings: tuple[tuple[str, float], ...] = ()
 
 

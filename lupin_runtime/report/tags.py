@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from lupin_runtime.report.health import deviation, health
-from lupin_runtime.report.run_log import ObservationEntry, Point, PotObservation, RunLog, TagPlacement, TwinTag
+from lupin_runtime.report.run_log import LoggedPot, ObservationEntry, Point, RunLog, TagPlacement, TwinTag
 
 READ, UNREACHABLE, SCAN_FAILED, SKIPPED, SEEN_ONLY = "read", "unreachable", "scan_failed", "skipped", "seen"
 
@@ -60,7 +60,7 @@ class TagResult:
     readings: tuple[LatestReading, ...]
     health: str
     worst_deviation: float
-    flower: PotObservation | None
+    flower: LoggedPot | None
     footprint: tuple[Point, ...]
 
 

@@ -7,6 +7,7 @@ touches the graph, except publishing, therefore happens on the executor's thread
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -14,6 +15,8 @@ from typing import Any, TypeVar
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+
+_TURN_S = 0.02  # how long queued functions run before the executor handles other events, such as timers and messages
 
 _Result = TypeVar("_Result")
 
@@ -25,7 +28,7 @@ class RosThread:
         self._lock = threading.Lock()
         self._work: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
         # In its own callback group, because a callback that awaits something keeps its group busy.
-        self._wake = node.create_guard_condition(self._run_all, callback_group=ReentrantCallbackGroup())
+        self._wake = node.create_guard_condition(self._run_some, callback_group=ReentrantCallbackGroup())
 
     def run(self, function: Callable[[], _Result]) -> Future[_Result]:
         """Queue a function; the future gets its result or exception. Wait for it only on another thread, with a timeout."""
@@ -35,10 +38,14 @@ class RosThread:
         self._wake.trigger()
         return future
 
-    def _run_all(self) -> None:
+    def _run_some(self) -> None:
+        deadline_s = time.monotonic() + _TURN_S
         while True:
             with self._lock:
                 if not self._work:
+                    return
+                if time.monotonic() >= deadline_s:
+                    self._wake.trigger()
                     return
                 function, future = self._work.popleft()
             if not future.set_running_or_notify_cancel():

@@ -9,6 +9,8 @@ from lupin_runtime.safety.console_stop import ConsoleStop
 
 BUTTON_SILENCE_S = 2.0
 MISSED_PRESS = "it was pressed while the e-stop's process did not respond"
+# The reason of a process that has never received the button: its silence may be what the former process knew of.
+MISSED_PRESS_OR_SILENCE = "it was pressed, or its button fell silent, before the e-stop's process was started again"
 
 
 @dataclass(frozen=True)
@@ -20,14 +22,39 @@ class EstopState:
     warnings: tuple[str, ...] = ()
 
 
+class ButtonSilence:
+    """Detects that the button, once received, has fallen silent.
+
+    It must be silent on both clocks, so that neither a jump of the simulated clock nor a slow simulation counts.
+    """
+
+    def __init__(self, silence_s: float) -> None:
+        self.silence_s = silence_s
+        self._received_ns: tuple[int, int] | None = None
+
+    @property
+    def was_received(self) -> bool:
+        """Whether a message of the button has arrived."""
+        return self._received_ns is not None
+
+    def receive(self, now_ns: int, real_ns: int) -> None:
+        """Handle a message, at `now_ns` of the clock of the button's driver and at `real_ns` of real time."""
+        self._received_ns = now_ns, real_ns
+
+    def is_silent(self, now_ns: int, real_ns: int) -> bool:
+        """Return whether the last message is older than `silence_s`."""
+        received_ns = self._received_ns
+        if received_ns is None:
+            return False
+        return not any(0 <= now - then <= self.silence_s * 1e9 for now, then in zip((now_ns, real_ns), received_ns))
+
+
 class EstopSources:
-    """Combines the button, the consoles and a press that was missed. All start released.
+    """Combines the button, the consoles, and what the e-stop's process has missed. All start released.
 
     The button's last value stays valid until its next message. A button that falls silent engages the e-stop, because a press
-    would no longer be noticed. It counts as silent only if it is silent on both clocks, so that neither a jump of the simulated
-    clock nor a slow simulation counts. A button that was never received causes a warning: a robot without one can still be
-    driven. Clear `button_silence_engages` for firmware that reports the button only when it changes; silence then causes a
-    warning, too.
+    would no longer be noticed. A button that was never received causes a warning: a robot without one can still be driven.
+    Clear `button_silence_engages` for firmware that reports the button only when it changes; its silence then causes a warning.
     """
 
     def __init__(
@@ -41,28 +68,27 @@ class EstopSources:
         self.consoles = consoles
         self.console_server = ConsoleServerStop()
         self._engaged_value = engaged_value
-        self._silence_ns = int(button_silence_s * 1e9)
+        self._silence = ButtonSilence(button_silence_s)
         self._silence_engages = button_silence_engages
         self._pressed = False
-        self._button_ns: tuple[int, int] | None = None  # the time of its last message, on its driver's clock and in real time
-        self.missed_press = False  # whether another process saw a press that this one missed
+        self.missed_press = False  # whether another process noticed what this one missed: a press, or the button's silence
 
     def button(self, value: bool, now_ns: int, real_ns: int) -> None:
         """Handle a message of the button; `now_ns` is on the clock of the button's driver, `real_ns` on the consoles' clock."""
         self._pressed = value == self._engaged_value
-        self._button_ns = (now_ns, real_ns)
+        self._silence.receive(now_ns, real_ns)
 
     def state(self, now_ns: int, real_ns: int) -> EstopState:
         """Return the e-stop state at `now_ns` of the button's clock and `real_ns` of the consoles' clock."""
         reasons, warnings = [], []
         if self._pressed:
             reasons.append("the button is pressed")
-        if self._button_ns is None:
+        if not self._silence.was_received:
             warnings.append("no message from the button yet")
-        elif not any(0 <= now - then <= self._silence_ns for now, then in zip((now_ns, real_ns), self._button_ns)):
-            silent = f"the button has been silent for more than {self._silence_ns / 1e9:g} s"
+        elif self._silence.is_silent(now_ns, real_ns):
+            silent = f"the button has been silent for more than {self._silence.silence_s:g} s"
             (reasons if self._silence_engages else warnings).append(silent)
-        if self.missed_press:
-            reasons.append(MISSED_PRESS)
+        if self.missed_press and not reasons:
+            reasons.append(MISSED_PRESS if self._silence.was_received else MISSED_PRESS_OR_SILENCE)
         reasons += [why for why in (self.consoles.reason(real_ns), self.console_server.reason(real_ns)) if why is not None]
         return EstopState(bool(reasons), tuple(reasons), tuple(warnings))

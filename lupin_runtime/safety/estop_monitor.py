@@ -11,6 +11,9 @@ from collections.abc import Callable
 # The bridge repeats its state at 5 Hz: a release takes effect after QUIET_S and at most one more period.
 RELEASE_COUNT = 3
 QUIET_S = 0.5
+# Requests that were queued in a process at the release are handled within this (real) time. They are older than the release, so
+# whoever moves something refuses requests for that long.
+DRAIN_S = 0.1
 
 
 class EStopEdge(enum.Enum):

@@ -15,20 +15,29 @@ from lupin_runtime.safety.unheard_press import UnheardPress
 
 
 def subscribe_estop(
-    node: LupinNode, on_state: Callable[[bool], None], topic: graph.Topic = graph.ESTOP_STATE
+    node: LupinNode,
+    on_state: Callable[[bool], None],
+    topic: graph.Topic = graph.ESTOP_STATE,
+    pressed_since_ns: int | None = None,
 ) -> tuple[Subscription, ...]:
-    """Call `on_state` with every message: whether the e-stop is engaged, by the rules of EStopMonitor."""
+    """Call `on_state` with every message: whether the e-stop is engaged, by the rules of EStopMonitor.
+
+    A press since `pressed_since_ns` of the monotonic clock counts even if it is over; None stands for UnheardPress's default.
+    """
     monitor = EStopMonitor(lambda: node.count_publishers(topic.name))
 
     def receive(stop: bool) -> None:
         monitor.update(stop, time.monotonic_ns())
         on_state(monitor.engaged)
 
-    return subscribe_stops(node, receive, topic)
+    return subscribe_stops(node, receive, topic, pressed_since_ns)
 
 
 def subscribe_stops(
-    node: LupinNode, on_message: Callable[[bool], None], topic: graph.Topic = graph.ESTOP_STATE
+    node: LupinNode,
+    on_message: Callable[[bool], None],
+    topic: graph.Topic = graph.ESTOP_STATE,
+    pressed_since_ns: int | None = None,
 ) -> tuple[Subscription, ...]:
     """Call `on_message` with every message of the e-stop's state, and with True for a press that was missed.
 
@@ -37,7 +46,7 @@ def subscribe_stops(
     but it discovered the drive process, which reports the missed press, long before.
     """
     missed = False
-    unheard = UnheardPress()
+    unheard = UnheardPress(pressed_since_ns)
 
     def on_state(message: Any) -> None:
         on_message(bool(message.data) or missed)

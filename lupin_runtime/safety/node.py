@@ -1,6 +1,6 @@
 """`estop_bridge`: publishes `/e_stop_state`, as its only publisher, from the robot's button and the consoles' stop.
 
-`estop_witness`, in another process: reports a press that the bridge missed to the bridge that replaces it.
+`estop_witness`, in another process: reports to the bridge what it, or the bridge that it replaces, has missed.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.priority import serve_first
 from lupin_runtime.safety.console_server_stop import ConsoleServerStop
 from lupin_runtime.safety.console_stop import EXPIRY_S, ConsoleStop
-from lupin_runtime.safety.estop import BUTTON_SILENCE_S, EstopSources, EstopState
+from lupin_runtime.safety.estop import BUTTON_SILENCE_S, ButtonSilence, EstopSources, EstopState
 from lupin_runtime.safety.missed_press import ANSWER_S, MissedPress
-from lupin_runtime.safety.unheard_press import PressCounter
+from lupin_runtime.safety.unheard_press import REPORT_PERIOD_S, PressCounter
 
 SLOWEST_HZ = 0.5
 # Discovery and then two periods of a console.
@@ -57,6 +57,7 @@ class EstopBridge(LupinNode):
         self._released_from_ns = time.monotonic_ns() + int(self.parameter("listen_s", LISTEN_S) * 1e9)
         self._published: EstopState | None = None
         self._presses = PressCounter()
+        self._reported_ns = 0
         self._output = self.publisher(self._named(graph.ESTOP_STATE, "estop_topic"))
         self._status = self.publisher(graph.ESTOP_STATUS)
         self.subscription(self._named(graph.ESTOP_BUTTON, "button_topic"), self._on_button)
@@ -91,17 +92,19 @@ class EstopBridge(LupinNode):
         self._publish()
 
     def _publish(self, repeat: bool = False) -> None:
-        state = self._sources.state(self.elapsed_clock_ns(), time.monotonic_ns())
-        if not state.engaged and self._published is None and time.monotonic_ns() < self._released_from_ns:
+        now_ns = time.monotonic_ns()
+        state = self._sources.state(self.elapsed_clock_ns(), now_ns)
+        if not state.engaged and self._published is None and now_ns < self._released_from_ns:
             return
         edge = self._published is None or state.engaged != self._published.engaged
-        if edge and state.engaged:
-            self._presses.count(time.monotonic_ns())
+        self._presses.update(state.engaged, now_ns)
         if edge or repeat:
             self._output.publish(Bool(data=state.engaged))
-        if state != self._published:
+        is_due = self._presses.is_recent(now_ns) and now_ns - self._reported_ns >= REPORT_PERIOD_S * 1e9
+        if is_due or state != self._published:
+            self._reported_ns = now_ns
             status = {"engaged": state.engaged, "reasons": state.reasons, "warnings": state.warnings}
-            self._status.publish(String(data=json.dumps({**status, **self._presses.report()})))
+            self._status.publish(String(data=json.dumps({**status, **self._presses.report(now_ns)})))
         if edge and (state.engaged or self._published is not None):
             text = "e-stop engaged: " + ", ".join(state.reasons) if state.engaged else "e-stop released"
             self.get_logger().warning(text)
@@ -113,13 +116,19 @@ class EstopBridge(LupinNode):
 class EstopWitness(LupinNode):
     """Publishes true from when `estop_bridge` has missed a press of the button or a console's stop until it has made up for it.
 
-    Parameter: `engaged_value`, the same as that of `estop_bridge`.
+    It is also true while the button is silent that was received before, because a bridge that has just been started knows
+    nothing of that. Parameters, the same as those of `estop_bridge`: `engaged_value`, `button_silence_s`,
+    `button_silence_engages`.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("estop_witness", parameters)
         self._engaged_value = self.parameter("engaged_value", True)
         self._press = MissedPress()
+        # A little later than the bridge, which names its own reason first.
+        self._silence = ButtonSilence(self.parameter("button_silence_s", BUTTON_SILENCE_S) + ANSWER_S)
+        self._silence_engages = self.parameter("button_silence_engages", True)
+        self._was_silent = False
         self._console_server = ConsoleServerStop()
         self._published: bool | None = None  # so that the first value replaces that of a former witness
         self._output = self.publisher(graph.ESTOP_MISSED_PRESS)
@@ -134,6 +143,7 @@ class EstopWitness(LupinNode):
         self._publish()
 
     def _on_button(self, message: Any) -> None:
+        self._silence.receive(self.elapsed_clock_ns(), time.monotonic_ns())
         self._press.button(bool(message.value) == self._engaged_value, time.monotonic_ns())
 
     def _on_console(self, message: Any) -> None:
@@ -146,11 +156,15 @@ class EstopWitness(LupinNode):
 
     def _publish(self) -> None:
         missed = self._press.tick(time.monotonic_ns())
-        if missed == self._published:
+        silent = self._silence_engages and self._silence.is_silent(self.elapsed_clock_ns(), time.monotonic_ns())
+        if silent and not self._was_silent:
+            self.get_logger().error("the e-stop's button has fallen silent; the e-stop is engaged until it is back")
+        self._was_silent = silent
+        if (missed or silent) == self._published:
             return
-        self._published = missed
+        self._published = missed or silent
         if missed:
             self.get_logger().error(
                 "the e-stop was pressed, but its process did not respond; it engages once the process is back"
             )
-        self._output.publish(Bool(data=missed))
+        self._output.publish(Bool(data=self._published))

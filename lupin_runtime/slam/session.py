@@ -1,4 +1,4 @@
-"""Session files: a mapper's graph, from which mapping resumes after a restart or on another day."""
+"""Files of mapping sessions: a mapper's graph, from which mapping resumes after a restart or on another day."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _VERSION = 1
 
 
 @dataclass(frozen=True)
-class Session:
+class MappingSession:
     """A graph, and the pose (3,) of odom in the map when it was saved."""
 
     graph: KeyframeGraph
@@ -55,7 +55,7 @@ def save_session(path: Path, graph: KeyframeGraph, map_from_odom: Array, step_ra
     write_atomically(path, buffer.getvalue())
 
 
-def load_session(path: Path) -> Session:
+def load_session(path: Path) -> MappingSession:
     """Read a session. Raises MalformedFile, OSError."""
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
@@ -78,7 +78,7 @@ def load_session(path: Path) -> Session:
             graph.join(int(tail), int(head), motion, information, bool(closure))
         if not len(graph) or not np.isfinite(graph.poses).all():
             raise MalformedFile(path, None, "the session has no usable keyframe")
-        return Session(graph, values["map_from_odom"])
+        return MappingSession(graph, values["map_from_odom"])
     except (zipfile.BadZipFile, KeyError, ValueError, EOFError, IndexError) as error:
         if isinstance(error, MalformedFile):
             raise

@@ -14,7 +14,7 @@ from sensor_msgs.msg import LaserScan
 
 from lupin_runtime import graph
 from lupin_runtime.atomic_file import MalformedFile
-from lupin_runtime.geometry import Pose2, quaternion_from_yaw, yaw_from_quaternion
+from lupin_runtime.geometry import Pose2, quaternion_from_yaw
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.ros import LupinNode, TransformBroadcaster, TransformListener, stamp_ns
 from lupin_runtime.ros.plane_messages import grid_message
@@ -24,7 +24,7 @@ from lupin_runtime.slam.map_io import save_map
 from lupin_runtime.slam.mapper import Mapper, ScanResult
 from lupin_runtime.slam.parameters import TABLE, mapper_settings
 from lupin_runtime.slam.scan import Beams
-from lupin_runtime.slam.session import Session, load_session, save_session
+from lupin_runtime.slam.session import MappingSession, load_session, save_session
 from lupin_runtime.transforms import Transform, TransformTree, TransformUnavailable
 
 Array = NDArray[np.floating]
@@ -87,7 +87,7 @@ class SlamNode(LupinNode):
         self._step_rad = 0.01
         self._health = ScanHealth.GOOD
         self._map_now = False
-        self._session: Session | None = None
+        self._session: MappingSession | None = None
         self._resume()
         self._broadcaster = TransformBroadcaster(self)
         self._map_publisher = self.publisher(graph.MAP)
@@ -262,23 +262,19 @@ class SlamNode(LupinNode):
         return response
 
     def _deserialize(self, request: Any, response: Any) -> Any:
+        """Load a graph. The response has no fields: if that fails, the present map is kept, and only the log says why."""
         try:
             session = load_session(_with_suffix(request.filename, ".posegraph"))
-        except FileNotFoundError:
-            response.result = response.RESULT_INVALID_FILENAME
-            return response
         except _UNUSABLE_PATH as error:
-            self.get_logger().error(str(error))
-            response.result = response.RESULT_FAILED_TO_READ_FILE
+            self.get_logger().error(f"the graph was not loaded: {error}")
             return response
         pose = session.graph.poses[0].copy()
         if request.match_type in (request.START_AT_GIVEN_POSE, request.LOCALIZE_AT_POSE):
-            at, q = request.initial_pose.position, request.initial_pose.orientation
-            pose = np.array([at.x, at.y, yaw_from_quaternion(q.x, q.y, q.z, q.w)])
+            at = request.initial_pose
+            pose = np.array([at.x, at.y, at.theta])
         self._mapper = Mapper.resumed(self._settings, session.graph, pose)
         self._map_from_odom = None
         self._map_now = True
-        response.result = response.RESULT_SUCCESS
         return response
 
     # -- sessions: mapping resumes after a restart -----------------------------------------------------------------------

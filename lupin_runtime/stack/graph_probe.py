@@ -23,6 +23,7 @@ from typing import Any
 
 from lupin_runtime import graph
 from lupin_runtime.drive.twist import decode
+from lupin_runtime.exit_codes import SUCCESS, USAGE_ERROR
 from lupin_runtime.stack.known_graphs import KnownGraph, known_graphs
 
 # Names are complete once they have not changed for this long.
@@ -376,12 +377,12 @@ def main(argv: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if argv is None else argv
     if arguments == ["--here"]:
         print(json.dumps(probe_graph()), flush=True)
-        return 0
+        return SUCCESS
     if arguments:
         print(f"graph_probe: unknown arguments {arguments}; the only argument is --here", file=sys.stderr)
-        return 2
+        return USAGE_ERROR
     print(json.dumps({"graphs": probe_all(known_graphs())}), flush=True)
-    return 0
+    return SUCCESS
 
 
 if __name__ == "__main__":

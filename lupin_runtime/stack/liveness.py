@@ -133,6 +133,11 @@ class Liveness:
         if self._thread.is_alive():
             self._thread.join()
 
+    @property
+    def has_failed(self) -> bool:
+        """Whether the thread has ended by itself: processes that command motion then stop it, and no hang is noticed."""
+        return self._thread.ident is not None and not self._thread.is_alive() and not self._closed.is_set()
+
     def monitor(self, name: str, pid: int, channel: socket.socket, commands_motion: bool) -> None:
         """Monitor a process that was just started, whose standard input is the other end of `channel`."""
         channel.setblocking(False)

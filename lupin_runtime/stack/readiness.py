@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from dataclasses import dataclass
 
-from lupin_runtime.graph import Action, Service, Topic
+from lupin_runtime.graph import MISSION_STATE, Action, Service, Topic
 
 CONNECT_TIMEOUT_S = 0.05
 
@@ -75,7 +75,7 @@ class MissionReady:
     """The mission has left BOOT, so its dependencies are available, and is not in FAULT."""
 
     def __str__(self) -> str:
-        return "/mission/state READY"
+        return f"{MISSION_STATE.name} READY"
 
 
 Readiness = TopicSample | TransformReady | ServiceReady | ActionReady | Port | MissionReady

@@ -11,15 +11,15 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from lupin_runtime.exit_codes import FAILURE, SUCCESS
 from lupin_runtime.ros.sd_notify import Notifier
 from lupin_runtime.stack.dds import GRAPH_VARIABLES
+from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.retention import remove_old_runs
 from lupin_runtime.stack.runs import Run, RunError, create_run
-from lupin_runtime.stack.supervisor import Supervisor
-from lupin_runtime.stack.table import Options
+from lupin_runtime.stack.supervisor import LIVENESS_FAILED, Supervisor
 from lupin_runtime.stack.usage import start_ticks
 
 if TYPE_CHECKING:
@@ -32,6 +32,8 @@ MAX_RUNS = 5  # they are in memory
 
 def failure(supervisor: Supervisor) -> str:
     """Return why the service cannot continue, or an empty text."""
+    if LIVENESS_FAILED in supervisor.deaths:
+        return f"{LIVENESS_FAILED.stage} {LIVENESS_FAILED.status}"
     for stage in supervisor.stalled():
         waits = "; ".join(supervisor.waiting_for(stage))
         return f"{stage.row.name} did not come up: {waits}" if waits else f"{stage.row.name}: {stage.why}"
@@ -45,10 +47,10 @@ def progress(supervisor: Supervisor) -> str:
     return f"up: {', '.join(up) or 'nothing yet'}" + (f"; waiting for: {', '.join(waiting)}" if waiting else "")
 
 
-def serve(chosen: Options, watched: Sequence[str]) -> int:
+def serve(chosen: Options) -> int:
     """Run the processes of a target until a signal arrives or a process fails for good; return the exit status.
 
-    The systemd watchdog is notified while the processes `watched` respond.
+    The systemd watchdog is notified while all `watched` processes respond.
     """
     notifier = Notifier()
     stop: list[int] = []
@@ -58,7 +60,7 @@ def serve(chosen: Options, watched: Sequence[str]) -> int:
         run, _lock = create_run()
     except RunError as error:
         print(error, file=sys.stderr)
-        return 1
+        return FAILURE
     remove_old_runs(MAX_RUNS)
     graph = {name: os.environ[name] for name in GRAPH_VARIABLES if name in os.environ}
     run.write_info(
@@ -80,16 +82,15 @@ def serve(chosen: Options, watched: Sequence[str]) -> int:
     monitor = GraphMonitor(rated=())
     supervisor = Supervisor(chosen.in_folder(run.path), run, dict(os.environ), monitor, own_output=True)
     try:
-        return _supervise(supervisor, monitor, notifier, run, stop, watched)
+        return _supervise(supervisor, monitor, notifier, run, stop)
     finally:
         notifier.stopping()
         supervisor.stop()
         monitor.close()
 
 
-def _supervise(
-    supervisor: Supervisor, monitor: GraphMonitor, notifier: Notifier, run: Run, stop: list[int], watched: Sequence[str]
-) -> int:
+def _supervise(supervisor: Supervisor, monitor: GraphMonitor, notifier: Notifier, run: Run, stop: list[int]) -> int:
+    watched = [stage.row.name for stage in supervisor.stages if stage.row.watched]
     notified_ready, state_due_s, deaths = False, 0.0, 0
     while not stop:
         monitor.spin(STEP_S)
@@ -102,7 +103,7 @@ def _supervise(
         why = failure(supervisor)
         if why:
             print(why, file=sys.stderr, flush=True)
-            return 1
+            return FAILURE
         if supervisor.all_up() and not notified_ready:
             notified_ready = True
             print(progress(supervisor), flush=True)
@@ -111,7 +112,7 @@ def _supervise(
         if time.monotonic() >= state_due_s:
             state_due_s = time.monotonic() + STATE_PERIOD_S
             run.write_state({**supervisor.snapshot(), "id": run.id, "alarms": list(monitor.alarms)})
-    return 0
+    return SUCCESS
 
 
 def exit_with(status: int) -> None:

@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
 from lupin_runtime.stack.liveness import Liveness
+from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.readiness import Readiness
 from lupin_runtime.stack.runs import Run
-from lupin_runtime.stack.table import Launch, Options, ProcessRow, launch, rows
+from lupin_runtime.stack.table import Launch, ProcessRow, launch, rows
 from lupin_runtime.stack.usage import cpu_time_s, descendants_by_pid, memory_mb, start_ticks
 
 STOP_GRACE_S = 4.0
@@ -87,6 +88,10 @@ class Death:
     ends_run: bool = False
 
 
+# Its stack trace is in the supervisor's own output.
+LIVENESS_FAILED = Death("supervisor", "can no longer receive heartbeats", "nothing may move, so the run stops", ends_run=True)
+
+
 class Supervisor:
     """Runs the processes that `options` select, in `run` and `environment`. `step` is called in a loop and does not block."""
 
@@ -119,6 +124,8 @@ class Supervisor:
         """Update every stage once: start it when its needs are met, mark it as up, restart it when it has exited."""
         now = time.monotonic()
         self.liveness.record_main_loop_iteration()
+        if self.liveness.has_failed and LIVENESS_FAILED not in self.deaths:
+            self.deaths.append(LIVENESS_FAILED)
         hung = self.liveness.hung()
         for stage in self.stages:
             if stage.row.name in hung:

@@ -8,66 +8,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 from lupin_runtime import graph
+from lupin_runtime.ports import CONSOLE_PORT, FOXGLOVE_PORT, VIDEO_PORT
+from lupin_runtime.stack.options import LAPTOP_TARGETS, ONBOARD, ROBOT, ROBOT_CAMERAS, SIM, Options
 from lupin_runtime.stack.readiness import ActionReady, MissionReady, Port, Readiness, ServiceReady, TopicSample, TransformReady
 
-ROBOT_CAMERAS = "cameras"  # the target of the robot's camera service
-ONBOARD = "onboard"  # the target of the processes on the robot; `lupin up --target robot` starts those on the laptop
-CONSOLE_PORT = 8090
-ROSBRIDGE_PORT = 9090  # the default of every rosbridge client
-VIDEO_PORT = 8091  # of the cameras; the vendor's web_video_server uses 8181
-FOXGLOVE_PORT = 8765  # the default of Foxglove and Lichtblick
 DOCTOR = (sys.executable, "-m", "lupin_cli.app")  # the program whose `doctor` and `play` the console offers
-ALL_TAGS = 65535  # discovery goal "all": the largest count that fits into StartMission
-
-
-@dataclass(frozen=True)
-class Options:
-    """The options of one `lupin up`. The defaults are those of a simulated run without a mission."""
-
-    target: str = "sim"
-    world: str = "demo"
-    seed: int = 0
-    speed: float = 1.0
-    cameras: bool = True
-    slam: bool = True
-    navigation: bool = True
-    twin: bool = True
-    perception: bool = True
-    flowers: bool = True
-    mission: bool = False
-    record: bool = True
-    console: bool = False
-    video: bool = True  # serve the simulated cameras to the console
-    foxglove: bool = False
-    rviz: bool = False
-    map_file: Path | None = None
-    initial_pose: tuple[float, float, float] | None = None  # on the map: x m, y m, yaw rad
-    discovery_goal: int = 5
-    monitoring_rounds: int = 0  # 0 repeats them forever
-    dependency_timeout_s: float = 120.0
-    approach_overrides: Path | None = None
-    layout: Path | None = None
-    run_path: Path = Path()
-
-    @property
-    def simulated(self) -> bool:
-        """Whether the robot is the simulator."""
-        return self.target == "sim"
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the options as stored in `run.json` and `report.json`, in which some have the names of their flags."""
-        names = {"navigation": "nav2", "flowers": "yolo", "console": "web", "monitoring_rounds": "sweeps"}
-        plain = {names.get(key, key): value for key, value in vars(self).items()}
-        return {key: str(value) if isinstance(value, Path) else value for key, value in plain.items()}
-
-    def in_folder(self, path: Path) -> Options:
-        """Return a copy for the run with the directory `path`."""
-        return replace(self, run_path=path)
-
 
 Parameters = Mapping[str, Any]
 
@@ -89,15 +37,17 @@ class NodeRow:
 class ProcessRow:
     """A process of the stack. A row without nodes and without a command is external: it is not started, only waited for.
 
-    It starts when all of `needs` hold, and is up when all of `ready` hold, which must happen within `up_within_s`. `on_death`
-    says what follows an unplanned exit: "restart" starts the process again; "mission" or "run" stops the mission or the run,
-    because the state of the process is lost. A run continues without a process that is `optional`. `next_command` is what an
-    operator should type if it does not come up.
+    A run for one of its `targets` has it if the options fulfill `when`. It starts when all of `needs` hold, and is up when all
+    of `ready` hold, which must happen within `up_within_s`. `on_death` says what follows an unplanned exit: "restart" starts
+    the process again; "mission" or "run" stops the mission or the run, because the state of the process is lost. A run
+    continues without a process that is `optional`. `next_command` is what an operator should type if it does not come up.
     """
 
     name: str
-    nodes: tuple[NodeRow, ...]
-    when: Callable[[Options], bool]
+    nodes: tuple[NodeRow, ...] = ()
+    targets: tuple[str, ...] = LAPTOP_TARGETS
+    when: Callable[[Options], bool] = lambda _: True
+    flag: str = ""  # the option of `lupin up` that selects it: --FLAG or --no-FLAG
     needs: tuple[Readiness, ...] = ()
     ready: tuple[Readiness, ...] = ()
     on_death: str = "restart"
@@ -108,6 +58,8 @@ class ProcessRow:
     memory_max_mb: int = 384
     sends_heartbeats: bool = True
     optional: bool = False
+    needed_to_drive: bool = False  # the robot is drivable once all such processes of the run are up
+    watched: bool = False  # on the robot, systemd restarts the service if it does not respond
     commands_motion: bool = False  # the supervisor tells it to stop while another process does not respond
     next_command: str = ""
 
@@ -116,6 +68,14 @@ class ProcessRow:
         """Whether the supervisor only waits for it."""
         return self.command is None and not self.nodes
 
+    @property
+    def listens(self) -> tuple[int, ...]:
+        """The TCP ports that it listens on."""
+        return tuple(condition.number for condition in self.ready if isinstance(condition, Port))
+
+
+CLOSE_TO_HARDWARE = (SIM, ONBOARD)
+
 
 def _simulated(options: Options) -> bool:
     return options.simulated
@@ -123,10 +83,6 @@ def _simulated(options: Options) -> bool:
 
 def _on_robot(options: Options) -> bool:
     return options.target == ONBOARD
-
-
-def _close_to_hardware(options: Options) -> bool:
-    return options.simulated or _on_robot(options)
 
 
 def _simulator_command(options: Options) -> list[str]:
@@ -150,7 +106,7 @@ def _estop(_: Options) -> Parameters:
 
 
 def _console(options: Options) -> Parameters:
-    return {"folder": str(options.run_path), "host": "", "tls": True}
+    return {"folder": str(options.run_path), "host": "", "tls": True, "rosbridge_port": options.rosbridge_port}
 
 
 def _video(options: Options) -> Parameters:
@@ -161,8 +117,7 @@ def _video(options: Options) -> Parameters:
 def _camera_driver(kind: str) -> ProcessRow:
     return ProcessRow(
         f"{kind}-camera",
-        (),
-        when=lambda o: o.target == ROBOT_CAMERAS,
+        targets=(ROBOT_CAMERAS,),
         command=lambda _: ["-m", "lupin_runtime.cameras.driver", kind],
         sends_heartbeats=False,
         optional=True,
@@ -223,8 +178,7 @@ def _mission(options: Options) -> Parameters:
 TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "robot",
-        (),
-        when=lambda o: o.target == "robot",
+        targets=(ROBOT,),
         # Published by the vendor's software and the onboard service of a robot that may still be booting.
         ready=(
             TopicSample(graph.SCAN),
@@ -233,35 +187,41 @@ TABLE: tuple[ProcessRow, ...] = (
             TopicSample(graph.DRIVE_STATUS),
         ),
         up_within_s=120.0,
+        needed_to_drive=True,
         next_command="lupin doctor",
     ),
     ProcessRow(
         "sim",
-        (),
-        when=_simulated,
+        targets=(SIM,),
         command=_simulator_command,
         ready=(TopicSample(graph.CLOCK), TopicSample(graph.ODOM), TopicSample(graph.SCAN)),
         on_death="run",
         stop_rank=3,
+        needed_to_drive=True,
         memory_max_mb=512,
     ),
     ProcessRow(
         "estop",
         (NodeRow("lupin_runtime.safety.node:EstopBridge", _estop),),
-        when=_close_to_hardware,
+        targets=CLOSE_TO_HARDWARE,
         ready=(TopicSample(graph.ESTOP_STATE),),
         stop_rank=2,
+        needed_to_drive=True,
+        watched=True,
     ),
     ProcessRow(
         "drive",
         (
             NodeRow("lupin_runtime.drive.node:TwistMux", _drive),
             NodeRow("lupin_runtime.safety.node:EstopWitness"),
+            NodeRow("lupin_runtime.arm.guard_node:ArmGuard"),
             NodeRow("lupin_runtime.drive.node:IdleStop", when=_simulated),
         ),
-        when=_close_to_hardware,
+        targets=CLOSE_TO_HARDWARE,
         ready=(TopicSample(graph.DRIVE_STATUS),),
         stop_rank=1,
+        needed_to_drive=True,
+        watched=True,
         commands_motion=True,
     ),
     ProcessRow(
@@ -271,6 +231,7 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.slam.node:SlamResetNode"),
         ),
         when=lambda o: o.slam and o.map_file is None,
+        flag="slam",
         needs=(TopicSample(graph.SCAN),),
         ready=(TopicSample(graph.MAP),),
     ),
@@ -281,16 +242,18 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.slam.node:AmclNode", _amcl),
         ),
         when=lambda o: o.slam and o.map_file is not None,
+        flag="slam",
         needs=(TopicSample(graph.SCAN),),
         ready=(TopicSample(graph.MAP), TopicSample(graph.AMCL_POSE)),
     ),
     ProcessRow(
         "nav",
         (
-            NodeRow("lupin_runtime.navigation.node:Navigator"),
+            NodeRow("lupin_runtime.navigation.node:Navigator", lambda _: {"wait_for_estop": True}),
             NodeRow("lupin_runtime.drive.smoother_node:VelocitySmoother"),
         ),
         when=lambda o: o.navigation,
+        flag="nav2",
         needs=(TopicSample(graph.MAP), TransformReady(graph.ODOM_FRAME, graph.BASE_FRAME)),
         ready=(ActionReady(graph.NAVIGATE_TO_POSE),),
         commands_motion=True,
@@ -304,7 +267,7 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.arm.node:ArmLibraryServer"),
             NodeRow("lupin_runtime.lights.node:LightStripBridge", _light_strip),
         ),
-        when=_close_to_hardware,
+        targets=CLOSE_TO_HARDWARE,
         needs=(TopicSample(graph.JOINT_STATES),),
         ready=(ServiceReady(graph.ARM_PRESET),),
     ),
@@ -317,12 +280,14 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.perception.aggregator:PerceptionAggregator"),
         ),
         when=lambda o: o.perception,
+        flag="perception",
         ready=(TopicSample(graph.DISCOVERED_TAGS),),
     ),
     ProcessRow(
         "twin",
         (NodeRow("lupin_runtime.twin.node:TwinNode"),),
         when=lambda o: o.twin,
+        flag="twin",
         ready=(TopicSample(graph.TWIN_STATE),),
     ),
     ProcessRow(
@@ -333,6 +298,7 @@ TABLE: tuple[ProcessRow, ...] = (
             NodeRow("lupin_runtime.mission.node:MissionOrchestrator", _mission),
         ),
         when=lambda o: o.mission,
+        flag="mission",
         ready=(MissionReady(),),
         on_death="mission",
         up_within_s=150.0,
@@ -341,12 +307,14 @@ TABLE: tuple[ProcessRow, ...] = (
         "recorder",
         (NodeRow("lupin_runtime.record.node:Recorder", lambda o: {"output": str(o.run_path / "recording.mcap")}),),
         when=lambda o: o.record,
+        flag="record",
     ),
     ProcessRow(
         "console",
         (NodeRow("lupin_runtime.console.node:Console", _console),),
-        when=lambda o: o.console and not _on_robot(o),
-        ready=(Port(CONSOLE_PORT), Port(ROSBRIDGE_PORT)),
+        when=lambda o: o.console,
+        flag="web",
+        ready=(Port(CONSOLE_PORT),),  # the other one, for programs, may be in use: browsers are served all the same
         memory_max_mb=256,
         optional=True,
         next_command="lupin logs console",
@@ -356,22 +324,26 @@ TABLE: tuple[ProcessRow, ...] = (
     ProcessRow(
         "video",
         (NodeRow("lupin_runtime.cameras.node:VideoServer", _video),),
-        when=lambda o: o.target == ROBOT_CAMERAS or (o.console and o.video and o.simulated and o.cameras),
+        targets=(SIM, ROBOT_CAMERAS),
+        when=lambda o: not o.simulated or (o.console and o.video and o.cameras),
+        flag="video",
         ready=(Port(VIDEO_PORT),),
         memory_max_mb=256,
         optional=True,
+        watched=True,
         next_command="lupin logs video",
     ),
     ProcessRow(
         "foxglove",
         (NodeRow("lupin_runtime.foxglove.node:FoxgloveBridge"),),
-        when=lambda o: o.foxglove and not _on_robot(o),
+        when=lambda o: o.foxglove,
+        flag="foxglove",
         ready=(Port(FOXGLOVE_PORT),),
         memory_max_mb=512,  # for several slow clients of raw images: each may have up to 128 images waiting
         optional=True,
         next_command="lupin logs foxglove",
     ),
-    ProcessRow("rviz", (), when=lambda o: o.rviz, command=_rviz_command, sends_heartbeats=False),
+    ProcessRow("rviz", when=lambda o: o.rviz, flag="rviz", command=_rviz_command, sends_heartbeats=False),
 )
 
 
@@ -386,7 +358,8 @@ class Launch:
 
 def rows(options: Options) -> tuple[ProcessRow, ...]:
     """Return the rows that a run with these options starts, each with the nodes that the options select."""
-    selected = (replace(row, nodes=tuple(n for n in row.nodes if n.when(options))) for row in TABLE if row.when(options))
+    chosen = (row for row in TABLE if options.target in row.targets and row.when(options))
+    selected = (replace(row, nodes=tuple(n for n in row.nodes if n.when(options))) for row in chosen)
     if options.target == ROBOT_CAMERAS:
         # That service needs only the video server; a camera may be absent.
         return tuple(replace(row, optional=row.name != "video") for row in selected)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from lupin_sim.host.host import Robot
 
 CURRENT_RELEASE = "/opt/lupin/current"
-UNITS = ("lupin-onboard.service", "lupin-cameras.service", "lupin-auto-home.service")
+UNIT_DROP_IN = "/etc/systemd/system/lupin-.service.d/checkout.conf"  # of every unit whose name begins with lupin-
 # Shell lines to run before a Lupin program. None sources /opt/ros: the simulated computer has only the vendor's workspace.
 SETUP_LINES = ("source ~/.mirte_settings.sh", "source ~/mirte_ws/install/setup.bash")
 LOGIND_CONFIG = "/etc/systemd/logind.conf.d/60-lupin.conf"
@@ -38,9 +38,8 @@ def link_checkout(robot: Robot) -> None:
     """
     script = f"mkdir -p {CURRENT_RELEASE}; ln -sfn {sys.prefix} {CURRENT_RELEASE}/venv\n"
     if sys.prefix.startswith(("/tmp/", "/var/tmp/")):
-        for unit in UNITS:
-            folder = f"/etc/systemd/system/{unit}.d"
-            script += f"mkdir -p {folder}; printf '[Service]\\nPrivateTmp=no\\n' > {folder}/checkout.conf\n"
+        folder = UNIT_DROP_IN.rpartition("/")[0]
+        script += f"mkdir -p {folder}; printf '[Service]\\nPrivateTmp=no\\n' > {UNIT_DROP_IN}\n"
     done = robot.run_as_root("sh", "-ec", script)
     if done.status != 0:
         raise RuntimeError(f"the checkout could not be linked on {robot.name}: {done.stderr}")

@@ -8,13 +8,14 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Protocol
 
 from lupin_sim.host.clock import Clock
 from lupin_sim.host.namespaces import CLEAN_ENVIRONMENT, popen_in
+from lupin_sim.host.network import Network
 from lupin_sim.host.overlay import Identity, write_overlay
 from lupin_sim.host.prerequisites import cgroup_roots
 
@@ -96,27 +97,28 @@ class Hardware:
     robot: str | None = None
 
 
-class NspawnComputer:
-    """A container with its own PID 1, disk, network and wall clock.
+@dataclass(frozen=True)
+class HostFiles:
+    """What a simulated computer uses on this machine.
 
-    `plug(pid)` creates the interfaces in the network namespace of a process; `unplug()` removes them.
+    folder: its own files, not yet created. root: the root file system that all computers share and none changes.
+    console: the file to which its console's output is appended. cgroup: the name of the host's cgroup.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        root: Path,
-        identity: Identity,
-        hardware: Hardware,
-        console: Path,
-        plug: Callable[[int], None],
-        unplug: Callable[[], None],
-        cgroup: str,
-    ) -> None:
-        self.identity, self.console, self.boots = identity, console, 0
-        self._folder, self._root, self._hardware, self._plug = folder, root, hardware, plug
-        self._unplug = unplug
-        self._cgroups = [base / cgroup / identity.name for base in cgroup_roots()]
+    folder: Path
+    root: Path
+    console: Path
+    cgroup: str
+
+
+class NspawnComputer:
+    """A container with its own PID 1, disk and wall clock; `network` gives it its interfaces when it is switched on."""
+
+    def __init__(self, identity: Identity, hardware: Hardware, files: HostFiles, network: Network) -> None:
+        folder = files.folder
+        self.identity, self.console, self.boots = identity, files.console, 0
+        self._folder, self._root, self._hardware, self._network = folder, files.root, hardware, network
+        self._cgroups = [base / files.cgroup / identity.name for base in cgroup_roots()]
         self._process: subprocess.Popen[bytes] | None = None
         self._watcher: threading.Thread | None = None
         self._lock = threading.RLock()
@@ -252,7 +254,7 @@ class NspawnComputer:
             if process.stdout.readline() != b"ready\n":
                 process.wait()
                 raise ComputerError(f"{self.identity.name} could not create its namespaces: {self._console_tail()}")
-            self._plug(process.pid)
+            self._network.plug(self.identity, process.pid)
             threading.Thread(target=_drain, args=(process.stdout, self.console), daemon=True).start()
             process.stdin.write(b"go\n")
             process.stdin.close()
@@ -277,7 +279,7 @@ class NspawnComputer:
             process = self._process
             assert process is not None
             status = process.wait()
-            self._unplug()
+            self._network.unplug(self.identity)
             with self._lock:
                 if status != REBOOT_STATUS or self._stay_off:
                     self._process = None

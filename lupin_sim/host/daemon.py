@@ -15,11 +15,10 @@ import socket
 import sys
 import threading
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from lupin_sim.host.computer import Computer, ComputerError, Hardware, NspawnComputer, mount
+from lupin_sim.host.computer import Computer, ComputerError, Hardware, HostFiles, NspawnComputer, mount
 from lupin_sim.host.fault_injector import FaultError, FaultInjector
 from lupin_sim.host.faults import FAULTS
 from lupin_sim.host.network import Network, NetworkError
@@ -40,17 +39,9 @@ class Daemon:
         self.computers: list[Computer] = []
         for index in range(robots):
             robot = Identity(index)
-            computer = NspawnComputer(
-                folder=private / f"robot-{index}",
-                root=root,
-                identity=robot,
-                hardware=hardware,
-                console=folder / f"{robot.name}.console",
-                plug=partial(self.network.plug, robot),
-                unplug=partial(self.network.unplug, robot),
-                cgroup=f"{CGROUP}-{folder.name}",
-            )
-            self.computers.append(computer)
+            console = folder / f"{robot.name}.console"
+            files = HostFiles(private / f"robot-{index}", root, console, f"{CGROUP}-{folder.name}")
+            self.computers.append(NspawnComputer(robot, hardware, files, self.network))
         self.injector = FaultInjector(FAULTS, self.network, self.computers, root, folder)
         self._lock = threading.Lock()  # held by requests that change something; `run_as_root` and `status` do not need it
         self.stop_requested = threading.Event()

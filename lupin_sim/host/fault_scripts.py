@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 
+from lupin_runtime.ports import DISCOVERY_PORT
 from lupin_sim.host.computer import Computer
 from lupin_sim.host.fault_injector import FaultAction, FaultError, FaultInjector, Settings, run_script
 
@@ -25,10 +26,10 @@ def script(text: str, *settings: str, timeout_s: float = 30.0) -> FaultAction:
 
 # -- the discovery server
 
-HOLD_PORT = """
+HOLD_PORT = f"""
 import socket, sys
 server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-server.bind(("0.0.0.0", 11811))
+server.bind(("0.0.0.0", {DISCOVERY_PORT}))
 print("bound", flush=True)
 sys.stdin.read()
 """
@@ -75,7 +76,7 @@ def lose_boot_race(_: FaultInjector, computer: Computer, settings: Settings) -> 
     with computer.popen_as_root(["python3", "-c", HOLD_PORT], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as port_holder:
         assert port_holder.stdout is not None
         if port_holder.stdout.readline() != b"bound\n":
-            raise FaultError("port 11811 is still taken; to see by what, run on the robot: sudo ss -lnup")
+            raise FaultError(f"port {DISCOVERY_PORT} is still taken; to see by what, run on the robot: sudo ss -lnup")
         run_script(computer, "systemctl start mirte-ros")
         run_script(computer, WAIT_FOR_LOST_RACE, since, timeout_s=RACE_TIMEOUT_S + 10.0)
         # Leaving the block closes the holder's standard input, which terminates it and frees the port.
@@ -92,8 +93,8 @@ SERVER_UNIT = "lupin-fault-server"
 # A DDS profile left in the server's environment has this effect: the server answers on only one of the robot's addresses.
 PIN_SERVER = f"""
 {KILL_SERVER}
-systemd-run --quiet --collect --unit={SERVER_UNIT} --uid=mirte fast-discovery-server -i 0 -l "$1" -p 11811
-for _ in $(seq 100); do ss -lnu | grep -q ':11811 ' && exit; sleep 0.1; done
+systemd-run --quiet --collect --unit={SERVER_UNIT} --uid=mirte fast-discovery-server -i 0 -l "$1" -p {DISCOVERY_PORT}
+for _ in $(seq 100); do ss -lnu | grep -q ':{DISCOVERY_PORT} ' && exit; sleep 0.1; done
 exit 1
 """
 UNPIN_SERVER = f"systemctl stop {SERVER_UNIT}; {RESTART_ROS}"
@@ -103,9 +104,9 @@ TAKE_SERVER_PORT = f"""
 systemd-run --quiet --collect --unit={SERVER_UNIT} python3 -c '
 import signal, socket
 server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-server.bind(("0.0.0.0", 11811))
+server.bind(("0.0.0.0", {DISCOVERY_PORT}))
 signal.pause()'
-for _ in $(seq 100); do ss -lnu | grep -q ':11811 ' && exit; sleep 0.1; done
+for _ in $(seq 100); do ss -lnu | grep -q ':{DISCOVERY_PORT} ' && exit; sleep 0.1; done
 exit 1
 """
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from lupin_runtime.ports import DISCOVERY_PORT, VIDEO_PORT
 from lupin_sim.host import fault_scripts as scripts
 from lupin_sim.host.computer import Computer
 from lupin_sim.host.fault_injector import Fault, FaultAction, FaultError, FaultInjector, Settings
@@ -167,7 +168,7 @@ FAULTS: dict[str, Fault] = {
         "another program listens on a TCP port",
         inject=script(scripts.TAKE_PORT, "port"),
         undo=script(scripts.FREE_PORT, "port"),
-        settings={"port": 8091},
+        settings={"port": VIDEO_PORT},
     ),
     # -- clocks
     "clock-wrong": Fault(
@@ -195,7 +196,7 @@ FAULTS: dict[str, Fault] = {
     ),
     # -- DDS
     "server-not-started": Fault(
-        "mirte-ros lost the race at boot: it is active, but nothing listens on port 11811; cause is port or path",
+        f"mirte-ros lost the race at boot: it is active, but nothing listens on port {DISCOVERY_PORT}; cause is port or path",
         inject=scripts.lose_boot_race,
         undo=script(scripts.RESTART_ROS),
         settings={"cause": "port"},

@@ -34,11 +34,14 @@ from typing import Any
 
 import pytest
 
+from lupin_runtime.ports import DISCOVERY_PORT
 from lupin_sim.host.host import Host, HostError, HostUnavailable, Robot
 
 MAX_STACK_STARTS = 3  # of the vendor's stack, until its discovery server listens
 # Waits up to 20 s, which a start takes on a busy machine. Reads /proc instead of using SSH: a login changes the robot's state.
-WAIT_FOR_SERVER_PORT = f"for _ in $(seq 100); do grep -q ':{11811:04X} ' /proc/1/net/udp && exit; sleep 0.2; done; exit 1"
+WAIT_FOR_SERVER_PORT = (
+    f"for _ in $(seq 100); do grep -q ':{DISCOVERY_PORT:04X} ' /proc/1/net/udp && exit; sleep 0.2; done; exit 1"
+)
 
 
 class SharedHost:

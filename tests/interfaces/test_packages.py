@@ -6,17 +6,15 @@ import importlib
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-INTERFACES = Path(__file__).resolve().parents[2] / "interfaces"
-sys.path.insert(0, str(INTERFACES))
+from tests.support.paths import INTERFACES
+from tests.support.rosidl_build import load_rosidl_build
 
-from rosidl_build.packages import InterfacePackage, discover, referenced_packages  # noqa: E402
-
-sys.path.remove(str(INTERFACES))  # otherwise its folders could be imported instead of packages that are not installed
-
-PACKAGES = discover(INTERFACES)
+packages = load_rosidl_build("packages")
+PACKAGES = packages.discover(INTERFACES)
 EXPECTED = {
     "lupin_msgs",
     "mirte_msgs",
@@ -36,14 +34,14 @@ def test_interfaces_contains_the_expected_packages() -> None:
 
 
 @each_package
-def test_cmake_lists_all_definitions(package: InterfacePackage) -> None:
+def test_cmake_lists_all_definitions(package: Any) -> None:
     listed = re.findall(r"^\s+(\w+/\w+\.\w+)$", (package.folder / "CMakeLists.txt").read_text(), re.MULTILINE)
     assert listed == [str(definition) for definition in package.definitions]
 
 
 @each_package
-def test_package_xml_and_cmake_list_all_dependencies(package: InterfacePackage) -> None:
-    used = referenced_packages(package)
+def test_package_xml_and_cmake_list_all_dependencies(package: Any) -> None:
+    used = packages.referenced_packages(package)
     if any(definition.parts[0] == "action" for definition in package.definitions):
         used.add("action_msgs")  # for the hidden services and topics of every action
     cmake = (package.folder / "CMakeLists.txt").read_text()
@@ -54,7 +52,7 @@ def test_package_xml_and_cmake_list_all_dependencies(package: InterfacePackage) 
 
 
 @each_package
-def test_definitions_can_be_imported_with_type_support(package: InterfacePackage) -> None:
+def test_definitions_can_be_imported_with_type_support(package: Any) -> None:
     for definition in package.definitions:
         module = importlib.import_module(f"{package.name}.{definition.parts[0]}")
         interface = getattr(module, definition.stem)
@@ -63,7 +61,7 @@ def test_definitions_can_be_imported_with_type_support(package: InterfacePackage
 
 
 @each_package
-def test_installed_definitions_are_current(package: InterfacePackage) -> None:
+def test_installed_definitions_are_current(package: Any) -> None:
     """If this fails, a definition has been changed but not installed: ``pip install ./interfaces``."""
     share = Path(sys.prefix) / "share" / package.name
     for definition in package.definitions:

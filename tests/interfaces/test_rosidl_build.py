@@ -5,16 +5,13 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-INTERFACES = Path(__file__).resolve().parents[2] / "interfaces"
-sys.path.insert(0, str(INTERFACES))
+from tests.support.rosidl_build import load_rosidl_build
 
-from rosidl_build import freshness, toolchain  # noqa: E402
-from rosidl_build.packages import InterfacePackage, discover, installed_definitions, read_package  # noqa: E402
-
-sys.path.remove(str(INTERFACES))  # otherwise its folders could be imported instead of packages that are not installed
+freshness, packages, toolchain = map(load_rosidl_build, ("freshness", "packages", "toolchain"))
 
 TOOLS = toolchain.Toolchain(("true",), ("true",), Path("/ros"), (), "-O1")
 
@@ -36,8 +33,8 @@ def versions(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     return installed
 
 
-def keys(root: Path, tools: toolchain.Toolchain = TOOLS) -> dict[str, str]:
-    result: dict[str, str] = freshness.build_keys(discover(root), tools)
+def keys(root: Path, tools: Any = TOOLS) -> dict[str, str]:
+    result: dict[str, str] = freshness.build_keys(packages.discover(root), tools)
     return result
 
 
@@ -45,25 +42,25 @@ def test_packages_are_sorted_by_dependency(tmp_path: Path) -> None:
     write_package(tmp_path, "a_msgs", depends=("z_msgs", "std_msgs"))
     write_package(tmp_path, "m_msgs", depends=("a_msgs",))
     write_package(tmp_path, "z_msgs")
-    assert [package.name for package in discover(tmp_path)] == ["z_msgs", "a_msgs", "m_msgs"]
+    assert [package.name for package in packages.discover(tmp_path)] == ["z_msgs", "a_msgs", "m_msgs"]
 
 
 def test_circular_dependency_is_refused(tmp_path: Path) -> None:
     write_package(tmp_path, "a_msgs", depends=("b_msgs",))
     write_package(tmp_path, "b_msgs", depends=("a_msgs",))
     with pytest.raises(SystemExit, match=r"circle: a_msgs → b_msgs → a_msgs|circle: b_msgs → a_msgs → b_msgs"):
-        discover(tmp_path)
+        packages.discover(tmp_path)
 
 
 def test_folder_with_another_name_than_its_package_is_refused(tmp_path: Path) -> None:
     folder = write_package(tmp_path, "a_msgs").rename(tmp_path / "b_msgs")
     with pytest.raises(SystemExit, match="expected <name>b_msgs</name>, found <name>a_msgs</name>"):
-        read_package(folder)
+        packages.read_package(folder)
 
 
 def test_definitions_are_installed_in_the_share_folder(tmp_path: Path) -> None:
-    package: InterfacePackage = read_package(write_package(tmp_path, "a_msgs"))
-    assert installed_definitions([package]) == [
+    package = packages.read_package(write_package(tmp_path, "a_msgs"))
+    assert packages.installed_definitions([package]) == [
         ("share/a_msgs", ["a_msgs/package.xml", "a_msgs/CMakeLists.txt"]),
         ("share/a_msgs/msg", ["a_msgs/msg/Thing.msg"]),
     ]

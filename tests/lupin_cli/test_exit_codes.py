@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from lupin_cli import exit_codes
-from lupin_runtime.stack import session
 
 
 def test_exit_codes_keep_their_numbers() -> None:
@@ -17,12 +16,6 @@ def test_exit_codes_keep_their_numbers() -> None:
         "INTERNAL_ERROR": 70,
         "INTERRUPTED": 130,
     }
-
-
-def test_session_uses_the_same_exit_codes() -> None:
-    assert (session.EXIT_DONE, session.EXIT_ENDED_OTHERWISE) == (exit_codes.SUCCESS, exit_codes.FAILURE)
-    assert (session.EXIT_USAGE, session.EXIT_NEVER_UP) == (exit_codes.USAGE_ERROR, exit_codes.UNREACHABLE)
-    assert session.EXIT_INTERRUPTED == exit_codes.INTERRUPTED
 
 
 def test_worst_prefers_interrupted_then_unreachable() -> None:

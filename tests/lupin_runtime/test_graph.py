@@ -56,31 +56,15 @@ def test_state_topics_are_latched_one_deep_and_observations_50() -> None:
     assert graph.OBSERVATIONS.qos == graph.LATCHED50
 
 
-def test_recorded_topics_and_their_rates_are_these() -> None:
-    throttled = {graph.IMU: 10.0, graph.JOINT_STATES: 10.0, graph.ESTOP_BUTTON: 2.0, graph.PLAN: 2.0}
-    complete = (
-        "TF TF_STATIC ODOM SCAN BATTERY CMD_VEL_JOY CMD_VEL_MANUAL CMD_VEL_NAV CMD_VEL_AUTO CMD_VEL_SINK_ROBOT "
-        "CMD_VEL_SINK_SIM ESTOP_STATE HMI_ESTOP CONSOLE_STOP ESTOP_MISSED_PRESS MAP AMCL_POSE GOAL_POSE "
-        "TAG_DETECTIONS FLOWER_DETECTIONS BOX_GEOMETRY "
-        "DISCOVERED_TAGS OBSERVATIONS MISSION_STATE TWIN_STATE ARM_TRAJECTORY ROSOUT"
-    )
-    expected = {topic.name: rate_hz for topic, rate_hz in throttled.items()}
-    expected |= {getattr(graph, name).name: None for name in complete.split()}
-    assert {row.topic.name: row.max_rate_hz for row in STANDARD} == expected
+def test_lists_of_topics_are_columns_of_the_table() -> None:
+    """Which topics these are is pinned by docs/topics.md, whose table is generated and checked."""
+    topics = graph.topics()
+    assert {row.topic: row.max_rate_hz for row in STANDARD} == {
+        topic: None if topic.recorded_hz == graph.ALL else topic.recorded_hz for topic in topics if topic.recorded_hz
+    }
     assert not any(row.while_scanning for row in STANDARD)
-
-
-def test_repeating_probed_and_monitored_topics_are_these() -> None:
-    robot = (graph.SCAN, graph.ODOM, graph.IMU, graph.BATTERY, graph.JOINT_STATES, graph.ESTOP_BUTTON, graph.TF)
-    repeating = (graph.CLOCK, *robot, graph.ESTOP_STATE)
-    states = (graph.ESTOP_STATUS, graph.DRIVE_STATUS, graph.MISSION_STATE, graph.TWIN_STATE)
-    monitored = (graph.SCAN, graph.MAP, graph.MISSION_STATE, graph.ESTOP_STATE, graph.CMD_VEL_NAV)
-    assert names(topic for topic in graph.topics() if topic.repeats) == names(repeating)
-    assert names(graph_probe.ROBOT_TOPICS) == names(robot)
-    pictures = tuple(map(graph.camera_info, (graph.BODY_IMAGE_SIM, graph.BODY_IMAGE_ROBOT, graph.GRIPPER_IMAGE)))
-    assert names(graph_probe.PROBED_TOPICS) == names((*repeating, *states, *pictures))
-    assert names(topic for topic in graph.topics() if topic.monitored) == names(monitored)
-    assert names(t for t in graph.topics() if t.monitored and t.repeats) == names((graph.SCAN, graph.ESTOP_STATE))
+    assert set(graph_probe.PROBED_TOPICS) == {topic for topic in topics if topic.repeats or topic.probed}
+    assert set(graph_probe.ROBOT_TOPICS) == {topic for topic in topics if topic.repeats and topic.from_vendor}
 
 
 def test_a_repeating_topic_has_a_rate() -> None:

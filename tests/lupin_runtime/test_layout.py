@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from lupin_runtime.layout import LayoutError, Table, TagLocation, load_layout, packaged_layout_path
+from lupin_runtime.layout import LayoutError, LayoutText, Table, TagLocation, load_layout, packaged_layout_path
 
 
 def test_packaged_layout_has_its_tables_and_tags() -> None:
@@ -22,6 +22,29 @@ def test_load_layout_converts_units_to_meters(tmp_path: Path) -> None:
     path = tmp_path / "layout.json"
     path.write_text(json.dumps({"units": "cm", "tables": {}, "tags": {"1": {"x": 150, "y": -20}}}))
     assert load_layout(path).tags["1"] == TagLocation(1.5, -0.2)
+
+
+def test_sensors_of_each_tag_are_read() -> None:
+    text = LayoutText(
+        '{"tags": {"1": {"x": 1, "y": 2, "sensors": ["co2"]}, "2": {"x": 0, "y": 0, "sensors": []}}}', "layout.json"
+    )
+    assert text.sensors() == {"1": ("co2",), "2": ()}
+    assert LayoutText.read(packaged_layout_path()).sensors()["12"] == ("temperature", "humidity", "co2")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("{}", "layout.json:1: tags must be an object, found nothing"),
+        ('{\n"tags": 3}', "layout.json:2: tags must be an object, found 3"),
+        ('{"tags": {\n"1": {"x": 1, "y": 2}}}', "layout.json:2: tags.1.sensors must be a list of names, found nothing"),
+        ('{"tags": {\n"1": {"sensors": [1]}}}', "layout.json:2: tags.1.sensors must be a list of names, found [1]"),
+    ],
+)
+def test_layout_without_sensors_is_refused_where_needed(text: str, expected: str) -> None:
+    with pytest.raises(LayoutError) as caught:
+        LayoutText(text, "layout.json").sensors()
+    assert str(caught.value) == expected
 
 
 def test_load_layout_orders_swapped_corners(tmp_path: Path) -> None:

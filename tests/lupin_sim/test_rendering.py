@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lupin_sim.flythrough import INSPECT, Frame, flythrough, from_trajectory
+from lupin_sim.flythrough import INSPECT, FilmFrame, flythrough, from_trajectory
 from lupin_sim.rendering import CAMERAS, Renderer, film, picture
 from lupin_sim.scene import Look
 from lupin_sim.scoring import read_tum
@@ -105,6 +105,6 @@ def test_trajectory_is_converted_to_frames(tmp_path: Path) -> None:
     path.write_text("1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0.7071068 0.7071068\n")
     frames = from_trajectory(read_tum(path), 4.0)
     assert len(frames) == 5
-    assert isinstance(frames[2], Frame)
+    assert isinstance(frames[2], FilmFrame)
     assert (frames[2].time_s, frames[2].pose.x) == pytest.approx((0.5, 0.5))
     assert frames[2].pose.yaw == pytest.approx(np.pi / 4)

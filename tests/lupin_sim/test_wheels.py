@@ -50,7 +50,7 @@ def test_wheels_stop_completely_within_a_second(drive_name: str) -> None:
     assert np.all(drive.speeds == 0.0)
 
 
-def test_ideal_wheels_stop_from_half_a_meter_per_second_in_0_15_s() -> None:
+def test_ideal_wheels_stop_from_0_5_m_per_s_in_0_15_s() -> None:
     drive, target = IdealDrive(), wheels_from_twist(np.array([0.5, 0.0, 0.0]))
     for _ in range(100):
         drive.step(target, 0.01)

@@ -19,14 +19,16 @@ class CableCutter:
 
     def __init__(self, host: Host, target: Target) -> None:
         self._host, self._target = host, target
-        self._remaining: set[tuple[int, str]] = (
-            set()
-        )  # cuts to make: a step's index, and the kind of event that triggers the cut
+        # Cuts to make: a step's index, and the kind of event that triggers the cut.
+        self._remaining: set[tuple[int, str]] = set()
         self._cut: threading.Timer | None = None
 
     def _on_event(self, event: Event) -> None:
         point = event.index, event.kind
-        if self._cut is None and point in self._remaining:
+        if self._cut is not None:
+            # On a busy machine the cut takes a while; until it is made, no further step may begin and end.
+            self._cut.join()
+        elif point in self._remaining:
             self._remaining.remove(point)
             self._cut = threading.Timer(CUT_DELAY_S, self._host.robot.inject_fault, ("cable-cut",), {"link": "eth0"})
             self._cut.start()

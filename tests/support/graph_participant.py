@@ -18,13 +18,13 @@ from typing import Any
 # SIGTERM is blocked before an import starts a thread: a thread that does not block it would let it kill the process.
 signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
 
-import rclpy  # noqa: E402
-from rclpy.signals import SignalHandlerOptions  # noqa: E402
+import rclpy
+from rclpy.signals import SignalHandlerOptions
 
-from lupin_runtime import graph  # noqa: E402
-from lupin_runtime.drive.twist import ZERO, encode  # noqa: E402
-from lupin_runtime.ros import LupinNode  # noqa: E402
-from lupin_runtime.ros.node import interface  # noqa: E402
+from lupin_runtime import graph
+from lupin_runtime.drive.twist import ZERO, encode
+from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.node import interface
 
 MATCH_TIMEOUT_S = 45.0
 ORDERS = ("sim", "battery", "press", "switch")

@@ -27,6 +27,9 @@ class FakeClock:
     def now_s(self) -> float:
         return self.s
 
+    def real_s(self) -> float:
+        return self.s
+
     def stamp_ns(self) -> int:
         return int(self.s * 1e9)
 

@@ -81,6 +81,9 @@ class MissionSimulator:
     def now_s(self) -> float:
         return self.now
 
+    def real_s(self) -> float:
+        return self.now
+
     def stamp_ns(self) -> int:
         return int(self.now * 1e9)
 

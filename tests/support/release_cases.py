@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import combinations
 
 from lupin_runtime import graph
 from tests.support.release_rig import ReleaseRig
@@ -74,3 +75,34 @@ CASES = (
         stop=ReleaseRig.abort_mission,
     ),
 )
+
+
+def find_case(name: str) -> Case:
+    """Return the case with this name."""
+    return next(case for case in CASES if case.name == name)
+
+
+def combined(*cases: Case) -> Case:
+    """Return several sources at once. The newer command is that of the last one."""
+
+    def start(rig: ReleaseRig) -> None:
+        for one in cases:
+            one.start(rig)
+
+    def act_while_engaged(rig: ReleaseRig) -> None:
+        for one in cases:
+            one.while_engaged(rig)
+
+    def stop(rig: ReleaseRig) -> None:
+        for one in cases:
+            one.stop(rig)
+
+    return Case(" + ".join(one.name for one in cases), start, cases[-1].newer_command, act_while_engaged, stop)
+
+
+# In this order: the first ones take longest to start.
+_COMBINED = tuple(
+    map(find_case, ("mission", "arm replay", "/goal_pose", "NavigateToPose of another client", "stick held, /cmd_vel_manual"))
+)
+COMBINATIONS = tuple(combined(*chosen) for size in range(2, len(_COMBINED) + 1) for chosen in combinations(_COMBINED, size))
+ALL_AT_ONCE = combined(*_COMBINED[1:2], *_COMBINED[3:])

@@ -8,30 +8,29 @@ from __future__ import annotations
 import json
 import math
 import os
-import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lupin_runtime import graph
 from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
+from tests.support.graph_client import GraphClient
+from tests.support.hang import Hang, is_replaced, send
 
 if TYPE_CHECKING:
     from tests.support.release_cases import Case
 
 STREAM_PERIOD_S = 0.05
 STREAM_M_S = 0.15
-TIMEOUT_S = 30.0
 MOVING_M_S = 0.05
 MOVING_RAD_S = 0.1
 # Two positions on the map with free space between them; goals are at the one that is farther away.
 POSITIONS = ((0.1, 0.0), (1.5, 0.0))
 MOVED_M, MOVED_RAD = 0.05, 0.05
+AT_REST_RAD = 0.02
 SEQUENCE = "release_rig"
 MOTION_TIMEOUT_S = 20.0
 # A killed process counts as a publisher of the e-stop until its DDS lease expires, which the nodes notice at different times. A
@@ -46,29 +45,19 @@ class Measured:
     base_m: float
     joints_rad: float
     newer_command_moves: bool  # whether the robot moved after a newer command
+    joints_rest_s: float = 0.0  # how long arm and gripper moved on after the press, or after the signal to a process
 
 
-class ReleaseRig:
-    """A client on the graph of a simulated run; `folder` is the run's directory."""
+class ReleaseRig(GraphClient):
+    """A client on the graph of a simulated run that moves it and measures its motion."""
 
     def __init__(self, folder: Path) -> None:
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.task import Future
-
-        from lupin_runtime.ros.node import LupinNode
-
-        self._folder = folder
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=json.loads((folder / "run.json").read_text())["domain"])
-        self.node = LupinNode("release_rig", context=self._context, enable_rosout=False)
+        super().__init__(folder, "release_rig")
         self._streams: dict[tuple[Any, int], float | None] = {}
         self._turn = 0
         self._mission: subprocess.Popen[bytes] | None = None
         self._joints: dict[str, float] = {}
         self._joint_history: list[tuple[float, dict[str, float]]] = []
-        self._clients: dict[str, Any] = {}
-        self._publishers: dict[str, Any] = {}
         self.engaged: bool | None = None
         self.button_down = False
         self.mission = ""
@@ -80,11 +69,7 @@ class ReleaseRig:
         self.node.subscription(graph.MISSION_STATE, self._on_mission)
         self.node.subscription(graph.DRIVE_STATUS, self._on_drive)
         self.node.create_timer(STREAM_PERIOD_S / 2, self._publish_streams)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._end = Future()
-        self._thread = threading.Thread(target=self._executor.spin_until_future_complete, args=(self._end,), daemon=True)
-        self._thread.start()
+        self.start()
         self.until(lambda: self._joint_history and self.engaged is not None, "joint states and e-stop state")
 
     def close(self) -> None:
@@ -92,11 +77,7 @@ class ReleaseRig:
         if self._mission is not None:
             self._mission.terminate()
             self._mission.wait(20.0)
-        self._end.set_result(None)
-        self._thread.join(5.0)
-        self._executor.shutdown(timeout_sec=2.0)
-        self.node.destroy_node()
-        self._context.try_shutdown()
+        super().close()
 
     # -- messages ------------------------------------------------------------------------------------------------------
     def _on_joints(self, message: Any) -> None:
@@ -129,51 +110,9 @@ class ReleaseRig:
                 publisher.publish(message)
 
     # -- requests ------------------------------------------------------------------------------------------------------
-    def until(self, condition: Callable[[], Any], what: str, timeout_s: float = TIMEOUT_S) -> Any:
-        """Wait until the condition is true, and return its value. Raises TimeoutError with `what`."""
-        deadline = time.monotonic() + timeout_s
-        while not (value := condition()):
-            if time.monotonic() > deadline:
-                raise TimeoutError(f"no {what} within {timeout_s:g} s")
-            time.sleep(0.01)
-        return value
-
-    def publisher(self, row: graph.Topic, number: int = 0) -> Any:
-        """Return a publisher that has matched a subscription; `number` distinguishes several publishers of a topic."""
-        key = f"{row.name} {number}"
-        if key not in self._publishers:
-            self._publishers[key] = self.node.publisher(row)
-        publisher = self._publishers[key]
-        self.until(lambda: publisher.get_subscription_count() > 0, f"subscription of {row.name}")
-        return publisher
-
     def stream(self, row: graph.Topic, speed_m_s: float | None, number: int = 0) -> None:
         """Publish a velocity at 20 Hz from now on, or nothing any more if it is None."""
         self._streams[self.publisher(row, number), number] = speed_m_s
-
-    def call(self, row: graph.Service, **fields: Any) -> Any:
-        """Call a service, and return its response."""
-        from lupin_runtime.ros.node import interface
-
-        client = self._clients.setdefault(row.name, None) or self.node.client(row)
-        self._clients[row.name] = client
-        self.until(client.service_is_ready, f"server of {row.name}")
-        future = client.call_async(interface(row.type).Request(**fields))
-        self.until(future.done, f"response of {row.name}")
-        return future.result()
-
-    def send(self, row: graph.Action, goal: Any) -> Any:
-        """Send a goal, and return its handle. Raises RuntimeError if it is rejected."""
-        client = self._clients.setdefault(row.name, None) or self.node.action_client(row)
-        self._clients[row.name] = client
-        self.until(client.server_is_ready, f"server of {row.name}")
-        task = self._executor.create_task(lambda: client.send_goal_async(goal))
-        self.until(task.done, "free executor")
-        sent = task.result()
-        handle = self.until(lambda: sent.done() and sent.result(), f"response of {row.name}")
-        if not handle.accepted:
-            raise RuntimeError(f"{row.name} rejected the goal")
-        return handle
 
     def press(self, pressed: bool) -> None:
         """Press or release the simulated button, and wait until the e-stop's state and the drive bus show it.
@@ -190,25 +129,31 @@ class ReleaseRig:
         It does not wait for the e-stop's state: the process that replaces `estop_bridge` may have released it before this
         client discovers its publisher.
         """
-        state = json.loads((self._folder / "state.json").read_text())
-        os.kill(next(int(stage["pid"]) for stage in state["stages"] if stage["name"] == "estop"), signal.SIGSTOP)
+        send(self.folder, Hang("estop"))
         self.call(graph.SIM_PRESS_ESTOP, data=True)
         self.until(lambda: self.button_down, "message of the pressed button")
         self.call(graph.SIM_PRESS_ESTOP, data=False)
         self.until(lambda: ESTOP_ENGAGED in self.locks, "lock of the drive bus by the e-stop")
 
+    def press_while_hanging(self, hang: Hang) -> None:
+        """Press the button while another process hangs, and wait until that process has been replaced."""
+        pid = send(self.folder, hang)
+        self.call(graph.SIM_PRESS_ESTOP, data=True)
+        self.until(lambda: is_replaced(self.folder, hang.process, pid), f"replacement of {hang.process}")
+        self.press(True)
+
     # -- motion --------------------------------------------------------------------------------------------------------
     def trajectory(self) -> list[tuple[float, float, float]]:
         """Return the robot's true positions: time (s), x, y (m). The last second may be missing."""
         rows = []
-        for line in (self._folder / "truth_trajectory.tum").read_text().splitlines():
+        for line in (self.folder / "truth_trajectory.tum").read_text().splitlines():
             fields = line.split()
             if len(fields) == 8:
                 rows.append((float(fields[0]), float(fields[1]), float(fields[2])))
         return rows
 
     def _state(self) -> dict[str, Any]:
-        state: dict[str, Any] = json.loads((self._folder / "sim_state.json").read_text())
+        state: dict[str, Any] = json.loads((self.folder / "sim_state.json").read_text())
         return state
 
     def current(self) -> tuple[float, float, float]:
@@ -237,18 +182,22 @@ class ReleaseRig:
         self.until(lambda: self.speed_m_s() < 1e-3 and self.joint_speed_rad_s() < 0.01, "rest")
 
     # -- measuring -----------------------------------------------------------------------------------------------------
-    def measure(self, case: Case, press_s: float, watch_s: float, estop_hangs: bool = False) -> Measured:
+    def measure(self, case: Case, press_s: float, watch_s: float, hang: Hang | None = None) -> Measured:
         """Start the source, press the e-stop for `press_s`, release it, and watch for `watch_s`; then give a newer command.
 
-        With `estop_hangs`, the button is pressed and released at once while `estop_bridge` hangs, and the process that replaces
-        it engages and releases the e-stop.
+        With `hang`, a process gets a signal just before the press. If that is `estop`, the button is released at once, and the
+        process that replaces `estop_bridge` engages and releases the e-stop.
         """
+        estop_hangs = hang is not None and hang.process == "estop"
         self.sign = -self.sign
         try:
             case.start(self)
             self.until(self.moving, f"motion by {case.name}")
+            pressed_s = time.monotonic()
             if estop_hangs:
                 self.press_while_estop_hangs()
+            elif hang is not None:
+                self.press_while_hanging(hang)
             else:
                 self.press(True)
                 time.sleep(press_s)
@@ -256,6 +205,7 @@ class ReleaseRig:
             self.wait_for_rest()
             began_s, x, y = self.current()
             joints = self._joint_history[-1]
+            rest_s = self._joints_rest_s(pressed_s)
             self.press(False)  # waits for the release
             time.sleep(watch_s)
             self.current()
@@ -273,7 +223,13 @@ class ReleaseRig:
             case.stop(self)
             self._streams = dict.fromkeys(self._streams)
         self.wait_for_rest()
-        return Measured(base_m, joints_rad, moves)
+        return Measured(base_m, joints_rad, moves, rest_s)
+
+    def _joints_rest_s(self, since_s: float) -> float:
+        """Return how long after `since_s` arm and gripper were farther than AT_REST_RAD from where they are now."""
+        history = list(self._joint_history)
+        away = [time_s for time_s, at in history if _largest_change(history[-1][1], at) > AT_REST_RAD]
+        return max(0.0, max(away, default=since_s) - since_s)
 
     def _moves(self, position: tuple[float, float], joints: dict[str, float], timeout_s: float) -> bool:
         def moved() -> bool:
@@ -387,8 +343,8 @@ class ReleaseRig:
         """Start an exploration. The mission's process is started first: a run without `--mission` has none."""
         if self._mission is None:
             command = [sys.executable, "-m", "lupin_cli.app", "run", "mission"]
-            environment = {**os.environ, "XDG_STATE_HOME": str(self._folder.parents[2])}
-            with (self._folder / "logs" / "release_rig_mission.log").open("wb") as log:
+            environment = {**os.environ, "XDG_STATE_HOME": str(self.folder.parents[2])}
+            with (self.folder / "logs" / "release_rig_mission.log").open("wb") as log:
                 self._mission = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
         self.until(lambda: self.mission in ("READY", "DONE"), "mission that can be started")
         answer = self.call(graph.MISSION_START, mission_type="ExplorationMission", discovery_goal=65535)

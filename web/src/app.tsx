@@ -1,6 +1,7 @@
 import { Suspense, useEffect } from "react";
 import { useConsole } from "@/api/console_store";
 import { IS_MOCK } from "@/environment";
+import { useIsPhone } from "@/hooks/use_is_phone";
 import { useText } from "@/i18n/text";
 import { Aurora } from "@/shell/aurora";
 import { BootSequence } from "@/shell/boot_sequence";
@@ -39,6 +40,7 @@ export function App() {
 
 function Cockpit() {
   const text = useText();
+  const isPhone = useIsPhone();
   const shown = useRoute((state) => state.tab);
   const tab = TABS.find(({ id }) => id === shown);
   const View = tab?.view;
@@ -46,9 +48,7 @@ function Cockpit() {
     <div className="flex h-full max-md:flex-col">
       <div className="flex min-h-0 min-w-0 grow flex-col">
         <TopBar />
-        <div className="max-md:order-last max-md:hidden">
-          <TabBar />
-        </div>
+        {!isPhone && <TabBar />}
         <LinkBanner />
         <StoppedBanner />
         <main className="flex min-h-0 grow basis-0 flex-col">
@@ -61,9 +61,7 @@ function Cockpit() {
       <StopBar />
       <BootSequence />
       <OverlayHost />
-      <div className="md:hidden">
-        <TabBar />
-      </div>
+      {isPhone && <TabBar />}
     </div>
   );
 }

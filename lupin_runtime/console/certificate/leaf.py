@@ -93,7 +93,7 @@ def reason_to_renew(
 ) -> str | None:
     """Return why a leaf must be replaced; None if it need not be."""
     if leaf is None:
-        return "there is none"
+        return "there was none"
     if leaf.issuing != authority.issuing:
         return "another authority issued it"
     at = reference_time(clock, leaf.issued)

@@ -19,7 +19,7 @@ class Bar:
 
 
 @dataclass(frozen=True)
-class ProcessRow:
+class ProcessTableRow:
     """One process of the stack; `why` explains a state other than running."""
 
     name: str
@@ -28,12 +28,12 @@ class ProcessRow:
     why: str
 
 
-def process_rows(facts: Mapping[str, Any]) -> list[ProcessRow]:
+def process_rows(facts: Mapping[str, Any]) -> list[ProcessTableRow]:
     """Return a row for each process among the supervisor's facts."""
     stages = [stage for stage in facts.get("stages") or () if isinstance(stage, Mapping)]
     largest = {key: max([float(stage.get(key) or 0.0) for stage in stages] + [1e-9]) for key, *_ in _COLUMNS}
     return [
-        ProcessRow(
+        ProcessTableRow(
             str(stage.get("name", "")),
             tuple(_bar(stage.get(key), label, unit, digits, largest[key]) for key, label, unit, digits in _COLUMNS),
             int(stage.get("restarts") or 0),

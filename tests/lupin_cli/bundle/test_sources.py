@@ -11,12 +11,12 @@ import pytest
 
 from lupin_cli.bundle import sources
 from lupin_cli.bundle.items import ABSENT, UNREACHABLE, UNREADABLE, BundleItem, Omission
-from lupin_cli.bundle.sources import Source, parse_source, read_sources
+from lupin_cli.bundle.sources import ItemSource, parse_source, read_sources
 from lupin_cli.connection import Output, Unreachable
 from lupin_cli.connection.base import Script
 from lupin_cli.connection.local import LocalTarget
 
-SOURCE = Source("x.log", "log of x", "", root=True)
+SOURCE = ItemSource("x.log", "log of x", "", root=True)
 
 
 def parsed(
@@ -94,7 +94,11 @@ class SudoRefused(LocalTarget):
 
 
 def test_source_refused_by_sudo_is_read_as_user() -> None:
-    three = [Source("a", "", "echo mine", root=True), Source("b", "", "exit 1", root=True), Source("c", "", "echo all")]
+    three = [
+        ItemSource("a", "", "echo mine", root=True),
+        ItemSource("b", "", "exit 1", root=True),
+        ItemSource("c", "", "echo all"),
+    ]
     a, b, c = read_sources(SudoRefused(), three, "laptop")
     assert isinstance(a, BundleItem) and a.content == b"mine\n" and "a password is required" in a.remark
     assert isinstance(b, Omission) and b.kind == UNREADABLE
@@ -115,7 +119,7 @@ def test_unreachable_machine_gives_omission_per_source() -> None:
 
 
 @pytest.mark.parametrize("source", sources.SOURCES, ids=lambda source: source.path)
-def test_every_script_is_valid_sh(source: Source) -> None:
+def test_every_script_is_valid_sh(source: ItemSource) -> None:
     script = sources.script_of(source, 3600.0)
     done = subprocess.run(["/bin/sh", "-n"], input=script, capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (0, "")

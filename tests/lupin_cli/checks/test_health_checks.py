@@ -15,7 +15,8 @@ from lupin_cli.facts.chrony import Chrony
 from lupin_cli.facts.clock import Clock, Offset
 from lupin_cli.facts.devices import Devices, Holder
 from lupin_cli.facts.storage import Storage
-from lupin_cli.facts.units import CAMERAS, CLOCK_SYNC, Unit, Units
+from lupin_cli.facts.units import Unit, Units
+from lupin_cli.systemd.units import CAMERAS, CLOCK_SYNC
 from lupin_runtime.cameras.driver_state import ENDED, DriverState
 from tests.support.findings import assert_findings_match_rows
 from tests.support.optional import present

@@ -9,8 +9,6 @@ from typing import Any
 import pytest
 
 from lupin_cli.checks import Check
-from lupin_cli.checks.findings import FINDINGS
-from lupin_cli.checks.graph_consequences import ROBOT_UNREACHABLE, SEEN_OVER_THE_GRAPH
 from lupin_cli.checks.table import UnknownCheck, built_in, plugged_in, select
 from lupin_cli.doctor.gathering import needed_facts
 
@@ -76,7 +74,3 @@ def test_installed_package_adds_checks_by_entry_point(tmp_path: Path, monkeypatc
     checks, plugin_errors = plugged_in()
     assert "theirs" in [check.name for check in checks]
     assert any(line.startswith("plug-in bad (their_checks:NOTHING): AttributeError") for line in plugin_errors)
-
-
-def test_graph_consequences_are_existing_findings() -> None:
-    assert {row.id for row in FINDINGS} >= SEEN_OVER_THE_GRAPH | ROBOT_UNREACHABLE

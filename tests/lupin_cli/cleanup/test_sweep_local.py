@@ -108,7 +108,7 @@ def files_of(plan: dict[str, Any], key: str) -> set[str]:
     return {name for segment in plan[key] for name in segment["files"]}
 
 
-def test_memory_of_killed_process_is_removed_and_of_live_one_kept(sandbox: Sandbox) -> None:
+def test_memory_of_killed_process_is_removed_of_live_one_kept(sandbox: Sandbox) -> None:
     dying, dying_files = sandbox.node(KILLED)
     _, live_files = sandbox.node(WATCH)
     assert len(dying_files) >= 5

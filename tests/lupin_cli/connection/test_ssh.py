@@ -330,10 +330,10 @@ def test_connect_opens_new_connection_after_loss(sshd: Sshd) -> None:
 def test_local_batch_leaves_no_process_and_no_descriptor() -> None:
     target = LocalTarget()
     scripts = [Script("fine", "echo fine"), Script("cut", "sleep 50", 0.2), Script("stray", "setsid sleep 4 & echo left")]
-    before, children = os.listdir("/proc/self/fd"), psutil.Process().children()  # noqa: PTH208
+    before, children = os.listdir("/proc/self/fd"), psutil.Process().children()  # noqa: PTH208 -- names, without the folder
     outputs = target.batch(scripts)
     assert outputs["cut"].status is None and outputs["cut"].stderr == "did not finish within 0.2 s"
-    assert os.listdir("/proc/self/fd") == before  # noqa: PTH208
+    assert os.listdir("/proc/self/fd") == before  # noqa: PTH208 -- names, without the folder
     assert psutil.Process().children() == children
 
 

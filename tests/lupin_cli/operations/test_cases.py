@@ -2,6 +2,7 @@
 
 A case has `about`, the step's `arguments`, the probe's `output` (`stdout` as text or as a list of lines), and what the
 operation must make of it: `difference` (null: nothing to do), `report` if it has one, or `error` with its `next_command`.
+A case with a difference also has `after`, the probe's output once the change was made, for which nothing may be left to do.
 `baseline` is the state when the step began. In `stdout`, MARK stands for the mark that separates the outputs of joined probes.
 A path that begins with /CASE is created from the output in a temporary directory, and changed there for real.
 """
@@ -21,6 +22,7 @@ from hypothesis import strategies as st
 from lupin_cli.connection.base import Output
 from lupin_cli.operations import Difference, Operation, OperationError
 from lupin_cli.operations.path_state import parse_file, parse_state
+from lupin_cli.operations.shell import observe
 from lupin_cli.operations.table import OPERATIONS
 from tests.support.operation_cycle import apply_and_undo, examine
 
@@ -39,17 +41,15 @@ def case_id(path: Path) -> str:
 
 def read_case(path: Path, root: str = CASE_ROOT) -> dict[str, Any]:
     """Read a case, with /CASE replaced by `root`."""
-    case = json.loads(path.read_text().replace(CASE_ROOT, root))
-    stdout = case["output"]["stdout"]
-    if isinstance(stdout, list):
-        stdout = "".join(f"{line}\n" for line in stdout)
-    operation = operation_of(path, case)
-    script = operation.probe()
-    if script is not None and (mark := re.search(r"n([0-9a-f]{16}) %s", script.text)):
-        stdout = stdout.replace("MARK", mark[1])
-    case["output"]["stdout"] = stdout
-    result: dict[str, Any] = case
-    return result
+    case: dict[str, Any] = json.loads(path.read_text().replace(CASE_ROOT, root))
+    script = operation_of(path, case).probe()
+    mark = re.search(r"n([0-9a-f]{16}) %s", script.text) if script is not None else None
+    for output in (case["output"], *([case["after"]] if "after" in case else [])):
+        stdout = output["stdout"]
+        if isinstance(stdout, list):
+            stdout = "".join(f"{line}\n" for line in stdout)
+        output["stdout"] = stdout.replace("MARK", mark[1]) if mark else stdout
+    return case
 
 
 def operation_of(path: Path, case: dict[str, Any]) -> Operation:
@@ -89,8 +89,20 @@ def test_output_is_judged_as_the_case_says(path: Path) -> None:
     assert set(case.get("report", {})) == set(operation.result_keys)
 
 
+def has_difference(path: Path) -> bool:
+    return bool(json.loads(path.read_text()).get("difference"))
+
+
+@pytest.mark.usefixtures("laptop_home")
+@pytest.mark.parametrize("path", [path for path in FILES if has_difference(path)], ids=case_id)
+def test_output_after_the_change_leaves_nothing_to_do(path: Path) -> None:
+    case = read_case(path)
+    operation = operation_of(path, case).with_baseline(case["difference"]["before"])
+    assert operation.judge(Output(**case["after"])) is None
+
+
 def is_applicable(path: Path) -> bool:
-    return path.parent.name in PATH_OPERATIONS and bool(json.loads(path.read_text()).get("difference"))
+    return path.parent.name in PATH_OPERATIONS and has_difference(path)
 
 
 def build(operation: str, path: Path, output: Output) -> None:
@@ -127,7 +139,11 @@ def test_applied_case_has_no_difference_the_second_time(path: Path, target: Loca
     operation = operation_of(path, case)
     build(path.parent.name, Path(case["arguments"]["path"]), Output(**case["output"]))
     assert as_json(examine(operation, target)) == case["difference"]
-    apply_and_undo(operation, target)
+    difference = apply_and_undo(operation, target)
+    operation.change(target, difference)
+    after = observe(operation, target).stdout
+    if os.getuid() == 0:  # the owner in the cases
+        assert after == case["after"]["stdout"]
 
 
 def test_every_operation_has_cases() -> None:

@@ -1,20 +1,17 @@
-"""The table of operations and its page."""
+"""The table of operations."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from lupin_cli.operations.table import OPERATIONS
+from tests.support.paths import ROOT
 
-from lupin_cli.operations.table import OPERATIONS, as_markdown
-
-PAGE = Path(__file__).parents[3] / "docs" / "playbooks.md"
-
-
-def test_page_lists_every_operation() -> None:
-    table = as_markdown()
-    assert table in PAGE.read_text(), f"put this table into {PAGE.name}:\n{table}"
+FOLDER = ROOT / "lupin_cli/operations"
 
 
 def test_every_module_of_an_operation_is_in_the_table() -> None:
-    folder = PAGE.parents[1] / "lupin_cli" / "operations"
-    modules = {path.stem for path in folder.glob("*.py") if "    name: ClassVar[str] =" in path.read_text()}
+    modules = {path.stem for path in FOLDER.glob("*.py") if "    name: ClassVar[str] =" in path.read_text()}
     assert modules == {name.replace("-", "_") for name in OPERATIONS}
+
+
+def test_every_operation_describes_its_effect() -> None:
+    assert all(operation.effect and operation.undo_effect for operation in OPERATIONS.values())

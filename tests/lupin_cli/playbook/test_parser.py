@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_cli.playbook import Playbook, PlaybookError, load
-from lupin_cli.playbook.yaml_source import Source
+from lupin_cli.playbook.yaml_source import YamlSource
 
 FILE = "file: {path: /tmp/x, content: hello}"
 
@@ -128,6 +128,6 @@ def test_yes_off_and_10_30_stay_text(load_playbook: Callable[..., Playbook]) -> 
 @given(st.text(max_size=200))
 def test_any_text_is_parsed_or_refused(text: str) -> None:
     try:
-        Source("x.yaml", text)
+        YamlSource("x.yaml", text)
     except PlaybookError as error:
         assert str(error).startswith("x.yaml")

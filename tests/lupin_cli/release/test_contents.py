@@ -14,8 +14,7 @@ import pytest
 from lupin_cli.commands import home
 from lupin_cli.package_data import shipped_folder
 from lupin_cli.release.contents import RobotPlatform, release_files
-from lupin_runtime.cameras.service import camera_options
-from lupin_runtime.stack.onboard import onboard_options
+from lupin_runtime.stack.options import ONBOARD, ROBOT_CAMERAS, Options
 from lupin_runtime.stack.table import rows
 
 PROJECT = Path(__file__).resolve().parents[3]
@@ -29,10 +28,10 @@ def programs() -> set[str]:
     templates = "".join(path.read_text() for path in shipped_folder("systemd").glob("*.service.in"))
     modules = set(re.findall(r"-m (lupin_runtime[\w.]+)", templates))
     assert modules == {"lupin_runtime.stack.onboard", "lupin_runtime.arm.auto_home", "lupin_runtime.cameras.service"}
-    started = [*rows(onboard_options()), *rows(camera_options())]
+    started = [*rows(Options(target=ONBOARD)), *rows(Options(target=ROBOT_CAMERAS))]
     nodes = {node.path.split(":")[0] for row in started for node in row.nodes}
     assert len(nodes) >= 4, "expected the nodes of estop, drive, body and video"
-    drivers = {row.command(camera_options())[1] for row in started if row.command is not None}
+    drivers = {row.command(Options(target=ROBOT_CAMERAS))[1] for row in started if row.command is not None}
     return modules | nodes | drivers | {home.MODULE, "lupin_runtime.stack.process"}
 
 

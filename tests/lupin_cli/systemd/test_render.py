@@ -28,6 +28,11 @@ def parse_exec_start(text: str) -> str:
 SETUP_LINES = ("source ~/.mirte_settings.sh", "source /opt/ros/humble/setup.bash", "source ~/mirte_ws/install/setup.bash")
 
 
+def test_every_template_has_a_row_and_symptoms() -> None:
+    assert sorted(units.LUPIN_UNITS) == units.unit_names()
+    assert all(unit.symptom and bool(unit.missing_symptom) == unit.in_release for unit in units.LUPIN_UNITS.values())
+
+
 def test_all_placeholders_of_all_units_are_filled() -> None:
     rendered = {
         **units.robot_units("mirte", "/opt/lupin/current", SETUP_LINES),
@@ -39,7 +44,7 @@ def test_all_placeholders_of_all_units_are_filled() -> None:
         assert not units._PLACEHOLDER.search(text)
     assert "User=mirte\n" in rendered["lupin-onboard.service"]
     assert parse_exec_start(rendered["lupin-auto-home.service"]).endswith(
-        "exec /opt/lupin/current/venv/bin/python3 -m lupin_runtime.arm.auto_home"
+        "exec /opt/lupin/current/venv/bin/python3 -m lupin_runtime.arm.auto_home --unattended"
     )
 
 

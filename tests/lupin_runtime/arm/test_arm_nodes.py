@@ -436,6 +436,20 @@ def test_estop_refuses_every_arm_command_with_its_reason(
     graph_host.until(lambda: vendor.last == PRESETS["home"], what="the trajectory")
 
 
+def test_estop_keeps_the_arm_stiff_but_lets_a_limp_one_stiffen(graph_host: GraphHost, vendor: Any, console: Any) -> None:
+    arm_nodes(graph_host, pinned_by=vendor)
+    estop = EStop(graph_host, console)
+    estop.set(True)
+    refused = console.ask(graph.ARM_SET_TORQUE, data=False)
+    assert not refused.success and refused.message.startswith("e-stop engaged") and vendor.calls == []
+    estop.set(False)
+    assert console.ask(graph.ARM_SET_TORQUE, data=False).success
+    estop.set(True)
+    assert console.ask(graph.ARM_SET_TORQUE, data=True).success
+    assert vendor.calls == [("gate", False), ("torque", False), ("torque", True), ("gate", True)]
+    assert list(vendor.trajectories[-1].points[-1].positions) == vendor.at
+
+
 def test_estop_aborts_a_replay_and_a_release_does_not_resume_it(
     graph_host: GraphHost, vendor: Any, console: Any, tmp_path: Path
 ) -> None:

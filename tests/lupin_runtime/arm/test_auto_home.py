@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -329,9 +330,59 @@ def test_auto_home_is_not_repeated_after_an_estop(graph_host: GraphHost, home: A
     assert manager.presets == ["home"] * refuses
 
 
+def tell_of_press(manager: Manager, ago_s: float) -> None:
+    """Publish the e-stop's status after a press that was released again."""
+    from std_msgs.msg import String
+
+    status = {"engaged": False, "bridge": "a", "presses": 1, "engaged_s_ago": ago_s}
+    manager.node.publisher(graph.ESTOP_STATUS).publish(String(data=json.dumps(status)))
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize(
+    ("unattended", "ago_s", "moves"),
+    [(True, 1.0, False), (True, 25.0, False), (True, 40.0, True), (False, 5.0, True), (False, 0.0, False)],
+    ids=["between-attempts", "long-between-attempts", "earlier", "before-the-request", "after-the-request"],
+)
+def test_auto_home_does_not_move_after_a_press(
+    graph_host: GraphHost, monkeypatch: pytest.MonkeyPatch, unattended: bool, ago_s: float, moves: bool
+) -> None:
+    from lupin_runtime.arm.auto_home import AutoHome, Estopped, Limits
+    from lupin_runtime.ros import LupinNode
+
+    manager = Manager(graph_host, dict.fromkeys(graph.CONTROLLERS, "active"))
+    node = LupinNode("auto_home")
+    home = AutoHome(node, Limits(settle_s=1.0), lambda _: None, unattended)
+    monkeypatch.setattr(home, "activate_controllers", lambda: tell_of_press(manager, ago_s))
+    if moves:
+        home.run()
+    else:
+        with pytest.raises(Estopped, match="e-stop engaged"):
+            home.run()
+    assert manager.presets == ["home"] * moves
+    home.close()
+    node.destroy_node()
+
+
+@pytest.mark.graph
+def test_unattended_auto_home_waits_for_the_estop_status(graph_host: GraphHost) -> None:
+    from lupin_runtime.arm.auto_home import AutoHome, Limits, NotHome
+    from lupin_runtime.ros import LupinNode
+
+    manager = Manager(graph_host, dict.fromkeys(graph.CONTROLLERS, "active"))
+    node = LupinNode("auto_home")
+    home = AutoHome(node, Limits(preset_s=1.0), lambda _: None, unattended=True)
+    with pytest.raises(NotHome, match=graph.ESTOP_STATUS.name):
+        home.run()
+    assert manager.presets == []
+    home.close()
+    node.destroy_node()
+
+
 def test_unit_does_not_restart_after_an_estop() -> None:
     from lupin_cli.systemd.units import TEMPLATES
-    from lupin_runtime.arm.auto_home import ESTOPPED
+    from lupin_runtime.exit_codes import ESTOPPED
 
     unit = (TEMPLATES / "lupin-auto-home.service.in").read_text()
     assert f"\nRestartPreventExitStatus={ESTOPPED}\n" in unit
+    assert ' --unattended"\n' in unit

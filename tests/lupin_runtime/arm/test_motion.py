@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from lupin_runtime.arm import ArmMotion, ArmState, Point, Refused, retime, window
 from lupin_runtime.graph import ARM_JOINTS
+from lupin_runtime.safety.estop_monitor import DRAIN_S
 from tests.support.optional import present
 
 S = 10**9
@@ -30,7 +31,7 @@ class Arm:
         self.now_ns = 100 * S
         self.state: ArmState | None = None
         self.sent: list[Any] = []
-        self.motion = ArmMotion(lambda: self.state, self.sent.append, lambda: self.now_ns)
+        self.motion = ArmMotion(lambda: self.state, self.sent.append, lambda: self.now_ns, real_ns=lambda: self.now_ns)
         if at is not None:
             self.set_pose(at)
 
@@ -171,6 +172,21 @@ def test_stop_holds_the_current_pose_even_without_feedback() -> None:
     assert blind.sent == []
 
 
+def test_exit_holds_an_arm_that_still_moves() -> None:
+    arm = Arm()
+    arm.motion.play([Point(0.0, (0.0,) * 4), Point(30.0, (1.0,) * 4)], 1.0, "playing wave")
+    arm.set_pose((0.4, 0.4, 0.4, 0.4))
+    assert arm.motion.stop_unfinished() and arm.last.arm == (0.4, 0.4, 0.4, 0.4)
+    assert not arm.motion.stop_unfinished(), "the nodes of a process share the arm"
+    arm.motion.move((1.0,) * 4, 3.0)
+    arm.now_ns += 4 * S
+    arm.set_pose((0.9,) * 4)  # sagged
+    assert not arm.motion.stop_unfinished(), "at rest"
+    arm.motion.move((0.0,) * 4, 3.0)
+    arm.motion.torque = False
+    assert not arm.motion.stop_unfinished(), "limp"
+
+
 def test_move_without_a_subscriber_is_refused() -> None:
     arm = Arm()
     deaf = ArmMotion(lambda: arm.state, arm.sent.append, lambda: arm.now_ns, listeners=lambda: 0)
@@ -198,6 +214,9 @@ def test_estop_holds_the_present_pose_and_refuses_moves() -> None:
     assert len(arm.sent) == sent
     arm.motion.set_estop(False)
     assert len(arm.sent) == sent + 1 and arm.last.arm == (0.4, 0.1, 0.0, 0.0)
+    with pytest.raises(Refused, match="e-stop engaged"):
+        arm.motion.move((0.0,) * 4, 3.0)  # it was queued before the release
+    arm.now_ns += int(DRAIN_S * S)
     arm.motion.move((0.0,) * 4, 3.0)
 
 
@@ -252,6 +271,7 @@ def test_command_that_waited_through_an_estop_is_refused() -> None:
     arm.motion.require_released(since)
     arm.motion.set_estop(True)
     arm.motion.set_estop(False)
+    arm.now_ns += int(DRAIN_S * S)
     arm.motion.require_released()
     with pytest.raises(Refused, match="e-stop engaged"):
         arm.motion.require_released(since)
@@ -269,6 +289,8 @@ def test_after_a_release_only_newer_commands_move_the_arm(events: list[Any]) -> 
             edge, engaged = event != engaged, event
             arm.motion.set_estop(event)
             assert len(arm.sent) == sent + edge
+            arm.now_ns += int(DRAIN_S * S)
+            arm.set_pose(present(arm.state).arm)
             if edge and engaged:
                 held = present(arm.state).arm
             assert not edge or present(arm.last).arm == held

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lupin_runtime.arm import Point, Recorder, StoredSequence, Waypoint, gripper_events
-from lupin_runtime.arm.player import Player
+from lupin_runtime.arm import ArmRecorder, Point, StoredSequence, Waypoint, gripper_events
+from lupin_runtime.arm.player import ArmPlayer
 from lupin_runtime.arm.recorder import MAX_WAYPOINTS, MIN_GAP_S, MIN_MOVE_RAD
 from tests.support.optional import present
 
@@ -22,7 +22,7 @@ SAMPLES = st.lists(st.tuples(st.floats(0.005, 0.3), st.floats(-0.05, 0.05), st.f
 def test_recorded_points_are_apart_and_end_with_the_motion(
     samples: list[tuple[float, float, float]], include_gripper: bool
 ) -> None:
-    recorder, t, x = Recorder("teleop", include_gripper), 100.0, 0.0
+    recorder, t, x = ArmRecorder("teleop", include_gripper), 100.0, 0.0
     for dt, dx, gripper in samples:
         t, x = t + dt, x + dx
         recorder.offer(t, (x, 0.0, 0.0, 0.0), gripper)
@@ -39,7 +39,7 @@ def test_recorded_points_are_apart_and_end_with_the_motion(
 
 
 def test_pause_at_the_end_is_recorded_as_a_hold() -> None:
-    recorder = Recorder("teleop", False)
+    recorder = ArmRecorder("teleop", False)
     for k in range(200):
         recorder.offer(k * 0.05, (min(k, 20) * 0.02, 0.0, 0.0, 0.0), None)
     sequence = recorder.finish()
@@ -48,18 +48,18 @@ def test_pause_at_the_end_is_recorded_as_a_hold() -> None:
 
 
 def test_recording_is_truncated_at_its_limits() -> None:
-    many = Recorder("teleop", False)
+    many = ArmRecorder("teleop", False)
     for k in range(1100):
         many.offer(k * 0.05, (k * 0.02, 0.0, 0.0, 0.0), None)
     assert many.truncated and len(present(many.finish()).waypoints) == MAX_WAYPOINTS
-    long = Recorder("kinesthetic", False)
+    long = ArmRecorder("kinesthetic", False)
     for k in range(80):
         long.offer(float(k), (k * 0.02, 0.0, 0.0, 0.0), None)
     assert long.truncated and present(long.finish()).duration_s == 60.0
 
 
 def test_empty_recording_gives_none() -> None:
-    assert Recorder("teleop", True).finish() is None
+    assert ArmRecorder("teleop", True).finish() is None
 
 
 def sequence(*grippers: float | None, include: bool = True) -> StoredSequence:
@@ -75,7 +75,7 @@ def test_gripper_events_are_first_sample_and_changes() -> None:
 
 
 def test_player_sends_events_after_the_lead_in() -> None:
-    player = Player(sequence(0.0, 0.2), [Point(1.0, STILL), Point(1.5, STILL)], speed=2.0)
+    player = ArmPlayer(sequence(0.0, 0.2), [Point(1.0, STILL), Point(1.5, STILL)], speed=2.0)
     assert [player.due(t) for t in (0.0, 0.99, 1.0, 1.2, 1.5, 1.6)] == [None, None, 0.0, None, 0.2, None]
     assert player.duration_s == 1.5
     assert not player.over(1.49) and player.over(1.5)
@@ -83,5 +83,5 @@ def test_player_sends_events_after_the_lead_in() -> None:
 
 
 def test_last_of_simultaneous_events_is_sent() -> None:
-    player = Player(sequence(0.0, 0.2, -0.1), [Point(0.1, STILL), Point(2.1, STILL)], speed=1.0)
+    player = ArmPlayer(sequence(0.0, 0.2, -0.1), [Point(0.1, STILL), Point(2.1, STILL)], speed=1.0)
     assert player.due(math.inf) == -0.1

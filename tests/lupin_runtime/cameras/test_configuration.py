@@ -33,7 +33,7 @@ def test_configured_values_are_used(file: Path) -> None:
     )
     read = read_configuration(file)
     assert read == CameraConfiguration(Color(fps=10), Depth(True), PointCloud(True), Gripper(True, 320, 240, 15.0, "mjpeg2rgb"))
-    assert isinstance(read.gripper.framerate, float), "the driver takes no whole number"
+    assert isinstance(read.gripper.framerate, float), "the driver accepts no integer"
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Keeping a camera's driver running: with real processes that hold a device, in a root of their own."""
+"""Keeps a camera's driver running, with real processes that hold a device file in a temporary root folder."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lupin_runtime.cameras.devices import GRIPPER
 from lupin_runtime.cameras.driver_state import ABSENT, ENDED, HELD, NO_DRIVER, OFF, RUNNING
 from lupin_runtime.cameras.holders import find_holders, terminate
 
-# Holds its argument open, as a camera driver does; with a second argument it hears no signal but the last.
+# Keeps the file in its first argument open, as a camera driver does; with a second argument it ignores all signals but SIGKILL.
 HOLD = """#!{python}
 import signal, sys, time
 file = open(sys.argv[1])
@@ -38,7 +38,7 @@ Hold = Callable[..., "subprocess.Popen[bytes]"]
 
 @pytest.fixture
 def device(tmp_path: Path) -> Path:
-    """The gripper camera's device file, with the name that the kernel gives it."""
+    """The gripper camera's device file, with its name in sysfs."""
     folder = tmp_path / "sys/class/video4linux/video2"
     folder.mkdir(parents=True)
     (folder / "name").write_text("USB 2.0 PC Cam\n")
@@ -49,7 +49,7 @@ def device(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def hold(tmp_path: Path) -> Iterator[Hold]:
-    """Starts programs of any name that hold a file."""
+    """Starts programs with a chosen name that hold a file."""
     running: list[subprocess.Popen[bytes]] = []
 
     def start(program: str, file: Path, *arguments: str) -> subprocess.Popen[bytes]:
@@ -69,7 +69,7 @@ def hold(tmp_path: Path) -> Iterator[Hold]:
 
 @pytest.fixture
 def ros2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A `ros2` whose driver holds the device, in a process of its own that gets no signals; returns the file of its calls."""
+    """Install a fake `ros2`, whose driver process holds the device and gets no signals; the value is its log of calls."""
     calls = tmp_path / "calls"
     programs = tmp_path / "bin"
     programs.mkdir()
@@ -89,7 +89,7 @@ def ros2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], dict[str, Any]]:
-    """Reads the state that the doctor would see; empty before there is one."""
+    """Reads the state that the doctor would see; empty if there is none yet."""
     folder = tmp_path / "run"
     folder.mkdir()
     monkeypatch.setenv("RUNTIME_DIRECTORY", str(folder))
@@ -99,7 +99,7 @@ def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], dict[s
 
 @pytest.fixture
 def camera_driver(tmp_path: Path) -> Iterator[Callable[..., None]]:
-    """Starts a driver of the gripper camera; it is ended after the test."""
+    """Starts a driver of the gripper camera, which is stopped after the test."""
     ended = threading.Event()
     threads: list[threading.Thread] = []
 
@@ -148,7 +148,7 @@ def test_driver_is_terminated_by_its_pid(
     (holder,) = find_holders([device])
     assert terminate(holder)
     process.wait(5.0)
-    assert terminate(holder), "it is gone already"
+    assert terminate(holder), "it has already exited"
 
 
 def test_vendors_driver_is_replaced(device: Path, hold: Hold, ros2: Path, camera_driver: Callable[..., None]) -> None:

@@ -1,4 +1,4 @@
-"""Reading images from their serialized form: as rclpy writes them, and as nobody should."""
+"""Reads images from serialized messages: those that rclpy writes, and malformed ones."""
 
 from __future__ import annotations
 

@@ -15,20 +15,20 @@ from tests.support.image_messages import Pixels, decoded, gradient, image_messag
 
 BGR = gradient()
 HEIGHT, WIDTH, _ = BGR.shape
-TOLERANCE = 12  # of 255, which JPEG's losses at this quality stay within for a gradient
+TOLERANCE = 12  # of 255; at this quality, JPEG changes a gradient by less
 
 
 def raw(pixels: NDArray[Any], encoding: str, padding: int = 0, *, big_endian: bool = False) -> RawImage:
-    """An image whose rows end with `padding` bytes of no meaning."""
+    """Return an image whose rows end with `padding` meaningless bytes."""
     rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(len(pixels), -1)
     rows = np.hstack([rows, np.full((len(rows), padding), 255, np.uint8)])
     height, width = pixels.shape[:2]
     return RawImage(1, width, height, encoding, big_endian, rows.shape[1], memoryview(rows.tobytes()))
 
 
-def off_by(data: bytes, wanted: Pixels) -> float:
-    """The mean distance of a JPEG picture from what was to be shown."""
-    return float(np.abs(decoded(data) - wanted.astype(np.int16)).mean())
+def off_by(data: bytes, expected: Pixels) -> float:
+    """Return the mean difference between a JPEG picture and the expected pixels."""
+    return float(np.abs(decoded(data) - expected.astype(np.int16)).mean())
 
 
 @pytest.mark.parametrize("padding", [0, 5])

@@ -1,4 +1,4 @@
-"""The stream of pictures, written and taken apart again."""
+"""The stream of pictures: writing it and splitting it again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The queries that pages send, and the topic that answers each."""
+"""The queries that pages send, and the topic chosen for each."""
 
 from __future__ import annotations
 

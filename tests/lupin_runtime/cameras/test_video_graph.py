@@ -1,4 +1,4 @@
-"""The video server on a real graph: cameras that come, go and come back."""
+"""The video server on a real graph, with cameras that appear, disappear and return."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_raw_and_compressed_pictures_reach_a_client(graph_host: GraphHost, peer:
     listed(graph_host, client, [CAMERA.name, "/overlay"])
     photo, drawn = client.stream(STREAM), client.stream("/stream?topic=/overlay")
     graph_host.until(lambda: companion.get_subscription_count() == 1 and overlay.get_subscription_count() == 1)
-    assert raw.get_subscription_count() == 0, "the JPEG companion is enough"
+    assert raw.get_subscription_count() == 0, "the JPEG topic is enough"
     message = CompressedImage(format="rgb8; jpeg compressed bgr8", data=JPEG)
     message.header.stamp.sec = 7
     companion.publish(message)

@@ -1,4 +1,4 @@
-"""The video server for its clients: what they get, how slow and vanishing ones are treated, and what is left behind."""
+"""The video server: what clients get, how it treats slow and vanishing ones, and that they leave nothing behind."""
 
 from __future__ import annotations
 
@@ -99,9 +99,7 @@ def test_clients_get_the_width_that_they_asked_for(graph: PublishedPictures, cli
     assert decoded(full.picture()[0]).shape == BGR.shape
 
 
-def test_camera_is_subscribed_to_only_while_it_has_clients(
-    graph: PublishedPictures, client: VideoClient
-) -> None:
+def test_camera_is_subscribed_to_only_while_it_has_clients(graph: PublishedPictures, client: VideoClient) -> None:
     assert watched(graph) == 0
     streams = [client.stream("/stream?topic=/jpeg") for _ in range(3)]
     assert watched(graph) == 1
@@ -197,9 +195,7 @@ def test_cameras_are_listed_with_their_rate(graph: PublishedPictures, client: Vi
     assert row["clients"] == 1 and 10 < row["fps"] < 200 and 0 <= row["age_s"] < 10
 
 
-def test_html_pages_escape_topic_names(
-    graph: PublishedPictures, client: VideoClient
-) -> None:
+def test_html_pages_escape_topic_names(graph: PublishedPictures, client: VideoClient) -> None:
     graph.topics["/<script>alert(1)</script>"] = [IMAGE]
     page = client.text("/")
     assert "stream?topic=/jpeg" in page and "<script>" not in page
@@ -261,7 +257,7 @@ def test_client_without_a_request_is_disconnected(server: VideoHttpServer, monke
     slow.sendall(b"GET /streams HTTP/1.1\r\n")
 
     def drip() -> bool:
-        """Another line before the handler's own limit; whether the connection has ended."""
+        """Send another line before the handler's own timeout; return whether the connection was closed."""
         try:
             slow.sendall(b"X: y\r\n")
         except OSError:

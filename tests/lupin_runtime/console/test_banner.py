@@ -1,4 +1,4 @@
-"""The banner: its URLs work, its QR code is read back, and it fits the terminal."""
+"""The banner has working URLs and a readable QR code, and fits the terminal."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ STYLE = re.compile(r"\x1b\[[0-9;]*m")
 
 
 def modules_of(text: str, *, inverted: bool) -> list[list[int]]:
-    """The modules that a banner's half blocks show, 1 for dark ones, without the lines of text."""
+    """Return the modules in a banner's half blocks, 1 for dark ones, without the lines of text."""
     lines = [plain for line in text.splitlines() if (plain := STYLE.sub("", line)) and set(plain) <= set(MODULES)]
     return [[MODULES[character][half] ^ inverted for character in line] for line in lines for half in (0, 1)]
 
 
 def read_qr(text: str, *, inverted: bool = False) -> str:
-    """Draw a banner's half blocks as a picture and read the code in it."""
+    """Draw a banner's half blocks as a picture, and read the code in it."""
     dark = np.array(modules_of(text, inverted=inverted), np.uint8)
     picture = np.kron(255 * (1 - dark), np.ones((8, 8))).astype(np.uint8)
     return str(cv2.QRCodeDetector().detectAndDecode(picture)[0])

@@ -1,4 +1,4 @@
-"""Decoders: for every installed type, the decoded values are those of the message."""
+"""For every installed type, the decoded values equal those of the message."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.support.random_messages import expected, installed_classes, random_me
 
 
 def untagged(value: Any) -> Any:
-    """Decoded CBOR with its typed arrays as lists."""
+    """Convert the typed arrays in decoded CBOR to lists."""
     if isinstance(value, cbor2.CBORTag):
         kinds = {69: "<u2", 70: "<u4", 71: "<u8", 72: "i1", 77: "<i2", 78: "<i4", 79: "<i8", 85: "<f4", 86: "<f8"}
         return np.frombuffer(value.value, kinds[value.tag]).tolist()

@@ -1,4 +1,4 @@
-"""The console's server on a real graph, used by a client over its WebSocket."""
+"""The console on a real graph, used by clients over their WebSockets."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 from lupin_runtime import graph
+from lupin_runtime.console.description import read_description
+from tests.support.console_browser import Browser
 from tests.support.rosbridge_client import RosbridgeClient
 
 if TYPE_CHECKING:
@@ -38,7 +40,7 @@ def serve(host: GraphHost, folder: Path, **parameters: Any) -> Console:
 
 @pytest.fixture
 def peer(graph_host: GraphHost) -> LupinNode:
-    """Another node of the graph."""
+    """Another node on the graph."""
     from lupin_runtime.ros import LupinNode
 
     node: LupinNode = graph_host.add(LupinNode("peer"))
@@ -47,7 +49,7 @@ def peer(graph_host: GraphHost) -> LupinNode:
 
 @pytest.fixture
 def console(graph_host: GraphHost, tmp_path: Path) -> Iterator[Console]:
-    """A server that allows any name."""
+    """A console that allows any name."""
     node = serve(graph_host, tmp_path, unlisted=True, unregister_after_s=0.5)
     yield node
     node.before_shutdown()
@@ -55,7 +57,7 @@ def console(graph_host: GraphHost, tmp_path: Path) -> Iterator[Console]:
 
 @pytest.fixture
 def strict(graph_host: GraphHost, tmp_path: Path) -> Iterator[Console]:
-    """A server as operators get it."""
+    """A console with its default settings, as operators use it."""
     node = serve(graph_host, tmp_path)
     yield node
     node.before_shutdown()
@@ -90,7 +92,7 @@ def connect_strict(strict: Console) -> Iterator[Connect]:
 
 
 def repeat_until(host: GraphHost, action: Callable[[], None], heard: list[Any]) -> None:
-    """Repeat what is lost until discovery is done."""
+    """Repeat an action, which may be lost until discovery is done, until something is heard."""
 
     def repeat() -> list[Any]:
         action()
@@ -153,7 +155,7 @@ def test_client_stays_connected_while_graph_disappears(graph_host: GraphHost, co
     client = connect()
     client.send("subscribe", topic="/state", type="std_msgs/String")
     client.send("advertise", topic="/command", type="std_msgs/String")
-    # The next robot offers another QoS: the subscription follows it too.
+    # The next robot offers another QoS, which the subscription follows.
     for number, qos in enumerate((graph.REL10, graph.LATCHED1, graph.BEST1)):
         _use_robot(graph_host, client, f"robot_{number}", qos)
         graph_host.until(partial(_lacks, client, "/ask"), what="a graph without the robot")
@@ -185,7 +187,7 @@ def test_number_of_ros_clients_is_limited(graph_host: GraphHost, peer: LupinNode
     for name in names:
         graph_host.until(partial(_is_answered, client, name), what=name)
     assert len(list(console.clients)) - before <= MAX_CLIENTS
-    assert client.call(names[0])["result"], "one that made room is made again"
+    assert client.call(names[0])["result"], "a destroyed ROS client is created again"
 
 
 def _is_answered(client: RosbridgeClient, service: str) -> bool:
@@ -197,7 +199,7 @@ def _lacks(client: RosbridgeClient, service: str) -> bool:
 
 
 def _use_robot(graph_host: GraphHost, client: RosbridgeClient, name: str, qos: graph.Qos) -> None:
-    """Let a robot come, hear its state, command it, call it, and let it go."""
+    """Add a robot, receive its state, command it, call its service, and remove it."""
     from std_msgs.msg import String
     from std_srvs.srv import Trigger
 
@@ -254,9 +256,7 @@ def test_scan_arrives_in_every_encoding(graph_host: GraphHost, peer: LupinNode, 
         assert contents["ranges"] == [1.0, None, None, 2.5]
 
 
-def test_clients_share_one_subscription_until_the_last_leaves(
-    graph_host: GraphHost, peer: LupinNode, connect: Connect
-) -> None:
+def test_clients_share_one_subscription_until_the_last_leaves(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
     clients = [connect() for _ in range(5)]
     for client in clients:
         client.send("subscribe", topic="/shared", type="std_msgs/String", compression="cbor")
@@ -290,6 +290,26 @@ def test_service_call_succeeds_fails_and_times_out(peer: LupinNode, connect: Con
         "values": "Timeout exceeded while waiting for service response",
         "result": False,
     }
+
+
+def test_service_with_unsupported_response_is_refused(
+    graph_host: GraphHost, peer: LupinNode, connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from std_srvs.srv import Trigger
+
+    from lupin_runtime.console import service_calls
+    from lupin_runtime.console.cdr import UnsupportedType
+
+    def refuse(*_: Any) -> None:
+        raise UnsupportedType("wstring has no decoder")
+
+    monkeypatch.setattr(service_calls, "decoder", refuse)
+    client = connect()
+    client.send("call_service", service="/later", id="early")  # waits for the service, and is sent by a timer
+    peer.create_service(Trigger, "/later", lambda _, response: response)
+    answer = client.wait(lambda m: m.get("id") == "early")
+    assert (answer["result"], answer["values"]) == (False, "wstring has no decoder")
+    graph_host.until(lambda: client.call("/later")["values"] == "wstring has no decoder", what="another answer")
 
 
 def test_unknown_type_and_conflicting_type_are_reported(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
@@ -351,9 +371,7 @@ def test_first_driver_has_control_until_it_leaves(graph_host: GraphHost, peer: L
     graph_host.until(lambda: heard[-1].linear.x == 0.1)
 
 
-def test_lost_driver_engages_the_stop_until_released(
-    graph_host: GraphHost, peer: LupinNode, connect_strict: Connect
-) -> None:
+def test_lost_driver_engages_the_stop_until_released(graph_host: GraphHost, peer: LupinNode, connect_strict: Connect) -> None:
     stops: list[bool] = []
     peer.subscription(graph.CONSOLE_STOP, lambda message: stops.append(json.loads(message.data)["engaged"]))
     driver, other = connect_strict(), connect_strict()
@@ -365,7 +383,7 @@ def test_lost_driver_engages_the_stop_until_released(
     count = len(stops)
     other.send("publish", topic="/lupin/hmi/estop", msg={"data": False})
     graph_host.until(lambda: len(stops) > count + 1, what="repeats of the stop")
-    assert all(stops[count:]), "repeating that one is released releases nothing"
+    assert all(stops[count:]), "repeating a released state releases nothing"
     other.send("publish", topic="/lupin/hmi/estop", msg={"data": True})
     other.send("publish", topic="/lupin/hmi/estop", msg={"data": False})
     graph_host.until(lambda: not stops[-1], what="the release")
@@ -397,15 +415,29 @@ def test_foreign_origin_is_refused(console: Console) -> None:
         RosbridgeClient(console.rosbridge_port, origin=origin).close()
 
 
-@pytest.mark.parametrize("parameter", ["port", "rosbridge_port"])
-def test_port_in_use_is_reported_with_its_owner(graph_host: GraphHost, peer: LupinNode, tmp_path: Path, parameter: str) -> None:
+def test_port_in_use_is_reported_with_its_owner(graph_host: GraphHost, peer: LupinNode, tmp_path: Path) -> None:
     from lupin_runtime.console.ports import PortInUse
 
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         with pytest.raises(PortInUse, match=rf"port {port} is in use by process \d+"):
-            serve(graph_host, tmp_path, **{parameter: port})
+            serve(graph_host, tmp_path, port=port)
     graph_host.until(lambda: peer.get_node_names() == ["peer"], what="a graph without the console")
+
+
+def test_browsers_are_served_while_the_rosbridge_port_is_in_use(
+    graph_host: GraphHost, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        node = serve(graph_host, tmp_path, rosbridge_port=port)
+        try:
+            assert Browser(node.port).get("/_api/session")["session"]
+            described = read_description(tmp_path)
+            assert described is not None and described.rosbridge_port == 0
+            assert f"no rosbridge for programs: port {port} is in use by process" in capfd.readouterr().err
+        finally:
+            node.before_shutdown()
 
 
 def test_client_that_never_reads_slows_nobody_down(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:

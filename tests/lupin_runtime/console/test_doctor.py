@@ -1,4 +1,4 @@
-"""The doctor in a browser: a real examination, and a fix that is previewed and played."""
+"""The doctor in a browser: a real examination, and a fix that is previewed and then played."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def browser(graph_host: GraphHost, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 @pytest.fixture
 def orphan() -> Iterator[Path]:
-    """A shared-memory segment, with its lock, whose process was killed."""
+    """A shared-memory segment with its lock, left by a killed process."""
     segment = Path(f"/dev/shm/fastrtps_{os.urandom(8).hex()}")
     lock = segment.with_name(f"{segment.name}_el")
     segment.write_bytes(bytes(1000))
     lock.touch()
-    # The doctor leaves files alone that were made just now.
+    # The doctor ignores files that were created just now.
     for path in (segment, lock):
         os.utime(path, (time.time() - 3600, time.time() - 3600))
     yield segment
@@ -48,7 +48,7 @@ def orphan() -> Iterator[Path]:
 
 
 def examined(browser: Browser, after_s: float = 0.0) -> dict[str, Any]:
-    """The state after an examination that ended later than `after_s`."""
+    """Return the state after an examination that ended later than `after_s`."""
     deadline_s = time.monotonic() + TIMEOUT_S
     while True:
         state: dict[str, Any] = browser.get("/_api/doctor")
@@ -62,7 +62,7 @@ def examined(browser: Browser, after_s: float = 0.0) -> dict[str, Any]:
 def test_finding_is_listed_previewed_and_fixed(browser: Browser, orphan: Path) -> None:
     assert browser.get("/_api/doctor")["diagnosis"] is None
     assert browser.post("/_api/doctor/examination")["busy"] == "examining"
-    browser.post("/_api/doctor/examination")  # under way already
+    browser.post("/_api/doctor/examination")  # one is already running
     state = examined(browser)
     finding = next(row for row in state["diagnosis"]["findings"] if row["id"] == "shared-memory-orphans")
     assert finding["fix"]["playbook"] == "sweep"

@@ -1,4 +1,4 @@
-"""One port for HTTPS and HTTP, and clients that say nothing or too little."""
+"""One port for HTTPS and HTTP, also with clients that send nothing or too little."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import asyncio
 import socket
 import ssl
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
@@ -26,7 +26,7 @@ TIMEOUT_S = 20.0
 
 @pytest.fixture
 def tls(tmp_path: Path) -> ssl.SSLContext:
-    """A server's context with a certificate of its own."""
+    """A server's TLS context with a self-signed certificate."""
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "localhost")])
     now = datetime.now(timezone.utc)
@@ -114,6 +114,7 @@ def test_silent_client_is_disconnected(tls: ssl.SSLContext, monkeypatch: pytest.
 
 def test_connections_per_address_are_limited_and_released(tls: ssl.SSLContext, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dual_port, "_MAX_PER_ADDRESS", 3)
+    monkeypatch.setattr(dual_port, "_is_loopback", lambda _: False)
 
     async def scenario() -> None:
         async with serving(tls) as port:
@@ -121,7 +122,7 @@ def test_connections_per_address_are_limited_and_released(tls: ssl.SSLContext, m
             for _, writer in held:
                 writer.write(b"GET / HTTP/1.1\r\n")
                 await writer.drain()
-            while True:  # until the three were handed over
+            while True:  # until the three connections were given to the factory
                 try:
                     await get(f"http://127.0.0.1:{port}/")
                 except aiohttp.ClientError:
@@ -137,3 +138,65 @@ def test_connections_per_address_are_limited_and_released(tls: ssl.SSLContext, m
                 break
 
     asyncio.run(asyncio.wait_for(scenario(), 2 * TIMEOUT_S))
+
+
+@pytest.mark.parametrize("is_loopback", [True, False])
+def test_silent_connections_of_one_address_keep_nobody_out(
+    tls: ssl.SSLContext, monkeypatch: pytest.MonkeyPatch, is_loopback: bool
+) -> None:
+    monkeypatch.setattr(dual_port, "_is_loopback", lambda _: is_loopback)
+
+    async def scenario() -> None:
+        async with serving(tls) as port:
+            with ExitStack() as silent:
+                for _ in range(300):
+                    _, writer = await asyncio.open_connection("127.0.0.1", port)
+                    silent.callback(writer.close)
+                assert await get(f"http://127.0.0.1:{port}/") == "http"
+                assert await get(f"https://127.0.0.1:{port}/") == "https"
+
+    asyncio.run(asyncio.wait_for(scenario(), 2 * TIMEOUT_S))
+
+
+def test_silent_connections_of_many_addresses_keep_nobody_out(tls: ssl.SSLContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dual_port, "_is_loopback", lambda _: False)
+
+    async def scenario() -> None:
+        async with serving(tls) as port:
+            with ExitStack() as silent:
+                for number in range(300):
+                    source = (f"127.0.0.{2 + number % 30}", 0)
+                    _, writer = await asyncio.open_connection("127.0.0.1", port, local_addr=source)
+                    silent.callback(writer.close)
+                assert await get(f"https://127.0.0.1:{port}/") == "https"
+
+    asyncio.run(asyncio.wait_for(scenario(), 2 * TIMEOUT_S))
+
+
+def test_paired_connection_does_not_count_for_its_address(tls: ssl.SSLContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dual_port, "_MAX_PER_ADDRESS", 3)
+    monkeypatch.setattr(dual_port, "_is_loopback", lambda _: False)
+
+    async def scenario() -> None:
+        opened: list[asyncio.BaseTransport] = []
+
+        class Recorder(asyncio.Protocol):
+            def connection_made(self, transport: asyncio.BaseTransport) -> None:
+                self.transport = transport
+
+            def data_received(self, _: bytes) -> None:
+                port.exempt(self.transport)
+                opened.append(self.transport)
+
+        port = DualPort(Recorder, tls)
+        number = port.open("127.0.0.1", 0)
+        with ExitStack() as clients:
+            for count in range(1, 8):
+                _, writer = await asyncio.open_connection("127.0.0.1", number)
+                clients.callback(writer.close)
+                writer.write(b"GET / HTTP/1.1\r\n")
+                while len(opened) < count:
+                    await asyncio.sleep(0.01)
+        await port.close()
+
+    asyncio.run(asyncio.wait_for(scenario(), TIMEOUT_S))

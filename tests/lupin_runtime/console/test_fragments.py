@@ -1,8 +1,9 @@
-"""Fragments: any split of a text is put together again, and bad fragments cost a bounded memory."""
+"""Any split of a text is reassembled, and unfinished messages use limited memory."""
 
 from __future__ import annotations
 
 import random
+import tracemalloc
 from typing import Any
 
 import orjson
@@ -57,4 +58,17 @@ def test_unfinished_messages_are_limited_and_expire(monkeypatch: pytest.MonkeyPa
         defragmenter.add({"id": number, "data": "x" * 100, "num": 0, "total": 2}, 0.0)
     assert defragmenter.waiting_characters <= 1000
     defragmenter.add({"id": "late", "data": "y", "num": 0, "total": 2}, limits.TIMEOUT_S + 1)
-    assert defragmenter.waiting_characters == 1
+    assert defragmenter.waiting_characters == 1 + limits.FRAGMENT_CHARACTERS
+
+
+def test_empty_fragments_count_as_memory() -> None:
+    defragmenter = Defragmenter()
+    tracemalloc.start()
+    try:
+        for message in range(limits.MAX_MESSAGES):
+            for number in range(limits.MAX_FRAGMENTS - 1):
+                defragmenter.add({"id": message, "data": "", "num": number, "total": limits.MAX_FRAGMENTS}, 0.0)
+        assert tracemalloc.get_traced_memory()[0] < limits.MAX_CHARACTERS
+    finally:
+        tracemalloc.stop()
+    assert defragmenter.waiting_characters <= limits.MAX_CHARACTERS

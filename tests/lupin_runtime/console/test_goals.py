@@ -1,4 +1,4 @@
-"""Goals that clients send, to an action server on a real graph."""
+"""Goals that clients send to an action server on a real graph."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ NO_TIME = {"sec": 0, "nanosec": 0}
 
 
 class Turner(LupinNode):
-    """A server whose goals run until the test ends them. `accepting` is what it does with the next goals.
+    """An action server whose goals run until the test ends them. `accepting` is its answer to the next goals.
 
-    With `hold` it decides on goals only after `release`.
+    With `hold` it answers only after `release`.
     """
 
     def __init__(self, hold: bool = False) -> None:
         super().__init__("turner")
         self.goals: list[Any] = []  # the handles of accepted goals
         self.asked = 0
-        self.cancelled = 0
+        self.cancel_requests = 0
         self.accepting = GoalResponse.ACCEPT
-        self.cancelling = CancelResponse.ACCEPT
+        self.cancel_answer = CancelResponse.ACCEPT
         self._released = Future()
         if not hold:
             self.release()
@@ -74,8 +74,8 @@ class Turner(LupinNode):
         return await self._ends[bytes(handle.goal_id.uuid)]
 
     def _cancel(self, _handle: Any) -> CancelResponse:
-        self.cancelled += 1
-        return self.cancelling
+        self.cancel_requests += 1
+        return self.cancel_answer
 
     def end(self, handle: Any, transition: Callable[[], None], **result: Any) -> None:
         transition()
@@ -83,7 +83,7 @@ class Turner(LupinNode):
 
 
 class Client:
-    """A client that sends goals; `received` are the messages that it gets."""
+    """A client that sends goals; `received` has the messages that it got."""
 
     def __init__(self, node: LupinNode, pool: ActionClientPool) -> None:
         self.received: SimpleQueue[dict[str, Any]] = SimpleQueue()
@@ -98,7 +98,7 @@ class Client:
 
 
 class Rig:
-    """The bridge's node with its clients, and the server's node."""
+    """The bridge's node with its clients, and the action server's node."""
 
     def __init__(self, host: GraphHost) -> None:
         self.host = host
@@ -120,7 +120,7 @@ class Rig:
         self.run(lambda: client.goals.send_goal(identifier, ACTION, ACTION_TYPE, args, feedback))
 
     def accepted(self, number: int) -> Any:
-        """The handle of the server's goal of that number, counted from 1."""
+        """Return the handle of the server's nth goal, counted from 1."""
         self.host.until(lambda: len(self.turner.goals) >= number, what=f"goal {number}")
         return self.turner.goals[number - 1]
 
@@ -133,7 +133,7 @@ class Rig:
 
     @contextmanager
     def busy_bridge(self) -> Iterator[None]:
-        """Keep the bridge's executor from taking anything."""
+        """Block the bridge's executor, so that messages pile up."""
         started, over = threading.Event(), threading.Event()
 
         def wait() -> bool:
@@ -149,7 +149,7 @@ class Rig:
             assert busy.result(WAIT_S)
 
     def end_server(self) -> None:
-        """End the server's node, and wait until the bridge's node has noticed."""
+        """Remove the server's node, and wait until the bridge's node has noticed."""
         self.host.remove(self.turner)
         self.host.until(lambda: not self.bridge.count_publishers(f"{ACTION}/_action/status"), what="the server's end")
 
@@ -159,7 +159,7 @@ class Rig:
 
 @pytest.fixture
 def rig(graph_host: GraphHost) -> Rig:
-    """Two nodes that spin."""
+    """Two spinning nodes."""
     return Rig(graph_host)
 
 
@@ -194,7 +194,7 @@ def test_all_feedback_comes_in_order_before_the_result(rig: Rig, client: Client)
         lambda: rig.host.within(rig.turner, lambda: report(0.0)) or not client.received.empty(), what="the first feedback"
     )
 
-    with rig.busy_bridge():  # so that all of this waits for it at once
+    with rig.busy_bridge():  # so that all these messages are waiting at the same time
         rig.host.within(rig.turner, lambda: report(1.0, 2.0, 3.0, 4.0))
         rig.end(handle, handle.succeed, error_msg="done")
         for _ in range(3):  # turns in which the server sends the result
@@ -256,6 +256,15 @@ def test_goal_without_a_server_gets_the_protocols_text(rig: Rig, client: Client)
     rig.host.until(lambda: rig.action_clients() == 0, what="the action client's end")
 
 
+def test_number_of_unfinished_goals_is_limited(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(goals, "MAX_GOALS", 2)
+    for _ in range(2):
+        rig.send(client)
+    with pytest.raises(RequestFailed, match="a client may have 2 goals"):
+        rig.send(client)
+    assert client.next()["values"].startswith("a client may have 2 goals")
+
+
 def test_goal_waits_for_a_server_that_starts(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(goals, "SERVER_TIMEOUT_S", WAIT_S)
     rig.end_server()
@@ -287,7 +296,7 @@ def test_invalid_goal_is_answered_and_reported(
     assert rig.action_clients() == 0
 
 
-# -- cancelling -------------------------------------------------------------------------------------------------------
+# -- canceling --------------------------------------------------------------------------------------------------------
 def test_canceled_goal_has_a_result_with_status_5(rig: Rig, client: Client) -> None:
     rig.send(client, "other")
     rig.accepted(1)
@@ -298,7 +307,7 @@ def test_canceled_goal_has_a_result_with_status_5(rig: Rig, client: Client) -> N
     rig.host.until(lambda: handle.is_cancel_requested, what="the cancel request")
     rig.end(handle, handle.canceled, error_msg="stopped")
     assert client.next() == outcome(5, "stopped")
-    assert rig.turner.cancelled == 1
+    assert rig.turner.cancel_requests == 1
     client.assert_silent()
 
 
@@ -308,7 +317,7 @@ def test_goal_without_id_cannot_be_canceled(rig: Rig, client: Client) -> None:
     rig.run(lambda: client.goals.cancel(None))
     rig.end(handle, handle.succeed)
     assert client.next() == outcome(GoalStatus.STATUS_SUCCEEDED, identifier=None)
-    assert rig.turner.cancelled == 0
+    assert rig.turner.cancel_requests == 0
 
 
 def test_cancel_before_acceptance_reaches_the_server(rig: Rig, client: Client) -> None:
@@ -336,23 +345,23 @@ def test_goal_canceled_before_its_server_starts_is_not_sent(rig: Rig, client: Cl
 
 
 def test_goal_continues_after_refused_cancel(rig: Rig, client: Client) -> None:
-    rig.turner.cancelling = CancelResponse.REJECT
+    rig.turner.cancel_answer = CancelResponse.REJECT
     rig.send(client)
     handle = rig.accepted(1)
     rig.run(lambda: client.goals.cancel("goal"))
-    rig.host.until(lambda: rig.turner.cancelled, what="the cancel request")
+    rig.host.until(lambda: rig.turner.cancel_requests, what="the cancel request")
     rig.end(handle, handle.succeed)
     assert client.next() == outcome(GoalStatus.STATUS_SUCCEEDED)
 
 
-# -- a client that leaves ---------------------------------------------------------------------------------------------
+# -- disconnected clients ---------------------------------------------------------------------------------------------
 def test_goals_of_disconnected_client_are_canceled(rig: Rig, client: Client) -> None:
     other = rig.client()
     for sender, identifier in ((client, "goal"), (client, None), (other, "goal")):
         rig.send(sender, identifier)
     rig.accepted(3)
     rig.run(client.goals.close)
-    rig.host.until(lambda: rig.turner.cancelled == 2, what="the cancel requests")
+    rig.host.until(lambda: rig.turner.cancel_requests == 2, what="the cancel requests")
     rig.host.until(lambda: sum(handle.is_cancel_requested for handle in rig.turner.goals) == 2, what="two canceled goals")
     for handle in rig.turner.goals:
         rig.end(handle, handle.canceled if handle.is_cancel_requested else handle.succeed)
@@ -432,6 +441,6 @@ def test_goal_ends_when_its_server_was_replaced(rig: Rig) -> None:
     rig.accepted(1)
     rig.host.add(Turner())
     rig.host.remove(rig.turner)
-    answer = client.next()  # the new server may also say that it does not know the goal
+    answer = client.next()  # the new server may also answer that it does not know the goal
     assert (answer["op"], answer["result"]) == ("action_result", False)
     client.assert_silent()

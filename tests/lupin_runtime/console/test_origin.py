@@ -1,8 +1,9 @@
-"""The console's one origin on a real graph: pairing, sessions, control and stop, with browsers that keep their cookies."""
+"""Port 8090 on a real graph: pairing, sessions, control and stop, with browsers that keep their cookies."""
 
 from __future__ import annotations
 
 import json
+import re
 import socket
 import ssl
 from collections.abc import Callable, Iterator
@@ -16,6 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import lupin_runtime
 from lupin_runtime import graph
+from lupin_runtime.console import dual_port
 from lupin_runtime.console.authority import Role
 from lupin_runtime.console.sessions import Sessions
 from lupin_runtime.console.shared_file import locked
@@ -67,12 +69,12 @@ def open_socket() -> Iterator[Open]:
 
 @pytest.fixture
 def phone(console: Console) -> Browser:
-    """A browser of another computer that was not paired."""
+    """An unpaired browser on another computer."""
     return Browser(console.port, proxied=True)
 
 
 def code(folder: Path, role: str = "operator") -> str:
-    """The code that the terminal shows."""
+    """Return the code that the terminal shows."""
     return str(json.loads((folder / "console.json").read_text())["codes"][role])
 
 
@@ -126,12 +128,48 @@ def test_browser_on_this_computer_is_paired_automatically(console: Console, tmp_
     assert len(Sessions(tmp_path / "sessions.json").all()) == 2
 
 
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors", "Sec-Fetch-Dest": "image"},
+        {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "document"},
+        {"Sec-Fetch-Site": "same-site", "Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "document"},
+        {"Sec-Fetch-Site": "none", "Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "iframe"},
+    ],
+)
+def test_page_of_another_site_pairs_no_browser(console: Console, tmp_path: Path, headers: dict[str, str]) -> None:
+    browser = Browser(console.port)
+    browser.get("/", **headers)
+    assert "Cookie" not in browser.headers
+    assert not (tmp_path / "sessions.json").exists()
+    browser.get("/", **{"Sec-Fetch-Site": "none", "Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "document"})
+    assert "Cookie" in browser.headers
+
+
 def test_program_on_this_computer_keeps_no_session(console: Console, tmp_path: Path) -> None:
     program = Browser(console.port, agent="curl/8")
     program.headers["Accept"] = "*/*"
     program.get("/")
     assert program.get("/_api/session")["session"]["name"] == "this computer"
     assert not (tmp_path / "sessions.json").exists()
+
+
+def test_program_on_another_computer_needs_a_pairing_token(phone: Browser, console: Console, tmp_path: Path) -> None:
+    def connect(headers: dict[str, str]) -> RosbridgeClient:
+        return RosbridgeClient(console.rosbridge_port, additional_headers={"X-Forwarded-For": "192.0.2.7", **headers})
+
+    for headers in ({}, {"Cookie": "lupin_session=guessed"}):
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(headers)
+    phone.post("/_api/pair", code=code(tmp_path, "viewer"))
+    program = connect({"Cookie": phone.headers["Cookie"]})
+    assert program.call("/rosapi/get_ros_version")["result"]
+    program.send("set_level", level="error")
+    program.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.2}})
+    program.refusal("phone-1 is a viewer")
+    assert Sessions(tmp_path / "sessions.json").revoke("phone-1")
+    with pytest.raises(ConnectionClosed, match="no longer paired"):
+        program.take(20.0)
 
 
 def test_revoked_browser_is_disconnected(phone: Browser, tmp_path: Path, open_socket: Open) -> None:
@@ -173,18 +211,23 @@ def test_page_runs_only_own_scripts_and_refuses_frames(console: Console) -> None
     browser.get("/")
     policy = browser.response_headers["Content-Security-Policy"]
     assert "default-src 'self'" in policy and "frame-ancestors 'none'" in policy and "unsafe" not in policy
-    for path in ("/page/console.js", "/page/console.css"):
-        assert browser.get(path)
     for path in ("/page/../origin.py", "/page/%2e%2e/origin.py", "/page//etc/passwd", "/page/"):
         assert browser.request("GET", path)[0] in (403, 404)
 
 
-def test_installed_page_is_served_and_never_cached(console: Console) -> None:
+def test_installed_page_is_served_and_only_its_assets_are_cached(console: Console) -> None:
     browser = Browser(console.port)
     page = Path(lupin_runtime.__file__).parent / "console" / "page"
-    for path, file in (("/", "index.html"), ("/page/console.js", "console.js"), ("/page/console.css", "console.css")):
-        assert browser.get(path) == (page / file).read_text(encoding="utf-8")
-        assert browser.response_headers["Cache-Control"] == "no-store"
+    index = browser.get("/")
+    assert index == (page / "index.html").read_text(encoding="utf-8")
+    assert browser.response_headers["Cache-Control"] == "no-store"
+    assets = re.findall(r'(?:src|href)="/page/(assets/[^"]+)"', index)
+    assert any(path.endswith(".js") for path in assets) and any(path.endswith(".css") for path in assets)
+    for path in assets:
+        assert browser.get(f"/page/{path}") == (page / path).read_text(encoding="utf-8")
+        assert "immutable" in browser.response_headers["Cache-Control"]
+    status, _ = browser.request("GET", "/page/assets/old-build.js")
+    assert status == 404 and browser.response_headers["Cache-Control"] == "no-store"
 
 
 def test_silent_client_does_not_block_others(console: Console) -> None:
@@ -194,9 +237,7 @@ def test_silent_client_does_not_block_others(console: Console) -> None:
         connection.close()
 
 
-def test_damaged_session_file_blocks_pairing_but_not_the_stop(
-    phone: Browser, console: Console, tmp_path: Path
-) -> None:
+def test_damaged_session_file_blocks_pairing_but_not_the_stop(phone: Browser, console: Console, tmp_path: Path) -> None:
     phone.post("/_api/pair", code=code(tmp_path))
     (tmp_path / "sessions.json").write_text("{")
     assert phone.post("/_api/stop", engaged=True)["stop"]
@@ -205,7 +246,7 @@ def test_damaged_session_file_blocks_pairing_but_not_the_stop(
 
 
 def openings(path: Path) -> int:
-    """How often this process has a file open."""
+    """Return how often this process has a file open."""
     return [file.path for file in psutil.Process().open_files()].count(str(path))
 
 
@@ -217,7 +258,7 @@ def test_stop_does_not_wait_for_slow_disk(phone: Browser, console: Console, tmp_
             waiting = pool.submit(joining.request, "POST", "/_api/pair", {"code": code(tmp_path)})
             wait_until(lambda: openings(tmp_path / "sessions.lock") == 2, "the pairing at the lock")
             assert phone.post("/_api/stop", engaged=True)["stop"]
-            assert not waiting.done(), "the pairing still waits for the lock"
+            assert not waiting.done(), "the pairing is still waiting for the lock"
         assert waiting.result(20.0)[0] == 200
 
 
@@ -355,3 +396,20 @@ def test_commands_are_logged_with_their_session(anne: Browser, tmp_path: Path, o
         "stop",
     ]
     assert "not allowed" in by_phone[1]["refused"]
+
+
+def test_two_hundred_paired_clients_of_one_address_are_served(
+    graph_host: GraphHost, console: Console, tmp_path: Path, open_socket: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As if all of them came from another computer.
+    monkeypatch.setattr(dual_port, "_is_loopback", lambda _: False)
+    browser = Browser(console.port, proxied=True)
+    browser.post("/_api/pair", code=code(tmp_path))
+    clients = [open_socket(browser) for _ in range(200)]
+    for client in clients:
+        client.send("subscribe", topic="/shared", type="std_msgs/String")
+    assert clients[-1].call("/rosapi/get_ros_version")["result"]
+    assert console.count_subscribers("/shared") == 1
+    for client in clients:
+        client.close()
+    graph_host.until(lambda: console.count_subscribers("/shared") == 0, what="the end of all subscriptions")

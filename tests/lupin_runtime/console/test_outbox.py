@@ -1,4 +1,4 @@
-"""The outbox of a client: what is kept, in which order, and what a slow client loses."""
+"""What a client's outbox keeps, in which order, and what a slow client loses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One-time codes: each pairs one browser, and guessing leads nowhere."""
+"""Each one-time code pairs one browser, and guessing codes has no effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values of parameters as JSON text."""
+"""Parameter values as JSON text."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ INT64 = st.integers(-(2**63), 2**63 - 1)
 FLOATS = st.floats(allow_nan=False, allow_infinity=False)
 JSON = st.recursive(st.none() | st.booleans() | INT64 | FLOATS | st.text(), lambda inner: st.lists(inner, max_size=4))
 
-# YAML takes 1e-7 for a string.
+# Without numbers such as 1e-7, which YAML reads as a string.
 AS_IN_YAML = st.booleans() | INT64 | FLOATS.filter(lambda value: "e" not in repr(value))
 
 
@@ -44,7 +44,7 @@ def filled(text: str) -> Any:
         ('"2024-01-01"', Kind.PARAMETER_STRING, "2024-01-01"),
         ('"2024-13-45"', Kind.PARAMETER_STRING, "2024-13-45"),
         ('"a: b: c"', Kind.PARAMETER_STRING, "a: b: c"),
-        ('["\\ud83c\\udf31"]', Kind.PARAMETER_STRING_ARRAY, ["🌱"]),  # two characters to YAML
+        ('["\\ud83c\\udf31"]', Kind.PARAMETER_STRING_ARRAY, ["🌱"]),  # YAML would read two characters
         ('"\\ud800"', Kind.PARAMETER_STRING, "?"),
         ('""', Kind.PARAMETER_STRING, ""),
         ("null", Kind.PARAMETER_STRING, "null"),

@@ -1,4 +1,4 @@
-"""Playbooks' runs and deploys over the API, from journals as `lupin play` writes them."""
+"""Playbook runs and deploys in the API, from journals as `lupin play` writes them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import pytest
 
 from lupin_cli.playbook.journal import journal_folder
 from tests.support.console_browser import Browser
+from tests.support.waiting import wait_until
 
 if TYPE_CHECKING:
     from lupin_runtime.console.node import Console
@@ -44,7 +45,7 @@ def browser(graph_host: GraphHost, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def write_play(name: str, playbook: str, robot: str, end: str | None) -> None:
-    """A journal of one step; without an end it was cut off."""
+    """Write a journal with one step; without `end`, the run was cut off."""
     start = {"event": "start", "run": name, "playbook": playbook, "file": "f", "robot": robot, "digest": "d", "started": name}
     events: list[dict[str, Any]] = [start]
     if end is not None:
@@ -61,7 +62,7 @@ def test_playbook_runs_are_listed_and_shown_without_secrets(browser: Browser, tm
     command = [sys.executable, "-m", "lupin_cli.app", "play", str(file), "--yes", "--var", "token=s3cret", "--json"]
     done = subprocess.run(command, env=os.environ, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    (play,) = browser.get("/_api/plays")
+    (play,) = wait_until(lambda: browser.get("/_api/plays"), "an answer that is not repeated")
     assert (play["playbook"], play["state"], play["resume"]) == ("greet", "done", "")
     shown = browser.get(f"/_api/plays/{play['run']}")
     assert [step["name"] for step in shown["steps"]] == ["Say hello"]

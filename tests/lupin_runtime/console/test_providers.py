@@ -1,4 +1,4 @@
-"""Services and actions that clients advertise, used over a real graph by another node."""
+"""Services and actions that clients advertise, used by another node on a real graph."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ACTION, ACTION_TYPE = "/greenhouse/turn", "nav2_msgs/Spin"  # the short form, wh
 
 
 class Client:
-    """A client with its services and actions; `received` are the messages that it gets."""
+    """A client with its services and actions; `received` has the messages that it got."""
 
     def __init__(self, node: LupinNode) -> None:
         self.received: SimpleQueue[dict[str, Any]] = SimpleQueue()
@@ -60,7 +60,7 @@ class Rig:
         return self._ros.run(function).result(WAIT_S)
 
     def call(self, data: bool = True) -> Future:
-        """Call the service as soon as it is there."""
+        """Call the service as soon as it is available."""
         if self._caller is None:
             self._caller = self.host.within(self.peer, lambda: self.peer.create_client(SetBool, SERVICE))
         caller = self._caller
@@ -68,7 +68,7 @@ class Rig:
         return self.host.within(self.peer, lambda: caller.call_async(SetBool.Request(data=data)))
 
     def replace_peer(self) -> None:
-        """End the other node, and start a new one."""
+        """Remove the other node, and start a new one."""
         self.host.remove(self.peer)
         self.peer = self.host.add(LupinNode("other_peer"))
         self._caller = self._action_client = None
@@ -79,7 +79,7 @@ class Rig:
         return self._action_client
 
     def send_goal(self, yaw: float = 1.0, on_feedback: Callable[[Any], None] | None = None) -> Any:
-        """Send a goal as soon as the server is there, and return its handle."""
+        """Send a goal as soon as the server is available, and return its handle."""
         client = self.action_client()
         self.host.until(client.server_is_ready, what="the action")
         goal = Spin.Goal(target_yaw=yaw)
@@ -104,7 +104,7 @@ class Rig:
 
 @pytest.fixture
 def rig(graph_host: GraphHost) -> Rig:
-    """Two nodes that spin."""
+    """Two spinning nodes."""
     return Rig(graph_host)
 
 
@@ -237,6 +237,17 @@ def test_service_with_invalid_name_or_type_is_refused(rig: Rig, service: str, ty
         rig.run(lambda: client.services.unadvertise(service))
 
 
+def test_number_of_advertisements_is_limited(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(providers, "MAX_ADVERTISED", 1)
+    rig.run(lambda: client.services.advertise(SERVICE, SERVICE_TYPE))  # again
+    for advertise in (
+        lambda: client.services.advertise("/another", SERVICE_TYPE),
+        lambda: client.actions.advertise("/another", ACTION_TYPE),
+    ):
+        with pytest.raises(RequestFailed, match="/another: a client may advertise 1 of these"):
+            rig.run(advertise)
+
+
 def test_services_come_and_go_under_load(rig: Rig) -> None:
     client = rig.client()
     for _ in range(20):
@@ -290,7 +301,7 @@ def test_parallel_goals_may_end_out_of_order(rig: Rig, client: Client) -> None:
     response = rig.done(results[1])
     assert (response.status, response.result.error_code) == (GoalStatus.STATUS_ABORTED, 2)
     assert not results[0].done()
-    finish(rig, client, 1, {"error_code": 1}, None)  # as clients of older versions, which send no status
+    finish(rig, client, 1, {"error_code": 1}, None)  # like clients of older versions, which send no status
     response = rig.done(results[0])
     assert (response.status, response.result.error_code) == (GoalStatus.STATUS_SUCCEEDED, 1)
 
@@ -299,8 +310,8 @@ def test_canceled_goal_ends_with_the_clients_result(rig: Rig, client: Client) ->
     handle = rig.send_goal()
     result = rig.result(handle)
     goal = client.next()
-    cancelled = rig.done(rig.host.within(rig.peer, handle.cancel_goal_async))
-    assert len(cancelled.goals_canceling) == 1
+    cancel_response = rig.done(rig.host.within(rig.peer, handle.cancel_goal_async))
+    assert len(cancel_response.goals_canceling) == 1
     assert client.next() == {"op": "cancel_action_goal", "id": goal["id"], "action": ACTION}
     assert not result.done()
     finish(rig, client, 1, {"error_msg": "stopped"}, GoalStatus.STATUS_CANCELED)
@@ -390,7 +401,7 @@ def test_action_advertised_again_counts_goals_from_one(rig: Rig, client: Client,
     assert client.next()["id"] == f"action_goal:{ACTION}:1"
     rig.run(lambda: client.actions.advertise(ACTION, ACTION_TYPE))
     assert rig.done(result).status == GoalStatus.STATUS_ABORTED
-    # Until the old server is destroyed, it rejects what the new one accepts.
+    # Until the old server is destroyed, it rejects goals that the new one accepts.
     rig.host.until(lambda: rig.run(rig.action_servers) == 1, what="the old server's end")
     result = rig.result(rig.send_goal())
     assert client.next()["id"] == f"action_goal:{ACTION}:1"

@@ -1,4 +1,4 @@
-"""Which requests are accepted at all."""
+"""Which requests port 8090 accepts from anyone."""
 
 from __future__ import annotations
 

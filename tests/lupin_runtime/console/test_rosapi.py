@@ -1,4 +1,4 @@
-"""rosapi's services on a graph of two nodes: what they answer, and that none of them holds the executor up."""
+"""rosapi's services on a graph of two nodes: their answers, and that none of them blocks the executor."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VALUES = [True, 7, -2.5, "fast", [True, False], [1, 2], [0.5, 1.5], ["a", "b"]]
 
 
 class Rig:
-    """A node with the API, and a peer `/far/peer` with something of everything."""
+    """A node with rosapi, and a peer `/far/peer` with topics, services, an action and parameters."""
 
     def __init__(self, host: GraphHost) -> None:
         from rcl_interfaces.msg import ParameterDescriptor
@@ -64,7 +64,7 @@ class Rig:
 def rig(graph_host: GraphHost) -> Iterator[Rig]:
     rig = Rig(graph_host)
     yield rig
-    # No call leaves a client behind.
+    # No call leaves a ROS client behind.
     graph_host.until(lambda: not list(rig.console.clients), what="the end of all clients")
 
 
@@ -129,7 +129,7 @@ def test_actions_are_found_by_their_topics(rig: Rig) -> None:
 
 
 def test_node_details_omit_hidden_names(rig: Rig) -> None:
-    # Nodes of an earlier test leave the graph a moment later.
+    # Nodes of an earlier test may still be on the graph for a moment.
     rig.host.until(lambda: rig.call("nodes") == {"nodes": ["/console", "/far/peer"]}, what="the two nodes")
     details = rig.call("node_details", node="/far/peer")
     assert "/chatter" in details["publishing"] and "/switch" in details["services"]
@@ -283,7 +283,7 @@ def test_call_to_hanging_node_times_out(rig: Rig, monkeypatch: pytest.MonkeyPatc
         assert len(list(rig.console.clients)) == 1 and [each["successful"] for each in responses] == [False]
         assert "call /hanging/set_parameters again later" in responses[0]["reason"]
         rig.call("topics")
-        assert len(responses) == 1  # the calls of the hanging node still wait
+        assert len(responses) == 1  # the calls to the hanging node are still waiting
         rig.host.until(lambda: len(responses) == 4, timeout_s=10.0)
         timed_out = {"value": "3", "successful": False, "reason": "Timeout occurred"}
         assert responses[1:] == [timed_out, timed_out, {"exists": False}]

@@ -1,11 +1,14 @@
-"""Runs, their files and saved maps over the API, and nothing else of the disk."""
+"""The API serves runs, their files and saved maps, and no other files."""
 
 from __future__ import annotations
 
 import http.client
 import json
 import os
+import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +28,7 @@ RECORDING = bytes(range(256)) * 100
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
-    """A run that is up, with some of everything."""
+    """A live run with a state, a recording, logs, a report and commands."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     made, lock = create_run()
     made.write_info({"started": 1.8e9, "options": {"world": "demo"}, "environment": {"SECRET": "s3cret"}})
@@ -145,3 +148,25 @@ def test_every_resource_is_described_and_needs_a_paired_browser(browser: Browser
     assert {"/_api/session", "/_api/pair"} == {
         path for path, methods in described["paths"].items() if any(row["security"] == [] for row in methods.values())
     }
+
+
+@pytest.mark.parametrize("path", ["", "/RUN", "/RUN/logs", "/RUN/commands", "/RUN/report/report.html"])
+def test_stop_does_not_wait_for_a_slow_disk(
+    browser: Browser, run: Run, path: str, monkeypatch: pytest.MonkeyPatch, graph_host: GraphHost
+) -> None:
+    reading, released = threading.Event(), threading.Event()
+
+    def wait(_: Any) -> bool:
+        reading.set()
+        assert released.wait(60.0)
+        return True
+
+    monkeypatch.setattr(Path, "is_dir", wait)
+    with ThreadPoolExecutor() as pool:
+        asked = pool.submit(browser.request, "GET", f"/_api/runs{path.replace('RUN', run.id)}")
+        graph_host.until(reading.is_set)
+        began_s = time.monotonic()
+        assert Browser(browser.port).post("/_api/stop", engaged=True)["stop"]
+        assert time.monotonic() - began_s < 2.0
+        released.set()
+        assert asked.result(20.0)[0] == 200

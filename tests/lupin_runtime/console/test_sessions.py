@@ -1,4 +1,4 @@
-"""Paired browsers in a file that two processes write."""
+"""The paired browsers, in a file that two processes write."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_clock_set_back_expires_no_session(path: Path, clock: Clock) -> None:
     assert sessions.find(token) is not None and sessions.is_use_due(token)
     sessions.note_use(token)
     clock.now_s += 10 * SESSION_LIFETIME_S
-    assert sessions.find(token) is None, "long unused by the clock that it was used under"
+    assert sessions.find(token) is None, "expired by the clock that was used when it was last used"
 
 
 def test_revoking_in_another_process_ends_a_session(path: Path, clock: Clock) -> None:
@@ -107,7 +107,25 @@ def test_number_of_sessions_is_limited(path: Path, clock: Clock) -> None:
         clock.now_s += 1
         sessions.add("computer", Role.OPERATOR)
     assert len(sessions.all()) == MAX_SESSIONS
-    assert sessions.find(first) is None, "the one that was used longest ago"
+    assert sessions.find(first) is None, "the least recently used one"
+
+
+def test_browsers_paired_with_a_code_outlast_those_without(path: Path, clock: Clock) -> None:
+    sessions = Sessions(path, clock)
+    _, phone = sessions.add("phone", Role.OPERATOR)
+    for _ in range(MAX_SESSIONS):
+        clock.now_s += 1
+        _, newest = sessions.add("computer", Role.OPERATOR, by_itself=True)
+    assert len(sessions.all()) == MAX_SESSIONS
+    assert sessions.find(phone) is not None and sessions.find(newest) is not None
+
+
+def test_file_of_an_earlier_version_is_read(path: Path, clock: Clock) -> None:
+    _, token = Sessions(path, clock).add("phone", Role.OPERATOR)
+    stored = json.loads(path.read_text())
+    del stored["sessions"][0]["by_itself"]
+    path.write_text(json.dumps(stored))
+    assert Sessions(path, clock).find(token) is not None
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,10 @@
-"""What all browsers share over the API: named locations, settings, maps and the arm's library."""
+"""What all browsers share in the API: named locations, settings, maps and the arm's library."""
 
 from __future__ import annotations
 
 import json
 import threading
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,7 +29,7 @@ POSE = {"x": 1.5, "y": -2.0, "yaw": 0.5}
 
 @pytest.fixture
 def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of what the browsers share."""
+    """The folder with the data that the browsers share."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     return tmp_path / "lupin" / "console"
 
@@ -220,17 +221,15 @@ def test_settings_of_other_versions_are_refused(browser: Browser, version: Any) 
     assert browser.request("POST", "/_api/settings", {"version": version, "settings": {}})[0] == 400
 
 
-# -- the robot's ------------------------------------------------------------------------------------------------------
-def test_map_is_saved_by_slam_under_a_plain_name(
-    graph_host: GraphHost, browser: Browser, peer: LupinNode, state: Path
-) -> None:
+# -- services of the robot --------------------------------------------------------------------------------------------
+def test_map_is_saved_by_slam_under_a_plain_name(graph_host: GraphHost, browser: Browser, peer: LupinNode, state: Path) -> None:
     from lupin_runtime.ros.node import interface
 
     asked: list[str] = []
 
     def save(request: Any, response: Any) -> Any:
         asked.append(request.name.data)
-        response.result = len(asked) - 1  # it has a map the first time only
+        response.result = len(asked) - 1  # only the first call succeeds
         return response
 
     peer.create_service(interface(graph.SLAM_SAVE_MAP.type), graph.SLAM_SAVE_MAP.name, save)
@@ -241,6 +240,53 @@ def test_map_is_saved_by_slam_under_a_plain_name(
     for name in ("../../etc/passwd", "", "a/b", None, "x" * 100):
         assert browser.request("POST", "/_api/maps", {"name": name})[0] == 400
     assert len(asked) == 2
+
+
+def test_saved_map_can_be_loaded(graph_host: GraphHost, browser: Browser, peer: LupinNode, state: Path, tmp_path: Path) -> None:
+    from lupin_runtime.ros.node import interface
+
+    folder = state.parent / "maps"
+    loaded: list[tuple[str, int]] = []
+
+    def save(_: Any, response: Any) -> Any:
+        response.result = 0
+        return response
+
+    def serialize(request: Any, response: Any) -> Any:
+        with zipfile.ZipFile(f"{request.filename}.posegraph", "w") as file:
+            file.writestr("poses.npy", b"x")
+        return save(request, response)
+
+    def load(request: Any, response: Any) -> Any:
+        loaded.append((request.filename, request.match_type))
+        return response
+
+    rows = ((graph.SLAM_SAVE_MAP, save), (graph.SLAM_SERIALIZE, serialize), (graph.SLAM_DESERIALIZE, load))
+    for row, handle in rows:
+        peer.create_service(interface(row.type), row.name, handle)
+    saved = {"saved": "house", "loadable": True}
+    graph_host.until(lambda: browser.request("POST", "/_api/maps", {"name": "house"}) == (200, saved))
+    assert browser.post("/_api/maps/load", name="house") == {"loaded": "house"}
+    assert loaded == [(str(folder / "house"), 1)]
+    (folder / "damaged.posegraph").write_bytes(b"x")
+    for name, reason in (("damaged", "damaged.posegraph is damaged"), ("absent", "there is no absent.posegraph")):
+        status, answer = browser.request("POST", "/_api/maps/load", {"name": name})
+        assert status == 409 and reason in answer["error"]
+    for bad in ("../../etc/passwd", "", "a/b", None, "x" * 100):
+        assert browser.request("POST", "/_api/maps/load", {"name": bad})[0] == 400
+    assert len(loaded) == 1
+    assert "load map house" in (tmp_path / "console_commands.jsonl").read_text()
+
+
+def test_clients_load_no_map_by_themselves(browser: Browser, console: Console, tmp_path: Path) -> None:
+    client = browser.socket()
+    for name in (graph.SLAM_DESERIALIZE.name, graph.SLAM_DESERIALIZE.name[1:]):
+        answer = client.call(name, filename="/etc/passwd")
+        assert answer["result"] is False and "not allowed" in answer["values"]
+    client.close()
+    viewer = Browser(console.port, proxied=True)
+    viewer.post("/_api/pair", code=json.loads((tmp_path / "console.json").read_text())["codes"]["viewer"])
+    assert viewer.request("POST", "/_api/maps/load", {"name": "house"})[0] == 403
 
 
 def test_arm_library_is_forwarded(graph_host: GraphHost, browser: Browser, peer: LupinNode) -> None:

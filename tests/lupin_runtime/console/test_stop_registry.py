@@ -1,4 +1,4 @@
-"""The stops of several clients: any engages, silence engages, and what a lost client held remains."""
+"""The combined stop of several clients: any client engages it, and so does the loss or silence of one that drives."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def test_only_silence_of_client_in_control_engages_the_stop() -> None:
         stops.set_stop(name, False, 0)
     late_ns = int((SILENCE_TIMEOUT_S + 0.1) * SECOND)
     stops.check_silence(late_ns, "script")
-    assert stops.reasons() == [], "a script does not repeat what it states"
+    assert stops.reasons() == [], "a script does not repeat the state of its stop"
     stops.check_silence(late_ns, "anne")
     assert stops.reasons() == ["anne was silent for more than 1.5 s"]
     stops.set_stop("anne", False, late_ns)
     stops.check_silence(late_ns, None)
-    assert stops.reasons() == ["anne was silent for more than 1.5 s"], "released on purpose only"
+    assert stops.reasons() == ["anne was silent for more than 1.5 s"], "it is released only on request"
 
 
 def test_client_lost_while_driving_or_stopping_leaves_the_stop() -> None:

@@ -1,4 +1,4 @@
-"""Requests of one client for one topic: the strongest of them counts."""
+"""One client's requests for one topic: the most demanding value of each option counts."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def test_requests_are_merged_and_separated_again() -> None:
     merged.remove("fast")
     assert (merged.queue_length, merged.compression) == (5, "png")
     merged.remove("unknown")
-    assert not merged.empty
+    assert merged
     merged.remove(None)
-    assert merged.empty
+    assert not merged
 
 
 @given(st.lists(st.integers(0, 200), min_size=1, max_size=40))

@@ -1,4 +1,4 @@
-"""Descriptions of message types, for all types that are installed."""
+"""Descriptions of all installed message types."""
 
 from __future__ import annotations
 

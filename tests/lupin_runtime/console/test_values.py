@@ -1,4 +1,4 @@
-"""Messages from clients' values: what is accepted, and the protocol's texts for what is not."""
+"""Messages from clients' values: which are accepted, and the protocol's error texts for all others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`/_video` of the one origin: pictures of a video server behind it, under the rules of sessions."""
+"""`/_video` on port 8090: a video server's pictures, forwarded to paired browsers."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def pictures() -> PublishedPictures:
 
 @pytest.fixture
 def server(pictures: PublishedPictures) -> Iterator[VideoHttpServer]:
-    """The video server of a robot."""
+    """A robot's video server."""
     made = VideoHttpServer("127.0.0.1", 0, VideoStreams(pictures, lambda _: None))
     made.start()
     yield made
@@ -47,7 +47,7 @@ def server(pictures: PublishedPictures) -> Iterator[VideoHttpServer]:
 
 @pytest.fixture
 def serve(graph_host: GraphHost, tmp_path: Path) -> Iterator[Serve]:
-    """Starts a console whose pictures are at a URL."""
+    """Starts consoles that take the pictures from a URL."""
     from lupin_runtime.console.node import Console
 
     nodes: list[Console] = []
@@ -169,7 +169,7 @@ def test_stream_ends_when_its_session_is_revoked(
     ("path", "status", "reason"),
     [
         ("/stream", 400, "/streams lists the cameras"),
-        ("/stream?topic=/jpeg&width=1", 400, "width is a whole number"),
+        ("/stream?topic=/jpeg&width=1", 400, "width must be a whole number"),
         ("/stream?topic=/nothing", 404, "cameras: /jpeg, /raw"),
         ("/snapshot?topic=/nothing", 404, "cameras: /jpeg, /raw"),
     ],
@@ -178,7 +178,9 @@ def test_refusals_are_forwarded(client: VideoClient, path: str, status: int, rea
     assert reason in client.text(path, status)
 
 
-def test_stream_can_be_reopened_after_robot_returns(server: VideoHttpServer, pictures: PublishedPictures, client: VideoClient) -> None:
+def test_stream_can_be_reopened_after_robot_returns(
+    server: VideoHttpServer, pictures: PublishedPictures, client: VideoClient
+) -> None:
     stream = client.stream("/stream?topic=/jpeg")
     pictures.publish(JPEG, 1)
     stream.picture()
@@ -240,6 +242,20 @@ def test_request_to_silent_video_server_times_out(serve: Serve, monkeypatch: pyt
         client = VideoClient(serve(f"http://127.0.0.1:{silent.getsockname()[1]}").port, "/_video")
         for path in ("/streams", "/snapshot?topic=/jpeg", "/stream?topic=/jpeg"):
             assert "does not respond" in client.text(path, 504)
+
+
+def test_number_of_streams_that_cross_the_link_is_limited(
+    graph_host: GraphHost, server: VideoHttpServer, client: VideoClient
+) -> None:
+    from lupin_runtime.console import video
+
+    streams = [client.stream(f"/stream?topic=/jpeg&quality={quality}") for quality in range(1, video.MAX_UPSTREAMS + 1)]
+    assert "8 other streams are being watched" in client.text("/stream?topic=/jpeg&quality=99", 503)
+    streams.append(client.stream("/stream?topic=/jpeg&quality=1"))
+    assert clients_of(server) == video.MAX_UPSTREAMS
+    client.close()
+    graph_host.until(lambda: clients_of(server) == 0, what="the end of all streams")
+    assert client.stream("/stream?topic=/jpeg&quality=99")
 
 
 def test_number_of_browsers_is_limited(client: VideoClient, monkeypatch: pytest.MonkeyPatch) -> None:

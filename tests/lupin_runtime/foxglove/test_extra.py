@@ -1,4 +1,4 @@
-"""The extra `lupin[foxglove]`: its pin in pyproject.toml, and the advice where it is missing."""
+"""The extra `lupin[foxglove]`: its pin in pyproject.toml, and the advice if it is missing."""
 
 from __future__ import annotations
 

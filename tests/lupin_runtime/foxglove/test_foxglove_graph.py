@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.graph
 
-# So many messages, each in one datagram, fill the buffers of a connection that is not read, and its queue in the server.
+# This many messages, each in one datagram, fill the buffers of a connection that is not read, and its queue in the server.
 DATAGRAM_BYTES, FILLING_MESSAGES = 60_000, 400
 
 Connect = Callable[..., FoxgloveClient]
@@ -28,7 +28,7 @@ Connect = Callable[..., FoxgloveClient]
 
 @pytest.fixture
 def peer(graph_host: GraphHost) -> LupinNode:
-    """Another node of the graph."""
+    """Another node on the graph."""
     from lupin_runtime.ros import LupinNode
 
     node: LupinNode = graph_host.add(LupinNode("peer"))
@@ -98,9 +98,7 @@ def test_messages_arrive_byte_for_byte_in_order(graph_host: GraphHost, peer: Lup
     assert all(before_ns <= message.time_ns <= time.time_ns() for message in client.messages)
 
 
-def test_only_late_client_gets_the_latched_message_again(
-    graph_host: GraphHost, peer: LupinNode, connect: Connect
-) -> None:
+def test_each_late_client_gets_the_latched_message_once(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
     from std_msgs.msg import String
 
     from lupin_runtime.ros.node import qos_profile
@@ -118,9 +116,7 @@ def test_only_late_client_gets_the_latched_message_again(
     assert [client.on("/latched") for client in clients] == [[string_cdr("state")]] * 4
 
 
-def test_topic_is_subscribed_to_only_while_it_has_clients(
-    graph_host: GraphHost, peer: LupinNode, connect: Connect
-) -> None:
+def test_topic_is_subscribed_to_only_while_it_has_clients(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
     from std_msgs.msg import String
 
     peer.create_publisher(String, "/shared", 10)
@@ -170,7 +166,7 @@ def test_channels_are_added_and_removed_with_topics(graph_host: GraphHost, peer:
 
 
 def test_channel_without_subscribers_is_announced_once_more(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
-    """What a viewer needs whose first subscription the SDK refused, because it came too early."""
+    """A viewer needs the second announcement if the SDK refused its first subscription because it came too early."""
     from std_msgs.msg import String
 
     client = connect()
@@ -185,9 +181,7 @@ def test_channel_without_subscribers_is_announced_once_more(graph_host: GraphHos
     graph_host.until(lambda: publishers[0].get_subscription_count() == 1)
 
 
-def test_subscription_follows_qos_of_later_publishers(
-    graph_host: GraphHost, peer: LupinNode, connect: Connect
-) -> None:
+def test_subscription_follows_qos_of_later_publishers(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
     from std_msgs.msg import String
 
     from lupin_runtime.ros.node import qos_profile

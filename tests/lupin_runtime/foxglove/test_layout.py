@@ -1,4 +1,4 @@
-"""The shipped layout: what a viewer accepts, and that it shows what the graph has."""
+"""The shipped layout: viewers accept it, and it shows topics that the graph has."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lupin_runtime.foxglove.layout import LAYOUT
 DOCUMENT: dict[str, Any] = json.loads(LAYOUT.read_text(encoding="utf-8"))
 PANELS: dict[str, dict[str, Any]] = DOCUMENT["configById"]
 TYPES = {row.name: row.type for row in graph.topics()}
-SHOWING = {"3D", "Image", "Plot", "RosOut", "StateTransitions", "Tab"}  # kinds of panels that can't publish or call
+DISPLAY_PANELS = {"3D", "Image", "Plot", "RosOut", "StateTransitions", "Tab"}  # panels that can't publish or call services
 
 
 def panels_in(layout: Any) -> Iterator[str]:
@@ -45,7 +45,7 @@ def test_every_panel_is_placed_once() -> None:
 
 
 def test_no_panel_can_move_or_change_anything() -> None:
-    assert {identifier.split("!")[0] for identifier in PANELS} <= SHOWING
+    assert {identifier.split("!")[0] for identifier in PANELS} <= DISPLAY_PANELS
 
 
 def test_named_topics_are_in_the_graph_with_a_fitting_type() -> None:

@@ -1,4 +1,4 @@
-"""Definitions of message types as Foxglove reads them, for all types that are installed."""
+"""Definitions of all installed message types in Foxglove's format."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FIELD = re.compile(r"^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?:\[(?:<=)?\d*\])?\s+(?
 
 
 def topic_types() -> list[str]:
-    """The types that a topic can have: messages, and the feedback of actions."""
+    """Return the types that a topic can have: messages, and the feedback of actions."""
     found = []
     for message_class in installed_classes():
         package, kind, _ = message_class.__module__.split(".", 2)
@@ -29,7 +29,7 @@ def topic_types() -> list[str]:
 
 
 def fields(text: str) -> list[tuple[str, str]]:
-    """Type and name of every field of one definition."""
+    """Return type and name of every field of one definition."""
     lines = (line.split("#", 1)[0].strip() for line in text.splitlines())
     found = [FIELD.match(line) for line in lines if line]
     return [(each["type"], each["name"]) for each in found if each and not each["rest"].startswith("=")]

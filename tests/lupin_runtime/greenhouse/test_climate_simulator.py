@@ -137,14 +137,15 @@ def test_import_loads_no_gui_or_plotting_library() -> None:
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("{", r"layout\.json:1: the layout is not JSON"),
-        ('{"tags": {\n  "1": {"x": 1,\n "y": }}}', r"layout\.json:3: the layout is not JSON"),
-        ("[]", r"layout\.json:1: the layout has no object 'tags'"),
-        ('{"tags": []}', r"layout\.json:1: the layout has no object 'tags'"),
-        ('{"tags": {\n"1": 3}}', r"layout\.json:2: tag 1 is 3"),
-        ('{"tags": {\n\n"1": {"x": "a", "y": 1, "sensors": []}}}', r"layout\.json:3: tag 1 has x = 'a', expected meters"),
-        ('{"tags": {"1": {"x": NaN, "y": 1, "sensors": []}}}', r"layout\.json:1: tag 1 has x = nan"),
-        ('{"tags": {"1": {"x": 1, "y": 1}}}', r"layout\.json:1: tag 1 has sensors = None"),
+        ("{", r"layout\.json:1: not JSON"),
+        ('{"tags": {\n  "1": {"x": 1,\n "y": }}}', r"layout\.json:3: not JSON"),
+        ("[]", r"layout\.json:1: the file must be an object, found \[\]"),
+        ("{}", r"layout\.json:1: tags must be an object, found nothing"),
+        ('{"tags": []}', r"layout\.json:1: tags must be an object, found \[\]"),
+        ('{"tags": {\n"1": 3}}', r"layout\.json:2: tags\.1 must be an object, found 3"),
+        ('{"tags": {\n\n"1": {"x": "a", "y": 1, "sensors": []}}}', r"layout\.json:3: tags\.1\.x must be a number, found 'a'"),
+        ('{"tags": {"1": {"x": NaN, "y": 1, "sensors": []}}}', r"layout\.json:1: tags\.1\.x must be a number, found nan"),
+        ('{"tags": {"1": {"x": 1, "y": 1}}}', r"layout\.json:1: tags\.1\.sensors must be a list of names, found nothing"),
         ('{"tags": {\n"1": {"x": 1, "y": 1, "sensors": ["ph"]}}}', r"layout\.json:2: tag 1 has the sensor 'ph'"),
     ],
 )
@@ -185,7 +186,7 @@ def test_bad_configuration_error_names_file_and_line(tmp_path: Path, text: str, 
 
 
 def test_missing_file_is_an_error_not_an_empty_greenhouse(tmp_path: Path) -> None:
-    with pytest.raises(GreenhouseConfigError, match=r"gone\.json: cannot read the layout: .*No such file"):
+    with pytest.raises(GreenhouseConfigError, match=r"gone\.json: the layout cannot be read: .*No such file"):
         ClimateSimulator(tmp_path / "gone.json")
     with pytest.raises(GreenhouseConfigError, match=r"gone\.yaml: cannot read the simulator configuration"):
         ClimateSimulator(None, tmp_path / "gone.yaml")

@@ -8,6 +8,7 @@ import pytest
 
 from lupin_runtime.mission.missions import OK, SKIPPED
 from lupin_runtime.mission.ports import STATUS_ABORTED
+from lupin_runtime.mission.requests import SETTLE_S
 from tests.support.mission_rig import Rig
 from tests.support.mission_states import BUSY_LEAVES, MOVING_LEAVES
 
@@ -53,6 +54,24 @@ def test_e_stop_release_while_idle_starts_nothing(make_rig: type[Rig], state: st
     rig.step(3.0)
     assert rig.state in (state, "READY")
     assert len(rig.navigation.goals) == sent
+
+
+@pytest.mark.parametrize("is_running", [True, False], ids=["resume", "start"])
+@pytest.mark.parametrize("steps", [0, 1, 3, 5, 10])
+def test_request_as_old_as_the_release_moves_nothing(make_rig: type[Rig], steps: int, is_running: bool) -> None:
+    rig = make_rig()
+    if is_running:
+        rig.inspect("1")
+    rig.orchestrator.on_estop(True)
+    rig.step(1.0)
+    rig.orchestrator.on_estop(False)
+    for _ in range(steps):
+        rig.step(0.1)
+    reply = rig.requests.resume() if is_running else rig.requests.start("InspectionMission", ["1"])
+    rig.step(3.0)
+    assert reply.success == (steps * 0.1 > SETTLE_S)
+    assert bool(rig.navigation.driving) == reply.success
+    assert reply.success or reply.message.startswith("the e-stop was released less than 0.4 s ago: ")
 
 
 def test_e_stop_while_paused_needs_resume_after_release(make_rig: type[Rig]) -> None:
@@ -228,6 +247,7 @@ def test_reset_keeps_e_stop_and_low_battery(make_rig: type[Rig]) -> None:
     assert rig.snapshot.battery_low and rig.snapshot.estop_engaged
     assert "e-stop" in rig.requests.start("InspectionMission", ["1"]).message
     rig.orchestrator.on_estop(False)
+    rig.step(SETTLE_S + 0.1)
     assert "battery" in rig.requests.start("InspectionMission", ["1"]).message
     rig.orchestrator.on_battery(0.5)
     rig.localize()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import threading
 from array import array
@@ -182,14 +183,14 @@ class Pilot:
 
 
 @pytest.fixture
-def pilot(graph_host: GraphHost) -> Iterator[Any]:
+def pilot(graph_host: GraphHost, request: pytest.FixtureRequest) -> Iterator[Any]:
     from lupin_runtime.navigation.node import Navigator
     from lupin_runtime.ros import LupinNode
 
     arena = Arena(4.0, 3.0, [(1.6, 0.9, 2.4, 3.0)])
     robot = graph_host.add(_robot_class()(arena, Pose2(0.6, 0.6, 0.0)))
     robot.publish_map()
-    navigator = graph_host.add(Navigator({"use_sim_time": True, "goal_checker.settle_s": 0.5}))
+    navigator = graph_host.add(Navigator({"use_sim_time": True, "goal_checker.settle_s": 0.5, **getattr(request, "param", {})}))
     pilot = Pilot(graph_host, robot, navigator, graph_host.add(LupinNode("pilot")))
     yield pilot
     assert robot.collisions == 0
@@ -305,6 +306,27 @@ def test_estop_aborts_goals_and_its_release_starts_nothing(pilot: Any, action: A
     pilot.host.until(lambda: pilot.robot.steps > steps + int(6.0 / STEP_S))
     assert pilot.robot.base.truth.distance_to(at) < 0.001
     assert pilot.result(pilot.send(goal(1.2, 0.6), client)).status == SUCCEEDED
+
+
+@pytest.mark.parametrize("pilot", [{"wait_for_estop": True}], indirect=True)
+@pytest.mark.parametrize("engaged_s_ago", [None, 5.0], ids=["never-pressed", "pressed-before-discovery"])
+def test_goal_waits_until_the_estop_is_known(pilot: Any, engaged_s_ago: float | None) -> None:
+    from std_msgs.msg import Bool, String
+
+    state, status = pilot.node.publisher(graph.ESTOP_STATE), pilot.node.publisher(graph.ESTOP_STATUS)
+    handle = pilot.send(pilot.goal(3.2, 2.0))
+    pilot.node.create_timer(0.1, lambda: state.publish(Bool(data=False)))
+    at, steps = pilot.robot.base.truth, pilot.robot.steps
+    pilot.host.until(lambda: pilot.robot.steps > steps + int(3.0 / STEP_S), what="three seconds without the e-stop's status")
+    assert pilot.robot.base.truth.distance_to(at) < 0.001
+    report = {"engaged": False, "bridge": "a", "presses": 0 if engaged_s_ago is None else 1, "engaged_s_ago": engaged_s_ago}
+    status.publish(String(data=json.dumps(report)))
+    answer = pilot.result(handle)
+    if engaged_s_ago is None:
+        assert answer.status == SUCCEEDED
+    else:
+        assert answer.status == ABORTED and answer.result.error_msg.startswith("e-stop engaged")
+        assert pilot.robot.base.truth.distance_to(at) < 0.001
 
 
 @pytest.mark.parametrize("jump_s", [-5.0, 60.0])

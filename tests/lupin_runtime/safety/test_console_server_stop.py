@@ -47,7 +47,7 @@ def test_stop_of_crashed_server_lasts_until_released_on_another() -> None:
     assert stop.reason(102 * S) is None
 
 
-def test_stop_that_was_held_while_the_link_was_cut_engages_for_a_while() -> None:
+def test_stop_held_while_the_link_was_cut_engages_for_a_while() -> None:
     stop = ConsoleServerStop()
     say(stop, 0, presses=3)
     assert stop.reason(0) is None, "what was pressed before this process listened is past"

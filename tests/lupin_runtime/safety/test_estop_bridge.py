@@ -11,7 +11,7 @@ import pytest
 
 from lupin_runtime import graph
 from lupin_runtime.safety.console_server_stop import HOLDS
-from lupin_runtime.safety.estop import MISSED_PRESS
+from lupin_runtime.safety.estop import MISSED_PRESS_OR_SILENCE
 
 if TYPE_CHECKING:
     from lupin_runtime.safety.node import EstopBridge
@@ -124,6 +124,16 @@ def test_button_engages_regardless_of_the_console(graph_host: GraphHost) -> None
     assert {engaged for _, engaged in probe.states[count:]} == {True}
 
 
+def test_status_says_for_how_long_the_estop_has_been_released(graph_host: GraphHost) -> None:
+    bridge(graph_host)
+    probe = Probe(graph_host)
+    probe.press(True)
+    graph_host.until(lambda: probe.status and probe.status[-1]["engaged_s_ago"] == 0.0, what="the engaged state")
+    probe.press(False)
+    graph_host.until(lambda: probe.status[-1]["engaged_s_ago"] > 0.8, what="the repeated status")
+    assert probe.status[-1]["engaged"] is False and probe.status[-1]["presses"] == 1
+
+
 def test_new_bridge_does_not_publish_released_too_early(graph_host: GraphHost) -> None:
     first = bridge(graph_host)
     probe = Probe(graph_host)
@@ -202,7 +212,31 @@ def test_press_and_release_without_a_bridge_engages_the_next_one(graph_host: Gra
     states = len(probe.states)
     bridge(graph_host, listen_s=1.0)
     graph_host.until(lambda: len(probe.states) > states and probe.engaged, what="the engaged state")
-    graph_host.until(lambda: probe.status[-1]["reasons"] == [MISSED_PRESS], what="the reason")
+    graph_host.until(lambda: probe.status[-1]["reasons"] == [MISSED_PRESS_OR_SILENCE], what="the reason")
     graph_host.until(lambda: missed[-2:] == [True, False] and not probe.engaged, what="the released state")
     after = [engaged for _, engaged in probe.states[states:]]
     assert after == sorted(after, reverse=True), "engaged, then released"
+
+
+def test_new_bridge_engages_if_the_button_fell_silent_before(graph_host: GraphHost) -> None:
+    from lupin_runtime.safety.node import EstopWitness
+
+    graph_host.add(EstopWitness())
+    first = bridge(graph_host)
+    probe = Probe(graph_host)
+    missed: list[bool] = []
+    probe.node.subscription(graph.ESTOP_MISSED_PRESS, lambda message: missed.append(message.data))
+    graph_host.until(lambda: probe.node.count_subscribers(graph.ESTOP_BUTTON.name) == 2, what="both subscriptions")
+    probe.press(False)  # the last message of the button
+    graph_host.until(lambda: probe.engaged, what="the engaged state")
+    graph_host.until(lambda: missed[-1:] == [True], what="the witness's report")
+    assert probe.status[-1]["reasons"] == ["the button has been silent for more than 2 s"]
+    graph_host.remove(first)
+    probe.states.clear()
+    bridge(graph_host, listen_s=1.0)
+    graph_host.until(lambda: len(probe.states) >= 10, what="the states of its successor")
+    assert {engaged for _, engaged in probe.states} == {True}
+    assert probe.status[-1]["reasons"] == [MISSED_PRESS_OR_SILENCE]
+    timer = probe.node.create_timer(0.1, lambda: probe.press(False))
+    graph_host.until(lambda: not probe.engaged, what="the release, once the button is back")
+    graph_host.within(probe.node, lambda: probe.node.destroy_timer(timer))

@@ -185,6 +185,27 @@ def test_save_map_writes_the_file_or_reports_a_bad_path(graph_host: GraphHost, r
         assert call(graph_host, robot, graph.SLAM_SAVE_MAP, request).result == SaveMap.Response.RESULT_UNDEFINED_FAILURE
 
 
+def test_saved_graph_is_loaded_and_a_damaged_one_changes_nothing(
+    graph_host: GraphHost, robot: Any, slam: SlamNode, tmp_path: Path
+) -> None:
+    from slam_toolbox.srv import DeserializePoseGraph, SerializePoseGraph
+
+    robot.play(60)
+    graph_host.until(lambda: robot.maps)
+    saved = SerializePoseGraph.Request(filename=str(tmp_path / "house"))
+    assert call(graph_host, robot, graph.SLAM_SERIALIZE, saved).result == SerializePoseGraph.Response.RESULT_SUCCESS
+    (tmp_path / "damaged.posegraph").write_bytes((tmp_path / "house.posegraph").read_bytes()[:1000])
+    before = slam._mapper
+    for name in ("damaged", "absent"):
+        call(graph_host, robot, graph.SLAM_DESERIALIZE, DeserializePoseGraph.Request(filename=str(tmp_path / name)))
+        assert slam._mapper is before
+    at = DeserializePoseGraph.Request.START_AT_GIVEN_POSE
+    request = DeserializePoseGraph.Request(filename=str(tmp_path / "house"), match_type=at)
+    request.initial_pose.x = 0.5
+    call(graph_host, robot, graph.SLAM_DESERIALIZE, request)
+    assert slam._mapper is not before and len(slam._mapper.graph) == len(before.graph)
+
+
 @pytest.mark.usefixtures("slam")
 def test_clear_map_restarts_the_map_and_clears_both_costmaps(graph_host: GraphHost, robot: Any) -> None:
     from std_srvs.srv import Trigger

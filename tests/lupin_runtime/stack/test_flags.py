@@ -12,9 +12,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from lupin_cli.commands.up import _find_unavailable, _pose, command
+from lupin_cli.commands.up import _find_unavailable, _pose, _report_taken_port, command
+from lupin_runtime.ports import CONSOLE_PORT
 from lupin_runtime.stack import table
-from lupin_runtime.stack.table import ONBOARD, Options, launch, rows
+from lupin_runtime.stack.options import LAPTOP_TARGETS, ONBOARD, Options
+from lupin_runtime.stack.readiness import Port
+from lupin_runtime.stack.table import TABLE, launch, rows
 
 
 @pytest.fixture
@@ -27,27 +30,31 @@ def program_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_parts_missing_from_this_release_are_reported() -> None:
-    assert _find_unavailable(web=False, joystick=True, rviz=False) == {"joystick": "the Xbox teleop is not in this release"}
-    assert _find_unavailable(web=False, joystick=False, rviz=False) == {}
+    assert _find_unavailable({"joystick"}) == {"joystick": "the Xbox teleop is not in this release"}
+    assert _find_unavailable(set()) == {}
 
 
-def test_used_console_port_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("flag", sorted({row.flag for row in TABLE if row.listens}))
+def test_used_port_is_reported_with_its_owner(flag: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-        monkeypatch.setattr(table, "ROSBRIDGE_PORT", port)
-        reason = _find_unavailable(True, False, False)["web"]
-        assert reason.startswith(f"port {port} is in use by process {os.getpid()} (")
-    assert _find_unavailable(True, False, False) == {}
-
-
-def test_used_video_port_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-        monkeypatch.setattr(table, "VIDEO_PORT", port)
-        assert (
-            f"port {port} is in use by process {os.getpid()} (" in _find_unavailable(False, False, False, video=True)["video"]
+        monkeypatch.setattr(
+            table, "TABLE", tuple(replace(row, ready=(Port(port),)) if row.flag == flag else row for row in TABLE)
         )
-    assert _find_unavailable(False, False, False, video=True) == {}
+        assert f"port {port} is in use by process {os.getpid()} (" in _find_unavailable({flag})[flag]
+        assert _find_unavailable(set()) == {}
+    assert _find_unavailable({flag}) == {}
+
+
+def test_flag_of_every_row_is_an_option_of_up() -> None:
+    options = {
+        declared.removeprefix("--").split("/")[0]
+        for name, each in inspect.signature(command).parameters.items()
+        for declared in (each.default.param_decls or (f"--{name}",))
+    }
+    assert {row.flag for row in TABLE} - {""} <= options
+    assert all(row.flag for row in TABLE if row.targets == LAPTOP_TARGETS)
+    assert all(row.flag for row in TABLE if row.listens)
 
 
 def test_simulated_cameras_are_served_with_the_console() -> None:
@@ -71,15 +78,6 @@ def test_mission_without_graphics_names_what_to_install(monkeypatch: pytest.Monk
     assert done.exit_code == 2 and "apt-get install libegl1 libgl1" in done.output
 
 
-def test_used_foxglove_port_is_reported_with_its_owner(monkeypatch: pytest.MonkeyPatch) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-        monkeypatch.setattr(table, "FOXGLOVE_PORT", port)
-        reason = _find_unavailable(False, False, False, foxglove=True)["foxglove"]
-        assert reason.startswith(f"port {port} is in use by process {os.getpid()} (")
-    assert _find_unavailable(False, False, False, foxglove=True) == {}
-
-
 @pytest.mark.parametrize("target", ["sim", "robot", ONBOARD])
 def test_foxglove_runs_only_if_requested_and_restarts(target: str) -> None:
     assert all(row.name != "foxglove" for row in rows(Options(target=target)))
@@ -88,13 +86,13 @@ def test_foxglove_runs_only_if_requested_and_restarts(target: str) -> None:
 
 
 def test_missing_rviz_or_display_is_reported_with_advice(program_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "rviz2 is not on PATH" in _find_unavailable(False, False, rviz=True)["rviz"]
+    assert "rviz2 is not on PATH" in _find_unavailable({"rviz"})["rviz"]
     program = program_path / "rviz2"
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
-    assert "needs a display" in _find_unavailable(False, False, rviz=True)["rviz"]
+    assert "needs a display" in _find_unavailable({"rviz"})["rviz"]
     monkeypatch.setenv("DISPLAY", ":0")
-    assert _find_unavailable(False, False, rviz=True) == {}
+    assert _find_unavailable({"rviz"}) == {}
 
 
 def test_initial_pose_reaches_amcl_with_a_simulator_default() -> None:
@@ -141,3 +139,18 @@ def test_option_defaults_equal_those_of_a_run() -> None:
         name: fields[name] for name in fields.keys() - by_target
     }
     assert len(fields) >= 15
+
+
+def test_used_rosbridge_port_leaves_the_page(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        _report_taken_port(port)
+    said = capsys.readouterr()
+    assert f"no rosbridge for programs: port {port} is in use by process {os.getpid()} (" in said.err
+    assert "--rosbridge-port" in said.err and not said.out
+    _report_taken_port(port)
+    _report_taken_port(0)
+    assert capsys.readouterr().err == ""
+    row = next(row for row in TABLE if row.name == "console")
+    assert row.listens == (CONSOLE_PORT,), "the console is up without the other port"
+    assert row.nodes[0].parameters(Options(rosbridge_port=7))["rosbridge_port"] == 7

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from lupin_runtime.stack.onboard import onboard_options
+from lupin_runtime.stack.options import ONBOARD, Options
 from lupin_runtime.stack.table import rows
 from tests.support.waiting import wait_until
 
@@ -25,7 +25,7 @@ TIMEOUT_S = 60.0
 
 
 def test_onboard_rows_are_estop_drive_body_without_needs() -> None:
-    chosen = rows(onboard_options())
+    chosen = rows(Options(target=ONBOARD))
     assert [row.name for row in chosen] == ["estop", "drive", "body"]
     assert all(row.needs == () and row.ready and row.on_death == "restart" for row in chosen)
     nodes = [node.path.split(":")[1] for row in chosen for node in row.nodes]
@@ -40,7 +40,7 @@ def test_onboard_rows_are_estop_drive_body_without_needs() -> None:
 
 
 def test_onboard_nodes_use_the_robots_sink_and_color_order() -> None:
-    options = onboard_options()
+    options = Options(target=ONBOARD)
     parameters = {node.path.split(":")[1]: dict(node.parameters(options)) for row in rows(options) for node in row.nodes}
     assert parameters["TwistMux"]["sink"] == "robot"
     assert parameters["LightStripBridge"] == {"color_order": "BRG"}

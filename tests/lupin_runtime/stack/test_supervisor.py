@@ -16,10 +16,12 @@ import pytest
 
 from lupin_runtime import graph
 from lupin_runtime.stack import supervisor as module
+from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.readiness import Readiness, TopicSample
 from lupin_runtime.stack.runs import Run, create_run
-from lupin_runtime.stack.supervisor import Phase, Supervisor
-from lupin_runtime.stack.table import Options, ProcessRow
+from lupin_runtime.stack.service import failure
+from lupin_runtime.stack.supervisor import LIVENESS_FAILED, Phase, Supervisor
+from lupin_runtime.stack.table import ProcessRow
 from tests.support.waiting import wait_until
 
 STAY = "import sys; sys.stdin.read()"
@@ -43,7 +45,7 @@ class FakeMonitor:
 
 def row(name: str, code: str, **fields: object) -> ProcessRow:
     fields = {"sends_heartbeats": "Supervision" in code, **fields}
-    return ProcessRow(name, (), when=lambda _: True, command=lambda _: ["-c", code], **fields)  # type: ignore[arg-type]
+    return ProcessRow(name, command=lambda _: ["-c", code], **fields)  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -217,6 +219,21 @@ def test_hung_main_loop_of_supervisor_blocks_motion(supervise: Any, monkeypatch:
     until(supervisor, lambda: supervisor.liveness.responds("drive"))
     log = supervisor.run.logs / "drive.log"
     wait_until(lambda: "the supervisor's main loop does not respond" in log.read_text(), log.read_text)  # without any step
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_failed_heartbeat_thread_ends_the_run(supervise: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    supervisor = supervise(FakeMonitor(), row("drive", ALIVE, commands_motion=True))
+    until(supervisor, lambda: supervisor.liveness.responds("drive"))
+    assert failure(supervisor) == ""
+    monkeypatch.setattr(supervisor.liveness, "_judge", lambda _: 1 / 0)
+    until(supervisor, lambda: bool(supervisor.deaths))
+    assert supervisor.deaths == [LIVENESS_FAILED] and LIVENESS_FAILED.ends_run
+    assert failure(supervisor) == "supervisor can no longer receive heartbeats"
+    supervisor.step()
+    assert len(supervisor.deaths) == 1
+    log = supervisor.run.logs / "drive.log"
+    wait_until(lambda: "the supervisor does not respond" in log.read_text(), log.read_text)
 
 
 def test_process_above_its_memory_limit_is_replaced(supervise: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,12 +7,13 @@ from pathlib import Path
 import pytest
 
 from lupin_runtime import graph
-from lupin_runtime.stack.onboard import onboard_options
-from lupin_runtime.stack.table import NodeRow, Options, rows
+from lupin_runtime.stack import options as targets
+from lupin_runtime.stack.options import Options
+from lupin_runtime.stack.table import TABLE, NodeRow, rows
 
 SIMULATED = Options(mission=True, rviz=True)
 LAPTOP = Options(target="robot", mission=True, rviz=True)
-ONBOARD = onboard_options()
+ONBOARD = Options(target=targets.ONBOARD)
 
 
 def nodes(options: Options) -> dict[str, NodeRow]:
@@ -63,3 +64,37 @@ def test_saved_map_starts_localization_without_slam_or_seed() -> None:
     names = nodes(Options(mission=True, map_file=Path("house.yaml"))).keys()
     assert {"MapServer", "AmclNode"} <= names
     assert not {"SlamNode", "PoseSeed"} & names
+
+
+def test_each_target_starts_its_processes_only() -> None:
+    kinds = (*targets.LAPTOP_TARGETS, targets.ONBOARD)
+    names = {target: [row.name for row in rows(Options(target=target))] for target in kinds}
+    laptop = ["slam", "nav", "perception", "twin", "recorder"]
+    assert names["sim"] == ["sim", "estop", "drive", "slam", "nav", "body", *laptop[2:]]
+    assert names["robot"] == ["robot", *laptop]
+    assert names["onboard"] == ["estop", "drive", "body"]
+    assert [row.name for row in rows(Options(target=targets.ROBOT_CAMERAS))] == ["body-camera", "gripper-camera", "video"]
+    assert {target for row in TABLE for target in row.targets} == {*names, targets.ROBOT_CAMERAS}
+
+
+@pytest.mark.parametrize(
+    ("target", "needed", "watched"),
+    [
+        ("sim", {"sim", "estop", "drive"}, {"estop", "drive"}),
+        ("robot", {"robot"}, set()),
+        ("onboard", {"estop", "drive"}, {"estop", "drive"}),
+        ("cameras", set(), {"video"}),
+    ],
+)
+def test_processes_needed_to_drive_and_watched_by_target(target: str, needed: set[str], watched: set[str]) -> None:
+    chosen = rows(Options(target=target))
+    assert {row.name for row in chosen if row.needed_to_drive} == needed
+    assert {row.name for row in chosen if row.watched} == watched
+
+
+def test_ports_of_a_process_are_those_that_show_that_it_is_up() -> None:
+    assert {row.name: row.listens for row in TABLE if row.listens} == {
+        "console": (8090,),
+        "video": (8091,),
+        "foxglove": (8765,),
+    }

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from lupin_sim.host import Host
+from lupin_sim.host.checkout import link_checkout
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.host
@@ -42,6 +43,15 @@ def test_laptop_sees_only_its_own_processes(host: Host) -> None:
         sleeper.kill()
     assert seen == ["sleep", "sleep", "sh"]
     assert sleeper.returncode == -9
+
+
+def test_units_see_a_checkout_below_tmp(fresh_host: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+    unit = "/etc/systemd/system/lupin-onboard.service"
+    fresh_host.robot.run_as_root("sh", "-ec", f"printf '[Service]\\nExecStart=/bin/true\\nPrivateTmp=yes\\n' > {unit}")
+    monkeypatch.setattr("sys.prefix", "/tmp/checkout/.venv")
+    link_checkout(fresh_host.robot)
+    shown = fresh_host.robot.run_as_root("sh", "-ec", "systemctl daemon-reload; systemctl show -P PrivateTmp lupin-onboard")
+    assert shown.stdout == "no\n", shown.stderr
 
 
 def test_factory_reset_removes_files_and_keeps_the_host_key(fresh_host: Host) -> None:

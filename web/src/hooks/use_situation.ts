@@ -41,12 +41,15 @@ export function useSentence(): Sentence {
   const estop = useEstop();
   const mission = useMission();
   const bus = useDriveStatus();
+  const gateEngaged = useGate((gate) => gate.engaged);
+  const holdsZeros = useConsole(hasControl) && gateEngaged;
   return sentence({
     linkOpen: link.state === "open",
     wasOpen: link.wasOpen,
     stopped: estop.engaged,
     mission,
-    drivenByHand: bus?.winner === "manual" || bus?.winner === "joy",
+    // A page in control whose gate is engaged holds the manual input with zeros: that is no driving.
+    drivenByHand: bus?.winner === "joy" || (bus?.winner === "manual" && !holdsZeros),
   });
 }
 

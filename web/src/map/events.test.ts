@@ -17,10 +17,11 @@ const STATE = {
 const kinds = (changes: Partial<lupin_msgs_MissionState>) => eventsBetween(STATE, { ...STATE, ...changes }).map((event) => event.kind);
 
 describe("events of the mission's state", () => {
-  it("are none without a change, and the lifecycle alone at first sight", () => {
+  it("are none without a change, and none at first sight", () => {
     expect(kinds({})).toEqual([]);
-    expect(eventsBetween(null, STATE)).toEqual([
-      { kind: "lifecycle", timeS: 12.5, severity: "info", text: { key: "mission_event_monitoring" } },
+    expect(eventsBetween(null, STATE)).toEqual([]);
+    expect(eventsBetween(STATE, { ...STATE, lifecycle_state: "RETURNING" })).toEqual([
+      { kind: "lifecycle", timeS: 12.5, severity: "info", text: { key: "mission_event_returning" } },
     ]);
   });
 

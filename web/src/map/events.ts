@@ -44,12 +44,13 @@ const PHASES: Record<string, TextKey> = {
   PUBLISHING: "mission_event_publishing",
 };
 
-/** The events between two states; the first state that is seen makes none but its own lifecycle. */
+/** The events between two states. The first state that is seen makes none: when it began is not known. */
 export function eventsBetween(before: lupin_msgs_MissionState | null, after: lupin_msgs_MissionState): MissionEvent[] {
+  if (before === null) return [];
   const timeS = seconds(after.header.stamp);
   const events: MissionEvent[] = [];
-  const changed = (field: keyof lupin_msgs_MissionState) => before !== null && before[field] !== after[field];
-  if (before === null || changed("lifecycle_state")) {
+  const changed = (field: keyof lupin_msgs_MissionState) => before[field] !== after[field];
+  if (changed("lifecycle_state")) {
     const key = LIFECYCLE[after.lifecycle_state];
     const isFault = after.lifecycle_state === "FAULT";
     events.push({

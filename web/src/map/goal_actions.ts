@@ -40,17 +40,20 @@ export function askForPath(pose: Pose2, answered: (preview: Preview) => void): (
   const goal = { goal: goalMessage(pose, setting("mapFrame")), planner_id: "", use_start: false };
   const handle = link.sendGoal<nav2_msgs_ComputePathToPose_Result>(row.name, row.type, goal, () => {});
   let isWanted = true;
+  let isAnswered = false;
   handle.result
     .then(({ result }) => {
+      isAnswered = true;
       const points = readPath(result?.path);
       const problem: Preview["problem"] = pathProblem(result?.error_code ?? 0) ?? (points.length === 0 ? "map_no_path" : null);
       if (isWanted) answered({ points, problem, isPending: false });
     })
     .catch(() => {
+      isAnswered = true;
       if (isWanted) answered({ points: [], problem: "map_no_planner", isPending: false });
     });
   return () => {
     isWanted = false;
-    handle.cancel();
+    if (!isAnswered) handle.cancel();
   };
 }

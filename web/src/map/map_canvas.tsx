@@ -88,9 +88,9 @@ export function MapCanvas({ onView }: MapCanvasProps) {
   );
 }
 
-/** What lies over the map at its edges: the toolbar above, the scale and the legends below, tools and a field's legend beside. */
+/** What lies over the map at its edges: the toolbar above, the scale and the legends below, a field's legend and the tools beside. */
 export function fitMargins(isPhone: boolean, hasField: boolean): Margins {
-  return isPhone ? { top: 72, right: 14, bottom: 72, left: 14 } : { top: 72, right: hasField ? 264 : 68, bottom: 48, left: 28 };
+  return isPhone ? { top: 72, right: 14, bottom: 72, left: 14 } : { top: 72, right: 68, bottom: 48, left: hasField ? 256 : 28 };
 }
 
 export function pixelOf(event: PointerEvent<HTMLElement>): Point {

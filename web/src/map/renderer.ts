@@ -2,11 +2,13 @@
 import { fitCanvas } from "@/widgets/canvas";
 import { drawDraft, drawMotion, drawRobot, drawSentGoal } from "./draw/motion";
 import { SceneDrawing } from "./draw/scene";
-import { drawFlowers, drawTags } from "./draw/tags";
+import { textScale } from "./draw/ink";
+import { drawFlowers, drawTags, motionObstacles } from "./draw/tags";
 import type { Sensor } from "./health";
 import { type Rectangle, hitLabel } from "./labels";
 import { type LiveMap, SCAN_STALE_MS } from "./live_map";
 import type { Draft, Preview } from "./map_ui";
+import { shownPlan } from "./route";
 import type { Pose2 } from "@/ros/tf";
 import { type Bounds, type Margins, type Point, type Size, type View, boundsOf, fit, grow, panBy, toScreen, toWorld, union, zoomAt } from "./view";
 
@@ -156,15 +158,10 @@ export class MapRenderer {
     drawFlowers(context, project, live.tags, view.scale);
     if (shown.sent !== null) drawSentGoal(context, projectPoint, view.scale, shown.sent);
     if (live.pose !== null) drawRobot(context, view, size, live.pose, style);
-    this.labels = drawTags(context, project, live.tags, { ...shown, obstacles: this.robotRectangle(size) });
+    const plan = shownPlan(live.plan, live.pose, nowMs);
+    const obstacles = motionObstacles(live.pose === null ? null : projectPoint(live.pose), plan === null ? null : projectPoint(plan.left.at(-1) ?? view));
+    this.labels = drawTags(context, project, live.tags, { ...shown, textScale: textScale(), obstacles });
     if (shown.draft !== null) drawDraft(context, projectPoint, view.scale, shown.draft, shown.preview);
-  }
-
-  private robotRectangle(size: Size): Rectangle[] {
-    const { pose } = this.live;
-    if (pose === null) return [];
-    const { x, y } = toScreen(this.view, size, pose);
-    return [{ x: x - 22, y: y - 22, width: 44, height: 44 }];
   }
 
   /** What stands still is drawn to a canvas of its own, which is copied in every frame. */

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { nav_msgs_Path } from "@/generated/messages";
-import { Trail, lengthOf, readPath, remaining } from "./route";
+import { PLAN_FORGOTTEN_MS, PLAN_STALE_MS, Trail, lengthOf, readPath, remaining, shownPlan } from "./route";
 
 const POINTS = [0, 1, 2, 3].map((x) => ({ x, y: 0 }));
 
@@ -18,6 +18,23 @@ describe("the plan", () => {
     expect(lengthOf(left)).toBeCloseTo(Math.hypot(0.8, 0.1) + 1);
     expect(remaining(POINTS, null)).toEqual(POINTS);
     expect(lengthOf(remaining([], { x: 0, y: 0 }))).toBe(0);
+  });
+});
+
+describe("the plan on the map", () => {
+  const plan = { points: POINTS, receivedMs: 1000 };
+  const pose = { x: 1, y: 0 };
+
+  it("is followed while it is new, shown while it is old, and then forgotten", () => {
+    expect(shownPlan(plan, pose, 1000 + PLAN_STALE_MS)?.isFollowed).toBe(true);
+    expect(shownPlan(plan, pose, 1001 + PLAN_STALE_MS)?.isFollowed).toBe(false);
+    expect(shownPlan(plan, pose, 1001 + PLAN_FORGOTTEN_MS)).toBeNull();
+  });
+
+  it("is gone once it was driven", () => {
+    expect(shownPlan(plan, { x: 2.95, y: 0 }, 1000)).toBeNull();
+    expect(shownPlan({ points: [], receivedMs: 0 }, pose, 0)).toBeNull();
+    expect(shownPlan(null, pose, 0)).toBeNull();
   });
 });
 

@@ -38,6 +38,23 @@ export function remaining(points: readonly Point[], pose: Point | null): Point[]
   return [{ x: pose.x, y: pose.y }, ...points.slice(nearest + 1)];
 }
 
+/** A plan whose end is nearer than this was driven. */
+const DRIVEN_M = 0.12;
+
+/** What is to be drawn of a plan, and whether the robot still follows it; null where it was driven or is too old. */
+export function shownPlan(
+  plan: { points: readonly Point[]; receivedMs: number } | null,
+  pose: Point | null,
+  nowMs: number,
+): { left: Point[]; isFollowed: boolean } | null {
+  if (plan === null || plan.points.length < 2) return null;
+  const ageMs = nowMs - plan.receivedMs;
+  if (ageMs > PLAN_FORGOTTEN_MS) return null;
+  const left = remaining(plan.points, pose);
+  if (left.length < 2 || lengthOf(left) < DRIVEN_M) return null;
+  return { left, isFollowed: ageMs <= PLAN_STALE_MS };
+}
+
 export interface TrailPoint extends Point {
   /** performance.now() when the robot was there. */
   atMs: number;

@@ -29,6 +29,10 @@ describe("the transit line", () => {
     expect(line(transitStops(state({ current_target: "3" }), visits, TAGS))).toBe("1:done 3:current 4:next 2:open");
   });
 
+  it("does not show a tag twice whose observation came before the next state", () => {
+    expect(line(transitStops(state({ current_target: "1" }), [visit("1", 1)], TAGS))).toBe("1:current 3:next 4:open 2:open");
+  });
+
   it("begins anew with every round", () => {
     const visits = ["1", "3", "4", "2", "1"].map((id, index) => visit(id, index));
     expect(line(transitStops(state({ current_target: "3" }), visits, TAGS))).toBe("1:done 3:current 4:next 2:open");

@@ -42,6 +42,8 @@ export function transitStops(
   const own = visits.filter((visit) => visit.missionId === mission.mission_id);
   const source = ROUND_SOURCE[mission.lifecycle_state] ?? lastSource(own);
   const done = lastRound(own.filter((visit) => visit.source === source), mission, source);
+  // An observation may come before the state that leaves its tag.
+  if (mission.current_target !== "" && done.at(-1)?.tag === mission.current_target) done.pop();
   const unseen = Math.min(MAX_STOPS, Math.max(0, visitedInRound(mission, source) - done.length));
   const stops: Stop[] = [
     ...Array.from({ length: unseen }, () => ({ tag: "", state: "done" as const })),

@@ -3,6 +3,7 @@ import { SETTINGS, SETTINGS_VERSION } from "@/generated/settings";
 import { MAX_LOG_LINES, commandRows, logText } from "./stored_logs";
 import { type MockAuthority, RequestRefused } from "./authority";
 import { cameraRows, videoStream } from "./video";
+import { isLost } from "./link_state";
 import type { MockDoctor } from "./doctor";
 import { plays, report, storedRun, storedRuns } from "./run_data";
 import { type MockRobot, answerService } from "./services";
@@ -33,7 +34,7 @@ export class MockApi {
     const url = new URL(path, location.origin);
     if (url.pathname === "/_video/stream") return videoStream(url.searchParams.get("topic") ?? "", this.robot.world, options.signal ?? null);
     await new Promise((done) => setTimeout(done, ANSWERS_AFTER_MS));
-    if (this.robot.world.options.state === "lost") throw new TypeError("Failed to fetch");
+    if (isLost(this.robot.world.options)) throw new TypeError("Failed to fetch");
     const body = typeof options.body === "string" ? (JSON.parse(options.body) as Body) : null;
     try {
       const value = await this.handle(url.pathname, body);

@@ -4,6 +4,7 @@ import { ARM_PRESETS, GRIPPER, JOINT_LIMITS, PRESET_DURATION_S } from "@/generat
 
 export const ARM_JOINTS = JOINTS.arm;
 const GRIPPER_RAD_S = 0.34;
+const PUBLISHED_WITHIN_S = 0.5;
 const CALIBRATED = ["shoulder_lift", "elbow", "wrist", "gripper"] as const;
 /** What a person's hand leaves between zero and the pose, in ticks; below 200 nothing is written. */
 const OBSERVED_TICKS = [312, -148, 96, 1204] as const;
@@ -34,6 +35,8 @@ export class MockArm {
   torque = true;
   calibration: "IDLE" | "AWAITING_POSE" = "IDLE";
   private move: Move | null = null;
+  /** The last move, until its trajectory was published. */
+  private sent: { to: readonly number[]; durationS: number; beganS: number } | null = null;
   private gripperTarget: number = GRIPPER.openRad;
   private nowS = 0;
 
@@ -47,6 +50,14 @@ export class MockArm {
     if (!this.torque) throw new Refused("the arm is limp: switch the torque on first");
     const to = ARM_JOINTS.map((joint, index) => clampJoint(joint, target[index] ?? 0));
     this.move = { from: [...this.position], to, beganS: this.nowS, durationS: Math.max(0.1, durationS) };
+    this.sent = this.move;
+  }
+
+  /** A move that was commanded just now and not yet published; null without one. */
+  takeSent(): { to: readonly number[]; durationS: number } | null {
+    const { sent } = this;
+    this.sent = null;
+    return sent !== null && this.nowS - sent.beganS < PUBLISHED_WITHIN_S ? sent : null;
   }
 
   moveGripper(angleRad: number): void {

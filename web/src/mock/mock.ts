@@ -5,6 +5,7 @@ import type { Socket } from "@/ros/rosbridge";
 import { MockApi } from "./api";
 import { MockAuthority } from "./authority";
 import { MockDoctor } from "./doctor";
+import { whenLost } from "./link_state";
 import { readOptions } from "./options";
 import { RosbridgeServer } from "./rosbridge_server";
 import { runState } from "./run_data";
@@ -14,8 +15,6 @@ const STEP_MS = 20;
 const RUN_MS = 1000;
 /** Time that was missed while the page was hidden is not made up for. */
 const LONGEST_STEP_S = 0.1;
-/** In the state `lost`, how long the channel of events works before. */
-const WORKS_MS = 1600;
 
 const options = readOptions(new URLSearchParams(location.search));
 const world = new World(options);
@@ -68,10 +67,8 @@ export function startServer(): void {
     answer("/_api/settings").then(async (response) => push("settings", ((await response.json()) as { settings: unknown }).settings)),
   ]).catch(() => {});
   setInterval(() => push("run", runState(world)), RUN_MS);
-  if (options.state === "lost") {
-    setTimeout(() => {
-      isOnline = false;
-      useConsole.setState({ online: false, changedMs: performance.now() });
-    }, WORKS_MS);
-  }
+  whenLost(options, () => {
+    isOnline = false;
+    useConsole.setState({ online: false, changedMs: performance.now() });
+  });
 }

@@ -1,6 +1,7 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { SERVICES, TOPICS } from "@/generated/graph";
-import type { lupin_msgs_CalibrateArm_Response, lupin_msgs_MissionState, nav_msgs_Odometry } from "@/generated/messages";
+import type { lupin_msgs_CalibrateArm_Response, lupin_msgs_MissionState, nav_msgs_Odometry, trajectory_msgs_JointTrajectory } from "@/generated/messages";
+import { ARM_PRESETS } from "@/generated/robot";
 import { CallFailed, Rosbridge } from "@/ros/rosbridge";
 import { MockAuthority, OTHER } from "./authority";
 import { readOptions } from "./options";
@@ -31,6 +32,9 @@ function start(query: string) {
   return { world, authority, link, run, call };
 }
 
+/** Sampled only when something happens: a tag is read, the arm is commanded. */
+const EVENTS: readonly string[] = [TOPICS.OBSERVATIONS.name, TOPICS.ARM_TRAJECTORY.name];
+
 beforeEach(() => vi.useFakeTimers());
 afterEach(() => vi.useRealTimers());
 
@@ -42,7 +46,7 @@ describe("the mock robot", () => {
     for (const { name, type } of SAMPLES) link.subscribe(name, type, {}, () => counts.set(name, (counts.get(name) ?? 0) + 1));
     await run(6);
     for (const { name, rateHz } of SAMPLES) {
-      if (name === TOPICS.OBSERVATIONS.name) continue; // only while a tag is read
+      if (EVENTS.includes(name)) continue;
       const count = counts.get(name) ?? 0;
       expect(count, name).toBeGreaterThanOrEqual(Math.floor(6 * rateHz * 0.8));
       expect(count, name).toBeLessThanOrEqual(Math.ceil(6 * rateHz * 1.2) + 2);
@@ -129,6 +133,18 @@ describe("the mock robot", () => {
     const committed = await calibrate("commit");
     expect(committed).toMatchObject({ success: true, state: "IDLE", offsets_applied: [312, 0, 0, 1204], diffs_observed: [312, -148, 96, 1204] });
     expect(committed.joint_names).toHaveLength(4);
+  });
+
+  it("publishes the trajectory of a commanded move once, and moves the arm", async () => {
+    const { world, link, run, call } = start("state=calm");
+    await run(0.2);
+    const trajectories: trajectory_msgs_JointTrajectory[] = [];
+    link.subscribe(TOPICS.ARM_TRAJECTORY.name, TOPICS.ARM_TRAJECTORY.type, {}, (message) => trajectories.push(message as trajectory_msgs_JointTrajectory));
+    await call(SERVICES.ARM_PRESET, { name: "tuck" });
+    await run(3.5);
+    expect(trajectories).toHaveLength(1);
+    expect([...(trajectories[0]?.points[0]?.positions ?? [])]).toEqual([...ARM_PRESETS.tuck]);
+    expect(world.arm.position).toEqual([...ARM_PRESETS.tuck]);
   });
 
   it("sends NaN and empty messages when asked for them", async () => {

@@ -6,18 +6,16 @@ import { type Pose2, yawOf } from "@/ros/tf";
 import { clampVelocity } from "@/safety/drive";
 import { encodeCbor } from "./cbor";
 import { emptied, withoutNumbers } from "./faults";
-import { poseStamped } from "./messages";
+import { isLost, isSilent, whenLost } from "./link_state";
+import { poseStamped, time } from "./messages";
 import { SAMPLES, type SampleRow, previewPath } from "./samples";
 import { type MockRobot, answerService, ruleOf } from "./services";
-import { time } from "./messages";
 
 const OPENS_AFTER_MS = 60;
 const OPENS_SLOWLY_AFTER_MS = 900;
 const ANSWERS_AFTER_MS = 7;
 const PLANS_AFTER_MS = 160;
 const FEEDBACK_MS = 500;
-/** In the states `lost` and `stale`, how long everything works before. */
-const WORKS_MS = 1600;
 const OPEN = 1;
 const CLOSED = 3;
 
@@ -32,23 +30,22 @@ interface Subscription {
 export class RosbridgeServer {
   private clients = new Set<Client>();
   private dueMs = new Map<SampleRow, number>();
-  private readonly beganMs = performance.now();
 
   constructor(readonly robot: MockRobot) {}
 
   /** A socket to this server. Throws while the link is lost. */
   open(): Socket {
-    const { state } = this.robot.world.options;
-    if (state === "lost" && performance.now() - this.beganMs > WORKS_MS) throw new Error("the link is lost");
+    const { options } = this.robot.world;
+    if (isLost(options)) throw new Error("the link is lost");
     const client = new Client(this);
-    setTimeout(() => client.opened(), state === "boot" ? OPENS_SLOWLY_AFTER_MS : OPENS_AFTER_MS);
-    if (state === "lost") setTimeout(() => client.close(), WORKS_MS);
+    setTimeout(() => client.opened(), options.state === "boot" ? OPENS_SLOWLY_AFTER_MS : OPENS_AFTER_MS);
+    whenLost(options, () => client.close());
     return client;
   }
 
   /** Send the samples that are due. */
   publish(nowMs: number): void {
-    if (this.isSilent(nowMs)) return;
+    if (this.isSilent) return;
     for (const row of SAMPLES) {
       if (nowMs < (this.dueMs.get(row) ?? 0)) continue;
       // Of several periods that were missed, as by a hidden page, one is made up for.
@@ -71,8 +68,8 @@ export class RosbridgeServer {
     });
   }
 
-  isSilent(nowMs: number): boolean {
-    return this.robot.world.options.state === "stale" && nowMs - this.beganMs > WORKS_MS;
+  get isSilent(): boolean {
+    return isSilent(this.robot.world.options);
   }
 
   join(client: Client): void {
@@ -146,7 +143,7 @@ class Client implements Socket {
     const row = SAMPLES.find(({ name }) => name === topic);
     if (row === undefined) return;
     this.subscriptions.set(id, { row, throttleMs, sentMs: -Infinity });
-    if (!row.latched || this.server.isSilent(performance.now())) return;
+    if (!row.latched || this.server.isSilent) return;
     setTimeout(() => {
       if (!this.subscriptions.has(id)) return;
       for (const data of this.server.frames(row)) this.deliver(row, data, performance.now());

@@ -79,6 +79,7 @@ export const SAMPLES: readonly SampleRow[] = [
   row(TOPICS.TAG_DETECTIONS, 10, tagDetections),
   row(TOPICS.FLOWER_DETECTIONS, 5, flowerDetections),
   row(TOPICS.BOX_GEOMETRY, 0.5, () => json(boxes()), true),
+  row(TOPICS.ARM_TRAJECTORY, 20, armTrajectory),
   row(TOPICS.ARM_LIBRARY_STATE, 5, ({ library }) => ({ data: library.state() }), true),
   row(TOPICS.BODY_IMAGE_ROBOT_INFO, 2, ({ clockS }) => cameraInfo(clockS, "camera_color_optical_frame")),
   row(TOPICS.GRIPPER_IMAGE_INFO, 2, ({ clockS }) => cameraInfo(clockS, "gripper_camera_optical_frame")),
@@ -157,6 +158,15 @@ function jointStates({ clockS, timeS, arm, velocity }: World): MessageTypes["sen
     velocity: Float64Array.from([...arm.velocity, 0, ...wheelRps]),
     effort: Float64Array.from([0.1, arm.torque ? 1.4 : 0, arm.torque ? 0.6 : 0, 0.2, 0.1, 0, 0, 0, 0]),
   };
+}
+
+/** The trajectory of a move that was commanded just now. */
+function armTrajectory({ clockS, arm }: World): MessageTypes["trajectory_msgs/msg/JointTrajectory"] | null {
+  const sent = arm.takeSent();
+  if (sent === null) return null;
+  const empty = new Float64Array(0);
+  const point = { positions: Float64Array.from(sent.to), velocities: empty, accelerations: empty, effort: empty, time_from_start: time(sent.durationS) };
+  return { header: header(clockS, ""), joint_names: [...JOINTS.arm], points: [point] };
 }
 
 function transforms({ clockS, pose: at }: World): MessageTypes["tf2_msgs/msg/TFMessage"]["transforms"] {

@@ -1,5 +1,6 @@
 /** The made-up cameras: their list, and streams of JPEG pictures as the video server sends them. */
 import { TOPICS } from "@/generated/graph";
+import { isLost, isSilent, whenLost } from "./link_state";
 import { drawPicture } from "./picture";
 import { type Camera, PICTURE, frontCamera, gripperCamera } from "./view";
 import type { World } from "./world";
@@ -36,7 +37,7 @@ export function cameraRows(world: World): unknown[] {
 /** The answer to a request for a stream: pictures without end, or the reason why there are none. */
 export function videoStream(topic: string, world: World, signal: AbortSignal | null): Response {
   const source = sources(world).find((each) => each.topic === topic);
-  if (world.options.state === "lost") throw new TypeError("Failed to fetch");
+  if (isLost(world.options)) throw new TypeError("Failed to fetch");
   if (source === undefined) {
     const known = sources(world).map((each) => each.topic);
     return new Response(`no node publishes pictures on ${topic}; there are: ${known.join(", ") || "none"}\n`, { status: 404 });
@@ -61,8 +62,8 @@ export function videoStream(topic: string, world: World, signal: AbortSignal | n
       controller.enqueue(new TextEncoder().encode(`--${BOUNDARY}\r\n`));
       const shoot = () => {
         const runsMs = performance.now() - beganMs;
-        const stalls = world.options.faults.has("stalled") || world.options.state === "stale";
-        if (context === null || (stalls && runsMs > STALLS_AFTER_MS)) return;
+        const stalls = world.options.faults.has("stalled") && runsMs > STALLS_AFTER_MS;
+        if (context === null || stalls || isSilent(world.options)) return;
         drawPicture(context, source.view(world));
         // While time stands still, no picture has an age.
         const stamp = world.options.clockS === null ? world.clockS.toFixed(9) : "0";
@@ -71,6 +72,10 @@ export function videoStream(topic: string, world: World, signal: AbortSignal | n
       };
       shoot();
       timer = setInterval(shoot, 1000 / source.fps);
+      whenLost(world.options, () => {
+        if (isOpen) controller.error(new TypeError("network error"));
+        end();
+      });
       signal?.addEventListener("abort", () => {
         if (isOpen) controller.error(new DOMException("aborted", "AbortError"));
         end();

@@ -192,12 +192,16 @@ function BatteryReading() {
   );
 }
 
-/** The robot's clock, from the stamp of its odometry: a wrong clock or a stopped simulation is seen here. */
+/** The robot's clock, from the mission's stamps or, without a mission, from the last ping: a wrong clock is seen here. */
 function RobotTime() {
   const text = useText();
   const language = useLanguage((state) => state.language);
   const state = useTopic(TOPICS.MISSION_STATE);
-  const seconds = state?.message.header.stamp.sec ?? null;
+  const isOpen = useLink((link) => link.state === "open");
+  const offsetS = useLink((link) => link.clockOffsetS);
+  const now = useNow();
+  const pinged = !isOpen || offsetS === null ? null : Math.floor(now / 1000 + offsetS);
+  const seconds = state?.message.header.stamp.sec ?? pinged;
   const value =
     seconds === null ? UNKNOWN : seconds > 1e9 ? new Date(seconds * 1000).toLocaleTimeString(language) : clock(seconds);
   return <Reading value={value} unit="" label={text("robot_time")} />;

@@ -23,7 +23,7 @@ export function Segments<Value extends string>({ label, value, options, onChange
         <ToggleGroup.Item
           key={option.value}
           value={option.value}
-          className="h-9 rounded-sm px-3 text-sm font-semibold text-text-2 hover:text-text data-[state=on]:bg-raised data-[state=on]:text-text max-xl:h-11 pointer-coarse:h-11"
+          className="h-9 min-w-11 rounded-sm px-3 text-sm font-semibold text-text-2 hover:text-text data-[state=on]:bg-raised data-[state=on]:text-text max-xl:h-11 pointer-coarse:h-11"
         >
           {option.label}
         </ToggleGroup.Item>

@@ -22,9 +22,11 @@ export function Switch({ label, hint, checked, disabled = false, onChange }: Swi
         checked={checked}
         disabled={disabled}
         onCheckedChange={onChange}
-        className="relative h-7 w-12 shrink-0 rounded-full border border-line-strong bg-well transition-colors data-[state=checked]:border-alive-2 data-[state=checked]:bg-alive-2 disabled:opacity-60"
+        className="group grid h-11 w-12 shrink-0 place-items-center disabled:opacity-60"
       >
-        <Radix.Thumb className="block size-5 translate-x-[3px] rounded-full bg-text transition-transform data-[state=checked]:translate-x-[23px]" />
+        <span className="flex h-7 w-12 items-center rounded-full border border-line-strong bg-well transition-colors group-data-[state=checked]:border-alive-2 group-data-[state=checked]:bg-alive-2">
+          <Radix.Thumb className="block size-5 translate-x-[3px] rounded-full bg-text transition-transform data-[state=checked]:translate-x-[23px]" />
+        </span>
       </Radix.Root>
     </div>
   );

@@ -145,7 +145,7 @@ function Numbers({
   const text = useText();
   const now = useNow();
   const picture = shown.current;
-  if (picture === null) return null;
+  if (picture === null || now - picture.receivedMs > STALLED_MS) return null;
   const rate = stream.current?.rate(now) ?? null;
   const latency = medianLatencyS(picture.recent, robotTime);
   return (

@@ -1,3 +1,4 @@
+// @vitest-environment jsdom
 import { describe, expect, it } from "vitest";
 import type { sensor_msgs_LaserScan } from "@/generated/messages";
 import { echoes, nearest } from "./lidar_view";

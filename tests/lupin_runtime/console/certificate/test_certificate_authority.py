@@ -1,4 +1,4 @@
-"""The authority: what it permits, and that its key is of no use elsewhere."""
+"""What the authority permits, and that its key is useless elsewhere."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_openssl_agrees_on_what_the_authority_permits(subject: str, permitted: b
 
 
 def stolen_key_signs(authority: CertificateAuthority, names: list[x509.GeneralName]) -> leaf.Leaf:
-    """What a thief of the issuing key can make: a certificate for any names."""
+    """Issue a certificate for any names, as a thief of the issuing key could."""
     key = ec.generate_private_key(ec.SECP256R1())
     issuer = authority.issuing.public_key()
     assert isinstance(issuer, ec.EllipticCurvePublicKey)

@@ -1,4 +1,4 @@
-"""A server of the product's kind over TLS: those who trust the authority are served, and nobody else."""
+"""A TLS server like the console's: clients that trust the authority are served, and no others."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LIMIT_S = 60.0
 
 @pytest.fixture
 def store(tmp_path: Path) -> CertificateStore:
-    """This machine's own names and clock."""
+    """A store with this machine's own names and clock."""
     return CertificateStore(tmp_path / "certificate")
 
 
@@ -43,7 +43,7 @@ async def _answer(_: web.Request) -> web.Response:
 
 
 async def fetch(port: int, root: bytes | None, name: str = "localhost") -> str:
-    """What the server answers to a client that knows it by `name`; a machine may have no hosts file that resolves it."""
+    """Return the server's answer to a client that calls it `name`, which need not resolve on this machine."""
     url = f"https://127.0.0.1:{port}/"
     async with (
         ClientSession(connector=TCPConnector(ssl=client_context(root))) as session,

@@ -1,4 +1,4 @@
-"""The server's certificate: what it names, and that no clock locks anybody out."""
+"""The server certificate: its names, and that no wrong clock makes it useless."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_certificate_issued_by_wrong_clock_serves_when_corrected(
     first = store.ensure()
     store.now = right
     second = store.ensure()
-    assert second.authority.sha256 == first.authority.sha256  # what devices have installed
+    assert second.authority.sha256 == first.authority.sha256  # devices have installed it
     for certificate in (second.leaf.certificate, second.authority.issuing, second.authority.root):
         assert certificate.not_valid_before_utc <= right < certificate.not_valid_after_utc
 
@@ -77,7 +77,7 @@ def test_certificate_is_kept_when_booted_with_impossible_clock(store: HostStore,
     first = store.ensure()
     store.now = wrong
     assert store.ensure().leaf.sha256 == first.leaf.sha256
-    store.host_addresses = reachable("192.168.1.20", "10.42.0.2")  # must be issued anew: for the time of the last one
+    store.host_addresses = reachable("192.168.1.20", "10.42.0.2")  # requires another certificate, for the last time
     second = store.ensure().leaf
     assert second.sha256 != first.leaf.sha256
     assert second.certificate.not_valid_before_utc == first.leaf.certificate.not_valid_before_utc

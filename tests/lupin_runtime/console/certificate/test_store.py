@@ -1,4 +1,4 @@
-"""The files: made once, kept, repaired and renewed, and never those of somebody else."""
+"""The certificate files are created once, kept, repaired and renewed; files of other users are never used."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_certificates_stay_the_same_in_the_next_run(store: HostStore) -> None:
     again = HostStore(store.folder).ensure()
     assert again.authority.sha256 == first.authority.sha256
     assert again.leaf.sha256 == first.leaf.sha256
-    assert (first.renewed, again.renewed, again.notes) == ("there is none", None, ())
+    assert (first.renewed, again.renewed, again.notes) == ("there was none", None, ())
 
 
 def test_keys_are_readable_by_their_owner_only(store: HostStore) -> None:
@@ -79,7 +79,7 @@ def test_truncated_server_certificate_is_replaced(store: HostStore, kept_bytes: 
     assert "damaged" in second.notes[0]
 
 
-def test_damage_to_any_byte_is_repaired(store: HostStore) -> None:
+def test_damage_to_any_byte_is_handled(store: HostStore) -> None:
     store.ensure()
     for path in (store.authority_path, store.server_path):
         content = path.read_bytes()

@@ -5,7 +5,7 @@ const en = {
   mission_found: "{found} tags found",
   mission_found_of: "{found} of {goal} tags found",
   mission_idle: "No mission yet",
-  mission_nobody: "No mission node answers on {topic}. See the doctor.",
+  mission_nobody: "Nothing received on {topic}: no mission node runs. It comes with: lupin up --mission",
   // -- controls
   mission_start: "Start",
   mission_pause: "Pause",
@@ -109,7 +109,7 @@ const nl: Record<keyof typeof en, string> = {
   mission_found: "{found} tags gevonden",
   mission_found_of: "{found} van {goal} tags gevonden",
   mission_idle: "Nog geen missie",
-  mission_nobody: "Geen missienode antwoordt op {topic}. Zie de dokter.",
+  mission_nobody: "Niets ontvangen op {topic}: er loopt geen missienode. Die komt met: lupin up --mission",
   mission_start: "Starten",
   mission_pause: "Pauzeren",
   mission_resume: "Hervatten",

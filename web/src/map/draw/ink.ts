@@ -51,6 +51,11 @@ export const PALETTE: Palette = {
   [ENCLOSED]: [36, 50, 41, 255],
 };
 
+/** How much larger than usual the page writes, as on a wall. */
+export function textScale(): number {
+  return Math.max(1, parseFloat(getComputedStyle(document.documentElement).fontSize) / 16 || 1);
+}
+
 export function bodyFont(sizePx: number, weight = 600): string {
   return `${weight} ${sizePx}px ${cssColor("--font-sans")}`;
 }

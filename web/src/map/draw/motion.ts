@@ -2,7 +2,7 @@
 import { BASE, CHASSIS, type Outline, WHEELS, cornersAt } from "@/map/footprint";
 import type { LiveMap } from "@/map/live_map";
 import type { Draft, Preview } from "@/map/map_ui";
-import { PLAN_FORGOTTEN_MS, PLAN_STALE_MS, type TrailPoint, remaining } from "@/map/route";
+import { type TrailPoint, shownPlan } from "@/map/route";
 import { type Point, type Size, type View, toScreen, toScreenAngle } from "@/map/view";
 import { type Pose2, compose } from "@/ros/tf";
 import { inks } from "./ink";
@@ -134,11 +134,10 @@ function drawTrail(pen: Pen, points: readonly TrailPoint[], style: MotionStyle):
 }
 
 function drawPlan(pen: Pen, live: LiveMap, style: MotionStyle): void {
-  if (live.plan === null || live.plan.points.length < 2) return;
-  const ageMs = style.nowMs - live.plan.receivedMs;
-  if (ageMs > PLAN_FORGOTTEN_MS) return;
-  const left = remaining(live.plan.points, live.pose);
-  const isOld = ageMs > PLAN_STALE_MS || style.isStopped;
+  const shown = shownPlan(live.plan, live.pose, style.nowMs);
+  if (shown === null) return;
+  const { left } = shown;
+  const isOld = !shown.isFollowed || style.isStopped;
   pen.trace(left);
   if (isOld) {
     pen.stroke("#7d8780", 2, [2, 7]);

@@ -17,6 +17,8 @@ export interface TagStyle {
   /** The robot is stopped: nothing of the mission is alive. */
   isStopped: boolean;
   isSmall: boolean;
+  /** Of texts, from textScale(). */
+  textScale: number;
   /** Where no label should lie. */
   obstacles: Rectangle[];
 }
@@ -75,6 +77,12 @@ function drawBugRing(context: CanvasRenderingContext2D, x: number, y: number, ra
   context.setLineDash([]);
 }
 
+/** Where the robot and the end of its way are seen. */
+export function motionObstacles(robot: Point | null, goal: Point | null): Rectangle[] {
+  const around = ({ x, y }: Point, reach: number): Rectangle => ({ x: x - reach, y: y - reach, width: 2 * reach, height: 2 * reach });
+  return [...(robot === null ? [] : [around(robot, 24)]), ...(goal === null ? [] : [around(goal, 13)])];
+}
+
 interface Pill extends Label {
   tag: Tag;
   isCurrent: boolean;
@@ -85,7 +93,7 @@ interface Pill extends Label {
 function pillOf(context: CanvasRenderingContext2D, project: Project, tag: Tag, style: TagStyle): Pill | null {
   if (tag.at === null) return null;
   const isCurrent = tag.id === style.current;
-  const size = (style.isSmall ? 13 : 15) + (isCurrent ? 3 : 0);
+  const size = Math.round(((style.isSmall ? 13 : 15) + (isCurrent ? 3 : 0)) * style.textScale);
   const hasMark = !style.isSmall || isCurrent || tag.health.state === "stressed" || tag.health.state === "critical";
   context.font = bodyFont(size);
   const text = tag.id.slice(0, 12);
@@ -95,7 +103,7 @@ function pillOf(context: CanvasRenderingContext2D, project: Project, tag: Tag, s
   const base = project(tag.at.x, tag.at.y, tag.at.z);
   const tip = project(tag.at.x + normal.x * LEADER_M, tag.at.y + normal.y * LEADER_M, 0);
   const direction = Math.atan2(tip.y - base.y, tip.x - base.x);
-  const valueRoom = style.layer !== null && tag.readings[style.layer] !== undefined ? 22 : 0;
+  const valueRoom = style.layer !== null && tag.readings[style.layer] !== undefined ? 22 * style.textScale : 0;
   return {
     id: tag.id,
     ...base,
@@ -164,7 +172,7 @@ function drawPill(context: CanvasRenderingContext2D, pill: Pill, place: Rectangl
   context.fillStyle = isCurrent ? ink.aliveInk : isRead ? ink.text : ink.text2;
   context.fillText(tag.id.slice(0, 12), textX, middleY + 1);
   if (tag.hasBug) drawAlarm(context, place.x + place.width - 1, place.y + 2, 8, ink.attention, "#241800");
-  if (style.layer !== null) drawValue(context, tag, style.layer, place.x + place.width / 2, place.y + height + 12);
+  if (style.layer !== null) drawValue(context, tag, style.layer, place.x + place.width / 2, place.y + height + 12 * style.textScale, style.textScale);
 }
 
 function clamp(value: number, low: number, high: number): number {
@@ -172,12 +180,12 @@ function clamp(value: number, low: number, high: number): number {
 }
 
 /** The reading that a field was made of, with an arrow where it is out of its range. */
-function drawValue(context: CanvasRenderingContext2D, tag: Tag, sensor: Sensor, x: number, y: number): void {
+function drawValue(context: CanvasRenderingContext2D, tag: Tag, sensor: Sensor, x: number, y: number, scale: number): void {
   const value = tag.readings[sensor];
   if (value === undefined) return;
   const range = idealRange(sensor);
   const arrow = { low: " ▼", ideal: "", high: " ▲" }[side(value, range)];
-  context.font = bodyFont(16, 700);
+  context.font = bodyFont(Math.round(16 * scale), 700);
   context.textAlign = "center";
   context.lineJoin = "round";
   context.lineWidth = 5;

@@ -3,10 +3,12 @@ import { useFrame, useThree } from "@react-three/fiber";
 import { type RefObject, useEffect, useRef } from "react";
 import type { OrthographicCamera } from "three";
 import { drawDraft, drawSentGoal } from "@/map/draw/motion";
-import { drawBugs, drawTags } from "@/map/draw/tags";
+import { textScale } from "@/map/draw/ink";
+import { drawBugs, drawTags, motionObstacles } from "@/map/draw/tags";
 import type { Rectangle } from "@/map/labels";
 import { liveMap } from "@/map/live_map";
 import type { Presentation } from "@/map/renderer";
+import { shownPlan } from "@/map/route";
 import type { Flower } from "@/map/twin";
 import type { Point } from "@/map/view";
 import { fitCanvas } from "@/widgets/canvas";
@@ -35,7 +37,7 @@ export function Labels({ overlayRef, placesRef, presentation }: LabelsProps) {
     context.clearRect(0, 0, width, height);
     const project = (x: number, y: number, z: number): Point => projectPoint(camera, size, x, y, z);
     const onFloor = (point: Point): Point => project(point.x, point.y, 0);
-    const { pose, tags } = liveMap;
+    const { pose, plan, tags } = liveMap;
     const { sent, draft, preview } = presented.current;
     const bloom = (flower: Flower): Point => {
       const { baseM, lengthM } = stemOf(flower);
@@ -43,9 +45,9 @@ export function Labels({ overlayRef, placesRef, presentation }: LabelsProps) {
     };
     drawBugs(context, bloom, tags, Math.max(9, 0.13 * camera.zoom));
     if (sent !== null) drawSentGoal(context, onFloor, camera.zoom, sent);
-    const robot = pose === null ? null : project(pose.x, pose.y, 0.15);
-    const obstacles = robot === null ? [] : [{ x: robot.x - 26, y: robot.y - 30, width: 52, height: 60 }];
-    placesRef.current = drawTags(context, project, tags, { ...presented.current, obstacles });
+    const end = shownPlan(plan, pose, performance.now())?.left.at(-1);
+    const obstacles = motionObstacles(pose === null ? null : project(pose.x, pose.y, 0.15), end === undefined ? null : onFloor(end));
+    placesRef.current = drawTags(context, project, tags, { ...presented.current, textScale: textScale(), obstacles });
     if (draft !== null) drawDraft(context, onFloor, camera.zoom, draft, preview);
   });
   return null;

@@ -5,7 +5,7 @@ import { FRESH_TRAIL_MS } from "@/map/draw/motion";
 import { LIDAR } from "@/generated/robot_model";
 import { SCAN_STALE_MS, liveMap } from "@/map/live_map";
 import { ribbon } from "@/map/ribbon";
-import { PLAN_FORGOTTEN_MS, PLAN_STALE_MS, remaining } from "@/map/route";
+import { shownPlan } from "@/map/route";
 import type { Point } from "@/map/view";
 import { useLiveUpdate } from "./use_live";
 
@@ -23,10 +23,9 @@ export function Plan({ isStopped, color }: { isStopped: boolean; color: string }
   const band = useRef<Mesh>(null);
   useLiveUpdate(["motion"], () => {
     if (band.current === null) return;
-    const { plan, pose } = liveMap;
-    const age = plan === null ? Infinity : performance.now() - plan.receivedMs;
-    setRibbon(band.current, plan === null || age > PLAN_FORGOTTEN_MS ? [] : remaining(plan.points, pose), PLAN_WIDTH_M, 0.012);
-    (band.current.material as MeshBasicMaterial).color.set(isStopped || age > PLAN_STALE_MS ? "#7d8780" : color);
+    const shown = shownPlan(liveMap.plan, liveMap.pose, performance.now());
+    setRibbon(band.current, shown?.left ?? [], PLAN_WIDTH_M, 0.012);
+    (band.current.material as MeshBasicMaterial).color.set(isStopped || shown?.isFollowed === false ? "#7d8780" : color);
   });
   return (
     <mesh ref={band} renderOrder={4} frustumCulled={false}>

@@ -13,6 +13,7 @@ import { MAP_SURFACE, handleMapKey } from "@/map/map_keys";
 import { drawWithTool, toggleTag, useMapUi } from "@/map/map_ui";
 import { useIsPhone, usePresentation } from "@/map/use_presentation";
 import type { View } from "@/map/view";
+import { drawsInSoftware } from "@/map/webgl";
 import { cn } from "@/ui/cn";
 import { span } from "@/ui/numbers";
 import type { CameraRig } from "./camera_rig";
@@ -62,7 +63,8 @@ export default function MapScene({ onView }: { onView: (view: View) => void }) {
       <Canvas
         orthographic
         frameloop="demand"
-        dpr={[1, 1.5]}
+        dpr={drawsInSoftware() ? 1 : [1, 2]}
+        gl={{ antialias: !drawsInSoftware() }}
         flat
         camera={{ up: [0, 0, 1], position: [0, -40, 40], near: 0.1, far: 200, zoom: 50 }}
         className="pointer-events-none! absolute! inset-0"

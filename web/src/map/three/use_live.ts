@@ -1,6 +1,7 @@
 import { useThree } from "@react-three/fiber";
 import { useEffect, useEffectEvent, useSyncExternalStore } from "react";
 import { type Change, liveMap } from "@/map/live_map";
+import { requestFrame } from "./frames";
 
 function listen(changed: () => void): () => void {
   return liveMap.listen((change) => change === "scene" && changed());
@@ -21,7 +22,7 @@ export function useLiveUpdate(kinds: readonly Change[], update: () => void): voi
     return liveMap.listen((change) => {
       if (!key.split(",").includes(change)) return;
       apply();
-      invalidate();
+      requestFrame(invalidate);
     });
   }, [key, invalidate]);
 }

@@ -1,3 +1,4 @@
+// @vitest-environment jsdom
 import { describe, expect, it } from "vitest";
 import type { lupin_msgs_MissionState } from "@/generated/messages";
 import { TEXT_KEYS, textIn } from "@/i18n/text";

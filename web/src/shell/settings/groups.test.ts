@@ -1,3 +1,4 @@
+// @vitest-environment jsdom
 import { describe, expect, it } from "vitest";
 import { SETTINGS } from "@/generated/settings";
 import { TEXT_KEYS } from "@/i18n/text";

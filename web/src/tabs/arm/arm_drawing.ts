@@ -132,8 +132,11 @@ const TONES: Record<JointLabel["tone"], string> = {
   attention: "--color-attention",
   lost: "--color-text-3",
 };
+/** The labels grow with the page's letters, which are larger on a wall. Sizes at 16 px. */
+const LETTER_PX = 16;
 const LABEL_HEIGHT = 40;
 const LABEL_DISTANCE = 92;
+const LABEL_WIDTH = 120;
 
 function drawLabels({ context, at }: Screen, picture: Picture, width: number, height: number, font: string): void {
   const { chain, fingers } = skeleton(picture.measured);
@@ -158,6 +161,7 @@ function drawLabels({ context, at }: Screen, picture: Picture, width: number, he
     context.stroke();
   }
   if (width < LABELS_FROM_PX) return;
+  const unit = Number.parseFloat(getComputedStyle(document.documentElement).fontSize) / LETTER_PX || 1;
   const chainX = chain.map((point) => at(point)[0]);
   const middle = (Math.min(...chainX) + Math.max(...chainX)) / 2;
   const spread = Math.max(...chainX) - Math.min(...chainX);
@@ -171,29 +175,30 @@ function drawLabels({ context, at }: Screen, picture: Picture, width: number, he
     sides[isLeft ? "left" : "right"].push({ label, x, y });
   }
   for (const side of ["left", "right"] as const) {
-    let free = 30;
+    let free = 30 * unit;
     for (const { label, x, y } of sides[side].toSorted((a, b) => a.y - b.y)) {
-      const top = Math.min(height - LABEL_HEIGHT, Math.max(free, y - 44));
-      free = top + LABEL_HEIGHT + 6;
-      drawLabel(context, label, [x, y], [side === "left" ? Math.max(120, x - LABEL_DISTANCE) : Math.min(width - 120, x + LABEL_DISTANCE), top], side, font);
+      const top = Math.min(height - LABEL_HEIGHT * unit, Math.max(free, y - 44 * unit));
+      free = top + (LABEL_HEIGHT + 6) * unit;
+      const left = side === "left" ? Math.max(LABEL_WIDTH * unit, x - LABEL_DISTANCE * unit) : Math.min(width - LABEL_WIDTH * unit, x + LABEL_DISTANCE * unit);
+      drawLabel(context, label, [x, y], [left, top], side, font, unit);
     }
   }
 }
 
-function drawLabel(context: CanvasRenderingContext2D, label: JointLabel, from: [number, number], [x, y]: [number, number], side: "left" | "right", font: string): void {
+function drawLabel(context: CanvasRenderingContext2D, label: JointLabel, from: [number, number], [x, y]: [number, number], side: "left" | "right", font: string, unit: number): void {
   const away = side === "left" ? -1 : 1;
   context.strokeStyle = cssColor("--color-line-strong");
   context.lineWidth = 1;
   context.beginPath();
   context.moveTo(from[0] + away * 11, from[1] - 3);
-  context.lineTo(x - away * 6, y + 14);
+  context.lineTo(x - away * 6, y + 14 * unit);
   context.stroke();
   context.textAlign = side === "left" ? "right" : "left";
   context.textBaseline = "middle";
-  context.font = `600 15px ${font}`;
+  context.font = `600 ${15 * unit}px ${font}`;
   context.fillStyle = cssColor(label.tone === "lost" ? "--color-text-3" : "--color-text");
-  context.fillText(label.title, x, y + 10);
-  context.font = `13px ${font}`;
+  context.fillText(label.title, x, y + 10 * unit);
+  context.font = `${13 * unit}px ${font}`;
   context.fillStyle = cssColor(TONES[label.tone]);
-  context.fillText(label.note, x, y + 28);
+  context.fillText(label.note, x, y + 28 * unit);
 }

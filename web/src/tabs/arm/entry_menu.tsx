@@ -47,7 +47,8 @@ export function EntryMenu({ kind, name, taken, disabled, onChanged }: EntryMenuP
             <EllipsisVertical />
           </Button>
         </DropdownMenu.Trigger>
-        <DropdownMenu.Portal>
+        {/* Within the tab, so that it belongs to a landmark. */}
+        <DropdownMenu.Portal container={document.getElementById("view")}>
           <DropdownMenu.Content align="end" className="floating z-50 min-w-44 p-1.5">
             <DropdownMenu.Item className={ITEM} onSelect={() => setAsked("rename")}>
               <PencilLine aria-hidden="true" className="size-4" />

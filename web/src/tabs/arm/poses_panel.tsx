@@ -71,7 +71,7 @@ export function PosesPanel({ reading, arePresetsBlocked, isLibraryBlocked, isBus
                 {pose.hasGripper && <span className="ml-2 text-xs text-text-3">{text("arm_with_gripper")}</span>}
                 {pose.note !== "" && <span className="ml-2 text-xs text-text-3">{pose.note}</span>}
               </p>
-              <Button size="small" disabled={isLibraryBlocked || isBusy} onClick={() => void goTo(pose.name)}>
+              <Button size="small" className="min-w-11" disabled={isLibraryBlocked || isBusy} onClick={() => void goTo(pose.name)}>
                 {text("arm_go_to")}
               </Button>
               <EntryMenu kind="pose" name={pose.name} taken={names} disabled={isLibraryBlocked} onChanged={reading.reload} />

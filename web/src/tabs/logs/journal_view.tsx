@@ -53,9 +53,9 @@ export function JournalView() {
           <span className="max-md:sr-only">{text("logs_reload")}</span>
         </Button>
       </div>
-      <section aria-label={text("logs_view_commands")} className="panel flex min-h-72 grow flex-col overflow-hidden md:min-h-0">
+      <div className="panel flex min-h-72 grow flex-col overflow-hidden md:min-h-0">
         {rows.length > 0 ? (
-          <ScrollRegion aria-label={text("logs_commands", { count: rows.length })} className="min-h-0 grow">
+          <ScrollRegion aria-label={text("logs_view_commands")} className="min-h-0 grow">
             <ul>
               {rows.map((row, index) => (
                 <Entry key={`${row.timeMs} ${row.what} ${rows.length - index}`} row={row} />
@@ -67,11 +67,11 @@ export function JournalView() {
             {id === "" ? text("logs_no_runs_explained") : all === null ? text(problem === "" ? "loading" : "logs_unreadable") : text(all.length === 0 ? "logs_no_commands" : "logs_no_line_matches")}
           </p>
         )}
-        <footer role="status" className={cn("flex flex-wrap gap-x-4 border-t border-line px-4 py-2 text-xs", problem === "" ? "text-text-3" : "text-attention")}>
+        <div className={cn("flex flex-wrap gap-x-4 border-t border-line px-4 py-2 text-xs", problem === "" ? "text-text-3" : "text-attention")}>
           <span>{problem === "" ? text("logs_commands", { count: rows.length }) : text("logs_problem", { reason: problem })}</span>
           {age !== null && <span className="ml-auto">{text("logs_read", { age: span(age) })}</span>}
-        </footer>
-      </section>
+        </div>
+      </div>
     </>
   );
 }

@@ -77,7 +77,7 @@ export function LiveView() {
           <span className="max-md:sr-only">{text("logs_follow")}</span>
         </Button>
       </div>
-      <section aria-label={text("logs_live")} className="panel flex min-h-72 grow flex-col overflow-hidden">
+      <div className="panel flex min-h-72 grow flex-col overflow-hidden">
         {rows.length === 0 ? (
           <p className="grid grow place-items-center p-8 text-center text-text-2">
             {live.received === 0 ? text("no_sample_yet", { topic }) : text("logs_none_match", { count: tail.rows.length })}
@@ -95,12 +95,12 @@ export function LiveView() {
           />
         )}
         {selected !== null && <Details row={selected} onClose={() => setSelected(null)} />}
-        <footer role="status" className="flex flex-wrap items-center gap-x-4 border-t border-line px-4 py-2 text-xs text-text-3">
+        <div className="flex flex-wrap items-center gap-x-4 border-t border-line px-4 py-2 text-xs text-text-3">
           <span>{text("logs_shown", { shown: rows.length, kept: Math.min(tail.rows.length, MAX_ROWS), received: live.received })}</span>
           {frozen !== null && <span className="text-attention">{text("logs_paused", { count: live.received - frozen.received })}</span>}
           {age !== null && <span className="ml-auto">{text("logs_last", { age: span(age) })}</span>}
-        </footer>
-      </section>
+        </div>
+      </div>
     </>
   );
 }

@@ -72,17 +72,17 @@ export function ProcessView() {
             </li>
           ))}
         </ul>
-        <section aria-label={text("logs_of_process", { process: name })} className="panel flex min-h-64 min-w-0 flex-col overflow-hidden">
+        <div className="panel flex min-h-64 min-w-0 flex-col overflow-hidden">
           {shown.length > 0 ? (
-            <LineList lines={shown} isFollowing={isFollowing && isUp} />
+            <LineList label={text("logs_of_process", { process: name })} lines={shown} isFollowing={isFollowing && isUp} />
           ) : (
             <p className="grid grow place-items-center p-8 text-center text-text-2">{emptyText()}</p>
           )}
-          <footer role="status" className={cn("flex flex-wrap gap-x-4 border-t border-line px-4 py-2 text-xs", problem === "" ? "text-text-3" : "text-attention")}>
+          <div className={cn("flex flex-wrap gap-x-4 border-t border-line px-4 py-2 text-xs", problem === "" ? "text-text-3" : "text-attention")}>
             <span>{problem === "" ? text("logs_lines", { count: shown.length }) : text("logs_problem", { reason: problem })}</span>
             {age !== null && <span className="ml-auto">{text("logs_read", { age: span(age) })}</span>}
-          </footer>
-        </section>
+          </div>
+        </div>
       </div>
     </>
   );
@@ -95,8 +95,7 @@ export function ProcessView() {
   }
 }
 
-function LineList({ lines, isFollowing }: { lines: readonly TextLine[]; isFollowing: boolean }) {
-  const text = useText();
+function LineList({ label, lines, isFollowing }: { label: string; lines: readonly TextLine[]; isFollowing: boolean }) {
   const frame = useRef<HTMLDivElement>(null);
   const blocks = useMemo(() => {
     const made: TextLine[][] = [];
@@ -110,7 +109,7 @@ function LineList({ lines, isFollowing }: { lines: readonly TextLine[]; isFollow
   }, [blocks, isFollowing]);
 
   return (
-    <ScrollRegion ref={frame} aria-label={text("logs_lines", { count: lines.length })} className="min-h-0 grow px-4 py-2 text-xs leading-5 numeric">
+    <ScrollRegion ref={frame} aria-label={label} className="min-h-0 grow px-4 py-2 text-xs leading-5 numeric">
       {blocks.map((block, index) => (
         <Block key={index} lines={block} />
       ))}

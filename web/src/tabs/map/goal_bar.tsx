@@ -11,6 +11,7 @@ import { isRunning, useMissionState } from "@/map/use_mission";
 import { type Draft, type Preview, dropDraft, useMapUi } from "@/map/map_ui";
 import { PLAN_STALE_MS, lengthOf, remaining } from "@/map/route";
 import { writeLength } from "@/map/sensor_text";
+import { useLink } from "@/robot";
 import { showDone, showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
@@ -108,6 +109,7 @@ function Progress() {
   const text = useText();
   const now = useNow();
   const sent = useMapUi((state) => state.sent);
+  const refusal = useLink((link) => link.refusal);
   const mission = useMissionState();
   const isInMission = mission !== null && isRunning(mission) && !mission.paused;
   const { plan, pose } = liveMap;
@@ -125,6 +127,16 @@ function Progress() {
           <Check aria-hidden="true" className="size-4" />
           {text("map_goal_reached")}
         </p>
+        <Button size="small" onClick={() => useMapUi.setState({ sent: null })}>
+          {text("map_dismiss")}
+        </Button>
+      </Bar>
+    );
+  }
+  if (sent !== null && refusal !== null && refusal.receivedMs > sent.atMs && progress !== "driving") {
+    return (
+      <Bar>
+        <p className="text-attention">{text("map_goal_refused", { reason: refusal.text.slice(0, 200) })}</p>
         <Button size="small" onClick={() => useMapUi.setState({ sent: null })}>
           {text("map_dismiss")}
         </Button>

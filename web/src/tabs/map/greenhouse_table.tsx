@@ -45,7 +45,7 @@ export function GreenhouseTable() {
                 <th scope="col" colSpan={2} className="py-1.5 pl-4 font-normal">
                   {text("map_column_tag")}
                 </th>
-                <th scope="col" className="py-1.5 font-normal">
+                <th scope="col" className="py-1.5 pr-3 font-normal">
                   {text("map_column_flowers")}
                 </th>
                 <th scope="col" className="py-1.5 font-normal">

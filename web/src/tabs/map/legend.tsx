@@ -2,7 +2,7 @@ import type { ReactNode } from "react";
 import { useTimeValue } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
 import { SCAN_STALE_MS, liveMap } from "@/map/live_map";
-import { PLAN_FORGOTTEN_MS, PLAN_STALE_MS } from "@/map/route";
+import { shownPlan } from "@/map/route";
 import { useIsStopped } from "@/map/use_mission";
 
 /** What the lines on the map are; a line that is not drawn now is not explained. */
@@ -11,14 +11,14 @@ export function Legend() {
   const isStopped = useIsStopped() === true;
   const hasBug = useTimeValue(() => liveMap.tags.some((tag) => tag.hasBug));
   const plan = useTimeValue((now) => {
-    const age = liveMap.plan === null || liveMap.plan.points.length < 2 ? Infinity : now - liveMap.plan.receivedMs;
-    return age > PLAN_FORGOTTEN_MS ? "none" : age > PLAN_STALE_MS ? "old" : "new";
+    const shown = shownPlan(liveMap.plan, liveMap.pose, now);
+    return shown === null ? "none" : shown.isFollowed ? "new" : "old";
   });
   const isPlanOld = plan === "old" || isStopped;
   const hasTrail = useTimeValue(() => liveMap.trail.points.length > 1);
   const hasScan = useTimeValue((now) => liveMap.scan !== null && now - liveMap.scan.receivedMs < SCAN_STALE_MS);
   return (
-    <ul className="flex flex-wrap justify-end gap-x-4 gap-y-1 text-xs text-text-2 max-md:hidden">
+    <ul className="flex min-w-0 flex-wrap gap-x-4 gap-y-1 text-xs text-text-2 max-md:hidden">
       {plan !== "none" && (
         <Item label={text(isPlanOld ? "map_legend_old_plan" : "map_legend_plan")}>
           <line x1="0" x2="22" y1="5" y2="5" strokeWidth="3" {...(isPlanOld ? { stroke: "#7d8780", strokeDasharray: "2 4" } : { stroke: "var(--color-alive)" })} />

@@ -35,7 +35,14 @@ export function LightControl() {
 
   return (
     <div className="px-4 py-4">
-      <p className="pb-3 text-sm text-text-2">{text("map_lights_hint")}</p>
+      <p className="pb-1 text-sm text-text-2">{text("map_lights_hint")}</p>
+      <p role="status" className="pb-3 text-xs text-text-3">
+        {confirmed === null
+          ? text("map_lights_unknown")
+          : confirmed.what === "auto"
+            ? text("map_lights_set_auto", { age: span(age) })
+            : text("map_lights_set", { color: text(`map_color_${confirmed.what}`), age: span(age) })}
+      </p>
       <div role="group" aria-label={text("map_lights")} className="grid grid-cols-4 gap-2">
         {COLORS.map((name) => (
           <button
@@ -63,13 +70,6 @@ export function LightControl() {
         <Lightbulb />
         {text("map_lights_auto")}
       </Button>
-      <p role="status" className="pt-2 text-xs text-text-3">
-        {confirmed === null
-          ? text("map_lights_unknown")
-          : confirmed.what === "auto"
-            ? text("map_lights_set_auto", { age: span(age) })
-            : text("map_lights_set", { color: text(`map_color_${confirmed.what}`), age: span(age) })}
-      </p>
     </div>
   );
 }

@@ -3,9 +3,7 @@ import { type ReactNode, useState } from "react";
 import { useNow, useTimeValue } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
 import { liveMap } from "@/map/live_map";
-import { useMapUi } from "@/map/map_ui";
 import { usePoseState } from "@/map/use_presentation";
-import { hasWebGl } from "@/map/webgl";
 import { useLink } from "@/robot";
 import { useSetting } from "@/state/settings";
 import { span } from "@/ui/numbers";
@@ -45,12 +43,10 @@ export function MapNotices({ sceneFailure }: { sceneFailure: string }) {
   const age = useTimeValue((now) => (isStale && liveMap.poseReceivedMs !== null ? span((now - liveMap.poseReceivedMs) / 1000) : ""));
   const linkOpen = useLink((link) => link.state === "open");
   const [map, base] = [useSetting("mapFrame"), useSetting("baseFrame")];
-  const mode = useMapUi((state) => state.mode);
   return (
     <div role="status" className="flex flex-col items-center gap-2">
       {linkOpen && !isKnown && hasMap && isLate && <Notice>{text("map_no_pose", { map, base })}</Notice>}
       {linkOpen && isStale && <Notice>{text("map_stale_pose", { age })}</Notice>}
-      {mode === "3d" && !hasWebGl() && <Notice>{text("map_no_webgl")}</Notice>}
       {sceneFailure !== "" && <Notice>{text("map_3d_failed", { reason: sceneFailure.slice(0, 120) })}</Notice>}
     </div>
   );

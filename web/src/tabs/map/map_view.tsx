@@ -26,6 +26,8 @@ export function MapView({ className }: { className?: string }) {
   const onView = useCallback(({ scale }: View) => {
     if (useMapScale.getState().scale !== scale) useMapScale.setState({ scale });
   }, []);
+  // While a pose is drawn, what lies over the map makes room for it.
+  const isDrawing = useMapUi((state) => state.tool !== "move" || state.draft !== null);
   const isSceneShown = mode === "3d" && hasWebGl() && failure === "";
   return (
     <section aria-label={text("map_title")} className={cn("relative overflow-hidden rounded-lg border border-line bg-void/70", className)}>
@@ -49,17 +51,24 @@ export function MapView({ className }: { className?: string }) {
         <MapTools className="max-md:hidden" />
       </div>
       <NoMap />
-      <div className="pointer-events-none absolute inset-x-3 bottom-3 flex flex-col items-center gap-2 select-none">
-        <MapNotices sceneFailure={mode === "3d" ? failure : ""} />
-        <GoalBar />
-        <div className="flex w-full items-end justify-between gap-4">
-          <ScaleBar />
-          <div className="flex flex-col items-end gap-2">
-            <HeatLegend />
-            <Legend />
-            <MapTools className="flex-row md:hidden" />
+      <div className="pointer-events-none absolute inset-x-3 bottom-3 flex items-end justify-between gap-4 select-none">
+        <div className={cn("flex min-w-0 flex-col gap-3", isDrawing && "max-md:hidden")}>
+          <HeatLegend />
+          <div className="flex items-end gap-6">
+            <ScaleBar />
+            {!isDrawing && <Legend />}
           </div>
         </div>
+        <MapTools className={cn("flex-row md:hidden", isDrawing && "hidden")} />
+      </div>
+      <div
+        className={cn(
+          "pointer-events-none absolute inset-x-3 flex flex-col items-center gap-2 select-none",
+          isDrawing ? "bottom-3 items-end md:left-64 md:items-center" : "bottom-16",
+        )}
+      >
+        <MapNotices sceneFailure={mode === "3d" ? failure : ""} />
+        <GoalBar />
       </div>
     </section>
   );

@@ -4,7 +4,7 @@ import { type Text, useText } from "@/i18n/text";
 import { type Sensor, idealRange, side } from "@/map/health";
 import { liveMap } from "@/map/live_map";
 import { toggleTag, useMapUi } from "@/map/map_ui";
-import { PLAN_STALE_MS, lengthOf, remaining } from "@/map/route";
+import { lengthOf, shownPlan } from "@/map/route";
 import { HEALTH_NAMES, SENSOR_NAMES, writeLength, writeValue } from "@/map/sensor_text";
 import { speciesName } from "@/map/species";
 import { targetOf, useIsStopped, useMissionState } from "@/map/use_mission";
@@ -86,8 +86,10 @@ function DistanceLeft({ onHold }: { onHold: boolean }) {
   const text = useText();
   return useTimeValue((now) => {
     const { plan, pose, speedMps } = liveMap;
-    if (plan === null || pose === null || plan.points.length < 2 || (!onHold && now - plan.receivedMs > PLAN_STALE_MS)) return null;
-    const length = writeLength(lengthOf(remaining(plan.points, pose)));
+    if (pose === null) return null;
+    const shown = shownPlan(plan, pose, onHold && plan !== null ? plan.receivedMs : now);
+    if (shown === null || !shown.isFollowed) return null;
+    const length = writeLength(lengthOf(shown.left));
     if (onHold || speedMps === null || speedMps < 0.02) return text("map_to_go", { length });
     return text("map_to_go_at", { length, speed: `${fixed(speedMps, 2)} m/s` });
   });

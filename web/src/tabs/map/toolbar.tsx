@@ -12,7 +12,9 @@ import { Segments } from "@/ui/segments";
 export function ModeChoice() {
   const text = useText();
   const mode = useMapUi((state) => state.mode);
-  if (!hasWebGl()) return null;
+  if (!hasWebGl()) {
+    return <p className="pointer-events-auto flex h-11 items-center rounded-md border border-line bg-panel px-3 text-text-2">{text("map_no_webgl")}</p>;
+  }
   return (
     <Segments
       label={text("map_dimensions")}

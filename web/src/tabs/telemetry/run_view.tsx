@@ -7,6 +7,7 @@ import { DoctorButton } from "@/shell/doctor_button";
 import { cn } from "@/ui/cn";
 import { UNKNOWN, fixed, span } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";
+import { ScrollRegion } from "@/widgets/scroll_region";
 import { type ProcessHealth, type ProcessRow, type RateRow, processRows, rateRows } from "./run_rows";
 
 const HEALTH: Record<ProcessHealth, { label: TextKey; icon: ComponentType<{ className?: string }>; tone: string }> = {
@@ -52,12 +53,20 @@ export function RunView() {
         {...stale}
         {...empty}
         className="min-h-64 xl:row-start-2"
-        bodyClassName="overflow-auto"
+        bodyClassName="flex"
       >
-        {processes.length > 0 && <ProcessTable rows={processes} />}
+        {processes.length > 0 && (
+          <ScrollRegion aria-label={text("telemetry_processes_table")} className="min-w-0 grow">
+            <ProcessTable rows={processes} />
+          </ScrollRegion>
+        )}
       </Panel>
-      <Panel title={text("telemetry_rates")} aside={text("telemetry_rates_hint")} {...stale} {...empty} className="min-h-64 xl:row-start-2" bodyClassName="overflow-auto">
-        {rates.length > 0 && <RateTable rows={rates} />}
+      <Panel title={text("telemetry_rates")} aside={text("telemetry_rates_hint")} {...stale} {...empty} className="min-h-64 xl:row-start-2" bodyClassName="flex">
+        {rates.length > 0 && (
+          <ScrollRegion aria-label={text("telemetry_rates_table")} className="min-w-0 grow">
+            <RateTable rows={rates} />
+          </ScrollRegion>
+        )}
       </Panel>
     </div>
   );

@@ -110,7 +110,7 @@ export function BatteryTile() {
   const current = sample?.message.current;
   return (
     <Tile
-      title={text("telemetry_battery")}
+      title={text("telemetry_battery_voltage")}
       value={<SpringNumber value={sample?.message.voltage} places={2} className="tabular-nums slashed-zero" />}
       unit="V"
       source={[share === null ? null : `${fixed(share * 100, 0)} %`, Number.isFinite(current) ? `${signed(current, 1)} A` : null].filter(Boolean).join(", ") || topic}

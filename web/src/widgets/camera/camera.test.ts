@@ -1,3 +1,4 @@
+// @vitest-environment jsdom
 import { describe, expect, it } from "vitest";
 import { arrivalRate, medianLatencyS } from "./camera_stream";
 import { cameraName, frontCamera, inOrder, parseCameras } from "./cameras";

@@ -77,7 +77,9 @@ export function useCameras(): CameraList {
         const cameras = parseCameras(await response.json());
         if (isMounted) setList({ cameras, problem: "", answeredMs: performance.now() });
       } catch (error) {
-        const problem = error instanceof Error ? error.message : String(error);
+        // A TypeError is fetch's word for no answer at all, and its text is the browser's.
+        const isMute = error instanceof TypeError || error instanceof DOMException;
+        const problem = isMute ? "no link to the console's server" : error instanceof Error ? error.message : String(error);
         if (isMounted) setList((before) => ({ ...before, problem }));
       }
     };

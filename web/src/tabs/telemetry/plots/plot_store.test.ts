@@ -1,3 +1,4 @@
+// @vitest-environment jsdom
 import { beforeEach, describe, expect, it } from "vitest";
 import { MAX_SERIES, addSeries, plottableTopics, removeSeries, starterFields, usePlots } from "./plot_store";
 

@@ -17,7 +17,7 @@ import pytest
 
 from lupin_runtime.report import build_report
 
-from .conftest import facts, score
+from ..conftest import facts, score
 
 pytestmark = pytest.mark.browser
 

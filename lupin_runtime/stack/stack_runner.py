@@ -11,28 +11,26 @@ from pathlib import Path
 from typing import Any
 
 from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
+from lupin_runtime.exit_codes import FAILURE, INTERRUPTED, SUCCESS, UNREACHABLE
 from lupin_runtime.stack.alarms import alarms
 from lupin_runtime.stack.dds import GRAPH_VARIABLES, DomainClaim, claim_domain, loopback_environment, robot_environment
+from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.retention import remove_old_runs
 from lupin_runtime.stack.runs import Run, create_run
 from lupin_runtime.stack.shm import disable_lttng_shm
 from lupin_runtime.stack.supervisor import Phase, Supervisor
-from lupin_runtime.stack.table import Options
 from lupin_runtime.stack.usage import start_ticks
 
 STEP_S = 0.1
 STATE_PERIOD_S = 1.0
 MISSION_SILENCE_S = 15.0
-DRIVABLE = ("robot", "sim", "estop", "drive")
-
-EXIT_DONE, EXIT_ENDED_OTHERWISE, EXIT_USAGE, EXIT_NEVER_UP, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
 
 
 @dataclass
 class Outcome:
     """How a run ended: its exit status, a state for scripts, and one sentence for the operator."""
 
-    exit_status: int = EXIT_INTERRUPTED
+    exit_status: int = INTERRUPTED
     state: str = "INTERRUPTED"
     sentence: str = "interrupted"
     drivable_s: float | None = None
@@ -56,7 +54,7 @@ def mission_facts(message: Any) -> dict[str, Any]:
     return {name: getattr(message, name) for name in names.split()}
 
 
-class Session:
+class StackRunner:
     """A run of the stack: the supervisor, the graph monitor, and the requested mission.
 
     `observe(state)` is called about ten times a second with the data that is also written to `state.json`.
@@ -124,8 +122,8 @@ class Session:
 
     def _update_progress(self) -> None:
         age = time.monotonic() - self.supervisor.started_s
-        present = [name for name in DRIVABLE if self.supervisor.stage(name) is not None]
-        if self.outcome.drivable_s is None and present and self.supervisor.all_up(present):
+        needed = [stage.row.name for stage in self.supervisor.stages if stage.row.needed_to_drive]
+        if self.outcome.drivable_s is None and needed and self.supervisor.all_up(needed):
             self.outcome.drivable_s = round(age, 2)
         if not self.options.mission or not self.supervisor.all_up():
             return
@@ -146,20 +144,20 @@ class Session:
         outcome = self.outcome
         fatal = next((death for death in self.supervisor.deaths if death.ends_run), None)
         if fatal is not None:
-            outcome.exit_status, outcome.state = EXIT_ENDED_OTHERWISE, "LOST"
+            outcome.exit_status, outcome.state = FAILURE, "LOST"
             outcome.sentence = f"{fatal.stage} {fatal.status}: {fatal.consequence}"
             if outcome.ready_s is None and self._is_late():
-                outcome.exit_status = EXIT_NEVER_UP
+                outcome.exit_status = UNREACHABLE
             return True
         if self._is_late():
-            outcome.exit_status, outcome.state = EXIT_NEVER_UP, "NEVER_UP"
+            outcome.exit_status, outcome.state = UNREACHABLE, "NEVER_UP"
             stage = self.supervisor.stalled()[0]
             waits = "; ".join(self.supervisor.waiting_for(stage)) or stage.why
             advice = f"; find the cause with: {stage.row.next_command}" if stage.row.next_command else ""
             outcome.sentence = f"{stage.row.name} did not come up: {waits}{advice}"
             return True
         if self._mission_refused:
-            outcome.exit_status, outcome.state = EXIT_ENDED_OTHERWISE, "REFUSED"
+            outcome.exit_status, outcome.state = FAILURE, "REFUSED"
             outcome.sentence = f"the mission was refused: {self._mission_refused}"
             return True
         return self._mission_ended()
@@ -173,13 +171,13 @@ class Session:
         if not self._mission_id or message is None:
             return False
         if time.monotonic() - self.monitor.mission_received_s > MISSION_SILENCE_S:
-            outcome.exit_status, outcome.state = EXIT_ENDED_OTHERWISE, "LOST"
+            outcome.exit_status, outcome.state = FAILURE, "LOST"
             outcome.sentence = f"the mission has published no state for {MISSION_SILENCE_S:.0f} s; see: lupin logs mission"
             return True
         if message.mission_id != self._mission_id or message.lifecycle_state not in ("DONE", "FAULT"):
             return False
         outcome.state = message.lifecycle_state
-        outcome.exit_status = EXIT_DONE if outcome.state == "DONE" else EXIT_ENDED_OTHERWISE
+        outcome.exit_status = SUCCESS if outcome.state == "DONE" else FAILURE
         detail = f" ({message.last_event or message.last_error})" if message.last_error else ""
         outcome.sentence = f"mission {outcome.state}{detail}"
         return True

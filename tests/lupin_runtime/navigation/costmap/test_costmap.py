@@ -224,7 +224,7 @@ def test_marks_beside_the_map_fade_and_can_be_cleared() -> None:
     assert not (costmap.snapshot(None).cost == LETHAL).any()
 
 
-def test_global_costmap_is_none_without_a_map() -> None:
+def test_global_costmap_without_a_map_is_not_ready() -> None:
     costmap = GlobalCostmap()
     assert not costmap.ready
     assert costmap.observe(scan(0.5), HERE) == 0

@@ -1,0 +1,150 @@
+"""CPU time of the heartbeats of a whole run, in percent of a core: the supervisor's thread, and all processes together.
+
+    python -m bench.bench_heartbeat [--seconds 10] [--json]
+
+The thread judges as many processes as a simulated run with a mission and a console has. A process's share is the difference
+between a process with and without a supervisor: it sends heartbeats, and wakes the executors of idle nodes. Most nodes have a
+timer and are never idle. Limit: 1 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from functools import partial
+from pathlib import Path
+
+from lupin_runtime.heartbeat import MAX_BYTES, PROCESS_PERIOD_S, Beat, encode
+from lupin_runtime.stack.dds import claim_domain, loopback_environment
+from lupin_runtime.stack.liveness import Liveness
+from lupin_runtime.stack.options import Options
+from lupin_runtime.stack.table import rows
+
+LIMIT_PERCENT = 1.0
+WARM_UP_S = 2.0
+REPETITIONS = 3
+TIMER_S = 0.2
+IDLE_NODES = 4  # of a whole run: those that only serve requests
+
+
+def measure_thread(commands_motion: list[bool], duration_s: float) -> float:
+    """Return the CPU time of the supervisor's thread, in percent of a core. There is one process per item."""
+    liveness = Liveness()
+    children = []
+    for index, commands in enumerate(commands_motion):
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        theirs.setblocking(False)
+        liveness.monitor(f"process {index}", os.getpid(), ours, commands)
+        children.append((theirs, commands))
+    liveness.start()
+    thread_clock = time.pthread_getcpuclockid(liveness._thread.ident or 0)
+    began_s, used_s = time.monotonic(), time.clock_gettime(thread_clock)
+    while (elapsed_s := time.monotonic() - began_s) < duration_s:
+        for child, commands in children:
+            child.send(encode(Beat(time.monotonic_ns(), "node")))
+            if commands:
+                while _has_packet(child):
+                    pass
+        time.sleep(PROCESS_PERIOD_S)
+    used_s = time.clock_gettime(thread_clock) - used_s
+    liveness.close()
+    return 100.0 * used_s / elapsed_s
+
+
+def _has_packet(child: socket.socket) -> bool:
+    try:
+        return bool(child.recv(MAX_BYTES))
+    except BlockingIOError:
+        return False
+
+
+def run_child(nodes: int, are_idle: bool, duration_s: float) -> int:
+    """Run nodes, with a supervisor if the standard input is its socket, and print the CPU time in percent of a core."""
+    from lupin_runtime.ros import LupinNode, run
+    from lupin_runtime.ros.supervision import Supervision
+
+    def measure() -> None:
+        time.sleep(WARM_UP_S)
+        began_s, used_s = time.monotonic(), time.process_time()
+        time.sleep(duration_s)
+        print(100.0 * (time.process_time() - used_s) / (time.monotonic() - began_s), flush=True)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    def make_node(index: int) -> LupinNode:
+        node = LupinNode(f"node_{index}")
+        if not are_idle:
+            node.create_timer(TIMER_S, lambda: None)
+        return node
+
+    supervision = Supervision()
+    supervision.start()
+    thread = threading.Thread(target=measure, daemon=True)
+    factories = [partial(make_node, index) for index in range(nodes)]
+    has_supervisor = supervision._socket is not None
+    return run(factories, ready=lambda _: thread.start(), supervision=supervision if has_supervisor else None)
+
+
+def measure_process(nodes: int, are_idle: bool, duration_s: float, environment: dict[str, str]) -> float:
+    """Return how much more CPU time a process takes with a supervisor than without, in percent of a core."""
+    used: dict[bool, list[float]] = {False: [], True: []}
+    for is_supervised in [False, True] * REPETITIONS:
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        command = [sys.executable, "-m", "bench.bench_heartbeat", "--child", str(nodes), "--seconds", str(duration_s)]
+        command += ["--idle"] * are_idle
+        with ours, theirs:
+            done = subprocess.run(
+                command,
+                stdin=theirs.fileno() if is_supervised else subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                env=environment,
+                text=True,
+                timeout=60.0 + duration_s,
+                check=True,
+            )
+        used[is_supervised].append(float(done.stdout))
+    return max(0.0, min(used[True]) - min(used[False]))
+
+
+def main() -> int:
+    """Measure and print the shares; return 1 if their sum is above the limit."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=10.0, help="measure each process for this long")
+    parser.add_argument("--json", action="store_true", help="print only the JSON line")
+    parser.add_argument("--child", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--idle", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.child:
+        return run_child(options.child, options.idle, options.seconds)
+    processes = [row for row in rows(Options(mission=True, console=True)) if row.sends_heartbeats and not row.external]
+    nodes = round(sum(len(row.nodes) or 1 for row in processes) / len(processes))
+    thread_percent = measure_thread([row.commands_motion for row in processes], options.seconds)
+    claim = claim_domain()
+    try:
+        with tempfile.TemporaryDirectory(prefix="lupin-bench-") as folder:
+            environment = loopback_environment(claim.domain, Path(folder))
+            busy_percent = measure_process(nodes, False, options.seconds, environment)
+            idle_percent = measure_process(nodes, True, options.seconds, environment)
+    finally:
+        claim.release()
+    wake_percent = max(0.0, idle_percent - busy_percent) / nodes
+    total_percent = thread_percent + busy_percent * len(processes) + wake_percent * IDLE_NODES
+    if not options.json:
+        print(f"the supervisor's thread, {len(processes)} processes    {thread_percent:6.3f} %")
+        print(f"the heartbeats of a process of {nodes} nodes  {busy_percent:6.3f} %")
+        print(f"waking an idle node                      {wake_percent:6.3f} %")
+        print(f"a whole run, with {IDLE_NODES} idle nodes           {total_percent:6.3f} %  (limit {LIMIT_PERCENT:g} %)")
+    shares = {"thread": thread_percent, "process": busy_percent, "idle_node": wake_percent, "run": total_percent}
+    print(json.dumps({f"{name}_percent": round(value, 4) for name, value in shares.items()}))
+    return 0 if total_percent <= LIMIT_PERCENT else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

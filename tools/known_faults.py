@@ -1,0 +1,222 @@
+"""Faults that have occurred on robots of this kind: what prevents each one, and the tests that fail if it returns.
+
+`python -m tools.write_docs` writes the tables of docs/regressions.md from this one. To add a fault, add a row with the next
+number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class KnownFault:
+    """One fault. A row without `prevented_in` and `tests` concerns a part that this release does not have."""
+
+    number: int
+    fault: str
+    prevented_in: str = ""  # a file of the product
+    tests: tuple[str, ...] = ()  # file::test
+
+
+# fmt: off
+_STOPPING_AND_DRIVING = (
+    KnownFault(1, "The e-stop topic has subscribers and no publisher.", "lupin_runtime/safety/node.py",
+        ("tests/lupin_runtime/safety/test_estop_bridge.py::test_stop_reaches_the_sink_through_bridge_and_bus",
+         "tests/lupin_runtime/stack/test_mission.py::test_mission_survives_process_deaths_and_an_estop")),
+    KnownFault(2, "A stop only zeroes the velocity; navigation keeps its goal and drives on afterwards.",
+        "lupin_runtime/navigation/executive.py",
+        ("tests/lupin_runtime/stack/test_release.py::test_release_moves_nothing_and_a_newer_command_does",
+         "tests/lupin_runtime/mission/test_mission_node.py::test_e_stop_cancels_goal_until_resume",
+         "tests/lupin_runtime/stack/test_goals_and_buttons.py::test_red_button_stops_every_state_and_release_stays_still")),
+    KnownFault(3, "On the robot, velocity commands go to a topic without a subscriber, and nothing reports it.",
+        "lupin_runtime/drive/node.py",
+        ("tests/lupin_runtime/drive/test_drive_nodes.py::test_sink_is_best_effort_and_status_counts_its_listeners",)),
+    KnownFault(4, "In the simulator, the drive bus publishes to a topic without a subscriber.", "lupin_runtime/stack/table.py",
+        ("tests/lupin_runtime/stack/test_table.py::test_drive_bus_uses_the_sink_of_its_target",
+         "tests/lupin_sim/test_sim_graph.py::test_both_twist_topics_drive_and_silence_stops_the_wheels")),
+    KnownFault(5, "A reliable subscription never matches the best-effort publisher of the drive bus.", "lupin_runtime/graph.py",
+        ("tests/lupin_runtime/drive/test_drive_nodes.py::test_sink_is_best_effort_and_status_counts_its_listeners",)),
+    KnownFault(6, "An idle source keeps publishing zero and wins the bus. (The gamepad itself is not in this release.)",
+        "lupin_runtime/drive/smoother.py",
+        ("tests/lupin_runtime/drive/test_smoother.py::test_zero_command_does_not_win_the_bus",
+         "tests/lupin_runtime/navigation/test_navigation_graph.py::test_goal_gives_feedback_and_ends_with_zero_velocity")),
+    KnownFault(7, "One source silently outranks another, and nothing shows which one wins the bus.",
+        "lupin_runtime/drive/bus.py",
+        ("tests/lupin_runtime/drive/test_drive_nodes.py::test_joy_outranks_manual_outranks_auto_in_the_status",)),
+    KnownFault(62, "The simulator has no e-stop button.", "lupin_sim/vendor.py",
+        ("tests/lupin_sim/test_sim_graph.py::test_estop_button_is_published_and_does_not_stop_the_wheels",
+         "tests/lupin_runtime/stack/test_mission.py::test_mission_survives_process_deaths_and_an_estop")),
+)
+_CLOCKS_PROCESSES_LINK = (
+    KnownFault(8, "The clock is set while the stack runs.", "systemd/lupin-clock-sync.service.in",
+        ("tests/lupin_cli/systemd/test_units.py::test_clock_unit_runs_once_before_the_stack",
+         "tests/lupin_runtime/stack/test_sensor_faults.py::test_mission_survives_sensor_faults_and_clock_jumps")),
+    KnownFault(9, "The distribution's time daemon steps the clock long after start-up.", "playbooks/install-clock-sync.yaml",
+        ("tests/lupin_cli/checks/test_checks_on_host.py::test_stock_makestep_is_named",)),
+    KnownFault(10, "The laptop has a time server that serves no clients.", "playbooks/serve-clock.yaml",
+        ("tests/lupin_cli/checks/test_checks_on_host.py::test_laptop_not_serving_time_is_named",)),
+    KnownFault(11, "A sandboxed unit cannot write the profile that the vendor's script creates.",
+        "systemd/lupin-onboard.service.in",
+        ("tests/lupin_cli/systemd/test_units.py::test_vendors_setup_script_can_write_its_profile",)),
+    KnownFault(12, "The environment file does more than set variables, and stops a daemon with each new terminal.",
+        "lupin_runtime/stack/dds.py", ("tests/lupin_runtime/stack/test_dds.py::test_robot_environment_comes_from_ros_env_sh",)),
+    KnownFault(13, "A process started from another terminal joins another graph and sees nothing.",
+        "lupin_runtime/stack/dds.py",
+        ("tests/lupin_runtime/stack/test_dds.py::test_robot_environment_comes_from_ros_env_sh",
+         "tests/lupin_runtime/stack/test_dds.py::test_loopback_environment_drops_foreign_dds_variables")),
+    KnownFault(14, "A robot on two networks responds on the wrong one, and data flows in one direction only.",
+        "playbooks/single-home.yaml",
+        ("tests/lupin_cli/checks/test_network_checks.py::test_dual_homed_robot_with_unroutable_address_is_named",
+         "tests/lupin_cli/checks/test_graph_checks_on_host.py::test_dual_homed_robot_shows_one_way_data")),
+    KnownFault(50, "Two instances of one server control the strip or the arm at the same time.", "lupin_runtime/stack/table.py",
+        ("tests/lupin_runtime/stack/test_table.py::test_no_node_runs_twice",
+         "tests/lupin_runtime/stack/test_table.py::test_laptop_starts_no_node_of_the_robot")),
+    KnownFault(51, "Raw images saturate the wireless link.", "lupin_runtime/stack/table.py",
+        ("tests/lupin_runtime/stack/test_table.py::test_images_cross_the_wireless_link_as_jpeg_only",
+         "tests/lupin_runtime/console/test_video.py::test_pictures_cross_the_link_once_for_all_browsers")),
+    KnownFault(56, "The documented start-up steps omit perception and mission.", "lupin_runtime/stack/table.py",
+        ("tests/lupin_runtime/stack/test_table.py::test_up_starts_every_node_that_a_mission_needs",
+         "tests/lupin_runtime/stack/test_mission.py::test_mission_reads_every_tag_and_writes_a_report")),
+    KnownFault(65, "Tests leave executor threads running.", "tests/conftest.py",
+        ("tests/lupin_runtime/ros/test_harness.py::test_no_executor_thread_outlives_the_graph_host",)),
+)
+_MISSION = (
+    KnownFault(15, "A battery that reports per cent, or nothing, never counts as low.",
+        "lupin_runtime/safety/battery_monitor.py",
+        ("tests/lupin_runtime/safety/test_monitors.py::test_battery_percent_and_fraction_are_equivalent",
+         "tests/lupin_runtime/safety/test_monitors.py::test_invalid_battery_percentage_keeps_the_last_value")),
+    KnownFault(16, "After docking, every mission continues as an inspection.", "lupin_runtime/mission/docking.py",
+        ("tests/lupin_runtime/mission/test_docking.py::test_resume_after_dock_request_continues_interrupted_state",
+         "tests/lupin_runtime/mission/test_docking.py::test_low_battery_docks_and_resumes_interrupted_state")),
+    KnownFault(17, "A dock request is ignored while exploring or monitoring.", "lupin_runtime/mission/hsm_spec.py",
+        ("tests/lupin_runtime/mission/test_docking.py::test_resume_after_dock_request_continues_interrupted_state",
+         "tests/lupin_runtime/mission/test_hsm.py::test_transitions_match_contract")),
+    KnownFault(18, "An abort before the first drive ends in FAULT.", "lupin_runtime/mission/hsm_spec.py",
+        ("tests/lupin_runtime/mission/test_docking.py::test_abort_returns_to_dock_and_ends",)),
+    KnownFault(19, "FAULT can only be left by a restart.", "lupin_runtime/mission/hsm_spec.py",
+        ("tests/lupin_runtime/mission/test_start.py::test_missing_dependencies_cause_fault_until_reset",
+         "tests/lupin_runtime/stack/test_goals_and_buttons.py::test_red_button_stops_every_state_and_release_stays_still")),
+    KnownFault(20, "An abort at the dock reads a list of targets that a monitoring mission does not have.",
+        "lupin_runtime/mission/requests.py", ("tests/lupin_runtime/mission/test_docking.py::test_abort_at_dock_ends_at_once",)),
+    KnownFault(21, "A pause does not interrupt the dwell at a tag, or causes a second reading.",
+        "lupin_runtime/mission/inspecting.py",
+        ("tests/lupin_runtime/mission/test_inspecting.py::test_pause_during_dwell_keeps_the_reading",)),
+    KnownFault(22, "A cancel without acknowledgement leaves the robot where it is.", "lupin_runtime/mission/goal_runner.py",
+        ("tests/lupin_runtime/mission/test_docking.py::test_lost_cancel_result_does_not_block_docking",
+         "tests/lupin_runtime/mission/test_driving.py::test_next_goal_is_sent_after_cancel_timeout")),
+    KnownFault(23, "The wait for a goal that is never accepted has no limit.", "lupin_runtime/mission/inspecting.py",
+        ("tests/lupin_runtime/mission/test_inspecting.py::test_goal_timeout_counts_from_sending",)),
+    KnownFault(24, "A pause on the way to the charger strands the robot.", "lupin_runtime/mission/requests.py",
+        ("tests/lupin_runtime/mission/test_docking.py::test_low_battery_docks_and_resumes_interrupted_state",)),
+    KnownFault(25, "One failed drive to the charger ends the mission.", "lupin_runtime/mission/docking.py",
+        ("tests/lupin_runtime/mission/test_docking.py::test_unreachable_dock_ends_abort_but_retries_low_battery",)),
+    KnownFault(26, "Frontier goals keep their clearance in cells and end up within the inflated area.",
+        "lupin_runtime/mission/frontier.py", ("tests/lupin_runtime/mission/test_frontier.py::test_clearance_is_in_meters",)),
+    KnownFault(27, "The goal in front of one tag is inside the next table.", "lupin_runtime/mission/approach.py",
+        ("tests/lupin_runtime/mission/test_approach.py::test_standoff_is_shortened_until_goal_is_off_tables",
+         "tests/lupin_runtime/mission/test_approach.py::test_goal_near_next_table_moves_and_faces_tag")),
+    KnownFault(28, "A reading is placed at the robot's position instead of the tag's.", "lupin_runtime/mission/context.py",
+        ("tests/lupin_runtime/mission/test_mission_node.py::test_exploration_runs_from_start_to_done",)),
+    KnownFault(63, "A diversion during the publication of a visit publishes it twice.", "lupin_runtime/mission/inspecting.py",
+        ("tests/lupin_runtime/mission/test_docking.py::test_tag_published_before_docking_is_not_published_again",
+         "tests/lupin_runtime/twin/test_store.py::test_repeated_observation_changes_only_the_count")),
+)
+_PERCEPTION = (
+    KnownFault(29, "All flowers of a box are placed at its tag.", "lupin_runtime/perception/box_geometry.py",
+        ("tests/lupin_runtime/perception/test_flowers.py::test_flowers_are_placed_in_the_columns_that_saw_them",)),
+    KnownFault(30, "A flower beyond the end of a box is moved into the box.", "lupin_runtime/perception/flowers.py",
+        ("tests/lupin_runtime/perception/test_flowers.py::test_bearing_beyond_a_registered_box_is_dropped",)),
+    KnownFault(31, "A bug that was detected in one pot is also reported in the next.", "lupin_runtime/perception/flowers.py",
+        ("tests/lupin_runtime/perception/test_flowers.py::test_new_focus_starts_without_the_last_pots_bug",)),
+    KnownFault(32, "A single bad detection of a tag is accepted.", "lupin_runtime/perception/registry.py",
+        ("tests/lupin_runtime/perception/test_registry.py::test_tag_is_discovered_after_three_sightings",
+         "tests/lupin_runtime/perception/test_perception_nodes.py::test_tags_beyond_the_limit_are_not_sighted")),
+    KnownFault(57, "Without its library the detector runs and detects nothing.", "lupin_runtime/perception/flower_nodes.py",
+        ("tests/lupin_runtime/perception/test_perception_nodes.py::test_trained_detector_without_its_library_refuses_to_start",
+         "tests/lupin_runtime/perception/test_perception_nodes.py::test_trained_detector_without_its_weights_refuses_to_start")),
+    KnownFault(61, "The simulated gripper camera misses the flowers, and its images are white.", "lupin_sim/robot_model.py",
+        ("tests/lupin_sim/test_flower_rendering.py::test_flowers_are_visible_in_their_color_from_the_approach",)),
+)
+_TWIN = (
+    KnownFault(33, "One non-finite reading invalidates the whole field.", "lupin_runtime/twin/store.py",
+        ("tests/lupin_runtime/twin/test_store.py::test_samples_need_a_pose_and_a_finite_value",)),
+    KnownFault(34, "A sample's reach and falloff have different radii, which leaves a ring of nearest values.",
+        "lupin_runtime/twin/field.py",
+        ("tests/lupin_runtime/twin/test_field.py::test_equal_radii_leave_no_ring_of_nearest_values",)),
+    KnownFault(35, "Under simulated time a reading seems decades old. (The console's clock is not in this release.)",
+        "lupin_runtime/twin/node.py",
+        ("tests/lupin_runtime/twin/test_twin_node.py::test_reading_is_published_with_pose_and_age",
+         "tests/lupin_runtime/greenhouse/test_bridge_node.py::test_reading_carries_ros_time_and_time_of_day")),
+    KnownFault(36, "The page shows a twin that stopped long ago as live."),
+    KnownFault(64, "A failed scan makes a tag look freshly read.", "lupin_runtime/twin/store.py",
+        ("tests/lupin_runtime/twin/test_store.py::test_failed_scan_lists_tag_without_refreshing_it",)),
+)
+_ARM_GRIPPER_LIGHTS = (
+    KnownFault(37, "A limp arm gets its torque back with an old command pending, and jumps.", "lupin_runtime/arm/torque.py",
+        ("tests/lupin_runtime/arm/test_arm_nodes.py::test_torque_closes_the_gate_first_and_opens_it_last",)),
+    KnownFault(38, "All joints share one command window, which fits none of them.", "lupin_runtime/arm/limits.py",
+        ("tests/lupin_runtime/arm/test_limits_presets.py::test_every_joint_has_its_own_command_window",
+         "tests/lupin_runtime/arm/test_limits_presets.py::test_command_windows_are_within_the_servo_limits")),
+    KnownFault(39, "The page shows a move as done when it was only sent."),
+    KnownFault(40, "A limp arm accepts commands.", "lupin_runtime/arm/motion.py",
+        ("tests/lupin_runtime/arm/test_motion.py::test_limp_arm_is_not_commanded",)),
+    KnownFault(41, "Servos are commanded directly, and their controller moves them back.", "lupin_runtime/arm/node.py",
+        ("tests/lupin_runtime/arm/test_arm_nodes.py::test_gripper_uses_its_action_at_the_mapped_angle",
+         "tests/lupin_sim/test_vendor_parts.py::test_controller_sends_a_pushed_servo_back")),
+    KnownFault(42, "The first command of a joint assumes the positions of the others.", "lupin_runtime/arm/motion.py",
+        ("tests/lupin_runtime/arm/test_motion.py::test_single_joint_is_refused_until_the_pose_is_known",)),
+    KnownFault(43, "One stick of the gamepad turns the base and lifts the shoulder."),
+    KnownFault(44, "The arm is reported limp or stiff too early; a kinesthetic recording starts on a stiff arm.",
+        "lupin_runtime/arm/library_server.py",
+        ("tests/lupin_runtime/arm/test_arm_nodes.py::test_refused_torque_reopens_the_gate",
+         "tests/lupin_runtime/arm/test_arm_nodes.py::test_kinesthetic_recording_needs_a_limp_arm")),
+    KnownFault(45, "Two concurrent torque switches leave the arm half switched.", "lupin_runtime/arm/node.py",
+        ("tests/lupin_runtime/arm/test_arm_nodes.py::test_overlapping_torque_calls_do_not_interleave",)),
+    KnownFault(46, "Several nodes publish on one trajectory topic, each with its own assumption of the arm's pose.",
+        "lupin_runtime/arm/shared_arm.py",
+        ("tests/lupin_runtime/arm/test_arm_nodes.py::test_arm_nodes_of_a_process_share_one_publisher",)),
+    KnownFault(47, "A missing controller counts as healthy.", "lupin_runtime/arm/auto_home.py",
+        ("tests/lupin_runtime/arm/test_auto_home.py::test_missing_controller_is_reported",)),
+    KnownFault(59, "The strip is dark until a mission starts, and afterwards keeps showing the mission's last state.",
+        "lupin_runtime/lights/node.py",
+        ("tests/lupin_runtime/lights/test_light_strip.py::test_strip_is_blue_and_follows_a_live_mission",)),
+    KnownFault(60, "The strip expects its colors in another order.", "lupin_runtime/lights/palette.py",
+        ("tests/lupin_runtime/lights/test_light_strip.py::test_color_bytes_are_sent_in_the_order_of_the_strip",
+         "tests/lupin_runtime/stack/test_onboard.py::test_onboard_nodes_use_the_robots_sink_and_color_order")),
+    KnownFault(66, "The shoulder overheats when the arm is parked stretched out.", "lupin_runtime/mission/driving.py",
+        ("tests/lupin_runtime/mission/test_driving.py::test_arm_retracts_and_settles_before_drive",
+         "tests/lupin_runtime/mission/test_inspecting.py::test_arm_inspects_each_tag_and_retracts_before_drives")),
+    KnownFault(67, "A calibration is written as soon as it is started.", "lupin_runtime/arm/calibrate_server.py",
+        ("tests/lupin_runtime/arm/test_calibration.py::test_calibration_starts_limp_and_commits_the_readings",)),
+)
+_NAVIGATION = (
+    KnownFault(48, "The costmaps are cleared through a service type that they do not have.", "lupin_runtime/slam/reset_node.py",
+        ("tests/lupin_runtime/navigation/test_navigation_graph.py::test_both_costmaps_are_published_and_can_be_cleared",)),
+)
+_CONSOLE_AND_VOICE = (
+    KnownFault(49, "The browser bridge listens on the console's own port.", "lupin_runtime/console/server.py",
+        ("tests/lupin_runtime/console/test_console_graph.py::test_port_in_use_is_reported_with_its_owner",
+         "tests/lupin_runtime/console/test_origin.py::test_code_pairs_one_browser_once")),
+    KnownFault(52, "Every transform is sent to the browser as text.", "lupin_runtime/console/subscription.py",
+        ("tests/lupin_runtime/console/test_console_graph.py::test_scan_arrives_in_every_encoding",
+         "tests/lupin_runtime/console/test_subscription.py::test_messages_are_throttled_and_first_is_sent_at_once")),
+    KnownFault(53, "The assistant offers tools that have no implementation."),
+    KnownFault(54, "Without a key the assistant invents its responses; goals relative to the robot are lost."),
+    KnownFault(55, "A limit for short manual moves is applied to navigation."),
+    KnownFault(58, "The served page was built before the last change.", "lupin_runtime/console/origin.py",
+        ("tests/lupin_runtime/console/test_origin.py::test_installed_page_is_served_and_only_its_assets_are_cached",)),
+)
+# fmt: on
+
+KNOWN_FAULTS: dict[str, tuple[KnownFault, ...]] = {
+    "Stopping and driving": _STOPPING_AND_DRIVING,
+    "Clocks, processes, link": _CLOCKS_PROCESSES_LINK,
+    "Mission": _MISSION,
+    "Perception": _PERCEPTION,
+    "Twin": _TWIN,
+    "Arm, gripper, lights": _ARM_GRIPPER_LIGHTS,
+    "Navigation": _NAVIGATION,
+    "Console and voice": _CONSOLE_AND_VOICE,
+}
+"""The faults by the headings of docs/regressions.md."""
