@@ -147,7 +147,7 @@ def run_on_graph(host: Host, script: str, *arguments: str) -> CommandResult:
     environment = f"ROS_DISCOVERY_SERVER=127.0.0.1 FASTRTPS_DEFAULT_PROFILES_FILE={profile} PYTHONPATH={PROJECT}"
     environment += " XDG_STATE_HOME=/run/lupin-onboard"
     command = shlex.join([sys.executable, "-c", script, *arguments])
-    # As the robot's user: nodes of other users do not get all data over shared memory. As a unit, because its monotonic clock is
+    # As the robot's user: nodes of other users do not get all data over shared memory. As a unit, as its monotonic clock is
     # that of the other units; the clock of a command that enters the computer from outside differs.
     unit = ("systemd-run", "--quiet", "--wait", "--pipe", "--collect", "--uid=mirte")
     return host.robot.run_as_root(*unit, "sh", "-c", f"{environment} {command}", timeout_s=TIMEOUT_S)
