@@ -6,7 +6,8 @@ const live = process.env["LUPIN_CONSOLE"];
 
 export default defineConfig({
   testDir: live === undefined ? "tests/mock" : "tests/live",
-  timeout: 60_000,
+  timeout: 120_000,
+  expect: { timeout: 30_000 },
   workers: live === undefined ? 2 : 1,
   retries: 0,
   reporter: [["list"]],

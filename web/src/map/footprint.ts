@@ -1,5 +1,5 @@
 /** The robot's outline from above. */
-import { BODIES, OUTER_RADIUS_M, type Shape } from "@/generated/robot_model";
+import { BODIES, type Shape } from "@/generated/robot_model";
 import { type Pose2, compose } from "@/ros/tf";
 import type { Point } from "./view";
 
@@ -45,7 +45,6 @@ export const BASE: Outline = outlineOf(BASE_SHAPES);
 export const WHEELS: readonly Outline[] = BASE_SHAPES.filter((shape) => /_wheel$/.test(shape.name)).map((shape) => outlineOf([shape]));
 /** The rectangle of its chassis. */
 export const CHASSIS: Outline = outlineOf(BASE_SHAPES.filter((shape) => shape.name === "chassis"));
-export const TURNING_RADIUS_M = OUTER_RADIUS_M;
 
 /** The corners of an outline for a robot at `pose`: front left, front right, rear right, rear left. */
 export function cornersAt(outline: Outline, pose: Pose2): [Point, Point, Point, Point] {

@@ -14,7 +14,7 @@ import type { Point } from "./view";
 const VARIANCE_M2 = 0.25;
 const VARIANCE_RAD2 = (Math.PI / 12) ** 2;
 /** A plan that ends so near leads to the goal, and a robot that stands so near has reached it. */
-export const NEAR_GOAL_M = 0.3;
+const NEAR_GOAL_M = 0.3;
 
 /** The pose of a drag from `start` to `end`; without a drag it looks from the robot to the goal, as a driver would arrive. */
 export function poseFromDrag(start: Point, end: Point, isHeadingSet: boolean, robot: Pose2 | null): Pose2 {

@@ -20,6 +20,11 @@ describe("the occupancy grid", () => {
     expect([...kinds.subarray(20)]).toEqual(Array(5).fill(OUTSIDE));
   });
 
+  it("takes gaps between rays for unknown, not for enclosed", () => {
+    const grid = readGrid(gridMessage([".....", ".?.?.", "....."]))!;
+    expect([...classify(grid)].filter((kind) => kind !== FLOOR)).toEqual([OUTSIDE, OUTSIDE]);
+  });
+
   it("is painted with its first row at the bottom", () => {
     const grid = readGrid(ROOM)!;
     const pixels = paint(grid, classify(grid), PALETTE);

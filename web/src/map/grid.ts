@@ -24,7 +24,7 @@ export const OUTSIDE = 0;
 export const FLOOR = 1;
 export const VAGUE = 2;
 export const WALLED = 3;
-/** Unknown, but with no way to the edge of the grid: the inside of a table or a wall. */
+/** Unknown, with no way to the edge of the grid and mostly walls around: the inside of a table or a wall. */
 export const ENCLOSED = 4;
 
 /** The grid of a message; null where it is empty or its numbers contradict each other. */
@@ -55,7 +55,38 @@ export function classify(grid: Grid): Uint8Array {
     kinds[index] = value < 0 || value > 100 ? ENCLOSED : value >= WALL ? WALLED : value <= FREE ? FLOOR : VAGUE;
   }
   markOutside(kinds, width, height);
+  openHoles(kinds, width, height);
   return kinds;
+}
+
+/** Gaps between the rays of a lidar are unknown as well, but nothing that walls enclose: they become outside. */
+function openHoles(kinds: Uint8Array, width: number, height: number): void {
+  const visited = new Uint8Array(kinds.length);
+  for (let start = 0; start < kinds.length; start += 1) {
+    if (kinds[start] !== ENCLOSED || visited[start] === 1) continue;
+    const cells = [start];
+    visited[start] = 1;
+    let [walls, open] = [0, 0];
+    const look = (neighbor: number) => {
+      const kind = kinds[neighbor];
+      if (kind === WALLED) walls += 1;
+      else if (kind !== ENCLOSED) open += 1;
+      else if (visited[neighbor] === 0) {
+        visited[neighbor] = 1;
+        cells.push(neighbor);
+      }
+    };
+    for (let next = 0; next < cells.length; next += 1) visitNeighbors(cells[next] ?? 0, width, height, look);
+    if (walls <= open) for (const cell of cells) kinds[cell] = OUTSIDE;
+  }
+}
+
+function visitNeighbors(index: number, width: number, height: number, visit: (neighbor: number) => void): void {
+  const x = index % width;
+  if (x > 0) visit(index - 1);
+  if (x < width - 1) visit(index + 1);
+  if (index >= width) visit(index - width);
+  if (index < (height - 1) * width) visit(index + width);
 }
 
 /** Unknown cells with a way through unknown cells to the edge of the grid are outside. */
@@ -74,13 +105,7 @@ function markOutside(kinds: Uint8Array, width: number, height: number): void {
     visit(y * width);
     visit(y * width + width - 1);
   }
-  for (let index = stack.pop(); index !== undefined; index = stack.pop()) {
-    const x = index % width;
-    if (x > 0) visit(index - 1);
-    if (x < width - 1) visit(index + 1);
-    if (index >= width) visit(index - width);
-    if (index < kinds.length - width) visit(index + width);
-  }
+  for (let index = stack.pop(); index !== undefined; index = stack.pop()) visitNeighbors(index, width, height, visit);
 }
 
 /** An opaque or transparent color of each kind of cell, as red, green, blue, alpha 0..255. */

@@ -190,7 +190,7 @@ export class LiveMap {
 }
 
 /** The echoes of a scan in the map, as pairs of x and y; rays without one are left out. */
-export function echoesOf(scan: sensor_msgs_LaserScan, lidar: Pose2): Float32Array {
+function echoesOf(scan: sensor_msgs_LaserScan, lidar: Pose2): Float32Array {
   const points = new Float32Array(scan.ranges.length * 2);
   let count = 0;
   for (let ray = 0; ray < scan.ranges.length; ray += 1) {

@@ -10,7 +10,7 @@ import { useMapUi } from "./map_ui";
 import { type Bounds, boundsOf, grow } from "./view";
 
 /** CONTRACT 15.6. */
-export const FIELD_CELL_M = 0.25;
+const FIELD_CELL_M = 0.25;
 export const FIELD_PERIOD_MS = 5000;
 /** Without a map: how far around tags the twin knows anything. */
 const AROUND_TAGS_M = 1.5;
@@ -24,7 +24,7 @@ interface FieldState {
 export const useFieldState = create<FieldState>(() => ({ receivedMs: null, problem: "" }));
 
 /** What to ask for: all of the map, or the surroundings of the tags; null while there is neither. */
-export function fieldBounds(): Bounds | null {
+function fieldBounds(): Bounds | null {
   const bounds = liveMap.grid?.bounds ?? boundsOf(liveMap.tags.flatMap((tag) => tag.at ?? []));
   return bounds === null ? null : grow(bounds, liveMap.grid === null ? AROUND_TAGS_M : 0);
 }

@@ -30,7 +30,7 @@ export type Mission = Pick<lupin_msgs_MissionState, (typeof FIELDS)[number]> & {
 };
 
 /** The mission's state comes five times a second; older than this, it says nothing about now. */
-export const MISSION_STALE_MS = 3000;
+const MISSION_STALE_MS = 3000;
 
 export function useMissionState(): Mission | null {
   return useTopicValue(TOPICS.MISSION_STATE, (sample) => {

@@ -38,7 +38,7 @@ export interface Margins {
   left: number;
 }
 
-export const MIN_SCALE = 8;
+const MIN_SCALE = 8;
 export const MAX_SCALE = 400;
 
 export function toScreen(view: View, size: Size, point: Point): Point {

@@ -10,7 +10,7 @@ export interface Mesh {
 }
 
 /** A rectangle of cells. */
-export interface CellRectangle {
+interface CellRectangle {
   column: number;
   row: number;
   width: number;

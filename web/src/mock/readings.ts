@@ -12,6 +12,7 @@ import {
 } from "@/generated/messages";
 import { type Tag, TAGS, boxOf, flowersOf } from "./greenhouse";
 import { NO_POSE, header, noise, pose, poseStamped, time } from "./messages";
+import { PUBLISHING_S } from "./mission_loop";
 import type { World } from "./world";
 
 /** How far from a reading a field is known. */
@@ -95,8 +96,10 @@ export function observation(world: World): lupin_msgs_Observation | null {
   if (tag === undefined || !["scanning", "publishing"].includes(mission.loop.phase) || mission.paused) return null;
   const isReading = mission.loop.phase === "publishing";
   const mapPose = { header: header(clockS, "map"), pose: pose(tag.pose, 0.24) };
+  // A reading is repeated with the stamp at which it was taken, as a latched topic repeats it.
+  const takenS = isReading ? Math.round((clockS - mission.loop.share * PUBLISHING_S) * 100) / 100 : clockS;
   return {
-    header: header(clockS, "map"),
+    header: header(takenS, "map"),
     mission_id: "lupin-5ca1ab1e",
     source: isReading ? "InspectionMission" : "perception_aggregator",
     kind: isReading ? KINDS.KIND_TAG_READING : KINDS.KIND_FLOWER,

@@ -10,8 +10,10 @@ export function logText(process: string, lines: number): string {
 }
 
 export function commandRows(name: string): unknown[] {
+  const ago = (seconds: number) => new Date(Date.now() - seconds * 1000).toISOString();
   return [
-    { time_s: Date.now() / 1000 - 60, who: name, what: "take control", detail: null },
-    { time_s: Date.now() / 1000 - 40, who: name, what: "call /mission/start", detail: { mission_type: "" } },
+    { time: ago(60), session: name, what: "take control" },
+    { time: ago(41), session: "phone-2", what: "call /mission/start", detail: "{'mission_type': ''}", refused: `${name} has had control for 19 s; ask for it or take it over` },
+    { time: ago(40), session: name, what: "call /mission/start", detail: "{'mission_type': ''}" },
   ];
 }

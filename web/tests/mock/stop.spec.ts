@@ -18,7 +18,7 @@ test("the space bar stops, and a release moves nothing without a new command", a
   await expect(page.getByText("+0.30 /", { exact: false }).first()).toBeVisible();
   await page.keyboard.press("Space");
   await expect(page.getByTestId("stop")).toContainText("Stopped");
-  await expect(page.getByText("Stopped:", { exact: false })).toBeVisible();
+  await expect(page.getByRole("status").filter({ hasText: "Stopped:" })).toBeVisible();
   await hold(page, "release");
   await expect(page.getByTestId("stop")).not.toContainText("Stopped");
   await page.waitForTimeout(500);

@@ -159,7 +159,6 @@ const en = {
   // -- places and maps
   map_places: "Places",
   map_locations: "Named locations",
-  map_location_home: "the map's origin until it is saved",
   map_go: "Go",
   map_go_to: "Go to {name}",
   map_remove: "Hold to remove {name}",
@@ -337,7 +336,6 @@ const nl: Record<keyof typeof en, string> = {
   map_color_off: "Uit",
   map_places: "Plaatsen",
   map_locations: "Plaatsen met een naam",
-  map_location_home: "het begin van de kaart tot het bewaard wordt",
   map_go: "Rijden",
   map_go_to: "Naar {name} rijden",
   map_remove: "Vasthouden om {name} te verwijderen",

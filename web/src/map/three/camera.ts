@@ -11,7 +11,7 @@ export const ZOOM_LIMITS = { low: 10, high: 500 } as const;
 const FLOOR = new Plane(new Vector3(0, 0, 1), 0);
 
 /** Where the camera stands for a target that it looks at from its first direction. */
-export function placeCamera(camera: OrthographicCamera, target: Vector3, turned: boolean): void {
+function placeCamera(camera: OrthographicCamera, target: Vector3, turned: boolean): void {
   const azimuth = AZIMUTH_RAD + (turned ? Math.PI : 0);
   const away = new Vector3(Math.sin(azimuth) * Math.cos(PITCH_RAD), -Math.cos(azimuth) * Math.cos(PITCH_RAD), Math.sin(PITCH_RAD));
   camera.up.set(0, 0, 1);

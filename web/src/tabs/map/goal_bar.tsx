@@ -1,5 +1,6 @@
 import { Check, Navigation, X } from "lucide-react";
 import { type ReactNode, useEffect } from "react";
+import { TOPICS } from "@/generated/graph";
 import { useNow } from "@/hooks/use_now";
 import { useDriveObstacles } from "@/hooks/use_situation";
 import { type TextKey, useText } from "@/i18n/text";
@@ -7,9 +8,10 @@ import { keepApproach } from "@/map/approaches";
 import { goalProgress } from "@/map/goal";
 import { cancelNavigation, sendGoal, sendInitialPose } from "@/map/goal_actions";
 import { liveMap } from "@/map/live_map";
+import { useIsHeard } from "@/map/use_is_heard";
 import { isRunning, useMissionState } from "@/map/use_mission";
 import { type Draft, type Preview, dropDraft, useMapUi } from "@/map/map_ui";
-import { PLAN_STALE_MS, lengthOf, remaining } from "@/map/route";
+import { lengthOf, shownPlan } from "@/map/route";
 import { writeLength } from "@/map/sensor_text";
 import { useLink } from "@/robot";
 import { showDone, showProblem } from "@/state/problems";
@@ -61,7 +63,8 @@ function DraftBar({ draft, preview }: { draft: Draft; preview: Preview | null })
   const obstacle = useDriveObstacles()[0];
   const { pose, kind } = draft;
   const place = { x: fixed(pose.x, 2), y: fixed(pose.y, 2), tag: draft.name ?? "" };
-  const isBlocked = kind === "goal" && obstacle !== undefined;
+  const isDeaf = useIsHeard(TOPICS.INITIAL_POSE.name) === false && kind === "relocate";
+  const isBlocked = (kind === "goal" && obstacle !== undefined) || isDeaf;
   const isReady = kind !== "approach" || draft.name !== undefined;
   const title =
     kind === "goal"
@@ -81,7 +84,8 @@ function DraftBar({ draft, preview }: { draft: Draft; preview: Preview | null })
           {title} <span className="font-normal text-text-2 numeric">{fixed(toDegrees(pose.yaw), 0)}°</span>
         </p>
         {kind === "goal" && <PathLine preview={preview} />}
-        {isBlocked && obstacle !== undefined && <p className="text-xs text-attention">{text("map_blocked", { reason: text(obstacle.key, obstacle.values) })}</p>}
+        {isDeaf && <p className="max-w-96 text-xs text-attention">{text("map_relocate_deaf", { topic: TOPICS.INITIAL_POSE.name })}</p>}
+        {kind === "goal" && obstacle !== undefined && <p className="text-xs text-attention">{text("map_blocked", { reason: text(obstacle.key, obstacle.values) })}</p>}
       </div>
       <div className="flex gap-2">
         <Button kind="primary" disabled={isBlocked || !isReady} onClick={send} data-testid="send-pose">
@@ -114,7 +118,8 @@ function Progress() {
   const isInMission = mission !== null && isRunning(mission) && !mission.paused;
   const { plan, pose } = liveMap;
   const planAge = plan === null ? Infinity : now - plan.receivedMs;
-  const isDriving = plan !== null && plan.points.length > 1 && planAge < PLAN_STALE_MS;
+  const shown = shownPlan(plan, pose, now);
+  const isDriving = shown?.isFollowed === true;
   const progress = sent === null ? null : goalProgress(sent.pose, now - sent.atMs, { end: plan?.points.at(-1) ?? null, ageMs: planAge }, pose);
   useEffect(() => {
     if (isInMission) useMapUi.setState({ sent: null });
@@ -144,7 +149,7 @@ function Progress() {
     );
   }
   const waited = sent === null ? "" : span((now - sent.atMs) / 1000);
-  const left = isDriving && plan !== null ? text("map_goal_left", { length: writeLength(lengthOf(remaining(plan.points, pose))) }) : "";
+  const left = isDriving ? text("map_goal_left", { length: writeLength(lengthOf(shown.left)) }) : "";
   return (
     <Bar>
       <p>

@@ -143,12 +143,15 @@ const TRIGGERS = {
   reset: SERVICES.MISSION_RESET,
 } as const;
 
-/** Call a service of the mission, and show what it answers. */
+/** Whose answer says more than the mission's state will. */
+const TOLD: readonly string[] = ["abort", "skip", "dock"];
+
+/** Call a service of the mission, and show what it refuses. */
 async function trigger(action: keyof typeof TRIGGERS): Promise<void> {
   try {
     const { success, message } = await call(TRIGGERS[action], {});
     if (!success) throw new Error(message);
-    if (message !== "") showDone(message);
+    if (message !== "" && TOLD.includes(action)) showDone(message);
   } catch (error) {
     showProblem(error);
   }

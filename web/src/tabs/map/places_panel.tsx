@@ -2,13 +2,13 @@ import { Crosshair, Download, MapPinPlus, Navigation, PencilLine, Save, X } from
 import { type ReactNode, useEffect, useState } from "react";
 import { type Location, useConsole } from "@/api/console_store";
 import { ask } from "@/api/http";
-import { SERVICES, TOPICS } from "@/generated/graph";
+import { TOPICS } from "@/generated/graph";
 import { useText } from "@/i18n/text";
 import { overridesFile, removeApproach, useApproaches } from "@/map/approaches";
 import { liveMap } from "@/map/live_map";
 import { chooseTool, drawPose, useMapUi } from "@/map/map_ui";
+import { useIsHeard } from "@/map/use_is_heard";
 import { usePoseState } from "@/map/use_presentation";
-import { call } from "@/robot";
 import { showDone, showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { HoldButton } from "@/ui/hold_button";
@@ -167,14 +167,8 @@ function Maps() {
 
 function Relocation() {
   const text = useText();
-  const [isHeard, setHeard] = useState<boolean | null>(null);
   const topic = TOPICS.INITIAL_POSE.name;
-  useEffect(() => {
-    call(SERVICES.SUBSCRIBERS, { topic }).then(
-      ({ subscribers }) => setHeard(subscribers.length > 0),
-      () => setHeard(null),
-    );
-  }, [topic]);
+  const isHeard = useIsHeard(topic);
   return (
     <Part title={text("map_relocate")}>
       <p className="text-sm text-text-2">{isHeard === false ? text("map_relocate_deaf", { topic }) : text("map_relocate_explained")}</p>

@@ -33,9 +33,9 @@ export function RunView() {
   const empty = processes.length === 0 ? { tone: "empty" as const, notice: text("telemetry_no_run") } : {};
   const up = processes.filter(({ health }) => health === "up").length;
   return (
-    <div className="grid grow grid-cols-[minmax(0,1fr)] gap-3 xl:min-h-0 xl:grid-cols-[minmax(0,3fr)_minmax(0,2fr)] xl:grid-rows-[auto_minmax(0,1fr)]">
+    <div className="flex grow flex-col gap-3 xl:min-h-0">
       {alarms.length > 0 && (
-        <section aria-label={text("telemetry_alarms")} className="panel flex flex-wrap items-center gap-x-4 gap-y-2 border-attention/60 px-4 py-3 xl:col-span-2">
+        <section aria-label={text("telemetry_alarms")} className="panel flex flex-wrap items-center gap-x-4 gap-y-2 border-attention/60 px-4 py-3">
           <ul className="min-w-0 grow">
             {alarms.map((alarm) => (
               <li key={alarm} className="flex items-start gap-2.5 py-0.5 text-attention">
@@ -47,27 +47,29 @@ export function RunView() {
           <DoctorButton size="small" />
         </section>
       )}
-      <Panel
-        title={text("telemetry_processes")}
-        aside={processes.length > 0 && text("telemetry_processes_up", { up, total: processes.length, age: span(run.age_s) })}
-        {...stale}
-        {...empty}
-        className="min-h-64 xl:row-start-2"
-        bodyClassName="flex"
-      >
-        {processes.length > 0 && (
-          <ScrollRegion aria-label={text("telemetry_processes_table")} className="min-w-0 grow">
-            <ProcessTable rows={processes} />
-          </ScrollRegion>
-        )}
-      </Panel>
-      <Panel title={text("telemetry_rates")} aside={text("telemetry_rates_hint")} {...stale} {...empty} className="min-h-64 xl:row-start-2" bodyClassName="flex">
-        {rates.length > 0 && (
-          <ScrollRegion aria-label={text("telemetry_rates_table")} className="min-w-0 grow">
-            <RateTable rows={rates} />
-          </ScrollRegion>
-        )}
-      </Panel>
+      <div className="grid grow grid-cols-[minmax(0,1fr)] gap-3 xl:min-h-0 xl:grid-cols-[minmax(0,3fr)_minmax(0,2fr)] xl:grid-rows-[minmax(0,1fr)]">
+        <Panel
+          title={text("telemetry_processes")}
+          aside={processes.length > 0 && text("telemetry_processes_up", { up, total: processes.length, age: span(run.age_s) })}
+          {...stale}
+          {...empty}
+          className="min-h-64"
+          bodyClassName="flex"
+        >
+          {processes.length > 0 && (
+            <ScrollRegion aria-label={text("telemetry_processes_table")} className="min-w-0 grow">
+              <ProcessTable rows={processes} />
+            </ScrollRegion>
+          )}
+        </Panel>
+        <Panel title={text("telemetry_rates")} aside={text("telemetry_rates_hint")} {...stale} {...empty} className="min-h-64" bodyClassName="flex">
+          {rates.length > 0 && (
+            <ScrollRegion aria-label={text("telemetry_rates_table")} className="min-w-0 grow">
+              <RateTable rows={rates} />
+            </ScrollRegion>
+          )}
+        </Panel>
+      </div>
     </div>
   );
 }
