@@ -1,7 +1,8 @@
 /** The answers of the made-up services, typed as the real ones. */
-import { SERVICES, TOPICS } from "@/generated/graph";
+import { JOINTS, SERVICES, TOPICS } from "@/generated/graph";
 import type { ServiceTypes } from "@/generated/messages";
 import { ARM_PRESETS, GRIPPER } from "@/generated/robot";
+import { ARM } from "@/tabs/arm/joints";
 import type { MockAuthority } from "./authority";
 import { Refused } from "./arm";
 import { TAGS } from "./greenhouse";
@@ -26,9 +27,13 @@ function answers<Type extends keyof ServiceTypes>(
   ANSWERS.set(name, answer as Answer);
 }
 
+/** One service per joint of the arm; the table of the graph makes their names by a rule. */
+const JOINT_SERVICES = new Set(ARM.map(({ service }) => service.name));
+
 /** Whether a client may call a service: its rule in the graph's table. */
 export function ruleOf(service: string): string {
   if (service.startsWith("/rosapi/")) return "viewer";
+  if (JOINT_SERVICES.has(service)) return "operator";
   return Object.values(SERVICES).find(({ name }) => name === service)?.console ?? "";
 }
 
@@ -162,6 +167,22 @@ answers(SERVICES.GRIPPER_ANGLE, ({ angle = 0, degrees = true }, robot) => {
   robot.world.arm.moveGripper(gripperRad(degrees ? angle : (angle * 180) / Math.PI));
   return { status: true };
 });
+
+for (const [index, { name, service }] of ARM.entries()) {
+  if (name === JOINTS.gripper) continue;
+  answers(service, ({ angle = 0, rate = 0, degrees = true }, robot) => {
+    const { arm } = robot.world;
+    const unit = degrees ? Math.PI / 180 : 1;
+    const target = arm.position.map((position, each) => (each === index ? angle * unit : position));
+    try {
+      requireReleased(robot);
+      arm.moveTo(target, Math.abs((target[index] ?? 0) - (arm.position[index] ?? 0)) / (rate > 0 ? rate * unit : Math.PI / 3));
+      return { status: true };
+    } catch {
+      return { status: false };
+    }
+  });
+}
 
 answers(SERVICES.LEDS_SET, () => ({ status: true }));
 answers(SERVICES.LEDS_AUTO, () => ({ success: true, message: "" }));

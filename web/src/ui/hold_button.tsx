@@ -65,7 +65,7 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
           transition: holding ? `transform ${HOLD_MS}ms linear` : "none",
         }}
       />
-      <span className={cn("relative inline-flex items-center gap-2", tone === "light" && "text-[#0a0f0c]")}>{children}</span>
+      <span className={cn("relative inline-flex items-center gap-2", tone === "light" && disabled !== true && "text-ground")}>{children}</span>
     </button>
   );
 }

@@ -18,5 +18,6 @@ describe("numbers", () => {
   it("of time grow from seconds to hours", () => {
     expect([0.42, 12.9, 185, 3729].map(span)).toEqual(["0.4 s", "12 s", "03:05", "1:02:09"]);
     expect(clock(59)).toBe("00:59");
+    expect(clock(NaN)).toBe(UNKNOWN);
   });
 });

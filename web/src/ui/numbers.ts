@@ -25,6 +25,7 @@ export function span(seconds: number | null | undefined): string {
 
 /** Minutes and seconds, with hours where there are any. */
 export function clock(seconds: number): string {
+  if (!Number.isFinite(seconds)) return UNKNOWN;
   const whole = Math.floor(seconds);
   const two = (value: number) => String(value).padStart(2, "0");
   const minutes = `${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;

@@ -21,7 +21,9 @@ export function useFreshness(topic: string, receivedMs: number | null | undefine
   const notice = (
     <>
       <span className="grow">{text("stale_since", { topic, age: span(age) })}</span>
-      <DoctorButton size="small" />
+      <span className="-my-1">
+        <DoctorButton size="small" />
+      </span>
     </>
   );
   return { age, isStale: true, panel: { tone: "stale", notice } };

@@ -48,16 +48,16 @@ export function JointRow({ joint, last, measured, disabled }: JointRowProps) {
   return (
     <li className="flex grow flex-col justify-center border-line pt-1 pb-1.5 not-last:border-b">
       <div className="flex min-h-8 items-center gap-3">
-        <p className="min-w-0 grow">
+        <p className="flex min-w-0 grow flex-wrap items-baseline gap-x-2 gap-y-1">
           <span className="text-base font-semibold">{name}</span>
-          {!isGripper && <span className="ml-2 text-xs text-text-3">{text(joint.hint)}</span>}
+          {!isGripper && <span className="text-xs text-text-3">{text(joint.hint)}</span>}
           {isGripper && (
-            <span className="ml-2 rounded-sm border border-attention/50 px-1.5 py-0.5 text-xs whitespace-nowrap text-attention">
+            <span className="rounded-sm border border-attention/50 px-1.5 py-0.5 text-xs whitespace-nowrap text-attention">
               {text("arm_unverified")}
             </span>
           )}
         </p>
-        <p className={cn("flex items-center gap-1.5 text-right text-sm leading-tight", tone)}>
+        <p className={cn("flex shrink-0 items-center gap-1.5 text-right text-sm leading-tight", tone)}>
           <Icon className="size-4 shrink-0" aria-hidden="true" />
           <span>
             {text(label)}

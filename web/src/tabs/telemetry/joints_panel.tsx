@@ -18,7 +18,7 @@ export function JointsPanel({ className }: { className?: string }) {
     <Panel title={text("telemetry_joints")} aside={text("telemetry_degrees")} {...panel} {...(className === undefined ? {} : { className })}>
       <ul className="flex h-full flex-col">
         {ARM.map((joint) => (
-          <li key={joint.name} className="flex min-h-8 grow items-center gap-4">
+          <li key={joint.name} className="flex min-h-6 grow items-center gap-4">
             <span className="w-20 shrink-0 text-text-2">{text(joint.label)}</span>
             <Bar joint={joint} degrees={angles[joint.name]} />
             <span className="w-[6ch] shrink-0 text-right text-lg font-semibold">

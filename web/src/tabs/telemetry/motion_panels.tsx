@@ -38,12 +38,12 @@ function NumberTable({ heads, rows }: { heads?: readonly string[]; rows: readonl
       <tbody>
         {rows.map(({ title, unit, places, values }) => (
           <tr key={title} className="border-t border-line">
-            <th scope="row" className="w-[34%] py-1.5 text-left text-sm font-normal text-text-2">
+            <th scope="row" className="w-[34%] py-1 text-left text-sm leading-tight font-normal text-text-2">
               {title}
               <span className="block text-xs text-text-3">{unit}</span>
             </th>
             {values.map((value, index) => (
-              <td key={index} className="py-1.5 text-lg font-semibold tabular-nums slashed-zero">
+              <td key={index} className="py-1 text-lg leading-tight font-semibold tabular-nums slashed-zero">
                 {fixed(value, places[index] ?? 2)}
               </td>
             ))}

@@ -1,15 +1,24 @@
 /** The axes of a plot: ranges, marks and their texts. */
 
+/** A smaller difference than this share of the value is noise, and is not blown up. */
+const LEAST_SPAN_SHARE = 0.02;
+const LEAST_SPAN = 0.1;
+
 /** The smallest and largest value with some air; a line that stands still is drawn in the middle. */
 export function rangeOf(min: number | null, max: number | null): [number, number] {
   if (min === null || max === null || !Number.isFinite(min) || !Number.isFinite(max)) return [-1, 1];
-  const air = max > min ? (max - min) * 0.08 : Math.max(0.05, Math.abs(max) * 0.02);
+  const least = Math.max(LEAST_SPAN_SHARE * Math.max(Math.abs(min), Math.abs(max)), max > min ? 0 : LEAST_SPAN);
+  const air = Math.max((max - min) * 0.08, (least - (max - min)) / 2);
   return [min - air, max + air];
 }
 
-/** Round times before the newest one. */
-export function timeSplits(min: number, max: number): number[] {
-  const step = max - min > 200 ? 60 : max - min > 40 ? 10 : 5;
+const STEPS_S = [5, 10, 15, 30, 60, 120] as const;
+const LABEL_PX = 72;
+
+/** Round times before the newest one, as many as there is room for on an axis of a width. */
+export function timeSplits(min: number, max: number, width: number): number[] {
+  const room = Math.max(1, width / LABEL_PX);
+  const step = STEPS_S.find((each) => (max - min) / each <= room) ?? 120;
   const splits: number[] = [];
   for (let time = max; time >= min - 1e-6; time -= step) splits.unshift(time);
   return splits;

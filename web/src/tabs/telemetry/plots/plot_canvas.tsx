@@ -18,7 +18,7 @@ interface PlotCanvasProps {
 
 const DRAW_MS = 80;
 const PX_PER_BUCKET = 2;
-const AXIS_PX = 56;
+const AXIS_PX = 64;
 
 /** Lines over the last minutes. All plots of the page share one cursor. */
 export function PlotCanvas({ label, series, samplesOf, windowS, pausedS, withTimes }: PlotCanvasProps) {
@@ -84,7 +84,7 @@ function options(element: HTMLElement, series: readonly PlotSeries[], windowS: n
       {
         ...axis,
         size: withTimes ? 28 : 0,
-        splits: (_, __, min, max) => timeSplits(min, max),
+        splits: (plot, __, min, max) => timeSplits(min, max, plot.bbox.width / devicePixelRatio),
         values: (plot, splits) => splits.map((time) => (withTimes ? timeLabel(time - (plot.scales["x"]?.max ?? time)) : "")),
       },
       { ...axis, size: AXIS_PX, values: (_, splits) => splits.map(axisNumber) },

@@ -71,7 +71,7 @@ export default function PlotsView() {
         <Empty />
       ) : (
         groups.map((group) => (
-          <section key={group.map(({ id }) => id).join()} aria-label={group.map(({ path }) => path).join(", ")} className="panel flex min-h-40 grow basis-0 flex-col">
+          <section key={group.map(({ id }) => id).join()} aria-label={group.map(({ path }) => path).join(", ")} className="panel flex min-h-48 grow basis-0 flex-col">
             <ul className="flex flex-wrap gap-x-6 px-4 pt-2">
               {group.map((each) => (
                 <Legend key={each.id} series={each} samplesOf={samplesOf} isPaused={pause !== null} />
