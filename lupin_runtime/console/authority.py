@@ -173,9 +173,9 @@ class Authority:
             self._notify(line)
 
     def _notify(self, line: str) -> None:
-        self._log_change(line)
         for listener in self._listeners:
-            listener()
+            listener()  # one of them stops the wheels, which must not wait for a disk
+        self._log_change(line)
 
     # -- requests -----------------------------------------------------------------------------------------------------
     def check_publish(self, session: Session, topic: str, now_ns: int) -> None:

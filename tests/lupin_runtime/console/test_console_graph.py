@@ -447,6 +447,7 @@ def test_client_that_never_reads_slows_nobody_down(graph_host: GraphHost, peer: 
     stuck, reader = connect(max_queue=1), connect()
     for client in (stuck, reader):
         client.send("subscribe", topic="/large", type="std_msgs/UInt8MultiArray", compression="cbor")
+    assert reader.call("/rosapi/get_ros_version")["result"], "its subscription was handled, too"
     graph_host.until(lambda: publisher.get_subscription_count())
     for number in range(300):
         publisher.publish(UInt8MultiArray(data=bytes([number % 256]) * 200_000))
