@@ -5,7 +5,7 @@ PY := $(VENV)/bin/python
 WORLD ?= demo
 
 INTERFACES := $(shell find interfaces -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name '*.py' -o -name '*.toml' -o -name package.xml | grep -v /build/)
-KERNELS := $(shell find lupin_runtime -name '_kernels.c')
+KERNELS := $(shell find lupin_runtime -name '_kernels.c' -o -name '*.h')
 PAGE := $(shell find web -type f -not -path '*/node_modules/*' -not -path '*/dist/*')
 
 .PHONY: setup mission test test-page test-core test-graph test-host test-mission lint bench lock wheel clean

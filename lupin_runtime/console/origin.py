@@ -184,7 +184,7 @@ class Origin:
         except (MalformedFile, OSError) as error:  # from the files of paired browsers, locations or settings
             response = web.json_response({"error": str(error)}, status=503)
         if not response.prepared:
-            if request.path.startswith(_ASSETS) and response.status == 200:
+            if request.path.startswith(_ASSETS) and (_PAGE / request.path.removeprefix("/page/")).is_file():
                 response.headers.setdefault("Cache-Control", _KEEP_FOREVER)
             for name, value in _HEADERS.items():
                 response.headers.setdefault(name, value)

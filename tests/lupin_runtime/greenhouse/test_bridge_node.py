@@ -76,5 +76,5 @@ def test_corrupt_layout_stops_the_node_from_starting(tmp_path: Path) -> None:
 
     path = tmp_path / "layout.json"
     path.write_text('{"tags": {\n "1": {]}}')
-    with pytest.raises(ValueError, match=r"layout\.json:2: the layout is not JSON"):
+    with pytest.raises(ValueError, match=r"layout\.json:2: not JSON"):
         GreenhouseBridge({"tag_file": str(path)})

@@ -192,6 +192,8 @@ def pilot(graph_host: GraphHost, request: pytest.FixtureRequest) -> Iterator[Any
     robot.publish_map()
     navigator = graph_host.add(Navigator({"use_sim_time": True, "goal_checker.settle_s": 0.5, **getattr(request, "param", {})}))
     pilot = Pilot(graph_host, robot, navigator, graph_host.add(LupinNode("pilot")))
+    # The servers may be discovered before the transforms arrive; what needs the robot's pose is refused until then.
+    graph_host.until(lambda: navigator._robot_state.map_from_base() is not None, what="the robot's pose")
     yield pilot
     assert robot.collisions == 0
     navigator.before_shutdown()
@@ -260,8 +262,6 @@ def test_goals_that_are_no_map_poses_are_refused(pilot: Any, x: float, yaw: floa
 
 
 def test_goal_in_the_robot_frame_is_transformed(pilot: Any) -> None:
-    # The server may be discovered before the transforms arrive; a goal that needs them is refused until then.
-    pilot.host.until(lambda: pilot.navigator._robot_state.map_from_base() is not None, what="the robot's pose")
     answer = pilot.result(pilot.send(pilot.goal(0.5, 0.0, 0.0, graph.BASE_FRAME)))
     assert answer.status == SUCCEEDED
     assert pilot.robot.base.truth.distance_to(Pose2(1.1, 0.6)) < 0.25

@@ -54,9 +54,17 @@ function duringMission(mission: lupin_msgs_MissionState): { key: TextKey; values
   return { key: state === "PREPARE" ? "mission_preparing" : "exploring" };
 }
 
+/** The goal of an exploration that seeks all tags. */
+const EVERY_TAG = 65_535;
+
 /** How many of how many tags are done; null where the mission counts none. */
 export function progress(mission: lupin_msgs_MissionState | null): { done: number; total: number } | null {
   if (mission === null || !isActive(mission)) return null;
+  if (mission.lifecycle_state === "EXPLORING") {
+    // How many tags there are is not known while the robot looks for all of them.
+    const isCounted = mission.discovery_goal > 0 && mission.discovery_goal < EVERY_TAG;
+    return isCounted ? { done: mission.tags_discovered, total: mission.discovery_goal } : null;
+  }
   if (mission.targets_total > 0) {
     const tried = mission.targets_failed + mission.targets_unreachable + mission.targets_skipped;
     return { done: mission.targets_completed + tried, total: mission.targets_total };

@@ -41,6 +41,9 @@ describe("the sentence", () => {
     expect(progress(MISSION)).toEqual({ done: 11, total: 12 });
     expect(progress({ ...MISSION, targets_total: 0, tags_discovered: 3 })).toEqual({ done: 3, total: 12 });
     expect(progress({ ...MISSION, lifecycle_state: "READY" })).toBeNull();
+    const exploring = { ...MISSION, lifecycle_state: "EXPLORING", tags_discovered: 7 };
+    expect(progress(exploring)).toEqual({ done: 7, total: 12 });
+    expect(progress({ ...exploring, discovery_goal: 65_535, targets_total: 7 })).toBeNull();
   });
 });
 
