@@ -52,6 +52,8 @@ name, pid, number = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
 run = live_runs()[-1]
 def is_named(state, found):
     is_down = any(stage["name"] == name and stage["phase"] != "up" for stage in state.get("stages", []))
+    # A killed process may be up again before the state, which is written once a second, shows it down.
+    is_down = is_down or any(death["stage"] == name for death in state.get("deaths", []))
     return is_down or any(alarm.startswith((name + " ", "the " + name + " ")) for alarm in found)
 rclpy.init(args=[])
 node, speed, command, status = LupinNode("driver"), [], [ZERO], []

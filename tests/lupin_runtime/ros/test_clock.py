@@ -129,4 +129,4 @@ def test_timers_run_on_simulated_time_under_clock(monkeypatch: pytest.MonkeyPatc
         source.destroy_node()
     gaps = [b - a for a, b in pairwise(fired)]
     # On a busy machine a tick may be late, and the next gap is shorter then; on any other clock there would be no ticks.
-    assert 3_500_000_000 <= fired[-1] - fired[0] and sorted(gaps)[len(gaps) // 2] <= 1_200_000_000
+    assert fired[-1] - fired[0] >= 3_500_000_000 and sorted(gaps)[len(gaps) // 2] <= 1_200_000_000
