@@ -347,9 +347,12 @@ class ReleaseRig(GraphClient):
             with (self.folder / "logs" / "release_rig_mission.log").open("wb") as log:
                 self._mission = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
         self.until(lambda: self.mission in ("READY", "DONE"), "mission that can be started")
+        # A process that has just started takes a press of the last 20 s for its own, and refuses for a moment.
+        self.until(self._is_mission_accepted, "mission that is accepted")
+
+    def _is_mission_accepted(self) -> bool:
         answer = self.call(graph.MISSION_START, mission_type="ExplorationMission", discovery_goal=65535)
-        if not answer.accepted:
-            raise RuntimeError(answer.error_message)
+        return bool(answer.accepted)
 
     def abort_mission(self) -> None:
         """Abort twice: the first abort drives to the dock, the second ends the mission where the robot is."""
