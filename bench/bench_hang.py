@@ -49,7 +49,7 @@ LAST, LAST_WITH_KILL = ("mission", SUPERVISOR, "sim"), ("mission", "sim", SUPERV
 MOVING_M_S, DRIVING_M_S = 0.02, 0.1
 STANDSTILL_S = 0.3
 WATCH_S, REPLACED_TIMEOUT_S = 3.5, 40.0
-MISSION_TIMEOUT_S = 90.0  # until a mission drives on: it may wait for the map, and plan anew
+MISSION_TIMEOUT_S = 90.0  # until a mission drives again: it may wait for the map and plan a new path
 ENDS_WITH = {row.name: row.on_death for row in TABLE if row.on_death != "restart"}
 GOES_ON = "goes on"
 STATUS_ARGUMENTS = ("-m", "lupin_cli.app", "status", "--json", "--run")
