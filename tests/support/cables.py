@@ -36,7 +36,7 @@ class CableCutter:
     def play(
         self, name: str, variables: dict[str, Any], after_each: Callable[[Result], None], *, changes_only: bool = False
     ) -> tuple[Result, int]:
-        """Play the playbook until it is done; return the last result and the number of interrupted runs.
+        """Play the playbook until it is done; return the last result and the number of cuts.
 
         The cut comes during the change of a step that changes something, and during the probe of any other step; with
         `changes_only`, probes are not interrupted. `after_each` is called with the result of each interrupted run.
@@ -55,7 +55,7 @@ class CableCutter:
             self._target.close()
             self._host.robot.wait_ready()
             if result.state == "done":
-                return result, cuts  # the cut came after the last request
+                return result, cuts + 1  # this cut came after the last request, and interrupted nothing
             cuts += 1
             assert cuts < MAX_CUTS
             assert (result.state, result.exit_code) == ("unreachable", 3), result.message
