@@ -50,10 +50,11 @@ bench: setup
 wheel: setup
 	$(PY) tools/build_wheel.py dist
 
-# The lock file: every package with its hashes, and no word of where they came from.
+# The lock file: every package with its hashes, and no word of where they came from. Extras stay in it: pip 23 would choose the
+# newest version, which has no hash here, for a package that another one requires with an extra.
 lock: setup
 	$(PY) -m pip install -q uv
-	$(VENV)/bin/uv pip compile pyproject.toml --extra dev --generate-hashes --python-version 3.11 \
+	$(VENV)/bin/uv pip compile pyproject.toml --extra dev --generate-hashes --no-strip-extras --python-version 3.11 \
 	  --python-platform x86_64-manylinux_2_28 --no-header --no-annotate --no-emit-package lupin-interfaces \
 	  --output-file requirements.lock
 
@@ -68,7 +69,7 @@ $(VENV)/.packages: $(VENV)/.system requirements.lock
 
 # The generators come from un-prefixed packages that carry several distributions' versions: hold them to the lock file's.
 $(VENV)/.interfaces: $(VENV)/.packages $(INTERFACES)
-	sed -n 's/^\(ros-[^ ]*==[^ ]*\).*/\1/p' requirements.lock > $(VENV)/ros-constraints.txt
+	sed -n 's/\[[^]]*\]//; s/^\(ros-[^ ]*==[^ ]*\).*/\1/p' requirements.lock > $(VENV)/ros-constraints.txt
 	PIP_CONSTRAINT=$(CURDIR)/$(VENV)/ros-constraints.txt $(PY) -m pip install -q --disable-pip-version-check \
 	  --no-deps --force-reinstall ./interfaces
 	touch $@
