@@ -90,7 +90,8 @@ def build(packages: list[InterfacePackage], work_dir: Path, target_root: Path, m
 def _exclusive(work_dir: Path) -> Iterator[None]:
     """Lock ``work_dir``: waits for other builds of this source tree, which developers may share."""
     work_dir.mkdir(parents=True, exist_ok=True)
-    with (work_dir / "lock").open("w") as lock:
+    # For this user only: whoever can open the file can hold its lock.
+    with os.fdopen(os.open(work_dir / "lock", os.O_WRONLY | os.O_CREAT, 0o600), "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 

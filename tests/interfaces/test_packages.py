@@ -20,6 +20,7 @@ EXPECTED = {
     "mirte_msgs",
     "tf2_msgs",
     "nav2_msgs",
+    "geographic_msgs",
     "control_msgs",
     "controller_manager_msgs",
     "slam_toolbox",
