@@ -5,7 +5,8 @@ from __future__ import annotations
 import enum
 import math
 
-LOW_THRESHOLD = 0.20
+LOW_THRESHOLD = 0.20  # below this share the robot ends its mission and returns
+SOON_THRESHOLD = 0.35  # below this share an operator is advised to charge soon
 
 
 class BatteryEdge(enum.Enum):

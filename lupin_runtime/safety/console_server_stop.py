@@ -4,19 +4,22 @@ A statement is JSON: `server` names the process, `engaged` tells whether one of 
 one is driving now, `presses` counts how often the stop was engaged there, and `releases` how often somebody released it on
 purpose. By `presses` a stop is noticed that was engaged and released while the link was cut. The last statement stays valid: a
 server that crashes neither releases a stop nor stops a mission. But a server that falls silent while a browser is driving
-engages the stop, like a browser that is lost while it drives. A release on another server ends the stop of a silent one.
+engages the stop, like a browser that is lost while it drives. A release on another server ends the stop of a silent one, unless
+it may be older than that stop: the other server's count must have been heard since the silent one was heard last.
 """
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
+
+from lupin_runtime.json_text import parse_json
 
 EXPIRY_S = 1.5  # a server states its stop twice a second
 HOLD_S = 1.5  # how long a stop is engaged whose statements did not arrive: a short one might be missed again
 MAX_SERVERS = 32
 
-HOLDS = "a browser of the console holds the stop"
+# Reasons of a stop.
+BROWSER_HOLDS_STOP = "a browser of the console holds the stop"
 UNHEARD = "a browser of the console held the stop while the link was cut"
 LOST = "the console was lost while a browser was driving: press and release its stop"
 _UNKNOWN = ""  # the sender of a malformed statement
@@ -43,7 +46,7 @@ class ConsoleServerStop:
         """Handle a statement; return whether it engages the stop. A malformed statement engages it, too."""
         self._expire(now_ns)
         try:
-            statement = json.loads(text)
+            statement = parse_json(text)
             name, presses, releases = statement["server"], statement["presses"], statement["releases"]
             engaged, driving = statement["engaged"], statement["driving"]
             flags_are_valid = isinstance(engaged, bool) and isinstance(driving, bool)
@@ -51,9 +54,10 @@ class ConsoleServerStop:
                 raise ValueError("not a statement")
         except (ValueError, KeyError, TypeError):
             name, engaged, driving, presses, releases = _UNKNOWN, True, False, 0, 0
-        server = self._servers.setdefault(name, _Server(now_ns, presses=presses))
+        # What was pressed and released before a server was heard for the first time is past.
+        server = self._servers.setdefault(name, _Server(now_ns, presses=presses, releases=releases))
         if releases > server.releases:
-            self._release_silent(now_ns)
+            self._release_silent(now_ns, server.heard_ns)
             server.lost = False
         is_unheard = presses > server.presses and not engaged
         if is_unheard:
@@ -71,16 +75,22 @@ class ConsoleServerStop:
             return LOST
         if any(server.unheard_ns is not None and 0 <= now_ns - server.unheard_ns <= HOLD_S * 1e9 for server in servers):
             return UNHEARD
-        return HOLDS if any(server.engaged for server in servers) else None
+        return BROWSER_HOLDS_STOP if any(server.engaged for server in servers) else None
+
+    def is_lost(self, now_ns: int) -> bool:
+        """Return whether a stop is engaged that no server repeats, of which a new process would not hear."""
+        self._expire(now_ns)
+        servers = self._servers.values()
+        return any(server.lost or (server.engaged and _is_silent(server, now_ns)) for server in servers)
 
     def _expire(self, now_ns: int) -> None:
         for server in self._servers.values():
-            if server.driving and now_ns - server.heard_ns > EXPIRY_S * 1e9:
+            if server.driving and _is_silent(server, now_ns):
                 server.driving, server.lost = False, True
 
-    def _release_silent(self, now_ns: int) -> None:
+    def _release_silent(self, now_ns: int, released_after_ns: int) -> None:
         for server in self._servers.values():
-            if now_ns - server.heard_ns > EXPIRY_S * 1e9:
+            if _is_silent(server, now_ns) and server.heard_ns <= released_after_ns:
                 server.engaged = server.lost = False
 
     def _forget_oldest(self) -> None:
@@ -88,3 +98,7 @@ class ConsoleServerStop:
         while len(self._servers) > MAX_SERVERS and released:
             del self._servers[min(released, key=lambda name: self._servers[name].heard_ns)]
             released = [name for name in released if name in self._servers]
+
+
+def _is_silent(server: _Server, now_ns: int) -> bool:
+    return now_ns - server.heard_ns > EXPIRY_S * 1e9

@@ -29,7 +29,8 @@ COUNTED_PERIODS = 8
 # Periods per console that are evaluated to distinguish k consoles from k - 1 by the number of their falses.
 RELEASE_PERIODS = 2
 
-HOLDS = "a console holds the stop"
+# Reasons of a stop.
+CONSOLE_HOLDS_STOP = "a console holds the stop"
 LOST_HOLDING = "the console that held the stop was lost: press stop on a console, then release it"
 LOST = "no message from any console for"
 
@@ -72,7 +73,11 @@ class ConsoleStop:
             return None
         if self._held_by_silence:
             return f"{LOST} {self._expiry_ns / 1e9:g} s"
-        return HOLDS if now_ns - self._held_ns <= self._expiry_ns else LOST_HOLDING
+        return CONSOLE_HOLDS_STOP if now_ns - self._held_ns <= self._expiry_ns else LOST_HOLDING
+
+    def is_lost(self, now_ns: int) -> bool:
+        """Return whether a stop is engaged that no console repeats, of which a new process would not hear."""
+        return self.reason(now_ns) not in (None, CONSOLE_HOLDS_STOP)
 
     def _count(self, now_ns: int) -> int:
         """Return the number of consoles, from the messages of the last few periods."""

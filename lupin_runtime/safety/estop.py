@@ -8,9 +8,15 @@ from lupin_runtime.safety.console_server_stop import ConsoleServerStop
 from lupin_runtime.safety.console_stop import ConsoleStop
 
 BUTTON_SILENCE_S = 2.0
-MISSED_PRESS = "it was pressed while the e-stop's process did not respond"
+MISSED_PRESS = (
+    "it was pressed while the e-stop's process did not respond, or a console that held it was lost; "
+    "if it stays engaged, press and release the stop of a console"
+)
 # The reason of a process that has never received the button: its silence may be what the former process knew of.
-MISSED_PRESS_OR_SILENCE = "it was pressed, or its button fell silent, before the e-stop's process was started again"
+MISSED_PRESS_OR_SILENCE = (
+    "before the e-stop's process was started again, it was pressed, or its button or a console that held it was lost; "
+    "if it stays engaged, check the button, then press and release the stop of a console"
+)
 
 
 @dataclass(frozen=True)
@@ -71,7 +77,8 @@ class EstopSources:
         self._silence = ButtonSilence(button_silence_s)
         self._silence_engages = button_silence_engages
         self._pressed = False
-        self.missed_press = False  # whether another process noticed what this one missed: a press, or the button's silence
+        # Whether another process noticed what this one missed: a press, the button's silence, or the stop of a lost console.
+        self.missed_press = False
 
     def button(self, value: bool, now_ns: int, real_ns: int) -> None:
         """Handle a message of the button; `now_ns` is on the clock of the button's driver, `real_ns` on the consoles' clock."""
@@ -88,7 +95,7 @@ class EstopSources:
         elif self._silence.is_silent(now_ns, real_ns):
             silent = f"the button has been silent for more than {self._silence.silence_s:g} s"
             (reasons if self._silence_engages else warnings).append(silent)
+        reasons += [why for why in (self.consoles.reason(real_ns), self.console_server.reason(real_ns)) if why is not None]
         if self.missed_press and not reasons:
             reasons.append(MISSED_PRESS if self._silence.was_received else MISSED_PRESS_OR_SILENCE)
-        reasons += [why for why in (self.consoles.reason(real_ns), self.console_server.reason(real_ns)) if why is not None]
         return EstopState(bool(reasons), tuple(reasons), tuple(warnings))

@@ -15,7 +15,7 @@ from std_msgs.msg import Bool, String
 
 from lupin_runtime import graph
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.priority import serve_first
+from lupin_runtime.ros.priority import request_realtime_scheduling
 from lupin_runtime.safety.console_server_stop import ConsoleServerStop
 from lupin_runtime.safety.console_stop import EXPIRY_S, ConsoleStop
 from lupin_runtime.safety.estop import BUTTON_SILENCE_S, ButtonSilence, EstopSources, EstopState
@@ -23,16 +23,19 @@ from lupin_runtime.safety.missed_press import ANSWER_S, MissedPress
 from lupin_runtime.safety.unheard_press import REPORT_PERIOD_S, PressCounter
 
 SLOWEST_HZ = 0.5
-# Discovery and then two periods of a console.
-LISTEN_S = 1.0
+# Two periods of a console.
+SHORT_LISTEN_S = 1.0
+# Through a discovery server, a first sample takes up to 3.3 s; then a period of a console.
+LISTEN_S = 4.0
 WARNING_PERIOD_S = 30.0
 
 
 class EstopBridge(LupinNode):
     """Publishes the e-stop state at `publish_rate_hz` and on every edge.
 
-    For the first `listen_s` it publishes engaged but not released, because a restarted bridge may not have received the message
-    of the console that holds the stop.
+    For the first `listen_s` it publishes engaged but not released, because a restarted bridge may not have received the button
+    that is held, or the console that holds the stop. SHORT_LISTEN_S is enough if `estop_witness`, which has listened for at
+    least `listen_s`, says that nothing is missed.
 
     Parameters: `button_topic`, `estop_topic`, `hmi_estop_topic`, `engaged_value` (the button's value when pressed),
     `publish_rate_hz` (floor 0.5), `listen_s`, `hmi_expiry_s`, `hmi_silence_engages`, `button_silence_s`,
@@ -42,7 +45,7 @@ class EstopBridge(LupinNode):
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("estop_bridge", parameters)
         if self.parameter("serve_first", False):
-            self.get_logger().info(serve_first())
+            self.get_logger().info(request_realtime_scheduling())
         engaged_value = self.parameter("engaged_value", True)
         self._sources = EstopSources(
             ConsoleStop(
@@ -54,7 +57,8 @@ class EstopBridge(LupinNode):
             button_silence_engages=self.parameter("button_silence_engages", True),
         )
         # Real time, because discovery and consoles do not follow the simulation's clock.
-        self._released_from_ns = time.monotonic_ns() + int(self.parameter("listen_s", LISTEN_S) * 1e9)
+        self._started_ns = time.monotonic_ns()
+        self._listen_ns = int(self.parameter("listen_s", LISTEN_S) * 1e9)
         self._published: EstopState | None = None
         self._presses = PressCounter()
         self._reported_ns = 0
@@ -89,12 +93,14 @@ class EstopBridge(LupinNode):
 
     def _on_missed_press(self, message: Any) -> None:
         self._sources.missed_press = bool(message.data)
+        if not message.data:
+            self._listen_ns = min(self._listen_ns, int(SHORT_LISTEN_S * 1e9))
         self._publish()
 
     def _publish(self, repeat: bool = False) -> None:
         now_ns = time.monotonic_ns()
         state = self._sources.state(self.elapsed_clock_ns(), now_ns)
-        if not state.engaged and self._published is None and now_ns < self._released_from_ns:
+        if not state.engaged and self._published is None and now_ns - self._started_ns < self._listen_ns:
             return
         edge = self._published is None or state.engaged != self._published.engaged
         self._presses.update(state.engaged, now_ns)
@@ -117,8 +123,10 @@ class EstopWitness(LupinNode):
     """Publishes true from when `estop_bridge` has missed a press of the button or a console's stop until it has made up for it.
 
     It is also true while the button is silent that was received before, because a bridge that has just been started knows
-    nothing of that. Parameters, the same as those of `estop_bridge`: `engaged_value`, `button_silence_s`,
-    `button_silence_engages`.
+    nothing of that; and from when the bridge is gone while the button is held, or while a lost console has left its stop, until
+    that ends. Its first message is false only after `listen_s`, when it knows as much as a bridge that may say released.
+    Parameters, the same as those of `estop_bridge`: `engaged_value`, `listen_s`, `hmi_expiry_s`, `hmi_silence_engages`,
+    `button_silence_s`, `button_silence_engages`.
     """
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
@@ -129,7 +137,12 @@ class EstopWitness(LupinNode):
         self._silence = ButtonSilence(self.parameter("button_silence_s", BUTTON_SILENCE_S) + ANSWER_S)
         self._silence_engages = self.parameter("button_silence_engages", True)
         self._was_silent = False
+        self._consoles = ConsoleStop(
+            expiry_s=self.parameter("hmi_expiry_s", EXPIRY_S),
+            silence_engages=self.parameter("hmi_silence_engages", True),
+        )
         self._console_server = ConsoleServerStop()
+        self._false_from_ns = time.monotonic_ns() + int(self.parameter("listen_s", LISTEN_S) * 1e9)
         self._published: bool | None = None  # so that the first value replaces that of a former witness
         self._output = self.publisher(graph.ESTOP_MISSED_PRESS)
         self.subscription(graph.ESTOP_STATE, self._on_state)
@@ -147,6 +160,7 @@ class EstopWitness(LupinNode):
         self._press.button(bool(message.value) == self._engaged_value, time.monotonic_ns())
 
     def _on_console(self, message: Any) -> None:
+        self._consoles.update(bool(message.data), time.monotonic_ns())
         if message.data:
             self._press.press(time.monotonic_ns())
 
@@ -155,16 +169,19 @@ class EstopWitness(LupinNode):
             self._press.press(time.monotonic_ns())
 
     def _publish(self) -> None:
-        missed = self._press.tick(time.monotonic_ns())
-        silent = self._silence_engages and self._silence.is_silent(self.elapsed_clock_ns(), time.monotonic_ns())
+        now_ns = time.monotonic_ns()
+        self._press.lose_stop(self._consoles.is_lost(now_ns) or self._console_server.is_lost(now_ns))
+        missed = self._press.tick(now_ns)
+        silent = self._silence_engages and self._silence.is_silent(self.elapsed_clock_ns(), now_ns)
         if silent and not self._was_silent:
             self.get_logger().error("the e-stop's button has fallen silent; the e-stop is engaged until it is back")
         self._was_silent = silent
-        if (missed or silent) == self._published:
+        engages = missed or silent
+        if engages == self._published or (not engages and self._published is None and now_ns < self._false_from_ns):
             return
-        self._published = missed or silent
+        self._published = engages
         if missed:
             self.get_logger().error(
-                "the e-stop was pressed, but its process did not respond; it engages once the process is back"
+                "the e-stop was pressed, or is held, but its process did not respond; it engages once the process is back"
             )
-        self._output.publish(Bool(data=self._published))
+        self._output.publish(Bool(data=engages))

@@ -7,9 +7,10 @@ counts its presses in its latched status.
 
 from __future__ import annotations
 
-import json
 import uuid
 from typing import Any
+
+from lupin_runtime.json_text import parse_json
 
 # A process that replaces another one takes over streams that the other one had stopped. It is up again within this time.
 RECENT_S = 20.0
@@ -64,7 +65,7 @@ class UnheardPress:
         A status that is malformed, or of a bridge that counts nothing, tells nothing.
         """
         try:
-            status = json.loads(text)
+            status = parse_json(text)
             bridge, presses, ago_s = status["bridge"], status["presses"], status["engaged_s_ago"]
         except (ValueError, KeyError, TypeError):
             return False

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_runtime.safety.console_server_stop import (
+    BROWSER_HOLDS_STOP,
     EXPIRY_S,
     HOLD_S,
-    HOLDS,
     LOST,
     MAX_SERVERS,
     UNHEARD,
@@ -40,9 +40,9 @@ def say(
 def test_stop_of_crashed_server_lasts_until_released_on_another() -> None:
     stop = ConsoleServerStop()
     assert say(stop, 0, engaged=True)
-    assert stop.reason(100 * S) == HOLDS
+    assert stop.reason(100 * S) == BROWSER_HOLDS_STOP
     say(stop, 100 * S, server="b")
-    assert stop.reason(101 * S) == HOLDS, "nobody has released the stop yet"
+    assert stop.reason(101 * S) == BROWSER_HOLDS_STOP, "nobody has released the stop yet"
     say(stop, 102 * S, server="b", releases=1)
     assert stop.reason(102 * S) is None
 
@@ -96,11 +96,33 @@ def test_server_does_not_release_the_stop_of_a_live_one() -> None:
     stop = ConsoleServerStop()
     say(stop, 0, engaged=True)
     say(stop, 1, server="b", releases=3)
-    assert stop.reason(1) == HOLDS
+    assert stop.reason(1) == BROWSER_HOLDS_STOP
     say(stop, S, server="b", releases=4)
-    assert stop.reason(S) == HOLDS, "server a is alive, and its browsers hold the stop"
+    assert stop.reason(S) == BROWSER_HOLDS_STOP, "server a is alive, and its browsers hold the stop"
     say(stop, 2 * S, releases=1)
     assert stop.reason(2 * S) is None
+
+
+@pytest.mark.parametrize("engaged", [True, False])
+def test_old_releases_of_new_server_do_not_end_a_stop(engaged: bool) -> None:
+    stop = ConsoleServerStop()
+    say(stop, 0, engaged=engaged, driving=True)
+    reason = stop.reason(LATE_NS)
+    assert reason is not None
+    say(stop, LATE_NS, server="b", releases=1)
+    assert stop.reason(LATE_NS) == reason, "it was released before it was heard"
+    say(stop, LATE_NS + 1, server="b", releases=2)
+    assert stop.reason(LATE_NS + 1) is None
+
+
+def test_release_during_a_gap_does_not_end_a_newer_stop() -> None:
+    stop = ConsoleServerStop()
+    say(stop, 0, server="b", releases=1)
+    say(stop, 5 * S, engaged=True)
+    say(stop, 10 * S, server="b", releases=2)
+    assert stop.reason(10 * S) == BROWSER_HOLDS_STOP, "the release may be older than the stop"
+    say(stop, 11 * S, server="b", releases=3)
+    assert stop.reason(11 * S) is None
 
 
 def test_old_release_count_does_not_end_a_newer_stop() -> None:
@@ -109,7 +131,7 @@ def test_old_release_count_does_not_end_a_newer_stop() -> None:
     say(stop, 1, engaged=True)
     for second in range(1, 10):
         say(stop, second * S, server="b", releases=7)
-    assert stop.reason(10 * S) == HOLDS
+    assert stop.reason(10 * S) == BROWSER_HOLDS_STOP
     say(stop, 10 * S, server="b", releases=8)
     assert stop.reason(10 * S) is None
 
@@ -131,9 +153,26 @@ def test_old_release_count_does_not_end_a_newer_stop() -> None:
 def test_malformed_statement_engages_until_a_release(text: str) -> None:
     stop = ConsoleServerStop()
     assert stop.update(text, 0)
-    assert stop.reason(0) == HOLDS
-    say(stop, LATE_NS, releases=1)
+    assert stop.reason(0) == BROWSER_HOLDS_STOP
+    say(stop, 1, releases=1)
+    assert stop.reason(LATE_NS) == BROWSER_HOLDS_STOP, "that release may be older"
+    say(stop, LATE_NS, releases=2)
     assert stop.reason(LATE_NS) is None
+
+
+def test_stop_is_lost_while_no_server_repeats_it() -> None:
+    stop = ConsoleServerStop()
+    say(stop, 0, engaged=True)
+    assert not stop.is_lost(S), "its server repeats it"
+    assert stop.is_lost(LATE_NS)
+    say(stop, LATE_NS)
+    assert not stop.is_lost(LATE_NS)
+    say(stop, LATE_NS, driving=True)
+    assert stop.is_lost(3 * LATE_NS)
+    say(stop, 3 * LATE_NS)
+    assert stop.is_lost(3 * LATE_NS), "it is back, but has released nothing"
+    say(stop, 3 * LATE_NS, releases=1)
+    assert not stop.is_lost(3 * LATE_NS)
 
 
 def test_old_servers_are_forgotten_unless_they_hold_the_stop() -> None:
@@ -142,7 +181,7 @@ def test_old_servers_are_forgotten_unless_they_hold_the_stop() -> None:
     for number in range(10 * MAX_SERVERS):
         say(stop, number, server=f"{number}")
     assert len(stop._servers) <= MAX_SERVERS + 1
-    assert stop.reason(S) == HOLDS
+    assert stop.reason(S) == BROWSER_HOLDS_STOP
 
 
 @given(

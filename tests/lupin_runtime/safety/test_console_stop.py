@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lupin_runtime.safety import ConsoleStop
-from lupin_runtime.safety.console_stop import EXPIRY_S, HOLDS, LOST, LOST_HOLDING
+from lupin_runtime.safety.console_stop import CONSOLE_HOLDS_STOP, EXPIRY_S, LOST, LOST_HOLDING
 from tests.support.optional import present
 
 MS = 1_000_000
@@ -86,7 +86,7 @@ def test_one_console_engages_while_it_holds(consoles: list[Any], before_ms: int,
     start_ms = group.now_ms
     group.publish(0, True)
     group.run(held_ms)
-    assert group.states_since(start_ms + 1) <= {True} and group.reason() == HOLDS
+    assert group.states_since(start_ms + 1) <= {True} and group.reason() == CONSOLE_HOLDS_STOP
 
 
 @settings(max_examples=150, deadline=None)
@@ -114,7 +114,7 @@ def test_lost_holder_stays_engaged_until_press_and_release(consoles: list[Any], 
     assert group.states_since(died_ms) == {True} and group.reason() == LOST_HOLDING
     group.publish(1, True)
     group.run(5000)
-    assert group.reason() == HOLDS
+    assert group.reason() == CONSOLE_HOLDS_STOP
     group.publish(1, False)
     group.run(3500)
     assert group.reason() is None

@@ -9,6 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_runtime.safety import ConsoleStop, EstopSources
+from lupin_runtime.safety.console_stop import CONSOLE_HOLDS_STOP
+from lupin_runtime.safety.estop import MISSED_PRESS, MISSED_PRESS_OR_SILENCE
 
 S = 10**9
 
@@ -37,6 +39,16 @@ def test_silent_button_keeps_its_value_if_configured(pressed: bool) -> None:
     stop.button(pressed, S, S)
     state = stop.state(4 * S, 4 * S)
     assert state.engaged == pressed and "silent" in state.warnings[0]
+
+
+def test_missed_stop_is_a_reason_only_without_another() -> None:
+    stop = sources()
+    stop.missed_press = True
+    assert stop.state(0, 0).reasons == (MISSED_PRESS_OR_SILENCE,)
+    stop.consoles.update(True, 0)
+    assert stop.state(0, 0).reasons == (CONSOLE_HOLDS_STOP,)
+    stop.button(True, 0, 0)
+    assert MISSED_PRESS not in stop.state(0, 0).reasons
 
 
 def test_silent_button_engages() -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from lupin_runtime import graph
-from lupin_runtime.safety.console_server_stop import HOLDS
+from lupin_runtime.safety.console_server_stop import BROWSER_HOLDS_STOP
 from lupin_runtime.safety.estop import MISSED_PRESS_OR_SILENCE
 
 if TYPE_CHECKING:
@@ -95,9 +95,9 @@ def test_estop_edge_is_published_at_once(graph_host: GraphHost) -> None:
     count = len(probe.states)
     for _ in range(5):
         probe.press(True)
-        graph_host.until(lambda: probe.engaged, timeout_s=1.0, what="the edge before the next tick")
+        graph_host.until(lambda: probe.engaged, timeout_s=1.0, what="the change to be published before the next period")
         probe.press(False)
-        graph_host.until(lambda: not probe.engaged, timeout_s=1.0, what="the edge before the next tick")
+        graph_host.until(lambda: not probe.engaged, timeout_s=1.0, what="the change to be published before the next period")
     assert len(probe.states) >= count + 10
 
 
@@ -172,9 +172,9 @@ def test_stop_reaches_the_sink_through_bridge_and_bus(graph_host: GraphHost) -> 
     probe.press(True)
     graph_host.until(drive(lambda: sink[-1] == Twist(0.0, 0.0, 0.0)), what="zero at the sink")
     probe.press(False)
-    graph_host.until(lambda: not probe.engaged, what="the release")
+    graph_host.until(lambda: not probe.engaged, what="the e-stop to be released")
     count = len(sink)
-    graph_host.until(drive(lambda: len(sink) >= count + 20), what="what the sink gets after the release")
+    graph_host.until(drive(lambda: len(sink) >= count + 20), what="20 commands at the sink after the release")
     assert set(sink[count:]) == {Twist(0.0, 0.0, 0.0)}, "the goal that was running must not continue by itself"
 
 
@@ -188,12 +188,12 @@ def test_console_server_engages_and_its_exit_changes_nothing(graph_host: GraphHo
     statement = '{"server": "a", "engaged": %s, "driving": false, "presses": 0, "releases": 0}'
     server.publish(String(data=statement % "true"))
     graph_host.until(lambda: probe.engaged, what="the engaged state")
-    graph_host.until(lambda: probe.status[-1]["reasons"] == [HOLDS], what="the reason")
+    graph_host.until(lambda: probe.status[-1]["reasons"] == [BROWSER_HOLDS_STOP], what="the reason")
     server.publish(String(data=statement % "false"))
     graph_host.until(lambda: not probe.engaged, what="the released state")
     count = len(probe.states)
     probe.node.destroy_publisher(server)
-    graph_host.until(lambda: len(probe.states) > count + 10, what="two seconds")
+    graph_host.until(lambda: len(probe.states) > count + 10, what="two seconds of states")
     assert not probe.engaged
 
 
@@ -240,3 +240,58 @@ def test_new_bridge_engages_if_the_button_fell_silent_before(graph_host: GraphHo
     timer = probe.node.create_timer(0.1, lambda: probe.press(False))
     graph_host.until(lambda: not probe.engaged, what="the release, once the button is back")
     graph_host.within(probe.node, lambda: probe.node.destroy_timer(timer))
+
+
+def test_stop_of_a_lost_console_survives_its_bridge(graph_host: GraphHost) -> None:
+    from std_msgs.msg import String
+
+    from lupin_runtime.safety.node import EstopWitness
+
+    graph_host.add(EstopWitness())
+    first = bridge(graph_host)
+    probe = Probe(graph_host)
+    missed: list[bool] = []
+    probe.node.subscription(graph.ESTOP_MISSED_PRESS, lambda message: missed.append(message.data))
+    console, other = probe.node.publisher(graph.CONSOLE_STOP), probe.node.publisher(graph.CONSOLE_STOP)
+    graph_host.until(lambda: console.get_subscription_count() == other.get_subscription_count() == 2, what="subscriptions")
+    statement = '{"server": "%s", "engaged": %s, "driving": false, "presses": 0, "releases": %s}'
+    console.publish(String(data=statement % ("a", "true", 0)))
+    graph_host.until(lambda: probe.engaged, what="the console's stop")
+    probe.node.destroy_publisher(console)
+    graph_host.remove(first)
+    graph_host.until(lambda: missed[-1:] == [True], what="the witness's report")
+    probe.states.clear()
+    bridge(graph_host, listen_s=1.0)
+    graph_host.until(lambda: len(probe.states) >= 15, what="three seconds of states")
+    assert {engaged for _, engaged in probe.states} == {True}
+    graph_host.until(lambda: other.get_subscription_count() == 2, what="the new bridge's subscription")
+    for releases in (4, 5):
+        other.publish(String(data=statement % ("b", "false", releases)))
+    graph_host.until(lambda: not probe.engaged, what="the release on another console")
+    assert not missed[-1]
+
+
+def test_witness_shortens_the_wait_of_a_new_bridge(graph_host: GraphHost) -> None:
+    from std_msgs.msg import Bool
+
+    from lupin_runtime.ros import LupinNode
+
+    witness = LupinNode("witness")
+    witness.publisher(graph.ESTOP_MISSED_PRESS).publish(Bool(data=False))
+    graph_host.add(witness)
+    bridge(graph_host, listen_s=600.0)
+    assert not Probe(graph_host).engaged
+
+
+def test_new_witness_reports_a_press_before_it_has_listened(graph_host: GraphHost) -> None:
+    from lupin_runtime.safety.node import EstopWitness
+
+    graph_host.add(EstopWitness({"listen_s": 600.0}))
+    bridge(graph_host)
+    probe = Probe(graph_host)
+    missed: list[bool] = []
+    probe.node.subscription(graph.ESTOP_MISSED_PRESS, lambda message: missed.append(message.data))
+    graph_host.until(lambda: probe.node.count_subscribers(graph.ESTOP_BUTTON.name) == 2, what="both subscriptions")
+    probe.press(False)
+    graph_host.until(lambda: missed, what="the witness's report of the silent button")
+    assert missed == [True]

@@ -1,7 +1,8 @@
-"""Only a press that the bridge missed is remembered until the e-stop has engaged."""
+"""Only a stop that the bridge missed or forgot is remembered, until the e-stop has engaged and nothing holds it any more."""
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -37,6 +38,56 @@ def test_pressed_button_in_the_first_message_counts_as_a_press() -> None:
     press = MissedPress()
     press.button(True, S)
     assert press.tick(S + ANSWER_NS + 1)
+
+
+def run(press: MissedPress, start_ns: int, end_ns: int, state: bool | None) -> bool:
+    """Repeat the e-stop's state at 5 Hz, as a bridge does; None stands for no bridge. Return whether a stop is missed."""
+    missed = press.missed
+    for now_ns in range(start_ns, end_ns, S // 5):
+        if state is not None:
+            press.state(state, now_ns)
+        missed = press.tick(now_ns)
+    return missed
+
+
+@pytest.mark.parametrize("is_button", [True, False])
+def test_held_stop_is_missed_once_its_bridge_is_gone(is_button: bool) -> None:
+    press = MissedPress()
+
+    def hold(held: bool) -> None:
+        if is_button:
+            press.button(held, 0)
+        else:
+            press.lose_stop(held)
+
+    hold(True)
+    assert not run(press, 0, 10 * S, True)
+    assert run(press, 10 * S, 12 * S, None), "before the next bridge says anything"
+    assert run(press, 12 * S, 20 * S, True), "the next bridge engages only because of this"
+    hold(False)
+    assert not run(press, 20 * S, 21 * S, True)
+    assert not run(press, 21 * S, 30 * S, False)
+
+
+def test_button_held_against_a_released_state_is_missed() -> None:
+    press = MissedPress()
+    press.button(True, 0)
+    assert not run(press, 0, S, True)
+    assert run(press, S, 3 * S, False)
+
+
+@given(st.lists(st.integers(0, ANSWER_NS), min_size=4, max_size=4))
+def test_hold_that_ends_with_its_state_is_not_missed(delays: list[int]) -> None:
+    press = MissedPress()
+    pressed, engaged, let_go, released = (at + delay for at, delay in zip((S, S, 9 * S, 9 * S), delays))
+    down = False
+    for now_ns in range(0, 20 * S, S // 20):
+        if (pressed <= now_ns < let_go) is not down:
+            down = not down
+            press.button(down, now_ns)
+        if now_ns % (S // 5) == 0:
+            press.state(engaged <= now_ns < released, now_ns)
+        assert not press.tick(now_ns)
 
 
 @given(

@@ -67,7 +67,20 @@ def test_status_is_repeated_while_its_age_matters() -> None:
     assert counter.is_recent(11 * S) and not counter.is_recent(int((11 + REPORTED_S) * S))
 
 
-@pytest.mark.parametrize("damaged", ["", "{", "[]", "null", "{}", '{"bridge": 1, "presses": 2, "engaged_s_ago": 3}'])
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        "",
+        "{",
+        "[]",
+        "null",
+        "{}",
+        '{"bridge": 1, "presses": 2, "engaged_s_ago": 3}',
+        '{"bridge": "a", "presses": 2, "engaged_s_ago": 1%s}' % ("0" * 400),
+        '{"bridge": "a", "presses": 2, "engaged_s_ago": 1%s}' % ("0" * 300),
+        '{"bridge": "a", "presses": 2, "engaged_s_ago": NaN}',
+    ],
+)
 def test_damaged_status_tells_nothing(damaged: str) -> None:
     assert not UnheardPress().status(damaged, 0)
 
