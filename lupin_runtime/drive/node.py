@@ -17,7 +17,7 @@ from lupin_runtime.drive.arbiter import ESTOP_TIMEOUT_S
 from lupin_runtime.drive.bus import Bus
 from lupin_runtime.drive.twist import ZERO, HardLimits, Twist, decode, encode
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.priority import serve_first
+from lupin_runtime.ros.priority import request_realtime_scheduling
 from lupin_runtime.ros.publisher_watch import PublisherWatch
 from lupin_runtime.safety.estop_subscription import subscribe_stops
 
@@ -59,7 +59,7 @@ class TwistMux(LupinNode):
         if sink not in SINKS:
             raise ValueError(f"twist_mux: parameter sink is {sink!r}, expected one of {', '.join(SINKS)}")
         if self.parameter("serve_first", False):
-            self.get_logger().info(serve_first())
+            self.get_logger().info(request_realtime_scheduling())
         limits = HardLimits(self.parameter("linear_limit_mps", 0.6), self.parameter("yaw_limit_radps", 1.9))
         self._bus = Bus(
             limits=limits,

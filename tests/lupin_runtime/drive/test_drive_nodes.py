@@ -99,7 +99,8 @@ def test_sink_is_best_effort_and_status_counts_its_listeners(graph_host: GraphHo
     assert publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     bus(graph_host, sink="robot")
     graph_host.until(
-        lambda: probe.status[-1]["sink"] == {"topic": "/mirte_base_controller/cmd_vel", "listeners": 0}, what="nobody listens"
+        lambda: probe.status[-1]["sink"] == {"topic": "/mirte_base_controller/cmd_vel", "listeners": 0},
+        what="a status",
     )
 
 
@@ -142,7 +143,7 @@ def test_forged_releases_pass_no_command_and_raise_an_alarm(graph_host: GraphHos
     assert {data for _, data in probe.sink[count:]} == {STILL}
     assert probe.status[-1]["locks"] == ["e-stop engaged"]
     graph_host.remove(intruder)
-    graph_host.until(lambda: probe.status[-1]["locks"] == [], what="the release")
+    graph_host.until(lambda: probe.status[-1]["locks"] == [], what="the bus to be unlocked")
 
 
 def test_second_publisher_on_the_sink_is_an_alarm(graph_host: GraphHost) -> None:
@@ -243,7 +244,7 @@ def test_smoother_node_ramps_up_and_ends_with_zero(graph_host: GraphHost) -> Non
     xs = [present(decode(data)).x for _, data in probe.sink]
     assert max(b - a for a, b in itertools.pairwise(xs)) <= 2.5 * 0.1 + 1e-9, "no step is larger than two periods allow"
     graph_host.until(lambda: probe.sink[-1][1] == STILL, what="rest after the timeout")
-    graph_host.until(lambda: time.monotonic() - probe.sink[-1][0] > 0.5, what="silence after rest")
+    graph_host.until(lambda: time.monotonic() - probe.sink[-1][0] > 0.5, what="half a second without a command at the sink")
 
 
 def test_idle_stop_publishes_zero(graph_host: GraphHost) -> None:
