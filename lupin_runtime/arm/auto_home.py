@@ -28,7 +28,7 @@ from lupin_runtime.arm.controllers import inactive_controllers, next_step
 from lupin_runtime.arm.joint_state import arm_state
 from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.exit_codes import ESTOPPED, FAILURE, SUCCESS
-from lupin_runtime.ros import LupinNode
+from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 OPT_OUT = ("false", "0", "no", "off")
@@ -199,7 +199,7 @@ class AutoHome:
         """Return `limit_s`, but at most the rest of the total. Raises NotHome if no time remains."""
         remaining_s = self._began_s + self._limits.total_s - time.monotonic()
         if remaining_s <= 0.0:
-            raise NotHome(f"gave up after {self._limits.total_s:g} s; see journalctl -u mirte-ros -u lupin-onboard")
+            raise NotHome(f"gave up after {self._limits.total_s:g} s; the journals of mirte-ros and lupin-onboard say why")
         return min(limit_s, remaining_s)
 
     def _on_estop(self, engaged: bool) -> None:
@@ -251,7 +251,7 @@ def main(arguments: list[str]) -> int:
     def say(line: str) -> None:
         print(f"{time.monotonic() - began_s:6.1f} s  {line}", flush=True)
 
-    rclpy.init(args=[])
+    rclpy.init(args=ROS_ARGUMENTS)
     node = LupinNode("auto_home")
     home = AutoHome(node, replace(Limits(), visible_s=options.patience), say, options.unattended)
     try:

@@ -100,10 +100,10 @@ class ArmCalibrateServer(ArmNode):
                 await self._set_offset(servo, 0)
                 await self._set_angle_zero(servo)
             self._require_released()  # a limp arm sinks
+            self.motion.torque = False  # also if the answer is lost
             await self._switch(graph.VENDOR_TORQUE, False)
         except Refused as refusal:
             raise await self._undo_start(refusal) from refusal
-        self.motion.torque = False
         self._state = State.AWAITING_POSE
         return "the arm is limp: pose it by hand with every joint at zero, then commit"
 

@@ -11,6 +11,7 @@ from itertools import pairwise
 from typing import Any
 
 from lupin_runtime.arm.limits import Arm
+from lupin_runtime.json_text import parse_json
 
 VERSION = 1
 _MAX_NUMBER = 1e6  # rad or s; also rejects integers that are too large for a float
@@ -90,8 +91,8 @@ def to_json(library: Library) -> str:
 def from_json(text: str) -> Library:
     """Parse the text of a library's file. Raises LibraryError, which names the invalid entry."""
     try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        document = parse_json(text)
+    except ValueError as error:
         raise LibraryError(f"not JSON: {error}") from error
     if not isinstance(document, dict) or document.get("version") != VERSION:
         found = document.get("version") if isinstance(document, dict) else type(document).__name__

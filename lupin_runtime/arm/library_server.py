@@ -35,9 +35,9 @@ TORQUE_ANSWER_S = 12.0
 _REFUSALS = (LibraryError, Refused, ValueError, OSError)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Activity:
-    """An accepted recording or replay. `began_ns` is None until it starts."""
+    """An accepted recording or replay. `began_ns` is None until it starts. Two of the same name are not equal."""
 
     kind: str  # recording or playing
     name: str
@@ -111,7 +111,7 @@ class ArmLibraryServer(ArmNode):
             return _failed(response, refusal)
         if pose.gripper is not None:
             self._send_gripper(pose.gripper)
-        response.success, response.message = True, f"{request.name.strip().lower()} sent, {PRESET_DURATION_S:g} s"
+        response.success, response.message = True, f"moving to {request.name.strip().lower()}, {PRESET_DURATION_S:g} s"
         return response
 
     def _on_edit(self, request: Any, response: Any) -> Any:
@@ -237,15 +237,14 @@ class ArmLibraryServer(ArmNode):
             self._sampler = self.create_timer(1.0 / SAMPLE_HZ, self._on_sample)
 
     def _end(self, activity: _Activity | None) -> None:
-        if activity is None:
-            return
+        if activity is None or self._activity is not activity:
+            return  # one that was stopped before it began has ended already; the arm may be reserved for another one
+        self._activity = None
         self.motion.release(_holder(activity))
-        if self._activity is activity:
-            self._activity = None
-            if self._sampler is not None:
-                # Destroyed, not cancelled: in simulated time a cancelled timer wakes the executor with every clock message.
-                self.destroy_timer(self._sampler)
-                self._sampler = None
+        if self._sampler is not None:
+            # Destroyed, not cancelled: in simulated time a cancelled timer wakes the executor with every clock message.
+            self.destroy_timer(self._sampler)
+            self._sampler = None
 
     def _elapsed_s(self, activity: _Activity) -> float:
         return 0.0 if activity.began_ns is None else max(0.0, (self.elapsed_clock_ns() - activity.began_ns) / 1e9)

@@ -3,7 +3,7 @@
 Presets, single joints, stored poses and replays share one trajectory topic and one record of the last command. A move replaces
 the move before it, starting from the arm's present pose. A replay reserves the arm. A limp arm is not commanded, because it
 would jump to the last command when its torque is switched on. An engaged e-stop holds the arm where it is; its release resumes
-nothing.
+nothing. Until the e-stop's state is known, the arm is not moved.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from lupin_runtime.arm.limits import Arm, clamp, clamp_arm
 from lupin_runtime.arm.trajectory import MIN_DURATION_S, Point, retime, to_pose
-from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
+from lupin_runtime.drive.arbiter import ESTOP_ENGAGED, ESTOP_NOT_RECEIVED
 from lupin_runtime.graph import ARM_CALIBRATE, ARM_JOINTS, ARM_LIBRARY_STOP
 from lupin_runtime.safety.estop_monitor import DRAIN_S
 
@@ -64,7 +64,7 @@ class ArmMotion:
         self._commanded: Arm | None = None
         self._ends_ns = 0  # when the last trajectory ends
         self._holder: str | None = None
-        self._estop_engaged = False
+        self._estop_known = self._estop_engaged = False
         self._released_ns: int | None = None
         self._hold_due = False
         self.estop_count = 0  # how often the e-stop was engaged
@@ -110,6 +110,7 @@ class ArmMotion:
         have missed or received in another order than the controller, continues after the release.
         """
         with self._lock:
+            self._estop_known = True
             was_engaged, self._estop_engaged = self._estop_engaged, engaged
             if engaged and not was_engaged:
                 self.estop_count += 1
@@ -141,7 +142,11 @@ class ArmMotion:
         return max(abs(is_at - held_at) for is_at, held_at in zip(state.arm, held)) > DRIFT_RAD
 
     def require_released(self, since: int | None = None) -> None:
-        """Raise Refused while the e-stop is engaged and for DRAIN_S after that, or if `estop_count` is no longer `since`."""
+        """Raise Refused before the e-stop's first message, while it is engaged and for DRAIN_S after that, or if `estop_count`
+        is no longer `since`.
+        """
+        if not self._estop_known:
+            raise Refused(f"{ESTOP_NOT_RECEIVED}: the arm is not moved; repeat the command, or see lupin status")
         released_ns = self._released_ns
         drains = released_ns is not None and self._real_ns() - released_ns < DRAIN_S * 1e9
         if self._estop_engaged or drains or since not in (None, self.estop_count):

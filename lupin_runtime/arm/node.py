@@ -22,7 +22,7 @@ from lupin_runtime.arm.limits import GRIPPER_MAX_EFFORT, gripper_rad
 from lupin_runtime.arm.motion import CALIBRATING, Refused
 from lupin_runtime.arm.presets import PRESET_DURATION_S, preset
 from lupin_runtime.arm.shared_arm import ArmNode
-from lupin_runtime.arm.torque import TorqueStep, steps
+from lupin_runtime.arm.torque import TORQUE_OFF, TorqueStep, steps
 from lupin_runtime.safety.estop_subscription import subscribe_estop
 
 __all__ = ["ArmCalibrateServer", "ArmLibraryServer", "ArmPresetServer", "GripperActionBridge"]
@@ -46,7 +46,7 @@ class ArmPresetServer(ArmNode):
             response.success, response.message = False, str(refusal)
         else:
             response.success = True
-            response.message = f"{request.name.strip().lower()} sent, {PRESET_DURATION_S:g} s"
+            response.message = f"moving to {request.name.strip().lower()}, {PRESET_DURATION_S:g} s"
         return response
 
 
@@ -161,7 +161,14 @@ class GripperActionBridge(ArmNode):
         estop_count = self.motion.estop_count
         for step in steps(on):
             failure = "" if on else self._estop_refusal(estop_count)  # a limp arm sinks; a stiff one is held where it is
-            failure = failure or await self._execute(step)
+            answered = True
+            if not failure:
+                failure, answered = await self._execute(step)
+            if not answered and step == TORQUE_OFF:
+                # It may have been executed. A limp arm must count as limp, and its gate stay closed, or it jumps when the
+                # torque returns; for a stiff one this only means that it moves after the next switch.
+                self.motion.torque = False
+                return False, f"{failure}, so the torque may be off: hold the arm, and switch the torque on or off again"
             if failure:
                 for undo in (previous.undone() for previous in reversed(done)):
                     if undo is not None:
@@ -179,19 +186,19 @@ class GripperActionBridge(ArmNode):
             return str(refusal)
         return ""
 
-    async def _execute(self, step: TorqueStep) -> str:
-        """Execute one step; return an error message, or an empty string."""
+    async def _execute(self, step: TorqueStep) -> tuple[str, bool]:
+        """Execute one step; return an error message, or an empty string, and whether it is known what became of it."""
         if step.row is None:
             try:
                 self.motion.pin()
             except Refused as refusal:
-                return str(refusal)
+                return str(refusal), True
             await async_wait.sleep(self, step.settle_s)
-            return ""
+            return "", True
         client = self._torque_clients[step.row]
         if not await async_wait.ready(self, client.service_is_ready):
-            return "" if step.optional else f"{step.row.name} has no server; check that the vendor's servo driver runs"
+            return "" if step.optional else f"{step.row.name} has no server; check that the vendor's servo driver runs", True
         answer = await async_wait.answer(self, client.call_async(SetBool.Request(data=step.value)))
         if answer is None:
-            return f"{step.row.name} did not respond within {async_wait.ANSWER_S:g} s"
-        return "" if answer.success else f"{step.row.name} refused: {answer.message or 'no reason given'}"
+            return f"{step.row.name} did not respond within {async_wait.ANSWER_S:g} s", False
+        return "" if answer.success else f"{step.row.name} refused: {answer.message or 'no reason given'}", True

@@ -9,6 +9,7 @@ from typing import Any
 
 from lupin_runtime.arm.library import Library, LibraryError, StoredPose, StoredSequence, from_json, to_json, valid_name
 from lupin_runtime.atomic_file import write_atomically
+from lupin_runtime.bounded_file import read_bounded, read_bounded_text
 
 
 def default_path() -> Path:
@@ -34,7 +35,7 @@ class LibraryStore:
         key = valid_name(name)
         table = self._table(kind)
         if key in table and not overwrite:
-            raise LibraryError(f"there is a {kind} {key!r} already; ask for overwrite to replace it")
+            raise LibraryError(f"{kind} {key!r} already exists; choose another name or overwrite it")
         self._commit(kind, {**table, key: entry})
         return key
 
@@ -49,7 +50,7 @@ class LibraryStore:
         key, new_key = self._existing(kind, name), valid_name(new_name)
         table = self._table(kind)
         if new_key != key and new_key in table:
-            raise LibraryError(f"there is a {kind} {new_key!r} already")
+            raise LibraryError(f"{kind} {new_key!r} already exists; choose another name")
         self._commit(kind, {new_key if other == key else other: entry for other, entry in table.items()})
         return new_key
 
@@ -97,13 +98,13 @@ class LibraryStore:
             raise LibraryError(self._write_refusal)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         if self.path.exists():
-            write_atomically(self.path.with_name(self.path.name + ".bak"), self.path.read_bytes())
+            write_atomically(self.path.with_name(self.path.name + ".bak"), read_bounded(self.path))
         write_atomically(self.path, text, sync=True)
 
     def _load(self) -> tuple[Library, str]:
         """Return the library, and a message about its file, which is empty if the file is valid or missing."""
         try:
-            return from_json(self.path.read_text()), ""
+            return from_json(read_bounded_text(self.path)), ""
         except FileNotFoundError:
             return Library(), ""
         except OSError as error:

@@ -35,10 +35,11 @@ class TorqueStep(NamedTuple):
 
 
 _HOLD = TorqueStep(None, settle_s=PIN_SETTLE_S)
+TORQUE_OFF = TorqueStep(graph.VENDOR_TORQUE, False)
 
 
 def steps(on: bool) -> tuple[TorqueStep, ...]:
     """Return the steps that switch the torque, in order."""
     if on:
         return (_HOLD, TorqueStep(graph.VENDOR_TORQUE, True), TorqueStep(graph.VENDOR_ARM_GATE, True, optional=True))
-    return (TorqueStep(graph.VENDOR_ARM_GATE, False, optional=True, reversible=True), TorqueStep(graph.VENDOR_TORQUE, False))
+    return (TorqueStep(graph.VENDOR_ARM_GATE, False, optional=True, reversible=True), TORQUE_OFF)

@@ -109,7 +109,7 @@ def test_estop_aborts_a_replay_and_a_release_does_not_resume_it(
     assert held == vendor.at, "held where it is"
     estop.set(False)
     states = len(console.states)
-    graph_host.until(lambda: len(console.states) > states + 10, what="two seconds")
+    graph_host.until(lambda: len(console.states) > states + 10, what="two seconds of states")
     assert [list(sent.points[-1].positions) for sent in vendor.trajectories[count:]] == [held], "held once more"
     assert len(vendor.gripper_goals) == grips
     assert console.ask(graph.ARM_LIBRARY_PLAY, name="nod", speed=2.0).success
@@ -162,11 +162,11 @@ def test_estop_cancels_gripper_goals_of_any_client(graph_host: GraphHost, consol
     graph_host.add(node)
     arm_nodes(graph_host)
     estop = EStop(graph_host, console)
-    foreign = console.node.action_client(graph.GRIPPER_COMMAND)
-    graph_host.until(foreign.server_is_ready, what="the gripper's action")
+    other_client = console.node.action_client(graph.GRIPPER_COMMAND)
+    graph_host.until(other_client.server_is_ready, what="the gripper's action")
     if after_estop:
         estop.set(True)
-    sent = graph_host.within(console.node, lambda: foreign.send_goal_async(GripperCommand.Goal()))
+    sent = graph_host.within(console.node, lambda: other_client.send_goal_async(GripperCommand.Goal()))
     graph_host.until(lambda: sent.done() and sent.result().accepted, what="the goal")
     estop.set(True)
     graph_host.until(cancelled.is_set, what="the goal's cancellation")
@@ -179,21 +179,21 @@ def test_trajectory_of_another_publisher_is_replaced_under_estop(
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
     arm_nodes(graph_host, pinned_by=vendor)
-    foreign = console.node.publisher(graph.ARM_TRAJECTORY)
-    graph_host.until(lambda: foreign.get_subscription_count() >= 2, what="the subscriptions")
+    other_publisher = console.node.publisher(graph.ARM_TRAJECTORY)
+    graph_host.until(lambda: other_publisher.get_subscription_count() >= 2, what="the subscriptions")
     estop = EStop(graph_host, console)
     estop.set(True)
     graph_host.until(lambda: len(vendor.trajectories) >= 2, what="the hold")
     held = list(vendor.trajectories[-1].points[-1].positions)
     point = JointTrajectoryPoint(positions=[0.9, 0.0, 0.0, 0.0])
     point.time_from_start.sec = 3
-    foreign.publish(JointTrajectory(joint_names=list(graph.ARM_JOINTS), points=[point]))
+    other_publisher.publish(JointTrajectory(joint_names=list(graph.ARM_JOINTS), points=[point]))
     graph_host.until(lambda: len(vendor.trajectories) >= 4, what="the second hold")
     assert list(vendor.trajectories[-1].points[-1].positions) == held
     estop.set(False)
     graph_host.until(lambda: len(vendor.trajectories) >= 5, what="the hold with the release")
     assert list(vendor.trajectories[-1].points[-1].positions) == held
     count = len(vendor.trajectories)
-    foreign.publish(JointTrajectory(joint_names=list(graph.ARM_JOINTS), points=[point]))
+    other_publisher.publish(JointTrajectory(joint_names=list(graph.ARM_JOINTS), points=[point]))
     graph_host.until(lambda: len(vendor.trajectories) > count and console.ask(graph.ARM_PRESET, name="home").success)
     assert len(vendor.trajectories[count].points) == 1 and vendor.trajectories[count].points[0].positions[0] == 0.9

@@ -97,7 +97,7 @@ def guard(graph_host: GraphHost, vendor: Vendor, holds: list[str]) -> ArmGuard:
 def wait(host: GraphHost, node: Any, seconds: float) -> None:
     ticks: list[int] = []
     timer = host.within(node, lambda: node.create_timer(0.1, lambda: ticks.append(1)))
-    host.until(lambda: len(ticks) >= 10 * seconds, what="the time")
+    host.until(lambda: len(ticks) >= 10 * seconds, what=f"{seconds} s of ticks")
     host.within(node, lambda: node.destroy_timer(timer))
 
 

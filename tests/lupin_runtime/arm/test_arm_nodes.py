@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from lupin_runtime import graph
-from lupin_runtime.arm import PRESETS, Refused
+from lupin_runtime.arm import PRESETS, Refused, async_wait
 from tests.support.arm_vendor import Vendor, arm_nodes, record
 from tests.support.optional import present
 
@@ -75,7 +75,7 @@ def test_single_joint_moves_in_degrees_and_radians(graph_host: GraphHost, vendor
 
 
 def test_single_joint_is_refused_without_joint_states(graph_host: GraphHost, vendor: Any, console: Any) -> None:
-    vendor.speaks = False
+    vendor.publishes = False
     arm_nodes(graph_host)
     assert not console.ask(graph.arm_joint_angle("wrist_joint"), angle=1.0, rate=0.0, degrees=True).status
     assert vendor.trajectories == []
@@ -141,8 +141,25 @@ def test_refused_torque_reopens_the_gate(graph_host: GraphHost, vendor: Any, con
     assert console.ask(graph.ARM_PRESET, name="home").success
 
 
+def test_arm_counts_as_limp_if_the_answer_was_lost(
+    graph_host: GraphHost, vendor: Any, console: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(async_wait.answer, "__defaults__", (0.3,))
+    arm_nodes(graph_host, pinned_by=vendor)
+    vendor.silent = {("torque", False)}
+    answer = console.ask(graph.ARM_SET_TORQUE, data=False)
+    assert not answer.success and "the torque may be off" in answer.message
+    assert vendor.calls == [("gate", False), ("torque", False)]  # the gate of a limp arm stays closed
+    refused = console.ask(graph.ARM_PRESET, name="home")
+    assert not refused.success and "limp" in refused.message
+    graph_host.within(vendor.node, vendor.answer)
+    assert console.ask(graph.ARM_SET_TORQUE, data=True).success
+    assert vendor.calls[2:] == [("torque", True), ("gate", True)]
+    assert console.ask(graph.ARM_PRESET, name="home").success
+
+
 def test_torque_on_is_refused_without_joint_states(graph_host: GraphHost, vendor: Any, console: Any) -> None:
-    vendor.speaks = False
+    vendor.publishes = False
     arm_nodes(graph_host)
     answer = console.ask(graph.ARM_SET_TORQUE, data=True)
     assert not answer.success and "joint_states" in answer.message and vendor.calls == []
@@ -258,7 +275,7 @@ def test_taken_name_does_not_lose_the_recording(graph_host: GraphHost, vendor: A
     vendor.at = [0.1, 0.2, 0.3, -0.4]
     assert console.ask(graph.ARM_LIBRARY_RECORD, action="start", mode="teleop").success
     console.states.clear()
-    graph_host.until(lambda: console.states and console.states[-1]["n_waypoints"] >= 1, what="a way point")
+    graph_host.until(lambda: console.states and console.states[-1]["n_waypoints"] >= 1, what="a waypoint")
     assert not console.ask(graph.ARM_LIBRARY_RECORD, action="save", name="nod").success
     assert console.ask(graph.ARM_LIBRARY_RECORD, action="save", name="nod2").success
     assert not console.ask(graph.ARM_LIBRARY_RECORD, action="dance").success
@@ -272,3 +289,22 @@ def test_torque_off_ends_a_replay(graph_host: GraphHost, vendor: Any, console: A
     graph_host.until(lambda: console.states[-1]["playing"], what="the playing state")
     assert console.ask(graph.ARM_SET_TORQUE, data=False).success
     graph_host.until(lambda: not console.states[-1]["playing"], what="the end of the replay")
+
+
+def test_stopped_replay_keeps_the_next_ones_reservation(
+    graph_host: GraphHost, vendor: Any, console: Any, tmp_path: Path
+) -> None:
+    library = arm_nodes(graph_host, tmp_path, pinned_by=vendor)[-1]
+    graph_host.until(lambda: console.states, what="the library's state")
+    record(graph_host, vendor, console, "nod", "teleop")
+    vendor.silent = {("torque", True)}
+    first = console.send(graph.ARM_LIBRARY_PLAY, name="nod", speed=0.25)
+    graph_host.until(lambda: ("torque", True) in vendor.calls, what="the first replay's wait for the torque")
+    assert console.ask(graph.ARM_LIBRARY_STOP).success
+    second = console.send(graph.ARM_LIBRARY_PLAY, name="nod", speed=0.25)
+    graph_host.until(lambda: library.motion.holder == "playing nod", what="the second replay's reservation")
+    graph_host.within(vendor.node, vendor.answer)
+    graph_host.until(lambda: first.done() and second.done(), what="both answers")
+    assert (first.result().success, second.result().success) == (False, True)
+    refused = console.ask(graph.ARM_PRESET, name="home")
+    assert not refused.success and "playing nod" in refused.message

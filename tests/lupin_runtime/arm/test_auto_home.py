@@ -297,7 +297,7 @@ def test_lupin_home_moves_the_arm_of_a_live_run(graph_host: GraphHost, tmp_path:
     from lupin_runtime.stack.dds import GRAPH_VARIABLES
     from lupin_runtime.stack.runs import create_run
 
-    command = [sys.executable, "-m", "lupin_cli.app", "home"]
+    command = [sys.executable, "-m", "lupin_cli.app", "home", "--local"]
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     nothing = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert nothing.returncode == 3 and "no run is up" in nothing.stderr

@@ -109,6 +109,7 @@ class Vendor:
         self.body = ArmMotion(
             lambda: ArmState(self.pose, 0.0, self.now_ns), self._send, lambda: self.now_ns, real_ns=lambda: self.now_ns
         )
+        self.body.set_estop(False)
         self.body.pin()
 
     def _send(self, path: tuple[Point, ...]) -> None:

@@ -122,10 +122,11 @@ def ask(graph_host: GraphHost, servos: Any, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(calibrate_server, "SAMPLE_S", 0.3)
     for node in (ArmPresetServer(), GripperActionBridge(), ArmCalibrateServer()):
         graph_host.add(node)
+        node.motion.set_estop(False)
     operator = graph_host.add(LupinNode("operator"))
     clients = {row: operator.client(row) for row in (graph.ARM_CALIBRATE, graph.ARM_PRESET, graph.ARM_SET_TORQUE)}
     graph_host.until(lambda: all(client.service_is_ready() for client in clients.values()), what="the services")
-    graph_host.until(lambda: ("pin",) in servos.calls, what="the pin")
+    graph_host.until(lambda: ("pin",) in servos.calls, what="the servos to be pinned")
     servos.calls.clear()
 
     def call(

@@ -138,6 +138,7 @@ class Operator:
         self._client = node.client(graph.ARM_CALIBRATE)
         host.until(self._client.service_is_ready, what="the service")
         host.until(lambda: self.motion.state(fresh=True), what="the arm's pose")
+        host.until(lambda: not self._is_refused(), what="the e-stop's state")
 
     def send(self, action: str) -> Any:
         from lupin_msgs.srv import CalibrateArm

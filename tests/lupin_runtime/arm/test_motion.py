@@ -32,6 +32,7 @@ class Arm:
         self.state: ArmState | None = None
         self.sent: list[Any] = []
         self.motion = ArmMotion(lambda: self.state, self.sent.append, lambda: self.now_ns, real_ns=lambda: self.now_ns)
+        self.motion.set_estop(False)
         if at is not None:
             self.set_pose(at)
 
@@ -190,10 +191,29 @@ def test_exit_holds_an_arm_that_still_moves() -> None:
 def test_move_without_a_subscriber_is_refused() -> None:
     arm = Arm()
     deaf = ArmMotion(lambda: arm.state, arm.sent.append, lambda: arm.now_ns, listeners=lambda: 0)
+    deaf.set_estop(False)
     for command in (lambda: deaf.move((0.0,) * 4, 1.0), deaf.pin):
         with pytest.raises(Refused, match="lupin home"):
             command()  # type: ignore[no-untyped-call]
     assert arm.sent == [] and not deaf.pinned
+
+
+def test_arm_is_not_moved_before_the_estop_is_known() -> None:
+    arm = Arm()
+    new = ArmMotion(lambda: arm.state, arm.sent.append, lambda: arm.now_ns, real_ns=lambda: arm.now_ns)
+    new.pin()
+    sent = len(arm.sent)
+    for move in (
+        lambda: new.move((0.0,) * 4, 3.0),
+        lambda: new.move_joint(ARM_JOINTS[0], 0.0, 1.0),
+        lambda: new.play([Point(0.0, (0.0,) * 4)], 1.0, "playing nod"),
+        new.require_released,
+    ):
+        with pytest.raises(Refused, match=r"^no e-stop state received yet"):  # auto-home repeats its request
+            move()
+    assert len(arm.sent) == sent
+    new.set_estop(False)
+    new.move((0.0,) * 4, 3.0)
 
 
 def test_estop_holds_the_present_pose_and_refuses_moves() -> None:
@@ -304,7 +324,9 @@ def test_after_a_release_only_newer_commands_move_the_arm(events: list[Any]) -> 
 
 
 @given(st.lists(ARM, max_size=3), st.booleans())
-def test_foreign_trajectory_is_replaced_by_the_held_pose(path: list[tuple[float, float, float, float]], engaged: bool) -> None:
+def test_trajectory_of_others_is_replaced_by_the_held_pose(
+    path: list[tuple[float, float, float, float]], engaged: bool
+) -> None:
     arm = Arm((0.1, 0.2, 0.3, -0.4))
     arm.motion.set_estop(True)
     held = arm.last.arm
