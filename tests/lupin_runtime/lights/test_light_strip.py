@@ -74,7 +74,7 @@ class Robot:
             self._joints.publish(JointState(name=list(graph.ARM_JOINTS), position=[self.pan, 0.0, 0.0, 0.0]))
 
     def ask(self, row: Service, **fields: Any) -> SetNeopixel_Response | Trigger_Response:
-        from lupin_runtime.ros.node import interface
+        from lupin_runtime.ros.interfaces import interface
 
         client = self.clients[row]
         self.host.until(client.service_is_ready, what=row.name)
