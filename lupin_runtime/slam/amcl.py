@@ -8,7 +8,7 @@ centimeters, so the refined pose has the information of its scan, and the cloud'
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ FLOOR = np.diag([0.012**2, 0.012**2, 0.004**2])
 # Minimum effective share of particles after a scan; maximum number of parts of a scan; maximum width of the kernel (m, m, rad).
 MIN_EFFECTIVE_SHARE, MAX_PARTS = 0.05, 12
 KERNEL = np.array([0.15, 0.15, 0.1])
+# The refinement of the likeliest particle, by which the explained share is measured, stays this near to it (m, m, rad).
+LIKELIEST_SIGMA = np.array([0.15, 0.15, 0.1])
 # Bins of the KLD bound: Nav2's, m and rad.
 _BIN = np.array([0.5, 0.5, math.radians(10.0)])
 
@@ -49,11 +51,15 @@ class AmclSettings:
 
 @dataclass(frozen=True)
 class Belief:
-    """Where the robot is: pose (3,) and covariance (3, 3) in the map; `refined` if a scan determined the pose."""
+    """Where the robot is: pose (3,) and covariance (3, 3) in the map; `refined` if a scan determined the pose.
+
+    `explained` is the share of the scan's end points that are near an obstacle of the map; None without a scan.
+    """
 
     pose: Array
     covariance: Array
     refined: bool
+    explained: float | None = None
 
 
 def _scaled(weights: Array, log_likelihood: Array, exponent: float) -> Array:
@@ -122,10 +128,23 @@ class Amcl:
         thinned = np.ascontiguousarray(points[:: max(1, math.ceil(len(points) / s.max_beams))])
         self._weigh(thinned)
         belief = self.belief(points)
+        if not belief.refined:
+            belief = replace(belief, explained=self._explained(points, thinned))
         self._updates += 1
         if self._updates % s.resample_interval == 0:
             self._resample()
         return belief
+
+    def _explained(self, points: Array, thinned: Array) -> float:
+        """The share of the scan that the map explains at the likeliest particle: in a vague cloud, the mean may be nowhere."""
+        likeliest = self.particles[int(self.field.log_likelihood(self.particles, thinned).argmax())]
+        information = np.diag(1.0 / LIKELIEST_SIGMA**2) * self._together(points)
+        return refine_on_field(self.field, points, likeliest, likeliest, information)[2]
+
+    @staticmethod
+    def _together(points: Array) -> float:
+        """How many beams count as one independent measurement."""
+        return BEAMS_PER_MEASUREMENT * max(1.0, len(points) / 180.0)
 
     def _weigh(self, thinned: Array) -> None:
         """Weigh the particles by the likelihood of a scan.
@@ -178,15 +197,13 @@ class Amcl:
         if points is None or math.sqrt(cloud[0, 0] + cloud[1, 1]) > 0.35 or math.sqrt(cloud[2, 2]) > 0.35:
             return Belief(mean, cloud, False)
         prior = np.linalg.inv(cloud)
-        pose, information, near = refine_on_field(
-            self.field, points, mean, mean, prior * BEAMS_PER_MEASUREMENT * max(1.0, len(points) / 180.0)
-        )
+        together = self._together(points)
+        pose, information, near = refine_on_field(self.field, points, mean, mean, prior * together)
         shift = pose - mean
         shift[2] = float(wrap(np.asarray(shift[2])))
         if near < self.settings.min_near_share or float(shift @ prior @ shift) > 16.0:
             return Belief(mean, cloud, False)
-        together = BEAMS_PER_MEASUREMENT * max(1.0, len(points) / 180.0)
-        return Belief(pose, np.asarray(np.linalg.inv(information / together + prior)) + FLOOR, True)
+        return Belief(pose, np.asarray(np.linalg.inv(information / together + prior)) + FLOOR, True, near)
 
     def _resample(self) -> None:
         """Resample, with low variance, to as many particles as the KLD bound requires."""

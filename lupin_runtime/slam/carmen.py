@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.atomic_file import MalformedFile
+from lupin_runtime.bounded_file import open_regular
 from lupin_runtime.geometry import Pose2
 
 # A laser with 180 degrees of view, readings from right to left. 180 or 181 readings: 1 degree apart; 360 or 361: 0.5;
@@ -31,6 +32,7 @@ MAX_BROKEN_SHARE = 0.1
 _MOUNT_SPREAD_M, _MOUNT_SPREAD_RAD = 0.005, 0.005
 _MOUNT_PARAMETERS = ("robot_frontlaser_offset", "robot_frontlaser_side_offset", "robot_frontlaser_angular_offset")
 _KEPT_PROBLEMS = 20
+_MAX_LINE_CHARACTERS = 1 << 20  # a scan of 1081 ranges has 10 000; the rest of a longer line counts as a line
 
 
 @dataclass(frozen=True)
@@ -63,12 +65,12 @@ def read_carmen(path: Path) -> CarmenLog:
 
     Raises MalformedFile, OSError.
     """
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         packed = stream.read(2) == b"\x1f\x8b"
     opener: Callable[..., TextIO] = gzip.open if packed else open
     try:
         with opener(path, "rt", encoding="utf-8", errors="replace") as lines:
-            return parse_carmen(lines, path)
+            return parse_carmen(iter(lambda: lines.readline(_MAX_LINE_CHARACTERS), ""), path)
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
         raise MalformedFile(path, None, f"the compressed log is damaged: {error}") from None
 

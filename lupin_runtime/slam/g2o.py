@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
-from lupin_runtime.slam.pose_graph import Edges
+from lupin_runtime.bounded_file import open_regular
+from lupin_runtime.slam.pose_graph import Edges, tree_guess
 
 # Positions of an information matrix's six numbers in its upper triangle: g2o writes rows, TORO its own order.
 _ROW_ORDER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -21,12 +23,16 @@ _TORO_ORDER = ((0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2))
 
 @dataclass(frozen=True)
 class GraphFile:
-    """A pose graph with the ids of its file: `ids` (N,), `poses` (N, 3), `edges` by index, `fixed` indices."""
+    """A pose graph with the ids of its file: `ids` (N,), `poses` (N, 3), `edges` by index, `fixed` indices.
+
+    `has_vertices` is False if the file has edges only, from which the poses were computed.
+    """
 
     ids: NDArray[np.int64]
     poses: NDArray[np.floating]
     edges: Edges
     fixed: NDArray[np.int64]
+    has_vertices: bool = True
 
 
 class _Reader:
@@ -96,9 +102,12 @@ def _finite(fields: list[str]) -> list[float]:
 
 
 def read_g2o(path: Path) -> GraphFile:
-    """Read a graph. Raises MalformedFile, naming the line, and OSError."""
+    """Read a graph; the poses of one without vertices, as data sets are published, follow from its edges.
+
+    Raises MalformedFile, naming the line, and OSError.
+    """
     reader = _Reader()
-    with path.open(encoding="utf-8", errors="replace") as lines:
+    with io.TextIOWrapper(open_regular(path), encoding="utf-8", errors="replace") as lines:
         for reader.line, text in enumerate(lines, start=1):
             fields = text.split("#", 1)[0].split()
             if not fields:
@@ -110,8 +119,12 @@ def read_g2o(path: Path) -> GraphFile:
                 take(reader, fields[1:])
             except ValueError as error:
                 raise MalformedFile(path, reader.line, f"{fields[0]}: {error}") from None
-    if not reader.poses:
-        raise MalformedFile(path, None, "no VERTEX_SE2 line: expected a 2-D pose graph")
+    has_vertices = bool(reader.poses)
+    if not has_vertices and not reader.joins:
+        raise MalformedFile(path, None, "neither a VERTEX_SE2 nor an EDGE_SE2 line: expected a 2-D pose graph")
+    if not has_vertices:
+        numbers = sorted({number for join in reader.joins for number in join})
+        reader.index = {number: index for index, number in enumerate(numbers)}
     for (tail, head), line in zip(reader.joins, reader.edge_lines):
         missing = [number for number in (tail, head) if number not in reader.index]
         if missing:
@@ -120,18 +133,22 @@ def read_g2o(path: Path) -> GraphFile:
             raise MalformedFile(path, line, f"the edge joins vertex {tail} with itself")
     for number, line in reader.fixed:
         if number not in reader.index:
-            raise MalformedFile(path, line, f"FIX names vertex {number}, which no VERTEX_SE2 line defines")
+            defines = "no VERTEX_SE2 line defines" if has_vertices else "no edge names"
+            raise MalformedFile(path, line, f"FIX names vertex {number}, which {defines}")
     ends = np.array([(reader.index[a], reader.index[b]) for a, b in reader.joins], dtype=np.int64).reshape(-1, 2)
+    edges = Edges(
+        ends[:, 0].copy(),
+        ends[:, 1].copy(),
+        np.array(reader.motions, dtype=float).reshape(-1, 3),
+        np.array(reader.information, dtype=float).reshape(-1, 3, 3),
+    )
+    fixed = np.array([reader.index[number] for number, _ in reader.fixed], dtype=np.int64)
     return GraphFile(
         ids=np.array(list(reader.index), dtype=np.int64),
-        poses=np.array(reader.poses),
-        edges=Edges(
-            ends[:, 0].copy(),
-            ends[:, 1].copy(),
-            np.array(reader.motions, dtype=float).reshape(-1, 3),
-            np.array(reader.information, dtype=float).reshape(-1, 3, 3),
-        ),
-        fixed=np.array([reader.index[number] for number, _ in reader.fixed], dtype=np.int64),
+        poses=np.array(reader.poses) if has_vertices else tree_guess(len(reader.index), edges, fixed),
+        edges=edges,
+        fixed=fixed,
+        has_vertices=has_vertices,
     )
 
 

@@ -60,10 +60,15 @@ class LikelihoodField:
         return kernels.particle_scores(particles, points, self._distance_eighths, corner, self.grid.resolution_m, self._table)
 
     def sample(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """Distance (n,) m at points of the map and its gradient, bilinear between the centers of cells."""
+        """Distance (n,) m at points of the map and its gradient, bilinear between the centers of cells.
+
+        Points outside the map are as far from every obstacle as the cap.
+        """
         h, w = self.distance_m.shape
-        u = np.clip((x - self.grid.origin_x) / self.grid.resolution_m - 0.5, 0.0, w - 1.001)
-        v = np.clip((y - self.grid.origin_y) / self.grid.resolution_m - 0.5, 0.0, h - 1.001)
+        u = (x - self.grid.origin_x) / self.grid.resolution_m - 0.5
+        v = (y - self.grid.origin_y) / self.grid.resolution_m - 0.5
+        outside = (u < -0.5) | (v < -0.5) | (u > w - 0.5) | (v > h - 0.5)
+        u, v = np.clip(u, 0.0, w - 1.001), np.clip(v, 0.0, h - 1.001)
         i, j = u.astype(int), v.astype(int)
         fu, fv = u - i, v - j
         d00, d01 = self.distance_m[j, i], self.distance_m[j, np.minimum(i + 1, w - 1)]
@@ -71,7 +76,9 @@ class LikelihoodField:
         d11 = self.distance_m[np.minimum(j + 1, h - 1), np.minimum(i + 1, w - 1)]
         low, high = d00 + fu * (d01 - d00), d10 + fu * (d11 - d10)
         du = (1.0 - fv) * (d01 - d00) + fv * (d11 - d10)
-        return low + fv * (high - low), du / self.grid.resolution_m, (high - low) / self.grid.resolution_m
+        distance = np.where(outside, self.parameters.max_distance_m, low + fv * (high - low))
+        gradient = 1.0 / self.grid.resolution_m
+        return distance, np.where(outside, 0.0, du * gradient), np.where(outside, 0.0, (high - low) * gradient)
 
 
 def refine_on_field(

@@ -13,13 +13,18 @@ import yaml
 from numpy.typing import NDArray
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
+from lupin_runtime.bounded_file import read_bounded, read_bounded_text
 from lupin_runtime.gridmap import OCCUPIED, UNKNOWN, GridMap
+from lupin_runtime.image_size import IMAGE_FORMATS, image_size
+from lupin_runtime.yaml_text import compose_yaml
 
 MODES = ("trinary", "scale", "raw")
 # Pixel 205 must read back as unknown: its shade, 0.19608, is above 0.196 but below the 0.25 that Nav2's map saver writes.
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 _PIXEL_OCCUPIED, _PIXEL_FREE, _PIXEL_UNKNOWN = 0, 254, 205
-_MAX_PIXELS = 100_000_000
+MAX_PIXELS = 25_000_000  # 250 m by 250 m at 5 cm; planning takes about 50 bytes for each
+MAX_MAP_BYTES = 2 * MAX_PIXELS + 4096  # of the file: two bytes a pixel and a header
+MAX_PLAIN_PIXELS = 4_000_000  # of a plain PGM (P2), whose numbers take 40 bytes each while they are read
 _MAX_DIGITS = 9
 _MAX_ORIGIN_M = 1e6  # a whole number in YAML may even be too large for a float
 
@@ -53,6 +58,8 @@ def load_map(path: Path) -> GridMap:
         pixels, maximum = read(image)
     except FileNotFoundError:
         raise MalformedFile(path, None, f"its image {image} does not exist") from None
+    except OSError as error:
+        raise MalformedFile(path, None, f"its image {image} cannot be read: {error.strerror or error}") from None
     grid = GridMap(_cells(pixels, maximum, header), header.resolution, header.origin[0], header.origin[1])
     return grid if header.origin[2] == 0.0 else _upright(grid, header.origin[2])
 
@@ -90,10 +97,14 @@ def _pixels(cells: NDArray[np.int8], mode: str) -> NDArray[np.uint8]:
 
 
 def _cells(pixels: NDArray[np.uint16], maximum: int, header: _Header) -> NDArray[np.int8]:
-    values = pixels[::-1]
+    return _cell_values(np.arange(maximum + 1, dtype=np.int32), maximum, header)[pixels[::-1]]
+
+
+def _cell_values(values: NDArray[np.int32], maximum: int, header: _Header) -> NDArray[np.int8]:
+    """Return the cell of each possible value of a pixel."""
     if header.mode == "raw":
         return np.where(values <= OCCUPIED, values, UNKNOWN).astype(np.int8)
-    shade = values / maximum if header.negate else (maximum - values.astype(np.int32)) / maximum
+    shade = values / maximum if header.negate else (maximum - values) / maximum
     cells = np.full(values.shape, UNKNOWN, np.int8)
     if header.mode == "scale":
         ratio = (shade - header.free) / (header.occupied - header.free)
@@ -122,9 +133,9 @@ def _upright(grid: GridMap, yaw: float) -> GridMap:
 
 
 def _read_header(path: Path) -> _Header:
-    text = path.read_text(encoding="utf-8", errors="replace")
+    text = read_bounded_text(path, errors="replace")
     try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        root = compose_yaml(text)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "not YAML"
@@ -210,7 +221,7 @@ class _Fields:
 
 def _read_pgm(path: Path) -> tuple[NDArray[np.uint16], int]:
     """Read the pixels (height, width), top row first, and the value of white."""
-    data = path.read_bytes()
+    data = read_bounded(path, MAX_MAP_BYTES)
     magic = data[:2]
     if magic not in (b"P5", b"P2"):
         raise MalformedFile(path, 1, f"expected a PGM image (P5 or P2), found {magic!r}")
@@ -234,33 +245,47 @@ def _read_pgm(path: Path) -> tuple[NDArray[np.uint16], int]:
         numbers.append(int(data[at:end]))
         at = end
     width, height, maximum = numbers
-    if not (width > 0 and height > 0 and width * height <= _MAX_PIXELS and 0 < maximum < 65536):
+    if not (width > 0 and height > 0 and 0 < maximum < 65536):
         raise MalformedFile(path, line, f"{width} x {height} pixels with white {maximum} are not a map")
+    _check_size(path, width, height, MAX_PIXELS if magic == b"P5" else MAX_PLAIN_PIXELS, line)
     if magic == b"P2":
         try:
-            values = np.array(data[at:].split(), dtype=np.int64)
-        except ValueError:
-            raise MalformedFile(path, line, "a pixel is not a number") from None
+            values = np.array(data[at:].split(maxsplit=width * height)[: width * height], dtype=np.uint64)
+        except (ValueError, OverflowError):
+            raise MalformedFile(path, line, f"a pixel is not a number from 0 to {maximum}") from None
     else:
         values = np.frombuffer(
-            data[at + 1 :], dtype=np.uint8 if maximum < 256 else ">u2", count=-1 if maximum < 256 else (len(data) - at - 1) // 2
-        ).astype(np.int64)
+            memoryview(data)[at + 1 :],
+            dtype=np.uint8 if maximum < 256 else ">u2",
+            count=min(width * height, max(0, len(data) - at - 1) // (1 if maximum < 256 else 2)),
+        )
     if len(values) < width * height:
         raise MalformedFile(path, None, f"expected {width * height} pixels, found {len(values)}: the file is truncated")
-    return np.minimum(values[: width * height], maximum).astype(np.uint16).reshape(height, width), maximum
+    return np.minimum(values, maximum).astype(np.uint16).reshape(height, width), maximum
+
+
+def _check_size(path: Path, width: int, height: int, limit: int, line: int | None = None) -> None:
+    if width * height > limit:
+        problem = f"{width} x {height} pixels are more than the {limit} that a map may have; crop it, or use larger cells"
+        raise MalformedFile(path, line, problem)
 
 
 def _read_image(path: Path) -> tuple[NDArray[np.uint16], int]:
-    """Read any image of OpenCV's, as `_read_pgm` does; colors become gray, transparent pixels the gray of unknown cells."""
+    """Read an image as `_read_pgm` does; colors become gray, transparent pixels the gray of unknown cells."""
     import cv2
 
-    data = np.frombuffer(path.read_bytes(), np.uint8)
+    content = read_bounded(path, MAX_MAP_BYTES)
+    if (size := image_size(content)) is None:
+        raise MalformedFile(path, None, f"expected {IMAGE_FORMATS}, found {len(content)} bytes that are none, or a damaged one")
+    _check_size(path, *size, MAX_PIXELS)
+    data = np.frombuffer(content, np.uint8)
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     except cv2.error as error:  # more pixels than OpenCV takes
         raise MalformedFile(path, None, f"OpenCV refuses the image: {error}") from None
-    if image is None or image.dtype not in (np.uint8, np.uint16) or image.shape[0] * image.shape[1] > _MAX_PIXELS:
-        raise MalformedFile(path, None, f"expected an image, found {len(data)} bytes that OpenCV cannot read")
+    if image is None or image.dtype not in (np.uint8, np.uint16):
+        raise MalformedFile(path, None, f"expected an image, found {len(data)} bytes that OpenCV cannot read as gray or color")
+    _check_size(path, image.shape[1], image.shape[0], MAX_PIXELS)
     maximum = int(np.iinfo(image.dtype).max)
     gray = image if image.ndim == 2 else image[:, :, :3].mean(axis=2)
     if image.ndim == 3 and image.shape[2] == 4:

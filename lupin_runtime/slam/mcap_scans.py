@@ -43,7 +43,7 @@ def read_recording(path: Path, range_min_m: float = 0.25, range_max_m: float = 1
         recording = Recording(path)
     except NotARecording as error:
         raise MalformedFile(path, None, str(error)) from None
-    for topic, _, message in recording.messages((graph.SCAN.name, graph.TF.name, graph.TF_STATIC.name, graph.ODOM.name)):
+    for topic, _, _, message in recording.messages((graph.SCAN.name, graph.TF.name, graph.TF_STATIC.name, graph.ODOM.name)):
         if topic == graph.SCAN.name:
             scans.append(message)
             continue

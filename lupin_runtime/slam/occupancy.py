@@ -18,6 +18,9 @@ from lupin_runtime.slam.scan import ScanPoints
 
 Array = NDArray[np.floating]
 
+# Of a grid, 8 bytes each and twice that while it grows: 300 m by 300 m at 5 cm. Beyond it a pose is wrong.
+MAX_CELLS = 36_000_000
+
 
 @dataclass(frozen=True)
 class OccupancySettings:
@@ -50,6 +53,7 @@ class OccupancyMap:
         self._low = (0, 0)  # of cell (0, 0), in cells from the frame's origin: (column, row)
         self._drawn: dict[int, _Drawn] = {}
         self._waiting: dict[int, Array] = {}
+        self.left_out = 0  # scans that were not drawn, because the grid would have got more than MAX_CELLS
 
     def __len__(self) -> int:
         return len(self._drawn)
@@ -60,12 +64,14 @@ class OccupancyMap:
         return len(self._waiting)
 
     def draw(self, key: int, scan: ScanPoints, pose: Array) -> None:
-        """Draw a scan at a pose (3,), in place of the one that had this key."""
+        """Draw a scan at a pose (3,), in place of the one that had this key. One that is too far away is left out."""
         self._waiting.pop(key, None)
         if key in self._drawn:
-            self._count(self._drawn[key], -1)
+            self._count(self._drawn.pop(key), -1)
         drawn = _Drawn(scan, pose.copy())
-        self._grow_to(scan, pose)
+        if not self._grow_to(scan, pose):
+            self.left_out += 1
+            return
         self._count(drawn, 1)
         self._drawn[key] = drawn
 
@@ -73,6 +79,8 @@ class OccupancyMap:
         """Note the new poses of scans; `work` moves them."""
         s = self.settings
         for key, pose in poses.items():
+            if key not in self._drawn:
+                continue  # left out
             at = self._drawn[key].pose
             turn = abs((pose[2] - at[2] + math.pi) % (2 * math.pi) - math.pi)
             if abs(pose[0] - at[0]) + abs(pose[1] - at[1]) > s.moved_m or turn > s.moved_rad:
@@ -107,16 +115,19 @@ class OccupancyMap:
             self._seen, self._hit, self._low, self.settings.resolution_m, drawn.scan.xy, drawn.pose, drawn.scan.sensor, sign
         )
 
-    def _grow_to(self, scan: ScanPoints, pose: Array) -> None:
+    def _grow_to(self, scan: ScanPoints, pose: Array) -> bool:
+        """Make room for a scan at a pose; return False, and change nothing, if that takes more than MAX_CELLS."""
         cell = self.settings.resolution_m
         c, s = math.cos(pose[2]), math.sin(pose[2])
         xy = np.vstack((scan.xy, scan.sensor)) @ np.array([[c, s], [-s, c]]) + pose[:2]
+        if not np.abs(xy).max() <= MAX_CELLS * cell:  # no grid reaches there, and the number may not even fit an integer
+            return False
         low, high = np.floor(xy.min(axis=0) / cell).astype(int), np.floor(xy.max(axis=0) / cell).astype(int) + 1
         height, width = self._seen.shape
         old_low = np.array(self._low)
         old_high = old_low + np.array([width, height])
         if width and (low >= old_low).all() and (high <= old_high).all():
-            return
+            return True
         margin = math.ceil(self.settings.margin_m / cell)
         if width:
             low = np.where(low < old_low, low - margin, old_low)
@@ -124,6 +135,8 @@ class OccupancyMap:
         else:
             low, high = low - margin, high + margin
         shape = (int(high[1] - low[1]), int(high[0] - low[0]))
+        if shape[0] * shape[1] > MAX_CELLS:
+            return False
         row, column = int(old_low[1] - low[1]), int(old_low[0] - low[0])
         for name in ("_seen", "_hit"):
             grown = np.zeros(shape, np.int32)
@@ -131,3 +144,4 @@ class OccupancyMap:
                 grown[row : row + height, column : column + width] = getattr(self, name)
             setattr(self, name, grown)
         self._low = (int(low[0]), int(low[1]))
+        return True

@@ -19,7 +19,7 @@ from lupin_runtime.slam.graph_refinement import refine_graph
 from lupin_runtime.slam.local_map import FieldShape
 from lupin_runtime.slam.loop_closure import LoopSettings
 from lupin_runtime.slam.mapper import AnchoredPose, Mapper, MapperSettings, MotionNoise
-from lupin_runtime.slam.occupancy import OccupancyMap, OccupancySettings
+from lupin_runtime.slam.occupancy import MAX_CELLS, OccupancyMap, OccupancySettings
 from lupin_runtime.slam.scan import Beams
 from lupin_runtime.slam.scan_matching import Window
 
@@ -55,6 +55,7 @@ class BuiltMap:
     unmatched: int
     unusable: int
     odometry_jumps: int
+    left_out: int  # keyframes too far away to be drawn
 
 
 class NothingToMap(ValueError):
@@ -174,7 +175,8 @@ def build_map(
         occupancy.draw(number, mapper.graph.pool.scan(number), pose)
         progress("draw", number / len(mapper.graph))
     grid = occupancy.grid()
-    assert grid is not None  # a keyframe has beams
+    if grid is None:
+        raise NothingToMap(f"no scan is close enough to the others for a map of at most {MAX_CELLS} cells; use larger cells")
     # Scans before the first usable one get the odometry, relative to the map's first pose.
     first = scans[order[next(at for at, pose in enumerate(anchored) if pose is not None)]]
     poses = [Pose2()] * len(scans)
@@ -186,7 +188,9 @@ def build_map(
     edges, _ = mapper.graph.as_edges()
     count = len(mapper.graph)
     graph = GraphFile(np.arange(count), mapper.graph.poses.copy(), edges, np.zeros(1, np.int64))
-    return BuiltMap(grid, [scan.stamp for scan in scans], poses, graph, count, closures, unmatched, unusable, jumps)
+    return BuiltMap(
+        grid, [scan.stamp for scan in scans], poses, graph, count, closures, unmatched, unusable, jumps, occupancy.left_out
+    )
 
 
 def _pose2(pose: Array) -> Pose2:

@@ -6,12 +6,13 @@ chi2 = sum of e' Omega e, with e the translation and yaw of measurement^-1 * tai
 
 from __future__ import annotations
 
+import contextlib
 import time
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from lupin_runtime.slam.normal_equations import BlockPattern, Indefinite, adjacency
 from lupin_runtime.slam.se2 import wrap
@@ -117,6 +118,42 @@ def anchors_of(poses: int, edges: Edges, fixed: Index | None = None) -> NDArray[
     return held
 
 
+def parts_of(poses: int, edges: Edges) -> list[Index]:
+    """The connected parts of the graph, each as ascending indices of its vertices; the largest part first."""
+    _, part = connected_components(adjacency(poses, edges.tail, edges.head), directed=False)
+    order = np.argsort(part, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(part[order])) + 1)
+    return sorted((np.asarray(members, dtype=np.int64) for members in parts), key=len, reverse=True)
+
+
+def tree_guess(poses: int, edges: Edges, fixed: Index | None = None) -> Array:
+    """Compute poses (N, 3) from the edges alone: along a breadth-first spanning tree of every part, from its first `fixed` or
+    first vertex, which is at the origin. The errors of few edges add up on its short paths.
+
+    As g2o initializes graphs without vertices: Kuemmerle et al., "g2o: a general framework for graph optimization", ICRA 2011.
+    """
+    result = np.zeros((poses, 3))
+    edge_between: dict[tuple[int, int], tuple[int, bool]] = {}
+    for index, (tail, head) in enumerate(zip(edges.tail.tolist(), edges.head.tolist())):
+        edge_between.setdefault((tail, head), (index, True))
+        edge_between.setdefault((head, tail), (index, False))
+    graph = adjacency(poses, edges.tail, edges.head)
+    held = np.zeros(poses, dtype=bool) if fixed is None else np.isin(np.arange(poses), fixed)
+    for part in parts_of(poses, edges):
+        root = part[held[part]][0] if held[part].any() else part[0]
+        order, before = breadth_first_order(graph, root, directed=False)
+        for vertex in order[1:].tolist():
+            x, y, yaw = result[before[vertex]]
+            index, forward = edge_between[int(before[vertex]), vertex]
+            dx, dy, turn = edges.motion[index]
+            if not forward:
+                c, s = np.cos(turn), np.sin(turn)
+                dx, dy, turn = -c * dx - s * dy, s * dx - c * dy, -turn
+            c, s = np.cos(yaw), np.sin(yaw)
+            result[vertex] = x + c * dx - s * dy, y + s * dx + c * dy, wrap(yaw + turn)
+    return result
+
+
 def linear_guess(poses: Array, edges: Edges, held: NDArray[np.bool_], pattern: BlockPattern | None = None) -> Array:
     """Compute an initial guess: chordal rotations, then translations, both by linear least squares.
 
@@ -218,10 +255,12 @@ def optimize(
 
     start, (cost, chi2) = "guess", cost_of(poses)
     if not trust_guess:
-        linear = linear_guess(poses, edges, held, pattern)
-        linear_cost = cost_of(linear)
-        if linear_cost[0] < cost:
-            start, poses, (cost, chi2) = "linear", linear, linear_cost
+        # Matrices that are hardly positive definite give no linear guess; the iterations then start from the given one.
+        with contextlib.suppress(Indefinite):
+            linear = linear_guess(poses, edges, held, pattern)
+            linear_cost = cost_of(linear)
+            if linear_cost[0] < cost:
+                start, poses, (cost, chi2) = "linear", linear, linear_cost
 
     damping, steps, converged = 0.0, 0, False
     while steps < limits.iterations and not converged:

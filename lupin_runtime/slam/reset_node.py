@@ -12,7 +12,7 @@ from rclpy.task import Future
 
 from lupin_runtime import graph
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.node import interface
+from lupin_runtime.ros.interfaces import interface
 
 COSTMAP_WAIT_S = 0.5
 RESET_WAIT_S = 2.0

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
+from lupin_runtime.bounded_file import open_regular
 from lupin_runtime.slam.kernels import scan_normals
 from lupin_runtime.slam.keyframes import KeyframeGraph
 from lupin_runtime.slam.scan import SIGMA_FLOOR_M, SIGMA_SHARE, ScanPoints
@@ -58,7 +59,7 @@ def save_session(path: Path, graph: KeyframeGraph, map_from_odom: Array, step_ra
 def load_session(path: Path) -> MappingSession:
     """Read a session. Raises MalformedFile, OSError."""
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+        with open_regular(path) as stream, np.load(stream, allow_pickle=False) as stored:
             values: dict[str, Any] = {name: stored[name] for name in stored.files}
         if int(values["version"]) != _VERSION:
             raise MalformedFile(path, None, f"expected a session of version {_VERSION}, found {int(values['version'])}")

@@ -17,6 +17,7 @@ from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.geometry import Pose2, quaternion_from_yaw
 from lupin_runtime.gridmap import GridMap
 from lupin_runtime.ros import LupinNode, TransformBroadcaster, TransformListener, stamp_ns
+from lupin_runtime.ros.lifecycle import serve_state
 from lupin_runtime.ros.plane_messages import grid_message
 from lupin_runtime.ros.tf import to_message
 from lupin_runtime.scan_health import ScanHealth
@@ -31,6 +32,7 @@ Array = NDArray[np.floating]
 
 SESSION_PERIOD_S = 5.0
 # A larger step back means that the clock was set; a smaller one is jitter between publishers.
+LEFT_OUT_PERIOD_S = 10.0  # between warnings about scans that are too far away to be drawn
 CLOCK_STEP_NS = 200_000_000
 # Errors of a path from a request: unknown user (~name), empty name, full disk, malformed file.
 _UNUSABLE_PATH = (OSError, ValueError, RuntimeError)
@@ -103,6 +105,8 @@ class SlamNode(LupinNode):
         self.service(graph.SLAM_PAUSE, self._pause)
         self.service(graph.SLAM_SERIALIZE, self._serialize)
         self.service(graph.SLAM_DESERIALIZE, self._deserialize)
+        self.service(graph.SLAM_DYNAMIC_MAP, self._get_map)
+        serve_state(self, graph.SLAM_STATE, lambda: True)
 
     # -- scans -----------------------------------------------------------------------------------------------------------
 
@@ -209,6 +213,11 @@ class SlamNode(LupinNode):
     def _publish_map(self) -> None:
         if self._mapper.occupancy is not None:
             self._mapper.occupancy.work(MOVES_PER_MAP)
+            if left_out := self._mapper.occupancy.left_out:
+                self.get_logger().warning(
+                    f"{left_out} scans are not on the map: by their poses they are too far away; is the odometry wrong?",
+                    throttle_duration_sec=LEFT_OUT_PERIOD_S,
+                )
         grid = self._mapper.grid()
         if grid is not None:
             self._map_publisher.publish(map_message(grid, self._map_frame, self.now_ns()))
@@ -235,6 +244,13 @@ class SlamNode(LupinNode):
         except _UNUSABLE_PATH as error:
             self.get_logger().error(f"a map cannot be written to {name!r}: {error}")
             response.result = response.RESULT_UNDEFINED_FAILURE
+        return response
+
+    def _get_map(self, _request: Any, response: Any) -> Any:
+        """Return the present map, not the last one that was published; 0 x 0 cells before the first scan."""
+        grid = self._mapper.grid()
+        if grid is not None:
+            response.map = map_message(grid, self._map_frame, self.now_ns())
         return response
 
     def _reset(self, request: Any, response: Any) -> Any:

@@ -19,22 +19,9 @@ from tests.support.mapping_run import MappingRun, beams_of
 from tests.support.optional import present
 
 if TYPE_CHECKING:
-    from tests.support.slam_worlds import Log, World
+    from tests.support.slam_worlds import Log
 
 SPREAD = np.diag([0.25, 0.25, 0.068])
-
-
-def rasterised(world: World, cell: float = 0.05) -> GridMap:
-    """Rasterise a world's walls as a saved map has them."""
-    ends = world.segments.reshape(-1, 2)
-    low = ends.min(axis=0) - 0.5
-    width, height = np.ceil((ends.max(axis=0) + 0.5 - low) / cell).astype(int)
-    cells = np.zeros((height, width), np.int8)
-    for x0, y0, x1, y1 in world.segments:
-        steps = int(math.hypot(x1 - x0, y1 - y0) / 0.01) + 2
-        x, y = np.linspace(x0, x1, steps), np.linspace(y0, y1, steps)
-        cells[((y - low[1]) / cell).astype(int), ((x - low[0]) / cell).astype(int)] = 100
-    return GridMap(cells, cell, float(low[0]), float(low[1]))
 
 
 def localize(
@@ -74,7 +61,7 @@ def nees(errors: np.ndarray, covariances: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(3))
 def test_covariance_on_a_true_map_matches_the_error(seed: int) -> None:
     log = slam_worlds.greenhouse_log(1.5, seed=20 + seed)
-    errors, covariances, beliefs = localize(rasterised(slam_worlds.greenhouse()), log, seed)
+    errors, covariances, beliefs = localize(slam_worlds.rasterized(slam_worlds.greenhouse()), log, seed)
     settled = slice(5, None)
     assert np.sqrt((errors[settled, :2] ** 2).sum(axis=1).mean()) < 0.04
     assert np.sqrt((errors[settled, 2] ** 2).mean()) < math.radians(0.5)
@@ -87,7 +74,7 @@ def test_covariance_on_a_true_map_matches_the_error(seed: int) -> None:
 @pytest.mark.parametrize("wrong_m", [0.0, 0.8])
 def test_vague_initial_pose_converges_at_rest_and_stays_honest(wrong_m: float) -> None:
     log = slam_worlds.greenhouse_log(0.2, seed=3)
-    grid, scan = rasterised(slam_worlds.greenhouse()), ScanReader().read(beams_of(log), log.ranges[0]).xy
+    grid, scan = slam_worlds.rasterized(slam_worlds.greenhouse()), ScanReader().read(beams_of(log), log.ranges[0]).xy
     errors, covariances = [], []
     for seed in range(12):
         amcl = Amcl(grid, seed=seed)
@@ -113,7 +100,7 @@ def test_covariance_on_a_built_map_covers_the_error(mapped: MappingRun, greenhou
 def test_covariance_without_scans_grows_and_covers_the_error() -> None:
     log = slam_worlds.greenhouse_log(0.6, seed=4)
     blind = range(150, 360)
-    errors, covariances, beliefs = localize(rasterised(slam_worlds.greenhouse()), log, 0, blind=blind)
+    errors, covariances, beliefs = localize(slam_worlds.rasterized(slam_worlds.greenhouse()), log, 0, blind=blind)
     traces = covariances[:, 0, 0] + covariances[:, 1, 1]
     assert traces[-1] > 20 * np.median(traces[5:25])
     assert not beliefs[-1].refined
@@ -122,7 +109,7 @@ def test_covariance_without_scans_grows_and_covers_the_error() -> None:
 
 def test_corridor_leaves_the_particles_spread_along_it() -> None:
     world = slam_worlds.World(np.array([[-30.0, -1.0, 30.0, -1.0], [-30.0, 1.0, 30.0, 1.0]]))
-    amcl = Amcl(rasterised(world), seed=0)
+    amcl = Amcl(slam_worlds.rasterized(world), seed=0)
     amcl.start(np.array([0.3, 0.1, 0.05]), np.diag([0.04, 0.04, 0.02]))
     angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
     beams = Beams(-math.pi, float(angles[1] - angles[0]), 360)
@@ -138,7 +125,7 @@ def test_corridor_leaves_the_particles_spread_along_it() -> None:
 
 def test_two_equal_rooms_give_a_covariance_that_spans_both() -> None:
     rooms = np.concatenate((slam_worlds.box(0, 0, 3, 3), slam_worlds.box(6, 0, 3, 3)))
-    amcl = Amcl(rasterised(slam_worlds.World(rooms)), seed=0)
+    amcl = Amcl(slam_worlds.rasterized(slam_worlds.World(rooms)), seed=0)
     amcl.start(np.array([3.0, 0.0, 0.0]), np.diag([9.0, 0.05, 0.01]))
     angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
     ranges = slam_worlds.World(rooms).cast(np.zeros(3), angles, 12.0)

@@ -101,7 +101,7 @@ def test_transparent_png_cells_are_unknown(tmp_path: Path) -> None:
         (tmp_path / "m.yaml").write_text(GOOD.replace("m.pgm", f"{name}.png"))
         np.testing.assert_array_equal(load_map(tmp_path / "m.yaml").cells, [[0, middle, 100], [100, 0, -1]])
     (tmp_path / "clear.png").write_bytes(b"\x89PNG nothing")
-    with pytest.raises(MalformedFile, match=r"clear.png: expected an image"):
+    with pytest.raises(MalformedFile, match=r"clear.png: expected PNG"):
         load_map(tmp_path / "m.yaml")
 
 
@@ -173,6 +173,18 @@ def test_toro_information_matrix_order_is_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_g2o(tmp_path / "g").edges.information[0], [[10, 1, 2], [1, 20, 3], [2, 3, 30]])
 
 
+def test_graph_with_edges_alone_gets_its_poses_from_them(tmp_path: Path) -> None:
+    """Against the direction of one edge, and with a part that no edge joins to the first."""
+    info = "1 0 0 1 0 1"
+    (tmp_path / "g").write_text(
+        f"EDGE_SE2 4 9 2 0 {math.pi / 2} {info}\nEDGE_SE2 2 9 0 1 0 {info}\nEDGE_SE2 70 80 0 3 0 {info}\nFIX 4\n"
+    )
+    read = read_g2o(tmp_path / "g")
+    assert (read.ids.tolist(), read.fixed.tolist(), read.has_vertices) == ([2, 4, 9, 70, 80], [1], False)
+    expected = np.array([[3, 0, math.pi / 2], [0, 0, 0], [2, 0, math.pi / 2], [0, 0, 0], [0, 3, 0]])
+    np.testing.assert_allclose(read.poses, expected, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -183,7 +195,8 @@ def test_toro_information_matrix_order_is_read(tmp_path: Path) -> None:
         ("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 0 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 -1 0 1\n", r":3: EDGE_SE2: .*positive definite"),
         ("VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 0 1 0 0 1 0 0 1 0 1\n", r":2: the edge joins vertex 0 with itself"),
         ("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n", r":1: expected one of VERTEX_SE2"),
-        ("# nothing\n", r"no VERTEX_SE2 line"),
+        ("# nothing\n", r"neither a VERTEX_SE2 nor an EDGE_SE2 line"),
+        ("EDGE_SE2 0 5 1 0 0 1 0 0 1 0 1\nFIX 4\n", r":2: FIX names vertex 4, which no edge names"),
         ("VERTEX_SE2 0 0 0 0\nFIX 4\n", r":2: FIX names vertex 4"),
         ("VERTEX_SE2 9223372036854775808 0 0 0\n", r":1: VERTEX_SE2: 9223372036854775808 is not a vertex id"),
         ("VERTEX_SE2 0 1e300 0 0\n", r":1: VERTEX_SE2: expected finite numbers up to"),

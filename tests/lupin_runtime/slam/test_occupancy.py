@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -95,3 +96,17 @@ def test_removed_wall_disappears_when_seen_again() -> None:
 
 def test_empty_map_has_no_grid() -> None:
     assert OccupancyMap().grid() is None
+
+
+@pytest.mark.parametrize("x", [500.0, 1e9, 1e300])
+def test_scan_far_away_is_left_out_and_takes_no_memory(x: float) -> None:
+    grid = drawn(POSES)
+    before = present(grid.grid())
+    tracemalloc.start()
+    grid.draw(len(POSES), room_scan(POSES[0]), np.array([x, x, 0.0]))
+    peak_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert grid.left_out == 1 and peak_bytes < 10_000_000
+    np.testing.assert_array_equal(present(grid.grid()).cells, before.cells)
+    grid.move({len(POSES): np.zeros(3)})  # what was left out is not moved
+    assert grid.waiting == 0

@@ -105,6 +105,25 @@ def test_optimize_writes_the_solved_graph(built: tuple[Path, dict[str, Any], str
     assert len(good.edges) == len(graph.edges) and np.abs(good.poses).max() > 10.0
 
 
+def test_optimize_names_vertices_that_no_edges_join(tmp_path: Path) -> None:
+    information = "1 0 0 1 0 1"
+    lines = [f"EDGE_SE2 {k} {k + 1} 1 0 0 {information}" for k in (*range(10, 20), *range(40, 52))]
+    (tmp_path / "edges.g2o").write_text("\n".join(lines))
+    result = CliRunner().invoke(app, ["optimize", str(tmp_path / "edges.g2o"), "--json"])
+    assert result.exit_code == 0
+    found = json.loads(result.stdout)
+    assert (found["poses_from"], found["vertices"], found["chi2"]) == ("edges", 24, pytest.approx(0.0, abs=1e-12))
+    assert found["disconnected"] == list(range(10, 21))
+    assert "no edges join 11 of 24 vertices to vertex 40" in result.stderr and "10, 11, 12" in result.stderr
+
+    (tmp_path / "alone.g2o").write_text(
+        f"VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nVERTEX_SE2 7 5 5 0\nEDGE_SE2 0 1 1 0 0 {information}\n"
+    )
+    result = CliRunner().invoke(app, ["optimize", str(tmp_path / "alone.g2o")])
+    assert result.exit_code == 0 and "no edges join 1 of 3 vertices to vertex 0" in result.stderr
+    assert "arbitrary: 7\n" in result.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [

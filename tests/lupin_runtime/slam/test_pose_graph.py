@@ -19,7 +19,9 @@ from lupin_runtime.slam.pose_graph import (
     edge_chi2,
     linear_guess,
     optimize,
+    parts_of,
     residuals,
+    tree_guess,
 )
 from lupin_runtime.slam.se2 import wrap
 
@@ -30,7 +32,7 @@ def relative_pose(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def random_graph(seed: int, poses: int, loops: int, place: float = 0.05, turn: float = 0.02) -> tuple[np.ndarray, Edges]:
-    """The truth (n, 3) and noisy edges of a random walk with closures between random poses."""
+    """Return the true poses, shape (n, 3), and noisy edges of a random walk with closures between random poses."""
     rng = np.random.default_rng(seed)
     truth = np.zeros((poses, 3))
     for k in range(1, poses):
@@ -56,7 +58,7 @@ def odometry(edges: Edges, poses: int) -> np.ndarray:
 
 
 def general_optimum(start: np.ndarray, edges: Edges) -> float:
-    """The lowest cost that a general solver finds from `start`, with its first pose fixed."""
+    """Return the lowest cost that a general solver finds from `start`, with its first pose fixed."""
     roots = np.linalg.cholesky(edges.information).transpose(0, 2, 1)
 
     def cost(free: np.ndarray) -> np.ndarray:
@@ -125,6 +127,31 @@ def test_each_part_of_a_split_graph_keeps_its_own_frame() -> None:
     assert np.flatnonzero(anchors_of(20, split)).tolist() == [0, 10]
     solution = optimize(odometry(edges, 20), split)
     assert solution.converged and np.isfinite(solution.poses).all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000), flips=st.integers(0, 2**32 - 1))
+def test_spanning_tree_of_exact_edges_is_the_truth(seed: int, flips: int) -> None:
+    truth, edges = random_graph(seed, 30, 12)
+    flip = np.array([flips >> k % 32 & 1 for k in range(len(edges))], bool)
+    tail, head = np.where(flip, edges.head, edges.tail), np.where(flip, edges.tail, edges.head)
+    found = tree_guess(30, Edges(tail, head, relative_pose(truth[tail], truth[head]), edges.information))
+    np.testing.assert_allclose(found[:, :2], truth[:, :2], atol=1e-9)
+    np.testing.assert_allclose(wrap(found[:, 2] - truth[:, 2]), 0.0, atol=1e-9)
+
+
+def test_spanning_tree_is_a_better_guess_than_the_chain() -> None:
+    """Its paths are short where loops were closed; the chain of odometry adds up the errors of all edges."""
+    truth, edges = random_graph(7, 1500, 900, 0.1, 0.05)
+    tree, chain = (float(edge_chi2(poses, edges).sum()) for poses in (tree_guess(1500, edges), odometry(edges, 1500)))
+    assert tree < 0.5 * chain
+    assert optimize(tree_guess(1500, edges), edges).chi2_after == pytest.approx(optimize(truth, edges).chi2_after, rel=1e-6)
+
+
+def test_parts_of_a_graph_are_listed_largest_first() -> None:
+    ends = np.array([[3, 1], [1, 5], [4, 2]])
+    edges = Edges(ends[:, 0], ends[:, 1], np.zeros((3, 3)), np.broadcast_to(np.eye(3), (3, 3, 3)))
+    assert [part.tolist() for part in parts_of(6, edges)] == [[1, 3, 5], [2, 4], [0]]
 
 
 def test_linear_guess_of_exact_measurements_is_the_truth() -> None:

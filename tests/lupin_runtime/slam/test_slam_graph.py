@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +13,11 @@ import pytest
 
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2, quaternion_from_yaw, yaw_from_quaternion
+from lupin_runtime.localization import planar_variances, says_lost
 from lupin_runtime.slam.map_io import load_map, save_map
+from tests.support.mapping_run import MappingRun
 from tests.support.optional import present
+from tests.support.slam_worlds import Log
 
 if TYPE_CHECKING:
     from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -25,8 +29,6 @@ if TYPE_CHECKING:
     from lupin_runtime.graph import Service
     from lupin_runtime.slam.slam_node import SlamNode
     from tests.conftest import GraphHost
-    from tests.support.mapping_run import MappingRun
-    from tests.support.slam_worlds import Log
 
 pytestmark = pytest.mark.graph
 
@@ -78,18 +80,18 @@ def robot_class() -> type[Any]:
             return Pose2(*(float(v) for v in self.log.odom[k]))
 
         def truth(self, k: int) -> Pose2:
-            """The true pose at scan `k`, relative to the start."""
+            """Return the true pose at scan `k`, relative to the start."""
             return Pose2(*self.log.truth[0]).inverse() @ Pose2(*self.log.truth[k])
 
         def map_from_odom(self) -> Pose2 | None:
-            """The present correction, as subscribers see it."""
+            """Return the present correction, as subscribers see it."""
             try:
                 return self.tree.lookup(graph.MAP_FRAME, graph.ODOM_FRAME).to_pose2()
             except LookupError:
                 return None
 
         def error_m(self) -> float:
-            """The distance between the robot's estimated and true position, m."""
+            """Return the distance between the robot's estimated and true position, m."""
             offset = self.map_from_odom()
             k = self.at - 1
             return math.inf if offset is None else (offset @ self.odom(k)).distance_to(self.truth(k))
@@ -99,7 +101,12 @@ def robot_class() -> type[Any]:
 
 @pytest.fixture
 def robot(graph_host: GraphHost, greenhouse_log: Log) -> Any:
-    replayer = graph_host.add(robot_class()(greenhouse_log))
+    return replay(graph_host, greenhouse_log)
+
+
+def replay(graph_host: GraphHost, log: Log) -> Any:
+    """Return a robot that replays a log; `play(to)` waits until it has published that scan."""
+    replayer = graph_host.add(robot_class()(log))
 
     def play(to: int) -> None:
         replayer.end = to
@@ -159,6 +166,24 @@ def test_drive_gives_a_map_and_a_true_transform(graph_host: GraphHost, robot: An
     listener.subscription(graph.MAP, late.append)
     graph_host.add(listener)
     graph_host.until(lambda: late, 0.45, "the latched map, before the next one")
+
+
+@pytest.mark.usefixtures("slam")
+def test_dynamic_map_is_the_present_map(graph_host: GraphHost, robot: Any) -> None:
+    from lifecycle_msgs.srv import GetState
+    from nav_msgs.srv import GetMap
+
+    state: Any = call(graph_host, robot, graph.SLAM_STATE, GetState.Request())
+    assert state.current_state.label == "active"
+    empty: Any = call(graph_host, robot, graph.SLAM_DYNAMIC_MAP, GetMap.Request())
+    assert (empty.map.info.width, len(empty.map.data)) == (0, 0)
+    robot.play(60)
+    graph_host.until(lambda: robot.maps)
+    response: Any = call(graph_host, robot, graph.SLAM_DYNAMIC_MAP, GetMap.Request())
+    info = response.map.info
+    assert response.map.header.frame_id == graph.MAP_FRAME
+    assert len(response.map.data) == info.width * info.height > 1_000
+    assert 100 in response.map.data
 
 
 @pytest.mark.usefixtures("slam")
@@ -228,14 +253,19 @@ def test_clear_map_restarts_the_map_and_clears_both_costmaps(graph_host: GraphHo
     graph_host.add(SlamResetNode())
     robot.play(120)
     graph_host.until(lambda: robot.error_m() < 0.05)
+
+    def began_at_one_of(scans: range) -> bool:
+        return any((robot.map_from_odom() @ robot.odom(scan)).distance_to(Pose2()) < 0.05 for scan in scans)
+
+    assert not began_at_one_of(range(100, 120))
     answer = call(graph_host, robot, graph.CLEAR_MAP, Trigger.Request())
     assert answer.success and "2 of 2" in answer.message
     graph_host.until(lambda: sorted(cleared) == ["global", "local"])
     seen = len(robot.maps)
-    robot.play(125)
+    # The first scan with odometry has the new origin: on a busy machine one that was published before the reset.
+    robot.end = 160
+    graph_host.until(lambda: began_at_one_of(range(100, robot.at)), what="a new origin")
     graph_host.until(lambda: len(robot.maps) > seen, what="a new map")
-    here = robot.odom(robot.at - 1)
-    graph_host.until(lambda: (robot.map_from_odom() @ here).distance_to(Pose2()) < 0.2, what="a new origin")
 
 
 def test_clear_map_without_slam_fails_in_bounded_time(graph_host: GraphHost, robot: Any) -> None:
@@ -313,11 +343,16 @@ def saved_map(mapped: MappingRun, tmp_path: Path) -> Path:
 
 
 def test_amcl_finds_the_robot_and_covers_its_error(graph_host: GraphHost, robot: Any, saved_map: Path) -> None:
+    from lifecycle_msgs.srv import GetState
+
     from lupin_runtime.slam.node import AmclNode, MapServer
 
     graph_host.add(MapServer({"yaml_filename": str(saved_map)}))
     graph_host.add(AmclNode({"initial_pose.x": 0.2, "initial_pose.y": -0.15, "initial_pose.yaw": 0.1}))
     graph_host.until(lambda: robot.maps and robot.count_subscribers(graph.SCAN.name))
+    for row in (graph.AMCL_STATE, graph.MAP_SERVER_STATE):
+        state: Any = call(graph_host, robot, row, GetState.Request())
+        assert state.current_state.label == "active"
     robot.play(200)
     graph_host.until(lambda: robot.error_m() < 0.06, what="a true pose")
     message = graph_host.until(lambda: robot.poses and robot.poses[-1])
@@ -367,9 +402,121 @@ def test_initial_pose_is_accepted_in_the_map_frame_only(graph_host: GraphHost, r
     graph_host.until(lambda: _played(robot, 1) and robot.error_m() < 0.08, 15.0, "the robot where it was said to be")
 
 
+def test_amcl_says_that_a_robot_off_its_map_is_lost(graph_host: GraphHost, robot: Any, tmp_path: Path) -> None:
+    from lupin_runtime.slam.node import AmclNode, MapServer
+
+    save_map(tmp_path / "part.yaml", present(MappingRun(robot.log).process(0, 60).mapper.grid()))
+    graph_host.add(MapServer({"yaml_filename": str(tmp_path / "part.yaml")}))
+    graph_host.add(AmclNode({"initial_pose.x": 0.0, "initial_pose.y": 0.0}))
+    graph_host.until(lambda: robot.maps and robot.count_subscribers(graph.SCAN.name))
+    robot.play(40)
+    graph_host.until(lambda: robot.error_m() < 0.06, what="a true pose")
+    graph_host.until(lambda: _played(robot, 1) and _is_lost(robot), 60.0, "the lost robot")
+    assert robot.error_m() < 0.2, "the last correction, from before the robot was lost"
+    newest = robot.tree.newest_ns(graph.MAP_FRAME, graph.ODOM_FRAME)
+    robot.play(robot.at + 50)
+    assert robot.tree.newest_ns(graph.MAP_FRAME, graph.ODOM_FRAME) == newest, "a lost robot has no place in the map"
+    assert _is_lost(robot)
+
+
+def test_killed_amcl_goes_on_where_it_was(graph_host: GraphHost, robot: Any, saved_map: Path, tmp_path: Path) -> None:
+    from lupin_runtime.slam.node import AmclNode, MapServer
+
+    parameters = {"initial_pose.x": 0.0, "initial_pose.y": 0.0, "state_file": str(tmp_path / "localization.json")}
+    graph_host.add(MapServer({"yaml_filename": str(saved_map)}))
+    first = graph_host.add(AmclNode(parameters))
+    graph_host.until(lambda: robot.maps and robot.count_subscribers(graph.SCAN.name))
+    robot.play(200)
+    graph_host.until(lambda: robot.error_m() < 0.06, what="a true pose")
+    assert robot.truth(199).distance_to(Pose2()) > 1.0, "far from the initial pose"
+    _replace(graph_host, robot, first, lambda: AmclNode(parameters))
+    graph_host.until(lambda: _played(robot, 1) and robot.map_from_odom(), what="the first transform")
+    assert robot.error_m() < 0.1
+
+
+def test_killed_amcl_does_not_forget_that_the_robot_is_lost(graph_host: GraphHost, robot: Any, tmp_path: Path) -> None:
+    from lupin_runtime.slam.node import AmclNode, MapServer
+
+    parameters = {"initial_pose.x": 0.0, "initial_pose.y": 0.0, "state_file": str(tmp_path / "localization.json")}
+    save_map(tmp_path / "part.yaml", present(MappingRun(robot.log).process(0, 60).mapper.grid()))
+    graph_host.add(MapServer({"yaml_filename": str(tmp_path / "part.yaml")}))
+    first = graph_host.add(AmclNode(parameters))
+    graph_host.until(lambda: robot.maps and robot.count_subscribers(graph.SCAN.name))
+    graph_host.until(lambda: _played(robot, 1) and _is_lost(robot), 60.0, "the lost robot")
+    _replace(graph_host, robot, first, lambda: AmclNode(parameters))
+    graph_host.until(lambda: _played(robot, 1) and robot.poses, what="the first pose")
+    assert all(says_lost(planar_variances(pose)) for pose in robot.poses)
+    assert robot.map_from_odom() is None, "a lost robot has no place in the map"
+
+
+def _replace(graph_host: GraphHost, robot: Any, old: Any, make: Callable[[], Any]) -> None:
+    """Remove the old node, forget what it published, and start the new one."""
+    graph_host.remove(old)
+    graph_host.until(lambda: not robot.count_subscribers(graph.SCAN.name))
+    robot.tree.clear()
+    robot.poses.clear()
+    graph_host.add(make())
+    graph_host.until(lambda: robot.count_subscribers(graph.SCAN.name))
+
+
+def test_amcl_finds_a_robot_when_the_crowd_around_it_leaves(
+    graph_host: GraphHost, greenhouse_log: Log, saved_map: Path
+) -> None:
+    from lupin_runtime.slam.node import AmclNode, MapServer
+
+    robot = replay(graph_host, _with_crowd(greenhouse_log, surrounded=range(60, 360), rest=200, scans=800))
+    graph_host.add(MapServer({"yaml_filename": str(saved_map)}))
+    graph_host.add(AmclNode({"initial_pose.x": 0.0, "initial_pose.y": 0.0}))
+    graph_host.until(lambda: robot.maps and robot.count_subscribers(graph.SCAN.name))
+    robot.play(360)
+    assert graph_host.until(lambda: _is_lost(robot), what="the lost robot")
+    graph_host.until(lambda: _played(robot, 1) and not _is_lost(robot) and robot.error_m() < 0.06, 30.0, "the found robot")
+
+
+def _with_crowd(log: Log, surrounded: range, rest: int, scans: int) -> Log:
+    """Return a log of a robot that people surround during some scans, and that rests from scan `rest` on."""
+    index = np.minimum(np.arange(scans), rest)
+    ranges = log.ranges[index].copy()
+    rng = np.random.default_rng(5)
+    ranges += rng.normal(0.0, 0.002, ranges.shape)  # no two scans are the same
+    ranges[surrounded] = rng.uniform(0.5, 0.9, (len(surrounded), ranges.shape[1]))
+    return Log(np.linspace(0.0, 0.1 * (scans - 1), scans), log.truth[index], log.odom[index], ranges, log.angles)
+
+
+def _is_lost(robot: Any) -> bool:
+    return bool(robot.poses) and says_lost(planar_variances(robot.poses[-1]))
+
+
 def _played(robot: Any, scans: int) -> bool:
     robot.end = min(robot.at + scans, len(robot.log.stamps))
     return True
+
+
+def test_map_server_changes_the_map_and_keeps_it_if_unreadable(
+    graph_host: GraphHost, robot: Any, saved_map: Path, tmp_path: Path
+) -> None:
+    from nav2_msgs.srv import LoadMap
+    from nav_msgs.srv import GetMap
+
+    from lupin_runtime.gridmap import GridMap
+    from lupin_runtime.slam.node import MapServer
+
+    graph_host.add(MapServer({"yaml_filename": str(saved_map)}))
+    save_map(tmp_path / "small room.yaml", GridMap(np.zeros((20, 30), np.int8), 0.05, -1.0, -0.5))
+    (tmp_path / "broken.yaml").write_text("image: m.pgm\nresolution: nothing\n")
+    url = (tmp_path / "small room.yaml").as_uri()
+    response: Any = call(graph_host, robot, graph.MAP_SERVER_LOAD_MAP, LoadMap.Request(map_url=url))
+    assert (response.result, response.map.info.width) == (LoadMap.Response.RESULT_SUCCESS, 30)
+    graph_host.until(lambda: robot.maps and robot.maps[-1].info.width == 30, 4.0, "the new map, before it is repeated")
+    for name, result in (
+        (str(tmp_path / "absent.yaml"), LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
+        ("package://maps/house.yaml", LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
+        (str(tmp_path / "broken.yaml"), LoadMap.Response.RESULT_INVALID_MAP_DATA),
+    ):
+        response = call(graph_host, robot, graph.MAP_SERVER_LOAD_MAP, LoadMap.Request(map_url=name))
+        assert response.result == result
+    served: Any = call(graph_host, robot, graph.MAP_SERVER_MAP, GetMap.Request())
+    assert (served.map.info.width, served.map.info.height) == (30, 20)
 
 
 @pytest.mark.usefixtures("graph_host")
