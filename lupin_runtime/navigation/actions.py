@@ -1,7 +1,9 @@
-"""The action servers: navigate_to_pose, navigate_through_poses and compute_path_to_pose on one single-threaded executor.
+"""The action servers of navigation and planning on one single-threaded executor.
 
 rclpy runs an execute callback to its end on the executor's thread. Here it is a coroutine that awaits a future, so that goals,
 cancellations and timers are served while a goal is active; the control loop sets the future.
+
+Every goal is accepted, as by Nav2: a goal that cannot be used is aborted at once, since only a result has room for the reason.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.task import Future
 
 from lupin_runtime import graph
@@ -21,11 +23,19 @@ from lupin_runtime.navigation.messages import duration_message, path_message
 from lupin_runtime.navigation.plan_worker import PlanRequest
 from lupin_runtime.navigation.planning import NoPath
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.node import interface
+from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.ros.plane_messages import plane_pose_message
 
-# Converts a pose of any known frame to the map frame; raises ValueError with the reason if it cannot.
+# Converts a pose of any known frame to the map frame; raises UnusableGoal if it cannot.
 Locate = Callable[[PoseStamped], Pose2]
+
+
+class UnusableGoal(ValueError):
+    """A goal that is rejected: a pose that cannot be brought to the map frame, or none. `failure` is its result's error."""
+
+    def __init__(self, failure: Failure, reason: str) -> None:
+        super().__init__(reason)
+        self.failure = failure
 
 
 def error_number(failure: Failure) -> int:
@@ -85,8 +95,11 @@ class NavigationServer:
     def finish(self, failure: Failure | None, reason: str = "") -> None:
         """End the active goal: CANCELED if that was requested, else SUCCEEDED or ABORTED."""
         session, self._session = self._session, None
-        if session is None:
-            return
+        if session is not None:
+            self._conclude(session, failure, reason)
+
+    @staticmethod
+    def _conclude(session: _Session, failure: Failure | None, reason: str) -> None:
         if session.handle.is_cancel_requested:
             session.handle.canceled()
         elif failure is None and not reason:
@@ -122,38 +135,30 @@ class NavigationServer:
             interface(action.type),
             action.name,
             execute_callback=self._execute,
-            goal_callback=lambda goal: self._judge(action, goal),
             handle_accepted_callback=lambda handle: self._accept(action, handle),
             cancel_callback=self._cancel,
         )
 
-    @staticmethod
-    def _poses(action: graph.Action, goal: Any) -> list[PoseStamped]:
-        return [goal.pose] if action is graph.NAVIGATE_TO_POSE else list(goal.poses)
-
-    def _judge(self, action: graph.Action, goal: Any) -> GoalResponse:
-        poses = self._poses(action, goal)
-        try:
-            if not poses:
-                raise ValueError("no poses")
-            for pose in poses:
-                self._locate(pose)
-        except ValueError as error:
-            self._node.get_logger().error(f"{action.name} refused: {error}")
-            return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
+    def _poses(self, action: graph.Action, goal: Any) -> list[Pose2]:
+        messages = [goal.pose] if action is graph.NAVIGATE_TO_POSE else list(goal.poses)
+        if not messages:
+            raise UnusableGoal(Failure.NO_POSES, "the goal has no poses")
+        return [self._locate(message) for message in messages]
 
     def _accept(self, action: graph.Action, handle: Any) -> None:
-        self.finish(None, "a newer goal has replaced this one")
         session = _Session(action, handle, Future())
         self._futures[bytes(handle.goal_id.uuid)] = session.done
         handle.execute()
-        self._session = session
         try:
-            poses = [self._locate(pose) for pose in self._poses(action, handle.request)]
-        except ValueError as error:  # the transform was lost between request and acceptance
-            self.finish(Failure.TF_ERROR, str(error))
+            poses = self._poses(action, handle.request)
+        except UnusableGoal as error:  # the active goal goes on
+            self._node.get_logger().error(f"{action.name} rejected, {error.failure.name}: {error}")
+            self._conclude(session, error.failure, str(error))
             return
+        if handle.request.behavior_tree:
+            self._node.get_logger().warning(f"behavior tree {handle.request.behavior_tree!r} ignored: the built-in one is used")
+        self.finish(None, "a newer goal has replaced this one")
+        self._session = session
         self._start(poses)
 
     def _cancel(self, handle: Any) -> CancelResponse:
@@ -202,7 +207,6 @@ class PathServer:
             interface(graph.COMPUTE_PATH_TO_POSE.type),
             graph.COMPUTE_PATH_TO_POSE.name,
             execute_callback=self._execute,
-            goal_callback=self._judge,
             handle_accepted_callback=self._accept,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
@@ -240,31 +244,25 @@ class PathServer:
         transition()
         goal.done.set_result(result_message(graph.COMPUTE_PATH_TO_POSE, failure, reason))
 
-    def _judge(self, goal: Any) -> GoalResponse:
-        try:
-            self._locate(goal.goal)
-            if goal.use_start:
-                self._locate(goal.start)
-        except ValueError as error:
-            self._node.get_logger().error(f"{graph.COMPUTE_PATH_TO_POSE.name} refused: {error}")
-            return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
+    def _ends(self, request: Any) -> tuple[Pose2, Pose2]:
+        """Return the start and the goal of a request, in the map frame."""
+        goal = self._locate(request.goal)
+        start = self._locate(request.start) if request.use_start else self._robot_pose()
+        if start is None:
+            raise UnusableGoal(Failure.NO_POSE, f"no transform {graph.MAP_FRAME} -> {graph.BASE_FRAME}")
+        return start, goal
 
     def _accept(self, handle: Any) -> None:
         done = self._futures[bytes(handle.goal_id.uuid)] = Future()
         handle.execute()
-        robot_pose = self._robot_pose()
         try:
-            goal = self._locate(handle.request.goal)
-            start = self._locate(handle.request.start) if handle.request.use_start else robot_pose
-        except ValueError:
-            start = None
-        if start is None:
+            start, goal = self._ends(handle.request)
+        except UnusableGoal as error:
+            self._node.get_logger().error(f"{graph.COMPUTE_PATH_TO_POSE.name} rejected, {error.failure.name}: {error}")
             handle.abort()
-            reason = f"no transform {graph.MAP_FRAME} -> {graph.BASE_FRAME}"
-            done.set_result(result_message(graph.COMPUTE_PATH_TO_POSE, Failure.NO_POSE, reason))
+            done.set_result(result_message(graph.COMPUTE_PATH_TO_POSE, error.failure, str(error)))
             return
-        request = self._submit(start, (goal,), robot_pose)
+        request = self._submit(start, (goal,), self._robot_pose())
         self._goals.append(_PathGoal(handle, request, done, goal.yaw, self._now_s()))
 
     async def _execute(self, handle: Any) -> Any:

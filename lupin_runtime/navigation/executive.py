@@ -46,6 +46,9 @@ class Failure(Enum):
     NO_POSE = "ComputePathToPose.TF_ERROR"
     PLANNING_TIMED_OUT = "ComputePathToPose.TIMEOUT"
     NO_VALID_PATH = "ComputePathToPose.NO_VALID_PATH"
+    # What a goal asks for is no pose, or nothing.
+    INVALID_POSE = "ComputePathToPose.UNKNOWN"
+    NO_POSES = "ComputePathThroughPoses.NO_VIAPOINTS_GIVEN"
     # nav2_msgs has no code for the e-stop; the result's message names it.
     ESTOP_ENGAGED = "FollowPath.UNKNOWN"
 
@@ -124,7 +127,7 @@ class ExecutiveParameters:
     required_movement_angle: float = 0.5
     movement_time_allowance: float = 10.0
     max_recoveries: int = 6
-    sensor_patience_s: float = 10.0
+    sensor_timeout_s: float = 10.0
     off_path_m: float = 0.6
     passed_radius_m: float = 0.7
     beside_goal_m: float = 0.1
@@ -297,7 +300,7 @@ class Executive:
         since_s = self._sensors_lost_since_s
         self._reset_following()
         self._sensors_lost_since_s = since_s
-        if waited_s <= self._p.sensor_patience_s:
+        if waited_s <= self._p.sensor_timeout_s:
             return Decision(STANDSTILL)
         code = Failure.TF_ERROR if view.lidar_fault is None and view.estop_known else Failure.SENSOR_LOST
         return self._give_up(code, f"{reason}, for {waited_s:.0f} s")

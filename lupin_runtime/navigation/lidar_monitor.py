@@ -19,19 +19,19 @@ _CLOCK_JUMP_S = 2.0
 class LidarMonitor:
     """Judges every scan; `reason` says why the lidar cannot be trusted, or is None.
 
-    A silent or blind lidar is distrusted after `patience_s`, a frozen one at once, since the robot is driving on an old scan.
+    A silent or blind lidar is distrusted after `timeout_s`, a frozen one at once, since the robot is driving on an old scan.
     A scan is blind if fewer than the share `min_usable_share` of its beams measure at least `nearest_m`.
     """
 
     def __init__(
         self,
-        patience_s: float = 1.0,
+        timeout_s: float = 1.0,
         nearest_m: float = 0.25,
         min_usable_share: float = 0.05,
         still_m: float = 0.1,
         still_rad: float = 0.15,
     ) -> None:
-        self._patience_s = patience_s
+        self._timeout_s = timeout_s
         self._nearest_m = nearest_m
         self._min_usable_share = min_usable_share
         self._judge = ScanJudge(still_m, still_rad)
@@ -85,7 +85,7 @@ class LidarMonitor:
         if self._frozen or self._good_s is None:
             return self._problem
         age_s = now_s - self._good_s
-        if age_s <= self._patience_s:
+        if age_s <= self._timeout_s:
             return None
         return f"no usable scan for {age_s:.1f} s ({self._problem})"
 

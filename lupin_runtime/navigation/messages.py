@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from array import array
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped, Twist
 from nav_msgs.msg import OccupancyGrid, Path
 from numpy.typing import NDArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2, yaw_from_quaternion
@@ -18,6 +21,8 @@ from lupin_runtime.navigation.costmap import Costmap, RangeScan
 from lupin_runtime.navigation.costmap.costs import OCCUPANCY_OF_COST
 from lupin_runtime.navigation.planning.paths import headings
 from lupin_runtime.ros import stamp_from_ns, stamp_ns
+from lupin_runtime.ros.interfaces import interface
+from lupin_runtime.ros.markers import make_marker, marker_array
 from lupin_runtime.ros.plane_messages import grid_message, plane_pose_message
 
 _MAX_CELLS = 64_000_000
@@ -89,6 +94,33 @@ def map_from_message(message: OccupancyGrid) -> GridMap:
         raise ValueError("a map with a rotated origin is not supported; set the third value of origin in its YAML file to 0")
     grid = np.frombuffer(message.data, np.int8).reshape(info.height, info.width)
     return GridMap(grid, float(info.resolution), float(info.origin.position.x), float(info.origin.position.y))
+
+
+def goal_markers(poses: Sequence[Pose2], time_ns: int) -> MarkerArray:
+    """Return arrows at the poses of a goal, the last one opaque; they replace those of the goal before."""
+    arrows = []
+    for index, pose in enumerate(poses):
+        opacity = 1.0 if index == len(poses) - 1 else 0.5
+        arrow = make_marker("goal", index, Marker.ARROW, (0.35, 0.06, 0.06), (0.96, 0.65, 0.26, opacity))
+        arrow.pose = plane_pose_message(pose, time_ns, graph.MAP_FRAME).pose
+        arrows.append(arrow)
+    return marker_array(graph.MAP_FRAME, stamp_from_ns(time_ns), arrows)
+
+
+def raw_costmap_message(costmap: Costmap, frame: str, time_ns: int) -> Any:
+    """Return a nav2_msgs/Costmap: the costs as they are."""
+    message = interface("nav2_msgs/msg/Costmap")()
+    message.header.frame_id = frame
+    message.header.stamp = message.metadata.update_time = stamp_from_ns(time_ns)
+    message.metadata.layer = "master"  # as Nav2 names the sum of its layers
+    message.metadata.resolution = costmap.resolution_m
+    message.metadata.size_y, message.metadata.size_x = costmap.cost.shape
+    origin = message.metadata.origin
+    origin.position.x, origin.position.y, origin.orientation.w = costmap.origin_x, costmap.origin_y, 1.0
+    data = array("B")
+    data.frombytes(np.ascontiguousarray(costmap.cost).tobytes())
+    message.data = data
+    return message
 
 
 def costmap_message(costmap: Costmap, frame: str, time_ns: int) -> OccupancyGrid:

@@ -9,31 +9,37 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
+from rclpy.task import Future
 
 from lupin_runtime import graph
 from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.geometry import Pose2
-from lupin_runtime.navigation.actions import NavigationServer, PathServer
+from lupin_runtime.navigation.actions import NavigationServer, PathServer, UnusableGoal
 from lupin_runtime.navigation.costmap import BeamPoses, Costmap, GlobalCostmap, LocalCostmap
-from lupin_runtime.navigation.executive import Decision, Executive, View
+from lupin_runtime.navigation.executive import Decision, Executive, Failure, View
 from lupin_runtime.navigation.messages import (
     costmap_message,
+    goal_markers,
     map_from_message,
     path_message,
     pose_from_message,
+    raw_costmap_message,
     twist_message,
 )
 from lupin_runtime.navigation.mppi import MppiController
-from lupin_runtime.navigation.parameters import declare_settings
+from lupin_runtime.navigation.parameters import declare_parameters
 from lupin_runtime.navigation.plan_worker import PlanWorker
 from lupin_runtime.navigation.recoveries import STANDSTILL
 from lupin_runtime.navigation.robot_state import RobotState
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.node import interface, qos_profile
+from lupin_runtime.ros.interfaces import interface
+from lupin_runtime.ros.lifecycle import serve_state
+from lupin_runtime.ros.node import qos_profile
 from lupin_runtime.ros.plane_messages import plane_pose_message
 from lupin_runtime.safety.estop_monitor import DRAIN_S
 from lupin_runtime.safety.estop_subscription import subscribe_estop
@@ -56,7 +62,7 @@ class Navigator(LupinNode):
 
     def __init__(self, parameters: dict[str, Any] | None = None) -> None:
         super().__init__("bt_navigator", parameters)
-        settings = self._settings = declare_settings(self)
+        values = self._parameter_values = declare_parameters(self)
         self._estop_engaged = False
         # What has to arrive before the first goal moves the robot.
         estop_topics = (graph.ESTOP_STATE, graph.ESTOP_STATUS) if self.parameter("wait_for_estop", False) else ()
@@ -68,20 +74,22 @@ class Navigator(LupinNode):
         self._closing = False
         self._feedback_due_s = 0.0
 
-        self._local = LocalCostmap(settings.local.width, settings.local.resolution, settings.inflation, settings.local.limits())
-        self._worker = PlanWorker(GlobalCostmap(settings.inflation, settings.world.limits()), settings.planner)
+        self._local = LocalCostmap(
+            values.local_costmap.width, values.local_costmap.resolution, values.inflation, values.local_costmap.limits()
+        )
+        self._worker = PlanWorker(GlobalCostmap(values.inflation, values.global_costmap.limits()), values.planner)
         self._robot_state = RobotState(
             self,
             self._local,
             lambda: self._elapsed_s,
-            settings.transform_patience_s,
-            settings.scan_patience_s,
-            settings.velocity_threshold,
+            values.transform_timeout_s,
+            values.scan_timeout_s,
+            values.velocity_threshold,
         )
         self._executive = Executive(
             self._worker,
-            MppiController(settings.mppi),
-            settings.executive,
+            MppiController(values.mppi),
+            values.executive,
             clear_local=self._local.clear,
             log=lambda text: self.get_logger().warning(text),
         )
@@ -91,6 +99,7 @@ class Navigator(LupinNode):
         )
         self._twist_out = self.publisher(graph.CMD_VEL_NAV)
         self._plan_out = self.publisher(graph.PLAN)
+        self._goals_out = self.publisher(graph.GOAL_MARKERS)
         self._local_out = self.publisher(graph.LOCAL_COSTMAP)
         self._global_out = self.publisher(graph.GLOBAL_COSTMAP)
         self.subscription(graph.MAP, self._on_map, raw=True)
@@ -100,13 +109,19 @@ class Navigator(LupinNode):
         self.subscription(graph.GOAL_POSE, self._on_goal_pose)
         self.service(graph.CLEAR_LOCAL_COSTMAP, self._clear_local)
         self.service(graph.CLEAR_GLOBAL_COSTMAP, self._clear_global)
+        self.service(graph.GET_LOCAL_COSTMAP, self._get_local)
+        # A group of its own: while a callback waits, nothing else of its group is called, and the control loop must be.
+        self.service(graph.GET_GLOBAL_COSTMAP, self._get_global, ReentrantCallbackGroup())
+        self._snapshot: Future | None = None
+        self._active = False
+        serve_state(self, graph.BT_NAVIGATOR_STATE, lambda: self._active and not self._closing)
         self._self_client: Any = None
         self._clicked_goal: tuple[PoseStamped, float] | None = None
 
-        self.create_timer(1.0 / settings.mppi.controller_frequency, self._control)
-        self.create_timer(1.0 / settings.local.update_frequency, self._update_local)
-        self.create_timer(1.0 / settings.world.update_frequency, self._update_global)
-        self.create_timer(1.0 / settings.local.publish_frequency, self._publish_local)
+        self.create_timer(1.0 / values.mppi.controller_frequency, self._control)
+        self.create_timer(1.0 / values.local_costmap.update_frequency, self._update_local)
+        self.create_timer(1.0 / values.global_costmap.update_frequency, self._update_global)
+        self.create_timer(1.0 / values.local_costmap.publish_frequency, self._publish_local)
         self._recent: tuple[Any, BeamPoses] | None = None
 
     def publisher(self, topic: graph.Topic, qos: graph.Qos | None = None) -> Publisher:
@@ -136,6 +151,7 @@ class Navigator(LupinNode):
         self._apply_release()
         if self._worker.failure is not None:
             raise RuntimeError("the planner's thread crashed") from self._worker.failure
+        self._note_active()
         self._paths.poll()
         self._forward_clicked_goal()
         if not self._servers.active or self._closing:
@@ -151,10 +167,17 @@ class Navigator(LupinNode):
             return
         self._drive(decision.velocity)
         if self._elapsed_s >= self._feedback_due_s:
-            self._feedback_due_s = self._elapsed_s + 1.0 / self._settings.feedback_hz
+            self._feedback_due_s = self._elapsed_s + 1.0 / self._parameter_values.feedback_hz
             here = self._robot_state.map_from_base()
             if here is not None:
                 self._servers.feedback(here, self._executive.progress(self._elapsed_s))
+
+    def _note_active(self) -> None:
+        """Become active once both costmaps and the robot's pose are known, as Nav2's costmaps let its navigator do."""
+        state = self._robot_state
+        if not self._active and self._worker.has_map and state.local is not None and state.map_from_base() is not None:
+            self._active = True
+            self.get_logger().info("active: goals are driven")
 
     def _advance_clock(self) -> None:
         now_ns = self.elapsed_clock_ns()
@@ -188,6 +211,7 @@ class Navigator(LupinNode):
 
     def _end(self, failure: Any, reason: str) -> None:
         self._stop_now()
+        self._goals_out.publish(goal_markers((), self.now_ns()))
         self._servers.finish(failure, reason)
 
     def _stop_now(self) -> None:
@@ -199,20 +223,25 @@ class Navigator(LupinNode):
 
     # -- goals ---------------------------------------------------------------------------------------------------------
     def _locate(self, message: PoseStamped) -> Pose2:
-        """Transform a pose to the map frame; raises ValueError with the reason if that is impossible."""
-        pose = pose_from_message(message)
+        """Transform a pose to the map frame; raises UnusableGoal with the reason if that is impossible."""
+        try:
+            pose = pose_from_message(message)
+        except ValueError as error:
+            raise UnusableGoal(Failure.INVALID_POSE, str(error)) from error
         frame = message.header.frame_id.lstrip("/")
         if frame in ("", graph.MAP_FRAME):
             return pose
         try:
             return self._robot_state.tree.lookup(graph.MAP_FRAME, frame).to_pose2() @ pose
         except TransformUnavailable as error:
-            raise ValueError(f"a pose in frame {frame!r} cannot be transformed to {graph.MAP_FRAME!r}: {error}") from error
+            reason = f"a pose in frame {frame!r} cannot be transformed to {graph.MAP_FRAME!r}: {error}"
+            raise UnusableGoal(Failure.NO_POSE, reason) from error
 
     def _start(self, poses: Sequence[Pose2]) -> None:
         self._goal_yaw = poses[-1].yaw
         self._feedback_due_s = self._elapsed_s
         self._executive.start(poses, self._elapsed_s)
+        self._goals_out.publish(goal_markers(poses, self.now_ns()))
         if self._executive.estop_engaged:
             self._finish(self._executive.tick(self._view()))
             return
@@ -222,7 +251,7 @@ class Navigator(LupinNode):
     def _on_goal_pose(self, message: PoseStamped) -> None:
         try:
             pose = self._locate(message)
-        except ValueError as error:
+        except UnusableGoal as error:
             self.get_logger().error(f"{graph.GOAL_POSE.name} refused: {error}")
             return
         if self._executive.estop_engaged:
@@ -286,8 +315,9 @@ class Navigator(LupinNode):
         if self._global_out.get_subscription_count() > 0:
             stamp_ns = self.now_ns()
 
-            def publish(costmap: Costmap) -> None:
-                self._global_out.publish(costmap_message(costmap, graph.MAP_FRAME, stamp_ns))
+            def publish(costmap: Costmap | None) -> None:
+                if costmap is not None:
+                    self._global_out.publish(costmap_message(costmap, graph.MAP_FRAME, stamp_ns))
 
             self._worker.snapshot(self._robot_state.map_from_base(), publish)
 
@@ -302,6 +332,30 @@ class Navigator(LupinNode):
     def _clear_global(self, _request: Any, response: Any) -> Any:
         self._worker.clear_obstacles()
         return response
+
+    def _get_local(self, _request: Any, response: Any) -> Any:
+        if self._robot_state.local is not None:
+            response.map = raw_costmap_message(self._robot_state.local, graph.ODOM_FRAME, self.now_ns())
+        return response
+
+    async def _get_global(self, _request: Any, response: Any) -> Any:
+        if self._snapshot is None or self._snapshot.done():  # requests that come together share one
+            self._snapshot = self._request_snapshot()
+        costmap = await self._snapshot
+        if costmap is not None:
+            response.map = raw_costmap_message(costmap, graph.MAP_FRAME, self.now_ns())
+        return response
+
+    def _request_snapshot(self) -> Future:
+        found: Future = Future()
+
+        def deliver(costmap: Costmap | None) -> None:
+            found.set_result(costmap)
+            if self.executor is not None:  # it may be waiting for something else than this thread
+                self.executor.wake()
+
+        self._worker.snapshot(self._robot_state.map_from_base(), deliver)
+        return found
 
     # -- shutdown ------------------------------------------------------------------------------------------------------
     def before_shutdown(self) -> None:

@@ -1,4 +1,4 @@
-"""The node's parameters, under Nav2's names, with the defaults tuned for this robot."""
+"""The navigation node's parameters, under Nav2's names where Nav2 has them, with defaults tuned for this robot."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class ParameterNode(Protocol):
 
 
 @dataclass(frozen=True)
-class CostmapSettings:
-    """Settings of one costmap (m, Hz). It is published only to subscribers."""
+class CostmapParameters:
+    """Parameters of one costmap (m, Hz). It is published only while it has subscribers."""
 
     resolution: float = 0.05
     update_frequency: float = 5.0
@@ -34,36 +34,36 @@ class CostmapSettings:
     obstacle_max_range: float = 2.5
     obstacle_min_range: float = 0.25
     raytrace_max_range: float = 3.0
-    width: float = 3.0
+    width: float = 3.0  # 0: the size of the map
 
     def limits(self) -> ScanLimits:
         """Return the ranges at which beams mark and clear."""
         return ScanLimits(self.obstacle_max_range, self.raytrace_max_range, self.obstacle_min_range)
 
 
-LOCAL = CostmapSettings()
-GLOBAL = CostmapSettings(
+LOCAL_DEFAULTS = CostmapParameters()
+GLOBAL_DEFAULTS = CostmapParameters(
     update_frequency=1.0, publish_frequency=1.0, obstacle_max_range=5.0, raytrace_max_range=12.0, width=0.0
 )
 
 
 @dataclass(frozen=True)
-class Settings:
-    """All settings of the node."""
+class NavigationParameters:
+    """The values of the navigation node's parameters."""
 
     mppi: MppiParameters
     planner: PlannerParameters
     executive: ExecutiveParameters
     inflation: Inflation
-    local: CostmapSettings
-    world: CostmapSettings
+    local_costmap: CostmapParameters
+    global_costmap: CostmapParameters
     feedback_hz: float
-    transform_patience_s: float
-    scan_patience_s: float
+    transform_timeout_s: float
+    scan_timeout_s: float
     velocity_threshold: float
 
 
-def declare_settings(node: ParameterNode) -> Settings:
+def declare_parameters(node: ParameterNode) -> NavigationParameters:
     """Declare all parameters on a node and read them."""
     radius = node.parameter("robot_radius", MppiParameters().robot_radius)
     inflation = Inflation(
@@ -71,8 +71,8 @@ def declare_settings(node: ParameterNode) -> Settings:
         radius_m=node.parameter("inflation_layer.inflation_radius", Inflation().radius_m),
         scaling=node.parameter("inflation_layer.cost_scaling_factor", Inflation().scaling),
     )
-    tolerance, motion = GoalTolerance(), ExecutiveParameters()
-    return Settings(
+    tolerance_defaults, executive_defaults = GoalTolerance(), ExecutiveParameters()
+    return NavigationParameters(
         mppi=dataclasses.replace(
             declare_all(node, "FollowPath.", MppiParameters(), skip=("robot_radius",)), robot_radius=radius
         ),
@@ -80,30 +80,34 @@ def declare_settings(node: ParameterNode) -> Settings:
             declare_all(node, "GridBased.", PlannerParameters(), skip=("robot_radius_m",)), robot_radius_m=radius
         ),
         executive=dataclasses.replace(
-            motion,
-            failure_tolerance=node.parameter("failure_tolerance", motion.failure_tolerance),
+            executive_defaults,
+            failure_tolerance=node.parameter("failure_tolerance", executive_defaults.failure_tolerance),
             required_movement_radius=node.parameter(
-                "progress_checker.required_movement_radius", motion.required_movement_radius
+                "progress_checker.required_movement_radius", executive_defaults.required_movement_radius
             ),
-            required_movement_angle=node.parameter("progress_checker.required_movement_angle", motion.required_movement_angle),
-            movement_time_allowance=node.parameter("progress_checker.movement_time_allowance", motion.movement_time_allowance),
-            planner_period_s=1.0 / node.parameter("replanning_frequency", 1.0 / motion.planner_period_s),
-            max_recoveries=node.parameter("number_of_retries", motion.max_recoveries),
+            required_movement_angle=node.parameter(
+                "progress_checker.required_movement_angle", executive_defaults.required_movement_angle
+            ),
+            movement_time_allowance=node.parameter(
+                "progress_checker.movement_time_allowance", executive_defaults.movement_time_allowance
+            ),
+            planner_period_s=1.0 / node.parameter("replanning_frequency", 1.0 / executive_defaults.planner_period_s),
+            max_recoveries=node.parameter("number_of_retries", executive_defaults.max_recoveries),
             tolerance=GoalTolerance(
-                xy=node.parameter("goal_checker.xy_goal_tolerance", tolerance.xy),
-                yaw=node.parameter("goal_checker.yaw_goal_tolerance", tolerance.yaw),
-                fine_xy=node.parameter("goal_checker.fine_xy_tolerance", tolerance.fine_xy),
-                fine_yaw=node.parameter("goal_checker.fine_yaw_tolerance", tolerance.fine_yaw),
-                settle_s=node.parameter("goal_checker.settle_s", tolerance.settle_s),
+                xy=node.parameter("goal_checker.xy_goal_tolerance", tolerance_defaults.xy),
+                yaw=node.parameter("goal_checker.yaw_goal_tolerance", tolerance_defaults.yaw),
+                fine_xy=node.parameter("goal_checker.fine_xy_tolerance", tolerance_defaults.fine_xy),
+                fine_yaw=node.parameter("goal_checker.fine_yaw_tolerance", tolerance_defaults.fine_yaw),
+                settle_s=node.parameter("goal_checker.settle_s", tolerance_defaults.settle_s),
             ),
             behaviors=declare_all(node, "behavior_server.", BehaviorLimits()),
         ),
         inflation=inflation,
-        local=declare_all(node, "local_costmap.", LOCAL),
-        world=declare_all(node, "global_costmap.", GLOBAL, skip=("width", "resolution")),
+        local_costmap=declare_all(node, "local_costmap.", LOCAL_DEFAULTS),
+        global_costmap=declare_all(node, "global_costmap.", GLOBAL_DEFAULTS, skip=("width", "resolution")),
         feedback_hz=node.parameter("feedback_frequency", 5.0),
-        transform_patience_s=node.parameter("transform_patience", 1.0),
-        scan_patience_s=node.parameter("scan_patience", 1.0),
+        transform_timeout_s=node.parameter("transform_patience", 1.0),
+        scan_timeout_s=node.parameter("scan_patience", 1.0),
         velocity_threshold=node.parameter("min_velocity_threshold", 0.001),
     )
 

@@ -74,12 +74,16 @@ class PlanWorker:
 
         self._jobs.put(job)
 
-    def snapshot(self, robot: Pose2 | None, deliver: Callable[[Costmap], None]) -> None:
-        """Call `deliver` with the inflated costmap in the thread, unless there is no map yet."""
+    @property
+    def has_map(self) -> bool:
+        """Whether a map has arrived."""
+        return self._costmap.ready
+
+    def snapshot(self, robot: Pose2 | None, deliver: Callable[[Costmap | None], None]) -> None:
+        """Call `deliver` with the inflated costmap in the thread; None if there is no map yet."""
 
         def job() -> None:
-            if self._costmap.ready:
-                deliver(self._costmap.snapshot(robot))
+            deliver(self._costmap.snapshot(robot) if self._costmap.ready else None)
 
         self._jobs.put(job)
 

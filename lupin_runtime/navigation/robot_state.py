@@ -13,7 +13,7 @@ from lupin_runtime.navigation.lidar_monitor import LidarMonitor
 from lupin_runtime.navigation.messages import scan_from_message
 from lupin_runtime.navigation.recoveries import STANDSTILL, Velocity
 from lupin_runtime.ros import LupinNode, TransformListener
-from lupin_runtime.ros.node import interface
+from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.transforms import TransformTree, TransformUnavailable
 
 # A scan's stamp may be this much later than the newest received odometry.
@@ -30,10 +30,10 @@ class _FreshTransform:
     and a stamp from before a clock jump would look new forever.
     """
 
-    def __init__(self, listener: TransformListener, target: str, source: str, patience_s: float) -> None:
+    def __init__(self, listener: TransformListener, target: str, source: str, timeout_s: float) -> None:
         self._tree = listener.tree
         self._target, self._source = target, source
-        self._patience_s = patience_s
+        self._timeout_s = timeout_s
         self._newest: int | None = None
         self._changed_s = 0.0
 
@@ -46,7 +46,7 @@ class _FreshTransform:
             return None
         if newest != self._newest or newest is None:
             self._newest, self._changed_s = newest, now_s
-        return transform.to_pose2() if now_s - self._changed_s <= self._patience_s else None
+        return transform.to_pose2() if now_s - self._changed_s <= self._timeout_s else None
 
 
 class RobotState:
@@ -57,8 +57,8 @@ class RobotState:
         node: LupinNode,
         local: LocalCostmap,
         now_s: Callable[[], float],
-        transform_patience_s: float,
-        scan_patience_s: float,
+        transform_timeout_s: float,
+        scan_timeout_s: float,
         velocity_threshold: float,
     ) -> None:
         self._node = node
@@ -66,10 +66,10 @@ class RobotState:
         self._now_s = now_s
         self._threshold = velocity_threshold
         self._listener = TransformListener(node)
-        self._odometry_pose = _FreshTransform(self._listener, graph.ODOM_FRAME, graph.BASE_FRAME, transform_patience_s)
-        self._correction = _FreshTransform(self._listener, graph.MAP_FRAME, graph.ODOM_FRAME, transform_patience_s)
+        self._odometry_pose = _FreshTransform(self._listener, graph.ODOM_FRAME, graph.BASE_FRAME, transform_timeout_s)
+        self._correction = _FreshTransform(self._listener, graph.MAP_FRAME, graph.ODOM_FRAME, transform_timeout_s)
         self._lost_since_s: float | None = None
-        self._lidar = LidarMonitor(scan_patience_s)
+        self._lidar = LidarMonitor(scan_timeout_s)
         self._scan_bytes: bytes | None = None
         self._scan_type = interface(graph.SCAN.type)
         self.local: Costmap | None = None
