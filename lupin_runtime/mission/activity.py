@@ -6,8 +6,8 @@ from __future__ import annotations
 class Activity:
     """Base class of activities. Its methods do nothing, so it also serves the states in which nothing happens."""
 
-    def enter(self, leaf: str) -> None:
-        """Begin a leaf of the activity's state; called for each leaf. `leaf` is "" if the state has none."""
+    def enter(self, substate: str) -> None:
+        """Begin a substate of the activity's state; called for each one. `substate` is "" if the state has none."""
 
     def leave(self) -> None:
         """End the activity; called when its top-level state is left."""

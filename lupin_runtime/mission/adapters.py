@@ -23,16 +23,18 @@ from lupin_runtime.mission.ports import STATUS_UNKNOWN
 from lupin_runtime.mission.records import ClimateReading, Confirmation
 from lupin_runtime.mission.robot_pose import PolledTransform
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.node import interface
+from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.ros.plane_messages import plane_pose_message
+from lupin_runtime.ros.sent_goal import SentGoal
 
 STALE_TRANSFORM_S = 2.0
 _MAX_PENDING = 32  # unanswered requests of a service
-# The clock is read ten times a second; a longer step means that the process stalled or that the clock was set.
+# Longest step of the clock that counts. The clock is read ten times a second, so a longer one means that the process stalled or
+# that the clock was set.
 MAX_STEP_S = 2.0
 
 # Runs a callback under the node's lock, and publishes the state if the callback changed it.
-Guard = Callable[[Callable[[], None]], None]
+RunLocked = Callable[[Callable[[], None]], None]
 
 
 class NodeClock:
@@ -53,8 +55,8 @@ class NodeClock:
         return self._elapsed_ns / 1e9
 
     @staticmethod
-    def real_s() -> float:
-        """Return seconds of the monotonic clock."""
+    def monotonic_s() -> float:
+        """Return seconds of the computer's monotonic clock, independent of simulated time."""
         return time.monotonic()
 
     def stamp_ns(self) -> int:
@@ -75,12 +77,12 @@ def sensor_failure_codes() -> frozenset[int]:
 class NavigationClient:
     """Client of the action navigate_to_pose. Results go to `listener`, which must be set before the first goal."""
 
-    def __init__(self, node: LupinNode, config: MissionConfig, guard: Guard) -> None:
-        self._node, self._config, self._guard = node, config, guard
-        row = replace(graph.NAVIGATE_TO_POSE, name=config.nav_action_name)
-        self._client = node.action_client(row)
-        self._cancel_all = node.create_client(CancelGoal, f"{row.name}/_action/cancel_goal")
-        self._handles: dict[int, Any] = {}
+    def __init__(self, node: LupinNode, config: MissionConfig, run_locked: RunLocked) -> None:
+        self._node, self._config, self._run_locked = node, config, run_locked
+        action = replace(graph.NAVIGATE_TO_POSE, name=config.nav_action_name)
+        self._client = node.action_client(action)
+        self._cancel_client = node.create_client(CancelGoal, f"{action.name}/_action/cancel_goal")
+        self._goals: dict[int, SentGoal] = {}  # until their results arrive
         self._sensor_failure_codes = sensor_failure_codes()
         self.listener: Orchestrator
 
@@ -89,29 +91,32 @@ class NavigationClient:
         return bool(self._client.server_is_ready())
 
     def send(self, token: int, pose: Pose2) -> None:
-        """Send a goal."""
+        """Send a goal; `token` identifies it in the calls of the listener."""
         goal = NavigateToPose.Goal()
         goal.pose = plane_pose_message(pose, self._node.now_ns(), self._config.frame_id)
         try:
-            future = self._client.send_goal_async(goal, lambda _: self._guard(lambda: self.listener.goal_feedback(token)))
+            sent = SentGoal(
+                self._client, NavigateToPose, goal, lambda _: self._run_locked(lambda: self.listener.goal_feedback(token))
+            )
         except (RuntimeError, ValueError, TypeError) as error:  # rclpy: shutdown, or a number that is not finite
             self.listener.goal_rejected(token, f"send_goal_exception: {error}")
             return
-        future.add_done_callback(lambda done: self._guard(lambda: self._on_goal_response(token, done)))
+        self._goals[token] = sent
+        sent.answer.add_done_callback(lambda done: self._run_locked(lambda: self._on_goal_response(token, done)))
 
     def _on_goal_response(self, token: int, future: Any) -> None:
         error = future.exception()
         handle = None if error is not None else future.result()
         if handle is None or not handle.accepted:
+            self._goals.pop(token, None)
             self.listener.goal_rejected(token, f"send_goal_exception: {error}" if error is not None else "nav_rejected")
             return
-        self._handles[token] = handle
         result = handle.get_result_async()
-        result.add_done_callback(lambda done: self._guard(lambda: self._on_result(token, done)))
+        result.add_done_callback(lambda done: self._run_locked(lambda: self._on_result(token, done)))
         self.listener.goal_accepted(token)
 
     def _on_result(self, token: int, future: Any) -> None:
-        self._handles.pop(token, None)
+        self._goals.pop(token, None)
         known = future.exception() is None and future.result() is not None
         status = int(future.result().status) if known else STATUS_UNKNOWN
         result = future.result().result if known else None
@@ -120,23 +125,23 @@ class NavigationClient:
         self.listener.goal_finished(token, status, code in self._sensor_failure_codes, estop)
 
     def cancel(self, token: int) -> None:
-        """Request cancellation of a goal."""
-        handle = self._handles.get(token)
-        if handle is not None:
-            handle.cancel_goal_async()
+        """Request cancellation of a goal, whether or not its acceptance has arrived."""
+        goal = self._goals.get(token)
+        if goal is not None:
+            goal.handle.cancel_goal_async()
 
     def cancel_all(self) -> None:
         """Request cancellation of every goal: a zero id with a zero stamp means all (action_msgs/CancelGoal)."""
-        if self._cancel_all.service_is_ready():
-            self._cancel_all.call_async(CancelGoal.Request(goal_info=GoalInfo()))
+        if self._cancel_client.service_is_ready():
+            self._cancel_client.call_async(CancelGoal.Request(goal_info=GoalInfo()))
 
 
 class _ServiceClient:
     """A service client that never waits. It forgets the oldest request when _MAX_PENDING are unanswered."""
 
-    def __init__(self, node: LupinNode, row: graph.Service, guard: Guard) -> None:
-        self._client = node.client(row)
-        self._guard = guard
+    def __init__(self, node: LupinNode, service: graph.Service, run_locked: RunLocked) -> None:
+        self._client = node.client(service)
+        self._run_locked = run_locked
         self._pending: list[Any] = []
 
     def is_ready(self) -> bool:
@@ -152,41 +157,44 @@ class _ServiceClient:
 
         def on_done(done: Any) -> None:
             if done.exception() is None and done.result() is not None:
-                self._guard(lambda: on_answer(done.result()))
+                self._run_locked(lambda: on_answer(done.result()))
 
         future.add_done_callback(on_done)
 
 
-class GreenhouseClient(_ServiceClient):
+class ClimateBridgeClient(_ServiceClient):
     """Client of the climate bridge."""
 
-    def read(self, tag_id: str, done: Callable[[ClimateReading], None]) -> None:
-        """Request a tag's readings."""
-        self._call(GetTagReading.Request(tag_id=tag_id), lambda response: done(climate_reading(response)))
+    def read(self, tag_id: str, on_reading: Callable[[ClimateReading], None]) -> None:
+        """Request the climate at a tag."""
+        self._call(GetTagReading.Request(tag_id=tag_id), lambda response: on_reading(climate_reading(response)))
 
 
 class ConfirmTagClient(_ServiceClient):
     """Client of the service that confirms tags visually."""
 
-    def confirm(self, tag_id: str, done: Callable[[Confirmation], None]) -> None:
+    def confirm(self, tag_id: str, on_confirmation: Callable[[Confirmation], None]) -> None:
         """Request confirmation of a tag."""
         self._call(
             ConfirmTag.Request(expected_tag_id=tag_id),
-            lambda response: done(Confirmation(bool(response.detected), response.error_message)),
+            lambda response: on_confirmation(Confirmation(bool(response.detected), response.error_message)),
         )
 
 
 class ArmClient(_ServiceClient):
     """Client of the arm's presets."""
 
-    def __init__(self, node: LupinNode, row: graph.Service, guard: Guard) -> None:
-        super().__init__(node, row, guard)
+    def __init__(self, node: LupinNode, service: graph.Service, run_locked: RunLocked) -> None:
+        super().__init__(node, service, run_locked)
         self._log = node.get_logger()
 
     def move_to_preset(self, preset: str) -> bool:
         """Send the arm to a preset."""
         if not self.is_ready():
-            self._log.warning(f"the arm service is not available; preset {preset!r} is not used", throttle_duration_sec=30.0)
+            self._log.warning(
+                f"the arm service is not available; the arm stays where it is, preset {preset!r} was not sent",
+                throttle_duration_sec=30.0,
+            )
             return False
         self._call(SetArmPreset.Request(name=preset), lambda response: self._on_answer(preset, response))
         return True
@@ -214,7 +222,7 @@ class MapSource:
         return found[0].to_pose2()
 
     def on_map(self, message: Any) -> None:
-        """Store a map."""
+        """Keep the newest map message; `map` converts it."""
         self._message = message
 
     def map(self) -> tuple[int, GridMap] | None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from lupin_runtime import graph
 from lupin_runtime.mission.frontier import FrontierSettings
+from lupin_runtime.safety.battery_monitor import LOW_THRESHOLD
 
 
 class BadParameter(ValueError):
@@ -68,7 +69,7 @@ class MissionConfig:
     dock_pose: tuple[float, ...] = (0.0, 0.0, 0.0)  # x, y, yaw; x = y = 0 uses the robot's position at the first start
     dock_timeout_s: float = 60.0
     dock_retry_max: int = 3
-    battery_low_threshold: float = 0.20
+    battery_low_threshold: float = LOW_THRESHOLD
 
     # -- exploration and monitoring
     discovery_goal: int = 5  # 65535 searches for all tags that can be found

@@ -17,7 +17,7 @@ class Dependencies:
         config, ports = self._context.config, self._context.ports
         required = [
             (config.nav_action_name, ports.navigation.is_ready()),
-            (config.bridge_service_name, ports.greenhouse.is_ready()),
+            (config.bridge_service_name, ports.climate_bridge.is_ready()),
         ]
         if config.require_visual_confirmation:
             required.append((config.visual_confirmation_service, ports.confirmer.is_ready()))

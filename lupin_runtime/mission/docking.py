@@ -41,7 +41,7 @@ class Docking(Activity):
         self._sensor_losses = 0
         self._unready_since_s: float | None = None
 
-    def enter(self, leaf: str) -> None:
+    def enter(self, substate: str) -> None:
         if not self._prepared:
             self.begin("complete", None)
         self._prepared = False

@@ -14,6 +14,9 @@ _LABELS: dict[str, tuple[int, str]] = {
     "aborted_in_prepare": (WARN, "aborted during prepare"),
     "nav_blind": (WARN, "navigation has lost lidar or odometry"),
     "scan_failed": (WARN, "scan failed"),
+    "robot_lost": (WARN, "robot lost on the map — waiting until it is found"),
+    "robot_found": (INFO, "robot found on the map"),
+    "robot_not_found": (ERROR, "robot lost on the map, and not found"),
     "localization_failed": (ERROR, "localization failed"),
     "dependency_timeout": (ERROR, "dependencies not ready"),
 }

@@ -16,7 +16,7 @@ from lupin_runtime.mission.records import ClimateReading
 
 SELECT_EVERY_S = 1.0
 SAMPLE_EVERY_S = 0.2
-FOV_MARGIN_RAD = math.radians(3.0)  # a tag on the picture's edge is cut off
+FOV_MARGIN_RAD = math.radians(3.0)  # a tag on the image's edge is cut off
 
 
 class Exploring(Activity):
@@ -51,7 +51,7 @@ class Exploring(Activity):
         self._last_selection_s = -math.inf
         self._nothing_left_since_s: float | None = None
 
-    def enter(self, leaf: str) -> None:
+    def enter(self, substate: str) -> None:
         self._nothing_left_since_s = None
         self.request_first_readings()
 
@@ -172,11 +172,11 @@ class Exploring(Activity):
     def request_first_readings(self) -> None:
         """Request a reading of every discovered tag for which this mission has not requested one yet."""
         context, mission = self._context, self._context.mission
-        if mission is None or not context.config.seed_climate_on_discovery or not context.ports.greenhouse.is_ready():
+        if mission is None or not context.config.seed_climate_on_discovery or not context.ports.climate_bridge.is_ready():
             return
         for tag_id in context.world_model.discovered.keys() - mission.requested_tags:
             mission.requested_tags.add(tag_id)
-            context.ports.greenhouse.read(tag_id, partial(self._on_first_reading, mission, tag_id))
+            context.ports.climate_bridge.read(tag_id, partial(self._on_first_reading, mission, tag_id))
 
     def _on_first_reading(self, mission: ActiveMission, tag_id: str, reply: ClimateReading) -> None:
         if mission is self._context.mission and reply.status == 0:

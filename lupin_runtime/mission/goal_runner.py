@@ -37,17 +37,17 @@ class _Goal:
     """A goal that was sent and has not ended. `cancelled_s` is the time at which it was given up."""
 
     token: int
-    accepted: bool = False
     cancelled_s: float = 0.0
-    cancel_sent_s: float | None = None
+    cancel_sent_s: float = 0.0
     feedback_s: float | None = None
 
 
 class GoalRunner:
     """Runs at most one goal at a time.
 
-    A goal that is given up is cancelled at once or, if it was not accepted yet, on acceptance. The cancel request is repeated
-    until the goal's end is received. The next goal waits for that end, at most CANCEL_WAIT_S.
+    A goal that is given up is cancelled at once, also if its acceptance was not received: that answer can be lost, and the
+    robot drive all the same. The cancel request is repeated on acceptance, because it may have overtaken the goal, and until
+    the goal's end is received. The next goal waits for that end, at most CANCEL_WAIT_S.
     """
 
     def __init__(self, navigation: Navigation, clock: Clock) -> None:
@@ -88,8 +88,7 @@ class GoalRunner:
         goal, self._goal = self._goal, None
         goal.cancelled_s = self._clock.now_s()
         self._cancelled[goal.token] = goal
-        if goal.accepted:
-            self._send_cancel(goal)
+        self._send_cancel(goal)
 
     def tick(self) -> None:
         """Handle timeouts; call it often."""
@@ -98,7 +97,7 @@ class GoalRunner:
             if now - goal.cancelled_s > FORGET_S:
                 # If the server accepts the goal after all, `accepted` cancels it, because its token is unknown.
                 del self._cancelled[goal.token]
-            elif goal.accepted and now - (goal.cancel_sent_s or 0.0) >= CANCEL_REPEAT_S:
+            elif now - goal.cancel_sent_s >= CANCEL_REPEAT_S:
                 self._send_cancel(goal)
         self._send_waiting()
         self._check_server(now)
@@ -137,12 +136,9 @@ class GoalRunner:
 
     def accepted(self, token: int) -> None:
         """Handle the acceptance of a goal."""
-        if self._goal is not None and self._goal.token == token:
-            self._goal.accepted = True
-        elif token in self._cancelled:
-            self._cancelled[token].accepted = True
+        if token in self._cancelled:
             self._send_cancel(self._cancelled[token])
-        else:
+        elif not self.is_current(token):
             self._navigation.cancel(token)
 
     def feedback(self, token: int) -> None:

@@ -18,8 +18,8 @@ class MissionHsm:
 
     A trigger that the current state does not declare never raises: it is recorded in `ignored` as (state, trigger).
 
-    `guards` maps each guard name of the specification to a function. `on_change(source, dest)` is called with leaf names
-    after every transition, before queued triggers are processed.
+    `guards` maps each guard name of the specification to a function. `on_change(source, dest)` is called after every
+    transition, before queued triggers are processed, with full state names such as `INSPECTING.SCANNING`.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class MissionHsm:
         self.ignored: list[tuple[str, str]] = []
         self._on_change = on_change
         self._model = _Model()
-        self._before = self.spec.initial
+        self._previous_state = self.spec.initial
         self._machine = _Machine(
             self._model,
             states=[_state_dict(state) for state in self.spec.states],
@@ -58,26 +58,29 @@ class MissionHsm:
         )
 
     def _changed(self, _event: EventData) -> None:
-        before, self._before = self._before, self.state
-        self._on_change(before, self.state)
+        source, self._previous_state = self._previous_state, self.state
+        self._on_change(source, self.state)
 
     @property
     def state(self) -> str:
-        """The current leaf state, such as `INSPECTING.SCANNING`."""
+        """The full name of the current state, such as `INSPECTING.SCANNING`."""
         return self._model.state
 
     @property
     def top_level_state(self) -> str:
-        """The top-level state."""
+        """The outermost state, such as `INSPECTING`."""
         return self.state.split(SEPARATOR)[0]
 
     @property
-    def leaf(self) -> str:
-        """The leaf's name within its composite state; "" outside composite states."""
+    def substate(self) -> str:
+        """The state's name within its composite state, such as `SCANNING`; "" outside composite states."""
         return self.state.split(SEPARATOR)[1] if SEPARATOR in self.state else ""
 
     def fire(self, trigger: Trigger) -> bool:
-        """Fire a trigger; return False, and record it in `ignored`, if the current state does not declare it."""
+        """Fire a trigger, or queue it during a transition; return whether the current state declares it.
+
+        A trigger that is not declared is recorded in `ignored`. A declared one that all guards reject changes nothing.
+        """
         if not self.spec.destinations(trigger, self.state):
             self.ignored.append((self.state, trigger))
             del self.ignored[:-_MAX_IGNORED]

@@ -80,7 +80,7 @@ class TransitionSpec:
 
 @dataclass(frozen=True)
 class HsmSpec:
-    """The complete state machine. A leaf of a composite state is named `COMPOSITE.LEAF`."""
+    """The complete state machine. A leaf has no substates; a leaf of a composite state is named `COMPOSITE.SUBSTATE`."""
 
     initial: str
     states: tuple[StateSpec, ...]
@@ -100,7 +100,7 @@ class HsmSpec:
         return state if spec is None or spec.initial is None else SEPARATOR.join((state, spec.initial))
 
     def destinations(self, trigger: str, leaf: str) -> tuple[TransitionSpec, ...]:
-        """Return the transitions that `trigger` may take from a leaf state; empty if none is declared."""
+        """Return the transitions that `trigger` may take from a leaf; empty if none is declared."""
         return tuple(
             t
             for t in self.transitions

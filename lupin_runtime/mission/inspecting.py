@@ -18,13 +18,18 @@ from lupin_runtime.mission.records import ClimateReading, Confirmation
 
 MAX_REFUNDS = 3  # per visit: attempts that do not count, since another client cancelled them or the server disappeared
 FOREIGN_CANCEL_WAIT_S = 1.0  # a console cancels the goal a moment before its e-stop is received
+REVISIT_FAILED_S = 10.0  # from a visit without a reading to the next of the same tag: a refused goal takes no time at all
 
 
 @dataclass
 class _Visit:
-    """One visit to a tag. `tag_id` is None when nothing is left to visit; `tried` are the goals (x, y) of past attempts."""
+    """One visit to a tag. `tag_id` is None when nothing is left to visit; `tried` are the goals (x, y) of past attempts.
+
+    It is `closed` once its result is published and recorded in `plan`. A read tag stays in SCANNING until the dwell ends.
+    """
 
     tag_id: str | None
+    plan: VisitPlan | None = None
     attempts: int = 0
     refunds: int = 0
     sensor_losses: int = 0
@@ -47,8 +52,9 @@ class Inspecting(Activity):
     def __init__(self, context: Context) -> None:
         self._context = context
         self._visit = _Visit(None)
-        self._leaf = ""
-        self._tick_leaf = {NAVIGATING: self._navigate, SCANNING: self._scan, PUBLISHING: self._advance}
+        self._failed_at_s: dict[str | None, float] = {}  # when the last visit to a tag ended, if it ended without a reading
+        self._substate = ""
+        self._tick_substate = {NAVIGATING: self._navigate, SCANNING: self._scan, PUBLISHING: self._advance}
 
     @property
     def target(self) -> str:
@@ -59,20 +65,26 @@ class Inspecting(Activity):
     def confirming(self) -> bool:
         """Whether the visit waits for the visual confirmation."""
         visit = self._visit
-        return self._leaf == SCANNING and visit.confirm_sent_s is not None and visit.confirmation is None
+        return self._substate == SCANNING and visit.confirm_sent_s is not None and visit.confirmation is None
 
-    def enter(self, leaf: str) -> None:
-        self._leaf = leaf
-        if leaf == NAVIGATING:
-            plan = self._plan
-            self._visit = _Visit(None if plan.is_complete else plan.current)
-        elif leaf == PUBLISHING:
-            self._publish()
+    def enter(self, substate: str) -> None:
+        self._substate = substate
+        if substate == NAVIGATING:
+            self._begin_visit(self._plan)
+        elif substate == PUBLISHING:
+            self._publish(self._visit)
+
+    def _begin_visit(self, plan: VisitPlan) -> None:
+        tag_id = None if plan.is_complete else plan.current
+        self._visit = _Visit(tag_id, plan)
+        if tag_id in self._failed_at_s:
+            self._visit.not_before_s = self._failed_at_s[tag_id] + REVISIT_FAILED_S
 
     def leave(self) -> None:
         self._context.driver.stop()
-        self._leaf = ""
+        self._substate = ""
         self._visit = _Visit(None)
+        self._failed_at_s.clear()
 
     def stop_motion(self) -> None:
         """Stop moving. Completed steps of the visit stay completed; an interrupted drive does not count as an attempt.
@@ -85,7 +97,7 @@ class Inspecting(Activity):
             self._refund_attempt()
 
     def tick(self) -> None:
-        self._tick_leaf[self._leaf]()
+        self._tick_substate[self._substate]()
 
     def skip(self) -> bool:
         """Close the visit to the current tag as skipped; return False if it is already closed."""
@@ -198,7 +210,7 @@ class Inspecting(Activity):
             self._attempt_failed(result.detail)
 
     def _refund_attempt(self) -> None:
-        if self._leaf == NAVIGATING and self._visit.attempts > 0:
+        if self._substate == NAVIGATING and self._visit.attempts > 0:
             self._visit.attempts -= 1
             self._visit.tried.pop()
 
@@ -219,7 +231,7 @@ class Inspecting(Activity):
             return
         if visit.read_sent_s is None:
             visit.read_sent_s = context.now_s
-            context.ports.greenhouse.read(visit.tag_id, lambda reply: self._on_reading(visit, reply))
+            context.ports.climate_bridge.read(visit.tag_id, lambda reply: self._on_reading(visit, reply))
         elif visit.reading is None:
             if context.now_s - visit.read_sent_s >= config.scan_timeout_s:
                 self._close(SCAN_FAILED, "scan_timeout")
@@ -250,22 +262,31 @@ class Inspecting(Activity):
             visit.confirmation = answer
 
     def _on_reading(self, visit: _Visit, reply: ClimateReading) -> None:
-        if visit is self._visit and not visit.closed:
+        """Publish a reading at once, also during a pause and on the way to the dock: what ends the dwell must not lose it."""
+        mission = self._context.mission
+        if visit.closed or mission is None or mission.visits is not visit.plan:
+            return
+        if visit is self._visit:
             visit.reading = reply
+        # The robot was sent to the dock before the reply came: the tag is still the next one, unless it was skipped.
+        interrupted = self._visit.tag_id is None and not self._plan.is_complete and self._plan.current == visit.tag_id
+        if reply.status == 0 and (visit is self._visit or interrupted):
+            visit.reading, visit.status, visit.detail = reply, OK, ""
+            self._publish(visit)
 
     # -- publishing ----------------------------------------------------------------------------------------------------
 
     def _close(self, status: int, detail: str) -> None:
-        self._visit.status, self._visit.detail = status, detail
-        if status == SCAN_FAILED:
-            self._context.last_error = f"scan_failed: {detail}"
-        elif status == UNREACHABLE:
-            self._context.last_error = detail
-        trigger: Trigger = "nav_unreachable" if self._leaf == NAVIGATING else "scan_done"
+        visit = self._visit
+        visit.status, visit.detail = status, detail
+        self._failed_at_s.pop(visit.tag_id, None)
+        if status in (SCAN_FAILED, UNREACHABLE):
+            self._failed_at_s[visit.tag_id] = self._context.now_s
+            self._context.last_error = f"scan_failed: {detail}" if status == SCAN_FAILED else detail
+        trigger: Trigger = "nav_unreachable" if self._substate == NAVIGATING else "scan_done"
         self._context.fire(trigger)
 
-    def _publish(self) -> None:
-        visit = self._visit
+    def _publish(self, visit: _Visit) -> None:
         if visit.tag_id is None or visit.closed:
             return
         visit.closed = True

@@ -27,7 +27,7 @@ class CameraModel:
 
     A tag of `tag_edge_m` is readable if it appears at least `min_tag_px` wide, foreshortening included (36h11 is always
     detected at 20 px). The field of view is narrowed by a margin, so that a tag at the edge counts only when the whole tag
-    was in the picture.
+    was in the image.
     """
 
     x_m: float = 0.147

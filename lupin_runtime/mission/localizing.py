@@ -14,7 +14,7 @@ class Localizing(Activity):
         self._waited_s = 0.0
         self._last_tick_s: float | None = None
 
-    def enter(self, leaf: str) -> None:
+    def enter(self, substate: str) -> None:
         self._waited_s, self._last_tick_s = 0.0, None
 
     def stop_motion(self) -> None:

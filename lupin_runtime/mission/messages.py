@@ -12,8 +12,6 @@ from lupin_runtime.gridmap import GridMap
 from lupin_runtime.mission.records import ClimateReading, MapPose, MissionSnapshot, ObservationRecord
 from lupin_runtime.ros import stamp_from_ns, stamp_ns
 
-# Indices of the variances of x, y and yaw in a row-major 6x6 covariance.
-PLANAR_VARIANCES = (0, 7, 35)
 # A pose whose orientation.w is 0 means "unknown" on this graph. A half turn has w = 0 too, and gets this value instead.
 _SMALLEST_W = 1e-9
 
@@ -71,11 +69,6 @@ def map_pose(message: Pose) -> MapPose:
     """Convert a geometry_msgs/Pose."""
     p, q = message.position, message.orientation
     return MapPose(p.x, p.y, p.z, q.x, q.y, q.z, q.w)
-
-
-def planar_variances(message: Any) -> tuple[float, ...]:
-    """Return the variances of x, y and yaw of a PoseWithCovarianceStamped."""
-    return tuple(float(message.pose.covariance[index]) for index in PLANAR_VARIANCES)
 
 
 def climate_reading(response: Any) -> ClimateReading:

@@ -21,6 +21,7 @@ from lupin_runtime.mission.hsm import MissionHsm
 from lupin_runtime.mission.hsm_spec import DONE, EXPLORING, INSPECTING, MONITORING, PREPARE, RETURNING
 from lupin_runtime.mission.inspecting import Inspecting
 from lupin_runtime.mission.localizing import Localizing
+from lupin_runtime.mission.lost_watch import LostWatch
 from lupin_runtime.mission.missions import SKIPPED, InspectionMission, MonitoringMission
 from lupin_runtime.mission.overrides import Override
 from lupin_runtime.mission.ports import Ports
@@ -59,6 +60,7 @@ class MissionRunner:
         self.exploring = Exploring(self.context)
         self.inspecting = Inspecting(self.context)
         self.docking = Docking(self.context)
+        self.lost_watch = LostWatch(self.context, self.hsm, lambda: self.activity.stop_motion())
         self._idle = Activity()
         self._activities: dict[str, Activity] = {
             PREPARE: Localizing(self.context),
@@ -86,7 +88,7 @@ class MissionRunner:
     def blocked(self) -> bool:
         """Whether the mission must not advance. A low battery does not block RETURNING: the robot returns to charge."""
         low = self.context.battery.low and self.hsm.top_level_state != RETURNING
-        return self.context.paused or self.context.estop_engaged or low
+        return self.context.paused or self.context.estop_engaged or self.lost_watch.lost or low
 
     # -- advancing -----------------------------------------------------------------------------------------------------
 
@@ -132,7 +134,7 @@ class MissionRunner:
             self.context.paused = False
             self.skip_remaining_tags("dock_unreachable")  # left over after a dock request if the dock was not reached
         self.context.ports.publisher.log(f"{source} -> {dest}")
-        self._activity_of(after).enter(self.hsm.leaf)
+        self._activity_of(after).enter(self.hsm.substate)
         self.context.ports.publisher.state_changed()
 
     def _plan_monitoring(self) -> None:

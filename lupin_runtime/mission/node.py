@@ -14,18 +14,19 @@ from rclpy.parameter import Parameter
 
 from lupin_runtime import graph
 from lupin_runtime.layout import Layout, LayoutError, load_layout
+from lupin_runtime.localization import planar_variances
 from lupin_runtime.mission.adapters import (
     ArmClient,
+    ClimateBridgeClient,
     ConfirmTagClient,
-    GreenhouseClient,
     MapSource,
     NavigationClient,
     NodeClock,
 )
 from lupin_runtime.mission.config import MissionConfig
-from lupin_runtime.mission.messages import map_pose, observation_message, planar_variances, snapshot_message
+from lupin_runtime.mission.messages import map_pose, observation_message, snapshot_message
 from lupin_runtime.mission.orchestrator import Orchestrator
-from lupin_runtime.mission.overrides import Override, OverridesError, load_overrides
+from lupin_runtime.mission.overrides import Override, OverridesFile
 from lupin_runtime.mission.ports import Ports
 from lupin_runtime.mission.records import ObservationRecord
 from lupin_runtime.mission.requests import OperatorRequests, Reply
@@ -56,13 +57,13 @@ class MissionOrchestrator(LupinNode):
         self._lock = threading.RLock()
         self._state_is_new = False
         self._map_source = MapSource(self, config)
-        self._navigation = NavigationClient(self, config, self._guarded)
+        self._navigation = NavigationClient(self, config, self._run_locked)
         ports = Ports(
             NodeClock(self),
             self._navigation,
-            GreenhouseClient(self, replace(graph.GET_TAG_READING, name=config.bridge_service_name), self._guarded),
-            ConfirmTagClient(self, replace(graph.CONFIRM_TAG, name=config.visual_confirmation_service), self._guarded),
-            ArmClient(self, replace(graph.ARM_PRESET, name=config.arm_preset_service), self._guarded),
+            ClimateBridgeClient(self, replace(graph.GET_TAG_READING, name=config.bridge_service_name), self._run_locked),
+            ConfirmTagClient(self, replace(graph.CONFIRM_TAG, name=config.visual_confirmation_service), self._run_locked),
+            ArmClient(self, replace(graph.ARM_PRESET, name=config.arm_preset_service), self._run_locked),
             self._map_source,
             self,
         )
@@ -72,7 +73,7 @@ class MissionOrchestrator(LupinNode):
         self._navigation.listener = self.orchestrator
         self._subscribe()
         self._serve()
-        self.create_timer(1.0 / WATCHDOG_HZ, lambda: self._guarded(self.orchestrator.tick))
+        self.create_timer(1.0 / WATCHDOG_HZ, lambda: self._run_locked(self.orchestrator.tick))
         self.create_timer(1.0 / max(MIN_STATE_RATE_HZ, config.state_publish_rate_hz), self._publish_state)
         self._publish_state()
 
@@ -104,11 +105,9 @@ class MissionOrchestrator(LupinNode):
         path = self._config.approach_overrides_file
         if not path:
             return {}
-        try:
-            return load_overrides(Path(path))
-        except OverridesError as error:
-            self.get_logger().error(f"{error}; continuing without overrides")
-            return {}
+        return OverridesFile(
+            Path(path), lambda problem: self.get_logger().error(f"{problem}; continuing without changes of it")
+        )
 
     # -- topics and services -------------------------------------------------------------------------------------------
 
@@ -116,11 +115,11 @@ class MissionOrchestrator(LupinNode):
         config, core = self._config, self.orchestrator
 
         def subscribe(row: graph.Topic, name: str, handle: Callable[[Any], None]) -> None:
-            self.subscription(replace(row, name=name), lambda message: self._guarded(lambda: handle(message)))
+            self.subscription(replace(row, name=name), lambda message: self._run_locked(lambda: handle(message)))
 
         subscribe_estop(
             self,
-            lambda engaged: self._guarded(lambda: core.on_estop(engaged)),
+            lambda engaged: self._run_locked(lambda: core.on_estop(engaged)),
             replace(graph.ESTOP_STATE, name=config.estop_topic),
         )
         subscribe(graph.BATTERY, config.battery_topic, lambda m: core.on_battery(float(m.percentage)))
@@ -153,7 +152,7 @@ class MissionOrchestrator(LupinNode):
                 reply.message,
             )
 
-        self._guarded(start)
+        self._run_locked(start)
         return response
 
     def _on_request(self, name: str, method: Callable[[OperatorRequests], Reply], _request: Any, response: Any) -> Any:
@@ -162,7 +161,7 @@ class MissionOrchestrator(LupinNode):
             self._log_reply(name, reply)
             response.success, response.message = reply.success, reply.message
 
-        self._guarded(handle)
+        self._run_locked(handle)
         return response
 
     def _log_reply(self, request: str, reply: Reply) -> None:
@@ -172,7 +171,7 @@ class MissionOrchestrator(LupinNode):
         else:
             self.get_logger().warning(f"{text} (refused)")
 
-    def _guarded(self, callback: Callable[[], None]) -> None:
+    def _run_locked(self, callback: Callable[[], None]) -> None:
         """Run a callback under the lock, and publish the state if the callback changed it."""
         with self._lock:
             callback()

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from lupin_runtime.layout import Layout
+from lupin_runtime.localization import says_lost
 from lupin_runtime.mission.config import MissionConfig
 from lupin_runtime.mission.hsm import MissionHsm
 from lupin_runtime.mission.hsm_spec import BOOT, EXPLORING, FAULT, RESUMABLE, RETURNING
@@ -51,9 +52,10 @@ class Orchestrator:
     def tick(self) -> None:
         """Check dependencies and timeouts, and advance the mission."""
         self.mission_runner.goal_runner.tick()
+        self.mission_runner.lost_watch.tick()
         if self.hsm.top_level_state == BOOT:
             self.mission_runner.dependencies.tick()
-        if self.hsm.top_level_state == EXPLORING:
+        if self.hsm.top_level_state == EXPLORING and not self._context.world_model.lost:
             self.mission_runner.exploring.record_camera_pose()
         if not self.mission_runner.blocked:
             self._context.driver.tick()
@@ -73,7 +75,7 @@ class Orchestrator:
         if engaged:
             self._stop_for_estop()
         else:
-            self._context.estop_released_s = self._context.ports.clock.real_s()
+            self._context.estop_released_s = self._context.ports.clock.monotonic_s()
         self._context.ports.publisher.state_changed()
 
     def _stop_for_estop(self) -> None:
@@ -100,9 +102,10 @@ class Orchestrator:
     def on_pose(self, pose: MapPose, variances: Sequence[float]) -> None:
         """Handle a localized pose with the variances of x, y and yaw.
 
-        The largest variance is stored. It is unknown if any is not finite, if all are negative, or if none is given. The next
-        tick uses the pose, so this is not a `mission_input`.
+        The largest variance is stored. It is unknown if any is not finite, if all are negative, or if none is given. The
+        variances of a lost robot say so. The next tick uses the pose, so this is not a `mission_input`.
         """
+        self._context.world_model.lost = says_lost(variances)
         if not all(map(math.isfinite, (pose.x, pose.y))):
             return
         world_model = self._context.world_model

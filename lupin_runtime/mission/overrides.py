@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import yaml
 
+from lupin_runtime.atomic_file import write_atomically
+from lupin_runtime.bounded_file import read_bounded_text
+from lupin_runtime.yaml_text import compose_yaml
+
+OVERRIDES_NAME = "overrides.yaml"  # of a run, in its directory
 _KEYS = ("goal_x", "goal_y", "yaw", "standoff")
 
 
@@ -32,7 +38,7 @@ def load_overrides(path: Path) -> dict[str, Override]:
     for a missing file, for text that is not YAML and for values of the wrong type.
     """
     try:
-        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+        root = compose_yaml(read_bounded_text(path))
     except (OSError, UnicodeDecodeError) as error:
         raise OverridesError(f"{path}: cannot read the approach overrides: {error}") from error
     except yaml.YAMLError as error:
@@ -55,6 +61,57 @@ def load_overrides(path: Path) -> dict[str, Override]:
         }
         result[tag_id] = Override(**values)
     return result
+
+
+def save_overrides(path: Path, overrides: Mapping[str, Override]) -> None:
+    """Write an approach override file. Raises OSError."""
+    entries = {
+        tag_id: {key: value for key, value in asdict(one).items() if value is not None} for tag_id, one in overrides.items()
+    }
+    write_atomically(path, yaml.safe_dump({"overrides": entries}, sort_keys=True))
+
+
+class OverridesFile(Mapping[str, Override]):
+    """The overrides in a file that may change while missions run: each look-up finds what the file says then.
+
+    `report` is called once with each problem of the file. While it cannot be read, its last content counts.
+    """
+
+    def __init__(self, path: Path, report: Callable[[str], None]) -> None:
+        self._path, self._report = path, report
+        self._version: tuple[int, int, int] | None = None
+        self._overrides: dict[str, Override] = {}
+        self._problem = ""
+        self._refresh()
+
+    def __getitem__(self, tag_id: str) -> Override:
+        self._refresh()
+        return self._overrides[tag_id]
+
+    def __iter__(self) -> Iterator[str]:
+        self._refresh()
+        return iter(self._overrides)
+
+    def __len__(self) -> int:
+        self._refresh()
+        return len(self._overrides)
+
+    def _refresh(self) -> None:
+        try:
+            found = self._path.stat()
+            version = (found.st_mtime_ns, found.st_ino, found.st_size)
+        except OSError:
+            version = None
+        if version is not None and version == self._version:
+            return
+        self._version = version
+        try:
+            self._overrides = load_overrides(self._path)
+            self._problem = ""
+        except OverridesError as error:
+            if str(error) != self._problem:
+                self._report(str(error))
+            self._problem = str(error)
 
 
 def _entries(path: Path, name: str, node: yaml.Node) -> list[tuple[str, yaml.Node]]:

@@ -20,8 +20,8 @@ class Clock(Protocol):
     def now_s(self) -> float:
         """Return seconds for timeouts, which never jump back while a mission runs."""
 
-    def real_s(self) -> float:
-        """Return seconds of real time, which the e-stop and operators follow also in a simulation; never decreases."""
+    def monotonic_s(self) -> float:
+        """Return seconds of the monotonic clock, which the e-stop and operators follow also in a simulation."""
 
     def stamp_ns(self) -> int:
         """Return ROS time for message stamps, in nanoseconds."""
@@ -37,20 +37,20 @@ class Navigation(Protocol):
         """Send a goal in the map frame; `token` identifies it in all later calls."""
 
     def cancel(self, token: int) -> None:
-        """Request cancellation of an accepted goal. Has no effect when repeated, or on a goal that has ended."""
+        """Request cancellation of a goal, accepted or not. Has no effect when repeated, or on a goal that has ended."""
 
     def cancel_all(self) -> None:
         """Request cancellation of every goal of the server, including other clients' goals."""
 
 
-class Greenhouse(Protocol):
+class ClimateBridge(Protocol):
     """The climate bridge."""
 
     def is_ready(self) -> bool:
         """Return whether the service is available."""
 
-    def read(self, tag_id: str, done: Callable[[ClimateReading], None]) -> None:
-        """Request a tag's readings; `done` is called later, or never."""
+    def read(self, tag_id: str, on_reading: Callable[[ClimateReading], None]) -> None:
+        """Request the climate at a tag; `on_reading` is called later, or never."""
 
 
 class TagConfirmer(Protocol):
@@ -59,8 +59,8 @@ class TagConfirmer(Protocol):
     def is_ready(self) -> bool:
         """Return whether the service is available."""
 
-    def confirm(self, tag_id: str, done: Callable[[Confirmation], None]) -> None:
-        """Request confirmation of a tag; `done` is called later, or never."""
+    def confirm(self, tag_id: str, on_confirmation: Callable[[Confirmation], None]) -> None:
+        """Request confirmation of a tag; `on_confirmation` is called later, or never."""
 
 
 class Arm(Protocol):
@@ -99,7 +99,7 @@ class Ports:
 
     clock: Clock
     navigation: Navigation
-    greenhouse: Greenhouse
+    climate_bridge: ClimateBridge
     confirmer: TagConfirmer
     arm: Arm
     map_source: MapSource

@@ -8,8 +8,8 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from lupin_runtime import graph
+from lupin_runtime.localization import PLANAR_VARIANCES
 from lupin_runtime.mission.adapters import STALE_TRANSFORM_S
-from lupin_runtime.mission.messages import PLANAR_VARIANCES
 from lupin_runtime.mission.robot_pose import PolledTransform
 from lupin_runtime.ros import LupinNode, stamp_from_ns
 

@@ -94,10 +94,12 @@ class MissionSnapshot:
 class WorldModel:
     """What the mission knows about the world: the newest data of each topic that it subscribes to.
 
-    `largest_variance` is the largest of the pose's variances (m², rad²); None while it is unknown.
+    `largest_variance` is the largest of the pose's variances (m², rad²); None while it is unknown. `lost`: the localization
+    has lost the robot.
     """
 
     discovered: dict[str, MapPose] = field(default_factory=dict)
     has_pose: bool = False
     pose: MapPose | None = None
     largest_variance: float | None = None
+    lost: bool = False

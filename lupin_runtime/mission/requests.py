@@ -107,7 +107,7 @@ class OperatorRequests:
         if context.estop_engaged:
             return f"the e-stop is engaged: release it, then {request} again"
         released_s = context.estop_released_s
-        if released_s is not None and context.ports.clock.real_s() - released_s < SETTLE_S:
+        if released_s is not None and context.ports.clock.monotonic_s() - released_s < SETTLE_S:
             return f"the e-stop was released less than {SETTLE_S:g} s ago: {request} again"
         return ""
 

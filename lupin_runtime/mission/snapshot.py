@@ -28,7 +28,7 @@ def take_snapshot(context: Context, hsm: MissionHsm, inspecting: Inspecting) -> 
         mission_id=mission.mission_id if mission is not None else "",
         mission_type=mission.kind if mission is not None else "",
         lifecycle_state=hsm.top_level_state,
-        mission_phase="CONFIRMING" if visiting and inspecting.confirming else hsm.leaf,
+        mission_phase="CONFIRMING" if visiting and inspecting.confirming else hsm.substate,
         current_target=inspecting.target if visiting else "",
         targets_total=_uint16(counters.total),
         targets_completed=_uint16(counters.completed),

@@ -26,7 +26,7 @@ def test_resume_after_dock_request_continues_interrupted_state(make_rig: type[Ri
     assert rig.state == "RETURNING"
     assert rig.snapshot.paused
     assert rig.requests.resume().success
-    rig.greenhouse.replies = True
+    rig.climate_bridge.replies = True
     rig.step(2.0)
     assert rig.snapshot.lifecycle_state == state.split(".")[0]
     assert len(rig.navigation.driving) == 1
@@ -55,7 +55,7 @@ def test_low_battery_docks_and_resumes_interrupted_state(make_rig: type[Rig], st
     rig.step(5.0)
     assert rig.state == "RETURNING"
     assert rig.requests.resume().success
-    rig.greenhouse.replies = True
+    rig.climate_bridge.replies = True
     rig.step(2.0)
     assert rig.snapshot.lifecycle_state == state.split(".")[0]
 
@@ -65,7 +65,7 @@ def test_tag_published_before_docking_is_not_published_again(make_rig: type[Rig]
     rig.bring_to("INSPECTING.PUBLISHING")
     rig.requests.dock()
     rig.requests.resume()
-    rig.greenhouse.replies = True
+    rig.climate_bridge.replies = True
     rig.arrive()
     rig.requests.resume()
     assert rig.snapshot.current_target == "2"
@@ -76,7 +76,7 @@ def test_tag_published_before_docking_is_not_published_again(make_rig: type[Rig]
 def test_resume_after_docking_at_last_tag_ends_inspection(make_rig: type[Rig]) -> None:
     rig = make_rig()
     rig.inspect("1")
-    rig.greenhouse.replies = False
+    rig.climate_bridge.replies = False
     rig.arrive()
     rig.pause_in_publishing()
     rig.requests.dock()

@@ -7,9 +7,15 @@ import math
 import pytest
 
 from lupin_runtime.geometry import Pose2
-from lupin_runtime.mission.missions import OK
+from lupin_runtime.mission.inspecting import REVISIT_FAILED_S
+from lupin_runtime.mission.missions import OK, UNREACHABLE
 from lupin_runtime.mission.records import MapPose
 from tests.support.mission_rig import Rig, known_map
+
+
+def visits_of(rig: Rig) -> list[tuple[str, int]]:
+    """Return tag and status of every visit of the monitoring rounds."""
+    return [(record.tag_id, record.status) for record in rig.publisher.records if record.source == "MonitoringMission"]
 
 
 def test_frontier_goal_faces_driving_direction(make_rig: type[Rig]) -> None:
@@ -40,8 +46,29 @@ def test_monitoring_continues_forever_by_default(make_rig: type[Rig]) -> None:
     for _ in range(20):
         rig.arrive()
     assert rig.state == "MONITORING.NAVIGATING"
-    monitored = [r for r in rig.publisher.records if r.source == "MonitoringMission"]
-    assert [r.tag_id for r in monitored] == ["1", "2"] * 10
+    assert visits_of(rig) == [("1", OK), ("2", OK)] * 10
+
+
+def test_tag_without_a_reading_is_revisited_after_a_pause(make_rig: type[Rig]) -> None:
+    rig = make_rig(nav_max_attempts=1)
+    rig.monitor("1")
+    for visits in range(1, 4):
+        rig.end_drive(6)  # no path leads to the only tag, and navigation says so at once
+        assert visits_of(rig) == [("1", UNREACHABLE)] * visits
+        sent = len(rig.navigation.goals)
+        rig.step(REVISIT_FAILED_S - 1.0)
+        assert (rig.state, len(rig.navigation.goals)) == ("MONITORING.NAVIGATING", sent)
+        rig.step(1.2)
+        assert len(rig.navigation.goals) == sent + 1
+
+
+def test_other_tags_are_visited_while_one_is_unreachable(make_rig: type[Rig]) -> None:
+    rig = make_rig(nav_max_attempts=1)
+    rig.monitor("1", "2")
+    rig.end_drive(6)
+    assert rig.snapshot.current_target == "2"
+    rig.arrive()
+    assert visits_of(rig) == [("1", UNREACHABLE), ("2", OK)]
 
 
 def test_monitoring_returns_after_its_rounds(make_rig: type[Rig]) -> None:
@@ -177,7 +204,7 @@ def test_discovered_tags_are_read_once_while_exploring(make_rig: type[Rig]) -> N
     rig.discover("1")
     rig.discover("1")
     rig.discover("1", "2")
-    assert rig.greenhouse.requested == ["1", "2"]
+    assert rig.climate_bridge.requested == ["1", "2"]
     assert [(r.tag_id, r.status, r.source, r.detail) for r in rig.publisher.records] == [
         ("1", OK, "ExplorationMission", ""),
         ("2", OK, "ExplorationMission", ""),
@@ -190,14 +217,14 @@ def test_first_readings_can_be_disabled_and_fail_silently(make_rig: type[Rig]) -
     rig = make_rig(seed_climate_on_discovery=False)
     rig.explore(5)
     rig.discover("1")
-    assert rig.greenhouse.requested == []
+    assert rig.climate_bridge.requested == []
     rig = make_rig()
-    rig.greenhouse.replies = False
-    rig.greenhouse.status = 1
+    rig.climate_bridge.replies = False
+    rig.climate_bridge.status = 1
     rig.explore(5)
     rig.discover("1")
     rig.step(30.0)
-    rig.greenhouse.reply()
+    rig.climate_bridge.reply()
     assert rig.publisher.records == []
 
 

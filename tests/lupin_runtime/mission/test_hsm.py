@@ -114,6 +114,17 @@ def test_trigger_fired_in_transition_is_queued() -> None:
     assert seen == [("BOOT", "READY"), ("READY", "PREPARE.LOCALIZING")]
 
 
+def test_declared_trigger_changes_nothing_if_guards_reject() -> None:
+    guards = {name: (lambda: True) for name in ("is_exploration", "is_inspection")}
+    guards |= {name: (lambda: False) for name in ("has_discovered_tags", "has_no_tags")}
+    hsm = MissionHsm(guards)
+    hsm.fire("deps_up")
+    hsm.fire("start_mission")
+    hsm.fire("localized")
+    assert hsm.fire("no_frontiers")
+    assert (hsm.state, hsm.ignored) == ("EXPLORING", [])
+
+
 def test_specification_imports_neither_ros_nor_transitions() -> None:
     code = (
         "import sys; from lupin_runtime.mission.hsm_spec import build_hsm_spec; build_hsm_spec();"

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from lupin_runtime.mission.missions import OK, SCAN_FAILED, UNREACHABLE
+from lupin_runtime.mission.missions import OK, SCAN_FAILED, SKIPPED, UNREACHABLE
 from lupin_runtime.mission.records import MapPose
 from tests.support.mission_rig import Rig
 
@@ -80,8 +80,11 @@ def test_goal_timeout_counts_from_sending(make_rig: type[Rig], accepted: bool) -
     rig.step(1.0)
     assert rig.statuses() == [("1", UNREACHABLE, "nav_timeout")]
     if not accepted:
-        rig.navigation.accept(rig.navigation.goals[0])
-        assert rig.navigation.goals[0].cancel_requests == 1
+        goal = rig.navigation.goals[0]
+        before = goal.cancel_requests
+        assert before >= 1
+        rig.navigation.accept(goal)
+        assert goal.cancel_requests == before + 1
 
 
 @pytest.mark.parametrize(("variance", "detail"), [(0.5, "amcl_drift_var=0.5000"), (math.nan, "amcl_drift_var=unknown")])
@@ -144,7 +147,7 @@ def test_missing_navigation_uses_up_attempts(make_rig: type[Rig]) -> None:
 @pytest.mark.parametrize(("status", "error", "detail"), [(1, "no tag 1", "no tag 1"), (7, "", "bridge_status_7")])
 def test_bridge_error_fails_the_scan(make_rig: type[Rig], status: int, error: str, detail: str) -> None:
     rig = make_rig(flower_scan_dwell_s=5.0)
-    rig.greenhouse.status, rig.greenhouse.error = status, error
+    rig.climate_bridge.status, rig.climate_bridge.error = status, error
     rig.inspect("1")
     rig.arrive()
     rig.step()
@@ -155,12 +158,12 @@ def test_bridge_error_fails_the_scan(make_rig: type[Rig], status: int, error: st
 
 def test_silent_bridge_times_out_and_late_answer_is_ignored(make_rig: type[Rig]) -> None:
     rig = make_rig(scan_timeout_s=2.0)
-    rig.greenhouse.replies = False
+    rig.climate_bridge.replies = False
     rig.inspect("1", "2")
     rig.arrive()
     rig.step(2.5)
     assert rig.statuses() == [("1", SCAN_FAILED, "scan_timeout")]
-    rig.greenhouse.reply()
+    rig.climate_bridge.reply()
     rig.step()
     assert len(rig.publisher.records) == 1
     assert rig.state == "INSPECTING.NAVIGATING"
@@ -168,11 +171,11 @@ def test_silent_bridge_times_out_and_late_answer_is_ignored(make_rig: type[Rig])
 
 def test_dwell_counts_from_bridge_request(make_rig: type[Rig]) -> None:
     rig = make_rig(flower_scan_dwell_s=4.0)
-    rig.greenhouse.replies = False
+    rig.climate_bridge.replies = False
     rig.inspect("1")
     rig.arrive()
     rig.step(3.0)
-    rig.greenhouse.reply()
+    rig.climate_bridge.reply()
     rig.step(0.5)
     assert rig.state == "INSPECTING.SCANNING"
     rig.step(1.0)
@@ -189,7 +192,96 @@ def test_pause_during_dwell_keeps_the_reading(make_rig: type[Rig]) -> None:
     assert rig.state == "INSPECTING.SCANNING"
     rig.requests.resume()
     assert rig.statuses() == [("1", OK, "")]
-    assert rig.greenhouse.requested == ["1"]
+    assert rig.climate_bridge.requested == ["1"]
+
+
+def test_reading_is_published_when_it_is_taken(make_rig: type[Rig]) -> None:
+    rig = make_rig(flower_scan_dwell_s=4.0)
+    rig.inspect("1", "2")
+    rig.arrive()
+    assert (rig.state, rig.snapshot.current_target) == ("INSPECTING.SCANNING", "1")
+    assert rig.statuses() == [("1", OK, "")] and rig.last.reading is not None
+    assert rig.snapshot.targets_completed == 1
+    rig.step(4.5)
+    assert (rig.state, rig.snapshot.current_target) == ("INSPECTING.NAVIGATING", "2")
+    assert rig.statuses() == [("1", OK, "")]
+
+
+def test_reply_during_a_pause_is_published_at_once(make_rig: type[Rig]) -> None:
+    rig = make_rig(flower_scan_dwell_s=4.0)
+    rig.climate_bridge.replies = False
+    rig.inspect("1")
+    rig.arrive()
+    rig.requests.pause()
+    rig.climate_bridge.reply()
+    assert rig.statuses() == [("1", OK, "")] and rig.state == "INSPECTING.SCANNING"
+
+
+def test_abort_during_the_dwell_keeps_the_reading(make_rig: type[Rig]) -> None:
+    rig = make_rig(flower_scan_dwell_s=4.0)
+    rig.inspect("1", "2")
+    rig.arrive()
+    rig.requests.abort()
+    assert rig.statuses() == [("1", OK, ""), ("2", SKIPPED, "mission_aborted")]
+    assert (rig.snapshot.targets_completed, rig.snapshot.targets_skipped) == (1, 1)
+
+
+@pytest.mark.parametrize("replied", ["before", "after"])
+def test_battery_return_during_the_dwell_keeps_the_reading(make_rig: type[Rig], replied: str) -> None:
+    """Before the return, or on the way to the dock; the tag is not read again after the resume."""
+    rig = make_rig(flower_scan_dwell_s=4.0)
+    rig.climate_bridge.replies = replied == "before"
+    rig.inspect("1", "2")
+    rig.arrive()
+    rig.orchestrator.on_battery(0.1)
+    assert rig.state == "RETURNING"
+    rig.climate_bridge.reply()
+    assert rig.statuses() == [("1", OK, "")]
+    rig.arrive()
+    rig.orchestrator.on_battery(0.9)
+    rig.requests.resume()
+    assert (rig.state, rig.snapshot.current_target) == ("INSPECTING.NAVIGATING", "2")
+    assert rig.climate_bridge.requested == ["1"]
+
+
+def test_resume_after_the_last_reading_has_nothing_left_to_visit(make_rig: type[Rig]) -> None:
+    rig = make_rig(flower_scan_dwell_s=4.0)
+    rig.inspect("1")
+    rig.arrive()
+    rig.orchestrator.on_battery(0.1)
+    rig.arrive()
+    rig.orchestrator.on_battery(0.9)
+    rig.requests.resume()
+    rig.step()
+    assert rig.state == "RETURNING"
+    assert rig.statuses() == [("1", OK, "")]
+
+
+def test_reply_after_an_abort_is_ignored(make_rig: type[Rig]) -> None:
+    rig = make_rig(flower_scan_dwell_s=4.0)
+    rig.climate_bridge.replies = False
+    rig.inspect("1")
+    rig.arrive()
+    rig.requests.abort()
+    rig.climate_bridge.reply()
+    assert rig.statuses() == [("1", SKIPPED, "mission_aborted")]
+
+
+def test_late_reply_does_not_count_for_the_next_visit(make_rig: type[Rig]) -> None:
+    """The robot was at the dock meanwhile and is on its way to the tag again."""
+    rig = make_rig()
+    rig.climate_bridge.replies = False
+    rig.inspect("1")
+    rig.arrive()
+    rig.orchestrator.on_battery(0.1)
+    rig.arrive()
+    rig.orchestrator.on_battery(0.9)
+    rig.requests.resume()
+    rig.climate_bridge.reply()
+    assert rig.statuses() == [] and rig.state == "INSPECTING.NAVIGATING"
+    rig.climate_bridge.replies = True
+    rig.arrive()
+    assert rig.statuses() == [("1", OK, "")]
 
 
 def test_confirmation_precedes_bridge_request(make_rig: type[Rig]) -> None:
@@ -198,10 +290,10 @@ def test_confirmation_precedes_bridge_request(make_rig: type[Rig]) -> None:
     rig.inspect("1")
     rig.arrive()
     assert (rig.state, rig.snapshot.mission_phase) == ("INSPECTING.SCANNING", "CONFIRMING")
-    assert rig.greenhouse.requested == []
+    assert rig.climate_bridge.requested == []
     rig.confirmer.reply()
     rig.step(0.2)
-    assert rig.greenhouse.requested == ["1"]
+    assert rig.climate_bridge.requested == ["1"]
     assert rig.statuses() == [("1", OK, "")]
 
 

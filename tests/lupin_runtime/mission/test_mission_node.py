@@ -13,6 +13,7 @@ import pytest
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2, quaternion_from_yaw
 from lupin_runtime.transforms import Transform
+from tests.support.lost_answers import lose_goal_answers
 
 pytestmark = pytest.mark.graph
 
@@ -70,7 +71,7 @@ class FakeGraph:
         from rclpy.action import ActionServer, CancelResponse
 
         from lupin_runtime.ros import LupinNode
-        from lupin_runtime.ros.node import interface
+        from lupin_runtime.ros.interfaces import interface
 
         self.navigation = LupinNode("navigation")
         self.server = ActionServer(
@@ -98,7 +99,7 @@ class FakeGraph:
     async def _execute(self, handle: Any) -> Any:
         from rclpy.task import Future
 
-        from lupin_runtime.ros.node import interface
+        from lupin_runtime.ros.interfaces import interface
 
         target = handle.request.pose.pose
         pose = Pose2(target.position.x, target.position.y, 2.0 * math.atan2(target.orientation.z, target.orientation.w))
@@ -186,7 +187,7 @@ class FakeGraph:
         self.tags.publish(message)
 
     def call(self, row: graph.Service, request: Any = None) -> Any:
-        from lupin_runtime.ros.node import interface
+        from lupin_runtime.ros.interfaces import interface
 
         client = self.clients[row.name]
         self.host.until(client.service_is_ready, what=row.name)
@@ -261,10 +262,10 @@ def test_e_stop_cancels_goal_until_resume(graph_host: Any) -> None:
     fake.host.until(lambda: fake.results == ["canceled"], what="the goal's end")
     fake.estop = False
     fake.until(lambda s: not s.estop_engaged, "the release")
-    fake.host.until(lambda: len(fake.states) and fake.states[-1].paused, what="still paused")
+    fake.host.until(lambda: len(fake.states) and fake.states[-1].paused, what="the mission to be paused")
     sent = len(fake.goals)
     seen = len(fake.states)
-    fake.host.until(lambda: len(fake.states) > seen + 4, what="a second of nothing")
+    fake.host.until(lambda: len(fake.states) > seen + 4, what="four more states")
     assert len(fake.goals) == sent
     fake.hold = False
     assert fake.call(graph.MISSION_RESUME).success
@@ -279,7 +280,7 @@ def test_goal_aborted_by_the_estop_pauses_until_resume(graph_host: Any) -> None:
     fake.host.until(lambda: fake.start("InspectionMission", ("1",)).accepted, what="a start with a known tag")
     fake.until(lambda s: s.paused and s.last_event == "e-stop engaged", "the pause")
     seen = len(fake.states)
-    fake.host.until(lambda: len(fake.states) > seen + 4, what="a second of nothing")
+    fake.host.until(lambda: len(fake.states) > seen + 4, what="four more states")
     assert len(fake.goals) == 1
     fake.abort_reason = ""
     assert fake.call(graph.MISSION_RESUME).success
@@ -315,6 +316,17 @@ def test_late_accepted_goal_is_cancelled(graph_host: Any) -> None:
     assert fake.observations[0].tag_pose_in_map.orientation.w == 0.0
     assert fake.observations[0].tag_reading.tag_id == "1"
     fake.host.until(lambda: not fake.active, what="no goal left")
+
+
+def test_pause_stops_a_drive_whose_acceptance_was_lost(graph_host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    fake = FakeGraph(graph_host)
+    fake.hold = True
+    fake.show_tags("1")
+    lose_goal_answers(monkeypatch, fake.orchestrator._navigation._client)
+    fake.host.until(lambda: fake.start("InspectionMission", ("1",)).accepted, what="a start with a known tag")
+    fake.host.until(lambda: fake.active, what="a goal")
+    assert fake.call(graph.MISSION_PAUSE).success
+    fake.host.until(lambda: fake.results == ["canceled"], what="the goal's end")
 
 
 def test_killed_navigation_gets_goal_again_after_restart(graph_host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -409,4 +421,4 @@ def test_pose_seed_variance_grows_without_transforms(graph_host: Any) -> None:
     coming = False
     graph_host.until(lambda: poses[-1].pose.covariance[0] > 0.25, what="a variance that no mission accepts")
     coming = True
-    graph_host.until(lambda: poses[-1].pose.covariance[0] == 0.01, what="trust again")
+    graph_host.until(lambda: poses[-1].pose.covariance[0] == 0.01, what="the pose to be trusted again")

@@ -18,7 +18,7 @@ LEAVES = [leaf for leaf in build_hsm_spec().leaves() if leaf != "BOOT"]
 def bring_to(rig: Rig, leaf_state: str) -> None:
     """Bring the mission from READY to a leaf state, where the random inputs start."""
     lifecycle, _, leaf = leaf_state.partition(".")
-    rig.greenhouse.replies = rig.confirmer.replies = False
+    rig.climate_bridge.replies = rig.confirmer.replies = False
     if lifecycle == "READY":
         return
     if lifecycle in ("PREPARE", "FAULT"):
@@ -103,9 +103,9 @@ def test_any_order_of_inputs_keeps_invariants(make_rig: type[Rig], leaf_state: s
             """Without this rule, random failures of the servers let few missions proceed."""
             rig = self.rig
             rig.navigation.ready = rig.navigation.answers_goals = rig.navigation.answers_cancels = True
-            rig.greenhouse.replies, rig.greenhouse.status = True, 0
+            rig.climate_bridge.replies, rig.climate_bridge.status = True, 0
             rig.confirmer.replies = rig.confirmer.detected = True
-            rig.greenhouse.reply()
+            rig.climate_bridge.reply()
             rig.confirmer.reply()
             rig.localize()
             for goal in rig.navigation.open:
@@ -130,12 +130,12 @@ def test_any_order_of_inputs_keeps_invariants(make_rig: type[Rig], leaf_state: s
         @rule(answers=st.booleans(), status=st.sampled_from([0, 0, 1]), detected=st.booleans())
         def service_behavior(self, answers: bool, status: int, detected: bool) -> None:
             rig = self.rig
-            rig.greenhouse.replies, rig.greenhouse.status = answers, status
+            rig.climate_bridge.replies, rig.climate_bridge.status = answers, status
             rig.confirmer.replies, rig.confirmer.detected = answers, detected
 
         @rule()
         def late_answers(self) -> None:
-            self.rig.greenhouse.reply()
+            self.rig.climate_bridge.reply()
             self.rig.confirmer.reply()
 
         @rule(data=st.data(), status=st.sampled_from([4, 4, 4, 5, 6]))

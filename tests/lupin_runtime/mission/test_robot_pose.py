@@ -84,7 +84,7 @@ def test_nan_transforms_and_frame_loops_give_no_pose(frames: TransformRig) -> No
     assert "base_link" not in frames.robot._edges
     frames.send("a", "base_link", Transform())
     frames.send("base_link", "a", Transform())
-    frames.host.until(lambda: frames.robot.lookup() is None and "a" in frames.robot._edges, what="the loop")
+    frames.host.until(lambda: frames.robot.lookup() is None and "a" in frames.robot._edges, what="both transforms")
 
 
 def test_frames_of_works_in_both_byte_orders() -> None:

@@ -32,7 +32,7 @@ def test_boot_waits_for_confirmation_service_only_if_required(make_rig: type[Rig
 
 def test_missing_dependencies_cause_fault_until_reset(make_rig: type[Rig]) -> None:
     rig = make_rig(ready=False, dependency_timeout_s=3.0)
-    rig.greenhouse.ready = False
+    rig.climate_bridge.ready = False
     rig.step(3.5)
     assert rig.state == "FAULT"
     assert rig.snapshot.last_event == "dependencies not ready"
@@ -82,7 +82,7 @@ def test_discovery_goal_of_zero_uses_the_parameter(make_rig: type[Rig]) -> None:
 
 def test_start_in_boot_names_missing_servers(make_rig: type[Rig]) -> None:
     rig = make_rig(ready=False)
-    rig.greenhouse.ready = False
+    rig.climate_bridge.ready = False
     assert "/greenhouse_bridge/get_tag_reading" in rig.requests.start().message
 
 

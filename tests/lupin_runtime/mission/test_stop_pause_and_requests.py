@@ -32,7 +32,7 @@ def test_e_stop_holds_until_release_and_resume(make_rig: type[Rig], state: str) 
     assert rig.snapshot.paused and not rig.snapshot.estop_engaged
     assert len(rig.navigation.goals) == sent
     assert rig.requests.resume().success
-    rig.greenhouse.replies = True
+    rig.climate_bridge.replies = True
     rig.step(7.0)
     assert len(rig.navigation.goals) > sent
 
