@@ -16,10 +16,12 @@ from std_msgs.msg import String
 
 from lupin_runtime import graph
 from lupin_runtime.geometry import quaternion_from_yaw
+from lupin_runtime.localization import planar_variances, says_lost
 from lupin_runtime.perception.box_geometry import Box, BoxSize, MalformedBoxes, box_from_tag, read_boxes
 from lupin_runtime.perception.color_blobs import CLASS_NAMES
 from lupin_runtime.perception.flowers import Accumulator, FlowerOptions, PotObservation
 from lupin_runtime.perception.map_jumps import MapMotion
+from lupin_runtime.perception.markers import ChangedMarkers, box_markers, tag_markers
 from lupin_runtime.perception.messages import MalformedDetections, SeenTag, read_flower_detections, read_tags
 from lupin_runtime.perception.passive_observer import PassiveObserver
 from lupin_runtime.perception.pose_messages import transform_pose_message
@@ -78,6 +80,7 @@ class PerceptionAggregator(LupinNode):
         self._registry = TagRegistry(self._min_sightings)
         self._motion = MapMotion()
         self._map_from_odom: Transform | None = None
+        self._lost = False
         self._newest_ns = 0
         self._accumulator = Accumulator(self._options)
         self._last_flowers: dict[str, PotObservation] = {}
@@ -91,10 +94,13 @@ class PerceptionAggregator(LupinNode):
         row = graph.Topic
         self._discovered = self.publisher(row(self._topics["discovered_tags"], graph.DISCOVERED_TAGS.type, graph.LATCHED1))
         self._observations = self.publisher(row(self._topics["observations"], graph.OBSERVATIONS.type, graph.LATCHED50))
+        self._tag_markers = ChangedMarkers(self.publisher(graph.TAG_MARKERS).publish, self._map_frame)
+        self._box_markers = ChangedMarkers(self.publisher(graph.BOX_MARKERS).publish, self._map_frame)
         detections = graph.TAG_DETECTIONS
         self.subscription(row(self._topics["tag_detections"], detections.type, detections.qos), self._on_tags)
         self.subscription(row(self._topics["yolo_detections"], detections.type, detections.qos), self._on_flower_detections)
         self.subscription(row(self._topics["mission_state"], graph.MISSION_STATE.type, graph.LATCHED1), self._on_mission)
+        self.subscription(row(self._topics["amcl_pose"], graph.AMCL_POSE.type, graph.AMCL_POSE.qos), self._on_pose)
         self.subscription(row(self._topics["box_geometry"], graph.BOX_GEOMETRY.type, graph.LATCHED1), self._on_boxes)
         # Fifty messages a second for one joint angle that is needed a few times a minute: they are deserialized only then.
         joints = row(self._topics["joint_states"], graph.JOINT_STATES.type, graph.REL1)
@@ -108,6 +114,7 @@ class PerceptionAggregator(LupinNode):
         self._topics = {
             "tag_detections": str(p("tag_detections_topic", graph.TAG_DETECTIONS.name)),
             "yolo_detections": str(p("yolo_detections_topic", graph.FLOWER_DETECTIONS.name)),
+            "amcl_pose": str(p("amcl_pose_topic", graph.AMCL_POSE.name)),
             "mission_state": str(p("mission_state_topic", graph.MISSION_STATE.name)),
             "box_geometry": str(p("box_geometry_topic", graph.BOX_GEOMETRY.name)),
             "discovered_tags": str(p("discovered_tags_topic", graph.DISCOVERED_TAGS.name)),
@@ -159,9 +166,23 @@ class PerceptionAggregator(LupinNode):
             self._tree.waiting.setdefault(tag.id, _TagQueue()).detections.append((now_ns, near))
         self._process_waiting()
 
+    def _on_pose(self, message: Any) -> None:
+        """Follow whether the robot is lost: then nothing that it sees is placed, and its way back moves no tag."""
+        lost = says_lost(planar_variances(message))
+        if lost != self._lost:
+            self._lost = lost
+            self._tree.clear()  # of the old place in the map
+            self._map_from_odom = None
+            self._motion.restart()
+            if lost:
+                self.get_logger().warning("the robot is lost: tags are not recorded until it is found")
+
     def _process_waiting(self) -> None:
         """Turn waiting transforms and detections into sightings, as far as the map's transforms have arrived."""
         self._check_clock()
+        if self._lost:
+            self._tree.waiting.clear()
+            return
         now_ns = self.elapsed_clock_ns()
         too_old_ns = now_ns - int(PAIRING_TIMEOUT_S * 1e9)
         self._follow_map()
@@ -247,6 +268,7 @@ class PerceptionAggregator(LupinNode):
                 )
             )
         self._discovered.publish(message)
+        self._publish_markers(message)
         self._refocus()
         if self._seen_ids and len(self._registry) == 0:
             self.get_logger().warning(
@@ -256,6 +278,15 @@ class PerceptionAggregator(LupinNode):
             )
         if self._observer is not None:
             self._observer.tick(self._mission, self._registry.discovered())
+
+    def _publish_markers(self, message: DiscoveredTags) -> None:
+        tags = {tag.id: tag for tag in self._registry.discovered()}
+        boxes = {name: box for name, tag in tags.items() if (box := self._box(name, tag)) is not None}
+        stamp = message.header.stamp
+        poses = {name: (*tag.pose.translation, *tag.pose.rotation) for name, tag in tags.items()}
+        self._tag_markers.update(poses, lambda: tag_markers(message.tags), stamp)
+        corners = {name: (*box.origin, *box.normal, box.size.width, box.size.depth) for name, box in boxes.items()}
+        self._box_markers.update(corners, lambda: box_markers(boxes), stamp)
 
     def _confirm(self, request: ConfirmTag.Request, response: ConfirmTag.Response) -> ConfirmTag.Response:
         self._process_waiting()
@@ -326,15 +357,20 @@ class PerceptionAggregator(LupinNode):
         if target is None:
             return
         tag = self._registry.get(target)
-        box, registered = self._boxes.get(target), target in self._boxes
-        if box is None and tag is not None:
-            box = box_from_tag(tag.pose.translation, tag.pose.rotation, self._box_size, self._lateral_offset_m, self._robot())
+        box, registered = self._box(target, tag), target in self._boxes
         anchor, height_m = self._anchor(box, registered, tag)
         observed = self._accumulator.observation(box, registered, (anchor.position.x, anchor.position.y))
         if not observed.differs_from(self._last_flowers.get(target)):
             return
         self._last_flowers[target] = observed
         self._observations.publish(self._observation(target, observed, box, anchor, height_m))
+
+    def _box(self, tag_id: str, tag: KnownTag | None) -> Box | None:
+        """The registered box of a tag, or else the one that its pose suggests."""
+        box = self._boxes.get(tag_id)
+        if box is not None or tag is None:
+            return box
+        return box_from_tag(tag.pose.translation, tag.pose.rotation, self._box_size, self._lateral_offset_m, self._robot())
 
     def _anchor(self, box: Box | None, registered: bool, tag: KnownTag | None) -> tuple[Pose, float]:
         """The pose of the pot, and the height of its flowers in meters."""

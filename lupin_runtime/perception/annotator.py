@@ -14,10 +14,11 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from lupin_runtime import graph
+from lupin_runtime.perception.frame_detector import FrameDetector
 from lupin_runtime.perception.images import ImageError, gray_pixels
 from lupin_runtime.perception.messages import tag_entry
 from lupin_runtime.perception.tag_pose_estimation import Intrinsics, tag_pose
-from lupin_runtime.perception.tags import detect, make_engine
+from lupin_runtime.perception.tags import make_engine
 from lupin_runtime.ros import LupinNode, TransformBroadcaster, stamp_ns
 from lupin_runtime.ros.tf import from_message, to_message
 from lupin_runtime.transforms import TransformTree, TransformUnavailable, rotate
@@ -41,7 +42,8 @@ class TagAnnotator(LupinNode):
         cv2.setNumThreads(1)
         self._edge_m = float(self.parameter("tag_edge_m", 0.1))
         self._base_frame = str(self.parameter("base_frame", graph.BASE_FRAME))
-        self._engine = make_engine(str(self.parameter("engine", "auto")))
+        engine = make_engine(str(self.parameter("engine", "auto")))
+        self._detector = FrameDetector(engine)
         name = str(self.parameter("image_topic", graph.BODY_IMAGE_SIM.name))
         # The vendor's cameras publish best effort, which a reliable subscription would not receive.
         qos = graph.Qos(reliable=bool(self.parameter("reliable", True)), depth=1)
@@ -59,7 +61,7 @@ class TagAnnotator(LupinNode):
         self.subscription(graph.compressed(image) if compressed else image, self._on_image)
         self._image_name = name
         self.create_timer(SILENCE_S, self._watch_camera)
-        self.get_logger().info(f"looking for tag36h11 on {name} with {self._engine.name}")
+        self.get_logger().info(f"looking for tag36h11 on {name} with {engine.name}")
 
     def _on_static(self, message: TFMessage) -> None:
         for item in message.transforms:
@@ -97,11 +99,11 @@ class TagAnnotator(LupinNode):
         time_ns = stamp_ns(message.header.stamp)
         entries: dict[int, dict[str, Any]] = {}
         transforms: list[TransformStamped] = []
-        for found in detect(gray, self._engine):
+        for found in self._detector.detect(gray):
             pose = tag_pose(found.corners, intrinsics, self._edge_m, up)
             if pose is None or found.id in entries:
                 continue
-            entries[found.id] = tag_entry(found.id, found.corners, float(pose.translation[2]))
+            entries[found.id] = tag_entry(found.id, found.corners, float(pose.translation[2]), time_ns)
             transforms.append(to_message(frame, f"{graph.TAG_FRAME_PREFIX}{found.id}", time_ns, pose.transform))
         if transforms:
             self._broadcaster.send(*transforms)
@@ -112,8 +114,8 @@ class TagAnnotator(LupinNode):
         if self._info is not None:
             # A driver may publish smaller images than it was calibrated with.
             scale = width_px / self._info.width if self._info.width else 1.0
-            k = np.array(self._info.k, np.float64).reshape(3, 3) * np.array([[scale], [scale], [1.0]])
-            return Intrinsics.from_camera_info(k, np.array(self._info.d, np.float64), width_px)
+            k, d = np.array(self._info.k, np.float64), np.array(self._info.d, np.float64)
+            return Intrinsics.from_camera_info(k, d, self._info.width or width_px).scaled(scale)
         now_ns = self.elapsed_clock_ns()
         if self._first_image_ns is None:
             self._first_image_ns = now_ns

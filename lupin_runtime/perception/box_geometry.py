@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lupin_runtime.geometry import Pose2
+from lupin_runtime.json_text import parse_json
 from lupin_runtime.transforms import Quaternion, Vector
 
 Point2 = tuple[float, float]
@@ -118,7 +118,7 @@ def read_boxes(text: str) -> dict[str, Box]:
     Raises MalformedBoxes, naming the entry.
     """
     try:
-        document = json.loads(text)
+        document = parse_json(text)
     except ValueError as error:
         raise MalformedBoxes(f"not JSON: {error}") from error
     if isinstance(document, dict):

@@ -25,7 +25,7 @@ BANDS: tuple[tuple[Band, ...], ...] = (
 )
 
 WORKING_WIDTH_PX = 320  # a flower half a meter away is 25 pixels wide even then, and a frame costs a quarter
-MAX_AREA_SHARE = 0.15  # of the image: a larger blob is floor, wall or paper
+MAX_AREA_SHARE = 0.15  # of the image; a larger blob is floor, wall or paper
 MIN_PETAL_SHARE = 0.35  # of a flower's outline; a bug covers half of it at most
 MIN_FILLING = 0.45  # of its own bounding box, which an ellipse fills to 0.79
 MAX_ASPECT = 3.0
@@ -48,7 +48,7 @@ def find_flowers(bgr: NDArray[np.uint8], limits: BlobLimits = BlobLimits()) -> l
     """Find every flower and bug of a BGR image (height, width, 3), class by class, the largest of each class first.
 
     Confidence is the area over `conf_area_px`, at most 1; a bug on a flower gets the flower's confidence, since its own area
-    is part of the flower's. White is the trap: floors, walls and the paper of a tag lie in its band, so blobs that are too
+    is part of the flower's. Floors, walls and the paper of a tag lie in white's band too, so blobs that are too
     large, too thin, hollow like the frame of a tag, or surrounded by ink like its modules are left out.
     """
     height, width = bgr.shape[:2]
@@ -84,9 +84,9 @@ def find_flowers(bgr: NDArray[np.uint8], limits: BlobLimits = BlobLimits()) -> l
     for class_id in range(BUG_CLASS):
         petals = _mask(hsv, class_id)
         if petals.any():
-            # A bug bites a piece out of its flower, or splits it: for the flower's outline it belongs to it.
+            # A bug hides a part of its flower, or splits it in two: its pixels count as part of the flower's outline.
             found += seen(class_id, petals | on_petals, petals)
-    return found + [replace(bug, confidence=max(bug.confidence, _host(bug, found))) for bug in bugs]
+    return found + [replace(bug, confidence=max(bug.confidence, _flower_confidence(bug, found))) for bug in bugs]
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def _mask(hsv: NDArray[np.uint8], class_id: int) -> NDArray[np.uint8]:
     return np.asarray(mask, np.uint8)
 
 
-def _host(bug: FlowerDetection, flowers: list[FlowerDetection]) -> float:
+def _flower_confidence(bug: FlowerDetection, flowers: list[FlowerDetection]) -> float:
     """The confidence of the flower under a bug, 0 for a bug that sits on none."""
     x, y = (bug.box_px[0] + bug.box_px[2]) / 2.0, (bug.box_px[1] + bug.box_px[3]) / 2.0
     under = (b.confidence for b in flowers if b.box_px[0] <= x <= b.box_px[2] and b.box_px[1] <= y <= b.box_px[3])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 from lupin_runtime.perception import box_geometry as geometry
 from lupin_runtime.perception.box_geometry import Box, Point2
@@ -13,6 +14,9 @@ from lupin_runtime.perception.messages import FlowerDetection
 
 CAPACITY = 512
 EMIT_CONFIDENCE_STEP = 0.1
+# Detectors suppress overlapping boxes within a class only, so one flower may get a box of each of two classes. Those overlap by
+# more than this share of their union; boxes as wide as a flower whose neighbor stands a quarter of that width beside it do not.
+SAME_THING_OVERLAP = 0.6
 
 
 @dataclass(frozen=True)
@@ -38,13 +42,16 @@ class FlowerOptions:
 
 @dataclass(frozen=True)
 class BoxDetection:
-    """One flower or bug in one image. `fraction` is its place along the front of the box before the arm: -1 to 1, or beyond."""
+    """One flower or bug in one image. `fraction` is its place along the front of the box before the arm: -1 to 1, or beyond.
+
+    `track_ids` are the tracks of its boxes: two if the detector gave it two classes.
+    """
 
     species: str
     anomaly: bool
     confidence: float
     fraction: float
-    track_id: int | None = None
+    track_ids: frozenset[int] = frozenset()
     frame: int = 0
 
 
@@ -103,10 +110,12 @@ class Accumulator:
             return
         o = self._options
         self._frame += 1
-        for detection in seen:
+        usable = [d for d in seen if o.name_of(d.class_id) and d.confidence >= o.min_confidence]
+        bugs = [d for d in usable if o.name_of(d.class_id) == o.anomaly_class_name]
+        flowers = [d for d in usable if o.name_of(d.class_id) != o.anomaly_class_name]
+        # A bug sits on its flower, so boxes are compared among flowers and among bugs.
+        for detection, track_ids in (*merge_overlapping(flowers), *merge_overlapping(bugs)):
             name = o.name_of(detection.class_id)
-            if not name or detection.confidence < o.min_confidence:
-                continue
             anomaly = name == o.anomaly_class_name
             x1, _, x2, _ = detection.box_px
             fraction = geometry.lateral_fraction(
@@ -119,9 +128,7 @@ class Accumulator:
                 raw=True,
             )
             species = "" if anomaly else name
-            self._detections.append(
-                BoxDetection(species, anomaly, detection.confidence, fraction, detection.track_id, self._frame)
-            )
+            self._detections.append(BoxDetection(species, anomaly, detection.confidence, fraction, track_ids, self._frame))
 
     def observation(self, box: Box | None, registered: bool, anchor: Point2) -> PotObservation:
         """Summarise the detections on `box`. Only a `registered` box gates them: one guessed from a tag has a guessed size."""
@@ -129,6 +136,30 @@ class Accumulator:
         if registered and box is not None:
             detections = gate(detections, box, self._options)
         return summarise(detections, box, anchor, self._options)
+
+
+def merge_overlapping(detections: Iterable[FlowerDetection]) -> list[tuple[FlowerDetection, frozenset[int]]]:
+    """Merge the boxes of one image that show the same thing: the most confident of each, and the track ids of all its boxes.
+
+    Boxes are compared with the kept ones only, so that a row of neighbors is not merged from one to the next.
+    """
+    kept: list[tuple[FlowerDetection, set[int]]] = []
+    for detection in sorted(detections, key=lambda d: -d.confidence):
+        tracks = set() if detection.track_id is None else {detection.track_id}
+        overlaps = [overlap(detection, other) for other, _ in kept]
+        if max(overlaps, default=0.0) > SAME_THING_OVERLAP:
+            kept[overlaps.index(max(overlaps))][1].update(tracks)
+        else:
+            kept.append((detection, tracks))
+    return [(detection, frozenset(tracks)) for detection, tracks in kept]
+
+
+def overlap(a: FlowerDetection, b: FlowerDetection) -> float:
+    """The share of the union of two boxes that both cover, 0 to 1; 0 for boxes without an area."""
+    (ax1, ay1, ax2, ay2), (bx1, by1, bx2, by2) = a.box_px, b.box_px
+    common = max(0.0, min(ax2, bx2) - max(ax1, bx1)) * max(0.0, min(ay2, by2) - max(ay1, by1))
+    union = (ax2 - ax1) * (ay2 - ay1) + (bx2 - bx1) * (by2 - by1) - common
+    return common / union if common > 0.0 else 0.0
 
 
 def gate(detections: Sequence[BoxDetection], box: Box, options: FlowerOptions) -> Sequence[BoxDetection]:
@@ -166,14 +197,33 @@ def count_distinct(detections: Sequence[BoxDetection], columns: int) -> int:
 
     Two neighbors may share a column, so the count is never lower than what one image shows at once.
     """
-    tracks = {d.track_id for d in detections if d.track_id is not None}
-    if tracks:
-        return len(tracks)
-    occupied = {geometry.column_of(min(1.0, max(-1.0, d.fraction)), columns) for d in detections}
-    frames: dict[int, int] = {}
+    frames: dict[int, list[BoxDetection]] = {}
     for d in detections:
-        frames[d.frame] = frames.get(d.frame, 0) + 1
-    return max(len(occupied), max(frames.values(), default=0))
+        frames.setdefault(d.frame, []).append(d)
+    most_at_once = max(map(len, frames.values()), default=0)
+    tracks = frozenset[int]().union(*(d.track_ids for d in detections))
+    if tracks:
+        return max(most_at_once, len(tracks) - _duplicate_tracks(frames.values()))
+    occupied = {geometry.column_of(min(1.0, max(-1.0, d.fraction)), columns) for d in detections}
+    return max(most_at_once, len(occupied))
+
+
+def _duplicate_tracks(frames: Iterable[Sequence[BoxDetection]]) -> int:
+    """Count the tracks that follow a thing which another track follows, too: they share it in one image, and no image shows
+    them apart, as it would two flowers of which one passed behind the other."""
+    images = list(frames)
+    shared = {pair for image in images for d in image for pair in combinations(sorted(d.track_ids), 2)}
+    apart = {
+        (min(a, b), max(a, b))
+        for image in images
+        for one, other in combinations(image, 2)
+        for a in one.track_ids
+        for b in other.track_ids
+    }
+    first: dict[int, int] = {}
+    for a, b in sorted(shared - apart):
+        first.setdefault(b, first.get(a, a))
+    return len(first)
 
 
 def place_flowers(detections: Sequence[BoxDetection], box: Box, options: FlowerOptions) -> tuple[PlacedFlower, ...]:

@@ -88,6 +88,13 @@ class MapMotion:
         self._steps: deque[tuple[float, float, float]] = deque()
         self._corrections: deque[tuple[float, float]] = deque()
 
+    def restart(self) -> None:
+        """Begin again with the next transforms, after the robot was lost: the map, and what is placed in it, has not moved."""
+        self._map_from_odom = self._last_odom = None
+        self._steps.clear()
+        self._corrections.clear()
+        self._last_jump = self.traveled
+
     def update(self, time_s: float, map_from_odom: Pose2, odom_from_base: Pose2) -> MapJump | None:
         """Process the newest transforms, both of about `time_s`; returns a jump if the map has, or may have, moved."""
         if self._last_odom is not None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from typing import Any
 
 from numpy.typing import NDArray
+
+from lupin_runtime.json_text import parse_json
 
 
 class MalformedDetections(ValueError):
@@ -32,9 +33,17 @@ class FlowerDetection:
     track_id: int | None = None
 
 
-def tag_entry(tag_id: int, corners: NDArray[Any], dist_m: float) -> dict[str, Any]:
-    """One element of the tag detections array."""
-    return {"id": tag_id, "corners": [[round(float(x), 2), round(float(y), 2)] for x, y in corners], "dist": round(dist_m, 4)}
+def tag_entry(tag_id: int, corners: NDArray[Any], dist_m: float, time_ns: int) -> dict[str, Any]:
+    """One element of the tag detections array.
+
+    `stamp` is when the image was taken, in s of ROS time: on a robot that turns, the corners fit no other image.
+    """
+    return {
+        "id": tag_id,
+        "corners": [[round(float(x), 2), round(float(y), 2)] for x, y in corners],
+        "dist": round(dist_m, 4),
+        "stamp": round(time_ns / 1e9, 6),
+    }
 
 
 def flower_entry(detection: FlowerDetection, class_name: str) -> dict[str, Any]:
@@ -81,7 +90,7 @@ def read_flower_detections(text: str) -> list[FlowerDetection]:
 
 def _entries(text: str) -> list[dict[str, Any]]:
     try:
-        document = json.loads(text)
+        document = parse_json(text)
     except ValueError as error:
         raise MalformedDetections(f"not JSON: {error}") from error
     if not isinstance(document, list):

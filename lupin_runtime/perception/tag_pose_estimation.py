@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,17 +19,15 @@ FALLBACK_FOCAL_PX = 554.254691191187
 FALLBACK_CENTER_PX = (320.5, 240.5)
 FALLBACK_WIDTH_PX = 640
 
-# Corner noise after the fit to the whole tag, and how far from vertical a plate hangs. The penalty of a plate that lies
-# flat is bounded, so that it can still be measured.
+# Noise of corners that corner_refinement.py has fitted to the image of the whole tag, and how far from vertical a tag hangs.
+# The penalty for tilt is bounded, so that the pose of a tag that lies flat can still be estimated.
 CORNER_NOISE_PX = 0.12
 TILT_NOISE_RAD = math.radians(8.0)
 MAX_TILT_SIGMAS = 3.0
 
-MIN_AREA_PX = 1.0
+MIN_AREA_PX2 = 1.0
 SAME_NORMAL_RAD = math.radians(0.3)
 MAX_STEPS = 30
-
-_Candidate = tuple[Array, Array, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +47,13 @@ class Intrinsics:
             return Intrinsics(matrix, coefficients if usable else np.zeros(0))
         return Intrinsics.fallback(width_px)
 
+    def scaled(self, factor: float) -> Intrinsics:
+        """The same camera with images `factor` times as wide."""
+        return Intrinsics(self.matrix * np.array([[factor], [factor], [1.0]]), self.distortion)
+
     @staticmethod
     def fallback(width_px: int) -> Intrinsics:
-        """The assumed camera, for images of its shape at any size."""
+        """The simulated body camera, scaled to images `width_px` wide (0: unknown); their aspect ratio is assumed to be 4:3."""
         scale = (width_px or FALLBACK_WIDTH_PX) / FALLBACK_WIDTH_PX
         cx, cy = FALLBACK_CENTER_PX
         f = FALLBACK_FOCAL_PX * scale
@@ -59,9 +62,10 @@ class Intrinsics:
 
 @dataclass(frozen=True, eq=False)
 class TagPose:
-    """camera_from_tag: x of the upright tag to the right, y up, z out of the plate; meters.
+    """camera_from_tag: x of the upright tag to the right, y up, z out of its printed face; meters.
 
-    `error_px` is the root mean square distance of the projected corners, `other_error_px` that of the mirrored solution.
+    `error_px` is the root mean square distance of the projected corners, `other_error_px` that of the mirrored solution
+    (infinite if there is none).
     """
 
     rotation: Array
@@ -71,12 +75,12 @@ class TagPose:
 
     @property
     def normal(self) -> Array:
-        """The plate's outward normal in the camera frame."""
+        """The tag's outward normal in the camera frame."""
         return np.asarray(self.rotation[:, 2])
 
     @property
     def transform(self) -> Transform:
-        """The pose as a transform from the camera's frame to the tag's."""
+        """The pose as a transform: parent the camera frame, child the tag frame (camera_from_tag)."""
         x, y, z = (float(value) for value in self.translation)
         return Transform((x, y, z), quaternion_from_matrix(self.rotation))
 
@@ -92,7 +96,7 @@ def tag_pose(corners: Array, intrinsics: Intrinsics, edge_m: float, up: Array | 
 
     A plane seen through four noisy points has two poses, mirrored about the line of sight (Collins & Bartoli,
     "Infinitesimal plane-based pose estimation", IJCV 2014). The likelier one is returned, by its reprojection and, with
-    `up` (unit, camera frame), by how vertically the plate would hang.
+    `up` (unit, camera frame), by how vertically the tag would hang.
     """
     pixels = np.asarray(corners, np.float64)
     if not np.isfinite(pixels).all():
@@ -104,8 +108,16 @@ def tag_pose(corners: Array, intrinsics: Intrinsics, edge_m: float, up: Array | 
     candidates = _solutions(pixels, intrinsics, edge_m)
     if not candidates:
         return None
-    best, *others = sorted(candidates, key=lambda c: _unlikelihood(c[0], c[2], up))
-    return TagPose(*best, other_error_px=others[0][2] if others else math.inf)
+    best, *others = sorted(candidates, key=lambda candidate: _neg_log_likelihood(candidate, up))
+    return TagPose(*best, other_error_px=others[0].error_px if others else math.inf)
+
+
+class _Candidate(NamedTuple):
+    """A solution: camera_from_tag, and the root mean square distance of the projected corners."""
+
+    rotation: Array
+    translation: Array
+    error_px: float
 
 
 def _solutions(pixels: Array, intrinsics: Intrinsics, edge_m: float) -> list[_Candidate]:
@@ -116,17 +128,19 @@ def _solutions(pixels: Array, intrinsics: Intrinsics, edge_m: float) -> list[_Ca
     """
     points = object_points(edge_m)
     x, y = pixels[:, 0], pixels[:, 1]
-    if 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < MIN_AREA_PX:
+    # The signed area is negative for corners in mirrored order.
+    if 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < MIN_AREA_PX2:
         return []
     start = _from_homography(points, pixels, intrinsics.matrix)
     if start is None:
         return []
     first = _refined(points, pixels, intrinsics.matrix, *start)
-    # The mirror image: turned half round about the line of sight, and back in the plate's own plane.
-    sight = first[1] / np.linalg.norm(first[1])
+    # The mirrored pose: rotated by 180 degrees about the line of sight, then by 180 degrees about the tag's own normal.
+    sight = first.translation / np.linalg.norm(first.translation)
     half_turn = 2.0 * np.outer(sight, sight) - np.eye(3)
-    second = _refined(points, pixels, intrinsics.matrix, half_turn @ first[0] @ np.diag([-1.0, -1.0, 1.0]), first[1])
-    same = float(first[0][:, 2] @ second[0][:, 2]) > math.cos(SAME_NORMAL_RAD)
+    mirrored = half_turn @ first.rotation @ np.diag([-1.0, -1.0, 1.0])
+    second = _refined(points, pixels, intrinsics.matrix, mirrored, first.translation)
+    same = float(first.rotation[:, 2] @ second.rotation[:, 2]) > math.cos(SAME_NORMAL_RAD)
     return [candidate for candidate in ((first,) if same else (first, second)) if _is_usable(candidate)]
 
 
@@ -148,7 +162,7 @@ def _from_homography(points: Array, pixels: Array, matrix: Array) -> tuple[Array
         h = np.append(np.linalg.solve(system[:, :8], -system[:, 8]), 1.0).reshape(3, 3)
     except np.linalg.LinAlgError:
         return None
-    # The last entry is 1: the plate's center is in front of the camera by construction.
+    # The last entry is 1: the tag's center is in front of the camera by construction.
     scale = 2.0 / (np.linalg.norm(h[:, 0]) + np.linalg.norm(h[:, 1]))
     columns = np.column_stack([h[:, 0], h[:, 1], np.cross(h[:, 0], h[:, 1]) * scale]) * scale
     if not np.isfinite(columns).all():
@@ -158,26 +172,26 @@ def _from_homography(points: Array, pixels: Array, matrix: Array) -> tuple[Array
 
 
 def _refined(points: Array, pixels: Array, matrix: Array, rotation: Array, translation: Array) -> _Candidate:
-    """Refine a pose by Levenberg-Marquardt over a small rotation and a shift; returns it with its error."""
+    """Refine a pose by Levenberg-Marquardt over a small rotation and a translation."""
     error_px = _error_px(points, pixels, rotation, translation, matrix)
     damping = 1e-4
     for _ in range(MAX_STEPS):
-        turned = rotation @ points.T
-        x, y, z = turned + translation[:, None]
+        rotated = rotation @ points.T
+        x, y, z = rotated + translation[:, None]
         u, v = matrix[0, 0] * x / z + matrix[0, 1] * y / z + matrix[0, 2], matrix[1, 1] * y / z + matrix[1, 2]
         residual = np.concatenate([pixels[:, 0] - u, pixels[:, 1] - v])
         zero = np.zeros(4)
-        to_point = np.vstack(
+        point_jacobian = np.vstack(
             [
                 np.column_stack([matrix[0, 0] / z, matrix[0, 1] / z, -(matrix[0, 0] * x + matrix[0, 1] * y) / z**2]),
                 np.column_stack([zero, matrix[1, 1] / z, -matrix[1, 1] * y / z**2]),
             ]
         )
-        # A small turn w moves a turned point p by w x p: its derivative is that of the shift, crossed with p.
-        jacobian = np.hstack([np.cross(np.tile(turned.T, (2, 1)), to_point), to_point])
-        normal = jacobian.T @ jacobian
+        # A small rotation w moves a rotated point p by w x p, so the Jacobian by rotation is p x (the Jacobian by translation).
+        jacobian = np.hstack([np.cross(np.tile(rotated.T, (2, 1)), point_jacobian), point_jacobian])
+        normal_matrix = jacobian.T @ jacobian
         try:
-            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), jacobian.T @ residual)
+            step = np.linalg.solve(normal_matrix + damping * np.diag(np.diag(normal_matrix)), jacobian.T @ residual)
         except np.linalg.LinAlgError:
             break
         new_rotation, new_translation = cv2.Rodrigues(step[:3])[0] @ rotation, translation + step[3:]
@@ -192,7 +206,7 @@ def _refined(points: Array, pixels: Array, matrix: Array, rotation: Array, trans
         damping /= 10.0
         if settled:
             break
-    return rotation, translation, error_px
+    return _Candidate(rotation, translation, error_px)
 
 
 def _error_px(points: Array, pixels: Array, rotation: Array, translation: Array, matrix: Array) -> float:
@@ -204,12 +218,12 @@ def _error_px(points: Array, pixels: Array, rotation: Array, translation: Array,
     return float(np.sqrt(np.mean(np.sum((projected[:2] / projected[2] - pixels.T) ** 2, axis=0))))
 
 
-def _unlikelihood(rotation: Array, error_px: float, up: Array | None) -> float:
-    """Twice the negative log likelihood of a solution: corners with Gaussian noise, a tilt with a bounded one."""
-    reprojection = 4.0 * (error_px / CORNER_NOISE_PX) ** 2
+def _neg_log_likelihood(candidate: _Candidate, up: Array | None) -> float:
+    """Twice the negative log likelihood of a solution: Gaussian corner noise, and a Gaussian tilt up to MAX_TILT_SIGMAS."""
+    reprojection = 4.0 * (candidate.error_px / CORNER_NOISE_PX) ** 2
     if up is None:
         return reprojection
-    tilt_rad = math.asin(max(-1.0, min(1.0, float(rotation[:, 2] @ up))))
+    tilt_rad = math.asin(max(-1.0, min(1.0, float(candidate.rotation[:, 2] @ up))))
     return reprojection + min(abs(tilt_rad) / TILT_NOISE_RAD, MAX_TILT_SIGMAS) ** 2
 
 

@@ -1,4 +1,4 @@
-"""Finds the tags of family 36h11 in a gray image: two engines, one order of corners, corners refined on the whole tag.
+"""Finds tags in a gray image: two engines, one order of corners; those of family 36h11 are refined on the whole tag.
 
 It uses the AprilTag library where it is installed, else OpenCV's ArUco module. Both give top-left, top-right,
 bottom-right, bottom-left as an upright official print shows them, in pixels, the center of the first pixel being (0, 0).
@@ -6,7 +6,7 @@ bottom-right, bottom-left as an upright official print shows them, in pixels, th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,20 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.apriltag import tag_image
-from lupin_runtime.perception.corner_refinement import align
+from lupin_runtime.perception.corner_refinement import Alignment, align
 
 Gray = NDArray[np.uint8]
 
-# At full resolution the library spends nine tenths of its time on quads of sensor noise. Smoothing the parts with less
-# contrast than a tag has makes full resolution cheaper than half resolution was.
-CONTRAST_WINDOW_PX = 5
-CONTRAST_OVER_MEDIAN = 1.8  # the median is the noise, since most of an image has no edges
-CONTRAST_LIMITS = (12.0, 40.0)
-SMOOTHING_PX = 7
-BUSY_SHARE = 0.25  # of the pixels: with more, even that is too slow, and half resolution is used
+# A tag whose border merges with the surroundings at one resolution is often found at the other.
+DECIMATIONS: tuple[float, ...] = (1.0, 1.5)
+# Of the decoded modules. The library's default, which pyapriltags rounds to 0.
+DECODE_SHARPENING = 0.25
+SAME_PLACE_SHARE = 0.5  # of a tag's size: two detections of one id with closer centers are one tag
 
 # Two pixels per module; the AprilTag library crashes on images a few pixels high.
 MIN_SIDE_PX = 16
+
+FAMILY = "tag36h11"  # the greenhouse's, and the only one whose images are known here
+# The library's others have codes of 48 bits or more, whose tables of corrected codes take gigabytes.
+FAMILIES = (FAMILY, "tag16h5", "tag25h9", "tagCircle21h7", "tagStandard41h12")
+# Of other families nothing can be compared with the image: only error-free codes with contrast count. The library's
+# decision margin is the mean difference between the modules and the threshold between black and white.
+MIN_DECISION_MARGIN = 30.0
 
 # tag36h11 corrects two wrong bits; a corrected tag is accepted only if the image correlates with it as well.
 MIN_FIT = 0.45
@@ -49,49 +54,49 @@ class TagDetection:
     fit: float
 
 
+Found = tuple[int, NDArray[np.float64], int]  # id, corners (4, 2) in the order of TagDetection, corrected bits
+
+
 class TagEngine(Protocol):
-    """Finds tags: yields (id, corners (4, 2) in the order of TagDetection, corrected bits)."""
+    """Finds tags. It can search at each of its `decimations`, of which 1 is full resolution."""
 
     name: str
+    family: str
+    decimations: tuple[float, ...]
 
-    def find(self, gray: Gray) -> Iterable[tuple[int, NDArray[np.float64], int]]:
-        """Yield the tags of a gray image, in no particular order."""
+    def find(self, gray: Gray, decimation: float = 1.0) -> Iterable[Found]:
+        """Yield the tags of a gray image that outlines at 1 / `decimation` of its resolution show, in no particular order."""
 
 
 class EngineMissing(ImportError):
     """The requested engine is not installed."""
 
 
-def smooth_low_contrast(gray: Gray) -> tuple[Gray, float]:
-    """Smooth the parts with too little contrast for a tag; returns the image and the share of unchanged pixels."""
-    kernel = np.ones((CONTRAST_WINDOW_PX, CONTRAST_WINDOW_PX), np.uint8)
-    contrast = cv2.subtract(cv2.dilate(gray, kernel), cv2.erode(gray, kernel))
-    threshold = float(np.clip(CONTRAST_OVER_MEDIAN * np.median(contrast[::4, ::4]), *CONTRAST_LIMITS))
-    keep = cv2.threshold(contrast, threshold, 255, cv2.THRESH_BINARY)[1]
-    smoothed = cv2.blur(gray, (SMOOTHING_PX, SMOOTHING_PX))
-    cv2.copyTo(gray, keep, smoothed)
-    return np.asarray(smoothed, np.uint8), cv2.countNonZero(keep) / keep.size
-
-
 class AprilTagEngine:
     """The AprilTag library, through pyapriltags."""
 
     name = "apriltag"
+    decimations = DECIMATIONS
 
-    def __init__(self) -> None:
+    def __init__(self, family: str = FAMILY) -> None:
         try:
             from pyapriltags import Detector
         except ImportError as error:
             raise EngineMissing(
                 "the engine 'apriltag' needs the package pyapriltags; run: pip install pyapriltags  (or use 'aruco')"
             ) from error
-        # One detector for both resolutions: each detector holds a table of 35 MB.
-        self._detector = Detector(families="tag36h11", nthreads=1, quad_decimate=1.0)
+        if family not in FAMILIES:
+            raise ValueError(f"unknown tag family {family!r}; known: {', '.join(FAMILIES)}")
+        self.family = family
+        # One detector for all resolutions: each detector holds a table of 35 MB.
+        self._detector = Detector(families=family, nthreads=1, quad_decimate=1.0)
+        self._detector.tag_detector_ptr.contents.decode_sharpening = DECODE_SHARPENING
 
-    def find(self, gray: Gray) -> Iterable[tuple[int, NDArray[np.float64], int]]:
-        prepared, busy = smooth_low_contrast(gray)
-        self._detector.tag_detector_ptr.contents.quad_decimate = 2.0 if busy > BUSY_SHARE else 1.0
-        for found in self._detector.detect(prepared):
+    def find(self, gray: Gray, decimation: float = 1.0) -> Iterable[Found]:
+        self._detector.tag_detector_ptr.contents.quad_decimate = decimation
+        for found in self._detector.detect(gray):
+            if self.family != FAMILY and (found.hamming or found.decision_margin < MIN_DECISION_MARGIN):
+                continue
             # The library's pixel coordinates start at a pixel's corner; its corners run counter-clockwise from the bottom left.
             yield int(found.tag_id), np.asarray(found.corners, np.float64)[[3, 2, 1, 0]] - 0.5, int(found.hamming)
 
@@ -100,6 +105,8 @@ class ArucoEngine:
     """OpenCV's ArUco module, by the interface of the installed version."""
 
     name = "aruco"
+    family = FAMILY
+    decimations: tuple[float, ...] = (1.0,)
 
     def __init__(self) -> None:
         self._dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
@@ -134,43 +141,71 @@ class ArucoEngine:
             raise RuntimeError(f"OpenCV {cv2.__version__} does not recognize the official tag36h11 id 0")
         return int(np.argmin(answer[0].sum(axis=1)))
 
-    def find(self, gray: Gray) -> Iterable[tuple[int, NDArray[np.float64], int]]:
+    def find(self, gray: Gray, decimation: float = 1.0) -> Iterable[Found]:  # noqa: ARG002 - it knows one resolution
         for tag_id, corners in self._detect(gray):
             yield tag_id, np.roll(corners, -self._first_corner, axis=0), 0
 
 
-ENGINES: dict[str, Callable[[], TagEngine]] = {"apriltag": AprilTagEngine, "aruco": ArucoEngine}
+ENGINES = ("apriltag", "aruco")
 
 
-def make_engine(name: str = "auto") -> TagEngine:
+def make_engine(name: str = "auto", family: str = FAMILY) -> TagEngine:
     """Create the engine of that name; "auto" is the AprilTag library if it is installed, else ArUco.
 
-    Raises EngineMissing if its package is not installed, ValueError for an unknown name.
+    Raises EngineMissing if its package is not installed, ValueError for an unknown name or a family that it does not know.
     """
-    if name == "auto":
-        try:
-            return AprilTagEngine()
-        except EngineMissing:
-            return ArucoEngine()
-    if name not in ENGINES:
+    if name not in ("auto", *ENGINES):
         raise ValueError(f"unknown tag engine {name!r}; known: auto, {', '.join(ENGINES)}")
-    return ENGINES[name]()
+    if name != "aruco":
+        try:
+            return AprilTagEngine(family)
+        except EngineMissing:
+            if name != "auto" or family != FAMILY:
+                raise
+    if family != FAMILY:
+        raise ValueError(f"the engine 'aruco' finds {FAMILY} only, not {family!r}; use the engine 'apriltag'")
+    return ArucoEngine()
 
 
 def detect(gray: Gray, engine: TagEngine) -> list[TagDetection]:
     """Detect the tags of a gray (height, width) uint8 image, sorted by id; of two with the same id the larger is first.
 
+    It searches at all resolutions of the engine, whatever time that takes; `frame_detector` is for a camera's frames.
     Raises ValueError for an image of another shape or type.
     """
+    check_gray(gray)
+    if min(gray.shape) < MIN_SIDE_PX:
+        return []
+    gray = np.ascontiguousarray(gray)
+    candidates = (found for decimation in engine.decimations for found in engine.find(gray, decimation))
+    return accepted(gray, candidates, has_template=engine.family == FAMILY)
+
+
+def check_gray(gray: Gray) -> None:
+    """Raise ValueError unless the image is gray, (height, width) of uint8."""
     if gray.ndim != 2 or gray.dtype != np.uint8:
         raise ValueError(f"a gray image (height, width) of uint8 was expected, not {gray.shape} of {gray.dtype}")
-    detections: list[TagDetection] = []
-    if min(gray.shape) < MIN_SIDE_PX:
-        return detections
-    for tag_id, corners, hamming in engine.find(np.ascontiguousarray(gray)):
-        aligned = align(gray, tag_id, corners)
+
+
+def accepted(
+    gray: Gray, candidates: Iterable[Found], known: Iterable[TagDetection] = (), *, has_template: bool = True
+) -> list[TagDetection]:
+    """Refine the corners of candidates on the image, and add those that look like their tag to the `known` ones, each tag once.
+
+    Without a template of the family, candidates are added as they are. The result is in the order of `detect`.
+    """
+    kept = list(known)
+    for tag_id, corners, hamming in candidates:
+        if any(each.id == tag_id and is_same_place(each.corners, corners) for each in kept):
+            continue
+        aligned = align(gray, tag_id, corners) if has_template else Alignment(corners, 0.0)
         fits = aligned.correlation >= (MIN_FIT_WITH_WRONG_BITS if hamming else MIN_FIT)
         untold = aligned.correlation == 0.0 and hamming == 0
         if fits or untold:
-            detections.append(TagDetection(tag_id, aligned.corners, hamming, aligned.correlation))
-    return sorted(detections, key=lambda found: (found.id, -float(np.ptp(found.corners, axis=0).prod())))
+            kept.append(TagDetection(tag_id, aligned.corners, hamming, aligned.correlation))
+    return sorted(kept, key=lambda found: (found.id, -float(np.ptp(found.corners, axis=0).prod())))
+
+
+def is_same_place(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    """Whether two sets of corners (4, 2) are so close that they can only be one tag."""
+    return float(np.abs(a.mean(axis=0) - b.mean(axis=0)).max()) < SAME_PLACE_SHARE * float(np.ptp(a, axis=0).max())

@@ -1,17 +1,12 @@
-"""Rendered views of tags, shared with the benchmark; property tests without deadlines."""
+"""Rendered views of tags, shared with the benchmark."""
 
 from __future__ import annotations
 
 from types import ModuleType
 
 import pytest
-from hypothesis import settings
 
 from tests.support import tag_views as tag_views_module
-
-# On a shared machine one slow example is not a failure.
-settings.register_profile("shared machine", deadline=None)
-settings.load_profile("shared machine")
 
 
 @pytest.fixture(scope="session")

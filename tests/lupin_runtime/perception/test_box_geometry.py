@@ -68,7 +68,7 @@ def test_degenerate_box_has_no_footprint_and_contains_nothing(size: BoxSize) -> 
 
 
 def facing(yaw_rad: float) -> tuple[float, float, float, float]:
-    """The quaternion of an upright tag whose z axis points along yaw: x to the reader's right, y up."""
+    """Return the quaternion of an upright tag whose z axis points along yaw: x to the reader's right, y up."""
     from lupin_runtime.transforms import multiply
 
     return multiply((0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)), (0.5, 0.5, 0.5, 0.5))

@@ -89,10 +89,10 @@ def test_node_publishes_boxes_when_two_tags_agree_or_move(graph_host: GraphHost)
     from lupin_runtime.perception.node import BoxLayoutPublisher
     from lupin_runtime.ros import LupinNode
 
-    heard: list[Any] = []
+    received: list[Any] = []
     world = LupinNode("world")
     tags = world.publisher(graph.DISCOVERED_TAGS)
-    world.subscription(graph.BOX_GEOMETRY, heard.append)
+    world.subscription(graph.BOX_GEOMETRY, received.append)
     graph_host.add(world)
     graph_host.add(BoxLayoutPublisher())
     graph_host.until(tags.get_subscription_count, what="the subscription")
@@ -107,11 +107,11 @@ def test_node_publishes_boxes_when_two_tags_agree_or_move(graph_host: GraphHost)
     publish_tags(Pose2(), "1")
     first, second = Pose2(2.0, 1.0, 0.5), Pose2(2.5, 1.0, 0.5)
     publish_tags(first, "1", "21", "3")
-    graph_host.until(lambda: heard, what="boxes")
+    graph_host.until(lambda: received, what="boxes")
     publish_tags(first, "1", "21", "3")
     publish_tags(second, "1", "21", "3")
-    graph_host.until(lambda: len(heard) == 2, what="moved boxes")
-    before, after = (read_boxes(message.data) for message in heard)
+    graph_host.until(lambda: len(received) == 2, what="moved boxes")
+    before, after = (read_boxes(message.data) for message in received)
     assert len(before) == len(packaged) == 29
     assert after["1"].origin[0] - before["1"].origin[0] == pytest.approx(0.5, abs=1e-6)
 

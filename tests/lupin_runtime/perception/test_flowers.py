@@ -13,7 +13,17 @@ from hypothesis import strategies as st
 from lupin_runtime.perception import messages
 from lupin_runtime.perception.box_geometry import Box, BoxSize
 from lupin_runtime.perception.color_blobs import BlobLimits, find_flowers
-from lupin_runtime.perception.flowers import Accumulator, BoxDetection, FlowerOptions, PotObservation, count_distinct, gate
+from lupin_runtime.perception.flowers import (
+    SAME_THING_OVERLAP,
+    Accumulator,
+    BoxDetection,
+    FlowerOptions,
+    PotObservation,
+    count_distinct,
+    gate,
+    merge_overlapping,
+    overlap,
+)
 from lupin_runtime.perception.messages import FlowerDetection, MalformedDetections
 
 OPTIONS = FlowerOptions()
@@ -108,6 +118,72 @@ def test_neighbors_in_one_column_share_its_width() -> None:
     assert fractions == pytest.approx([-1 / 14, 1 / 14])
 
 
+def boxed(class_id: int, confidence: float, x1: float, width: float = 40.0, track: int | None = None) -> FlowerDetection:
+    return FlowerDetection(class_id, confidence, (x1, 200.0, x1 + width, 260.0), track)
+
+
+def test_two_classes_at_one_place_are_one_flower() -> None:
+    """The columns' border at 320 px lies between the boxes' centers: each box alone would be a flower of its own."""
+    found = look([boxed(WHITE, 0.6, 303), boxed(PINK, 0.8, 297), boxed(RED, 0.7, 500), boxed(BUG, 0.5, 314, 12)])
+    assert [(b.species, b.confidence, b.anomaly) for b in found.flowers] == [
+        ("tulip_pink", 0.8, True),
+        ("tulip_red", 0.7, False),
+    ]
+    assert (found.flower_count, found.bug_count, found.species) == (2, 1, "tulip_pink")
+
+
+def test_bug_is_on_the_neighbor_that_two_boxes_hid() -> None:
+    """Three boxes on two neighbors in one column: with the second box as a flower, the bug would sit on that."""
+    found = look([boxed(RED, 0.9, 300, 24), boxed(PINK, 0.5, 303, 26), boxed(WHITE, 0.8, 326, 24), boxed(BUG, 0.7, 313, 12)])
+    assert [(b.species, b.anomaly) for b in found.flowers] == [("tulip_red", True), ("tulip_white", False)]
+
+
+def test_close_neighbors_stay_two_flowers() -> None:
+    """Their boxes overlap by up to three quarters of a width, in the direction in which flowers stand side by side."""
+    for shift in (40.0, 20.0, 10.5):
+        assert look([boxed(RED, 0.9, 300), boxed(PINK, 0.8, 300 + shift)]).flower_count == 2
+    assert look([boxed(RED, 0.9, 300), boxed(PINK, 0.8, 309)]).flower_count == 1
+    row = [boxed(RED, 0.9, 300), boxed(PINK, 0.8, 309), boxed(RED, 0.7, 318)]
+    assert look(row).flower_count == 2, "the first and the third are apart, although each is close to the second"
+
+
+def test_bug_as_large_as_its_flower_is_kept() -> None:
+    found = look([boxed(RED, 0.9, 300), boxed(BUG, 0.95, 300)])
+    assert (found.species, found.flower_count, found.bug_count) == ("tulip_red", 1, 1)
+    assert look([boxed(BUG, 0.9, 300), boxed(BUG, 0.8, 302)]).bug_count == 1
+
+
+def test_weak_box_does_not_hide_a_flower() -> None:
+    assert look([boxed(9, 0.99, 300), boxed(RED, 0.4, 301), boxed(PINK, 0.2, 302)]).species == "tulip_red"
+
+
+def test_two_tracks_of_one_flower_count_once() -> None:
+    """The tracker follows both boxes, and now one of them is the better, now the other."""
+    frames = [[boxed(RED, 0.5 + k % 2 / 10, 300, track=1), boxed(PINK, 0.55, 302, track=2)] for k in range(4)]
+    assert look(*frames).flower_count == 1
+    assert look(*frames, [boxed(RED, 0.9, 500, track=3)]).flower_count == 2
+
+
+def test_two_tracks_that_part_again_are_two_flowers() -> None:
+    passing = [boxed(RED, 0.9, 300, track=1), boxed(PINK, 0.8, 304, track=2)]
+    apart = [boxed(RED, 0.9, 320, track=1), boxed(PINK, 0.8, 370, track=2)]
+    assert look(passing, apart, passing).flower_count == 2
+
+
+boxes = st.builds(
+    boxed, st.integers(0, 2), st.floats(0.35, 1), st.floats(0, 600), st.floats(0, 80), st.none() | st.integers(0, 9)
+)
+
+
+@given(st.lists(boxes, max_size=12))
+def test_merged_boxes_do_not_overlap(seen: list[FlowerDetection]) -> None:
+    merged = merge_overlapping(seen)
+    kept = [d for d, _ in merged]
+    assert all(overlap(a, b) <= SAME_THING_OVERLAP for k, a in enumerate(kept) for b in kept[:k])
+    assert all(any(overlap(d, k) > SAME_THING_OVERLAP or d is k for k in kept) for d in seen)
+    assert {t for _, tracks in merged for t in tracks} == {d.track_id for d in seen} - {None}
+
+
 def test_bearing_beyond_a_registered_box_is_dropped() -> None:
     outside = [detection(BUG, 640), detection(RED, 320)]
     narrow = Box((0.0, 0.0), (1.0, 0.0), BoxSize(0.5, 0.3))
@@ -170,7 +246,7 @@ HSV = {RED: (175, 220, 200), WHITE: (20, 15, 235), PINK: (170, 90, 230), BUG: (6
 
 
 def greenhouse(*blobs: tuple[int, int, int, int, int]) -> np.ndarray:
-    """A green image with ellipses: class, x, y, half width, half height."""
+    """Return a green image with ellipses: class, x, y, half width, half height."""
     image = np.full((480, 640, 3), GREEN, np.uint8)
     for class_id, x, y, w, h in blobs:
         pixel = cv2.cvtColor(np.array([[HSV[class_id]]], np.uint8), cv2.COLOR_HSV2BGR)[0, 0]

@@ -46,7 +46,7 @@ def drifting(truth: list[Pose2], rng: np.random.Generator, turn_bias: float = 0.
 
 
 def optimum(odometry: list[Pose2], first: int, last: int, closing: Pose2) -> list[Pose2]:
-    """The optimum of a pose graph: odometry edges with the same noise, one closing edge from `first` to `last`."""
+    """Return the optimum of a pose graph: odometry edges with the same noise, one closing edge from `first` to `last`."""
     from scipy.optimize import least_squares
 
     edges = [a.inverse() @ b for a, b in itertools.pairwise(odometry)]

@@ -55,7 +55,7 @@ def test_discovered_tag_is_read_once_while_the_mission_is_idle(graph_host: Graph
     from lupin_runtime.transforms import Transform
 
     asked: list[str] = []
-    heard: list[Any] = []
+    received: list[Any] = []
 
     def answer(request: Any, response: GetTagReading_Response) -> GetTagReading_Response:
         asked.append(request.tag_id)
@@ -68,7 +68,7 @@ def test_discovered_tag_is_read_once_while_the_mission_is_idle(graph_host: Graph
 
     bridge = LupinNode("bridge")
     bridge.service(graph.GET_TAG_READING, answer)
-    bridge.subscription(graph.OBSERVATIONS, heard.append)
+    bridge.subscription(graph.OBSERVATIONS, received.append)
     graph_host.add(bridge)
     node = LupinNode("observer")
     observer = PassiveObserver(node)
@@ -79,10 +79,10 @@ def test_discovered_tag_is_read_once_while_the_mission_is_idle(graph_host: Graph
     assert asked == []
     for _ in range(3):
         observer.tick(MissionState(lifecycle_state="READY"), tags)
-    graph_host.until(lambda: heard, what="an observation")
-    graph_host.until(lambda: len(asked) == 2, what="both questions")
+    graph_host.until(lambda: received, what="an observation")
+    graph_host.until(lambda: len(asked) == 2, what="both requests")
     observer.tick(None, tags)
     assert sorted(asked) == ["7", "9"]
-    (message,) = heard
+    (message,) = received
     assert (message.tag_reading.tag_id, message.kind, message.status) == ("7", message.KIND_TAG_READING, message.STATUS_OK)
     assert message.tag_pose_in_map == transform_pose_message(Transform((1.0, 2.0, 0.1))) != Pose()

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from lupin_runtime import graph
+from lupin_runtime.localization import LOST_YAW_VARIANCE, PLANAR_VARIANCES
 from tests.support.optional import present
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ class Bench:
         self.mission = self.node.publisher(graph.MISSION_STATE)
         self.boxes = self.node.publisher(graph.BOX_GEOMETRY)
         self.tf = TransformBroadcaster(self.node)
-        self.heard: dict[str, list[Any]] = {}
+        self.received: dict[str, list[Any]] = {}
         for row in (
             graph.TAG_DETECTIONS,
             graph.DISCOVERED_TAGS,
@@ -60,14 +61,14 @@ class Bench:
             graph.FLOWER_DETECTIONS,
             graph.FLOWER_OVERLAY,
         ):
-            self.heard[row.name] = []
-            self.node.subscription(row, self.heard[row.name].append)
+            self.received[row.name] = []
+            self.node.subscription(row, self.received[row.name].append)
         self.confirm_client = self.node.client(graph.CONFIRM_TAG)
         self.time_ns = self.node.now_ns()
         host.add(self.node)
 
     def last(self, row: Topic) -> Any:
-        return self.heard[row.name][-1] if self.heard[row.name] else None
+        return self.received[row.name][-1] if self.received[row.name] else None
 
     def wait_for_subscriptions(self, *publishers: Any, readers: int = 1) -> None:
         """Wait until the subscriptions of the nodes under test are matched."""
@@ -140,7 +141,7 @@ class Bench:
 
     def tag_transform(self, tag_id: int = TAG_ID) -> TransformStamped | None:
         name = f"tag_{tag_id}"
-        found = [t for m in self.heard[graph.TF.name] for t in m.transforms if t.child_frame_id == name]
+        found = [t for m in self.received[graph.TF.name] for t in m.transforms if t.child_frame_id == name]
         return found[-1] if found else None
 
     def send_tag(self, tag_id: int, position: tuple[float, float, float], yaw: float = math.pi, dist: None = None) -> None:
@@ -232,6 +233,8 @@ def test_image_gives_a_transform_and_json_at_its_stamp(
     assert (t.x, t.y, t.z) == pytest.approx((0.1, -0.05, 0.9), abs=0.003)
     (entry,) = json.loads(bench.host.until(lambda: bench.last(graph.TAG_DETECTIONS)).data)
     assert entry["id"] == TAG_ID and entry["dist"] == pytest.approx(0.9, abs=0.003)
+    stamp = transform.header.stamp
+    assert entry["stamp"] == pytest.approx(stamp.sec + stamp.nanosec / 1e9, abs=1e-6)
     assert np.abs(np.array(entry["corners"]) - view.corners).max() < 0.2
 
 
@@ -320,6 +323,21 @@ def test_confirmation_goes_stale(bench: Any) -> None:
     assert not answer.detected and "stale" in answer.error_message
 
 
+def test_discovered_tag_and_its_box_are_drawn(bench: Any, aggregator: PerceptionAggregator) -> None:
+    drawn: dict[str, Any] = {}
+    for row in (graph.TAG_MARKERS, graph.BOX_MARKERS):
+        bench.node.subscription(row, lambda message, name=row.name: drawn.update({name: message.markers}))
+    for count in range(1, 4):
+        bench.send_tag(7, (1.0, 0.0, 0.15))
+        bench.host.until(lambda n=count: aggregator._registry.sightings("7") >= n)
+    bench.host.until(lambda: len(drawn) == 2, what="markers of both topics")
+    _, plate, text = drawn[graph.TAG_MARKERS.name]
+    assert (plate.header.frame_id, text.text) == (graph.MAP_FRAME, "7")
+    assert plate.pose.position.x == pytest.approx(1.0, abs=1e-6)
+    _, box = drawn[graph.BOX_MARKERS.name]
+    assert box.pose.position.x == pytest.approx(1.2, abs=1e-6)  # half the depth behind the tag
+
+
 def test_tags_beyond_the_limit_are_not_sighted(bench: Any, aggregator: PerceptionAggregator) -> None:
     for count in range(1, 5):
         bench.send_tag(8, (2.9, 0.0, 0.15))
@@ -355,7 +373,7 @@ def test_detection_without_transforms_is_dropped_and_logged(bench: Any, aggregat
 
     bench.tag_json.publish(String(data=json.dumps([{"id": 7, "corners": [], "dist": 1.0}])))
     bench.host.until(lambda: "7" in aggregator._seen_ids)
-    bench.host.until(lambda: not aggregator._tree.waiting["7"].detections, what="the detection to be given up")
+    bench.host.until(lambda: not aggregator._tree.waiting["7"].detections, what="the detection to be dropped")
     assert aggregator._registry.sightings("7") == 0
 
 
@@ -393,6 +411,39 @@ def test_known_tags_follow_a_jump_of_the_map(bench: Any, aggregator: PerceptionA
     assert bench.discovered(7).pose_in_map.position.x - before == pytest.approx(0.4, abs=0.02)
 
 
+def test_lost_robot_records_no_tag_and_moves_none(bench: Any, aggregator: PerceptionAggregator) -> None:
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+
+    poses = bench.node.publisher(graph.AMCL_POSE)
+    bench.wait_for_subscriptions(poses)
+
+    def send_pose(variance: float) -> None:
+        message = PoseWithCovarianceStamped()
+        for index in PLANAR_VARIANCES:
+            message.pose.covariance[index] = variance
+        poses.publish(message)
+
+    def see(tag_id: int, times: int) -> None:
+        for _ in range(times):
+            bench.send_tag(tag_id, (1.0, 0.0, 0.15))
+        bench.host.until(lambda: str(tag_id) in aggregator._seen_ids, what=f"tag {tag_id} in view")
+
+    send_pose(0.01)
+    see(7, 5)
+    before = bench.discovered(7, 5).pose_in_map.position.x
+    send_pose(LOST_YAW_VARIANCE)
+    bench.host.until(lambda: aggregator._lost, what="the lost robot")
+    bench.map_from_odom = (0.6, 0.4, 0.0)  # a transform that is sent nevertheless
+    see(8, 3)
+    assert aggregator._registry.sightings("8") == 0
+    send_pose(0.01)
+    bench.host.until(lambda: not aggregator._lost, what="the found robot")
+    see(9, 5)
+    assert bench.discovered(9, 3).pose_in_map.position.x == pytest.approx(1.6, abs=0.02)
+    assert [tag.tag_id for tag in bench.last(graph.DISCOVERED_TAGS).tags] == ["7", "9"]
+    assert bench.discovered(7, 5).pose_in_map.position.x == pytest.approx(before, abs=0.001)
+
+
 def test_clock_going_back_keeps_tags_and_accepts_new_sightings(bench: Any, aggregator: PerceptionAggregator) -> None:
     for _ in range(3):
         bench.send_tag(7, (1.0, 0.0, 0.15))
@@ -404,7 +455,7 @@ def test_clock_going_back_keeps_tags_and_accepts_new_sightings(bench: Any, aggre
     assert "stale" in bench.call_confirm("7").error_message
     bench.time_ns -= back_ns
     bench.host.until(
-        lambda: bench.send_tag(7, (1.0, 0.0, 0.15)) or aggregator._registry.sightings("7") > 3, what="a look after the step"
+        lambda: bench.send_tag(7, (1.0, 0.0, 0.15)) or aggregator._registry.sightings("7") > 3, what="a sighting after the step"
     )
     assert bench.call_confirm("7").detected
 
@@ -424,7 +475,7 @@ def flower_detections(*entries: Any) -> String:
 
 
 def flower_observations(bench: Any) -> list[Observation]:
-    return [m for m in bench.heard[graph.OBSERVATIONS.name] if m.kind == m.KIND_FLOWER]
+    return [m for m in bench.received[graph.OBSERVATIONS.name] if m.kind == m.KIND_FLOWER]
 
 
 def test_flowers_of_the_pot_in_focus_are_published(bench: Any, aggregator: PerceptionAggregator) -> None:
@@ -535,7 +586,7 @@ def test_image_without_flowers_publishes_nothing(bench: Any, graph_host: GraphHo
     bench.wait_for_subscriptions(bench.gripper)
     bench.gripper.publish(bench.image(np.full((480, 640, 3), (60, 140, 60), np.uint8), "bgr8"))
     graph_host.until(lambda: bench.gripper.publish(bench.image(garden(), "bgr8")) or bench.last(graph.FLOWER_DETECTIONS))
-    assert all(json.loads(m.data) for m in bench.heard[graph.FLOWER_DETECTIONS.name])
+    assert all(json.loads(m.data) for m in bench.received[graph.FLOWER_DETECTIONS.name])
 
 
 @pytest.mark.usefixtures("graph_host")

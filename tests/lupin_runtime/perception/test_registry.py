@@ -33,7 +33,7 @@ def sighting(
     yaw_error: float = 0.0,
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Sighting:
-    """A look at the tag from `angle` off its normal, from a robot whose pose is wrong by `place_error`."""
+    """Return a sighting of the tag from `angle` off its normal, from a robot whose pose is wrong by `place_error`."""
     camera = TAG + range_m * np.array([math.cos(angle), math.sin(angle), 0.0])
     noise = rng.normal(0, [0.002 * range_m**2, 0.002 * range_m, 0.001])
     position = TAG + noise + np.array([*place_error, 0.0]) + np.array(offset)
@@ -152,7 +152,7 @@ def test_memory_is_bounded_while_the_count_continues() -> None:
 
 
 def _jump(shift_x: float) -> MapJump:
-    """A jump that moves everything after 5 m of path by `shift_x`."""
+    """Return a jump that moves everything after 5 m of path by `shift_x`."""
     stations = np.array([0.0, 5.0, 5.001, 10.0])
     zero = np.zeros(4)
     return MapJump(stations, zero, zero, np.array([0.0, 0.0, shift_x, shift_x]), zero, zero)
