@@ -26,7 +26,8 @@ from lupin_runtime.record.definitions import schema_text
 from lupin_runtime.record.recorded_topics import STANDARD, Recorded, camera_topics, select_topics
 from lupin_runtime.record.writer import RecordingStopped, RecordingWriter, free_name
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.node import interface, qos_profile
+from lupin_runtime.ros.interfaces import interface
+from lupin_runtime.ros.node import qos_profile
 from lupin_runtime.ros.polled_subscription import PolledGroup
 
 DRAIN_PERIOD_S = 0.05
@@ -48,7 +49,14 @@ class _RecordedTopic:
     kind: type
     subscription: Subscription | None = None
     channel: int | None = None
-    last_kept_ns: int = 0
+    kept_ns: int | None = None  # when its last message was taken, on the monotonic clock
+
+    def is_due(self, now_ns: int) -> bool:
+        """Return whether the next message is to be kept. `now_ns` is monotonic: the wall clock may be set while recording."""
+        limit_hz = self.row.max_rate_hz
+        if limit_hz is None or self.kept_ns is None:
+            return True
+        return now_ns - self.kept_ns >= (1.0 / limit_hz - DRAIN_PERIOD_S / 2.0) * 1e9
 
 
 @dataclass(frozen=True)
@@ -151,8 +159,8 @@ class Recorder(LupinNode):
                 self._stop(writer, f"{error.strerror}; the messages written until now remain readable", whole=False)
 
     def _take(self, entry: _RecordedTopic, subscription: Subscription) -> None:
-        limit_hz = entry.row.max_rate_hz
-        if limit_hz is not None and time.time_ns() - entry.last_kept_ns < (1.0 / limit_hz - DRAIN_PERIOD_S / 2.0) * 1e9:
+        now_ns = time.monotonic_ns()
+        if not entry.is_due(now_ns):
             return
         while True:
             with subscription.handle:
@@ -161,9 +169,9 @@ class Recorder(LupinNode):
                 return
             data, info = taken
             received_ns = info.get("received_timestamp") or time.time_ns()
-            entry.last_kept_ns = received_ns
+            entry.kept_ns = now_ns
             self._pending.append(_Message(entry, data, received_ns, info.get("publication_sequence_number") or 0))
-            if limit_hz is not None:
+            if entry.row.max_rate_hz is not None:
                 return
 
     def _follow_mission(self) -> None:

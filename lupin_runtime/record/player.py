@@ -23,6 +23,7 @@ from lupin_runtime import graph
 from lupin_runtime.exit_codes import FAILURE, INTERRUPTED, SUCCESS, USAGE_ERROR
 from lupin_runtime.graph import Qos, Topic
 from lupin_runtime.record.reader import ChannelInfo, NotARecording, RawMessage, Recording
+from lupin_runtime.yaml_text import load_yaml
 
 CLOCK_PERIOD_S = 0.02
 PROGRESS_PERIOD_S = 0.25
@@ -42,7 +43,7 @@ def topic_of(channel: ChannelInfo) -> Topic:
 def _recorded_qos(text: str) -> Qos:
     """The first profile of a rosbag2 `offered_qos_profiles` text; Humble wrote its policies as numbers."""
     try:
-        profiles = yaml.safe_load(text)
+        profiles = load_yaml(text)
         first = profiles[0]
         return Qos(
             reliable=first["reliability"] in ("reliable", 1),
@@ -94,18 +95,18 @@ class GraphPlayer:
                 problems.append(f"{channel.topic} is not played: {channel.type or 'no type'}: {error}")
         return problems
 
-    def wait_for_subscribers(self, patience_s: float) -> None:
-        """Return when every played topic has a subscriber, or after `patience_s`."""
-        deadline_s = time.monotonic() + patience_s
+    def wait_for_subscribers(self, timeout_s: float) -> None:
+        """Return when every played topic has a subscriber, or after `timeout_s`."""
+        deadline_s = time.monotonic() + timeout_s
         while time.monotonic() < deadline_s and not self._stop.wait(0.05):
             if all(publisher.get_subscription_count() for publisher in self._publishers.values()):
                 return
 
-    def settle(self, patience_s: float) -> None:
-        """Return when every reliable message is acknowledged, or after `patience_s`."""
+    def settle(self, timeout_s: float) -> None:
+        """Return when every reliable message is acknowledged, or after `timeout_s`."""
         from rclpy.duration import Duration
 
-        deadline_s = time.monotonic() + patience_s
+        deadline_s = time.monotonic() + timeout_s
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline_s - time.monotonic())))
 
@@ -206,9 +207,9 @@ def _play(
 ) -> int:
     import rclpy
 
-    from lupin_runtime.ros import LupinNode
+    from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 
-    rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    rclpy.init(args=ROS_ARGUMENTS, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     node = LupinNode("lupin_replay", enable_rosout=False)
     try:
         player = GraphPlayer(node, _print_line, stop)

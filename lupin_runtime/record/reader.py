@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,13 +22,18 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema
 
+from lupin_runtime.bounded_file import open_regular
+
 MAGIC = b"\x89MCAP0\r\n"
 
-_RECORD = struct.Struct("<BQ")
+RECORD_HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name
-# Far above the chunks of any recorder; a larger length is damage.
-_CHUNK_LIMIT_BYTES = 1 << 30
+CHUNK_HEAD = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length of the compression's name
+# Far above the chunks of recorders, which hold 1 to 8 MB or one raw picture; a larger one is damage or an attack.
+CHUNK_LIMIT_BYTES = 32 << 20
+# Of a message that is decoded: above a picture of 8 megapixels. Python objects of a larger one may take ten times its size.
+MESSAGE_LIMIT_BYTES = 24 << 20
+RECORD_LIMIT_BYTES = 2 * CHUNK_LIMIT_BYTES  # of one record as it is in the file
 
 
 class NotARecording(ValueError):
@@ -53,10 +59,11 @@ class RawMessage(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """A deserialized message; `log_ns` is ROS time at its arrival."""
+    """A deserialized message. At its arrival, `log_ns` was ROS time and `publish_ns` the wall clock."""
 
     topic: str
     log_ns: int
+    publish_ns: int
     message: Any
 
 
@@ -103,7 +110,7 @@ class Recording:
         self.damage: list[str] = []
         self._schemas: dict[int, str] = {}
         try:
-            with path.open("rb") as file:
+            with open_regular(path) as file:
                 found = file.read(len(MAGIC))
         except OSError as error:
             raise NotARecording(f"{path}: {error.strerror}; expected an MCAP file") from error
@@ -117,27 +124,32 @@ class Recording:
         It stops where the file is truncated and skips damaged chunks; `damage` lists both afterwards.
         """
         self.channels, self.metadata, self.damage, self._schemas = {}, {}, [], {}
-        with self.path.open("rb") as file:
+        with open_regular(self.path) as file:
             file.seek(len(MAGIC))
             for opcode, data in self._records(file):
                 if opcode == Opcode.CHUNK:
                     yield from self._chunk(data, topics)
                 elif opcode == Opcode.MESSAGE:
-                    yield from self._messages(_RECORD.pack(opcode, len(data)) + data, topics)
+                    yield from self._messages(RECORD_HEAD.pack(opcode, len(data)) + data, topics)
                 else:
                     self._store(opcode, data)
 
     def messages(
         self, topics: Collection[str] | None = None, max_rate_hz: Mapping[str, float] | None = None
     ) -> Iterator[Decoded]:
-        """Like `raw`, but deserialized. `max_rate_hz` drops messages before that; topics of unknown types count as damage."""
+        """Like `raw`, but deserialized. `max_rate_hz` drops messages before that.
+
+        Topics of unknown types, and messages that do not fit their topic's type, are skipped and listed in `damage`.
+        """
         from rclpy.serialization import deserialize_message
 
-        from lupin_runtime.ros.node import interface
+        from lupin_runtime.ros.interfaces import interface
 
         kinds: dict[str, Any] = {}
         periods = {topic: int(1e9 / rate) for topic, rate in (max_rate_hz or {}).items()}
         due: dict[str, int] = {}
+        unreadable: Counter[str] = Counter()
+        too_large: Counter[str] = Counter()
         for item in self.raw(topics):
             if item.topic in periods:
                 if item.log_ns < due.get(item.topic, 0):
@@ -150,8 +162,22 @@ class Recording:
                 except (ImportError, AttributeError, ValueError):
                     kinds[item.topic] = None
                     self.damage.append(f"{item.topic}: its type {type_name} is not installed on this machine")
-            if (kind := kinds[item.topic]) is not None:
-                yield Decoded(item.topic, item.log_ns, deserialize_message(item.data, kind))
+            if (kind := kinds[item.topic]) is None:
+                continue
+            if len(item.data) > MESSAGE_LIMIT_BYTES:
+                too_large[item.topic] += 1
+                continue
+            try:
+                message = deserialize_message(item.data, kind)
+            except (RuntimeError, ValueError, TypeError, AttributeError):  # rmw's error is a RuntimeError
+                unreadable[item.topic] += 1
+            else:
+                yield Decoded(item.topic, item.log_ns, item.publish_ns, message)
+        self.damage += [f"{topic}: {count} messages do not fit their type" for topic, count in sorted(unreadable.items())]
+        self.damage += [
+            f"{topic}: {count} messages of more than {MESSAGE_LIMIT_BYTES} bytes were left out"
+            for topic, count in sorted(too_large.items())
+        ]
 
     def summary(self) -> Summary:
         """Summarize the file in one pass."""
@@ -178,16 +204,20 @@ class Recording:
         size = self.path.stat().st_size
         while True:
             at = file.tell()
-            head = file.read(_RECORD.size)
-            if len(head) < _RECORD.size:
+            head = file.read(RECORD_HEAD.size)
+            if len(head) < RECORD_HEAD.size:
                 self.damage.append("the file is incomplete: its recorder was killed, or the disk was full")
                 return
-            opcode, length = _RECORD.unpack(head)
+            opcode, length = RECORD_HEAD.unpack(head)
             if opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 return
-            if length > size - at - _RECORD.size:
+            if length > size - at - RECORD_HEAD.size:
                 self.damage.append(f"truncated in the middle of a record at byte {at} of {size}")
                 return
+            if length > RECORD_LIMIT_BYTES:
+                self.damage.append(f"a record of {length} bytes at byte {at} was skipped: no recorder writes such")
+                file.seek(length, io.SEEK_CUR)
+                continue
             if opcode in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA, Opcode.METADATA, Opcode.HEADER):
                 yield opcode, file.read(length)
             elif 0 < opcode <= max(Opcode) or opcode >= 0x80:
@@ -198,7 +228,7 @@ class Recording:
 
     def _chunk(self, data: bytes, topics: Collection[str] | None) -> Iterator[RawMessage]:
         try:
-            records = _unpack_chunk(data)
+            records = unpack_chunk(data)
         except (ValueError, struct.error, RuntimeError, zstandard.ZstdError) as error:
             self.damage.append(f"a chunk is damaged and was skipped: {error}")
             return
@@ -207,8 +237,11 @@ class Recording:
     def _messages(self, records: bytes, topics: Collection[str] | None) -> Iterator[RawMessage]:
         at, end = 0, len(records)
         while at < end:
-            opcode, length = _RECORD.unpack_from(records, at)
-            at += _RECORD.size
+            opcode, length = RECORD_HEAD.unpack_from(records, at) if end - at >= RECORD_HEAD.size else (0, end)
+            at += RECORD_HEAD.size
+            if length > end - at or (opcode == Opcode.MESSAGE and length < _MESSAGE.size):
+                self.damage.append("a chunk ends inside a record, or holds garbage")
+                return
             if opcode == Opcode.MESSAGE:
                 channel_id, _, log_ns, publish_ns = _MESSAGE.unpack_from(records, at)
                 channel = self.channels.get(channel_id)
@@ -237,29 +270,32 @@ class Recording:
             self.damage.append(f"a {Opcode(opcode).name.lower()} record is damaged: {error}")
 
 
-def _unpack_chunk(data: bytes) -> bytes:
+def unpack_chunk(data: bytes) -> bytes:
     """The records of a chunk. Raises ValueError and the exceptions of the decompressors."""
-    _, _, size, crc, name_length = _CHUNK.unpack_from(data)
-    at = _CHUNK.size
+    _, _, size, crc, name_length = CHUNK_HEAD.unpack_from(data)
+    at = CHUNK_HEAD.size
     name = data[at : at + name_length]
     at += name_length
     (length,) = struct.unpack_from("<Q", data, at)
     packed = data[at + 8 : at + 8 + length]
-    if len(packed) != length or size > _CHUNK_LIMIT_BYTES:
+    if len(packed) != length or size > CHUNK_LIMIT_BYTES:
         raise ValueError("inconsistent lengths")
     # The decompressors allocate the size that the frame itself claims, which may be any number in a damaged one.
     if name == b"zstd":
-        if zstandard.frame_content_size(packed) > _CHUNK_LIMIT_BYTES:
+        if zstandard.frame_content_size(packed) > CHUNK_LIMIT_BYTES:
             raise ValueError("inconsistent lengths")
         records = zstandard.decompress(packed, max_output_size=size)
     elif name == b"lz4":
-        if lz4.frame.get_frame_info(packed)["content_size"] > _CHUNK_LIMIT_BYTES:
+        decompressor = lz4.frame.LZ4FrameDecompressor()
+        records = decompressor.decompress(packed, max_length=size)
+        if not decompressor.eof:
             raise ValueError("inconsistent lengths")
-        records = lz4.frame.decompress(packed)
     elif name == b"":
         records = packed
     else:
         raise ValueError(f"unknown compression {name[:16]!r}")
+    if len(records) != size:
+        raise ValueError("inconsistent lengths")
     if crc and zlib.crc32(records) != crc:
         raise ValueError("wrong checksum")
     return bytes(records)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from lupin_runtime.bounded_file import expand_home, is_file, is_folder
 from lupin_runtime.record.reader import NotARecording, Recording
-from lupin_runtime.stack.runs import runs_directory
+from lupin_runtime.stack.runs import LATEST, RunError, all_runs, choose_run
 
 RECORDING_NAME = "recording.mcap"
-LATEST = "latest"
 
 
 class RecordingNotFound(LookupError):
@@ -54,32 +53,20 @@ def recorded_run(folder: Path) -> RecordedRun:
 
 
 def find_recorded_run(name: str, folder: Path | None = None) -> RecordedRun:
-    """Find a recorded run by the path of a recording or run directory, by a run's id or the start of one, or by `latest`.
+    """Find a recorded run by the path of a recording or run directory, or by its name (see `choose_run`).
 
-    `folder` replaces the folder of all runs. Raises RecordingNotFound.
+    `latest` is the newest run that was recorded. `folder` replaces the folder of all runs. Raises RecordingNotFound.
     """
-    path = Path(name).expanduser()
-    if path.is_file():
+    path = expand_home(name)
+    if is_file(path):
         return RecordedRun(path.resolve().parent / f"{path.stem}-report", (path.resolve(),))
-    if path.is_dir():
+    if is_folder(path):
         return recorded_run(path.resolve())
-    runs = sorted(_recorded(folder or runs_directory()), key=lambda run: run.recordings[-1].stat().st_mtime)
-    if not runs:
+    runs = all_runs(folder)
+    recorded = [run for run in runs if recorded_run(run.path).recordings]
+    if not recorded:
         raise RecordingNotFound(f"{name}: there is no such file, and no run was recorded yet; try: lupin up --mission")
-    if name == LATEST:
-        return runs[-1]
-    matching = [run for run in runs if run.folder.name.startswith(name)]
-    exact = [run for run in matching if run.folder.name == name]
-    if len(exact or matching) == 1:
-        return (exact or matching)[0]
-    newest = ", ".join(run.folder.name for run in reversed(matching or runs[-5:]))
-    problem = f"{len(matching)} runs begin with it" if matching else "no file and no run has this name"
-    raise RecordingNotFound(f"{name}: {problem}; {'they are' if matching else 'the newest are'}: {newest}")
-
-
-def _recorded(folder: Path) -> Iterator[RecordedRun]:
-    if folder.is_dir():
-        for path in folder.iterdir():
-            run = recorded_run(path)
-            if path.is_dir() and run.recordings:
-                yield run
+    try:
+        return recorded_run(choose_run(name, recorded if name == LATEST else runs).path)
+    except RunError as error:
+        raise RecordingNotFound(f"there is no file {name}, and {error}") from error

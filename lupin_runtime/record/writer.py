@@ -29,7 +29,7 @@ class _Output:
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         # Exclusive creation: a restarted recorder must not overwrite a recording.
-        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         self._at = self._good = 0
 
     def write(self, data: bytes) -> int:

@@ -8,7 +8,7 @@ import pytest
 
 from lupin_runtime import graph
 from lupin_runtime.record.definitions import DefinitionMissing, schema_text
-from lupin_runtime.ros.node import interface
+from lupin_runtime.ros.interfaces import interface
 
 DELIMITER = "=" * 80
 

@@ -102,6 +102,31 @@ def test_recorded_times_are_ros_time_in_arrival_order(spinning: Spinning, until:
     assert all(abs(m.log_ns - at) < 30_000_000 for m, at in zip(read, sent))
 
 
+def test_limited_topic_is_recorded_after_the_clock_steps_back(
+    spinning: Spinning, until: partial[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from std_msgs.msg import Bool
+
+    from lupin_runtime.record import node
+    from lupin_runtime.record.recorded_topics import Recorded
+    from lupin_runtime.ros import LupinNode
+
+    source = spinning.add(LupinNode("source"))
+    stop = source.publisher(graph.ESTOP_STATE)
+    monkeypatch.setattr(node, "STANDARD", (Recorded(graph.ESTOP_STATE, max_rate_hz=20.0),))
+    recorder = spinning.add(node.Recorder({"output": str(tmp_path / "r.mcap")}))
+    until(stop.get_subscription_count, "the recorder listens")
+    entry = next(entry for entry in recorder._recorded if entry.row.topic is graph.ESTOP_STATE)
+    stop.publish(Bool())
+    until(lambda: entry.channel is not None, "the first message")
+    wall_ns, first_ns = time.time_ns, entry.kept_ns
+    monkeypatch.setattr(time, "time_ns", lambda: wall_ns() - 3600 * 10**9)
+    stop.publish(Bool())
+    until(lambda: entry.kept_ns != first_ns, "the second message")
+    recorder.before_shutdown()
+    assert count(tmp_path / "r.mcap", graph.ESTOP_STATE.name) == 2
+
+
 def test_gripper_camera_is_recorded_only_while_scanning(spinning: Spinning, until: partial[Any], tmp_path: Path) -> None:
     from lupin_msgs.msg import MissionState
     from sensor_msgs.msg import CompressedImage
@@ -118,7 +143,7 @@ def test_gripper_camera_is_recorded_only_while_scanning(spinning: Spinning, unti
     state.publish(MissionState(lifecycle_state="MONITORING", mission_phase="SCANNING"))
     until(lambda: camera.get_subscription_count(), "the camera is recorded while scanning")
     camera.publish(CompressedImage(format="jpeg", data=[1, 2, 3]))
-    time.sleep(0.2)
+    time.sleep(0.2)  # until the image is recorded
     state.publish(MissionState(lifecycle_state="MONITORING", mission_phase="NAVIGATING"))
     until(lambda: not camera.get_subscription_count(), "the camera is left alone while driving")
     recorder.before_shutdown()
@@ -170,7 +195,7 @@ def test_full_disk_stops_the_recording_not_the_process(spinning: Spinning, until
         # Noise, which cannot be compressed.
         source.create_timer(0.02, lambda: publisher.publish(String(data=os.urandom(2000).hex())))
         until(lambda: not publisher.get_subscription_count(), "the recorder lets its topics go")
-        time.sleep(0.5)
+        time.sleep(0.5)  # in which it would have exited
         assert process.poll() is None
         process.send_signal(signal.SIGTERM)
         _, said = process.communicate(timeout=STOPS_WITHIN_S)
@@ -260,13 +285,13 @@ def test_interrupted_player_stops_at_once_and_exits_130(spinning: Spinning, unti
     for i in (0, 3600):
         writer.write(channel, b"\x00\x01\x00\x00\x01", i * 1_000_000_000, i)
     writer.finish()
-    heard: list[Bool] = []
+    received: list[Bool] = []
     listener = spinning.add(LupinNode("listener"))
-    listener.subscription(row, heard.append)
+    listener.subscription(row, received.append)
     command = [sys.executable, "-m", "lupin_runtime.record.player", str(tmp_path / "long.mcap"), "--wait-s", "10"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
-        until(lambda: heard, "the first message is played")
+        until(lambda: received, "the first message is played")
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=STOPS_WITHIN_S)
     finally:

@@ -27,15 +27,16 @@ def test_latest_is_the_run_recorded_last(runs: Path) -> None:
     assert find_recorded_run("latest", runs).folder.name == "20260102-aa"
 
 
-def test_run_is_found_by_id_or_unique_prefix(runs: Path) -> None:
+def test_run_is_found_by_any_unique_part_of_its_id(runs: Path) -> None:
     assert find_recorded_run("20260101-ab", runs).folder.name == "20260101-ab"
     assert find_recorded_run("20260102", runs).folder.name == "20260102-aa"
+    assert find_recorded_run("ab", runs).folder.name == "20260101-ab"
 
 
 def test_ambiguous_or_unknown_run_name_lists_candidates(runs: Path) -> None:
-    with pytest.raises(RecordingNotFound, match="2 runs begin with it; they are: 20260102-aa, 20260101-ab"):
+    with pytest.raises(RecordingNotFound, match="3 runs have '2026010' in their ids; type more of one: 20260103-ba, 20260102"):
         find_recorded_run("2026010", runs)
-    with pytest.raises(RecordingNotFound, match="no file and no run has this name"):
+    with pytest.raises(RecordingNotFound, match="there is no file nonsense, and no run has 'nonsense' in its id"):
         find_recorded_run("nonsense", runs)
     with pytest.raises(RecordingNotFound, match="no run was recorded yet"):
         find_recorded_run("latest", runs / "nowhere")

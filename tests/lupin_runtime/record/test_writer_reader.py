@@ -5,12 +5,19 @@ from __future__ import annotations
 import errno
 import os
 import resource
+import struct
+import sys
+import tempfile
 from pathlib import Path
 
+import lz4.frame
+import psutil
 import pytest
+import zstandard
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
@@ -26,7 +33,7 @@ CDR_TRUE = b"\x00\x01\x00\x00\x01"
 
 
 def record(path: Path, chunks: int = 5, per_chunk: int = 20) -> list[bytes]:
-    """A complete file of `chunks` chunks on two topics; returns the payloads of /scan."""
+    """Write a complete file of `chunks` chunks on two topics; return the payloads of /scan."""
     writer = RecordingWriter(path)
     writer.add_metadata("lupin", {"world": "demo"})
     scan = writer.add_channel("/scan", graph.SCAN.type, SCAN_SCHEMA, graph.SCAN.qos)
@@ -167,6 +174,68 @@ def test_messages_are_decoded_and_throttled(tmp_path: Path) -> None:
     assert [m.log_ns for m in decoded] == [i * 200_000_000 for i in range(10)]
     assert all(m.message.data is True for m in decoded)
     assert recording.damage == ["/foreign: its type nowhere_msgs/msg/Thing is not installed on this machine"]
+
+
+def test_messages_that_do_not_fit_their_type_are_skipped(tmp_path: Path) -> None:
+    path = tmp_path / "one.mcap"
+    writer = RecordingWriter(path)
+    channel = writer.add_channel("/e_stop_state", graph.ESTOP_STATE.type, BOOL_SCHEMA, graph.ESTOP_STATE.qos)
+    plan = writer.add_channel(graph.PLAN.name, graph.PLAN.type, "", graph.PLAN.qos)
+    for i in range(4):
+        writer.write(channel, CDR_TRUE if i % 2 else CDR_TRUE[:3], i, i)
+        writer.write(plan, CDR_TRUE[:4] + b"\xff" * 40, i, i)
+    writer.finish()
+    recording = Recording(path)
+    assert [decoded.log_ns for decoded in recording.messages()] == [1, 3]
+    assert recording.damage == ["/e_stop_state: 2 messages do not fit their type", "/plan: 4 messages do not fit their type"]
+
+
+@pytest.mark.parametrize("type_name", ["evil/msg/Thing", "evil/__init__/Thing", "antigravity/msg/X", "a/b", "../x/msg/Y", ""])
+def test_recording_chooses_no_module_to_import(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, type_name: str) -> None:
+    (tmp_path / "evil" / "msg").mkdir(parents=True)
+    for folder in (tmp_path / "evil", tmp_path / "evil" / "msg"):
+        (folder / "__init__.py").write_text(f"open({str(tmp_path / 'mark')!r}, 'w')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    writer = RecordingWriter(tmp_path / "one.mcap")
+    writer.write(writer.add_channel("/thing", type_name, "int32 x", graph.REL10), CDR_TRUE, 0, 0)
+    writer.finish()
+    recording = Recording(tmp_path / "one.mcap")
+    assert list(recording.messages()) == []
+    assert recording.damage == [f"/thing: its type {type_name} is not installed on this machine"]
+    assert not (tmp_path / "mark").exists()
+    assert "antigravity" not in sys.modules
+
+
+@given(st.binary(max_size=60), st.integers(0, 80))
+def test_garbage_in_a_chunk_is_skipped(records: bytes, length: int) -> None:
+    for body in (records, struct.pack("<BQ", Opcode.MESSAGE, length) + records):
+        chunk = struct.pack("<QQQII", 0, 0, len(body), 0, 0) + struct.pack("<Q", len(body)) + body
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "one.mcap")
+            path.write_bytes(MAGIC + struct.pack("<BQ", Opcode.CHUNK, len(chunk)) + chunk)
+            recording = Recording(path)
+            assert list(recording.raw()) == []
+            assert recording.damage, "a file without a footer is incomplete"
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+@pytest.mark.parametrize("claimed_bytes", [1 << 30, 1 << 20])
+def test_bomb_in_a_recording_is_not_unpacked(tmp_path: Path, compression: str, claimed_bytes: int) -> None:
+    zeros = bytes(1 << 29)
+    packed = zstandard.compress(zeros) if compression == "zstd" else lz4.frame.compress(zeros, store_size=False)
+    name = compression.encode()
+    chunk = struct.pack("<QQQII", 0, 0, claimed_bytes, 0, len(name)) + name + struct.pack("<Q", len(packed)) + packed
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(MAGIC + struct.pack("<BQ", Opcode.CHUNK, len(chunk)) + chunk)
+    del zeros
+    recording = Recording(path)
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    try:
+        resource.setrlimit(resource.RLIMIT_AS, (psutil.Process().memory_info().vms + (200 << 20), before[1]))
+        assert list(recording.raw()) == []
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+    assert "a chunk is damaged and was skipped" in recording.damage[0]
 
 
 def test_recording_is_never_overwritten(tmp_path: Path) -> None:
