@@ -77,15 +77,15 @@ def known_extent(grid: GridMap) -> Extent | None:
     )
 
 
-def map_png(grid: GridMap, extent: Extent, theme: str) -> bytes:
-    """Return the cells in `extent` as a PNG with +y up, in the colors of the theme (`light` or `dark`)."""
+def map_png(grid: GridMap, extent: Extent, theme: str, scale: int = MAP_SCALE) -> bytes:
+    """Return the cells in `extent` as a PNG with +y up, `scale` pixels per cell, in the theme's colors (`light` or `dark`)."""
     cells = _crop(grid, extent)
     free, occupied = (np.array(color, np.float32) for color in _MAP_COLORS[theme])
     fraction = (np.clip(cells, 0, 100).astype(np.float32) / 100.0)[..., None]
     image = np.empty((*cells.shape, 4), np.uint8)
     image[..., :3] = (free + (occupied - free) * fraction)[..., ::-1]
     image[..., 3] = np.where(cells < 0, 0, 255)
-    size = (cells.shape[1] * MAP_SCALE, cells.shape[0] * MAP_SCALE)
+    size = (cells.shape[1] * scale, cells.shape[0] * scale)
     return _png(cv2.resize(image[::-1], size, interpolation=cv2.INTER_NEAREST))
 
 

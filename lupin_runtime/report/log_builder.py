@@ -11,8 +11,10 @@ import numpy as np
 from lupin_runtime import graph
 from lupin_runtime.geometry import Pose2, yaw_from_quaternion
 from lupin_runtime.gridmap import GridMap
+from lupin_runtime.report.clearance import clearance_m
 from lupin_runtime.report.run_log import (
     CameraImage,
+    ClockSample,
     DiscoveryEntry,
     LidarScan,
     LoggedFlower,
@@ -33,7 +35,7 @@ RATES_HZ = {
     graph.ODOM.name: 5.0,
     graph.CMD_VEL_SINK_SIM.name: 5.0,
     graph.CMD_VEL_SINK_ROBOT.name: 5.0,
-    graph.SCAN.name: 1.0,
+    graph.SCAN.name: 5.0,
     graph.DISCOVERED_TAGS.name: 2.0,
     graph.BATTERY.name: 0.5,
 }
@@ -41,6 +43,8 @@ RATES_HZ = {
 OBSERVATION_KINDS = ("tag_reading", "flower", "anomaly")
 OBSERVATION_STATUSES = ("ok", "unreachable", "scan_failed", "skipped")
 _WARN = 30  # rcl_interfaces/Log
+_SCAN_PERIOD_S = 1.0  # of the scans that are kept; the clearance is computed from all
+_CLOCK_PERIOD_S = 1.0
 
 
 class LogBuilder:
@@ -74,13 +78,14 @@ class LogBuilder:
         """The topics that the report needs."""
         return frozenset(self._handlers)
 
-    def add(self, topic: str, log_ns: int, message: Any) -> None:
-        """Add a message; `log_ns` is the time of its arrival in the recording."""
+    def add(self, topic: str, log_ns: int, publish_ns: int, message: Any) -> None:
+        """Add a message. At its arrival, `log_ns` was ROS time and `publish_ns` the wall clock."""
         if not self._started:
             self._started = True
             self.log.start_ns = log_ns
         t_s = (log_ns - self.log.start_ns) / 1e9
         self.log.end_s = max(self.log.end_s, t_s)
+        self._add_clocks(ClockSample(t_s, log_ns / 1e9, publish_ns / 1e9))
         handler = self._handlers.get(topic)
         if handler is not None:
             handler(t_s, message)
@@ -89,6 +94,11 @@ class LogBuilder:
         """Return the completed log."""
         self.log.trajectory = self._path.build()
         return self.log
+
+    def _add_clocks(self, sample: ClockSample) -> None:
+        clocks = self.log.clocks
+        if not clocks or sample.wall_s - clocks[-1].wall_s >= _CLOCK_PERIOD_S:
+            clocks.append(sample)
 
     # -- motion --------------------------------------------------------------------------------------------------------
     def _add_transforms(self, t_s: float, message: Any) -> None:
@@ -105,7 +115,7 @@ class LogBuilder:
             elif edge == _TRANSFORMS[1]:
                 self._path.odom_from_base(t_s, _stamp_s(item.header.stamp), pose)
             else:
-                self.log.laser_in_base = pose
+                self.log.base_from_laser = pose
 
     def _add_odometry(self, t_s: float, message: Any) -> None:
         self.log.speed.append((t_s, *_speed(message.twist.twist)))
@@ -116,7 +126,13 @@ class LogBuilder:
     def _add_scan(self, t_s: float, message: Any) -> None:
         ranges = np.array(message.ranges, dtype=np.float32)
         ranges[~((ranges >= message.range_min) & (ranges <= message.range_max))] = np.nan
-        self.log.scans.append(LidarScan(t_s, float(message.angle_min), float(message.angle_increment), ranges))
+        scan = LidarScan(t_s, float(message.angle_min), float(message.angle_increment), ranges)
+        if not self.log.scans or not 0.0 <= t_s - self.log.scans[-1].t_s < _SCAN_PERIOD_S - 1e-6:
+            self.log.scans.append(scan)
+        if self.log.base_from_laser is not None:
+            nearest_m = clearance_m(scan.ranges, scan.angle_min, scan.angle_step, self.log.base_from_laser)
+            if nearest_m is not None:
+                self.log.clearance.append((t_s, nearest_m))
 
     def _add_map(self, t_s: float, message: Any) -> None:
         info = message.info
@@ -130,6 +146,7 @@ class LogBuilder:
         except ValueError:
             return
         self.log.map = grid
+        self.log.map_history.add(t_s, grid)
         self.log.known_area.append((t_s, float((cells >= 0).sum()) * grid.resolution_m**2))
 
     # -- mission -------------------------------------------------------------------------------------------------------
@@ -165,6 +182,10 @@ class LogBuilder:
         kind = _name(OBSERVATION_KINDS, message.kind)
         flower = _pot_observation(message.flower) if kind == "flower" else None
         tag_id = message.flower.tag_id if flower is not None else message.tag_reading.tag_id
+        if flower is not None:
+            self.log.first_flower_s.setdefault(tag_id, t_s)
+            if flower.footprint:
+                self.log.first_box_s.setdefault(tag_id, t_s)
         self.log.observations.append(
             ObservationEntry(
                 t_s,
@@ -191,12 +212,15 @@ class LogBuilder:
                 bool(tag.anomaly),
             )
 
-    def _add_twin_state(self, _t_s: float, message: Any) -> None:
+    def _add_twin_state(self, t_s: float, message: Any) -> None:
         for tag in message.tags:
             has_flowers = tag.species or tag.anomaly or tag.flowers or tag.flower_count or tag.bug_count
             footprint = _polygon(tag.box_footprint)
             if footprint:
                 self.log.boxes[tag.tag_id] = footprint
+                self.log.first_box_s.setdefault(tag.tag_id, t_s)
+            if has_flowers:
+                self.log.first_flower_s.setdefault(tag.tag_id, t_s)
             self.log.twin[tag.tag_id] = TwinTag(
                 _tag_pose(tag.pose),
                 _pot_observation(tag, tag.species_confidence) if has_flowers else None,

@@ -14,7 +14,8 @@ from lupin_runtime.geometry import Pose2
 from lupin_runtime.report.findings import RunFinding, TagTruth, run_findings
 from lupin_runtime.report.health import SENSORS, health
 from lupin_runtime.report.palette import species_label
-from lupin_runtime.report.run_log import RunLog
+from lupin_runtime.report.run_log import RunLog, TimedPosition
+from lupin_runtime.report.series import RunSeries, TimeSeries, keep_extremes, run_series
 from lupin_runtime.report.tags import READ, UNREACHABLE, TagResult, tag_results
 from lupin_runtime.report.timeline import Timeline, build_timeline
 
@@ -50,7 +51,7 @@ class ReportInput:
     score: dict[str, Any] = field(default_factory=dict)
     truth: dict[str, Any] = field(default_factory=dict)
     map_from_world: Pose2 = field(default_factory=Pose2)
-    true_path: list[tuple[float, float]] = field(default_factory=list)
+    true_path: list[TimedPosition] = field(default_factory=list)
     run_id: str = ""
     recordings: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
@@ -60,8 +61,11 @@ class ReportInput:
         self.tags: list[TagResult] = tag_results(self.log)
         self.timeline: Timeline = build_timeline(self.log)
         self.tag_truth: dict[str, TagTruth] = _tag_truth(self.tags, self.truth, self.score, self.map_from_world)
+        self.series: RunSeries = run_series(self.log, self.true_path)
         facts = {**self.facts, **{name: self.fact(name) for name in ("collisions", "real_time_factor")}}
-        self.findings: list[RunFinding] = run_findings(self.log, self.tags, self.timeline, facts, self.tag_truth)
+        self.findings: list[RunFinding] = run_findings(
+            self.log, self.tags, self.timeline, self.series, facts, self.tag_truth, self.run_id if self.facts else ""
+        )
         self.findings += [RunFinding("warn", "This report is incomplete", text) for text in self.damage]
 
     @property
@@ -109,6 +113,8 @@ def figures(report: ReportInput) -> dict[str, Any]:
         "bugs": sum(pot.bug_count for pot in pots),
         "health": health((r.sensor, r.value) for tag in tags for r in tag.readings)[0],
         "map_corrections": len(log.trajectory.corrections),
+        "largest_localization_error_m": _round(_value(report.series.localization_error_m.high), 3),
+        "least_clearance_m": _round(_value(report.series.clearance_m.low), 3),
         "largest_correction_m": _round(max((c.distance_m for c in log.trajectory.corrections), default=0.0), 3),
         **{f"score_{name}": _figure(score.get(name)) for name in SCORE_FIELDS},
     }
@@ -119,30 +125,36 @@ def report_content(report: ReportInput) -> dict[str, Any]:
     log = report.log
     return {
         "schema": SCHEMA,
-        "run": {
-            "id": report.run_id,
-            "state": report.state,
-            "exit_status": report.facts.get("exit_status"),
-            "sentence": report.facts.get("sentence", ""),
-            "target": report.fact("target"),
-            "world": report.fact("world"),
-            "mission_id": log.mission_id,
-            "mission_type": log.mission_type,
-            "started_at": report.metadata.get("started_at"),
-            "built_at": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-            "recordings": report.recordings,
-            "recording_start_ns": log.start_ns,
-        },
+        "run": run_content(report),
         "figures": figures(report),
-        "findings": [{"severity": f.severity, "title": f.title, "detail": f.detail} for f in report.findings],
+        "findings": [finding_content(finding) for finding in report.findings],
         "tags": [_tag(tag, report) for tag in report.tags],
         "timeline": _timeline(report.timeline),
         "path": _path(report),
         "map": _map(log),
         "fields": _fields(report.tags),
+        "series": {name: _series(getattr(report.series, name)) for name in RunSeries.__dataclass_fields__},
         "battery": [[_round(t, 1), _round(v, 3)] for t, v in log.battery],
         "score": report.score or None,
         "facts": report.facts,
+    }
+
+
+def run_content(report: ReportInput) -> dict[str, Any]:
+    """Return what the run was: its id, outcome, place, mission, time and recordings."""
+    return {
+        "id": report.run_id,
+        "state": report.state,
+        "exit_status": report.facts.get("exit_status"),
+        "sentence": report.facts.get("sentence", ""),
+        "target": report.fact("target"),
+        "world": report.fact("world"),
+        "mission_id": report.log.mission_id,
+        "mission_type": report.log.mission_type,
+        "started_at": report.metadata.get("started_at"),
+        "built_at": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "recordings": report.recordings,
+        "recording_start_ns": report.log.start_ns,
     }
 
 
@@ -162,6 +174,19 @@ def _tag_truth(
         reachable = item.get("reachable")
         found[tag_id] = TagTruth(error, None if reachable is None else bool(reachable))
     return found
+
+
+def finding_content(finding: RunFinding) -> dict[str, Any]:
+    """Return a finding for scripts."""
+    return {
+        "severity": finding.severity,
+        "title": finding.title,
+        "detail": finding.detail,
+        "action": finding.action,
+        "command": finding.command,
+        "t_s": _round(finding.t_s, 1),
+        "tag_ids": list(finding.tag_ids),
+    }
 
 
 def _tag(tag: TagResult, report: ReportInput) -> dict[str, Any]:
@@ -247,6 +272,11 @@ def thin(t_s: Any, period_s: float) -> list[int]:
     return kept
 
 
+def _series(series: TimeSeries) -> dict[str, Any]:
+    points = [[_round(t, 1), _round(value, 3)] for t, value in keep_extremes(series.points)]
+    return {"points": points or None, "missing": series.missing or None}
+
+
 def _map(log: RunLog) -> dict[str, Any] | None:
     if log.map is None:
         return None
@@ -275,6 +305,10 @@ def _fields(tags: list[TagResult]) -> dict[str, Any]:
                 "ideal_max": ideal.high,
             }
     return fields
+
+
+def _value(point: tuple[float, float] | None) -> float | None:
+    return None if point is None else point[1]
 
 
 def _round(value: Any, digits: int) -> float | None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lupin_runtime.geometry import Pose2
 from lupin_runtime.gridmap import GridMap
+from lupin_runtime.report.map_history import MapHistory
 from lupin_runtime.report.trajectory import Trajectory, TrajectoryBuilder
 
 Point = tuple[float, float]
@@ -112,6 +114,23 @@ class LogLine:
 
 
 @dataclass(frozen=True)
+class ClockSample:
+    """The two clocks of the recorder at one moment: ROS time, which is simulated in a simulated run, and the wall clock."""
+
+    t_s: float
+    ros_s: float
+    wall_s: float
+
+
+class TimedPosition(NamedTuple):
+    """A position at a time: the stamp is in ROS time, the position in meters."""
+
+    stamp_s: float
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
 class CameraImage:
     """A camera's image."""
 
@@ -144,6 +163,7 @@ class RunLog:
     discovered: dict[str, DiscoveryEntry] = field(default_factory=dict)
     twin: dict[str, TwinTag] = field(default_factory=dict)
     map: GridMap | None = None
+    map_history: MapHistory = field(default_factory=MapHistory)
     known_area: list[tuple[float, float]] = field(default_factory=list)
     battery: list[tuple[float, float]] = field(default_factory=list)
     speed: list[tuple[float, float, float]] = field(default_factory=list)
@@ -152,5 +172,9 @@ class RunLog:
     body_images: list[CameraImage] = field(default_factory=list)
     gripper_images: list[CameraImage] = field(default_factory=list)
     scans: list[LidarScan] = field(default_factory=list)
-    laser_in_base: Pose2 = field(default_factory=Pose2)
+    base_from_laser: Pose2 | None = None
+    clearance: list[tuple[float, float]] = field(default_factory=list)
+    clocks: list[ClockSample] = field(default_factory=list)
     boxes: dict[str, tuple[Point, ...]] = field(default_factory=dict)
+    first_box_s: dict[str, float] = field(default_factory=dict)
+    first_flower_s: dict[str, float] = field(default_factory=dict)

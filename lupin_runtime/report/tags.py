@@ -56,6 +56,7 @@ class TagResult:
     visited: bool
     discovered_s: float | None
     read_s: float | None
+    attempted_s: float | None
     sightings: int
     readings: tuple[LatestReading, ...]
     health: str
@@ -105,6 +106,7 @@ def _result(tag_id: str, log: RunLog) -> TagResult:
         any(entry.status == "ok" for entry in visits),
         discovered.first_t_s if discovered else None,
         next((entry.t_s for entry in (*visits, *successes) if entry.status == "ok"), None),
+        (visits or attempts)[-1].t_s if attempts else None,
         discovered.sightings if discovered else 0,
         readings,
         grade,

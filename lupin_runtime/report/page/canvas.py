@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from copy import copy
 
 from markupsafe import Markup
 
@@ -11,6 +12,8 @@ from lupin_runtime.report.page.markup import element
 from lupin_runtime.report.report_json import ReportInput
 
 _MARGIN_M = 0.4
+# Share of the map's width: on a phone's 350 px, the tags' numbers are 10 px high.
+_PHONE_SYMBOL = 0.028
 
 
 class Canvas:
@@ -29,6 +32,12 @@ class Canvas:
         # Symbols keep a readable size relative to the drawing, in small and in large greenhouses.
         self.symbol_size = max(9.0, self.width * 0.0125, self.height * 0.0125)
 
+    def for_phone(self) -> Canvas:
+        """Return the same canvas with symbols that can be read on a map as wide as a phone."""
+        canvas = copy(self)
+        canvas.symbol_size = max(self.symbol_size, self.width * _PHONE_SYMBOL)
+        return canvas
+
     @property
     def width(self) -> float:
         """Width in centimeters."""
@@ -43,11 +52,11 @@ class Canvas:
         """Convert a point of the map frame to the canvas."""
         return (x - self.extent.x0) * 100.0, (self.extent.y1 - y) * 100.0
 
-    def image(self, uri: str, extent: Extent, css: str) -> Markup:
+    def image(self, uri: str, extent: Extent, css: str, **attributes: str) -> Markup:
         """Return a raster image that covers an extent."""
         left, top = self.at(extent.x0, extent.y1)
         size = {"width": extent.width * 100.0, "height": extent.height * 100.0}
-        return element("image", x=left, y=top, **size, href=uri, class_=css, preserveAspectRatio="none")
+        return element("image", x=left, y=top, **size, href=uri, class_=css, preserveAspectRatio="none", **attributes)
 
 
 def _points(report: ReportInput) -> Iterable[tuple[float, float]]:

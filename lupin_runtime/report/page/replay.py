@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from lupin_runtime.geometry import Pose2
 from lupin_runtime.report.health import SENSORS
-from lupin_runtime.report.images import data_uri, thumbnail
+from lupin_runtime.report.images import data_uri, known_extent, map_png, thumbnail
 from lupin_runtime.report.page.canvas import Canvas
 from lupin_runtime.report.report_json import ReportInput, thin
 from lupin_runtime.report.run_log import LidarScan
@@ -17,6 +18,7 @@ from lupin_runtime.report.run_log import LidarScan
 _POSE_PERIOD_S = 0.2
 _SPEED_PERIOD_S = 1.0
 _MAX_POSES, _MAX_SCANS, _MAX_IMAGES = 9000, 600, 150
+_MIN_MAPS, _MAX_MAPS, _MAX_MAP_CELLS = 8, 48, 4_000_000
 _BEAMS = 120
 _IMAGE_PX = 240
 
@@ -34,6 +36,8 @@ def replay_data(report: ReportInput, canvas: Canvas) -> dict[str, Any]:
         "flags": [[round(b.from_s, 1), round(b.to_s, 1), b.label] for b in bands.flags],
         "speed": _thin([(t, v) for t, v, _ in log.speed], 2),
         "battery": _thin(log.battery, 3),
+        "events": sorted({round(event.t_s, 1) for event in bands.events}),
+        "maps": _maps(report, canvas),
         "tags": sorted([round(d.first_t_s, 1), tag_id] for tag_id, d in log.discovered.items()),
         "readings": [
             [round(entry.t_s, 1), entry.tag_id, _summary(entry.readings)]
@@ -57,6 +61,30 @@ def _poses(report: ReportInput, canvas: Canvas) -> dict[str, list[int]]:
         "y": np.round(y).astype(int).tolist(),
         "yaw": np.round(path.yaw[keep] * 1000).astype(int).tolist(),
     }
+
+
+def _maps(report: ReportInput, canvas: Canvas) -> list[dict[str, Any]]:
+    """Return the map over time: fewer of them where it is large."""
+    snapshots = report.log.map_history.snapshots
+    if not snapshots:
+        return []
+    count = min(_MAX_MAPS, max(_MIN_MAPS, _MAX_MAP_CELLS // max(1, snapshots[-1].height * snapshots[-1].width)))
+    found = []
+    for snapshot in snapshots[:: max(1, math.ceil(len(snapshots) / count))]:
+        grid = snapshot.grid
+        extent = known_extent(grid)
+        if extent is None:
+            continue
+        left, top = canvas.at(extent.x0, extent.y1)
+        box = {"x": left, "y": top, "width": extent.width * 100.0, "height": extent.height * 100.0}
+        found.append(
+            {
+                "t": round(snapshot.t_s, 1),
+                "box": {name: round(value, 1) for name, value in box.items()},
+                **{theme: data_uri(map_png(grid, extent, theme, scale=1), "png") for theme in ("light", "dark")},
+            }
+        )
+    return found
 
 
 def _thin(points: list[tuple[float, float]], digits: int) -> list[list[float]]:
@@ -90,7 +118,7 @@ def _scans(report: ReportInput) -> dict[str, Any] | None:
     scans = scans[:: max(1, math.ceil(len(scans) / _MAX_SCANS))]
     beams = scans[0].ranges.size
     every = max(1, beams // _BEAMS)
-    laser = report.log.laser_in_base
+    laser = report.log.base_from_laser or Pose2()
     return {
         "first": round(scans[0].angle_min, 5),
         "step": round(scans[0].angle_step * every, 6),

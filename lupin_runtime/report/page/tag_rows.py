@@ -16,7 +16,7 @@ from lupin_runtime.report.tags import READ, LatestReading, TagResult
 
 _PHOTO_PX = 224
 _PHOTO_WITHIN_S = 4.0  # an image farther from the time of the reading may show another place
-_OUTCOME_MARKS = {"read": "✔", "unreachable": "✖", "scan_failed": "▲", "skipped": "↷", "seen": "○"}
+OUTCOME_MARKS = {"read": "✔", "unreachable": "✖", "scan_failed": "▲", "skipped": "↷", "seen": "○"}
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def nearest_image(images: Sequence[CameraImage], t_s: float) -> CameraImage | No
 
 def _outcome_label(tag: TagResult) -> str:
     label = "read from a distance" if tag.outcome == READ and not tag.visited else OUTCOME_LABELS[tag.outcome]
-    return f"{_OUTCOME_MARKS[tag.outcome]} {label}"
+    return f"{OUTCOME_MARKS[tag.outcome]} {label}"
 
 
 def _times(tag: TagResult) -> str:

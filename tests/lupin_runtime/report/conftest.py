@@ -21,6 +21,8 @@ from lupin_runtime.record.definitions import schema_text
 from lupin_runtime.record.writer import RecordingWriter
 
 START_NS = 2_000_000_000
+WALL_START_NS = 1_773_480_413_000_000_000
+SLOW_S, SLOWDOWN = (60.0, 90.0), 0.5  # for these seconds, the simulation runs at half speed
 RESOLUTION_M = 0.05
 WALLS = (-1.5, -1.2, 7.5, 5.4)  # x0, y0, x1, y1
 TABLES = ((1.2, 0.6, 2.4, 1.0), (3.8, 0.6, 5.0, 1.0), (1.2, 2.6, 2.4, 3.0), (3.8, 2.6, 5.0, 3.0))
@@ -80,7 +82,14 @@ class Writer:
         if row.name not in self.channels:
             self.channels[row.name] = self.writer.add_channel(row.name, row.type, schema_text(row.type), row.qos)
         at_ns = START_NS + round(t_s * 1e9)
-        self.writer.write(self.channels[row.name], bytes(serialize_message(message)), at_ns, at_ns)
+        wall_ns = WALL_START_NS + round(wall_s(t_s) * 1e9)
+        self.writer.write(self.channels[row.name], bytes(serialize_message(message)), at_ns, wall_ns)
+
+
+def wall_s(t_s: float) -> float:
+    """Return the seconds of the wall clock that the simulation took until `t_s`."""
+    slow_s = min(max(t_s - SLOW_S[0], 0.0), SLOW_S[1] - SLOW_S[0])
+    return t_s + slow_s * (1.0 / SLOWDOWN - 1.0)
 
 
 def stamp(t_s: float) -> Any:
@@ -424,5 +433,10 @@ def make_run(folder: Path, hostile: bool = False) -> None:
     """Write a run directory."""
     folder.mkdir(parents=True)
     (folder / "truth.json").write_text(json.dumps(write_mission(folder / "recording.mcap", hostile)))
-    lines = (f"{t:.3f} {p.x:.5f} {p.y:.5f} 0 0 0 {math.sin(p.yaw / 2):.7f} {math.cos(p.yaw / 2):.7f}\n" for t, p, _ in drive())
-    (folder / "truth_trajectory.tum").write_text("".join(lines))
+    (folder / "truth_trajectory.tum").write_text("".join(f"{true_line(t_s, pose)}\n" for t_s, pose, _ in drive()))
+
+
+def true_line(t_s: float, pose: Pose2) -> str:
+    """Return a line of the true trajectory; its stamps are ROS time."""
+    heading = f"0 0 0 {math.sin(pose.yaw / 2):.7f} {math.cos(pose.yaw / 2):.7f}"
+    return f"{t_s + START_NS / 1e9:.3f} {pose.x:.5f} {pose.y:.5f} {heading}"

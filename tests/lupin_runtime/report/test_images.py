@@ -36,7 +36,9 @@ def make_extent() -> Extent:
 
 def make_tag(x: float, y: float, value: float) -> TagResult:
     reading = LatestReading("temperature", value, 1.0, 0.0)
-    return TagResult("1", TagPlacement(x, y, 0.4, 0.0), "read", "", True, 0.0, 1.0, 3, (reading,), "healthy", 0.0, None, ())
+    return TagResult(
+        "1", TagPlacement(x, y, 0.4, 0.0), "read", "", True, 0.0, 1.0, 1.0, 3, (reading,), "healthy", 0.0, None, ()
+    )
 
 
 def test_known_extent_bounds_known_cells() -> None:

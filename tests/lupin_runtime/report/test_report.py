@@ -5,17 +5,23 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
-from lupin_runtime.record.reader import MAGIC, NotARecording
+from lupin_runtime import graph
+from lupin_runtime.record.reader import MAGIC, NotARecording, Recording
 from lupin_runtime.record.runs import find_recorded_run
+from lupin_runtime.record.writer import RecordingWriter
 from lupin_runtime.report import Report, build_report
+from lupin_runtime.report.build import read_log
+from lupin_runtime.report.findings import run_findings
+from tests.support.hostile_samples import write_recording
 
-from .conftest import HOSTILE, facts, make_run, score  # isort: skip
+from .conftest import HOSTILE, SLOWDOWN, facts, make_run, score  # isort: skip
 
 
 class Page(HTMLParser):
@@ -129,14 +135,53 @@ def test_findings_are_sorted_and_use_the_truth(built: Report) -> None:
     assert any("slam_toolbox logged a warning, 3 times" in title for title in titles)
 
 
+def test_findings_say_what_to_do_when_and_where(built: Report) -> None:
+    found = {finding["title"]: finding for finding in built.content["findings"]}
+    co2 = found["CO₂ at tag 3 is critical"]
+    assert (co2["action"], co2["tag_ids"]) == ("Ventilate the greenhouse", ["3"])
+    stop = found["E-stop pressed"]
+    assert stop["command"] == f"lupin logs estop --run {built.content['run']['id']}"
+    assert 120.0 < stop["t_s"] < 121.0
+    assert found["twin was killed by SIGKILL"]["command"].startswith("lupin logs twin --run ")
+    wrong = next(finding for title, finding in found.items() if title.startswith("The estimated position was up to"))
+    assert 140.0 <= wrong["t_s"] <= 142.0  # between two corrections by the map
+    assert "Truth" in wrong["action"]
+    assert all(f["action"] for f in found.values() if f["severity"] in ("error", "warn"))
+
+
+def test_series_show_error_rate_and_clearance_over_time(built: Report) -> None:
+    series = built.content["series"]
+    error, rate, clearance = (
+        series[f"{name}"]["points"] for name in ("localization_error_m", "real_time_factor", "clearance_m")
+    )
+    assert max(v for t, v in error if t < 139.0) < 0.03
+    assert max(v for t, v in error if 140.0 < t < 142.0) == pytest.approx(0.15, abs=0.02)
+    assert [v for t, v in rate if 70.0 < t < 88.0] == pytest.approx([SLOWDOWN] * sum(70.0 < t < 88.0 for t, _ in rate))
+    assert [v for t, v in rate if t > 100.0] == pytest.approx([1.0] * sum(t > 100.0 for t, _ in rate))
+    assert 0.2 < min(v for _, v in clearance) < 0.6
+    n = built.content["figures"]
+    assert n["least_clearance_m"] == min(v for _, v in clearance)
+    assert n["largest_localization_error_m"] == max(v for _, v in error)
+
+
+def test_missing_quantities_are_named_on_the_page(tmp_path: Path) -> None:
+    write_recording(tmp_path / "recording.mcap")
+    report = build_report(tmp_path)
+    series = report.content["series"]
+    missing = {name: quantity["missing"] for name, quantity in series.items() if quantity["points"] is None}
+    assert missing["localization_error_m"] == "the recording has no transforms of the robot"
+    assert "real_time_factor" in missing
+    text = "".join(Page(report.page.read_text()).texts)
+    assert all(f"Not recorded: {reason}." in text for reason in missing.values())
+
+
 @pytest.mark.usefixtures("built")
 def test_trajectory_is_written_beside_the_recording(mission_run: Path) -> None:
     rows = [line.split() for line in (mission_run / "trajectory.tum").read_text().splitlines()]
     truth = [line.split() for line in (mission_run / "truth_trajectory.tum").read_text().splitlines()]
     assert len(rows) > 1000
-    start_s = 2.0  # the stamps are the recording's ROS time
     for row in rows[100::97]:
-        nearest = min(truth, key=lambda line: abs(float(line[0]) + start_s - float(row[0])))
+        nearest = min(truth, key=lambda line: abs(float(line[0]) - float(row[0])))
         assert float(row[1]) == pytest.approx(float(nearest[1]), abs=0.5)
         assert float(row[2]) == pytest.approx(float(nearest[2]), abs=0.5)
 
@@ -214,6 +259,8 @@ def test_report_of_a_single_recording_has_no_score(mission_run: Path, tmp_path: 
     report = build_report(find_recorded_run(str(lone)))
     assert report.page == tmp_path / "drive-report" / "report" / "report.html"
     assert report.content["score"] is None
+    assert "there is no ground truth" in report.content["series"]["localization_error_m"]["missing"]
+    assert not any("--run" in finding["command"] for finding in report.content["findings"])  # it has no logs
     assert report.content["run"]["state"] == "DONE"
     assert report.content["figures"]["tags_read"] == 7
     assert Page(report.page.read_text()).open == []
@@ -248,3 +295,29 @@ def test_empty_recording_error_names_the_file(tmp_path: Path) -> None:
     (tmp_path / "recording.mcap").write_bytes(MAGIC)
     with pytest.raises(NotARecording, match=r"recording\.mcap holds no mission, no path and no map"):
         build_report(tmp_path)
+
+
+@pytest.mark.parametrize("rest", [b"", b"\x00" * 8, b"\x05\x01"])
+def test_odd_messages_and_trailing_bytes_cost_only_themselves(tmp_path: Path, rest: bytes) -> None:
+    write_recording(tmp_path / "whole.mcap")
+    writer = RecordingWriter(tmp_path / "odd.mcap")
+    odd = writer.add_channel(graph.SCAN.name, "std_msgs/msg/Bool", "bool data", graph.SCAN.qos)
+    writer.write(odd, b"\x00\x01\x00\x00\x01", 1, 1)
+    writer.flush()
+    writer.finish()
+    with (tmp_path / "odd.mcap").open("ab") as file:
+        file.write(rest)
+    recordings = [Recording(tmp_path / "whole.mcap"), Recording(tmp_path / "odd.mcap")]
+    log = read_log(recordings)
+    assert len(log.scans) == 2 and log.map is not None  # one a second
+    assert recordings[0].damage == []
+    assert recordings[1].damage == ["/scan: 1 messages with odd values were left out"]
+
+
+def test_command_for_a_tag_is_quoted_for_the_shell(built: Report) -> None:
+    (line,) = [tag for tag in built.source.tags if tag.tag_id == "3"]
+    hostile = replace(line, tag_id="3; touch x", outcome="skipped")
+    findings = run_findings(built.source.log, [hostile], built.source.timeline, built.source.series, {}, {}, "a b")
+    commands = {finding.command for finding in findings}
+    assert "lupin mission start '3; touch x'" in commands
+    assert "lupin logs --run 'a b' --level warn" in commands
