@@ -10,6 +10,7 @@ from typing import Any
 from aiohttp import web
 
 from lupin_runtime.console.authority import Session
+from lupin_runtime.json_text import parse_json
 
 SESSION = web.RequestKey("session", Session)  # the session that sent a request
 OPENAPI_PATH = "/_api/openapi.json"
@@ -38,8 +39,8 @@ class Resource:
 async def json_object(request: web.Request) -> dict[str, Any]:
     """Read the JSON object in a request's body. Raises HTTPBadRequest."""
     try:
-        body = await request.json()
-    except (ValueError, RecursionError) as error:
+        body = await request.json(loads=parse_json)
+    except ValueError as error:
         raise web.HTTPBadRequest(text=f"not JSON: {error}\n") from error
     if not isinstance(body, dict):
         raise web.HTTPBadRequest(text="expected a JSON object\n")

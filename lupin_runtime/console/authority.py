@@ -92,16 +92,27 @@ class Authority:
         For the holder, this counts as a sign of life.
         """
         self._expire(now_ns)
-        if session.role is not Role.OPERATOR:
-            raise Refused(f"{session.name} is a viewer; to drive, pair this browser as operator")
+        self._check_role(session)
+        if not take_over:
+            self.check_take(session, now_ns)
         if self._holder is session:
             self._last_alive_ns = now_ns
             return
-        if self._holder is not None and not take_over:
-            since_s = (now_ns - self._since_ns) / 1e9
-            raise Refused(f"{self._holder.name} has had control for {since_s:.0f} s; ask for it or take it over")
         origin = f", taken from {self._holder.name}" if self._holder is not None else ""
         self._grant(session, now_ns, f"{session.name} has control{origin}")
+
+    def check_take(self, session: Session, now_ns: int) -> None:
+        """Check that a session has control or could take it, without taking it. Raises Refused."""
+        self._expire(now_ns)
+        self._check_role(session)
+        if self._holder not in (None, session):
+            since_s = (now_ns - self._since_ns) / 1e9
+            name = self._holder.name if self._holder else ""
+            raise Refused(f"{name} has had control for {since_s:.0f} s; ask for it or take it over")
+
+    def _check_role(self, session: Session) -> None:
+        if session.role is not Role.OPERATOR:
+            raise Refused(f"{session.name} is a viewer; to drive, pair this browser as operator")
 
     def request(self, session: Session, now_ns: int) -> bool:
         """Take the lease if it is free, or else ask its holder for it. Raises Refused.
@@ -112,8 +123,7 @@ class Authority:
         if self._holder is None or self._holder is session:
             self.take(session, now_ns)
             return True
-        if session.role is not Role.OPERATOR:
-            raise Refused(f"{session.name} is a viewer; to drive, pair this browser as operator")
+        self._check_role(session)
         if self._requester not in (None, session):
             raise Refused(f"{self._requester.name if self._requester else ''} is already asking for control; ask again later")
         if self._requester is None:
@@ -206,6 +216,10 @@ class Authority:
         """
         if not self._allow_unlisted or absolute(name) in self._services or absolute(name) in self._actions:
             raise Refused(f"offering {name} is not allowed to clients of the console")
+
+    def needs_control(self, name: str) -> bool:
+        """Return whether only the session in control may use the topic, service or action of this name."""
+        return any(rules.get(absolute(name)) == graph.BY_OPERATOR for rules in (self._topics, self._services, self._actions))
 
     def _authorize(self, session: Session, rules: dict[str, str], name: str, what: str, now_ns: int) -> None:
         if self._rule(rules, name, what) == graph.BY_OPERATOR:

@@ -26,8 +26,10 @@ from std_msgs.msg import String
 from lupin_runtime import graph
 from lupin_runtime.console import values
 from lupin_runtime.console.authority import Authority, Refused, Session
+from lupin_runtime.console.command_era import CommandEra, Refusal, always_valid
 from lupin_runtime.console.estop_reasons import OF_CONSOLES, EstopReasons
 from lupin_runtime.console.goals import ActionClientPool, GoalSender
+from lupin_runtime.console.interfaces import absolute
 from lupin_runtime.console.providers import ActionProvider, ServiceProvider
 from lupin_runtime.console.publisher_pool import PublisherPool
 from lupin_runtime.console.rosapi import RosApi
@@ -88,7 +90,7 @@ class Bridge:
         """`record` has the signature of CommandJournal.record."""
         self.authority = authority
         self.record = record
-        authority.on_change(self._end_driving)
+        authority.on_change(self._follow_control)
         self._node = node
         self._ros = RosThread(node)
         self._clients: dict[Client, _GraphResources] = {}
@@ -98,6 +100,7 @@ class Bridge:
         self._was_stopped = False
         self._stopped_ns = -_ESTOP_DELAY_NS  # when a client last held the stop
         self._estop = EstopReasons(node)
+        self._era = CommandEra(lambda: self._estop.changes)
         now = node.get_clock().now
         self._now: values.Now = lambda: now().to_msg()
         self._topics = TopicHub(node)
@@ -118,7 +121,7 @@ class Bridge:
             ActionProvider(self._node, client.answer, self._now),
             GoalSender(self._node, client.answer, self._now, self._action_clients),
         )
-        self._stops.join(client, client.session.name)
+        self._stops.join(client, client.session.name, time.monotonic_ns())
 
     def leave(self, client: Client) -> None:
         """Remove a client and everything that it has on the graph. If it was driving, zero velocity is sent."""
@@ -170,6 +173,12 @@ class Bridge:
 
         self._ros.run(function).add_done_callback(finished)
 
+    def _refusal(self, name: str) -> Refusal:
+        """Return when a command that is sent now, by the name of its topic, service or action, must not be carried out."""
+        # A pause stops something, so it is carried out however old it is.
+        is_command = self.authority.needs_control(name) and absolute(name) != graph.MISSION_PAUSE.name
+        return self._era.refusal() if is_command else always_valid
+
     def _log_failure(self, future: Future[Any]) -> None:
         """Log a defect of the server; errors that a client can cause are ValueErrors and handled elsewhere."""
         error = future.exception()
@@ -212,8 +221,11 @@ class Bridge:
         queue_size: int,
     ) -> None:
         """Publish a client's message, after advertising the topic if the client has not."""
+        refusal = self._refusal(topic)
 
         def publish() -> None:
+            if reason := refusal():
+                raise ValueError(reason)
             message_class, publisher = self._publishers.to_publish(client, topic, type_name, latch, queue_size)
             publisher.publish(values.fill(message_class, contents, self._now))
 
@@ -226,7 +238,8 @@ class Bridge:
             self._call_rosapi(client, "/" + service.lstrip("/"), arguments, done)
             return
         limit_s = TIMEOUT_S if timeout_s is None or not math.isfinite(timeout_s) else float(timeout_s)
-        self._run(client, "call_service", lambda: self._services.call(service, arguments, limit_s, done))
+        refusal = self._refusal(service)
+        self._run(client, "call_service", lambda: self._services.call(service, arguments, limit_s, done, refusal))
 
     def request_service(self, session: Session, service: str, arguments: dict[str, Any]) -> Future[Any]:
         """Call a service for a request to the API. Raises Refused; the future gets the response or a ServiceFailed."""
@@ -243,7 +256,9 @@ class Bridge:
             else:
                 answered.set_exception(ServiceFailed(str(response)))
 
-        self._ros.run(lambda: self._services.call(service, arguments, TIMEOUT_S, done)).add_done_callback(self._log_failure)
+        refusal = self._refusal(service)
+        called = self._ros.run(lambda: self._services.call(service, arguments, TIMEOUT_S, done, refusal))
+        called.add_done_callback(self._log_failure)
         return answered
 
     def _call_rosapi(self, client: Client, service: str, arguments: Any, done: Done) -> None:
@@ -265,10 +280,15 @@ class Bridge:
         resources = self._clients[client]
         self._run(client, "action", lambda: function(resources.actions))
 
-    def run_with_goals(self, client: Client, function: Callable[[GoalSender], None]) -> None:
-        """Call a function on the executor's thread with the goals that a client has sent."""
-        resources = self._clients[client]
-        self._run(client, "goal", lambda: function(resources.goals))
+    def send_goal(self, client: Client, identifier: Any, action: str, action_type: str, arguments: Any, feedback: bool) -> None:
+        """Send a client's goal."""
+        goals, refusal = self._clients[client].goals, self._refusal(action)
+        self._run(client, "goal", lambda: goals.send_goal(identifier, action, action_type, arguments, feedback, refusal))
+
+    def cancel_goal(self, client: Client, identifier: Any) -> None:
+        """Cancel a client's goal by its id."""
+        goals = self._clients[client].goals
+        self._run(client, "goal", lambda: goals.cancel(identifier))
 
     # -- driving and stopping -----------------------------------------------------------------------------------------
     def drive(self, client: Client, twist: dict[str, dict[str, float]]) -> None:
@@ -333,10 +353,12 @@ class Bridge:
         self._releases += 1
         self._stops.release_lost()
 
-    def _end_driving(self) -> None:
+    def _follow_control(self) -> None:
         """Stop the wheels when control has changed, before the next session begins to drive."""
-        if self._stops.end_driving(time.monotonic_ns()):
+        now_ns = time.monotonic_ns()
+        if self._stops.end_driving(now_ns):
             self._send_zero()
+        self._era.note_holder(self.authority.lease(now_ns).holder)
 
     def _send_zero(self) -> None:
         self._manual_output.publish(Twist())
@@ -348,6 +370,7 @@ class Bridge:
         engaged = bool(self._stops.reasons())
         if engaged or self._was_stopped:
             self._stopped_ns = now_ns
+        self._era.note_stop(engaged)
         self._presses += engaged and not self._was_stopped
         self._was_stopped = engaged
         statement = {

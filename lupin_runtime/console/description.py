@@ -8,7 +8,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from lupin_runtime.atomic_file import write_atomically
+from lupin_runtime.bounded_file import read_bounded_text
 from lupin_runtime.console.host_addresses import host_addresses
+from lupin_runtime.json_text import parse_json
 
 _NAME = "console.json"
 
@@ -45,7 +47,7 @@ class ConsoleDescription:
 def read_description(folder: Path) -> ConsoleDescription | None:
     """Read the description in `folder`; None if there is none, because no console is running, or if it is malformed."""
     try:
-        return ConsoleDescription(**json.loads((folder / _NAME).read_text()))
+        return ConsoleDescription(**parse_json(read_bounded_text(folder / _NAME)))
     except (OSError, ValueError, TypeError):
         return None
 

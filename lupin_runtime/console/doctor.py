@@ -79,12 +79,12 @@ class Doctor:
             raise DoctorError("the last diagnosis has no such finding; examine again")
         fix: dict[str, Any] = found["fix"]
         if not fix["playbook"]:
-            raise DoctorError(f"no playbook fixes this; a person has to do it: {fix['command']}")
+            raise DoctorError(f"no playbook fixes this; fix it by hand: {fix['instruction'] or fix['command']}")
         return fix
 
     async def _examine(self) -> None:
         try:
-            diagnosis = await self._run(["doctor", "--json"], EXAMINATION_TIMEOUT_S)
+            diagnosis = await self._run(["doctor", "--local", "--json"], EXAMINATION_TIMEOUT_S)
             self._update(diagnosis=diagnosis, examined_s=round(time.time(), 3))
         except DoctorError as error:
             self._update(problem=str(error))

@@ -1,23 +1,24 @@
-"""What else holds the robot: the e-stop's own reasons, such as its button."""
+"""The reasons that the e-stop's status gives for a stop, such as its button."""
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from lupin_runtime import graph
+from lupin_runtime.json_text import parse_json
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.safety.console_server_stop import HOLDS, LOST, UNHEARD
+from lupin_runtime.safety.console_server_stop import BROWSER_HOLDS_STOP, LOST, UNHEARD
 
 # What the e-stop says about the stops that consoles state, of which this one knows its own better and earlier.
-OF_CONSOLES = (HOLDS, LOST, UNHEARD)
+OF_CONSOLES = (BROWSER_HOLDS_STOP, LOST, UNHEARD)
 
 
 class EstopReasons:
-    """Follows the e-stop's status. `update` is called on the executor's thread; `reasons` may be read on any."""
+    """Follows the e-stop's status. `update` is called on the executor's thread; the attributes may be read on any."""
 
     def __init__(self, node: LupinNode) -> None:
         self.reasons: tuple[str, ...] = ()
+        self.changes = 0  # how often the e-stop was engaged or released
         self._node = node
         node.subscription(graph.ESTOP_STATUS, self._receive)
 
@@ -27,14 +28,16 @@ class EstopReasons:
             self.reasons = ()
 
     def _receive(self, message: Any) -> None:
-        self.reasons = read_reasons(message.data)
+        reasons = read_reasons(message.data)
+        self.changes += bool(reasons) != bool(self.reasons)
+        self.reasons = reasons
 
 
 def read_reasons(text: str) -> tuple[str, ...]:
     """Return the reasons in an e-stop's status; empty if it is released, or malformed."""
     try:
-        status = json.loads(text)
+        status = parse_json(text)
         engaged, reasons = status["engaged"], status["reasons"]
-    except (ValueError, KeyError, TypeError, RecursionError):
+    except (ValueError, KeyError, TypeError):
         return ()
     return tuple(str(reason) for reason in reasons) if engaged is True and isinstance(reasons, list) else ()

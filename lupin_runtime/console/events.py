@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from lupin_runtime.console.connection import Connection
-from lupin_runtime.console.encoding import to_json
+from lupin_runtime.console.encoding import json_frame, to_json
 from lupin_runtime.console.outbox import Frame
 
 
@@ -38,4 +38,4 @@ class EventChannel:
 
 
 def _frame(event: dict[str, Any]) -> Frame:
-    return Frame(to_json(event))
+    return json_frame(to_json(event))

@@ -10,12 +10,14 @@ from typing import Any
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.validate_topic_name import validate_topic_name
 
+from lupin_runtime.console.command_era import Refusal, always_valid
 from lupin_runtime.console.providers import (
     STEADY,
     RequestFailed,
@@ -26,11 +28,14 @@ from lupin_runtime.console.providers import (
     to_values,
 )
 from lupin_runtime.console.values import Now, by_name, fill
+from lupin_runtime.ros.sent_goal import SentGoal
 
 SERVER_TIMEOUT_S = 1.0
 MAX_GOALS = 100  # of one client that have not ended yet
 _POLL_S = 0.02
 _WATCH_PERIOD_S = 0.5
+CANCEL_REPEAT_S = 1.0
+CANCEL_TIMEOUT_S = 30.0  # after it, the goal of a disconnected client is given up
 
 _ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 _NOT_CANCELED = (CancelGoal.Response.ERROR_NONE, CancelGoal.Response.ERROR_REJECTED)
@@ -89,13 +94,14 @@ class ActionClientPool:
 
 @dataclass(frozen=True)
 class _Request:
-    """A client's goal; without an `identifier` the client cannot cancel it."""
+    """A client's goal; without an `identifier` the client cannot cancel it. `refusal` is asked until it is sent."""
 
     identifier: Any
     action: str
     action_class: Any
     goal: Any
     feedback: bool
+    refusal: Refusal
 
 
 class _Goal:
@@ -112,9 +118,11 @@ class _Goal:
         self._server_deadline_s = time.monotonic() + SERVER_TIMEOUT_S
         self._poll: Timer | None = None  # runs while no server is available
         self._watch: Timer | None = None  # runs once the goal has been sent
-        self._handle: Any = None  # of the goal, once the server has accepted it
+        self._sent: SentGoal | None = None
+        self._accepted = False  # whether the server is known to have accepted it
         self._servers: set[bytes] = set()  # the servers that may have accepted the goal
-        self._cancel_requested = False
+        self._cancel_deadline_s: float | None = None  # until when the cancel request is repeated; None: it is not due
+        self._cancel_sent_s = 0.0
         self._abandoned = False
         self._ended = False
         self._client = clients.acquire(request.action, request.action_class)
@@ -126,12 +134,16 @@ class _Goal:
             self._poll = self._node.create_timer(_POLL_S, self._look_for_server, callback_group=group, clock=STEADY)
 
     def cancel(self) -> None:
-        """Cancel the goal: at once, or when the server has accepted it. A goal that was not sent yet ends as canceled."""
-        self._cancel_requested = True
-        if self._poll is not None:
+        """Cancel the goal. A goal that was not sent yet ends as canceled.
+
+        The request is sent at once, on acceptance, and repeated until it is answered: both answers can be lost, and it may have
+        overtaken the goal.
+        """
+        if self._sent is None:
             self._end_with_result(self.request.action_class.Result(), GoalStatus.STATUS_CANCELED)
-        elif self._handle is not None:
-            self._handle.cancel_goal_async().add_done_callback(self._on_cancel_response)
+            return
+        self._cancel_deadline_s = time.monotonic() + CANCEL_TIMEOUT_S
+        self._send_cancel(self._sent)
 
     def abandon(self) -> None:
         """Cancel the goal of a client that has disconnected."""
@@ -146,14 +158,40 @@ class _Goal:
             self._fail("No action server available")
 
     def _send_goal(self) -> bool:
+        if reason := self.request.refusal():
+            self._fail(reason)
+            return True
         if not self._client.server_is_ready():
             return False
         on_feedback = self._on_feedback if self.request.feedback else None
         self._servers = self._present_servers()
-        self._client.send_goal_async(self.request.goal, on_feedback).add_done_callback(self._on_response)
+        self._sent = SentGoal(self._client, self.request.action_class, self.request.goal, on_feedback)
+        self._sent.answer.add_done_callback(self._on_response)
         group = ReentrantCallbackGroup()
-        self._watch = self._node.create_timer(_WATCH_PERIOD_S, self._watch_server, callback_group=group, clock=STEADY)
+        self._watch = self._node.create_timer(_WATCH_PERIOD_S, self._on_watch, callback_group=group, clock=STEADY)
         return True
+
+    def _on_watch(self) -> None:
+        self._watch_server()
+        if not self._ended:
+            self._repeat_cancel()
+
+    def _send_cancel(self, sent: SentGoal) -> None:
+        self._cancel_sent_s = time.monotonic()
+        sent.handle.cancel_goal_async().add_done_callback(self._on_cancel_response)
+
+    def _repeat_cancel(self) -> None:
+        now_s = time.monotonic()
+        if self._cancel_deadline_s is None or self._sent is None or now_s - self._cancel_sent_s < CANCEL_REPEAT_S:
+            return
+        if now_s < self._cancel_deadline_s:
+            self._send_cancel(self._sent)
+            return
+        self._cancel_deadline_s = None
+        goal, action = self.request.identifier, self.request.action
+        self._warn(f"{action} did not confirm within {CANCEL_TIMEOUT_S:g} s that goal {goal} is canceled")
+        if self._abandoned:
+            self._end()
 
     def _watch_server(self) -> None:
         """Fail the goal if its server is gone: a server that replaces it does not know the goal and would never answer."""
@@ -178,10 +216,14 @@ class _Goal:
         if not handle.accepted:
             self._fail("Action goal was rejected")
             return
-        self._handle = handle
-        handle.get_result_async().add_done_callback(self._on_result)
-        if self._cancel_requested:
-            self.cancel()
+        self._request_result(handle)
+        if self._cancel_deadline_s is not None and self._sent is not None:
+            self._send_cancel(self._sent)
+
+    def _request_result(self, handle: ClientGoalHandle) -> None:
+        if not self._accepted:
+            self._accepted = True
+            handle.get_result_async().add_done_callback(self._on_result)
 
     def _on_feedback(self, message: Any) -> None:
         if not self._ended:
@@ -196,10 +238,15 @@ class _Goal:
 
     def _on_cancel_response(self, future: Future) -> None:
         response = future.result()
+        if response.return_code == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID:
+            return  # the request has overtaken the goal, and is repeated
+        self._cancel_deadline_s = None
         if not response.goals_canceling and response.return_code in _NOT_CANCELED:
             self._warn(f"{self.request.action} refused to cancel goal {self.request.identifier}, which continues")
         if self._abandoned:
             self._end()
+        elif response.goals_canceling and self._sent is not None:
+            self._request_result(self._sent.handle)  # the goal is accepted, also if that answer was lost
 
     # -- to the client ------------------------------------------------------------------------------------------------
     def _fail(self, reason: str) -> None:
@@ -243,8 +290,16 @@ class GoalSender:
         self._goals: list[_Goal] = []
         self._closed = False
 
-    def send_goal(self, identifier: Any, action: str, action_type: str, args: Any, feedback: bool) -> None:
-        """Send a goal; `args` is a dict, or a list in the order of the goal's fields.
+    def send_goal(
+        self,
+        identifier: Any,
+        action: str,
+        action_type: str,
+        args: Any,
+        feedback: bool,
+        refusal: Refusal = always_valid,
+    ) -> None:
+        """Send a goal; `args` is a dict, or a list in the order of the goal's fields. A reason of `refusal` is its result.
 
         Raises RequestFailed for an invalid action, type or argument, after sending the reason to the client as the result.
         """
@@ -257,7 +312,7 @@ class GoalSender:
                 action_class = find_interface(action_type, "action", "Result", "Feedback")
                 validate_topic_name(action)
                 message = fill(action_class.Goal, by_name(action_class.Goal, args), self._now)
-                request = _Request(identifier, action, action_class, message, feedback)
+                request = _Request(identifier, action, action_class, message, feedback, refusal)
                 goal = _Goal(self._node, self._clients, self._send, self._goals.remove, request)
         except RequestFailed as error:
             outcome = {"values": str(error), "status": GoalStatus.STATUS_UNKNOWN, "result": False}

@@ -6,9 +6,10 @@ Error texts are those of rosbridge_suite, because its tests compare them.
 from __future__ import annotations
 
 import functools
-import importlib
 import re
 from typing import Any
+
+from lupin_runtime.ros.interfaces import interface_module
 
 _REQUIRED_ATTRIBUTES = {
     "msg": ("SLOT_TYPES",),
@@ -35,7 +36,7 @@ def find(name: str, kind: str) -> Any:
     if kind == "msg" and type_name.endswith("_FeedbackMessage"):
         return find(f"{package}/{type_name.removesuffix('_FeedbackMessage')}", "action").Impl.FeedbackMessage
     try:
-        module = importlib.import_module(f"{package}.{kind}")
+        module = interface_module(package, kind)
     except ImportError as error:
         raise UnknownType(f"Unable to import {package}.{kind} from package {package}. Caused by: {error}") from error
     found = getattr(module, type_name, None)

@@ -9,7 +9,7 @@ from typing import Any
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.console.shared_file import change_object, read_object
 from lupin_runtime.console.short_text import short_repr
-from lupin_runtime.stack.runs import state_home
+from lupin_runtime.stack.runs import state_directory
 
 MAX_LOCATIONS = 500
 MAX_NAME = 64
@@ -24,26 +24,26 @@ class BadLocation(ValueError):
 
 def locations_file() -> Path:
     """Return the file of this user's locations."""
-    return state_home() / "console" / "locations.json"
+    return state_directory() / "console" / "locations.json"
 
 
 def all_locations(path: Path) -> dict[str, dict[str, float]]:
     """Return the pose of each location on the map: x and y in m, yaw in rad. Raises MalformedFile and OSError."""
     stored = read_object(path)
     try:
-        return {HOME: dict(_AT_ORIGIN), **{_checked_name(name): _checked_pose(pose) for name, pose in stored.items()}}
+        return {HOME: dict(_AT_ORIGIN), **{_checked_name(name): checked_pose(pose) for name, pose in stored.items()}}
     except BadLocation as error:
         raise MalformedFile(path, None, str(error)) from error
 
 
 def save_location(path: Path, name: Any, pose: Any) -> dict[str, dict[str, float]]:
     """Save or replace a location; returns all locations. Raises BadLocation, MalformedFile and OSError."""
-    checked_name, checked_pose = _checked_name(name), _checked_pose(pose)
+    added = {_checked_name(name): checked_pose(pose)}
 
     def add(locations: dict[str, Any]) -> dict[str, Any]:
-        if checked_name not in locations and len(locations) >= MAX_LOCATIONS:
+        if not added.keys() <= locations.keys() and len(locations) >= MAX_LOCATIONS:
             raise BadLocation(f"there are {MAX_LOCATIONS} locations; remove one first")
-        return {**locations, checked_name: checked_pose}
+        return {**locations, **added}
 
     return {HOME: dict(_AT_ORIGIN), **change_object(path, add)}
 
@@ -65,7 +65,8 @@ def _checked_name(name: Any) -> str:
     return name.strip()
 
 
-def _checked_pose(pose: Any) -> dict[str, float]:
+def checked_pose(pose: Any) -> dict[str, float]:
+    """Return a pose of a client: x and y in m, yaw in rad, wrapped. Raises BadLocation."""
     checked = {}
     for field in ("x", "y", "yaw"):
         value = pose.get(field) if isinstance(pose, dict) else None

@@ -9,7 +9,7 @@ from typing import Any
 
 from lupin_runtime import graph
 from lupin_runtime.console.short_text import short_repr
-from lupin_runtime.stack.runs import state_home
+from lupin_runtime.stack.runs import make_state_folder, state_directory
 
 _PLAIN = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_. -]{0,63}")
 
@@ -20,7 +20,7 @@ class BadMapName(ValueError):
 
 def maps_folder() -> Path:
     """Return the folder in which maps are saved."""
-    return state_home() / "maps"
+    return state_directory() / "maps"
 
 
 def with_map_path(service: str, arguments: Any) -> Any:
@@ -40,7 +40,7 @@ def with_map_path(service: str, arguments: Any) -> Any:
 def _path(name: Any) -> str:
     if not isinstance(name, str) or not _PLAIN.fullmatch(name):
         raise BadMapName(f"a map's name must be 1 to 64 letters, digits, spaces, and . _ - (no folder), not {short_repr(name)}")
-    maps_folder().mkdir(parents=True, exist_ok=True)
+    make_state_folder(maps_folder())
     return str(maps_folder() / name)
 
 

@@ -19,9 +19,10 @@ from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.console.publisher_pool import UNREGISTER_AFTER_S
 from lupin_runtime.console.server import ConsoleServer
 from lupin_runtime.console.sessions import Sessions, sessions_file
+from lupin_runtime.mission.overrides import OVERRIDES_NAME
 from lupin_runtime.ports import CONSOLE_PORT, ROSBRIDGE_PORT, VIDEO_PORT
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.stack.runs import Run
+from lupin_runtime.stack.runs import Run, make_state_folder
 from lupin_runtime.stack.table import DOCTOR
 
 JOURNAL = "console_commands.jsonl"
@@ -34,8 +35,9 @@ class Console(LupinNode):
     Parameters: `host` and `port` for browsers, `rosbridge_host` and `rosbridge_port` for other programs (port 0: any free one;
     an empty host: all of this computer's addresses), `tls` (serve HTTPS too, and redirect browsers on other computers to it),
     `video_target` (the URL of the video server [the robot's, or this computer's]), `folder` (of the command journal and
-    `console.json`), `sessions_file` (the paired browsers), `unlisted` (clients may also use topics, services and actions that
-    the graph's table does not contain), `unregister_after_s` (how long a publisher that no client uses is kept).
+    `console.json`), `overrides_file` (the approach overrides that the mission reads), `sessions_file` (the paired browsers),
+    `unlisted` (clients may also use topics, services and actions that the graph's table does not contain), `unregister_after_s`
+    (how long a publisher that no client uses is kept).
     If `rosbridge_port` is in use, only browsers are served. Raises OSError if `port` is in use.
     """
 
@@ -43,7 +45,7 @@ class Console(LupinNode):
         super().__init__("lupin_console", parameters)
         logger = self.get_logger()
         folder = Path(self.parameter("folder", "") or sessions_file().parent)
-        folder.mkdir(parents=True, exist_ok=True)
+        make_state_folder(folder)
         self._journal = CommandJournal(folder / JOURNAL, logger.warning)
         record = self._journal.record
 
@@ -75,6 +77,7 @@ class Console(LupinNode):
             certificate,
             DOCTOR,
             self.parameter("video_target", "") or _video_target(),
+            Path(self.parameter("overrides_file", "") or folder / OVERRIDES_NAME),
             logger.warning,
         )
         try:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import hashlib
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from aiohttp import WSCloseCode, web
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.console import run_files
 from lupin_runtime.console.api_table import SESSION, Resource, add_resources, json_object
+from lupin_runtime.console.approaches import Approaches
 from lupin_runtime.console.authority import Refused, Role, Session
 from lupin_runtime.console.bridge import Bridge
 from lupin_runtime.console.connection import Connection, Connections, Handoff
@@ -33,6 +35,7 @@ from lupin_runtime.console.request_rules import (
     is_loopback,
     opens_page,
 )
+from lupin_runtime.console.rewind import Rewind
 from lupin_runtime.console.rosbridge import RosbridgeClient
 from lupin_runtime.console.sessions import SESSION_LIFETIME_S, Sessions
 from lupin_runtime.console.shared_data import SharedData
@@ -86,9 +89,12 @@ class Origin:
         codes: PairingCodes,
         doctor_command: Sequence[str],
         video_target: str,
+        overrides_file: Path,
         root_certificate: Path | None = None,
     ) -> None:
-        """`root_certificate` is the file that devices install; with one, browsers on other computers are sent to HTTPS."""
+        """`overrides_file` has the approach overrides of the run's mission.
+
+        `root_certificate` is the file that devices install; with one, browsers on other computers are sent to HTTPS."""
         program = LupinProgram(doctor_command)
         self.doctor = Doctor(program, lambda state: self._events.push("doctor", state))
         self._plays = Plays(program)
@@ -101,6 +107,8 @@ class Origin:
         self._codes = codes
         self._events = EventChannel()
         self._shared = SharedData(bridge, self._events)
+        self._approaches = Approaches(bridge, self._events, overrides_file)
+        self._rewind = Rewind()
         self._open: dict[Connection, Session] = {}
         self._open_paths: set[str] = set()
         self._rosbridge_count = 0  # connections so far
@@ -120,7 +128,7 @@ class Origin:
             Resource(
                 "/_api/session",
                 self._session,
-                "This browser's session, who has control, and why clients stop the robot.",
+                "This browser's session, who has control, why clients stop the robot, and the version of the page.",
                 open=True,
             ),
             Resource("/_api/pair", self._pair, "Pair this browser with a code.", {"code": {"type": "string"}}, open=True),
@@ -129,18 +137,31 @@ class Origin:
             Resource("/_api/doctor", self._doctor_state, "The last diagnosis, its time, and what the doctor is doing now."),
             Resource("/_api/doctor/examination", self._examine, "Examine this computer and its graph; changes nothing.", {}),
             Resource("/_api/doctor/fix", self._fix, "Play the fix of a finding, or preview it. Needs control.", _FIX_BODY),
-            Resource("/_api/events", self._listen, "Changes of control, stop, run, doctor, locations, settings (WebSocket)."),
+            Resource(
+                "/_api/events",
+                self._listen,
+                "Who is connected; changes of control, stop, run, doctor, locations, approaches, settings (WebSocket).",
+            ),
         )
         self._open_paths = {"/", _ROOT_CERTIFICATE_PATH, *(resource.path for resource in resources if resource.open)}
         add_resources(
             application,
-            (*resources, *run_files.resources(), *self._shared.resources(), *self._plays.resources(), *self.video.resources()),
+            (
+                *resources,
+                *run_files.resources(),
+                *self._rewind.resources(),
+                *self._approaches.resources(),
+                *self._shared.resources(),
+                *self._plays.resources(),
+                *self.video.resources(),
+            ),
         )
         return application
 
     def push_state(self) -> None:
-        """Push control and stop to all browsers if they have changed. To be called on changes and twice a second."""
+        """Push control, stop and who is connected to all browsers. To be called on changes and twice a second."""
         self._events.push("control", self._control())
+        self._events.push("browsers", self._browsers())
         self._events.push("stop", self._bridge.stop_reasons())
 
     def push_run(self, state: dict[str, Any]) -> None:
@@ -259,7 +280,10 @@ class Origin:
     async def _session(self, request: web.Request) -> web.StreamResponse:
         session = request.get(SESSION)
         described = None if session is None else {"name": session.name, "role": session.role.value}
-        return web.json_response({"session": described, "control": self._control(), "stop": self._bridge.stop_reasons()})
+        page = await asyncio.to_thread(_page_version)
+        return web.json_response(
+            {"session": described, "control": self._control(), "stop": self._bridge.stop_reasons(), "page": page}
+        )
 
     async def _lease(self, request: web.Request) -> web.StreamResponse:
         session = request[SESSION]
@@ -338,6 +362,11 @@ class Origin:
         since_s = round(self._since_s) if lease.holder is not None else None
         return {"holder": lease.holder, "since_s": since_s, "requester": lease.requester}
 
+    def _browsers(self) -> list[dict[str, str]]:
+        """Return who is connected to this port: each session once, by name."""
+        roles = {session.name: session.role.value for session in self._open.values()}
+        return [{"name": name, "role": role} for name, role in sorted(roles.items())]
+
     @contextlib.asynccontextmanager
     async def _accept(self, request: web.Request) -> AsyncIterator[Connection]:
         if len(self._open) >= MAX_CLIENTS:
@@ -348,6 +377,15 @@ class Origin:
                 yield connection
             finally:
                 self._open.pop(connection, None)
+
+
+def _page_version() -> str:
+    """Return what tells this build of the page from others, so that an open page sees that it is outdated."""
+    try:
+        # It names all other files, whose names contain a hash of their content.
+        return hashlib.sha256((_PAGE / "index.html").read_bytes()).hexdigest()[:16]
+    except OSError:
+        return ""
 
 
 def _set_cookie(request: web.Request, response: web.StreamResponse, token: str) -> None:

@@ -10,6 +10,9 @@ import yaml
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rclpy.parameter import parameter_value_to_python
 
+from lupin_runtime.json_text import parse_json
+from lupin_runtime.yaml_text import load_yaml
+
 # Longer text is not parsed as YAML: for a megabyte that would block the executor's thread for seconds.
 MAX_YAML_CHARACTERS = 4096
 _KINDS = ((bool, "bool"), (int, "integer"), (float, "double"), (str, "string"))
@@ -18,8 +21,8 @@ _KINDS = ((bool, "bool"), (int, "integer"), (float, "double"), (str, "string"))
 def normalize_json(text: str) -> str:
     """Return JSON text in Python's format; an empty JSON string if `text` is not JSON."""
     try:
-        return json.dumps(json.loads(text), allow_nan=False)
-    except (ValueError, RecursionError):
+        return json.dumps(parse_json(text), allow_nan=False)
+    except ValueError:
         return '""'
 
 
@@ -39,10 +42,9 @@ def typed_value(text: str) -> dict[str, Any]:
     """Convert JSON text to the fields of a ParameterValue.
 
     The content of a JSON string is YAML, as on ROS 2's command line: "5" is an integer, "fast" a string. A value that no
-    parameter can have, such as an object, becomes a string with the text. Raises ValueError, and RecursionError for text that
-    is nested too deeply.
+    parameter can have, such as an object, becomes a string with the text. Raises ValueError.
     """
-    value = json.loads(text)
+    value = parse_json(text)
     if isinstance(value, str):
         text = value
         value = _read_yaml(value)
@@ -59,6 +61,6 @@ def _read_yaml(text: str) -> Any:
     if len(text) > MAX_YAML_CHARACTERS:
         return text
     try:
-        return yaml.safe_load(text)
+        return load_yaml(text)
     except (yaml.YAMLError, ValueError, RecursionError):  # ValueError: for a date such as 2024-13-45
         return text

@@ -17,7 +17,6 @@ _FRESH_S = 1.0  # how long an answer is given again: each one takes a Python pro
 _MAX_LISTED = 200
 _DEPLOY = "deploy-robot"
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.:@+-]{0,199}")
-_UNFINISHED = ("interrupted", "cut off", "unreachable", "failed")
 
 
 class Plays:
@@ -47,7 +46,7 @@ class Plays:
         play = request.match_info["play"]
         if not _ID.fullmatch(play) or play not in [each["run"] for each in await self._listed()]:
             raise web.HTTPNotFound(text="there is no such playbook run; see /_api/plays\n")
-        return web.json_response(_with_resume(await self._journal("show", "--json", play)))
+        return web.json_response(_without_path(await self._journal("show", "--json", play)))
 
     async def _deployments(self, _: web.Request) -> web.StreamResponse:
         newest: dict[str, dict[str, Any]] = {}
@@ -58,7 +57,7 @@ class Plays:
 
     async def _listed(self) -> list[dict[str, Any]]:
         rows = await self._journal("list", "--json", "-n", str(_MAX_LISTED))
-        return [_with_resume(row) for row in rows]
+        return [_without_path(row) for row in rows]
 
     async def _journal(self, *arguments: str) -> Any:
         async with self._lock:
@@ -77,9 +76,6 @@ class Plays:
         return answer
 
 
-def _with_resume(play: dict[str, Any]) -> dict[str, Any]:
-    """Add to a playbook run the command that resumes it, empty if it needs none; remove its path, which is not for clients."""
-    robot = f" --robot {play['robot']}" if play["robot"] else ""
-    unfinished = play["state"] in _UNFINISHED and not play["undo_of"]
-    command = f"lupin play {play['playbook']}{robot} --resume" if unfinished else ""
-    return {**{name: value for name, value in play.items() if name != "path"}, "resume": command}
+def _without_path(play: dict[str, Any]) -> dict[str, Any]:
+    """Remove the path of a playbook run's journal, which is not for clients."""
+    return {name: value for name, value in play.items() if name != "path"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 
 import psutil
@@ -12,12 +13,18 @@ class PortInUse(OSError):
 
 
 def check_free(host: str, port: int) -> None:
-    """Raise PortInUse if another process listens on the port."""
-    with socket.socket() as sock:
+    """Raise PortInUse if another process listens on the port of an address; an empty host means all addresses.
+
+    Raises OSError if this computer has no such address.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family) as sock:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             sock.bind((host, port))
         except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise
             raise PortInUse(f"port {port} is in use by {owner_of(port)}") from error
 
 

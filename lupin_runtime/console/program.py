@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 from collections.abc import Sequence
 from typing import Any
+
+from lupin_runtime.json_text import parse_json
 
 _STOP_TIMEOUT_S = 5.0  # before the command is killed
 
@@ -35,7 +36,7 @@ class LupinProgram:
             if process.returncode is None:
                 await _terminate(process)
         try:
-            return json.loads(output)
+            return parse_json(output)
         except ValueError:
             lines = errors.decode(errors="replace").strip().splitlines()
             reason = lines[-1] if lines else f"exited with status {process.returncode}"

@@ -84,7 +84,7 @@ class RosApiParameters:
         """Set a parameter to a value given as JSON text."""
         try:
             value = typed_value(text)
-        except (ValueError, RecursionError) as error:
+        except ValueError as error:
             done({"successful": False, "reason": f'a parameter\'s value must be JSON text, such as 0.5 or "fast": {error}'})
         else:
             self._set(name, value, done)

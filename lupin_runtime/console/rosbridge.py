@@ -17,7 +17,7 @@ import orjson
 from lupin_runtime import graph
 from lupin_runtime.console.authority import READ_ONLY_PREFIX, Refused, Session
 from lupin_runtime.console.bridge import Bridge
-from lupin_runtime.console.encoding import COMPRESSIONS, fragments, to_json
+from lupin_runtime.console.encoding import COMPRESSIONS, fragments, json_frame, to_json
 from lupin_runtime.console.fragments import BadFragment, Defragmenter
 from lupin_runtime.console.interfaces import absolute, full_name
 from lupin_runtime.console.map_names import BadMapName, with_map_path
@@ -94,7 +94,7 @@ class RosbridgeClient:
             for part in fragments(data, self._fragment_size, str(message.get("id", "0"))):
                 self._send(Frame(part))
         else:
-            self._send(Frame(data))
+            self._send(json_frame(data))
 
     def handle(self, text: str | bytes) -> None:
         """Handle a message from the client. Never raises, whatever the message contains."""
@@ -252,12 +252,12 @@ class RosbridgeClient:
             return
         arguments = message.get("args")
         self._bridge.record(self.session.name, f"goal {absolute(action)}", arguments)
-        self._bridge.run_with_goals(self, lambda sender: sender.send_goal(identifier, action, kind, arguments, feedback))
+        self._bridge.send_goal(self, identifier, action, kind, arguments, feedback)
 
     def _cancel_action_goal(self, message: dict[str, Any]) -> None:
         identifier = message.get("id")
         self._bridge.record(self.session.name, "cancel goal", identifier)
-        self._bridge.run_with_goals(self, lambda sender: sender.cancel(identifier))
+        self._bridge.cancel_goal(self, identifier)
 
     def _advertise_action(self, message: dict[str, Any]) -> None:
         action, kind = _name(message, "action"), _text(message, "type")

@@ -6,17 +6,20 @@ Disks are read on other threads, because a slow one must not delay a stop on the
 from __future__ import annotations
 
 import asyncio
-import json
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from aiohttp import web
 
+from lupin_runtime.atomic_file import read_json_object
+from lupin_runtime.bounded_file import open_regular
 from lupin_runtime.console.api_table import Resource
 from lupin_runtime.console.map_names import maps_folder
+from lupin_runtime.json_text import parse_json
+from lupin_runtime.stack.results import result_of
 from lupin_runtime.stack.retention import StoredRun, stored_runs
-from lupin_runtime.stack.runs import Run, all_runs
+from lupin_runtime.stack.runs import Run, RunError, all_runs, choose_run
 
 MAX_LOG_BYTES = 256_000
 MAX_COMMANDS = 1000
@@ -30,7 +33,11 @@ _REPORT_FILES = {"report.html": "text/html", "report.json": "application/json"}
 def resources() -> tuple[Resource, ...]:
     """Return the routes, each with a summary of its answer."""
     return (
-        Resource("/_api/runs", _runs, "The stored runs, newest first: id, state, size in bytes, start, kept or not."),
+        Resource(
+            "/_api/runs",
+            _runs,
+            "The stored runs, newest first: id, state, world, start, duration, tags, size in bytes, kept or not.",
+        ),
         Resource("/_api/runs/{run}", _run, "One run: its options, last state and result."),
         Resource("/_api/runs/{run}/report/{file}", _report, "The report: `report.html` or `report.json`."),
         Resource("/_api/runs/{run}/recording", _recording, "The recording of the graph (MCAP); supports range requests."),
@@ -47,14 +54,14 @@ async def _runs(_: web.Request) -> web.StreamResponse:
 
 
 async def _run(request: web.Request) -> web.StreamResponse:
-    return web.json_response(await asyncio.to_thread(_describe, await _chosen_run(request)))
+    return web.json_response(await asyncio.to_thread(_describe, await chosen_run(request)))
 
 
 async def _report(request: web.Request) -> web.StreamResponse:
     name = request.match_info["file"]
     if name not in _REPORT_FILES:
         raise web.HTTPNotFound(text=f"a report has the files {', '.join(_REPORT_FILES)}\n")
-    run = await _chosen_run(request)
+    run = await chosen_run(request)
     response = await _file(run.report / name, "there is no report yet; it is written at the end of the run")
     response.content_type = _REPORT_FILES[name]
     response.headers["Content-Security-Policy"] = _REPORT_POLICY
@@ -62,7 +69,7 @@ async def _report(request: web.Request) -> web.StreamResponse:
 
 
 async def _recording(request: web.Request) -> web.StreamResponse:
-    run = await _chosen_run(request)
+    run = await chosen_run(request)
     response = await _file(run.recording, "this run was not recorded")
     response.content_type = "application/octet-stream"
     response.headers["Content-Disposition"] = f'attachment; filename="{run.id}.mcap"'
@@ -70,11 +77,11 @@ async def _recording(request: web.Request) -> web.StreamResponse:
 
 
 async def _logs(request: web.Request) -> web.StreamResponse:
-    return web.json_response(sorted(await asyncio.to_thread(_log_files, await _chosen_run(request))))
+    return web.json_response(sorted(await asyncio.to_thread(_log_files, await chosen_run(request))))
 
 
 async def _log(request: web.Request) -> web.StreamResponse:
-    files = await asyncio.to_thread(_log_files, await _chosen_run(request))
+    files = await asyncio.to_thread(_log_files, await chosen_run(request))
     path = files.get(request.match_info["process"])
     if path is None:
         raise web.HTTPNotFound(text=f"there are logs of: {', '.join(sorted(files))}\n")
@@ -82,7 +89,7 @@ async def _log(request: web.Request) -> web.StreamResponse:
 
 
 async def _commands(request: web.Request) -> web.StreamResponse:
-    run = await _chosen_run(request)
+    run = await chosen_run(request)
     return web.json_response(await asyncio.to_thread(_last_commands, run.path / "console_commands.jsonl"))
 
 
@@ -111,42 +118,35 @@ def _last_commands(path: Path) -> list[Any]:
     rows = []
     for line in _end_of(path).decode(errors="replace").splitlines()[-MAX_COMMANDS:]:
         try:
-            rows.append(json.loads(line))
+            rows.append(parse_json(line))
         except ValueError:
             continue  # the first line was cut, and the last one may still be incomplete
     return rows
 
 
 def _describe(run: Run) -> dict[str, Any]:
-    info = run.info()
+    info, state = run.info(), run.state()
+    state.pop("robot", None)  # clients receive the robot's topics
     return {
         "id": run.id,
-        "up": run.alive(),
+        "up": run.is_live(),
         "started_s": info.get("started"),
         "options": info.get("options", {}),
-        "state": run.state(),
-        "result": _json_file(run.path / "result.json"),
+        "state": state,
+        "result": read_json_object(run.path / "result.json") or None,
     }
 
 
 def _summary(stored: StoredRun) -> dict[str, Any]:
-    result = _json_file(stored.run.path / "result.json")
-    state = "up" if stored.is_alive else (result or {}).get("state", "ended")
-    return {
-        "id": stored.run.id,
-        "state": state,
-        "size_bytes": stored.size_bytes,
-        "kept": stored.is_kept,
-        "started_s": stored.run.info().get("started"),
-    }
+    return {**result_of(stored.run).as_json(), "size_bytes": stored.size_bytes, "kept": stored.is_kept}
 
 
-async def _chosen_run(request: web.Request) -> Run:
-    """Find a request's run by its full id: text from the client never becomes part of a path."""
-    for run in await asyncio.to_thread(all_runs):
-        if run.id == request.match_info["run"]:
-            return run
-    raise web.HTTPNotFound(text="there is no such run; see /_api/runs\n")
+async def chosen_run(request: web.Request) -> Run:
+    """Find a request's run by its name (see `choose_id`): text from the client never becomes part of a path."""
+    try:
+        return choose_run(request.match_info["run"], await asyncio.to_thread(all_runs))
+    except RunError as error:
+        raise web.HTTPNotFound(text=f"{error}; see /_api/runs\n") from error
 
 
 async def _file(path: Path, absent: str) -> web.FileResponse:
@@ -155,18 +155,10 @@ async def _file(path: Path, absent: str) -> web.FileResponse:
     return web.FileResponse(path)
 
 
-def _json_file(path: Path) -> dict[str, Any] | None:
-    try:
-        content = json.loads(path.read_text())
-    except (OSError, ValueError):
-        return None
-    return content if isinstance(content, dict) else None
-
-
 def _end_of(path: Path) -> bytes:
     """Return the last MAX_LOG_BYTES of a file; empty if it cannot be read."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             file.seek(max(0, path.stat().st_size - MAX_LOG_BYTES))
             return file.read(MAX_LOG_BYTES)
     except OSError:

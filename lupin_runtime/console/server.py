@@ -10,6 +10,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 from aiohttp import web
 
@@ -56,6 +57,7 @@ class ConsoleServer:
         certificate: ServerCertificate | None,
         doctor_command: Sequence[str],
         video_target: str,
+        overrides_file: Path,
         log: Callable[[str], None],
     ) -> None:
         self._bridge = bridge
@@ -73,6 +75,7 @@ class ConsoleServer:
             codes,
             doctor_command,
             video_target,
+            overrides_file,
             certificate.store.root_path if certificate else None,
         )
         self._certificate, self._log = certificate, log
@@ -162,7 +165,7 @@ class ConsoleServer:
         return self._turns
 
     async def _maintain(self) -> None:
-        steps: dict[str, Callable[[], None]] = {
+        periodic_tasks: dict[str, Callable[[], None]] = {
             "repeating the stop": self._bridge.publish_combined_stop,
             "replacing the pairing codes": lambda: self._codes.tick(time.monotonic_ns()),
             "pushing control and stop": self._origin.push_state,
@@ -170,9 +173,9 @@ class ConsoleServer:
         }
         while True:
             self._turns += 1
-            for name, step in steps.items():
+            for name, run in periodic_tasks.items():
                 with self._logged_error(name):
-                    step()
+                    run()
             await asyncio.sleep(STOP_PERIOD_S)
 
     async def _follow_run(self) -> None:
@@ -183,16 +186,16 @@ class ConsoleServer:
             await asyncio.sleep(_RUN_PERIOD_S)
 
     @contextmanager
-    def _logged_error(self, step: str) -> Iterator[None]:
-        """Log an error of a repeated step once, and go on: whatever fails, on a full disk for example, the stop is repeated."""
+    def _logged_error(self, task: str) -> Iterator[None]:
+        """Log an error of a periodic task once, and go on: whatever fails, on a full disk for example, the stop is repeated."""
         try:
             yield
-        except Exception as error:  # any defect of one step must not end the others
-            if self._errors.get(step) != repr(error):
-                self._log(f"{step} failed: {''.join(traceback.format_exception(error))}")
-            self._errors[step] = repr(error)
+        except Exception as error:  # any defect of one task must not end the others
+            if self._errors.get(task) != repr(error):
+                self._log(f"{task} failed: {''.join(traceback.format_exception(error))}")
+            self._errors[task] = repr(error)
         else:
-            self._errors.pop(step, None)
+            self._errors.pop(task, None)
 
     async def _rosbridge(self, request: web.Request) -> web.StreamResponse:
         origin = request.headers.get("Origin")

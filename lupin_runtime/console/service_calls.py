@@ -16,6 +16,7 @@ from rclpy.task import Future
 
 from lupin_runtime.console import interfaces, values
 from lupin_runtime.console.cdr import Format, UnsupportedType, decoder
+from lupin_runtime.console.command_era import Refusal, always_valid
 
 DISCOVERY_TIMEOUT_S = 1.0  # for the wait until the graph lists a service
 TIMEOUT_S = 5.0
@@ -41,14 +42,18 @@ class ServiceCalls:
         self._poll = node.create_timer(_POLL_S, self._check_waiting, callback_group=self._group, clock=steady)
         self._poll.cancel()
 
-    def call(self, service: str, arguments: Any, timeout_s: float, done: Done) -> None:
+    def call(self, service: str, arguments: Any, timeout_s: float, done: Done, refusal: Refusal = always_valid) -> None:
         """Call a service; `done` is called once, on the executor's thread, within DISCOVERY_TIMEOUT_S + `timeout_s`.
 
         `arguments` is a dict, or a list in the order of the request's fields. With a timeout of 0 or less, it waits forever.
+        A reason of `refusal`, which is asked until the request is sent, is the answer instead.
         """
         name = service if service.startswith("/") else f"/{service}"
 
         def start() -> bool:
+            if reason := refusal():
+                done(False, reason)
+                return True
             key = self._ready(name)
             if key is None:
                 return False

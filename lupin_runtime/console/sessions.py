@@ -17,9 +17,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
+from lupin_runtime.bounded_file import read_bounded_text
 from lupin_runtime.console.authority import Role, Session
 from lupin_runtime.console.shared_file import locked
-from lupin_runtime.stack.runs import state_home
+from lupin_runtime.json_text import parse_json
+from lupin_runtime.stack.runs import state_directory
 
 SESSION_LIFETIME_S = 30 * 86400.0  # a browser that is not used for this long has to be paired again
 MAX_SESSIONS = 200
@@ -28,7 +30,7 @@ _NOTE_USE_PERIOD_S = 3600.0
 
 def sessions_file() -> Path:
     """Return the file of this user's paired browsers, which all runs share."""
-    return state_home() / "console" / "sessions.json"
+    return state_directory() / "console" / "sessions.json"
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ class Sessions:
 
     def _read(self) -> dict[str, Pairing]:
         try:
-            rows = json.loads(self._path.read_text())["sessions"]
+            rows = parse_json(read_bounded_text(self._path))["sessions"]
             pairings = [Pairing(**{**row, "role": Role(row["role"])}) for row in rows]
             if not all(isinstance(value, str) for row in pairings for value in (row.name, row.token_sha256)):
                 raise TypeError("a name is not text")

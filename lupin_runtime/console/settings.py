@@ -1,4 +1,7 @@
-"""The page's settings, stored by the console for all browsers. Pages take types and defaults from the same table.
+"""The page's settings. Pages take types and defaults from the same table.
+
+Topics, limits and what concerns the robot are stored by the console for all browsers. Each browser keeps its own look, voice
+and focus settings: they suit one screen and one person, and changing them must command nothing.
 
 The key for a voice service is not among them: it stays in the browser in which it was typed. Nor are the addresses of rosbridge
 and video: both are served at the page's own origin.
@@ -16,7 +19,7 @@ from lupin_runtime import graph
 from lupin_runtime.atomic_file import MalformedFile
 from lupin_runtime.console.shared_file import change_object, read_object
 from lupin_runtime.console.short_text import short_repr
-from lupin_runtime.stack.runs import state_home
+from lupin_runtime.stack.runs import state_directory
 
 VERSION = 5
 OLDEST_VERSION = 2
@@ -32,7 +35,10 @@ class BadSetting(ValueError):
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting, of the same type as its default. Numbers have a range; texts may have choices, or be ROS names."""
+    """One setting, of the same type as its default. Numbers have a range; texts may have choices, or be ROS names.
+
+    Those that are not `shared` are kept by each browser.
+    """
 
     name: str
     default: bool | int | float | str
@@ -42,6 +48,7 @@ class Setting:
     choices: tuple[str, ...] = ()
     ros_name: bool = False
     max_length: int = 256
+    shared: bool = True
 
     def check(self, value: Any) -> Any:
         """Return the value if it is allowed. Raises BadSetting."""
@@ -90,22 +97,22 @@ SETTINGS = (
     Setting("speedScale", 0.5, low=0.05, high=1.0),
     Setting("armServoNamespace", "/io/servo/hiwonder", ros_name=True),
     Setting("armRateDegPerSec", 60.0, "deg/s", 1.0, 180.0),
-    Setting("geminiModel", "models/gemini-3.1-flash-live-preview"),
-    Setting("voiceLanguage", "en-US", max_length=35),
-    Setting("voicePushToTalk", True),
-    Setting("voiceVadEnabled", True),
-    Setting("voiceVadEndHoldMs", 800, "ms", 100, 10_000),
-    Setting("voiceVadStartThreshold", 0.02, low=0.0, high=1.0),
-    Setting("voiceVadEndThreshold", 0.012, low=0.0, high=1.0),
-    Setting("voiceVadMaxUtteranceMs", 15_000, "ms", 1000, 120_000),
+    Setting("geminiModel", "models/gemini-3.1-flash-live-preview", shared=False),
+    Setting("voiceLanguage", "en-US", max_length=35, shared=False),
+    Setting("voicePushToTalk", True, shared=False),
+    Setting("voiceVadEnabled", True, shared=False),
+    Setting("voiceVadEndHoldMs", 800, "ms", 100, 10_000, shared=False),
+    Setting("voiceVadStartThreshold", 0.02, low=0.0, high=1.0, shared=False),
+    Setting("voiceVadEndThreshold", 0.012, low=0.0, high=1.0, shared=False),
+    Setting("voiceVadMaxUtteranceMs", 15_000, "ms", 1000, 120_000, shared=False),
     Setting("voiceMaxLinearMps", 0.3, "m/s", 0.0, 0.6),
     Setting("voiceMaxAngularRps", 0.8, "rad/s", 0.0, 1.9),
-    Setting("voiceSystemPrompt", "", max_length=20_000),
-    Setting("theme", "dark", choices=("dark", "light")),
-    Setting("surfaceContrast", "normal", choices=("normal", "high")),
-    Setting("reduceTransparency", False),
-    Setting("debugPublish", False),
-    Setting("estopAutoOnFocusLoss", True),
+    Setting("voiceSystemPrompt", "", max_length=20_000, shared=False),
+    Setting("theme", "dark", choices=("dark", "light"), shared=False),
+    Setting("surfaceContrast", "normal", choices=("normal", "high"), shared=False),
+    Setting("reduceTransparency", False, shared=False),
+    Setting("debugPublish", False, shared=False),
+    Setting("estopAutoOnFocusLoss", True, shared=False),
     Setting("polarityInvertHmi", False),
 )
 _BY_NAME = {setting.name: setting for setting in SETTINGS}
@@ -113,23 +120,29 @@ _BY_NAME = {setting.name: setting for setting in SETTINGS}
 
 def settings_file() -> Path:
     """Return the file of this user's settings."""
-    return state_home() / "console" / "settings.json"
+    return state_directory() / "console" / "settings.json"
 
 
-def all_settings(path: Path) -> dict[str, Any]:
-    """Return every setting's stored value, or else its default. Raises MalformedFile and OSError."""
-    stored = read_object(path)
+def stored_settings(path: Path) -> dict[str, Any]:
+    """Return the settings that were changed for all browsers. Raises MalformedFile and OSError."""
     try:
-        return {setting.name: setting.check(stored.get(setting.name, setting.default)) for setting in SETTINGS}
+        return {name: _BY_NAME[name].check(value) for name, value in read_object(path).items() if _is_shared(name)}
     except BadSetting as error:
         raise MalformedFile(path, None, str(error)) from error
 
 
 def change_settings(path: Path, changes: Any, version: Any = VERSION) -> dict[str, Any]:
-    """Change some settings, sent by a page of `version`; returns all. Raises BadSetting, MalformedFile and OSError."""
+    """Change some settings, sent by a page of `version`, and return all that were ever changed.
+
+    Raises BadSetting, MalformedFile and OSError.
+    """
     checked = _checked(changes, version)
     stored = change_object(path, lambda before: {**before, **checked})
-    return {setting.name: stored.get(setting.name, setting.default) for setting in SETTINGS}
+    return {name: value for name, value in stored.items() if _is_shared(name)}
+
+
+def _is_shared(name: str) -> bool:
+    return name in _BY_NAME and _BY_NAME[name].shared
 
 
 def describe_settings() -> list[dict[str, Any]]:
@@ -141,6 +154,12 @@ def describe_settings() -> list[dict[str, Any]]:
             row.update(low=setting.low, high=setting.high)
         if setting.choices:
             row["choices"] = setting.choices
+        elif setting.ros_name:
+            row["ros_name"] = True
+        elif isinstance(setting.default, str):
+            row["max_length"] = setting.max_length
+        if not setting.shared:
+            row["shared"] = False
         rows.append(row)
     return rows
 
@@ -158,5 +177,6 @@ def _checked(changes: Any, version: Any) -> dict[str, Any]:
         setting = _BY_NAME.get(name)
         if setting is None:
             raise BadSetting(f"there is no setting {name[:60]!r}")
-        checked[name] = setting.check(value)
+        if setting.shared:
+            checked[name] = setting.check(value)
     return checked

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from typing import Any
 
@@ -13,20 +12,35 @@ from lupin_runtime import graph
 from lupin_runtime.console.api_table import SESSION, Resource, json_object
 from lupin_runtime.console.bridge import Bridge, ServiceFailed
 from lupin_runtime.console.events import EventChannel
-from lupin_runtime.console.locations import BadLocation, all_locations, locations_file, remove_location, save_location
+from lupin_runtime.console.locations import (
+    BadLocation,
+    all_locations,
+    checked_pose,
+    locations_file,
+    remove_location,
+    save_location,
+)
 from lupin_runtime.console.map_names import BadMapName, pose_graph_problem, with_map_path
 from lupin_runtime.console.settings import (
     VERSION,
     BadSetting,
-    all_settings,
     change_settings,
     describe_settings,
     settings_file,
+    stored_settings,
 )
+from lupin_runtime.json_text import parse_json
 
-_START_AT_FIRST_NODE = 1  # the constant of slam_toolbox/srv/DeserializePoseGraph
+# Constants of slam_toolbox/srv/DeserializePoseGraph.
+_START_AT_FIRST_NODE = 1
+_START_AT_GIVEN_POSE = 2
 _NUMBER = {"type": "number"}
 _MAP_BODY: dict[str, dict[str, Any]] = {"name": {"type": "string"}}
+_ROBOT_POSE: dict[str, Any] = {
+    "type": "object",
+    "properties": {"x": _NUMBER, "y": _NUMBER, "yaw": _NUMBER},
+    "description": "where the robot stands on the map, in m and rad",
+}
 _LOCATION_BODY: dict[str, dict[str, Any]] = {
     "name": {"type": "string"},
     "pose": {
@@ -58,11 +72,24 @@ class SharedData:
                 "Go on mapping in a saved map, at whose start the robot must stand. Needs control.",
                 _MAP_BODY,
             ),
+            Resource(
+                "/_api/maps/relocate",
+                self._relocate,
+                "Tell SLAM where the robot stands on the present map. Needs control.",
+                {"pose": _ROBOT_POSE},
+            ),
             Resource("/_api/locations", self._locations, "The named locations on the map: x and y in m, yaw in rad."),
             Resource("/_api/locations", self._change_location, "Save or remove a location. Needs control.", _LOCATION_BODY),
-            Resource("/_api/settings", self._settings, "The page's settings, with defaults and allowed values."),
             Resource(
-                "/_api/settings", self._change_settings, "Change settings for all browsers. Needs control.", _SETTINGS_BODY
+                "/_api/settings",
+                self._settings,
+                "The page's settings that were changed, and the table of all with defaults and allowed values.",
+            ),
+            Resource(
+                "/_api/settings",
+                self._change_settings,
+                "Change settings for all browsers. Refused while another session has control.",
+                _SETTINGS_BODY,
             ),
             Resource("/_api/arm/library", self._arm_library, "The arm's stored poses and sequences."),
         )
@@ -95,22 +122,44 @@ class SharedData:
         if problem:
             return web.json_response({"error": f"{name} was not loaded: {problem}"}, status=409)
         self._bridge.record(request[SESSION].name, f"load map {name}")
-        try:
-            await asyncio.wrap_future(self._bridge.request_own_service(graph.SLAM_DESERIALIZE.name, arguments))
-        except ServiceFailed as error:
-            raise web.HTTPServiceUnavailable(text=f"{error}\n") from error
+        await self._call_own(graph.SLAM_DESERIALIZE, arguments)
         return web.json_response({"loaded": name})
+
+    async def _relocate(self, request: web.Request) -> web.StreamResponse:
+        """Have SLAM save its pose graph and load it again with the robot elsewhere: it has no other service for this."""
+        pose = (await json_object(request)).get("pose")
+        try:
+            start = checked_pose(pose)
+        except BadLocation as error:
+            raise web.HTTPBadRequest(text=f"{error}\n") from error
+        self._take_control(request)
+        path = locations_file().with_name("relocation")
+        await asyncio.to_thread(path.parent.mkdir, parents=True, exist_ok=True)
+        if (await self._call_own(graph.SLAM_SERIALIZE, {"filename": str(path)}))["result"] != 0:
+            return web.json_response({"error": "the robot was not relocated: SLAM has no map yet"}, status=409)
+        self._bridge.record(request[SESSION].name, "relocate", pose)
+        initial = {"x": start["x"], "y": start["y"], "theta": start["yaw"]}
+        arguments = {"filename": str(path), "match_type": _START_AT_GIVEN_POSE, "initial_pose": initial}
+        await self._call_own(graph.SLAM_DESERIALIZE, arguments)
+        return web.json_response({"relocated": True})
 
     async def _arm_library(self, request: web.Request) -> web.StreamResponse:
         response = await self._call(request, graph.ARM_LIBRARY_LIST, {})
         try:
-            return web.json_response(json.loads(response["json"]))
+            return web.json_response(parse_json(response["json"]))
         except ValueError as error:
             raise web.HTTPBadGateway(text=f"the arm's library is damaged: {error}\n") from error
 
     async def _call(self, request: web.Request, service: graph.Service, arguments: dict[str, Any]) -> Any:
         try:
             return await asyncio.wrap_future(self._bridge.request_service(request[SESSION], service.name, arguments))
+        except ServiceFailed as error:
+            raise web.HTTPServiceUnavailable(text=f"{error}\n") from error
+
+    async def _call_own(self, service: graph.Service, arguments: dict[str, Any]) -> Any:
+        """Call a service with arguments that a client could not choose."""
+        try:
+            return await asyncio.wrap_future(self._bridge.request_own_service(service.name, arguments))
         except ServiceFailed as error:
             raise web.HTTPServiceUnavailable(text=f"{error}\n") from error
 
@@ -133,12 +182,13 @@ class SharedData:
         return web.json_response(changed)
 
     async def _settings(self, _: web.Request) -> web.StreamResponse:
-        settings = await asyncio.to_thread(all_settings, settings_file())
+        settings = await asyncio.to_thread(stored_settings, settings_file())
         return web.json_response({"version": VERSION, "settings": settings, "table": describe_settings()})
 
     async def _change_settings(self, request: web.Request) -> web.StreamResponse:
         body = await json_object(request)
-        self._take_control(request)
+        # Control is not taken: a page in control states stops and holds the wheels, which nobody asked for by a setting.
+        self._bridge.authority.check_take(request[SESSION], time.monotonic_ns())
         changes, version = body.get("settings"), body.get("version", VERSION)
         try:
             settings = await asyncio.to_thread(change_settings, settings_file(), changes, version)

@@ -12,6 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from lupin_runtime.atomic_file import MalformedFile, write_atomically
+from lupin_runtime.bounded_file import open_regular
+from lupin_runtime.json_text import parse_json
+from lupin_runtime.stack.runs import make_state_folder
 
 _LOCK_TIMEOUT_S = 2.0
 _MAX_BYTES = 1_000_000
@@ -23,7 +26,7 @@ def locked(path: Path) -> Iterator[None]:
 
     Raises OSError, and TimeoutError after _LOCK_TIMEOUT_S.
     """
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    make_state_folder(path.parent)
     descriptor = os.open(path.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         deadline_s = time.monotonic() + _LOCK_TIMEOUT_S
@@ -43,16 +46,16 @@ def locked(path: Path) -> Iterator[None]:
 def read_object(path: Path) -> dict[str, Any]:
     """Return the object in a file; an empty one if there is no file. Raises MalformedFile and OSError."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             content = file.read(_MAX_BYTES + 1)
         if len(content) > _MAX_BYTES:
             raise ValueError(f"more than {_MAX_BYTES} bytes")
-        value = json.loads(content)
+        value = parse_json(content)
         if not isinstance(value, dict):
             raise ValueError("expected a JSON object")
     except FileNotFoundError:
         return {}
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise MalformedFile(path, None, f"{error}; move it away to start with an empty one") from error
     return value
 

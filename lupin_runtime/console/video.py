@@ -1,14 +1,13 @@
-"""`/_video` on port 8090: the video server's pictures, fetched once for all browsers.
+"""`/_video` on port 8090: the video server's images, fetched once for all browsers.
 
-A robot's video server is at the other end of the wireless link, which therefore carries each picture only once. A slow browser
-gets the newest picture and skips those in between.
+A robot's video server is at the other end of the wireless link, which therefore carries each image only once. A slow browser
+gets the newest image and skips those in between.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import socket
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
@@ -20,6 +19,7 @@ from lupin_runtime.cameras import mjpeg
 from lupin_runtime.cameras.frames import Frame
 from lupin_runtime.cameras.stream_request import BadRequest, StreamRequest, read_request
 from lupin_runtime.console.api_table import Resource
+from lupin_runtime.json_text import parse_json
 
 MAX_CLIENTS = 64
 # The video server accepts 16 connections of one address: streams and the other requests together need fewer.
@@ -28,20 +28,20 @@ _MAX_FETCHES = 4
 _CONNECT_TIMEOUT_S = 5.0
 _SILENCE_TIMEOUT_S = 15.0  # an upstream connection on which nothing arrives for this long is closed; browsers ask again
 _ANSWER_TIMEOUT_S = 8.0
-_CHECK_PERIOD_S = 0.5  # how often a stream without pictures checks that its browser is connected and still paired
-_WRITE_TIMEOUT_S = 10.0  # a browser that takes longer for a picture is disconnected
+_CHECK_PERIOD_S = 0.5  # how often a stream without images checks that its browser is connected and still paired
+_WRITE_TIMEOUT_S = 10.0  # a browser that takes longer for an image is disconnected
 _MAX_LIST_BYTES = 1_000_000
 _MAX_REASON_BYTES = 500
 _FORWARDED_STATUSES = (400, 404, 504)  # of the video server, whose reason is forwarded too
 _CHUNK_BYTES = 1 << 18
-# How much unsent data the kernel may hold for a slow browser: pictures that wait there are outdated when they arrive.
+# How much unsent data the kernel may hold for a slow browser: images that wait there are outdated when they arrive.
 _UNSENT_BYTES = 32_768
 _HEADERS = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Cross-Origin-Resource-Policy": "same-origin"}
 _QUERY = "?topic=NAME&quality=1…100&width=PIXELS&invert"
 
 
 class VideoUnavailable(Exception):
-    """The video server delivers no pictures; the text says why, and `status` is the HTTP status to answer with."""
+    """The video server delivers no images; the text says why, and `status` is the HTTP status to answer with."""
 
     def __init__(self, status: int, reason: str) -> None:
         super().__init__(reason)
@@ -49,9 +49,9 @@ class VideoUnavailable(Exception):
 
 
 class VideoRelay:
-    """Forwards the pictures of the video server at `target`, a URL without a path. Used on the event loop only.
+    """Forwards the images of the video server at `target`, a URL without a path. Used on the event loop only.
 
-    `may_see` returns whether the sender of a request may still see pictures.
+    `may_see` returns whether the sender of a request may still see images.
     """
 
     def __init__(self, target: str, may_see: Callable[[web.Request], bool]) -> None:
@@ -66,8 +66,8 @@ class VideoRelay:
         """Return the routes, each with a summary of its answer."""
         return (
             Resource("/_video/streams", self._guarded(self._list), "The cameras: topic, clients, frames a second, age."),
-            Resource("/_video/snapshot", self._guarded(self._snapshot), f"The next picture as JPEG: {_QUERY}."),
-            Resource("/_video/stream", self._guarded(self._stream), f"Pictures without end, for an <img>: {_QUERY}."),
+            Resource("/_video/snapshot", self._guarded(self._snapshot), f"The next image as JPEG: {_QUERY}."),
+            Resource("/_video/stream", self._guarded(self._stream), f"Images without end, for an <img>: {_QUERY}."),
         )
 
     async def close(self) -> None:
@@ -97,14 +97,14 @@ class VideoRelay:
     async def _list(self, _: web.Request) -> web.StreamResponse:
         content, _headers = await self._fetch("streams", {}, _MAX_LIST_BYTES)
         try:
-            rows = json.loads(content)
-        except (ValueError, RecursionError) as error:
+            rows = parse_json(content)
+        except ValueError as error:
             raise self._malformed() from error
         return web.json_response(rows, headers=_HEADERS)
 
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
         stream_request = read_request(request.query)
-        content, headers = await self._fetch("snapshot", stream_request.query(), mjpeg.MAX_PICTURE_BYTES)
+        content, headers = await self._fetch("snapshot", stream_request.query(), mjpeg.MAX_IMAGE_BYTES)
         try:
             stamp = mjpeg.stamp_text(mjpeg.stamp_ns_of(headers.get("X-Timestamp", "")))
         except mjpeg.MalformedStream as error:
@@ -134,7 +134,7 @@ class VideoRelay:
                 upstream.cancel()
 
     async def _show(self, request: web.Request, upstream: _Upstream) -> web.StreamResponse:
-        """Send a browser the pictures until it disconnects or the video server ends the stream."""
+        """Send a browser the images until it disconnects or the video server ends the stream."""
         response = web.StreamResponse(headers={**_HEADERS, "Content-Type": mjpeg.CONTENT_TYPE, "Connection": "close"})
         transport = request.transport
         connection = transport.get_extra_info("socket") if transport is not None else None
@@ -152,7 +152,7 @@ class VideoRelay:
                 elif upstream.ended:
                     break
         if transport is not None and not transport.is_closing():
-            transport.abort()  # a browser must not mistake the stream's end for a picture's; nor must a slow one delay it
+            transport.abort()  # a browser must not mistake the stream's end for an image's; nor must a slow one delay it
         return response
 
     # -- the video server ---------------------------------------------------------------------------------------------
@@ -172,7 +172,7 @@ class VideoRelay:
             return content, answer.headers
 
     async def _follow(self, upstream: _Upstream, stream_request: StreamRequest) -> None:
-        """Fetch pictures until nobody watches them or the video server ends the stream."""
+        """Fetch images until nobody watches them or the video server ends the stream."""
         timeout = aiohttp.ClientTimeout(total=None, sock_connect=_CONNECT_TIMEOUT_S, sock_read=_SILENCE_TIMEOUT_S)
         try:
             async with self._get("stream", stream_request.query(), timeout) as answer:
@@ -181,8 +181,8 @@ class VideoRelay:
                 upstream.opened.set_result(None)
                 reader = mjpeg.PartReader()
                 async for data in answer.content.iter_any():
-                    for picture, stamp_ns in reader.feed(data):
-                        upstream.put(picture, stamp_ns)
+                    for image, stamp_ns in reader.feed(data):
+                        upstream.put(image, stamp_ns)
         except mjpeg.MalformedStream:
             pass  # the stream ends; a browser that asks again gets another one
         except VideoUnavailable as error:
@@ -228,15 +228,15 @@ class _Upstream:
         self.opened: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._frame: Frame | None = None
         self._number = 0
-        self._next = asyncio.Event()  # set by the next picture
+        self._next = asyncio.Event()  # set by the next image
 
-    def put(self, picture: bytes, stamp_ns: int) -> None:
+    def put(self, image: bytes, stamp_ns: int) -> None:
         self._number += 1
-        self._frame = Frame(picture, stamp_ns, self._number)
+        self._frame = Frame(image, stamp_ns, self._number)
         self._wake()
 
     async def after(self, number: int) -> Frame | None:
-        """Wait briefly for a picture after `number`, and return the newest one; None if there is none."""
+        """Wait briefly for an image after `number`, and return the newest one; None if there is none."""
         if self._number <= number and not self.ended:
             with contextlib.suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(self._next.wait(), _CHECK_PERIOD_S)

@@ -22,7 +22,7 @@ from lupin_runtime.console.certificate import certificate_authority, leaf
 from lupin_runtime.console.certificate.certificate_authority import CertificateAuthority, DamagedAuthority
 from lupin_runtime.console.certificate.leaf import Leaf
 from lupin_runtime.console.host_addresses import HostAddresses, host_addresses
-from lupin_runtime.stack.runs import state_home
+from lupin_runtime.stack.runs import make_state_folder, state_directory
 
 LOCK_TIMEOUT_S = 10.0
 _LOCK_PERIOD_S = 0.02
@@ -62,7 +62,7 @@ class CertificateStore:
         clock: Callable[[], datetime.datetime] = _now,
         reachable: Callable[[], HostAddresses] = host_addresses,
     ) -> None:
-        self.folder = state_home() / "certificate" if folder is None else folder
+        self.folder = state_directory() / "certificate" if folder is None else folder
         self.authority_path = self.folder / "authority.pem"
         self.root_path = self.folder / "authority.crt"
         self.server_path = self.folder / "server.pem"
@@ -170,7 +170,7 @@ class CertificateStore:
 
     @contextlib.contextmanager
     def _lock(self) -> Iterator[None]:
-        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        make_state_folder(self.folder)
         self._check_owner()
         if self.folder.stat().st_mode & 0o077:
             self.folder.chmod(0o700)

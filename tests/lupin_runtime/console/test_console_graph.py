@@ -91,12 +91,12 @@ def connect_strict(strict: Console) -> Iterator[Connect]:
         client.close()
 
 
-def repeat_until(host: GraphHost, action: Callable[[], None], heard: list[Any]) -> None:
-    """Repeat an action, which may be lost until discovery is done, until something is heard."""
+def repeat_until(host: GraphHost, action: Callable[[], None], received: list[Any]) -> None:
+    """Repeat an action, which may be lost until discovery is done, until something is received."""
 
     def repeat() -> list[Any]:
         action()
-        return heard
+        return received
 
     host.until(repeat)
 
@@ -104,8 +104,8 @@ def repeat_until(host: GraphHost, action: Callable[[], None], heard: list[Any]) 
 def test_messages_pass_both_ways_in_order(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
     from std_msgs.msg import String
 
-    client, heard = connect(), []
-    peer.create_subscription(String, "/up", lambda message: heard.append(message.data), 100)
+    client, received = connect(), []
+    peer.create_subscription(String, "/up", lambda message: received.append(message.data), 100)
     publisher = peer.create_publisher(String, "/down", 100)
     client.send("subscribe", topic="/down", type="std_msgs/String", queue_length=100)
     client.send("advertise", topic="/up", type="std_msgs/msg/String")
@@ -114,11 +114,11 @@ def test_messages_pass_both_ways_in_order(graph_host: GraphHost, peer: LupinNode
         publisher.publish(String(data=f"{number} é"))
     client.publication("/down", lambda message: message["data"] == "49 é")
     assert [m["msg"]["data"] for m in client.received] == [f"{number} é" for number in range(50)]
-    repeat_until(graph_host, lambda: client.send("publish", topic="/up", msg={"data": "first"}), heard)
+    repeat_until(graph_host, lambda: client.send("publish", topic="/up", msg={"data": "first"}), received)
     for number in range(50):
         client.send("publish", topic="/up", msg={"data": str(number)})
-    graph_host.until(lambda: heard[-1] == "49")
-    assert heard[-50:] == [str(number) for number in range(50)]
+    graph_host.until(lambda: received[-1] == "49")
+    assert received[-50:] == [str(number) for number in range(50)]
 
 
 def test_late_client_gets_the_latched_message_once(graph_host: GraphHost, peer: LupinNode, connect: Connect) -> None:
@@ -354,21 +354,21 @@ def test_sinks_and_estop_state_are_closed_to_clients(peer: LupinNode, connect_st
 
 
 def test_first_driver_has_control_until_it_leaves(graph_host: GraphHost, peer: LupinNode, connect_strict: Connect) -> None:
-    heard: list[Any] = []
-    peer.subscription(graph.CMD_VEL_MANUAL, heard.append)
+    received: list[Any] = []
+    peer.subscription(graph.CMD_VEL_MANUAL, received.append)
     anne, ben = connect_strict(), connect_strict()
     ben.send("set_level", level="error")
     drive = {"linear": {"x": 5.0, "y": 0.0}, "angular": {"z": -9.0}}
-    repeat_until(graph_host, lambda: anne.send("publish", topic="/cmd_vel_manual", msg=drive), heard)
-    assert (heard[-1].linear.x, heard[-1].angular.z) == (pytest.approx(0.6), pytest.approx(-1.9))
+    repeat_until(graph_host, lambda: anne.send("publish", topic="/cmd_vel_manual", msg=drive), received)
+    assert (received[-1].linear.x, received[-1].angular.z) == (pytest.approx(0.6), pytest.approx(-1.9))
     ben.send("publish", topic="/cmd_vel_manual", msg=drive)
     ben.refusal("has had control for")
     ben.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": None}})
     anne.send("publish", topic="/cmd_vel_manual", msg=drive)
     anne.close()
-    graph_host.until(lambda: heard[-1].linear.x == 0.0, what="a zero velocity after the driver left")
+    graph_host.until(lambda: received[-1].linear.x == 0.0, what="a zero velocity after the driver left")
     ben.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.1}})
-    graph_host.until(lambda: heard[-1].linear.x == 0.1)
+    graph_host.until(lambda: received[-1].linear.x == 0.1)
 
 
 def test_lost_driver_engages_the_stop_until_released(graph_host: GraphHost, peer: LupinNode, connect_strict: Connect) -> None:
@@ -386,7 +386,7 @@ def test_lost_driver_engages_the_stop_until_released(graph_host: GraphHost, peer
     assert all(stops[count:]), "repeating a released state releases nothing"
     other.send("publish", topic="/lupin/hmi/estop", msg={"data": True})
     other.send("publish", topic="/lupin/hmi/estop", msg={"data": False})
-    graph_host.until(lambda: not stops[-1], what="the release")
+    graph_host.until(lambda: not stops[-1], what="the stop to be released")
 
 
 def test_any_client_stops_and_only_control_releases(graph_host: GraphHost, peer: LupinNode, connect_strict: Connect) -> None:
@@ -407,7 +407,7 @@ def test_any_client_stops_and_only_control_releases(graph_host: GraphHost, peer:
     graph_host.until(lambda: not stops[-1], what="the release by the client in control")
 
 
-def test_foreign_origin_is_refused(console: Console) -> None:
+def test_other_origin_is_refused(console: Console) -> None:
     for origin in ("https://evil.example", "http://localhost.evil.example:8090", "null"):
         with pytest.raises(InvalidStatus, match="403"):
             RosbridgeClient(console.rosbridge_port, origin=origin)

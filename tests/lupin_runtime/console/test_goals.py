@@ -21,6 +21,7 @@ from lupin_runtime.console.providers import RequestFailed
 from lupin_runtime.ros import LupinNode
 from lupin_runtime.ros.ros_thread import RosThread
 from tests.conftest import GraphHost
+from tests.support.lost_answers import lose_goal_answers
 
 pytestmark = pytest.mark.graph
 
@@ -333,6 +334,42 @@ def test_cancel_before_acceptance_reaches_the_server(rig: Rig, client: Client) -
     assert client.next() == outcome(GoalStatus.STATUS_CANCELED)
 
 
+def test_goal_whose_acceptance_is_lost_is_canceled(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    lose_goal_answers(monkeypatch, OrderedActionClient)
+    rig.send(client)
+    handle = rig.accepted(1)
+    rig.run(lambda: client.goals.cancel("goal"))
+    rig.host.until(lambda: handle.is_cancel_requested, what="the cancel request")
+    rig.end(handle, handle.canceled, error_msg="stopped")
+    assert client.next() == outcome(GoalStatus.STATUS_CANCELED, "stopped")
+    rig.host.until(lambda: rig.action_clients() == 0, what="the action client's end")
+
+
+def test_cancel_that_overtakes_its_goal_is_repeated(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    lose_goal_answers(monkeypatch, OrderedActionClient)
+    rig.end_server()
+    rig.start_server(Turner(hold=True))
+    rig.send(client)
+    rig.host.until(lambda: rig.turner.asked, what="the goal")
+    rig.run(client.goals.close)
+    rig.host.within(rig.turner, rig.turner.release)
+    handle = rig.accepted(1)
+    rig.host.until(lambda: handle.is_cancel_requested, what="the repeated cancel request")
+    rig.end(handle, handle.canceled)
+    rig.host.until(lambda: rig.action_clients() == 0, what="the action client's end")
+
+
+def test_unanswered_cancel_of_a_disconnected_client_ends(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(goals, "CANCEL_TIMEOUT_S", 1.5)
+    rig.end_server()
+    rig.start_server(Turner(hold=True))
+    rig.send(client)
+    rig.host.until(lambda: rig.turner.asked, what="the goal")
+    rig.run(client.goals.close)
+    rig.host.until(lambda: rig.action_clients() == 0, what="the action client's end")
+    rig.host.within(rig.turner, rig.turner.release)
+
+
 def test_goal_canceled_before_its_server_starts_is_not_sent(rig: Rig, client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(goals, "SERVER_TIMEOUT_S", WAIT_S)
     rig.end_server()
@@ -408,10 +445,10 @@ def test_goals_in_quick_succession_leave_nothing_behind(rig: Rig, client: Client
 
 
 def test_goal_for_navigation_is_stamped(rig: Rig, client: Client) -> None:
-    heard: list[Any] = []
+    received: list[Any] = []
 
     def accept(goal: Any) -> GoalResponse:
-        heard.append(goal)
+        received.append(goal)
         return GoalResponse.REJECT
 
     def serve() -> ActionServer:
@@ -421,8 +458,8 @@ def test_goal_for_navigation_is_stamped(rig: Rig, client: Client) -> None:
     pose = {"header": {"frame_id": "map", "stamp": "now"}, "pose": {"position": {"x": 1.5}}}
     rig.run(lambda: client.goals.send_goal("goal", "navigate_to_pose", "nav2_msgs/NavigateToPose", {"pose": pose}, True))
     assert client.next() == failure("Action goal was rejected", "navigate_to_pose")
-    assert heard[0].pose.header.stamp.sec > 0
-    assert (heard[0].pose.header.frame_id, heard[0].pose.pose.position.x) == ("map", 1.5)
+    assert received[0].pose.header.stamp.sec > 0
+    assert (received[0].pose.header.frame_id, received[0].pose.pose.position.x) == ("map", 1.5)
 
 
 def test_goal_ends_when_its_server_is_gone(rig: Rig) -> None:

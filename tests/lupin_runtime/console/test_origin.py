@@ -18,6 +18,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import lupin_runtime
 from lupin_runtime import graph
 from lupin_runtime.console import dual_port
+from lupin_runtime.console import origin as origin_module
 from lupin_runtime.console.authority import Role
 from lupin_runtime.console.sessions import Sessions
 from lupin_runtime.console.shared_file import locked
@@ -184,7 +185,7 @@ def test_revoked_browser_is_disconnected(phone: Browser, tmp_path: Path, open_so
 
 
 @pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example"])
-def test_foreign_name_for_this_computer_is_refused(console: Console, host: str) -> None:
+def test_unknown_name_for_this_computer_is_refused(console: Console, host: str) -> None:
     status, text = Browser(console.port).request("GET", "/_api/session", Host=host)
     assert status == 421 and host in text
 
@@ -322,6 +323,19 @@ def test_control_is_requested_and_handed_over(anne: Browser, ben: Browser, open_
     events.wait(lambda event: event["event"] == "control" and event["value"]["holder"] == "phone-2")
 
 
+def test_everybody_sees_who_is_connected(anne: Browser, ben: Browser, open_socket: Open) -> None:
+    def is_here(*names: str) -> Callable[[dict[str, Any]], bool]:
+        here = [{"name": name, "role": "operator"} for name in names]
+        return lambda event: event == {"event": "browsers", "value": here}
+
+    events = open_socket(anne, "/_api/events")
+    events.wait(is_here("phone-1"))
+    other = open_socket(ben, "/_api/events")
+    open_socket(ben, "/_ros")  # the second socket of one browser
+    events.wait(is_here("phone-1", "phone-2"))
+    other.wait(is_here("phone-1", "phone-2"))
+
+
 def test_control_is_taken_over_only_from_the_named_holder(anne: Browser, ben: Browser, tmp_path: Path) -> None:
     anne.post("/_api/lease", action="take")
     status, answer = ben.request("POST", "/_api/lease", {"action": "take_over", "from": "phone-7"})
@@ -368,7 +382,7 @@ def test_viewer_watches_and_stops_but_does_not_drive(
     assert viewer.request("POST", "/_api/stop", {"engaged": False})[0] == 403
     client.close()
     assert anne.post("/_api/stop", engaged=False)["stop"] == []
-    graph_host.until(lambda: not stops[-1], what="the release")
+    graph_host.until(lambda: not stops[-1], what="the stop to be released")
 
 
 def test_release_reports_who_still_holds_the_stop(anne: Browser, ben: Browser, open_socket: Open) -> None:
@@ -413,3 +427,12 @@ def test_two_hundred_paired_clients_of_one_address_are_served(
     for client in clients:
         client.close()
     graph_host.until(lambda: console.count_subscribers("/shared") == 0, what="the end of all subscriptions")
+
+
+def test_session_has_version_of_page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(origin_module, "_PAGE", tmp_path)
+    assert origin_module._page_version() == ""
+    (tmp_path / "index.html").write_text("one")
+    first = origin_module._page_version()
+    (tmp_path / "index.html").write_text("another")
+    assert first and origin_module._page_version() not in ("", first)

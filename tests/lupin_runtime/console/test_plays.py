@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from lupin_cli.package_data import shipped_folder
 from lupin_cli.playbook.journal import journal_folder
 from tests.support.console_browser import Browser
 from tests.support.waiting import wait_until
@@ -46,7 +47,15 @@ def browser(graph_host: GraphHost, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def write_play(name: str, playbook: str, robot: str, end: str | None) -> None:
     """Write a journal with one step; without `end`, the run was cut off."""
-    start = {"event": "start", "run": name, "playbook": playbook, "file": "f", "robot": robot, "digest": "d", "started": name}
+    start = {
+        "event": "start",
+        "run": name,
+        "playbook": playbook,
+        "file": str(shipped_folder("playbooks") / f"{playbook}.yaml"),
+        "robot": robot,
+        "digest": "d",
+        "started": name,
+    }
     events: list[dict[str, Any]] = [start]
     if end is not None:
         events.append({"event": "end", "state": end})

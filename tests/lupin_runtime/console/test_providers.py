@@ -261,10 +261,10 @@ def test_services_come_and_go_under_load(rig: Rig) -> None:
 
 # -- actions ----------------------------------------------------------------------------------------------------------
 def test_feedback_reaches_the_graph_before_the_result(rig: Rig, client: Client) -> None:
-    heard: list[Any] = []
-    handle = rig.send_goal(0.5, lambda message: heard.append(message.feedback.angular_distance_traveled))
+    received: list[Any] = []
+    handle = rig.send_goal(0.5, lambda message: received.append(message.feedback.angular_distance_traveled))
     result = rig.result(handle)
-    result.add_done_callback(lambda _: heard.append("result"))
+    result.add_done_callback(lambda _: received.append("result"))
     goal = client.next()
     assert goal == {
         "op": "send_action_goal",
@@ -284,12 +284,12 @@ def test_feedback_reaches_the_graph_before_the_result(rig: Rig, client: Client) 
         client.actions.result(ACTION, goal["id"], {"error_msg": "done"}, GoalStatus.STATUS_SUCCEEDED, True)
 
     # The first feedback also shows that the subscription to it works.
-    rig.host.until(lambda: rig.run(lambda: feedback(0.0)) or heard, what="feedback")
+    rig.host.until(lambda: rig.run(lambda: feedback(0.0)) or received, what="feedback")
     rig.run(answer_at_once)
     response = rig.done(result)
     assert (response.status, response.result) == (GoalStatus.STATUS_SUCCEEDED, Spin.Result(error_msg="done"))
-    rig.host.until(lambda: "result" in heard, what="the result")
-    assert heard[-4:] == [1.0, 2.0, 3.0, "result"]
+    rig.host.until(lambda: "result" in received, what="the result")
+    assert received[-4:] == [1.0, 2.0, 3.0, "result"]
 
 
 def test_parallel_goals_may_end_out_of_order(rig: Rig, client: Client) -> None:

@@ -1,4 +1,4 @@
-"""Which requests port 8090 accepts from anyone."""
+"""Checks of the `Host` and `Origin` headers, and parsing of `Host` and `User-Agent`."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def request(method: str = "GET", **headers: str) -> web.Request:
     "host",
     ["localhost:8090", "127.0.0.1", "[::1]:8090", "192.168.1.7:8090", "[fe80::1]:8090", socket.gethostname(), "a.localhost"],
 )
-def test_own_names_and_addresses_are_accepted(host: str) -> None:
+def test_ip_addresses_and_own_names_are_accepted(host: str) -> None:
     check_host(request(Host=host))
 
 
 @pytest.mark.parametrize(
     "host", ["evil.example", "localhost.evil.example:8090", "127.0.0.1.evil.example", "", "[", ":8090", "a:b:c"]
 )
-def test_foreign_host_names_are_refused(host: str) -> None:
+def test_unknown_or_malformed_hosts_are_refused(host: str) -> None:
     with pytest.raises(web.HTTPMisdirectedRequest):
         check_host(request(Host=host))
 
@@ -37,6 +37,9 @@ def test_foreign_host_names_are_refused(host: str) -> None:
 def test_page_of_this_origin_and_programs_are_accepted() -> None:
     check_origin(request("POST", Host="robot:8090", Origin="http://robot:8090", Sec_Fetch_Site="same-origin"))
     check_origin(request("POST", Host="robot:8090"))
+
+
+def test_cross_site_navigation_is_accepted() -> None:
     check_origin(request("GET", Host="robot:8090", Sec_Fetch_Site="cross-site"))
 
 

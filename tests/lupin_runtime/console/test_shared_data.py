@@ -116,12 +116,14 @@ def test_only_session_in_control_changes_shared_data(browser: Browser, console: 
         ("/_api/locations", {"name": "a", "pose": POSE}),
         ("/_api/settings", {"settings": {"speedScale": 0.1}}),
         ("/_api/maps", {"name": "mine"}),
+        ("/_api/maps/relocate", {"pose": POSE}),
+        ("/_api/approaches", {"tag": "7", "pose": POSE}),
     ):
         for other in (viewer, operator):
             assert other.request("POST", path, body)[0] == 403
         assert Browser(console.port, proxied=True).request("POST", path, body)[0] == 401
     assert viewer.get("/_api/locations") == {"home": HOME}
-    assert viewer.get("/_api/settings")["settings"]["speedScale"] == 0.5
+    assert viewer.get("/_api/settings")["settings"] == {}
 
 
 def test_concurrent_writers_lose_no_location(state: Path) -> None:
@@ -165,13 +167,27 @@ def test_damaged_files_are_named_and_kept(browser: Browser, state: Path, path: s
 # -- settings ---------------------------------------------------------------------------------------------------------
 def test_settings_are_changed_for_all_browsers(browser: Browser, console: Console, tmp_path: Path) -> None:
     before = browser.get("/_api/settings")
-    assert before["version"] == 5 and before["settings"] == {row["name"]: row["default"] for row in before["table"]}
-    after = browser.post("/_api/settings", settings={"speedScale": 0.25, "theme": "light", "voiceVadEndHoldMs": 900})
-    assert (after["settings"]["speedScale"], after["settings"]["theme"]) == (0.25, "light")
+    assert before["version"] == 5 and before["settings"] == {}
+    assert {row["name"]: row["default"] for row in before["table"]}["mapTopic"] == "/map"
+    after = browser.post("/_api/settings", settings={"speedScale": 0.25, "armRateDegPerSec": 90})
+    assert after["settings"] == {"speedScale": 0.25, "armRateDegPerSec": 90}
     browser.post("/_api/settings", settings={"cameraTopic": "/camera/image_raw"})
     seen = Browser(console.port).get("/_api/settings")["settings"]
-    assert (seen["speedScale"], seen["cameraTopic"], seen["mapTopic"]) == (0.25, "/camera/image_raw", "/map")
+    assert seen == {"speedScale": 0.25, "armRateDegPerSec": 90, "cameraTopic": "/camera/image_raw"}
     assert "change settings" in journal(tmp_path)
+
+
+def test_changing_a_setting_does_not_take_control(browser: Browser) -> None:
+    browser.post("/_api/settings", settings={"speedScale": 0.25})
+    assert browser.get("/_api/session")["control"]["holder"] is None
+
+
+def test_settings_of_one_browser_are_not_shared(browser: Browser, state: Path) -> None:
+    own = {"theme": "light", "estopAutoOnFocusLoss": False, "voiceLanguage": "nl-NL"}
+    assert browser.post("/_api/settings", settings={**own, "speedScale": 0.25})["settings"] == {"speedScale": 0.25}
+    # An earlier console stored them.
+    (state / "settings.json").write_text(json.dumps({"theme": "pink", "speedScale": 0.75}))
+    assert browser.get("/_api/settings")["settings"] == {"speedScale": 0.75}
 
 
 @pytest.mark.parametrize(
@@ -182,23 +198,21 @@ def test_settings_are_changed_for_all_browsers(browser: Browser, console: Consol
         {"speedScale": "0.5"},
         {"speedScale": True},
         {"speedScale": float("nan")},
-        {"voiceVadEndHoldMs": 800.5},
-        {"theme": "pink"},
-        {"theme": []},
+        {"cmdVelType": "geometry_msgs/msg/Pose"},
+        {"cmdVelType": []},
         {"scanTopic": "/scan; rm"},
         {"scanTopic": 7},
-        {"voiceLanguage": "x" * 100},
-        {"debugPublish": 1},
+        {"polarityInvertHmi": 1},
         [],
         None,
         "speedScale",
     ],
 )
 def test_change_with_an_invalid_setting_is_refused_entirely(browser: Browser, changes: Any) -> None:
-    both = {"theme": "light", **changes} if isinstance(changes, dict) and "theme" not in changes else changes
+    both = {"mapTopic": "/map2", **changes} if isinstance(changes, dict) else changes
     status, answer = browser.request("POST", "/_api/settings", {"settings": both})
     assert status == 400 and answer.strip()
-    assert browser.get("/_api/settings")["settings"]["theme"] == "dark"
+    assert browser.get("/_api/settings")["settings"] == {}
 
 
 @pytest.mark.parametrize("version", [2, 3, 4, 5])
@@ -211,8 +225,7 @@ def test_settings_of_earlier_pages_are_migrated(browser: Browser, version: int) 
         "estopAutoOnFocusLoss": False,
     }
     seen = browser.post("/_api/settings", version=version, settings=stored)["settings"]
-    assert seen["speedScale"] == 0.75 and "geminiApiKey" not in seen and "rosUrl" not in seen
-    assert (seen["polarityInvertHmi"], seen["estopAutoOnFocusLoss"]) == ((True, False) if version == 5 else (False, True))
+    assert seen == {"speedScale": 0.75, **({"polarityInvertHmi": True} if version == 5 else {})}
     assert "secret" not in settings.settings_file().read_text()
 
 
@@ -223,7 +236,7 @@ def test_settings_of_other_versions_are_refused(browser: Browser, version: Any) 
 
 # -- services of the robot --------------------------------------------------------------------------------------------
 def test_map_is_saved_by_slam_under_a_plain_name(graph_host: GraphHost, browser: Browser, peer: LupinNode, state: Path) -> None:
-    from lupin_runtime.ros.node import interface
+    from lupin_runtime.ros.interfaces import interface
 
     asked: list[str] = []
 
@@ -243,7 +256,7 @@ def test_map_is_saved_by_slam_under_a_plain_name(graph_host: GraphHost, browser:
 
 
 def test_saved_map_can_be_loaded(graph_host: GraphHost, browser: Browser, peer: LupinNode, state: Path, tmp_path: Path) -> None:
-    from lupin_runtime.ros.node import interface
+    from lupin_runtime.ros.interfaces import interface
 
     folder = state.parent / "maps"
     loaded: list[tuple[str, int]] = []
@@ -278,6 +291,35 @@ def test_saved_map_can_be_loaded(graph_host: GraphHost, browser: Browser, peer: 
     assert "load map house" in (tmp_path / "console_commands.jsonl").read_text()
 
 
+def test_robot_is_relocated_on_the_present_map(
+    graph_host: GraphHost, browser: Browser, peer: LupinNode, state: Path, tmp_path: Path
+) -> None:
+    from lupin_runtime.ros.interfaces import interface
+
+    results = [1, 0]
+    asked: list[tuple[Any, ...]] = []
+
+    def serialize(request: Any, response: Any) -> Any:
+        asked.append(("save", request.filename))
+        response.result = results.pop(0) if results else 0
+        return response
+
+    def load(request: Any, response: Any) -> Any:
+        pose = request.initial_pose
+        asked.append(("load", request.filename, request.match_type, pose.x, pose.y, pose.theta))
+        return response
+
+    for row, handle in ((graph.SLAM_SERIALIZE, serialize), (graph.SLAM_DESERIALIZE, load)):
+        peer.create_service(interface(row.type), row.name, handle)
+    graph_host.until(lambda: browser.request("POST", "/_api/maps/relocate", {"pose": POSE})[0] == 409)
+    assert browser.post("/_api/maps/relocate", pose=POSE) == {"relocated": True}
+    path = str(state / "relocation")
+    assert asked[-2:] == [("save", path), ("load", path, 2, 1.5, -2.0, 0.5)]
+    for bad in (None, {}, {"x": 1.0, "y": 2.0}, {**POSE, "yaw": "north"}):
+        assert browser.request("POST", "/_api/maps/relocate", {"pose": bad})[0] == 400
+    assert "relocate" in journal(tmp_path)
+
+
 def test_clients_load_no_map_by_themselves(browser: Browser, console: Console, tmp_path: Path) -> None:
     client = browser.socket()
     for name in (graph.SLAM_DESERIALIZE.name, graph.SLAM_DESERIALIZE.name[1:]):
@@ -290,7 +332,7 @@ def test_clients_load_no_map_by_themselves(browser: Browser, console: Console, t
 
 
 def test_arm_library_is_forwarded(graph_host: GraphHost, browser: Browser, peer: LupinNode) -> None:
-    from lupin_runtime.ros.node import interface
+    from lupin_runtime.ros.interfaces import interface
 
     status, answer = browser.request("GET", "/_api/arm/library")
     assert status == 503 and "does not exist" in answer

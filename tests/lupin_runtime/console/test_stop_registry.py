@@ -5,15 +5,16 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lupin_runtime.console.stop_registry import DRIVING_S, SILENCE_TIMEOUT_S, StopRegistry
+from lupin_runtime.console.stop_registry import DRIVING_S, RETURN_TIMEOUT_S, SILENCE_TIMEOUT_S, StopRegistry
 
 SECOND = 1_000_000_000
+RETURN_NS = int(RETURN_TIMEOUT_S * SECOND)
 
 
 def registry(*names: str) -> StopRegistry:
     stops = StopRegistry()
     for name in names:
-        stops.join(name, name)
+        stops.join(name, name, 0)
     return stops
 
 
@@ -38,6 +39,93 @@ def test_only_silence_of_client_in_control_engages_the_stop() -> None:
     stops.set_stop("anne", False, late_ns)
     stops.check_silence(late_ns, None)
     assert stops.reasons() == ["anne was silent for more than 1.5 s"], "it is released only on request"
+
+
+def test_dead_connection_of_a_page_that_is_back_stops_nothing() -> None:
+    stops = registry("anne")
+    for _ in range(2):
+        stops.set_stop("anne", False, 0)
+    stops.join("anne again", "anne", 0)
+    now_ns = int((SILENCE_TIMEOUT_S + 1.0) * SECOND)
+    stops.check_silence(now_ns, "anne")
+    assert not stops.leave("anne", now_ns, True) and stops.reasons() == []
+    for _ in range(2):
+        stops.set_stop("anne again", False, now_ns)
+    stops.check_silence(2 * now_ns, "anne")
+    assert stops.reasons() == ["anne was silent for more than 1.5 s"]
+
+
+def test_page_that_connects_again_and_freezes_is_stopped() -> None:
+    stops = registry("anne")
+    for _ in range(2):
+        stops.set_stop("anne", False, 0)
+    stops.join("anne again", "anne", SECOND)
+    stops.join("anne once more", "anne", 3 * SECOND)
+    stops.set_stop("anne once more", False, 3 * SECOND)
+    stops.check_silence(SECOND + RETURN_NS, "anne")
+    assert stops.reasons() == []
+    stops.check_silence(SECOND + RETURN_NS + 1, "anne")
+    assert stops.reasons() == ["anne has not repeated its state since it connected again"]
+
+
+def test_page_that_connects_again_and_closes_is_stopped() -> None:
+    stops = registry("anne")
+    for _ in range(2):
+        stops.set_stop("anne", False, 0)
+    stops.join("anne again", "anne", SECOND)
+    assert not stops.leave("anne", SECOND, True) and stops.reasons() == []
+    assert not stops.leave("anne again", SECOND, True)
+    assert stops.reasons() == ["anne was lost while it had control"]
+
+
+def test_second_tab_does_not_replace_a_first_that_closes_at_once() -> None:
+    stops = registry("first tab")
+    for _ in range(2):
+        stops.set_stop("first tab", False, 0)
+    stops.join("second tab", "first tab", 0)
+    assert not stops.leave("first tab", SECOND // 5, True)
+    assert stops.reasons() == [], "the second tab may take over"
+    stops.check_silence(RETURN_NS + 1, "first tab")
+    assert stops.reasons() == ["first tab has not repeated its state since it connected again"]
+
+
+def test_page_without_control_need_not_return() -> None:
+    stops = registry("anne")
+    for _ in range(2):
+        stops.set_stop("anne", False, 0)
+    stops.join("anne again", "anne", 0)
+    stops.check_silence(SECOND, "ben")
+    stops.check_silence(RETURN_NS + 1, "anne")
+    assert stops.reasons() == []
+
+
+def test_tab_that_took_over_covers_the_silence_of_the_other() -> None:
+    stops = registry("first tab")
+    for _ in range(2):
+        stops.set_stop("first tab", False, 0)
+    stops.join("second tab", "first tab", 0)
+    for now_ns in (0, SECOND, 2 * SECOND):
+        stops.set_stop("first tab", False, 0)
+        stops.set_stop("second tab", False, now_ns)
+    stops.check_silence(2 * SECOND, "first tab")
+    assert not stops.leave("first tab", 2 * SECOND, True)
+    assert stops.reasons() == [], "the tab that left only watched"
+    assert not stops.leave("second tab", 2 * SECOND, True)
+    assert stops.reasons() == ["first tab was lost while it had control"]
+
+
+def test_watching_tab_does_not_replace_the_one_that_left() -> None:
+    stops = registry("first tab")
+    for _ in range(2):
+        stops.set_stop("first tab", False, 0)
+    stops.join("second tab", "first tab", 0)
+    for _ in range(2):
+        stops.set_stop("first tab", False, 0)
+        stops.set_stop("second tab", False, 0)
+    late_ns = int((SILENCE_TIMEOUT_S + 1.0) * SECOND)
+    stops.set_stop("second tab", False, late_ns)
+    assert not stops.leave("second tab", late_ns, True)
+    assert stops.reasons() == ["first tab was lost while it had control"], "the first has been silent for too long"
 
 
 def test_client_lost_while_driving_or_stopping_leaves_the_stop() -> None:
@@ -94,3 +182,31 @@ def test_stop_is_engaged_while_any_client_holds_it(statements: list[tuple[str, b
         stops.set_stop(name, engaged, now_ns)
         last[name] = engaged
         assert bool(stops.reasons()) == any(last.values())
+
+
+TABS = st.sampled_from("abc")
+STEPS = st.tuples(st.sampled_from(["join", "leave", "state", "state", "nothing"]), TABS, st.integers(0, SECOND // 2))
+
+
+@given(st.lists(STEPS, max_size=60))
+def test_session_that_repeated_is_silent_for_a_bounded_time(steps: list[tuple[str, str, int]]) -> None:
+    stops = registry()
+    stops.join("page", "anne", 0)
+    for _ in range(2):
+        stops.set_stop("page", False, 0)
+    now_ns = stated_ns = 0
+    tabs = set()
+    for what, tab, step_ns in steps:
+        now_ns += step_ns
+        stops.check_silence(now_ns, "anne")
+        if what == "join" and tab not in tabs:
+            tabs.add(tab)
+            stops.join(tab, "anne", now_ns)
+        elif what == "leave" and tab in tabs:
+            tabs.remove(tab)
+            stops.leave(tab, now_ns, True)
+        elif what == "state" and tab in tabs:
+            stops.set_stop(tab, False, now_ns)
+            stated_ns = now_ns
+        limit_ns = int((SILENCE_TIMEOUT_S + RETURN_TIMEOUT_S + 0.5) * SECOND)
+        assert stops.reasons() or now_ns - stated_ns <= limit_ns

@@ -42,7 +42,7 @@ def peer(graph_host: GraphHost) -> LupinNode:
 
 @pytest.fixture
 def client(console: Console) -> Iterator[RosbridgeClient]:
-    """A client that is told about errors."""
+    """A client that gets status messages about errors."""
     made = RosbridgeClient(console.rosbridge_port)
     made.send("set_level", level="error")
     yield made
@@ -82,12 +82,12 @@ def test_name_without_slash_has_type_and_qos_of_the_table(
 ) -> None:
     from lupin_runtime.ros.node import qos_profile
 
-    heard: list[Any] = []
-    peer.subscription(graph.GOAL_POSE, heard.append)
+    received: list[Any] = []
+    peer.subscription(graph.GOAL_POSE, received.append)
 
     def publish() -> list[Any]:
         client.send("publish", topic="goal_pose", msg={"header": {"frame_id": "map"}})
-        return heard
+        return received
 
     graph_host.until(publish, what="a goal")
     offered = peer.get_publishers_info_by_topic(graph.GOAL_POSE.name)[0].qos_profile
@@ -158,7 +158,7 @@ def test_subscriptions_of_one_client_are_limited(
     client.send("subscribe", topic="/many_4", type="std_msgs/String")
     assert client.call("/rosapi/get_ros_version")["result"]
     assert len([m for m in client.received if m["op"] == "status"]) == 2
-    graph_host.until(lambda: peer.count_subscribers("/many_4"), what="a topic instead of another")
+    graph_host.until(lambda: peer.count_subscribers("/many_4"), what="a topic after another was unsubscribed")
 
 
 def test_advertisements_of_one_client_are_limited(client: RosbridgeClient, monkeypatch: pytest.MonkeyPatch) -> None:

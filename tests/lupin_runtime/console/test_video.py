@@ -1,4 +1,4 @@
-"""`/_video` on port 8090: a video server's pictures, forwarded to paired browsers."""
+"""`/_video` on port 8090: a video server's images, forwarded to paired browsers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lupin_runtime.console.authority import Role
 from lupin_runtime.console.sessions import Sessions
 from tests.support.console_browser import Browser
 from tests.support.image_messages import gradient, jpeg
-from tests.support.published_pictures import PublishedPictures
+from tests.support.published_images import PublishedImages
 from tests.support.video_client import VideoClient
 
 if TYPE_CHECKING:
@@ -32,14 +32,14 @@ Serve = Callable[[str], "Console"]
 
 
 @pytest.fixture
-def pictures() -> PublishedPictures:
-    return PublishedPictures()
+def images() -> PublishedImages:
+    return PublishedImages()
 
 
 @pytest.fixture
-def server(pictures: PublishedPictures) -> Iterator[VideoHttpServer]:
+def server(images: PublishedImages) -> Iterator[VideoHttpServer]:
     """A robot's video server."""
-    made = VideoHttpServer("127.0.0.1", 0, VideoStreams(pictures, lambda _: None))
+    made = VideoHttpServer("127.0.0.1", 0, VideoStreams(images, lambda _: None))
     made.start()
     yield made
     made.stop()
@@ -47,7 +47,7 @@ def server(pictures: PublishedPictures) -> Iterator[VideoHttpServer]:
 
 @pytest.fixture
 def serve(graph_host: GraphHost, tmp_path: Path) -> Iterator[Serve]:
-    """Starts consoles that take the pictures from a URL."""
+    """Starts consoles that take the images from a URL."""
     from lupin_runtime.console.node import Console
 
     nodes: list[Console] = []
@@ -79,21 +79,21 @@ def clients_of(server: VideoHttpServer) -> int:
     return sum(row["clients"] for row in server.streams.describe())
 
 
-def test_pictures_cross_the_link_once_for_all_browsers(
-    graph_host: GraphHost, server: VideoHttpServer, pictures: PublishedPictures, client: VideoClient
+def test_images_cross_the_link_once_for_all_browsers(
+    graph_host: GraphHost, server: VideoHttpServer, images: PublishedImages, client: VideoClient
 ) -> None:
     streams = [client.stream("/stream?topic=/jpeg") for _ in range(4)]
     for number in range(1, 4):
-        pictures.publish(JPEG, number)
-        assert {stream.picture() for stream in streams} == {(JPEG, number)}
+        images.publish(JPEG, number)
+        assert {stream.image() for stream in streams} == {(JPEG, number)}
     assert clients_of(server) == 1
     client.close()
     graph_host.until(lambda: clients_of(server) == 0, what="the end of the stream with its last browser")
-    assert not pictures.subscriptions
+    assert not images.subscriptions
 
 
 def test_browsers_that_join_and_leave_quickly_leave_nothing(
-    graph_host: GraphHost, console: Console, server: VideoHttpServer, pictures: PublishedPictures
+    graph_host: GraphHost, console: Console, server: VideoHttpServer, images: PublishedImages
 ) -> None:
     def visit() -> None:
         for _ in range(15):
@@ -105,30 +105,30 @@ def test_browsers_that_join_and_leave_quickly_leave_nothing(
     for visitor in visitors:
         visitor.start()
     while any(visitor.is_alive() for visitor in visitors):
-        pictures.publish(JPEG)
+        images.publish(JPEG)
         time.sleep(0.002)
     graph_host.until(lambda: clients_of(server) == 0, what="the end of all streams")
 
 
 def test_browser_that_never_reads_slows_nobody_down(
-    graph_host: GraphHost, console: Console, server: VideoHttpServer, pictures: PublishedPictures, client: VideoClient
+    graph_host: GraphHost, console: Console, server: VideoHttpServer, images: PublishedImages, client: VideoClient
 ) -> None:
     with socket.create_connection(("127.0.0.1", console.port)) as stuck:
         stuck.sendall(b"GET /_video/stream?topic=/jpeg HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
         graph_host.until(lambda: clients_of(server) == 1)
         reader = client.stream("/stream?topic=/jpeg")
         for number in range(1, 60):
-            pictures.publish(JPEG + bytes(500_000), number)
-            assert reader.picture()[1] == number
+            images.publish(JPEG + bytes(500_000), number)
+            assert reader.image()[1] == number
 
 
-def test_snapshots_and_camera_list_are_forwarded(pictures: PublishedPictures, client: VideoClient) -> None:
+def test_snapshots_and_camera_list_are_forwarded(images: PublishedImages, client: VideoClient) -> None:
     assert [row["topic"] for row in client.json("/streams")] == ["/jpeg", "/raw"]
     stop = threading.Event()
 
     def publish() -> None:
         while not stop.wait(0.01):
-            pictures.publish(JPEG, 5_000_000_006)
+            images.publish(JPEG, 5_000_000_006)
 
     publishing = threading.Thread(target=publish)
     publishing.start()
@@ -140,7 +140,7 @@ def test_snapshots_and_camera_list_are_forwarded(pictures: PublishedPictures, cl
 
 
 @pytest.mark.parametrize("path", ["/streams", "/snapshot?topic=/jpeg", "/stream?topic=/jpeg"])
-def test_pictures_are_only_for_paired_browsers_and_own_page(console: Console, server: VideoHttpServer, path: str) -> None:
+def test_images_are_only_for_paired_browsers_and_own_page(console: Console, server: VideoHttpServer, path: str) -> None:
     unpaired = VideoClient(console.port, "/_video", {"X-Forwarded-For": "192.0.2.7"})
     assert "not paired" in unpaired.text(path, 401)
     for site in ("cross-site", "same-site"):
@@ -150,19 +150,19 @@ def test_pictures_are_only_for_paired_browsers_and_own_page(console: Console, se
 
 
 def test_stream_ends_when_its_session_is_revoked(
-    graph_host: GraphHost, console: Console, pictures: PublishedPictures, tmp_path: Path
+    graph_host: GraphHost, console: Console, images: PublishedImages, tmp_path: Path
 ) -> None:
     phone = Browser(console.port, proxied=True)
     code = json.loads((tmp_path / "console.json").read_text())["codes"][Role.VIEWER.value]
     assert phone.post("/_api/pair", code=code)["role"] == "viewer"
     client = VideoClient(console.port, "/_video", phone.headers)
     stream = client.stream("/stream?topic=/jpeg")
-    pictures.publish(JPEG)
-    stream.picture()
+    images.publish(JPEG)
+    stream.image()
     Sessions(tmp_path / "sessions.json").revoke("phone-1")
     with pytest.raises(EOFError):
-        stream.picture()
-    graph_host.until(lambda: not pictures.subscriptions, what="the end of the stream")
+        stream.image()
+    graph_host.until(lambda: not images.subscriptions, what="the end of the stream")
 
 
 @pytest.mark.parametrize(
@@ -179,23 +179,23 @@ def test_refusals_are_forwarded(client: VideoClient, path: str, status: int, rea
 
 
 def test_stream_can_be_reopened_after_robot_returns(
-    server: VideoHttpServer, pictures: PublishedPictures, client: VideoClient
+    server: VideoHttpServer, images: PublishedImages, client: VideoClient
 ) -> None:
     stream = client.stream("/stream?topic=/jpeg")
-    pictures.publish(JPEG, 1)
-    stream.picture()
+    images.publish(JPEG, 1)
+    stream.image()
     port = server.port
     server.stop()
     with pytest.raises(EOFError):
-        stream.picture()
+        stream.image()
     for path in ("/stream?topic=/jpeg", "/snapshot?topic=/jpeg", "/streams"):
         assert f"no video from http://127.0.0.1:{port}" in client.text(path, 502)
-    again = VideoHttpServer("127.0.0.1", port, VideoStreams(pictures, lambda _: None))
+    again = VideoHttpServer("127.0.0.1", port, VideoStreams(images, lambda _: None))
     again.start()
     try:
         stream = client.stream("/stream?topic=/jpeg")
-        pictures.publish(JPEG, 2)
-        assert stream.picture() == (JPEG, 2)
+        images.publish(JPEG, 2)
+        assert stream.image() == (JPEG, 2)
     finally:
         again.stop()
 
@@ -212,7 +212,7 @@ def test_stream_can_be_reopened_after_robot_returns(
         b"HTTP/1.1 200 OK\r\n\r\n" + b"[" * 100_000,
     ],
 )
-def test_foreign_server_at_the_video_port_is_reported(serve: Serve, answer: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+def test_other_server_at_the_video_port_is_reported(serve: Serve, answer: bytes, capfd: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as impostor:
 
         def reply() -> None:

@@ -45,7 +45,7 @@ def test_keys_are_readable_by_their_owner_only(store: HostStore) -> None:
         "authority.pem": 0o600,
         "server.pem": 0o600,
         "lock": 0o600,
-        "authority.crt": 0o644,
+        "authority.crt": 0o600,
     }
     assert b"PRIVATE" not in store.root_path.read_bytes()
 
