@@ -16,6 +16,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from lupin_runtime.atomic_file import write_atomically
+from lupin_runtime.bounded_file import is_file, read_bounded_text
+
 SOCKET_BUFFER_BYTES = 4 * 1024 * 1024
 
 # The variables that a process needs to join the same graph.
@@ -100,7 +103,7 @@ def loopback_environment(domain: int, directory: Path, base: Mapping[str, str] |
     """Return the environment in which a process joins `domain` on loopback; write the DDS profile into `directory`."""
     profile = directory / _LOOPBACK_PROFILE
     directory.mkdir(parents=True, exist_ok=True)
-    profile.write_text(_PROFILE)
+    write_atomically(profile, _PROFILE)
     environment = {key: value for key, value in (os.environ if base is None else base).items() if key not in FOREIGN}
     environment.update(
         ROS_DOMAIN_ID=str(domain),
@@ -127,8 +130,8 @@ def robot_environment(base: Mapping[str, str] | None = None) -> tuple[dict[str, 
     home = Path(environment.get("HOME") or Path.home())
     path = Path(environment.get("XDG_CONFIG_HOME") or home / ".config") / "lupin" / "ros-env.sh"
     applied = []
-    if path.is_file():
-        for line in path.read_text(errors="replace").splitlines():
+    if is_file(path):
+        for line in read_bounded_text(path, errors="replace").splitlines():
             found = _EXPORT.match(line)
             if found:
                 value = found[2].strip("\"'").replace("${HOME}", str(home)).replace("$HOME", str(home))
@@ -137,7 +140,7 @@ def robot_environment(base: Mapping[str, str] | None = None) -> tuple[dict[str, 
     if not environment.get("ROS_DISCOVERY_SERVER"):
         raise NoRobotEnvironment(
             f"this machine knows no robot: {path} sets no ROS_DISCOVERY_SERVER; "
-            "type: lupin dds setup 10.42.0.1 (the robot's address), or use --target sim"
+            "use --target sim, or set this machine up for the robot's address with: lupin dds setup 10.42.0.1"
         )
     return environment, applied
 
@@ -160,5 +163,5 @@ def discovery_mode(environment: Mapping[str, str]) -> DiscoveryMode:
     return DiscoveryMode(
         f"multicast, domain {domain}: no discovery server",
         "A robot with a discovery server stays unseen: the console seems live, but shows no battery and no telemetry, and "
-        "cannot drive. Type: lupin dds setup 10.42.0.1 (the robot's address), then start again.",
+        "cannot drive. Set this machine up for the robot's address, then start again: lupin dds setup 10.42.0.1",
     )

@@ -7,7 +7,6 @@ running stack costs no more than measuring the rates that the operator sees.
 
 from __future__ import annotations
 
-import json
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -19,9 +18,12 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 
 from lupin_runtime import graph
-from lupin_runtime.ros.node import LupinNode, interface
+from lupin_runtime.json_text import parse_json
+from lupin_runtime.ros.interfaces import interface
+from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 from lupin_runtime.ros.tf import TransformListener
 from lupin_runtime.safety.unheard_press import UnheardPress
+from lupin_runtime.stack.mission_events import MissionEvents
 from lupin_runtime.stack.readiness import (
     ActionReady,
     MissionReady,
@@ -74,7 +76,7 @@ class GraphMonitor:
 
     def __init__(self, rated: Sequence[graph.Topic] = MONITORED_TOPICS) -> None:
         """Join the graph, and subscribe to the topics `rated` to measure their rates."""
-        rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+        rclpy.init(args=ROS_ARGUMENTS, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
         self.node = LupinNode("lupin_supervisor", enable_rosout=False)
         self._satisfied: set[Readiness] = set()
         self._probes: dict[Readiness, _Probe] = {}
@@ -85,9 +87,10 @@ class GraphMonitor:
                 self.node.subscription(topic, partial(self._count, topic.name), raw=True)
         self.mission: Any = None
         self.mission_received_s = 0.0
+        self.mission_events = MissionEvents()
         self.node.subscription(graph.MISSION_STATE, self._take_mission)
         self.alarms: tuple[str, ...] = ()  # of the drive bus
-        self.bus_locks: tuple[str, ...] = ()
+        self.drive_bus_locks: tuple[str, ...] = ()
         self.was_pressed = False  # whether the e-stop was pressed after its first status arrived
         self._presses: UnheardPress | None = None
         self.node.subscription(graph.DRIVE_STATUS, self._take_drive_status)
@@ -115,14 +118,15 @@ class GraphMonitor:
         self._rates[graph.MISSION_STATE.name].tick()
         self.mission_received_s = time.monotonic()
         self.mission = message
+        self.mission_events.note(message)
 
     def _take_drive_status(self, message: Any) -> None:
         try:
-            status = json.loads(message.data)
+            status = parse_json(message.data)
             alarms, locks = status["alarms"], status["locks"]
         except (ValueError, KeyError, TypeError):
             return  # not from a drive bus of this version
-        self.alarms, self.bus_locks = _sentences(alarms), _sentences(locks)
+        self.alarms, self.drive_bus_locks = _sentences(alarms), _sentences(locks)
 
     def _take_estop_status(self, message: Any) -> None:
         if self._presses is None:
@@ -190,6 +194,10 @@ class GraphMonitor:
 
     def _mission_is_ready(self) -> bool:
         return self.mission is not None and self.mission.lifecycle_state not in ("BOOT", "FAULT")
+
+    def can_start_mission(self) -> bool:
+        """Return whether the service that starts missions is available: an earlier request would be lost."""
+        return bool(self._start.service_is_ready())
 
     def start_mission(self, mission_type: str, discovery_goal: int, done: Callable[[bool, str], None]) -> None:
         """Request a mission; `done` is called while spinning with True and the mission's id, or with False and the reason."""

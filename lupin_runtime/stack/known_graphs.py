@@ -10,14 +10,16 @@ from lupin_runtime.stack.dds import FOREIGN, NoRobotEnvironment, robot_environme
 from lupin_runtime.stack.runs import live_runs
 
 IDENTITY = ("ROS_DOMAIN_ID", "ROS_DISCOVERY_SERVER", "FASTRTPS_DEFAULT_PROFILES_FILE")
+# Two environments that differ in one of these may join different graphs, or the same one with another result.
+_SIGNIFICANT = (*IDENTITY, "RMW_IMPLEMENTATION", *FOREIGN)
 
 
 @dataclass(frozen=True)
 class KnownGraph:
     """A graph, and the complete environment in which a process joins it."""
 
-    name: str  # a run's id, or `robot`
-    kind: str  # sim or robot
+    name: str  # a run's id, `robot` or `shell`
+    kind: str  # sim, robot or shell
     environment: Mapping[str, str]
 
     @property
@@ -26,8 +28,11 @@ class KnownGraph:
         return tuple(self.environment.get(key, "") for key in IDENTITY)
 
 
-def known_graphs(base: Mapping[str, str] | None = None) -> tuple[KnownGraph, ...]:
-    """Return the graph of every live run, then the robot's if `ros-env.sh` or the shell names it, without duplicates."""
+def known_graphs(base: Mapping[str, str] | None = None, *, with_shell: bool = False) -> tuple[KnownGraph, ...]:
+    """Return the graph of every live run, then the robot's if `ros-env.sh` or the shell names it, without duplicates.
+
+    `with_shell` adds the graph that programs started in this shell join, unless its variables equal those of another one.
+    """
     base = dict(os.environ if base is None else base)
     found = []
     for run in live_runs():
@@ -43,4 +48,12 @@ def known_graphs(base: Mapping[str, str] | None = None) -> tuple[KnownGraph, ...
         pass  # reported by the checks of the DDS set-up; here it means that no robot graph is known
     else:
         found.append(KnownGraph("robot", "robot", environment))
-    return tuple({graph.identity: graph for graph in reversed(found)}.values())[::-1]
+    distinct = tuple({graph.identity: graph for graph in reversed(found)}.values())[::-1]
+    shell = KnownGraph("shell", "shell", base)
+    if with_shell and all(_significant(known.environment) != _significant(base) for known in distinct):
+        return (*distinct, shell)
+    return distinct
+
+
+def _significant(environment: Mapping[str, str]) -> tuple[str, ...]:
+    return tuple(environment.get(name, "") for name in _SIGNIFICANT)

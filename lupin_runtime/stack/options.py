@@ -1,7 +1,8 @@
-"""The options of one run of the stack, and the targets that a run may have."""
+"""The options of one run of the stack, and its targets: the sets of processes that may run together."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,9 @@ ONBOARD = "onboard"  # the processes on the robot
 ROBOT_CAMERAS = "cameras"  # the robot's camera service
 LAPTOP_TARGETS = (SIM, ROBOT)  # of `lupin up`
 ALL_TAGS = 65535  # discovery goal "all": the largest count that fits into StartMission
+
+_STORED_AS = {"navigation": "nav2", "flowers": "yolo", "console": "web", "monitoring_rounds": "sweeps"}
+_PATHS = ("map_file", "approach_overrides", "layout")
 
 
 @dataclass(frozen=True)
@@ -53,9 +57,23 @@ class Options:
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as stored in `run.json` and `report.json`, in which some have the names of their flags."""
-        names = {"navigation": "nav2", "flowers": "yolo", "console": "web", "monitoring_rounds": "sweeps"}
-        plain = {names.get(key, key): value for key, value in vars(self).items()}
+        plain = {_STORED_AS.get(key, key): value for key, value in vars(self).items()}
         return {key: str(value) if isinstance(value, Path) else value for key, value in plain.items()}
+
+    @classmethod
+    def from_json(cls, stored: Mapping[str, Any]) -> Options:
+        """Return the options that `as_json` stored. One that is missing, or of another type, has its default."""
+        found: dict[str, Any] = {}
+        for name, default in vars(cls()).items():
+            value = stored.get(_STORED_AS.get(name, name))
+            if name in _PATHS:
+                found[name] = Path(value) if isinstance(value, str) else None
+            elif name == "initial_pose":
+                if isinstance(value, list) and [type(each) for each in value] == [float] * 3:
+                    found[name] = tuple(value)
+            elif type(value) is type(default) and name != "run_path":
+                found[name] = value
+        return cls(**found)
 
     def in_folder(self, path: Path) -> Options:
         """Return a copy for the run with the directory `path`."""

@@ -1,7 +1,7 @@
 """One process of the stack: `python -m lupin_runtime.stack.process FILE.json`.
 
-The file lists the node classes and their parameters. The process exits when its standard input is closed, which also happens
-when the supervisor is killed.
+The file lists the node classes and their parameters; on a full disk, its content is the argument. The process exits when its
+standard input is closed, which also happens when the supervisor is killed.
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ from __future__ import annotations
 import faulthandler
 import gc
 import importlib
-import json
 import os
 import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+from lupin_runtime.json_text import parse_json
 
 
 def node_class(path: str) -> Any:
@@ -26,7 +27,7 @@ def node_class(path: str) -> Any:
 def main(argument: str) -> int:
     """Run the nodes of a process file until a signal or the end of standard input; return the exit status."""
     faulthandler.enable()
-    config = json.loads(Path(argument).read_text())
+    config = parse_json(argument if argument.startswith("{") else Path(argument).read_text())
     from lupin_runtime.ros import run
     from lupin_runtime.ros.supervision import Supervision
 

@@ -23,13 +23,13 @@ class StoredRun:
 
     run: Run
     size_bytes: int
-    is_alive: bool
+    is_live: bool
     is_kept: bool
 
 
 def stored_runs() -> list[StoredRun]:
     """Return all runs on the disk, oldest first."""
-    return [StoredRun(run, _size_bytes(run.path), run.alive(), run.is_kept()) for run in all_runs()]
+    return [StoredRun(run, _size_bytes(run.path), run.is_live(), run.is_kept()) for run in all_runs()]
 
 
 def removable(stored: Sequence[StoredRun], max_runs: int = MAX_RUNS, max_bytes: int = MAX_BYTES) -> list[StoredRun]:
@@ -40,7 +40,7 @@ def removable(stored: Sequence[StoredRun], max_runs: int = MAX_RUNS, max_bytes: 
     for one in stored[: len(stored) - newest]:
         if count <= max_runs and size_bytes <= max_bytes:
             break
-        if not one.is_alive and not one.is_kept:
+        if not one.is_live and not one.is_kept:
             removed.append(one)
             count -= 1
             size_bytes -= one.size_bytes

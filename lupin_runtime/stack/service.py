@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from lupin_runtime.exit_codes import FAILURE, SUCCESS
@@ -18,7 +19,8 @@ from lupin_runtime.ros.sd_notify import Notifier
 from lupin_runtime.stack.dds import GRAPH_VARIABLES
 from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.retention import remove_old_runs
-from lupin_runtime.stack.runs import Run, RunError, create_run
+from lupin_runtime.stack.runs import Run, RunError, create_run, runs_directory
+from lupin_runtime.stack.state_file import StateFile, unwritable
 from lupin_runtime.stack.supervisor import LIVENESS_FAILED, Supervisor
 from lupin_runtime.stack.usage import start_ticks
 
@@ -56,23 +58,8 @@ def serve(chosen: Options) -> int:
     stop: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda number, _: stop.append(number))
-    try:
-        run, _lock = create_run()
-    except RunError as error:
-        print(error, file=sys.stderr)
-        return FAILURE
-    remove_old_runs(MAX_RUNS)
     graph = {name: os.environ[name] for name in GRAPH_VARIABLES if name in os.environ}
-    run.write_info(
-        {
-            "id": run.id,
-            "pid": os.getpid(),
-            "start_ticks": start_ticks(os.getpid()),
-            "started": time.time(),
-            "environment": graph,
-            "options": {"target": chosen.target},
-        }
-    )
+    run = _open_run(chosen, graph)
     variables = " ".join(f"{name}={value}" for name, value in graph.items()) or "no ROS variables are set"
     print(f"{chosen.target}: {variables}", flush=True)
 
@@ -89,8 +76,37 @@ def serve(chosen: Options) -> int:
         monitor.close()
 
 
+def _open_run(chosen: Options, graph: Mapping[str, str]) -> Run:
+    """Create the service's run, for `lupin status` and the doctor. Without space for it, the processes run all the same."""
+    try:
+        run, _lock = create_run()
+    except RunError as error:
+        _report(f"{error}; until then, lupin status shows nothing")
+        return Run(runs_directory() / "none")
+    try:
+        remove_old_runs(MAX_RUNS)
+        run.write_info(
+            {
+                "id": run.id,
+                "pid": os.getpid(),
+                "start_ticks": start_ticks(os.getpid()),
+                "started": time.time(),
+                "environment": dict(graph),
+                "options": {"target": chosen.target},
+            }
+        )
+    except OSError as error:
+        _report(unwritable(run, error))
+    return run
+
+
+def _report(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
 def _supervise(supervisor: Supervisor, monitor: GraphMonitor, notifier: Notifier, run: Run, stop: list[int]) -> int:
     watched = [stage.row.name for stage in supervisor.stages if stage.row.watched]
+    state_file = StateFile(run, _report)
     notified_ready, state_due_s, deaths = False, 0.0, 0
     while not stop:
         monitor.spin(STEP_S)
@@ -98,11 +114,11 @@ def _supervise(supervisor: Supervisor, monitor: GraphMonitor, notifier: Notifier
         if all(supervisor.liveness.responds(name) for name in watched) or not notified_ready:
             notifier.alive()
         for death in supervisor.deaths[deaths:]:
-            print(f"{death.stage} {death.status}: {death.consequence}", file=sys.stderr, flush=True)
+            _report(f"{death.stage} {death.status}: {death.consequence}")
         deaths = len(supervisor.deaths)
         why = failure(supervisor)
         if why:
-            print(why, file=sys.stderr, flush=True)
+            _report(why)
             return FAILURE
         if supervisor.all_up() and not notified_ready:
             notified_ready = True
@@ -111,7 +127,7 @@ def _supervise(supervisor: Supervisor, monitor: GraphMonitor, notifier: Notifier
         notifier.status(progress(supervisor))
         if time.monotonic() >= state_due_s:
             state_due_s = time.monotonic() + STATE_PERIOD_S
-            run.write_state({**supervisor.snapshot(), "id": run.id, "alarms": list(monitor.alarms)})
+            state_file.write({**supervisor.snapshot(), "id": run.id, "alarms": list(monitor.alarms)})
     return SUCCESS
 
 

@@ -12,12 +12,16 @@ from typing import Any
 
 from lupin_runtime.drive.arbiter import ESTOP_ENGAGED
 from lupin_runtime.exit_codes import FAILURE, INTERRUPTED, SUCCESS, UNREACHABLE
+from lupin_runtime.mission.overrides import OVERRIDES_NAME, load_overrides, save_overrides
 from lupin_runtime.stack.alarms import alarms
 from lupin_runtime.stack.dds import GRAPH_VARIABLES, DomainClaim, claim_domain, loopback_environment, robot_environment
+from lupin_runtime.stack.mission_events import mission_clock_s
+from lupin_runtime.stack.mission_start import MissionStart
 from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.retention import remove_old_runs
-from lupin_runtime.stack.runs import Run, create_run
+from lupin_runtime.stack.runs import Run, RunError, create_run
 from lupin_runtime.stack.shm import disable_lttng_shm
+from lupin_runtime.stack.state_file import StateFile, unwritable
 from lupin_runtime.stack.supervisor import Phase, Supervisor
 from lupin_runtime.stack.usage import start_ticks
 
@@ -33,6 +37,7 @@ class Outcome:
     exit_status: int = INTERRUPTED
     state: str = "INTERRUPTED"
     sentence: str = "interrupted"
+    failed_process: str = ""  # its log says more
     drivable_s: float | None = None
     ready_s: float | None = None
     wall_time_s: float = 0.0
@@ -51,7 +56,7 @@ def mission_facts(message: Any) -> dict[str, Any]:
         "targets_failed targets_unreachable targets_skipped last_error last_event tags_discovered discovery_goal "
         "estop_engaged paused battery_percentage battery_low"
     )
-    return {name: getattr(message, name) for name in names.split()}
+    return {**{name: getattr(message, name) for name in names.split()}, "clock_s": mission_clock_s(message)}
 
 
 class StackRunner:
@@ -68,6 +73,32 @@ class StackRunner:
         self._observe = observe
         self._domain: DomainClaim | None = None
         self.applied: list[str] = []
+        try:
+            self._prepare(options)
+        except OSError as error:  # nothing runs yet
+            raise RunError(f"{unwritable(self.run, error)}, or set XDG_STATE_HOME") from error
+        # Imported here, because rclpy reads the environment when it is first imported and initialized.
+        from lupin_runtime.stack.graph_monitor import GraphMonitor
+        from lupin_runtime.stack.robot_tracker import RobotTracker
+
+        self.monitor = GraphMonitor()
+        self.tracker = RobotTracker(self.monitor.node)
+        self.supervisor = Supervisor(self.options, self.run, dict(os.environ), self.monitor)
+        self.outcome = Outcome()
+        self._state_file = StateFile(self.run)
+        self._state_due_s = 0.0
+        self._alarms: list[str] = []
+        self._start = MissionStart(
+            self.monitor.can_start_mission,
+            lambda answered: self.monitor.start_mission("ExplorationMission", self.options.discovery_goal, answered),
+        )
+        self._interrupted = False
+
+    def _prepare(self, options: Options) -> None:
+        """Select the run's graph, and write what other commands need to know of the run. Raises OSError."""
+        # The console changes the run's copy, never the operator's file.
+        overrides = load_overrides(options.approach_overrides) if options.approach_overrides else {}
+        save_overrides(self.run.path / OVERRIDES_NAME, overrides)
         if options.simulated:
             self._domain = claim_domain()
             environment = loopback_environment(self._domain.domain, self.run.path)
@@ -76,9 +107,6 @@ class StackRunner:
         os.environ.clear()
         os.environ.update(environment)
         disable_lttng_shm()
-        # Imported here, because rclpy reads the environment when it is first imported and initialized.
-        from lupin_runtime.stack.graph_monitor import GraphMonitor
-
         self.run.write_info(
             {
                 "id": self.run.id,
@@ -91,19 +119,13 @@ class StackRunner:
                 "options": self.options.as_json(),
             }
         )
-        self.monitor = GraphMonitor()
-        self.supervisor = Supervisor(self.options, self.run, environment, self.monitor)
-        self.outcome = Outcome()
-        self._state_due_s = 0.0
-        self._alarms: list[str] = []
-        self._mission_requested = False
-        self._mission_id = ""
-        self._mission_refused = ""
-        self._interrupted = False
 
     def execute(self) -> Outcome:
         """Run until the mission ends, a stage fails to come up, or a signal arrives; then stop every process."""
-        before = {number: signal.signal(number, self._interrupt) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # it is for a run that was started by nohup
+            numbers.append(signal.SIGHUP)
+        before = {number: signal.signal(number, self._interrupt) for number in numbers}
         try:
             while not self._interrupted and not self._ended():
                 self.monitor.spin(STEP_S)
@@ -125,40 +147,34 @@ class StackRunner:
         needed = [stage.row.name for stage in self.supervisor.stages if stage.row.needed_to_drive]
         if self.outcome.drivable_s is None and needed and self.supervisor.all_up(needed):
             self.outcome.drivable_s = round(age, 2)
-        if not self.options.mission or not self.supervisor.all_up():
+        if not self.options.mission:
             return
-        if self.outcome.ready_s is None:
+        if self.outcome.ready_s is None and self.supervisor.all_up():
             self.outcome.ready_s = round(age, 2)
-        if not self._mission_requested:
-            self._mission_requested = True
-            if self.monitor.was_pressed:
-                # The command to start the mission is older than the release: it starts nothing.
-                self._mission_refused = "the e-stop was pressed meanwhile; start it with: lupin mission start"
-                return
-            self.monitor.start_mission("ExplorationMission", self.options.discovery_goal, self._mission_answered)
-
-    def _mission_answered(self, accepted: bool, text: str) -> None:
-        self._mission_id, self._mission_refused = (text, "") if accepted else ("", text)
+        if self.outcome.ready_s is not None:
+            self._start.step(time.monotonic(), self.monitor.mission, self.monitor.was_pressed)
 
     def _ended(self) -> bool:
         outcome = self.outcome
         fatal = next((death for death in self.supervisor.deaths if death.ends_run), None)
         if fatal is not None:
             outcome.exit_status, outcome.state = FAILURE, "LOST"
-            outcome.sentence = f"{fatal.stage} {fatal.status}: {fatal.consequence}"
+            outcome.sentence = f"{fatal.stage} {fatal.status}; {fatal.consequence}"
+            outcome.failed_process = fatal.stage
             if outcome.ready_s is None and self._is_late():
                 outcome.exit_status = UNREACHABLE
             return True
         if self._is_late():
             outcome.exit_status, outcome.state = UNREACHABLE, "NEVER_UP"
             stage = self.supervisor.stalled()[0]
+            outcome.failed_process = stage.row.name
             waits = "; ".join(self.supervisor.waiting_for(stage)) or stage.why
             advice = f"; find the cause with: {stage.row.next_command}" if stage.row.next_command else ""
             outcome.sentence = f"{stage.row.name} did not come up: {waits}{advice}"
             return True
-        if self._mission_refused:
+        if self._start.refusal:
             outcome.exit_status, outcome.state = FAILURE, "REFUSED"
-            outcome.sentence = f"the mission was refused: {self._mission_refused}"
+            outcome.sentence = f"the mission was refused: {self._start.refusal}"
             return True
         return self._mission_ended()
 
@@ -168,13 +184,13 @@ class StackRunner:
 
     def _mission_ended(self) -> bool:
         message, outcome = self.monitor.mission, self.outcome
-        if not self._mission_id or message is None:
+        if not self._start.mission_id or message is None:
             return False
         if time.monotonic() - self.monitor.mission_received_s > MISSION_SILENCE_S:
             outcome.exit_status, outcome.state = FAILURE, "LOST"
             outcome.sentence = f"the mission has published no state for {MISSION_SILENCE_S:.0f} s; see: lupin logs mission"
             return True
-        if message.mission_id != self._mission_id or message.lifecycle_state not in ("DONE", "FAULT"):
+        if message.mission_id != self._start.mission_id or message.lifecycle_state not in ("DONE", "FAULT"):
             return False
         outcome.state = message.lifecycle_state
         outcome.exit_status = SUCCESS if outcome.state == "DONE" else FAILURE
@@ -189,8 +205,10 @@ class StackRunner:
             "id": self.run.id,
             "rates_hz": self.monitor.rates_hz(),
             "silent_s": self.monitor.silent_s(),
-            "alarms": [*self.monitor.alarms, *self._remote_alarms()],
+            "alarms": [*self.monitor.alarms, *self._remote_alarms(), *filter(None, [self._state_file.problem])],
             "mission": mission_facts(self.monitor.mission),
+            "events": list(self.monitor.mission_events.entries),
+            "robot": self.tracker.look(),
             "drivable_s": self.outcome.drivable_s,
             "ready_s": self.outcome.ready_s,
         }
@@ -199,7 +217,7 @@ class StackRunner:
         """What keeps a robot's drive bus locked, and what it no longer publishes: its processes are supervised there."""
         if self.options.target != "robot":
             return []
-        locks = [f"the drive bus is locked: {lock}" for lock in self.monitor.bus_locks if lock != ESTOP_ENGAGED]
+        locks = [f"the drive bus is locked: {lock}" for lock in self.monitor.drive_bus_locks if lock != ESTOP_ENGAGED]
         silent = [f"nothing on {topic} for {age_s:.0f} s" for topic, age_s in self.monitor.silent_s().items()]
         return locks + silent
 
@@ -210,7 +228,7 @@ class StackRunner:
         if time.monotonic() >= self._state_due_s or current != self._alarms:
             self._state_due_s = time.monotonic() + STATE_PERIOD_S
             self._alarms = current
-            self.run.write_state(state)
+            self._state_file.write(state)
 
     def _finish(self) -> None:
         outcome = self.outcome
@@ -224,7 +242,7 @@ class StackRunner:
         self.supervisor.stop()
         self.monitor.close()
         outcome.memory_mb = round(self.supervisor.memory_peak_mb, 1)
-        self.run.write_state({**self.state_after_end(), "outcome": asdict(outcome)})
+        self._state_file.write({**self.state_after_end(), "outcome": asdict(outcome)})
         if self._domain is not None:
             self._domain.release()
 

@@ -1,4 +1,4 @@
-"""Starts, monitors, restarts and stops the processes of a run. Stages wait for readiness conditions, never for a fixed time."""
+"""Starts, monitors, restarts and stops the processes of a run. Starts wait for readiness conditions, never for a fixed time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -18,11 +17,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
+from lupin_runtime.atomic_file import write_atomically
+from lupin_runtime.interpreter import PYTHON
 from lupin_runtime.stack.liveness import Liveness
+from lupin_runtime.stack.log_lines import cause_in_log
 from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.readiness import Readiness
-from lupin_runtime.stack.runs import Run
+from lupin_runtime.stack.runs import PROCESS_UMASK, Run
 from lupin_runtime.stack.table import Launch, ProcessRow, launch, rows
+from lupin_runtime.stack.takeover import holder_of
 from lupin_runtime.stack.usage import cpu_time_s, descendants_by_pid, memory_mb, start_ticks
 
 STOP_GRACE_S = 4.0
@@ -56,7 +59,7 @@ class Phase(enum.Enum):
 
 @dataclass
 class Stage:
-    """One process of the run and its current state."""
+    """A process of the run as the supervisor sees it: its phase and what it uses."""
 
     launch: Launch
     phase: Phase = Phase.WAITING
@@ -65,6 +68,7 @@ class Stage:
     process: subprocess.Popen[bytes] | None = None
     start_ticks: int | None = None  # identifies the process together with its PID
     killed_why: str = ""  # why the supervisor killed the process
+    taken_over_s: float | None = None  # since when a person's own process has its place
     restarts: deque[float] = field(default_factory=deque)
     restart_count: int = 0
     why: str = ""
@@ -132,6 +136,8 @@ class Supervisor:
                 silence = hung[stage.row.name]
                 node = f" (node {silence.node})" if silence.node else ""
                 self._kill(stage, f"did not respond for {silence.wall_s:.1f} s{node} and was killed")
+            if self._is_taken_over(stage, now):
+                continue
             if stage.phase is Phase.WAITING:
                 if all(self._monitor.satisfied(condition) for condition in stage.row.needs):
                     self._start(stage, now)
@@ -154,32 +160,75 @@ class Supervisor:
         """Whether a process that was up before does not come up again; one that never came up ends the run instead."""
         return stage.phase is Phase.STARTING and stage.up_after_s is not None and now - stage.since_s > stage.row.up_within_s
 
+    def _is_taken_over(self, stage: Stage, now: float) -> bool:
+        """Return whether a person's own process has the place of this stage; end the own process for it, orderly."""
+        holder = holder_of(self.run, stage.row.name) if stage.row.may_be_replaced else None
+        if holder is None and stage.taken_over_s is None:
+            return False
+        if stage.taken_over_s is None:
+            stage.taken_over_s, stage.phase = now, Phase.STOPPED
+            stage.why = f"replaced by process {holder}, which runs in the foreground"
+            if stage.process is not None and stage.process.poll() is None:
+                _terminate(stage.process)
+        if stage.process is not None:
+            if stage.process.poll() is None:
+                if now - stage.taken_over_s > STOP_GRACE_S:
+                    stage.process.kill()
+                return True
+            self.liveness.stop_monitoring(stage.row.name)
+            stage.process = stage.start_ticks = None
+            for condition in stage.row.ready:
+                self._monitor.forget(condition)
+        if holder is None:
+            stage.taken_over_s, stage.phase, stage.since_s, stage.why = None, Phase.WAITING, now, ""
+            return False
+        # Nothing is started here, and nothing is late: the person sees what their process says.
+        stage.since_s = now
+        stage.phase = Phase.UP if all(self._monitor.satisfied(condition) for condition in stage.row.ready) else Phase.STARTING
+        return True
+
     def _start(self, stage: Stage, now: float) -> None:
         stage.phase, stage.since_s, stage.cpu_seen = Phase.STARTING, now, None
         if stage.row.external:
             return
-        directory = self.run.path / "processes"
-        directory.mkdir(exist_ok=True)
-        if stage.launch.config is not None:
-            (directory / f"{stage.row.name}.json").write_text(json.dumps(stage.launch.config, indent=1))
+        arguments = self._arguments(stage.launch)
         with self._log(stage.row.name) as log:
             # For heartbeats; stays open while this process lives, and when it is closed the child exits.
             channel, standard_input = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             with standard_input:
                 stage.process = subprocess.Popen(
-                    [sys.executable, *stage.launch.arguments],
+                    [*PYTHON, *arguments],
                     stdin=standard_input.fileno(),
                     stdout=log,
                     stderr=subprocess.STDOUT,
                     env=dict(self._environment),
                     start_new_session=True,
+                    umask=PROCESS_UMASK,
                 )
         stage.start_ticks = start_ticks(stage.process.pid)
         self.liveness.monitor(stage.row.name, stage.process.pid, channel, stage.row.commands_motion)
 
+    def _arguments(self, launch: Launch) -> list[str]:
+        """Return the interpreter's arguments. On a full disk, the last is the configuration itself instead of its file."""
+        directory = self.run.path / "processes"
+        text = "" if launch.config is None else json.dumps(launch.config, indent=1)
+        try:
+            directory.mkdir(mode=0o700, exist_ok=True)
+            if text:
+                write_atomically(directory / f"{launch.row.name}.json", text)
+        except OSError:
+            return [*launch.arguments[:-1], text] if text else launch.arguments
+        return launch.arguments
+
     def _log(self, name: str) -> AbstractContextManager[BinaryIO | None]:
-        """Return the log file of a process; None if it shares this process's output."""
-        return nullcontext() if self._own_output else (self.run.logs / f"{name}.log").open("ab")
+        """Return the log file of a process; None if it shares this process's output. A full disk costs the log."""
+        if self._own_output:
+            return nullcontext()
+        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
+        try:
+            return os.fdopen(os.open(self.run.logs / f"{name}.log", flags, 0o600), "ab")
+        except OSError:
+            return Path(os.devnull).open("ab")
 
     @staticmethod
     def _kill(stage: Stage, why: str) -> None:
@@ -189,7 +238,7 @@ class Supervisor:
             stage.process.kill()
 
     def _handle_exit(self, stage: Stage, now: float) -> None:
-        status = stage.killed_why or _exit_text(stage.process.returncode if stage.process else None)
+        status = stage.killed_why or self._exit_text(stage)
         stage.killed_why = ""
         for condition in stage.row.ready:
             self._monitor.forget(condition)
@@ -211,6 +260,14 @@ class Supervisor:
         log = "" if self._own_output else f"; log: {self.run.logs / (stage.row.name + '.log')}"
         stage.why = f"{status}; {consequence}{log}"
         self.deaths.append(Death(stage.row.name, status, consequence, ends_run=not (may_restart or stage.row.optional)))
+
+    def _exit_text(self, stage: Stage) -> str:
+        """Return how a process has exited; for one that failed by itself, also what its log says about the cause."""
+        returncode = stage.process.returncode if stage.process is not None else 0
+        if returncode < 0:
+            return f"was killed by {signal.Signals(-returncode).name}"
+        cause = cause_in_log(self.run.logs / f"{stage.row.name}.log") if returncode and not self._own_output else ""
+        return f"exited with status {returncode}" + (f": {cause}" if cause else "")
 
     def waiting_for(self, stage: Stage) -> list[str]:
         """Return why each condition for a stage's next phase does not hold."""
@@ -266,9 +323,7 @@ class Supervisor:
             stopping = [stage for stage in self.stages if stage.row.stop_rank == rank and stage.process is not None]
             for stage in stopping:
                 if stage.process is not None and stage.process.poll() is None:
-                    stage.process.send_signal(signal.SIGTERM)
-                    # A process that SIGSTOP suspended handles SIGTERM only after SIGCONT.
-                    stage.process.send_signal(signal.SIGCONT)
+                    _terminate(stage.process)
             deadline = time.monotonic() + STOP_GRACE_S
             for stage in stopping:
                 self._reap(stage, deadline)
@@ -299,6 +354,7 @@ class Supervisor:
                 {
                     "name": stage.row.name,
                     "phase": stage.phase.value,
+                    "optional": stage.row.optional,
                     "pid": stage.process.pid if stage.process is not None else None,
                     "start_ticks": stage.start_ticks,
                     "trouble": reasons.get(stage.row.name, ""),
@@ -319,27 +375,16 @@ class Supervisor:
         }
 
 
-def _exit_text(returncode: int | None) -> str:
-    if returncode is None:
-        return "exited"
-    if returncode < 0:
-        return f"was killed by {signal.Signals(-returncode).name}"
-    return f"exited with status {returncode}"
+def _terminate(process: subprocess.Popen[bytes]) -> None:
+    process.send_signal(signal.SIGTERM)
+    process.send_signal(signal.SIGCONT)  # a process that SIGSTOP suspended handles SIGTERM only after it
 
 
 def shorten_log(path: Path) -> None:
     """Move a log that exceeds LOG_MAX_BYTES to NAME.log.1; its process, which appends, continues with an empty one."""
     try:
         if path.stat().st_size > LOG_MAX_BYTES:
-            shutil.copyfile(path, path.with_name(path.name + ".1"))
+            shutil.copy(path, path.with_name(path.name + ".1"))
             os.truncate(path, 0)
     except OSError:
         pass  # a full disk: the log stays as it is
-
-
-def log_tail(path: Path, lines: int = 5) -> list[str]:
-    """Return the last lines of a log file; empty if it cannot be read."""
-    try:
-        return path.read_text(errors="replace").splitlines()[-lines:]
-    except OSError:
-        return []

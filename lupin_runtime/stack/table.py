@@ -5,17 +5,18 @@ Adding a process is adding one row to TABLE.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from lupin_runtime import graph
+from lupin_runtime.interpreter import PYTHON
+from lupin_runtime.mission.overrides import OVERRIDES_NAME
 from lupin_runtime.ports import CONSOLE_PORT, FOXGLOVE_PORT, VIDEO_PORT
 from lupin_runtime.stack.options import LAPTOP_TARGETS, ONBOARD, ROBOT, ROBOT_CAMERAS, SIM, Options
 from lupin_runtime.stack.readiness import ActionReady, MissionReady, Port, Readiness, ServiceReady, TopicSample, TransformReady
 
-DOCTOR = (sys.executable, "-m", "lupin_cli.app")  # the program whose `doctor` and `play` the console offers
+DOCTOR = (*PYTHON, "-m", "lupin_cli.app")  # the program whose `doctor` and `play` the console offers
 
 Parameters = Mapping[str, Any]
 
@@ -69,6 +70,11 @@ class ProcessRow:
         return self.command is None and not self.nodes
 
     @property
+    def may_be_replaced(self) -> bool:
+        """Whether a person's own process may have its place during a run: its state is not lost, and stopping needs it not."""
+        return self.on_death == "restart" and not self.needed_to_drive and not self.external
+
+    @property
     def listens(self) -> tuple[int, ...]:
         """The TCP ports that it listens on."""
         return tuple(condition.number for condition in self.ready if isinstance(condition, Port))
@@ -110,7 +116,7 @@ def _console(options: Options) -> Parameters:
 
 
 def _video(options: Options) -> Parameters:
-    # Browsers get the robot's pictures through the laptop's console, other programs directly.
+    # Browsers get the robot's images through the laptop's console, other programs directly.
     return {"host": "0.0.0.0"} if options.target == ROBOT_CAMERAS else {}
 
 
@@ -142,11 +148,10 @@ def _map(options: Options) -> Parameters:
 
 
 def _amcl(options: Options) -> Parameters:
-    pose = options.initial_pose
-    if pose is None and options.simulated:
-        # Every simulated run starts at the same pose, which is the origin of a map that was made in such a run.
-        pose = (0.0, 0.0, 0.0)
-    return {} if pose is None else {f"initial_pose.{name}": value for name, value in zip(("x", "y", "yaw"), pose)}
+    # Every simulated run starts at the same pose, which is the origin of a map that was made in such a run.
+    pose = options.initial_pose or ((0.0, 0.0, 0.0) if options.simulated else ())
+    stated = {f"initial_pose.{name}": value for name, value in zip(("x", "y", "yaw"), pose)}
+    return {"state_file": str(options.run_path / "localization.json"), **stated}
 
 
 def _annotator(options: Options) -> Parameters:
@@ -160,12 +165,18 @@ def _bridge(options: Options) -> Parameters:
     return {"tag_file": str(options.layout)} if options.layout else {}
 
 
+def _overrides_file(options: Options) -> str:
+    """The file of the run's approach overrides; empty for a process that is started by itself, without a run."""
+    path = options.run_path / OVERRIDES_NAME
+    return str(path) if path.is_file() else ""
+
+
 def _mission(options: Options) -> Parameters:
     parameters: dict[str, Any] = {
         "dependency_timeout_s": options.dependency_timeout_s,
         "discovery_goal": options.discovery_goal,
         "monitoring_sweeps": options.monitoring_rounds,
-        "approach_overrides_file": str(options.approach_overrides or ""),
+        "approach_overrides_file": _overrides_file(options),
         "require_visual_confirmation": not options.simulated,
     }
     if options.simulated:
@@ -250,6 +261,7 @@ TABLE: tuple[ProcessRow, ...] = (
         "nav",
         (
             NodeRow("lupin_runtime.navigation.node:Navigator", lambda _: {"wait_for_estop": True}),
+            NodeRow("lupin_runtime.navigation.waypoint_follower:WaypointFollower"),
             NodeRow("lupin_runtime.drive.smoother_node:VelocitySmoother"),
         ),
         when=lambda o: o.navigation,
@@ -359,7 +371,7 @@ class Launch:
 def rows(options: Options) -> tuple[ProcessRow, ...]:
     """Return the rows that a run with these options starts, each with the nodes that the options select."""
     chosen = (row for row in TABLE if options.target in row.targets and row.when(options))
-    selected = (replace(row, nodes=tuple(n for n in row.nodes if n.when(options))) for row in chosen)
+    selected = (select_nodes(row, options) for row in chosen)
     if options.target == ROBOT_CAMERAS:
         # That service needs only the video server; a camera may be absent.
         return tuple(replace(row, optional=row.name != "video") for row in selected)
@@ -368,6 +380,11 @@ def rows(options: Options) -> tuple[ProcessRow, ...]:
         # that the controllers publish.
         return tuple(replace(row, needs=()) for row in selected)
     return tuple(selected)
+
+
+def select_nodes(row: ProcessRow, options: Options) -> ProcessRow:
+    """Return the row with the nodes that a run with these options has."""
+    return replace(row, nodes=tuple(node for node in row.nodes if node.when(options)))
 
 
 def launch(row: ProcessRow, options: Options) -> Launch:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
+import pwd
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,7 +17,11 @@ from typing import Any
 import psutil
 import pytest
 
+from tests.support.graph_client import GraphClient
+from tests.support.waiting import wait_until
+
 UP_TIMEOUT_S = 90.0
+CONSOLE_PORTS_TIMEOUT_S = 700.0
 
 
 class Up:
@@ -27,7 +32,8 @@ class Up:
         self.environment = {**os.environ, "XDG_STATE_HOME": str(home)}
         # Runs of other tests are up at the same time, and the console's ports exist only once on a machine.
         arguments = arguments if "--web" in arguments else (*arguments, "--no-web")
-        command = [*prefix, sys.executable, "-m", "lupin_cli.app", "up", *arguments]
+        # A CI that was started by nohup ignores SIGHUP, and its children inherit that.
+        command = [*prefix, "env", "--default-signal=HUP", sys.executable, "-m", "lupin_cli.app", "up", *arguments]
         self.process = subprocess.Popen(
             command,
             env=self.environment,
@@ -148,73 +154,34 @@ def launch(tmp_path: Path) -> Iterator[Callable[..., Up]]:
         one.end()
 
 
-class Observer:
-    """A node of the test on the graph of a run, spun by its own thread."""
+@pytest.fixture
+def console_ports() -> Iterator[None]:
+    """Wait until no other test on this machine uses the console's ports, of which there is one set."""
 
-    def __init__(self, run: Up) -> None:
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.task import Future
+    def is_locked() -> bool:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return False
+        return True
 
-        from lupin_runtime.ros.node import LupinNode
-
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=run.state()["run"]["domain"])
-        self.node = LupinNode("observer", context=self._context, enable_rosout=False)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._end = Future()
-        self._thread = threading.Thread(target=self._spin, daemon=True)
-        self._thread.start()
-
-    def _spin(self) -> None:
-        self._executor.spin_until_future_complete(self._end)
-
-    def until(self, condition: Callable[[], Any], what: str, timeout_s: float = 30.0) -> Any:
-        """Return the first true value of the condition."""
-        deadline = time.monotonic() + timeout_s
-        while not (value := condition()):
-            assert time.monotonic() < deadline, f"no {what} within {timeout_s:.0f} s"
-            time.sleep(0.02)
-        return value
-
-    def within(self, function: Callable[[], Any]) -> Any:
-        """Run a function on the spinning thread, as action clients require, and return its value."""
-        task = self._executor.create_task(function)
-        self.until(task.done, "turn of the executor")
-        return task.result()
-
-    def publisher(self, topic: Any) -> Callable[[Any], None]:
-        """Return a publisher that has matched a subscription."""
-        made = self.node.publisher(topic)
-        self.until(lambda: made.get_subscription_count() > 0, f"reader of {topic.name}")
-        result: Callable[[Any], None] = made.publish
-        return result
-
-    def call(self, service: Any, request: Any) -> Any:
-        """Return the service's response."""
-        client = self.node.client(service)
-        self.until(client.service_is_ready, f"server of {service.name}")
-        future = client.call_async(request)
-        self.until(future.done, f"answer of {service.name}")
-        return future.result()
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._end.set_result(None)
-        self._thread.join(5.0)
-        self._executor.shutdown(timeout_sec=2.0)
-        self.node.destroy_node()
-        self._context.try_shutdown()
+    folder = Path(pwd.getpwuid(os.getuid()).pw_dir) / ".cache" / "lupin-tests"  # in /tmp another user could hold the lock
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with (folder / "console-ports").open("w") as lock:
+        wait_until(is_locked, "the console's ports, which another test uses", timeout_s=CONSOLE_PORTS_TIMEOUT_S, interval_s=1.0)
+        yield
 
 
 @pytest.fixture
-def join() -> Iterator[Callable[[Up], Observer]]:
+def join() -> Iterator[Callable[[Up], GraphClient]]:
     """Join the graph of a run."""
-    made: list[Observer] = []
+    made: list[GraphClient] = []
 
-    def observer(run: Up) -> Observer:
-        made.append(Observer(run))
+    def observer(run: Up) -> GraphClient:
+        folder = run.folder()
+        assert folder is not None, "the run has not begun"
+        made.append(GraphClient(folder, "observer"))
+        made[-1].start()
         return made[-1]
 
     yield observer

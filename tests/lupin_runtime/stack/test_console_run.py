@@ -1,17 +1,18 @@
-"""A run with its console: pictures, a client that drives, and a console that is killed or suspended meanwhile.
-
-One test, because the console's ports exist only once on a machine.
-"""
+"""A run with its console: pictures, clients that drive, and a console that is killed or suspended meanwhile."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -27,7 +28,15 @@ from tests.support.video_client import VideoClient
 
 pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
 
+# MIT. It is no dependency: the test installs it into an environment of its own, as a user does.
+ROSLIBPY = "roslibpy==2.1.0"
+ROSLIBPY_PROGRAM = Path(__file__).parents[2] / "support" / "roslibpy_program.py"
+INSTALL_TIMEOUT_S = 300.0
+PROGRAM_TIMEOUT_S = 120.0
 STREAM_PERIOD_S = 0.1
+# Messages. A process that does not respond for a moment stops the robot, and then the stick must be let go of.
+LET_GO_EVERY = 15
+REST_TIMEOUT_S = 30.0
 REST = 0.01  # m/s and rad/s
 MOVING_RAD_S = 0.05
 LOST = "the console was lost while a browser was driving"
@@ -35,13 +44,30 @@ LOST = "the console was lost while a browser was driving"
 
 def drive(run: Up, client: RosbridgeClient, condition: Callable[[], Any], what: str) -> None:
     """Stream a velocity until the condition holds, or until the console is gone."""
+    sent = itertools.count(1)
 
     def step() -> Any:
-        client.send("publish", topic=graph.CMD_VEL_MANUAL.name, msg={"linear": {"x": 0.0}, "angular": {"z": 0.8}})
+        speed = 0.8 if next(sent) % LET_GO_EVERY else 0.0
+        client.send("publish", topic=graph.CMD_VEL_MANUAL.name, msg={"linear": {"x": 0.0}, "angular": {"z": speed}})
         time.sleep(STREAM_PERIOD_S)
         return condition()
 
     run.wait(step, what)
+
+
+def take_stick(client: RosbridgeClient) -> None:
+    """Hold the stick at rest until the drive bus would let it drive: motion that comes right after a stop stays at zero."""
+    client.send("subscribe", topic=graph.DRIVE_STATUS.name)
+    deadline_s = time.monotonic() + REST_TIMEOUT_S
+    while time.monotonic() < deadline_s:
+        client.send("publish", topic=graph.CMD_VEL_MANUAL.name, msg={})
+        with suppress(TimeoutError):
+            message = client.take(STREAM_PERIOD_S)
+            if message.get("topic") == graph.DRIVE_STATUS.name:
+                manual = json.loads(message["msg"]["data"])["inputs"]["manual"]
+                if manual["why"] == "wins the bus":
+                    return
+    raise TimeoutError(f"the stick is not free after {REST_TIMEOUT_S:g} s of rest: {client.received[-1:]}")
 
 
 def turning(run: Up) -> bool:
@@ -72,7 +98,19 @@ def replaced(before: dict[str, Any], state: dict[str, Any]) -> bool:
     return bool(stage["phase"] == "up" and stage["pid"] != before["pid"])
 
 
-def test_console_serves_a_run_and_its_loss_stops_the_robot(launch: Callable[..., Up]) -> None:
+@pytest.fixture
+def roslibpy_python(tmp_path: Path) -> Path:
+    """Return the interpreter of a virtual environment that contains roslibpy, and nothing of Lupin."""
+    python = tmp_path / "roslibpy" / "bin" / "python"
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    subprocess.run([sys.executable, "-m", "venv", python.parents[1]], env=environment, check=True, timeout=INSTALL_TIMEOUT_S)
+    install = [str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check", ROSLIBPY]
+    subprocess.run(install, env=environment, check=True, timeout=INSTALL_TIMEOUT_S)
+    return python
+
+
+@pytest.mark.usefixtures("console_ports")
+def test_console_serves_a_run_and_its_loss_stops_the_robot(launch: Callable[..., Up], roslibpy_python: Path) -> None:
     run = launch("--headless", "--json", "--world", "walled", "--no-record", "--web")
     run.wait_up()
     folder = run.folder()
@@ -90,11 +128,21 @@ def test_console_serves_a_run_and_its_loss_stops_the_robot(launch: Callable[...,
     run.wait(lambda: cameras <= {row["topic"] for row in pictures.json("/streams")}, "both cameras")
     assert decoded(pictures.get(f"/snapshot?topic={graph.BODY_IMAGE_SIM.name}")[1]).shape == (480, 640, 3)
 
+    # A program of somebody else drives, reads and stops the robot.
+    program = [str(roslibpy_python), "-I", str(ROSLIBPY_PROGRAM), str(described.rosbridge_port)]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=PROGRAM_TIMEOUT_S, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    seen = json.loads(done.stdout)
+    assert seen["fastest_m_s"] > 0.1 and seen["driven_m"] > 0.02
+    assert seen["was_stopped"] and seen["speed_while_stopped_m_s"] < REST and not seen["is_stopped"]
+    assert graph.ODOM.name in seen["topics"]
+    run.wait(lambda: at_rest(run), "rest after the program")
+
     browser = Browser(described.port)
     browser.get("/")
     for losses, number in enumerate((signal.SIGKILL, signal.SIGSTOP), 1):
         client = RosbridgeClient(described.rosbridge_port)
-        client.send("publish", topic=graph.CMD_VEL_MANUAL.name, msg={})
+        take_stick(client)
         drive(run, client, lambda: turning(run), "motion")
         before = run.stage("console")
         os.kill(before["pid"], number)

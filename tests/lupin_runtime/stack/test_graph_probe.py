@@ -10,19 +10,22 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from lupin_cli.checks import controllers, drive, motor_board, topic_delivery
+from lupin_cli.checks import controllers, drive, ground_truth, motor_board, topic_delivery
 from lupin_cli.checks.base import Snapshot
 from lupin_cli.connection.base import Output
 from lupin_cli.doctor.engine import diagnose
 from lupin_cli.facts.base import Facts
 from lupin_cli.facts.graph import Graph, Graphs, parse
 from lupin_runtime import graph
-from lupin_runtime.stack import graph_probe
+from lupin_runtime.stack import graph_probe, graph_session
 from lupin_runtime.stack.known_graphs import known_graphs
 from lupin_runtime.stack.runs import create_run
 
@@ -94,25 +97,25 @@ def test_robot_hung_after_discovery_gives_names_but_no_samples(
     robot: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     process = robot()
-    listen, call = graph_probe.GraphSession.subscribe, graph_probe.GraphSession.call
+    listen, call = graph_session.GraphSession.subscribe, graph_session.GraphSession.call
     stopped = []
 
-    def stop_and_subscribe(self: graph_probe.GraphSession, topics: dict[str, Any]) -> None:
+    def stop_and_subscribe(self: graph_session.GraphSession, topics: dict[str, Any]) -> None:
         # Node names arrive later than topic names.
-        if all(row.name in topics for row in graph_probe.ROBOT_TOPICS) and len(self.node.get_node_names()) > 1:
+        if all(row.name in topics for row in graph_session.ROBOT_TOPICS) and len(self.node.get_node_names()) > 1:
             os.kill(process.pid, signal.SIGSTOP)
             stopped.append(process.pid)
             listen(self, topics)
 
-    def call_the_stopped(self: graph_probe.GraphSession) -> None:
+    def call_the_stopped(self: graph_session.GraphSession) -> None:
         if stopped:  # a response from before the stop would show a working connection
             call(self)
 
-    monkeypatch.setattr(graph_probe.GraphSession, "subscribe", stop_and_subscribe)
-    monkeypatch.setattr(graph_probe.GraphSession, "call", call_the_stopped)
-    monkeypatch.setattr(graph_probe, "SILENCE_TIMEOUT_S", 4.0)
+    monkeypatch.setattr(graph_session.GraphSession, "subscribe", stop_and_subscribe)
+    monkeypatch.setattr(graph_session.GraphSession, "call", call_the_stopped)
+    monkeypatch.setattr(graph_session, "SILENCE_TIMEOUT_S", 4.0)
     started = time.monotonic()
-    seen = read(json.dumps(graph_probe.probe_graph()))
+    seen = read(json.dumps(graph_session.probe_graph()))
     assert time.monotonic() - started < graph_probe.PROBE_TIMEOUT_S
     assert len(seen.nodes) >= 1 and len(seen.samples) >= 5
     assert ids(seen) == ["names-no-samples"]
@@ -123,7 +126,7 @@ def test_listed_server_that_never_matches_is_not_silent(graph_host: GraphHost) -
     from std_srvs.srv import Trigger
 
     from lupin_runtime.ros import LupinNode
-    from lupin_runtime.ros.node import interface
+    from lupin_runtime.ros.interfaces import interface
 
     talker = graph_host.add(LupinNode("talker"))
     scan, laser = talker.publisher(graph.SCAN), interface(graph.SCAN.type)
@@ -132,15 +135,31 @@ def test_listed_server_that_never_matches_is_not_silent(graph_host: GraphHost) -
     for row in (graph.LIST_CONTROLLERS, graph.ARM_LIBRARY_LIST):
         talker.create_service(Trigger, row.name, lambda _, answer: answer)
     seen = probe()
-    assert dict(seen.samples)[graph.SCAN.name] and not seen.calls
+    assert (
+        dict(seen.samples)[graph.SCAN.name] and [(call.sent, call.round_trip_s) for call in seen.calls] == [(False, None)] * 2
+    )
     assert "one-way-data" not in ids(seen) and "controller-manager-silent" not in ids(seen)
+
+
+@pytest.mark.graph
+def test_topic_below_its_rate_is_observed_long_enough(graph_host: GraphHost) -> None:
+    from lupin_runtime.ros import LupinNode
+    from lupin_runtime.ros.interfaces import interface
+
+    talker = graph_host.add(LupinNode("talker"))
+    for row, rate_hz in ((graph.SCAN, 1.0), (graph.JOINT_STATES, 50.0)):
+        publisher, message = talker.publisher(row), interface(row.type)
+        talker.create_timer(1.0 / rate_hz, partial(publisher.publish, message()))
+    truth = ground_truth.measure(Snapshot(Facts("laptop", {"graph": Graphs((probe(),))}), None))
+    states = {report.name: report.state for report in truth.topics}
+    assert states[graph.SCAN.name] == ground_truth.SLOW and states[graph.JOINT_STATES.name] != ground_truth.SLOW
 
 
 @pytest.mark.graph
 def test_faults_of_real_nodes_give_exactly_their_findings(graph_host: GraphHost) -> None:
     from lupin_runtime.drive.twist import ZERO, encode
     from lupin_runtime.ros import LupinNode
-    from lupin_runtime.ros.node import interface
+    from lupin_runtime.ros.interfaces import interface
 
     talker = graph_host.add(LupinNode("talker"))
     scan, battery = talker.publisher(graph.SCAN), talker.publisher(graph.BATTERY)
@@ -149,7 +168,7 @@ def test_faults_of_real_nodes_give_exactly_their_findings(graph_host: GraphHost)
     laser, state, pressed = (interface(row.type) for row in (graph.SCAN, graph.BATTERY, graph.ESTOP_STATE))
 
     def speak() -> None:
-        scan.publish(laser())
+        scan.publish(laser())  # without frame and stamp
         battery.publish(state(percentage=math.nan))
         stop.publish(pressed(data=True))
         manual.publish(encode(ZERO))
@@ -165,7 +184,9 @@ def test_faults_of_real_nodes_give_exactly_their_findings(graph_host: GraphHost)
         "drive-bypassed",
         "estop-engaged",
         "estop-forged",
+        "frame-wrong",
         "qos-mismatch",
+        "stamps-wrong",
     ]
 
 
@@ -173,7 +194,7 @@ SPEAKER = """
 import rclpy
 from lupin_runtime import graph
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.node import interface
+from lupin_runtime.ros.interfaces import interface
 rclpy.init(args=[])
 node = LupinNode("speaker")
 messages = [(node.publisher(row), interface(row.type)()) for row in (graph.SCAN, graph.ODOM, graph.BATTERY)]
@@ -220,6 +241,27 @@ def test_separate_shared_memory_is_found_and_udp_fixes_it() -> None:
 def test_empty_graph_gives_no_finding() -> None:
     seen = probe()
     assert seen.nodes == () and ids(seen) == []
+
+
+def test_request_whose_response_was_lost_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = SimpleNamespace(now_s=0.0)
+    monkeypatch.setattr("lupin_runtime.stack.graph_session.time", SimpleNamespace(monotonic=lambda: clock.now_s))
+    sent: list[Future[str]] = []
+
+    def call_async(_request: object) -> Future[str]:
+        sent.append(Future())
+        return sent[-1]
+
+    session, name = object.__new__(graph_session.GraphSession), graph.ARM_LIBRARY_LIST.name
+    session.calls, session._since_s = {name: {"answered": False}}, {}
+    session._pending = {name: (SimpleNamespace(service_is_ready=lambda: True, call_async=call_async), None, [])}
+    for clock.now_s, requests in ((1.0, 1), (1.1, 1), (1.5, 1), (2.0, 2)):
+        session._advance_calls()
+        assert len(sent) == requests and session._since_s[name] == 1.0
+    sent[1].set_result("listed")
+    clock.now_s = 2.1
+    session._advance_calls()
+    assert session.calls[name] == {"answered": True, "round_trip_s": pytest.approx(0.1)} and not session._pending
 
 
 def test_probe_that_hangs_is_killed_and_reported() -> None:

@@ -51,10 +51,11 @@ def test_mission_survives_process_deaths_and_an_estop(launch: Callable[..., Any]
         until_moving(run)
         killed = run.kill(name)
         run.until(
+            # state.json calls the processes stages.
             lambda state, name=name, killed=killed: any(
-                stage["name"] == name and stage["phase"] == "up" and stage["pid"] != killed for stage in state["stages"]
+                process["name"] == name and process["phase"] == "up" and process["pid"] != killed for process in state["stages"]
             ),
-            f"{name} that is up again",
+            f"restart of {name}",
         )
     until_moving(run)
     assert run.lupin("sim", "press", "estop").returncode == 0
@@ -65,23 +66,26 @@ def test_mission_survives_process_deaths_and_an_estop(launch: Callable[..., Any]
     run.until(lambda state: state["mission"]["estop_engaged"] and state["mission"]["paused"], "pause by e-stop")
     assert run.lupin("sim", "press", "estop", "--release").returncode == 0
     run.until(lambda state: not state["mission"]["estop_engaged"], "released e-stop")
-    # The release starts no motion.
+    # Releasing the e-stop must not start motion.
     for _ in range(10):
         assert speed_m_s(run) < 0.005 and run.state()["mission"]["paused"]
         time.sleep(0.2)
     assert run.lupin("mission", "resume").returncode == 0
     status, result = run.result(MISSION_TIMEOUT_S)
     assert (status, result["state"]) == (0, "DONE"), result
+    # One tag of the world `walled` is unreachable.
     assert result["tags_read"] == result["tags_reachable"] == result["tags_total"] - 1
     assert result["collisions"] == 0
 
 
-def test_death_of_the_mission_stops_the_run_and_the_wheels(launch: Callable[..., Any]) -> None:
+def test_crash_of_process_mission_ends_the_run_at_rest(launch: Callable[..., Any]) -> None:
     run = launch("--mission", "--headless", "--json", "--world", "walled")
     run.until(lambda state: state["mission"].get("lifecycle_state") == "EXPLORING", "exploration")
     until_moving(run)
     run.kill("mission")
     status, result = run.result(120.0)
     assert (status, result["state"]) == (1, "LOST")
+    # The simulator, which is stopped last, writes its state once more when it ends.
+    assert speed_m_s(run) < 0.005, run.simulator()
     kept = json.loads((Path(result["report"]).parents[1] / "result.json").read_text())
     assert [death["stage"] for death in kept["outcome"]["deaths"]] == ["mission"]

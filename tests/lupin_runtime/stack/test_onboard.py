@@ -81,6 +81,35 @@ def test_onboard_notifies_ready_restarts_and_stops_cleanly(tmp_path: Path) -> No
 
 
 @pytest.mark.graph
+def test_onboard_runs_where_nothing_can_be_written(tmp_path: Path) -> None:
+    nowhere = tmp_path / "file"
+    nowhere.touch()  # nobody, not even root, can write below a file
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(TIMEOUT_S)
+        service = subprocess.Popen(
+            [sys.executable, "-m", "lupin_runtime.stack.onboard"],
+            env={
+                **os.environ,
+                "HOME": str(nowhere),
+                "XDG_STATE_HOME": str(nowhere),
+                "NOTIFY_SOCKET": str(tmp_path / "notify"),
+            },
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        try:
+            while manager.recv(4096).decode() != "READY=1":
+                assert service.poll() is None
+        finally:
+            service.send_signal(signal.SIGTERM)
+            text, _ = service.communicate(timeout=TIMEOUT_S)
+    assert service.returncode == 0, text
+    assert "cannot make the run directory" in text
+
+
+@pytest.mark.graph
 def test_monitor_resubscribes_until_a_sample_arrives(graph_host: GraphHost, monkeypatch: pytest.MonkeyPatch) -> None:
     from lupin_runtime import graph
     from lupin_runtime.ros import LupinNode

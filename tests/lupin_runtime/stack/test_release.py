@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.support.hang import Hang
-from tests.support.release_cases import ALL_AT_ONCE, CASES, Case, find_case
+from tests.support.motion_sources import ALL_AT_ONCE, SOURCES, MotionSource, find_source
 from tests.support.release_rig import ReleaseRig
 
 pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
@@ -36,20 +36,22 @@ def rig(tmp_path_factory: pytest.TempPathFactory, make_up: Callable[..., Any]) -
             run.end()
 
 
-@pytest.mark.parametrize("case", [pytest.param(case, id=case.name) for case in (*CASES, ALL_AT_ONCE)])
-def test_release_moves_nothing_and_a_newer_command_does(rig: ReleaseRig, case: Case) -> None:
-    measured = rig.measure(case, PRESS_S, WATCH_S)
+@pytest.mark.parametrize("source", [pytest.param(source, id=source.name) for source in (*SOURCES, ALL_AT_ONCE)])
+def test_release_moves_nothing_and_a_newer_command_does(rig: ReleaseRig, source: MotionSource) -> None:
+    measured = rig.measure(source, PRESS_S, WATCH_S)
     assert measured.base_m <= LIMIT_M
     assert measured.joints_rad <= LIMIT_RAD
     assert measured.newer_command_moves
 
 
-MISSED_PRESS_CASES = ("NavigateToPose of another client", "mission")
+MISSED_PRESS_SOURCES = ("NavigateToPose of another client", "mission")
 
 
-@pytest.mark.parametrize("case", [pytest.param(case, id=case.name) for case in CASES if case.name in MISSED_PRESS_CASES])
-def test_press_that_the_estop_missed_stops_like_any_other(rig: ReleaseRig, case: Case) -> None:
-    measured = rig.measure(case, PRESS_S, WATCH_S, Hang("estop"))
+@pytest.mark.parametrize(
+    "source", [pytest.param(source, id=source.name) for source in SOURCES if source.name in MISSED_PRESS_SOURCES]
+)
+def test_press_that_the_estop_missed_stops_like_any_other(rig: ReleaseRig, source: MotionSource) -> None:
+    measured = rig.measure(source, PRESS_S, WATCH_S, Hang("estop"))
     assert measured.base_m <= LIMIT_M
     assert measured.newer_command_moves
 
@@ -61,7 +63,7 @@ ARM_REST_S = 2.0
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
 def test_estop_stops_a_replay_without_its_process(rig: ReleaseRig, number: signal.Signals) -> None:
     guard = rig.log("drive").count("holding the arm")
-    measured = rig.measure(find_case("arm replay"), PRESS_S, WATCH_S, Hang("body", number))
+    measured = rig.measure(find_source("arm replay"), PRESS_S, WATCH_S, Hang("body", number))
     assert measured.joints_rest_s <= ARM_REST_S
     assert measured.joints_rad <= LIMIT_RAD
     assert measured.newer_command_moves

@@ -101,7 +101,8 @@ def laptop(lupin_host: Host, tmp_path: Path) -> Laptop:
     arguments = f"--wall-clock --no-cameras --world walled --run-dir {TRUTH}"
     script = f"""install -d -o mirte {TRUTH}; sed -i "s|^ROBOT_ARGUMENTS=.*|ROBOT_ARGUMENTS='{arguments}'|" /etc/mirte/robot
 for each in /proc/sys/net/ipv4/neigh/*/unres_qlen_bytes; do echo {WAITING_BYTES} > $each; done
-systemctl restart mirte-ros"""
+systemctl restart mirte-ros
+systemctl stop lupin-onboard"""  # which starts with the vendor's software
     done = run_as_root("sh", "-ec", script, timeout_s=60.0)
     assert done.status == 0, done.stderr
     return Laptop(lupin_host, tmp_path)

@@ -20,14 +20,14 @@ STORED = st.lists(
 @given(STORED, st.integers(0, 20), st.integers(0, 1500))
 def test_oldest_unprotected_runs_beyond_a_limit_are_removed(stored: list[StoredRun], count: int, size: int) -> None:
     removed = removable(stored, count, size)
-    assert not any(one.is_alive or one.is_kept for one in removed)
+    assert not any(one.is_live or one.is_kept for one in removed)
     assert not set(removed) & set(stored[len(stored) - min(NEWEST_KEPT, count) :])
     left = [one for one in stored if one not in removed]
     if removed:  # one fewer would not have been enough
         assert len(left) + 1 > count or sum(one.size_bytes for one in left) + removed[-1].size_bytes > size
         older = stored[: stored.index(removed[-1])]
-        assert all(one in removed or one.is_alive or one.is_kept for one in older)
-    protected = [one for one in stored[: len(stored) - min(NEWEST_KEPT, count)] if one.is_alive or one.is_kept]
+        assert all(one in removed or one.is_live or one.is_kept for one in older)
+    protected = [one for one in stored[: len(stored) - min(NEWEST_KEPT, count)] if one.is_live or one.is_kept]
     if not protected and count >= NEWEST_KEPT:
         assert len(left) <= count
 
@@ -50,7 +50,7 @@ def test_removal_deletes_the_directory_but_no_link_target(runs: list[Run], tmp_p
     (precious / "file").touch()
     (runs[0].path / "link").symlink_to(precious)
     (tmp_path / "lupin" / "runs" / "20250101-000000-link").symlink_to(precious)
-    runs[1].keep(True)
+    runs[1].set_kept(True)
     _run, lock = create_run()
     assert [one.run for one in removable(stored_runs(), max_runs=0)] == [runs[0], runs[2]]
     assert all(one.size_bytes >= 8192 for one in stored_runs()[:3])

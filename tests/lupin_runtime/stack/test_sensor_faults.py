@@ -69,7 +69,7 @@ def test_mission_survives_sensor_faults_and_clock_jumps(launch: Callable[..., An
 
     run = launch("--mission", "--headless", "--json", "--world", "walled")
     run.until(lambda state: state["mission"].get("lifecycle_state") == "EXPLORING", "exploration")
-    order = join(run).publisher(graph.SIM_FAULT)
+    order = join(run).publisher(graph.SIM_FAULT).publish
     for fault in SENSOR_FAULTS:
         survive(run, lambda text: order(String(data=text)), fault)
     # The lidar is blind until navigation gives up the goal: the tag must not count as unreachable.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import time
@@ -15,7 +16,7 @@ from lupin_runtime.stack import service
 from lupin_runtime.stack import supervisor as supervisor_module
 from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.readiness import Readiness
-from lupin_runtime.stack.runs import create_run
+from lupin_runtime.stack.runs import Run, create_run
 from lupin_runtime.stack.supervisor import Supervisor
 from lupin_runtime.stack.table import ProcessRow
 
@@ -133,6 +134,25 @@ def test_watchdog_is_notified_while_estop_and_drive_respond(
 
     supervise(script)
     assert finished
+
+
+def test_full_disk_does_not_end_the_service(
+    supervise: Callable[..., None], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    writes: list[int] = []
+
+    def write_state(*_: object) -> None:
+        writes.append(1)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Run, "write_state", write_state)
+    monkeypatch.setattr(service, "STATE_PERIOD_S", 0.0)
+
+    def script(supervisor: Supervisor, _: FakeNotifier) -> Iterator[None]:
+        yield from until(lambda: supervisor.all_up() and len(writes) > 3)
+
+    supervise(script)
+    assert capsys.readouterr().err.count("No space left on device") == 1
 
 
 def test_watchdog_is_notified_before_the_service_is_ready(supervise: Callable[..., None]) -> None:

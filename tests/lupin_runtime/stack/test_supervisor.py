@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,10 +19,11 @@ from lupin_runtime import graph
 from lupin_runtime.stack import supervisor as module
 from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.readiness import Readiness, TopicSample
-from lupin_runtime.stack.runs import Run, create_run
+from lupin_runtime.stack.runs import Run, RunError, create_run
 from lupin_runtime.stack.service import failure
 from lupin_runtime.stack.supervisor import LIVENESS_FAILED, Phase, Supervisor
 from lupin_runtime.stack.table import ProcessRow
+from lupin_runtime.stack.takeover import claim_place, holder_of
 from tests.support.waiting import wait_until
 
 STAY = "import sys; sys.stdin.read()"
@@ -88,6 +90,29 @@ def test_stage_waits_for_its_needs_and_names_them(supervise: Any) -> None:
     assert supervisor.waiting_for(stage) == ["/scan: no publisher"]
     watch.holds.add(scan)
     until(supervisor, lambda: stage.phase is Phase.UP)
+
+
+def test_files_of_a_process_are_for_its_user_only(supervise: Any, run: Run) -> None:
+    write = f"from pathlib import Path; Path({str(run.path / 'written')!r}).write_text('x'); print('y', flush=True)\n"
+    supervisor = supervise(FakeMonitor(), row("recorder", write + STAY))
+    stage = supervisor.stage("recorder")
+    log = run.logs / "recorder.log"
+    until(supervisor, lambda: stage.phase is Phase.UP and (run.path / "written").exists() and log.read_bytes() != b"")
+    modes = {path.name: path.stat().st_mode & 0o777 for path in run.path.rglob("*")}
+    assert (modes["written"], modes["recorder.log"], modes["processes"]) == (0o600, 0o600, 0o700)
+
+
+def test_process_is_restarted_while_no_file_can_be_written(supervise: Any, run: Run) -> None:
+    supervisor = supervise(FakeMonitor(), row("drive", STAY))
+    stage = supervisor.stage("drive")
+    until(supervisor, lambda: stage.phase is Phase.UP)
+    first = stage.process.pid
+    for folder in (run.logs, run.path / "processes"):
+        shutil.rmtree(folder)
+        folder.touch()  # nobody, not even root, can write below a file
+    os.kill(first, signal.SIGKILL)
+    until(supervisor, lambda: bool(supervisor.deaths) and stage.phase is Phase.UP)
+    assert stage.process.pid != first and stage.process.poll() is None
 
 
 def test_killed_process_is_restarted_and_reported(supervise: Any) -> None:
@@ -314,3 +339,60 @@ def test_children_exit_when_their_supervisor_is_killed() -> None:
     supervisor.stdout.close()
     psutil.wait_procs([orphan], timeout=10.0)
     assert not orphan.is_running() or orphan.status() == psutil.STATUS_ZOMBIE
+
+
+ENDS_ORDERLY = (
+    "import signal, sys\n"
+    "def end(*_):\n    print('ended orderly', flush=True); sys.exit(0)\n"
+    "signal.signal(signal.SIGTERM, end); print('up', flush=True); signal.pause()"
+)
+
+
+def test_claimed_place_is_left_to_its_holder_and_taken_back(supervise: Any, run: Run) -> None:
+    watch, ready = FakeMonitor(), TopicSample(graph.MAP)
+    watch.holds.add(ready)
+    supervisor = supervise(watch, row("nav", ENDS_ORDERLY, ready=(ready,)))
+    stage, log = supervisor.stage("nav"), run.logs / "nav.log"
+    until(supervisor, lambda: stage.phase is Phase.UP and "up" in log.read_text())
+    own = stage.process
+    claim = claim_place(run, "nav")
+    with pytest.raises(RunError, match=f"nav of run {run.id} already runs in the foreground, as process {os.getpid()}"):
+        claim_place(run, "nav")
+    until(supervisor, lambda: own.poll() is not None and stage.process is None)
+    assert "ended orderly" in log.read_text()
+    assert stage.phase is Phase.STARTING, "what was observed of its own process does not count for the other"
+    assert supervisor.snapshot()["stages"][0]["pid"] is None and str(os.getpid()) in stage.why
+    watch.holds.add(ready)  # the holder's process works
+    until(supervisor, lambda: stage.phase is Phase.UP)
+    assert supervisor.deaths == [] and supervisor.stalled() == [] and supervisor.liveness.motion_block_reasons() == {}
+    os.close(claim)
+    until(supervisor, lambda: stage.phase is Phase.UP and stage.process is not None)
+    assert stage.process.pid != own.pid and stage.why == "" and stage.restart_count == 0
+
+
+def test_claim_ends_with_the_process_that_holds_it(run: Run) -> None:
+    code = (
+        "import sys; from lupin_runtime.stack.takeover import claim_place; from lupin_runtime.stack.runs import Run\n"
+        "from pathlib import Path\n"
+        "claim_place(Run(Path(sys.argv[1])), 'nav'); print('held', flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", code, str(run.path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout is not None and holder.stdout.readline() == "held\n"
+        assert holder_of(run, "nav") == holder.pid
+        holder.kill()
+    assert holder_of(run, "nav") is None
+    (run.path / "processes" / "nav.claim").write_text("rubbish")
+    assert holder_of(run, "nav") is None and holder_of(run, "slam") is None
+
+
+def test_process_without_which_nothing_stops_keeps_its_place(supervise: Any, run: Run) -> None:
+    supervisor = supervise(FakeMonitor(), row("drive", STAY, needed_to_drive=True), row("sim", STAY, on_death="run"))
+    until(supervisor, supervisor.all_up)
+    claims = [claim_place(run, name) for name in ("drive", "sim")]
+    pids = [stage.process.pid for stage in supervisor.stages]
+    for _ in range(5):
+        supervisor.step()
+    assert [stage.process.pid for stage in supervisor.stages] == pids and supervisor.all_up()
+    for claim in claims:
+        os.close(claim)

@@ -1,10 +1,14 @@
-"""`lupin up` interrupted, killed, started twice, detached, and with a full /dev/shm."""
+"""`lupin up` interrupted, killed, started twice, detached, and with a full disk or a full /dev/shm."""
 
 from __future__ import annotations
 
 import json
 import os
+import pty
+import resource
+import select
 import signal
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -74,6 +78,24 @@ def test_full_dev_shm_does_not_stop_a_run(up: Callable[..., Any]) -> None:
     assert full.st_size == 64 * 1024
     run.process.send_signal(signal.SIGINT)
     assert run.process.wait(30) == 130
+
+
+def test_full_disk_does_not_end_a_run(up: Callable[..., Any]) -> None:
+    run = up()
+    state = run.wait_up()
+    psutil.Process(run.process.pid).rlimit(psutil.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))  # every write to a file fails
+    killed = run.kill("drive")
+    deadline = time.monotonic() + 10.0
+    while not [p for p in psutil.Process(run.process.pid).children() if p.pid not in (killed, *pids(state))]:
+        assert run.process.poll() is None and time.monotonic() < deadline
+        time.sleep(0.1)
+    run.process.send_signal(signal.SIGINT)
+    status, result = run.result()
+    assert (status, result["state"]) == (130, "INTERRUPTED")
+
+
+def pids(state: dict[str, Any]) -> list[int]:
+    return [stage["pid"] for stage in state["stages"] if stage["pid"] is not None]
 
 
 def test_killed_drive_process_is_restarted_and_recorded(up: Callable[..., Any]) -> None:
@@ -165,3 +187,27 @@ def test_suspended_run_continues_without_replacing_anything(up: Callable[..., An
     time.sleep(3.0)  # a replacement would begin within 2 s
     assert run.state()["deaths"] == []
     assert run.lupin("status").returncode == 0
+
+
+def test_closed_terminal_leaves_a_result_and_a_report(tmp_path: Path) -> None:
+    pid, master = pty.fork()
+    if pid == 0:  # a session of its own, whose terminal is the other end
+        os.environ.update(XDG_STATE_HOME=str(tmp_path))
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+        arguments = [option for option in BARE if option != "--no-record"]
+        os.execv(sys.executable, [sys.executable, "-m", "lupin_cli.app", "up", "--no-web", *arguments])
+    try:
+        printed = b""
+        while b"READY" not in printed:
+            printed += os.read(master, 4096)
+        deadline = time.monotonic() + 5.0
+        while time.monotonic() < deadline:  # some seconds are recorded; the terminal must be read meanwhile
+            if select.select([master], [], [], 0.2)[0]:
+                os.read(master, 4096)
+    finally:
+        os.close(master)
+        _, status = os.waitpid(pid, 0)
+    assert os.waitstatus_to_exitcode(status) == 130
+    (run,) = (tmp_path / "lupin" / "runs").iterdir()
+    assert json.loads((run / "result.json").read_text())["state"] == "INTERRUPTED"
+    assert (run / "report" / "report.html").exists()
