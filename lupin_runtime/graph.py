@@ -45,6 +45,7 @@ class Qos:
     depth: int = 10
 
 
+# REL: reliable, BEST: best effort; the number is the depth.
 LATCHED1 = Qos(reliable=True, latched=True, depth=1)
 LATCHED50 = Qos(reliable=True, latched=True, depth=50)
 STATIC_TF = Qos(reliable=True, latched=True, depth=100)
@@ -72,6 +73,8 @@ BY_NOBODY = ""
 BY_VIEWER = "viewer"
 BY_OPERATOR = "operator"
 
+MIN_RATE = 0.4  # share of its nominal rate below which a topic is of no use
+UNTIMED_HZ = 1.0  # up to this nominal rate, one sample is enough: nobody waits for the next one
 ALL = inf  # as `recorded_hz`: every message is recorded
 
 
@@ -87,6 +90,7 @@ class Topic:
     `probed`: the doctor waits for a sample although the topic may be silent on a healthy graph.
     `monitored`: `lupin up` measures its rate, and reports silence if the topic also repeats.
     `console`: who may publish it through the console, as one of the BY constants.
+    `frame`: the frame in its header; empty if any will do, None if the message has no header.
     """
 
     name: str
@@ -100,6 +104,7 @@ class Topic:
     monitored: bool = False
     note: str = ""
     console: str = BY_NOBODY
+    frame: str | None = None
 
     @property
     def from_vendor(self) -> bool:
@@ -143,15 +148,16 @@ DRIVE_STATUS = Topic("/lupin/drive/status", "std_msgs/msg/String", LATCHED1, 1.0
 
 # -- sensors and state of the vehicle ---------------------------------------------------------------------------------
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", BEST1, 100.0, ("sim",), repeats=True, note="simulation only")
-ODOM = Topic("/mirte_base_controller/odom", "nav_msgs/msg/Odometry", REL10, 50.0, (ROS2_CONTROL,), ALL, repeats=True)
+ODOM = Topic("/mirte_base_controller/odom", "nav_msgs/msg/Odometry", REL10, 50.0, (ROS2_CONTROL,), ALL, repeats=True, frame=ODOM_FRAME)
 ODOM_SIM = Topic("/odom", "nav_msgs/msg/Odometry", REL10, 50.0, ("sim",), note="simulation only: the same odometry under Gazebo's name")
-SCAN = Topic("/scan", "sensor_msgs/msg/LaserScan", BEST5, 10.0, (LIDAR,), ALL, repeats=True, monitored=True)
-IMU = Topic("/io/imu/movement/data", "sensor_msgs/msg/Imu", REL10, 50.0, (MOTOR_BOARD,), 10.0, repeats=True)
+SCAN = Topic("/scan", "sensor_msgs/msg/LaserScan", BEST5, 10.0, (LIDAR,), ALL, repeats=True, monitored=True, frame=LASER_FRAME)
+IMU = Topic("/io/imu/movement/data", "sensor_msgs/msg/Imu", REL10, 50.0, (MOTOR_BOARD,), 10.0, repeats=True, frame="")
 BATTERY = Topic("/io/power/power_watcher", "sensor_msgs/msg/BatteryState", REL10, 1.0, (MOTOR_BOARD,), ALL, repeats=True)
-JOINT_STATES = Topic("/joint_states", "sensor_msgs/msg/JointState", REL10, 50.0, (ROS2_CONTROL,), 10.0, repeats=True)
+JOINT_STATES = Topic("/joint_states", "sensor_msgs/msg/JointState", REL10, 50.0, (ROS2_CONTROL,), 10.0, repeats=True, frame="")
 ESTOP_BUTTON = Topic("/io/intensity/emergency_button/digital", "mirte_msgs/msg/IntensityDigital", REL10, 10.0, (MOTOR_BOARD,), 2.0, repeats=True)
 TF = Topic("/tf", "tf2_msgs/msg/TFMessage", REL100, 50.0, (ROS2_CONTROL, "slam", "localization", "perception"), ALL, repeats=True)
 TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", STATIC_TF, None, (ROS2_CONTROL,), ALL)
+ROBOT_DESCRIPTION = Topic("/robot_description", "std_msgs/msg/String", LATCHED1, None, (ROS2_CONTROL,), ALL, note="the URDF; its links are frames of /tf")
 
 # The body camera has a different topic name on each target; a console or an annotator uses the name of its target.
 BODY_IMAGE_SIM = Topic("/camera/image_raw", "sensor_msgs/msg/Image", REL1, 10.0, ("sim",))
@@ -162,7 +168,7 @@ GRIPPER_IMAGE = Topic("/gripper_camera/image_raw", "sensor_msgs/msg/Image", REL1
 ESTOP_STATE = Topic("/e_stop_state", "std_msgs/msg/Bool", REL10, 5.0, ("estop",), ALL, repeats=True, monitored=True)
 HMI_ESTOP = Topic("/lupin/hmi/estop", "std_msgs/msg/Bool", REL10, 2.0, (OPERATOR,), ALL, note="stop button of one console; true engages the e-stop, and so does silence of all consoles after a first message", console=BY_OPERATOR)
 CONSOLE_STOP = Topic("/lupin/console/stop", "std_msgs/msg/String", REL10, 2.0, ("console",), ALL, note="JSON: whether a client of the console engages the stop, whether one is driving, and how often the stop was released")
-ESTOP_MISSED_PRESS = Topic("/lupin/estop/missed_press", "std_msgs/msg/Bool", LATCHED1, None, ("drive",), ALL, note="true after a press that the e-stop's process missed because it hung or was being replaced, until the e-stop has engaged; and while the button, once received, is silent")
+ESTOP_MISSED_PRESS = Topic("/lupin/estop/missed_press", "std_msgs/msg/Bool", LATCHED1, None, ("drive",), ALL, note="true after a press that the e-stop's process missed because it hung or was being replaced, until the e-stop has engaged; also while the button, once received, is silent, and while the button is held or a lost console has left its stop after that process was gone")
 ESTOP_STATUS = Topic("/lupin/estop/status", "std_msgs/msg/String", LATCHED1, 1.0, ("estop",), probed=True, note="JSON: every reason for the e-stop, how often it was pressed, and how long ago it was engaged")
 
 # -- mapping and navigation -------------------------------------------------------------------------------------------
@@ -171,8 +177,9 @@ AMCL_POSE = Topic("/amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", L
 INITIAL_POSE = Topic("/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", REL1, None, (OPERATOR,), console=BY_OPERATOR)
 PLAN = Topic("/plan", "nav_msgs/msg/Path", REL1, None, ("nav",), 2.0)
 GOAL_POSE = Topic("/goal_pose", "geometry_msgs/msg/PoseStamped", REL1, None, (OPERATOR,), ALL, console=BY_OPERATOR)
-GLOBAL_COSTMAP = Topic("/global_costmap/costmap", "nav_msgs/msg/OccupancyGrid", LATCHED1, 1.0, ("nav",))
-LOCAL_COSTMAP = Topic("/local_costmap/costmap", "nav_msgs/msg/OccupancyGrid", LATCHED1, 2.0, ("nav",))
+GOAL_MARKERS = Topic("/lupin/markers/goals", "visualization_msgs/msg/MarkerArray", LATCHED1, None, ("nav",), ALL, note="the poses of the active goal")
+GLOBAL_COSTMAP = Topic("/global_costmap/costmap", "nav_msgs/msg/OccupancyGrid", LATCHED1, 1.0, ("nav",), 0.2)
+LOCAL_COSTMAP = Topic("/local_costmap/costmap", "nav_msgs/msg/OccupancyGrid", LATCHED1, 2.0, ("nav",), 1.0)
 
 # -- perception, greenhouse, mission, twin ------------------------------------------------------------------------------
 TAG_DETECTIONS = Topic("/camera/tag_detections_json", "std_msgs/msg/String", REL5, None, ("perception",), ALL)
@@ -181,6 +188,8 @@ YOLO_OVERLAY = Topic("/yolo/image_detections", "sensor_msgs/msg/Image", REL1, No
 FLOWER_OVERLAY = Topic("/sim_flower/overlay", "sensor_msgs/msg/Image", REL1, None, ("perception",))
 BOX_GEOMETRY = Topic("/perception/box_geometry_json", "std_msgs/msg/String", LATCHED1, None, ("perception",), ALL)
 DISCOVERED_TAGS = Topic("/perception/discovered_tags", "lupin_msgs/msg/DiscoveredTags", LATCHED1, 2.0, ("perception",), ALL)
+TAG_MARKERS = Topic("/lupin/markers/tags", "visualization_msgs/msg/MarkerArray", LATCHED1, None, ("perception",), ALL, note="the discovered tags")
+BOX_MARKERS = Topic("/lupin/markers/boxes", "visualization_msgs/msg/MarkerArray", LATCHED1, None, ("perception",), ALL, note="the boxes behind the discovered tags")
 OBSERVATIONS = Topic("/floranova/observations", "lupin_msgs/msg/Observation", LATCHED50, None, ("perception", "mission"), ALL)
 MISSION_STATE = Topic("/mission/state", "lupin_msgs/msg/MissionState", LATCHED1, 5.0, ("mission",), ALL, probed=True, monitored=True)
 TWIN_STATE = Topic("/twin/state", "lupin_msgs/msg/TwinState", LATCHED1, 1.0, ("twin",), ALL, probed=True)
@@ -209,7 +218,7 @@ def compressed(image: Topic) -> Topic:
 def camera_info(image: Topic) -> Topic:
     """Return the topic of a camera's calibration, which comes with every raw image. The doctor waits for it, since it is small."""
     name = image.name.rsplit("/", 1)[0] + "/camera_info"
-    return replace(image, name=name, type="sensor_msgs/msg/CameraInfo", probed=True)
+    return replace(image, name=name, type="sensor_msgs/msg/CameraInfo", probed=True, recorded_hz=1.0)
 
 
 # -- services ---------------------------------------------------------------------------------------------------------
@@ -229,6 +238,16 @@ SLAM_RESET = Service("/slam_toolbox/reset", "slam_toolbox/srv/Reset")
 SLAM_PAUSE = Service("/slam_toolbox/pause_new_measurements", "slam_toolbox/srv/Pause", "toggles between paused and running")
 SLAM_SERIALIZE = Service("/slam_toolbox/serialize_map", "slam_toolbox/srv/SerializePoseGraph", console=BY_OPERATOR)
 SLAM_DESERIALIZE = Service("/slam_toolbox/deserialize_map", "slam_toolbox/srv/DeserializePoseGraph")
+SLAM_DYNAMIC_MAP = Service("/slam_toolbox/dynamic_map", "nav_msgs/srv/GetMap")
+MAP_SERVER_MAP = Service("/map_server/map", "nav_msgs/srv/GetMap")
+MAP_SERVER_LOAD_MAP = Service("/map_server/load_map", "nav2_msgs/srv/LoadMap")
+# Clients of Nav2 wait until these answer `active`.
+BT_NAVIGATOR_STATE = Service("/bt_navigator/get_state", "lifecycle_msgs/srv/GetState")
+SLAM_STATE = Service("/slam_toolbox/get_state", "lifecycle_msgs/srv/GetState")
+AMCL_STATE = Service("/amcl/get_state", "lifecycle_msgs/srv/GetState")
+MAP_SERVER_STATE = Service("/map_server/get_state", "lifecycle_msgs/srv/GetState")
+GET_LOCAL_COSTMAP = Service("/local_costmap/get_costmap", "nav2_msgs/srv/GetCostmap")
+GET_GLOBAL_COSTMAP = Service("/global_costmap/get_costmap", "nav2_msgs/srv/GetCostmap")
 CLEAR_LOCAL_COSTMAP = Service("/local_costmap/clear_entirely_local_costmap", "nav2_msgs/srv/ClearEntireCostmap")
 CLEAR_GLOBAL_COSTMAP = Service("/global_costmap/clear_entirely_global_costmap", "nav2_msgs/srv/ClearEntireCostmap")
 ARM_PRESET = Service("/lupin/arm/preset", "lupin_msgs/srv/SetArmPreset", console=BY_OPERATOR)
@@ -288,6 +307,7 @@ def arm_joint_angle(joint: str) -> Service:
 # -- actions ----------------------------------------------------------------------------------------------------------
 NAVIGATE_TO_POSE = Action("navigate_to_pose", "nav2_msgs/action/NavigateToPose", console=BY_OPERATOR)
 NAVIGATE_THROUGH_POSES = Action("navigate_through_poses", "nav2_msgs/action/NavigateThroughPoses", console=BY_OPERATOR)
+FOLLOW_WAYPOINTS = Action("follow_waypoints", "nav2_msgs/action/FollowWaypoints", console=BY_OPERATOR)
 COMPUTE_PATH_TO_POSE = Action("compute_path_to_pose", "nav2_msgs/action/ComputePathToPose", console=BY_VIEWER)
 GRIPPER_COMMAND = Action("/mirte_master_gripper_controller/gripper_cmd", "control_msgs/action/GripperCommand")
 ARM_FOLLOW_TRAJECTORY = Action(

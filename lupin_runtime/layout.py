@@ -13,6 +13,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from lupin_runtime.bounded_file import read_bounded_text
+from lupin_runtime.json_text import parse_json
+
 _METERS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 _MAX_NUMBER = 1e9  # no greenhouse is larger in any unit; an integer may even be too large for a float
 
@@ -85,7 +88,7 @@ class LayoutText:
     def read(cls, path: Path) -> LayoutText:
         """Read a file as UTF-8. Raises LayoutError."""
         try:
-            return cls(path.read_text(encoding="utf-8"), str(path))
+            return cls(read_bounded_text(path), str(path))
         except (OSError, UnicodeDecodeError) as error:
             raise LayoutError(f"{path}: the layout cannot be read: {error}") from error
 
@@ -132,10 +135,10 @@ class LayoutText:
 
     def _root(self) -> Mapping[str, Any]:
         try:
-            document = json.loads(self._text)
+            document = parse_json(self._text)
         except json.JSONDecodeError as error:
             raise LayoutError(f"{self._source}:{error.lineno}: not JSON: {error.msg}") from error
-        except (ValueError, RecursionError) as error:  # numbers with thousands of digits, brackets thousands of levels deep
+        except ValueError as error:  # numbers with thousands of digits, brackets thousands of levels deep
             raise LayoutError(f"{self._source}: not JSON that can be read: {error}") from error
         return self._object(document, "the file", "")
 

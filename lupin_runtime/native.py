@@ -19,5 +19,5 @@ def load_kernels(package: Path) -> ctypes.CDLL:
     """
     library = package / f"_kernels{sysconfig.get_config_var('EXT_SUFFIX')}"
     if not library.exists():
-        raise KernelsMissing(f"{library} is not built; run: make setup  (or: python setup.py build_ext --inplace)")
+        raise KernelsMissing(f"{library} is not built; run: make setup")
     return ctypes.CDLL(str(library))

@@ -1,1 +1,1 @@
-"""The cameras' drivers on the robot, and the video server: JPEG pictures over HTTP."""
+"""The cameras' drivers on the robot, and the video server: JPEG images over HTTP."""

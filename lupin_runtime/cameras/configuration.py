@@ -10,6 +10,8 @@ from typing import Any
 import yaml
 
 from lupin_runtime.atomic_file import MalformedFile
+from lupin_runtime.bounded_file import open_regular
+from lupin_runtime.yaml_text import load_yaml
 
 CONFIGURATION = Path("/etc/lupin/cameras.yaml")
 _MAX_BYTES = 100_000
@@ -67,14 +69,14 @@ class CameraConfiguration:
 def read_configuration(path: Path = CONFIGURATION) -> CameraConfiguration:
     """Read the settings in a file; the defaults if there is no file. Raises MalformedFile and OSError."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             content = file.read(_MAX_BYTES + 1)
     except FileNotFoundError:
         return CameraConfiguration()
     if len(content) > _MAX_BYTES:
         raise MalformedFile(path, None, f"more than {_MAX_BYTES} bytes")
     try:
-        read = yaml.safe_load(content)
+        read = load_yaml(content)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         raise MalformedFile(path, mark.line + 1 if mark is not None else None, f"not YAML: {error}") from error

@@ -56,7 +56,7 @@ def _find_body(configuration: CameraConfiguration, root: Path) -> Camera | None:
 
 
 def _find_gripper(configuration: CameraConfiguration, root: Path) -> Camera | None:
-    """Find the first camera with a known name. Of a camera's device files, the one with index 0 delivers the pictures."""
+    """Find the first camera with a known name. Of a camera's device files, the one with index 0 delivers the images."""
     found = []
     for folder in (root / "sys/class/video4linux").glob("video*"):
         number = folder.name.removeprefix("video")

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Frame:
-    """A picture. `stamp_ns` is the ROS time when the camera took it; `number` counts the stream's frames."""
+    """An image. `stamp_ns` is the ROS time when the camera took it; `number` counts the stream's frames."""
 
-    data: bytes  # a JPEG file, or a serialized message with a picture
+    data: bytes  # a JPEG file, or a serialized message with an image
     stamp_ns: int
     number: int
 

@@ -24,11 +24,11 @@ from lupin_runtime.cameras.video_streams import GraphSilent, VideoStreams
 
 MAX_CONNECTIONS = 64
 MAX_CONNECTIONS_PER_ADDRESS = 16
-REQUEST_TIMEOUT_S = 10.0  # a client must send its request, and take each picture, within this time
+REQUEST_TIMEOUT_S = 10.0  # a client must send its request, and take each image, within this time
 SNAPSHOT_TIMEOUT_S = 5.0
 _STOP_TIMEOUT_S = 2.0
-_CHECK_PERIOD_S = 0.5  # how often a stream without pictures checks that its client is still connected
-# How much unsent data the kernel may hold for a slow client: pictures that wait there are outdated when they arrive.
+_CHECK_PERIOD_S = 0.5  # how often a stream without images checks that its client is still connected
+# How much unsent data the kernel may hold for a slow client: images that wait there are outdated when they arrive.
 _UNSENT_BYTES = 32_768
 _HEADERS = {"Cache-Control": "no-store", "Connection": "close", "X-Content-Type-Options": "nosniff"}
 
@@ -180,7 +180,7 @@ class _Handler(BaseHTTPRequestHandler):
         with self.server.streams.watch(request) as frames:
             frame = frames.after(frames.number, SNAPSHOT_TIMEOUT_S)
         if frame is None:
-            raise GraphSilent(f"no picture came from {request.topic} within {SNAPSHOT_TIMEOUT_S:g} s")
+            raise GraphSilent(f"no image came from {request.topic} within {SNAPSHOT_TIMEOUT_S:g} s")
         self._send("image/jpeg", frame.data, X_Timestamp=mjpeg.stamp_text(frame.stamp_ns))
 
     def _begin(self, content_type: str, status: HTTPStatus = HTTPStatus.OK, **headers: str) -> None:
@@ -197,7 +197,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._send("text/plain; charset=utf-8", f"{reason}\n".encode(), status)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Log nothing: pages may send a request for every picture."""
+        """Log nothing: pages may send a request for every image."""
 
 
 def _has_disconnected(connection: socket.socket) -> bool:
@@ -226,4 +226,4 @@ def _index(rows: list[dict[str, Any]]) -> str:
         f'<a href="snapshot?topic={quote(row["topic"])}">snapshot</a></li>'
         for row in rows
     )
-    return f"<!doctype html><title>Cameras</title><ul>{items or '<li>no node publishes pictures</li>'}</ul>\n"
+    return f"<!doctype html><title>Cameras</title><ul>{items or '<li>no node publishes images</li>'}</ul>\n"

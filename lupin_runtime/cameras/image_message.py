@@ -29,8 +29,8 @@ class RawImage:
 
 
 @dataclass(frozen=True)
-class CompressedPicture:
-    """A compressed picture, such as a JPEG file. `format` is free text, which usually names the codec."""
+class EncodedImage:
+    """A compressed image, such as a JPEG file. `format` is free text, which usually names the codec."""
 
     stamp_ns: int
     format: str
@@ -51,10 +51,10 @@ def read_image(message: bytes) -> RawImage:
     return RawImage(stamp_ns, width, height, encoding, big_endian, row_bytes, data)
 
 
-def read_compressed(message: bytes) -> CompressedPicture:
+def read_compressed(message: bytes) -> EncodedImage:
     """Read the fields of a CompressedImage. Raises MalformedImage."""
     reader = _Reader(message)
-    return CompressedPicture(reader.header_stamp_ns(), reader.string(), reader.sequence())
+    return EncodedImage(reader.header_stamp_ns(), reader.string(), reader.sequence())
 
 
 class _Reader:

@@ -1,4 +1,4 @@
-"""Encodes raw images as JPEG, and changes the size or quality of compressed pictures, with OpenCV."""
+"""Encodes raw images as JPEG, and changes the size or quality of compressed images, with OpenCV."""
 
 from __future__ import annotations
 
@@ -39,29 +39,29 @@ _WIDE = {"mono16": np.uint16, "16UC1": np.uint16, "32FC1": np.float32}
 Pixels = NDArray[Any]
 
 
-class UnsupportedPicture(ValueError):
-    """A picture that can't be shown; the text is the reason."""
+class UnsupportedImage(ValueError):
+    """An image that can't be shown; the text is the reason."""
 
 
 def encode(image: RawImage, quality: int = DEFAULT_QUALITY, width_px: int = 0, rotated: bool = False) -> bytes:
     """Encode a raw image as JPEG: scaled to `width_px` unless that is 0, upside down if `rotated`.
 
-    Raises UnsupportedPicture.
+    Raises UnsupportedImage.
     """
     if image.width * image.height > MAX_PIXELS:
-        raise UnsupportedPicture(f"{image.width} × {image.height} pixels are too many")
+        raise UnsupportedImage(f"{image.width} × {image.height} pixels are too many")
     return _to_jpeg(_colors(image), quality, width_px, rotated)
 
 
 def transcode(jpeg: bytes | memoryview, quality: int = DEFAULT_QUALITY, width_px: int = 0, rotated: bool = False) -> bytes:
-    """Encode a compressed picture again as JPEG, with the parameters of `encode`. Raises UnsupportedPicture."""
+    """Encode a compressed image again as JPEG, with the parameters of `encode`. Raises UnsupportedImage."""
     cv2 = _opencv()
     try:
         pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error as error:
-        raise UnsupportedPicture(f"the picture can't be read: {error.err}") from error
+        raise UnsupportedImage(f"the image can't be read: {error.err}") from error
     if pixels is None:
-        raise UnsupportedPicture("the picture can't be read")
+        raise UnsupportedImage("the image can't be read")
     return _to_jpeg(pixels, quality, width_px, rotated)
 
 
@@ -75,7 +75,7 @@ def _colors(image: RawImage) -> Pixels:
     if image.encoding in _WIDE:
         return _to_gray(image)
     if image.encoding not in _CONVERSIONS:
-        raise UnsupportedPicture(f"pictures of encoding {image.encoding[:40]!r} are not supported")
+        raise UnsupportedImage(f"images of encoding {image.encoding[:40]!r} are not supported")
     channels = _CHANNELS.get(image.encoding, 1)
     pixels = _rows(image, np.dtype(np.uint8), channels)
     if channels == 1:
@@ -85,7 +85,7 @@ def _colors(image: RawImage) -> Pixels:
         return pixels
     cv2 = _opencv()
     if image.width < 2 or image.height < 2 or (channels == 2 and image.width % 2):
-        raise UnsupportedPicture(f"{image.width} × {image.height} pixels of encoding {image.encoding} can't be converted")
+        raise UnsupportedImage(f"{image.width} × {image.height} pixels of encoding {image.encoding} can't be converted")
     converted: Pixels = cv2.cvtColor(np.ascontiguousarray(pixels), getattr(cv2, conversion))
     return converted
 
@@ -105,7 +105,7 @@ def _to_gray(image: RawImage) -> Pixels:
 def _rows(image: RawImage, kind: np.dtype[Any], channels: int) -> Pixels:
     used_bytes = image.width * channels * kind.itemsize
     if used_bytes > image.row_bytes:
-        raise UnsupportedPicture(
+        raise UnsupportedImage(
             f"{image.width} pixels of encoding {image.encoding} need {used_bytes} bytes, not {image.row_bytes}"
         )
     rows = np.frombuffer(image.data, np.uint8)[: image.row_bytes * image.height].reshape(image.height, image.row_bytes)
@@ -117,7 +117,7 @@ def _to_jpeg(pixels: Pixels, quality: int, width_px: int, rotated: bool) -> byte
     if width_px and width_px != pixels.shape[1]:
         height_px = max(1, round(pixels.shape[0] * width_px / pixels.shape[1]))
         if width_px * height_px > MAX_PIXELS:
-            raise UnsupportedPicture(f"{width_px} × {height_px} pixels are too many")
+            raise UnsupportedImage(f"{width_px} × {height_px} pixels are too many")
         smaller = width_px < pixels.shape[1]
         pixels = cv2.resize(pixels, (width_px, height_px), interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
     if rotated:
@@ -125,9 +125,9 @@ def _to_jpeg(pixels: Pixels, quality: int, width_px: int, rotated: bool) -> byte
     try:
         done, encoded = cv2.imencode(".jpg", pixels, (cv2.IMWRITE_JPEG_QUALITY, quality))
     except cv2.error as error:
-        raise UnsupportedPicture(f"the picture can't be written as JPEG: {error.err}") from error
+        raise UnsupportedImage(f"the image can't be written as JPEG: {error.err}") from error
     if not done:
-        raise UnsupportedPicture("the picture can't be written as JPEG")
+        raise UnsupportedImage("the image can't be written as JPEG")
     return bytes(encoded)
 
 
@@ -136,5 +136,5 @@ def _opencv() -> Any:
     try:
         import cv2
     except ImportError as error:
-        raise UnsupportedPicture("raw pictures need OpenCV; on the robot: sudo apt install python3-opencv") from error
+        raise UnsupportedImage("raw images need OpenCV; on the robot: sudo apt install python3-opencv") from error
     return cv2

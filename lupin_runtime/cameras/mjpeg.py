@@ -1,4 +1,4 @@
-"""Motion JPEG, the stream of pictures that browsers show in an <img>: `multipart/x-mixed-replace`."""
+"""Motion JPEG, the stream of images that browsers show in an <img>: `multipart/x-mixed-replace`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 BOUNDARY = "lupin-frame"
 CONTENT_TYPE = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
-# A browser shows a picture once the next boundary has arrived, so the boundary is sent right after each picture, and this one
+# A browser shows an image once the next boundary has arrived, so the boundary is sent right after each image, and this one
 # before the first.
 OPENING = f"--{BOUNDARY}\r\n".encode()
-MAX_PICTURE_BYTES = 16_000_000
+MAX_IMAGE_BYTES = 16_000_000
 _MAX_HEADER_BYTES = 2000
 _END_OF_HEADER = b"\r\n\r\n"
 
@@ -19,7 +19,7 @@ class MalformedStream(ValueError):
 
 
 def part(jpeg: bytes, stamp_ns: int) -> bytes:
-    """Return a picture with its header and the boundary after it. X-Timestamp is in seconds, as in web_video_server."""
+    """Return an image with its header and the boundary after it. X-Timestamp is in seconds, as in web_video_server."""
     header = f"Content-Type: image/jpeg\r\nX-Timestamp: {stamp_text(stamp_ns)}\r\nContent-Length: {len(jpeg)}\r\n\r\n"
     return b"".join((header.encode(), jpeg, b"\r\n", OPENING))
 
@@ -38,31 +38,31 @@ def stamp_ns_of(text: str) -> int:
 
 
 class PartReader:
-    """Splits a stream that arrives in chunks into pictures."""
+    """Splits a stream that arrives in chunks into images."""
 
     def __init__(self) -> None:
         self._data = bytearray()
-        self._picture: tuple[int, int] | None = None  # length in bytes, and stamp, of the picture that is arriving
+        self._image: tuple[int, int] | None = None  # length in bytes, and stamp, of the image that is arriving
 
     def feed(self, data: bytes) -> Iterator[tuple[bytes, int]]:
-        """Add a chunk; yields the pictures that are now complete, each with its stamp in ns. Raises MalformedStream."""
+        """Add a chunk; yields the images that are now complete, each with its stamp in ns. Raises MalformedStream."""
         self._data += data
         while True:
-            if self._picture is None:
+            if self._image is None:
                 end = self._data.find(_END_OF_HEADER)
                 if end < 0:
                     if len(self._data) > _MAX_HEADER_BYTES:
-                        raise MalformedStream("a picture's header has no end")
+                        raise MalformedStream("an image's header has no end")
                     return
-                self._picture = _read_header(bytes(self._data[:end]))
+                self._image = _read_header(bytes(self._data[:end]))
                 del self._data[: end + len(_END_OF_HEADER)]
-            length, stamp_ns = self._picture
+            length, stamp_ns = self._image
             if len(self._data) < length:
                 return
-            picture = bytes(self._data[:length])
+            image = bytes(self._data[:length])
             del self._data[:length]
-            self._picture = None
-            yield picture, stamp_ns
+            self._image = None
+            yield image, stamp_ns
 
 
 def _read_header(header: bytes) -> tuple[int, int]:
@@ -72,6 +72,6 @@ def _read_header(header: bytes) -> tuple[int, int]:
         if separator:
             fields[name.strip().lower()] = value.strip()
     length = fields.get("content-length", "")
-    if not length.isdecimal() or len(length) > 9 or int(length) > MAX_PICTURE_BYTES:
-        raise MalformedStream(f"a picture of {length[:20]!r} bytes")
+    if not length.isdecimal() or len(length) > 9 or int(length) > MAX_IMAGE_BYTES:
+        raise MalformedStream(f"an image of {length[:20]!r} bytes")
     return int(length), stamp_ns_of(fields.get("x-timestamp", "0"))

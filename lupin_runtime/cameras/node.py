@@ -1,4 +1,4 @@
-"""`lupin_video`: serves the pictures of the graph's cameras over HTTP."""
+"""`lupin_video`: serves the images of the graph's cameras over HTTP."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lupin_runtime.cameras.stream_request import Source
 from lupin_runtime.cameras.video_streams import GraphSilent, VideoStreams
 from lupin_runtime.ports import VIDEO_PORT
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.node import interface
+from lupin_runtime.ros.interfaces import interface
 from lupin_runtime.ros.raw_subscription import RawSubscription
 from lupin_runtime.ros.ros_thread import RosThread
 

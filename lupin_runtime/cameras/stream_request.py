@@ -23,12 +23,12 @@ class BadRequest(ValueError):
 
 
 class NoSuchCamera(LookupError):
-    """No node publishes pictures on the topic; the text lists the cameras that exist."""
+    """No node publishes images on the topic; the text lists the cameras that exist."""
 
 
 @dataclass(frozen=True)
 class StreamRequest:
-    """A request for the pictures of a topic. A quality or width of 0 leaves the camera's own."""
+    """A request for the images of a topic. A quality or width of 0 leaves the camera's own."""
 
     topic: str
     quality: int = 0  # 1 to 100
@@ -37,7 +37,7 @@ class StreamRequest:
 
     @property
     def unchanged(self) -> bool:
-        """Whether a camera's JPEG pictures are forwarded unchanged."""
+        """Whether a camera's JPEG images are forwarded unchanged."""
         return not (self.quality or self.width_px or self.rotated)
 
     def query(self) -> dict[str, str]:
@@ -48,7 +48,7 @@ class StreamRequest:
 
 @dataclass(frozen=True)
 class Source:
-    """A topic with pictures, and whether they are compressed."""
+    """A topic with images, and whether they are compressed."""
 
     topic: str
     compressed: bool
@@ -76,7 +76,7 @@ def read_request(query: Mapping[str, str]) -> StreamRequest:
 
 
 def choose_source(request: StreamRequest, publishers: Mapping[str, Sequence[str]]) -> Source:
-    """Choose the topic to take the pictures from: preferably the camera's JPEG topic. Raises NoSuchCamera.
+    """Choose the topic to take the images from: preferably the camera's JPEG topic. Raises NoSuchCamera.
 
     `publishers` are the topics that have a publisher, with their types.
     """
@@ -86,17 +86,17 @@ def choose_source(request: StreamRequest, publishers: Mapping[str, Sequence[str]
     if IMAGE in publishers.get(request.topic, ()):
         return Source(request.topic, compressed=False)
     existing = ", ".join(cameras(publishers)) or "none"
-    raise NoSuchCamera(f"no node publishes pictures on {request.topic}; cameras: {existing}")
+    raise NoSuchCamera(f"no node publishes images on {request.topic}; cameras: {existing}")
 
 
 def cameras(publishers: Mapping[str, Sequence[str]]) -> list[str]:
     """Return the topics that can be requested, each once, even if it is published both raw and compressed."""
-    pictures = (
+    images = (
         topic
         for topic, types in publishers.items()
         if (IMAGE in types or COMPRESSED_IMAGE in types) and not topic.endswith("/compressedDepth")  # browsers cannot show it
     )
-    return sorted({topic.removesuffix(COMPRESSED) for topic in pictures})
+    return sorted({topic.removesuffix(COMPRESSED) for topic in images})
 
 
 def _number(query: Mapping[str, str], name: str, low: int, high: int) -> int:

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from lupin_runtime.cameras.frames import NewestFrame
 from lupin_runtime.cameras.image_message import MalformedImage, read_compressed, read_image
-from lupin_runtime.cameras.jpeg import DEFAULT_QUALITY, UnsupportedPicture, encode, is_jpeg, transcode
+from lupin_runtime.cameras.jpeg import DEFAULT_QUALITY, UnsupportedImage, encode, is_jpeg, transcode
 from lupin_runtime.cameras.stream_request import Source, StreamRequest, cameras, choose_source
 
 _RATE_FRAMES = 30  # the frame rate is measured over this many intervals
@@ -135,7 +135,7 @@ class _Feed:
 class _View:
     """One camera's frames in one quality, width and orientation, as some clients asked for.
 
-    Pictures that must be encoded are encoded on the view's own thread. It skips to the newest, so that no messages pile up.
+    Images that must be encoded are encoded on the view's own thread. It skips to the newest, so that no messages pile up.
     """
 
     def __init__(self, source: Source, request: StreamRequest, warn: Callable[[str], None]) -> None:
@@ -161,16 +161,16 @@ class _View:
         self.frames.close()
 
     def _pass_on(self, message: bytes) -> bool:
-        """Forward a JPEG picture unchanged. Return False if the picture is not JPEG; malformed messages are dropped."""
+        """Forward a JPEG image unchanged. Return False if the image is not JPEG; malformed messages are dropped."""
         try:
-            picture = read_compressed(message)
+            image = read_compressed(message)
         except MalformedImage as error:
             self._note(str(error))
             return True
-        if not is_jpeg(picture.data):
+        if not is_jpeg(image.data):
             return False
         self.error = ""
-        self.frames.put(bytes(picture.data), picture.stamp_ns)
+        self.frames.put(bytes(image.data), image.stamp_ns)
         return True
 
     def _work(self) -> None:
@@ -182,7 +182,7 @@ class _View:
             number = message.number
             try:
                 jpeg, stamp_ns = self._encoded(message.data)
-            except (MalformedImage, UnsupportedPicture) as error:
+            except (MalformedImage, UnsupportedImage) as error:
                 self._note(str(error))
                 continue
             self.error = ""
@@ -191,8 +191,8 @@ class _View:
     def _encoded(self, message: bytes) -> tuple[bytes, int]:
         quality, request = self._request.quality or DEFAULT_QUALITY, self._request
         if self._source.compressed:
-            picture = read_compressed(message)
-            return transcode(picture.data, quality, request.width_px, request.rotated), picture.stamp_ns
+            encoded = read_compressed(message)
+            return transcode(encoded.data, quality, request.width_px, request.rotated), encoded.stamp_ns
         image = read_image(message)
         return encode(image, quality, request.width_px, request.rotated), image.stamp_ns
 

@@ -26,7 +26,9 @@ from typing import Any
 
 import yaml
 
+from lupin_runtime.bounded_file import read_bounded_text
 from lupin_runtime.layout import LayoutError, LayoutText
+from lupin_runtime.yaml_text import compose_yaml, load_yaml
 
 DAY_S = 86400.0
 DEFAULT_SPEEDUP = 1800.0  # a day in 48 s
@@ -160,7 +162,7 @@ def _construct(tag_file: Path | None, sim_config_file: Path | None) -> Any:
     random.setstate(shared)
     if sim_config_file is not None:
         # The constructor requires keys for which its accessors have defaults, so the configuration is replaced afterwards.
-        simulator.sim_config = yaml.safe_load(sim_config_file.read_text(encoding="utf-8"))
+        simulator.sim_config = load_yaml(read_bounded_text(sim_config_file))
         simulator.sensor_registry = SensorRegistry(simulator.sim_config)
     return simulator
 
@@ -180,7 +182,7 @@ def check_config_file(path: Path) -> None:
     """Raise GreenhouseConfigError unless `path` holds a configuration: a mapping `sensors` of lists of settings."""
     text = _text(path)
     try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        root = compose_yaml(text)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = mark.line + 1 if mark is not None else 1
@@ -211,7 +213,7 @@ def _check_setting(path: Path, name: str, key: str, node: yaml.Node, dynamics: t
     wanted = SETTINGS.get(key)
     if wanted is None:
         return
-    value = yaml.safe_load(yaml.serialize(node))
+    value = load_yaml(yaml.serialize(node))
     good: dict[str, Callable[[], bool]] = {
         "a number": lambda: _is_number(value),
         "a positive number": lambda: _is_number(value) and value > 0,
@@ -232,7 +234,7 @@ def _section(path: Path, name: str, node: yaml.Node | None) -> dict[str, yaml.No
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_bounded_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise GreenhouseConfigError(f"{path}: cannot read the simulator configuration: {error}") from error
 

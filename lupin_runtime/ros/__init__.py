@@ -1,6 +1,6 @@
 """The layer between cores and rclpy: a node class that reads `graph.py`, transforms, clocks, and the runner of nodes.
 
-It works with Jazzy's rclpy from wheels and with Humble's on Python 3.10, which the robot has.
+It works with Jazzy's rclpy from Python wheels and with Humble's on Python 3.10, which the robot has.
 """
 
 from lupin_runtime.ros.node import LupinNode

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import time
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -20,14 +19,13 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from lupin_runtime.graph import Action, Qos, Service, Topic
+from lupin_runtime.ros.interfaces import interface
+
+# For rclpy.init: no log files below the home folder. The supervisor keeps the output of each process, and rclpy does not start
+# if that folder cannot be written.
+ROS_ARGUMENTS = ["--ros-args", "--disable-external-lib-logs"]
 
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-
-
-def interface(type_name: str) -> Any:
-    """Return the Python class of an interface such as `geometry_msgs/msg/Twist`."""
-    package, kind, name = type_name.split("/")
-    return getattr(importlib.import_module(f"{package}.{kind}"), name)
 
 
 def qos_profile(qos: Qos) -> QoSProfile:

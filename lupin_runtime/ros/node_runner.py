@@ -1,6 +1,7 @@
 """Runs nodes in one process, each with its own single-threaded executor and thread.
 
-The MultiThreadedExecutor of the wheels busy-loops and their EventsExecutor never calls a callback, so neither is used.
+In the ROS wheels (the Python packages of ROS 2) the MultiThreadedExecutor busy-loops and the EventsExecutor never calls a
+callback, so neither is used.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from lupin_runtime.heartbeat import PROCESS_PERIOD_S
-from lupin_runtime.ros.node import LupinNode
+from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 
 if TYPE_CHECKING:
     from lupin_runtime.ros.clock import ClockFollower
@@ -106,7 +107,7 @@ def run(
 
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
-    rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    rclpy.init(args=ROS_ARGUMENTS, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     spinners: list[_Spinner] = []
     follower: ClockFollower | None = None
     if supervision is not None:

@@ -9,7 +9,7 @@ REALTIME_PRIORITY = 1  # above every ordinary process, below other real-time pro
 NICE = -10
 
 
-def serve_first() -> str:
+def request_realtime_scheduling() -> str:
     """Request real-time scheduling for this process, or else a better nice value; return a sentence about the result.
 
     Use it only for processes that sleep most of the time: on a core that a real-time process keeps busy, the kernel leaves 5 %

@@ -11,7 +11,7 @@ import pytest
 
 from lupin_runtime import graph
 from lupin_runtime.record.recorded_topics import STANDARD
-from lupin_runtime.stack import graph_probe
+from lupin_runtime.stack import graph_session
 from lupin_runtime.stack.table import TABLE
 
 RUNTIME = Path(graph.__file__).parent
@@ -63,8 +63,8 @@ def test_lists_of_topics_are_columns_of_the_table() -> None:
         topic: None if topic.recorded_hz == graph.ALL else topic.recorded_hz for topic in topics if topic.recorded_hz
     }
     assert not any(row.while_scanning for row in STANDARD)
-    assert set(graph_probe.PROBED_TOPICS) == {topic for topic in topics if topic.repeats or topic.probed}
-    assert set(graph_probe.ROBOT_TOPICS) == {topic for topic in topics if topic.repeats and topic.from_vendor}
+    assert set(graph_session.PROBED_TOPICS) == {topic for topic in topics if topic.repeats or topic.probed}
+    assert set(graph_session.ROBOT_TOPICS) == {topic for topic in topics if topic.repeats and topic.from_vendor}
 
 
 def test_a_repeating_topic_has_a_rate() -> None:
@@ -95,7 +95,7 @@ def test_a_package_publishes_topics_of_its_processes_only(package: str) -> None:
 
 @pytest.mark.graph
 def test_every_type_of_the_graph_imports() -> None:
-    from lupin_runtime.ros.node import interface
+    from lupin_runtime.ros.interfaces import interface
 
     rows: list[graph.Topic | graph.Service | graph.Action] = [*graph.topics(), *graph.services(), *graph.actions()]
     for row in rows:

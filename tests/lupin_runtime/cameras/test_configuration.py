@@ -37,7 +37,7 @@ def test_configured_values_are_used(file: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "named"),
+    ("content", "expected_text"),
     [
         ("colour: {}", "colour"),
         ("color: {rate: 1}", "rate"),
@@ -55,15 +55,15 @@ def test_configured_values_are_used(file: Path) -> None:
         ("a: " + "[" * 5000, "not YAML"),
     ],
 )
-def test_errors_name_the_file_and_the_key(file: Path, content: str, named: str) -> None:
+def test_errors_name_the_file_and_the_problem(file: Path, content: str, expected_text: str) -> None:
     file.write_text(content)
     with pytest.raises(MalformedFile) as raised:
         read_configuration(file)
-    assert str(file) in str(raised.value) and named in str(raised.value)
+    assert str(file) in str(raised.value) and expected_text in str(raised.value)
 
 
 @given(st.binary(max_size=300))
-def test_any_bytes_are_read_or_refused(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+def test_random_bytes_give_defaults_or_malformed_file(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
     file = tmp_path_factory.mktemp("any") / "cameras.yaml"
     file.write_bytes(content)
     try:

@@ -40,7 +40,7 @@ def test_gripper_camera_is_found_by_its_name(tmp_path: Path, name: str) -> None:
     plug_gripper(tmp_path, 0, "cedrus")
     plug_gripper(tmp_path, 11, name)
     plug_gripper(tmp_path, 4, name)
-    plug_gripper(tmp_path, 3, name, index="1")  # another device file of the same camera, without pictures
+    plug_gripper(tmp_path, 3, name, index="1")  # another device file of the same camera, without images
     plug_gripper(tmp_path, 2, "Astra Pro HD Camera: Astra Pro")
     found = find_camera(GRIPPER, CameraConfiguration(gripper=Gripper(True, 320, 240, 15.0, "mjpeg2rgb")), tmp_path)
     assert found is not None and found.devices == (tmp_path / "dev/video4",)

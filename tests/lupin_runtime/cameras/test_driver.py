@@ -166,7 +166,7 @@ def test_other_program_is_named_and_not_terminated(
     camera_driver()
     said = until(lambda: capfd.readouterr().out, "a message")
     assert f"held by cheese (process {person.pid})" in said and f"kill {person.pid}" in said
-    time.sleep(0.3)
+    time.sleep(0.3)  # in which a driver would have started
     assert person.poll() is None and ros2.read_text() == ""
     person.kill()
     until(ros2.read_text, "the start of our driver")
@@ -206,7 +206,7 @@ def test_driver_of_switched_off_camera_does_not_start(
     assert device.exists()
     camera_driver(CameraConfiguration(gripper=Gripper(enabled=False)))
     until(lambda: "is switched off in /etc/lupin/cameras.yaml" in capfd.readouterr().out, "a message")
-    time.sleep(0.3)
+    time.sleep(0.3)  # in which a driver would have started
     assert ros2.read_text() == ""
 
 

@@ -23,9 +23,9 @@ def test_fields_equal_those_that_rclpy_wrote(frame: str, encoding: str) -> None:
     assert (seen.stamp_ns, seen.width, seen.height, seen.encoding) == (12_000_000_034, 3, 2, encoding)
     assert (seen.big_endian, seen.row_bytes, bytes(seen.data)) == (True, 9, bytes(range(18)))
 
-    picture = CompressedImage(format=encoding, data=b"\xff\xd8\xff" + bytes(7))
-    picture.header.frame_id = frame
-    read = read_compressed(serialize_message(picture))
+    image = CompressedImage(format=encoding, data=b"\xff\xd8\xff" + bytes(7))
+    image.header.frame_id = frame
+    read = read_compressed(serialize_message(image))
     assert (read.stamp_ns, read.format, bytes(read.data)) == (0, encoding, b"\xff\xd8\xff" + bytes(7))
 
 
@@ -36,8 +36,8 @@ def test_images_of_the_tests_equal_those_of_rclpy() -> None:
     image = deserialize_message(image_message(b"abcdef", 1, 2, "rgb8", 3, stamp_ns=5_000_000_006), Image)
     assert (image.header.stamp.sec, image.header.stamp.nanosec, image.header.frame_id) == (5, 6, "camera")
     assert (image.height, image.width, image.encoding, image.step, bytes(image.data)) == (2, 1, "rgb8", 3, b"abcdef")
-    picture = deserialize_message(compressed_message(b"xyz", "png"), CompressedImage)
-    assert (picture.format, bytes(picture.data)) == ("png", b"xyz")
+    image = deserialize_message(compressed_message(b"xyz", "png"), CompressedImage)
+    assert (image.format, bytes(image.data)) == ("png", b"xyz")
 
 
 def test_big_endian_messages_are_read() -> None:

@@ -1,4 +1,4 @@
-"""JPEG pictures of every encoding that cameras publish."""
+"""JPEG images of every encoding that cameras publish."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lupin_runtime.cameras.image_message import RawImage, read_image
-from lupin_runtime.cameras.jpeg import UnsupportedPicture, encode, is_jpeg, transcode
+from lupin_runtime.cameras.jpeg import UnsupportedImage, encode, is_jpeg, transcode
 from tests.support.image_messages import Pixels, decoded, gradient, image_message, jpeg
 
 BGR = gradient()
@@ -27,7 +27,7 @@ def raw(pixels: NDArray[Any], encoding: str, padding: int = 0, *, big_endian: bo
 
 
 def off_by(data: bytes, expected: Pixels) -> float:
-    """Return the mean difference between a JPEG picture and the expected pixels."""
+    """Return the mean difference between a JPEG image and the expected pixels."""
     return float(np.abs(decoded(data) - expected.astype(np.int16)).mean())
 
 
@@ -103,14 +103,14 @@ def test_width_quality_and_rotation_are_applied() -> None:
     ],
     ids=["unknown", "none", "one pixel of a pattern", "half a pair of pixels", "short rows", "huge"],
 )
-def test_pictures_that_cannot_be_shown_are_refused(image: RawImage) -> None:
-    with pytest.raises(UnsupportedPicture):
+def test_images_that_cannot_be_shown_are_refused(image: RawImage) -> None:
+    with pytest.raises(UnsupportedImage):
         encode(image)
 
 
-@pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"not a picture", bytes(1000)])
-def test_damaged_pictures_are_refused(data: bytes) -> None:
-    with pytest.raises(UnsupportedPicture):
+@pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"not an image", bytes(1000)])
+def test_damaged_images_are_refused(data: bytes) -> None:
+    with pytest.raises(UnsupportedImage):
         transcode(data)
 
 

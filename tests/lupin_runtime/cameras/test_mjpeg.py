@@ -1,4 +1,4 @@
-"""The stream of pictures: writing it and splitting it again."""
+"""The stream of images: writing it and splitting it again."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ PICTURES = st.lists(st.tuples(st.binary(max_size=300), st.integers(0, 10**18)), 
 
 
 @given(PICTURES, st.lists(st.integers(0, 2000), max_size=8))
-def test_stream_in_any_chunks_is_read_completely(pictures: list[tuple[bytes, int]], cuts: list[int]) -> None:
-    stream = mjpeg.OPENING + b"".join(mjpeg.part(*picture) for picture in pictures)
+def test_stream_in_any_chunks_is_read_completely(images: list[tuple[bytes, int]], cuts: list[int]) -> None:
+    stream = mjpeg.OPENING + b"".join(mjpeg.part(*image) for image in images)
     edges = [0, *sorted(min(cut, len(stream)) for cut in cuts), len(stream)]
     reader = mjpeg.PartReader()
-    assert [one for a, b in itertools.pairwise(edges) for one in reader.feed(stream[a:b])] == pictures
+    assert [one for a, b in itertools.pairwise(edges) for one in reader.feed(stream[a:b])] == images
 
 
 @given(st.lists(st.binary(max_size=3000), max_size=5))

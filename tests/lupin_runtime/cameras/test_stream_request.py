@@ -79,7 +79,7 @@ def test_invalid_queries_are_refused(query: dict[str, str]) -> None:
         ("/photo", Source("/photo", True)),
     ],
 )
-def test_compressed_pictures_are_preferred(topic: str, source: Source) -> None:
+def test_compressed_images_are_preferred(topic: str, source: Source) -> None:
     assert choose_source(StreamRequest(topic), GRAPH) == source
 
 

@@ -55,7 +55,7 @@ def listed(graph_host: GraphHost, client: VideoClient, topics: list[str]) -> Non
     graph_host.until(lambda: [row["topic"] for row in client.json("/streams")] == topics, what=f"the cameras {topics}")
 
 
-def test_raw_and_compressed_pictures_reach_a_client(graph_host: GraphHost, peer: LupinNode, client: VideoClient) -> None:
+def test_raw_and_compressed_images_reach_a_client(graph_host: GraphHost, peer: LupinNode, client: VideoClient) -> None:
     from sensor_msgs.msg import CompressedImage, Image
 
     raw, companion = peer.publisher(CAMERA), peer.publisher(graph.compressed(CAMERA))
@@ -67,9 +67,9 @@ def test_raw_and_compressed_pictures_reach_a_client(graph_host: GraphHost, peer:
     message = CompressedImage(format="rgb8; jpeg compressed bgr8", data=JPEG)
     message.header.stamp.sec = 7
     companion.publish(message)
-    assert photo.picture() == (JPEG, 7_000_000_000)
+    assert photo.image() == (JPEG, 7_000_000_000)
     overlay.publish(Image(height=48, width=64, encoding="bgr8", step=192, data=BGR.tobytes()))
-    assert decoded(drawn.picture()[0]).shape == BGR.shape
+    assert decoded(drawn.image()[0]).shape == BGR.shape
     photo.close()
     graph_host.until(lambda: companion.get_subscription_count() == 0, what="the end of the subscription")
 
@@ -93,10 +93,10 @@ def test_stream_continues_when_unplugged_camera_returns(
     stream = client.stream(STREAM)
     graph_host.until(publisher.get_subscription_count)
     publisher.publish(CompressedImage(data=JPEG + b"1"))
-    assert stream.picture()[0] == JPEG + b"1"
+    assert stream.image()[0] == JPEG + b"1"
     graph_host.remove(driver)
     listed(graph_host, client, [])
-    assert f"no node publishes pictures on {CAMERA.name}" in client.text(STREAM, 404)
+    assert f"no node publishes images on {CAMERA.name}" in client.text(STREAM, 404)
     _, publisher = plug(ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT)
 
     def back() -> bool:
@@ -108,7 +108,7 @@ def test_stream_continues_when_unplugged_camera_returns(
     for _ in range(20):
         publisher.publish(CompressedImage(data=JPEG + b"2"))
         time.sleep(0.05)
-    assert stream.picture()[0] == JPEG + b"2"
+    assert stream.image()[0] == JPEG + b"2"
 
 
 def test_port_in_use_is_reported_and_leaves_nothing(graph_host: GraphHost, peer: LupinNode) -> None:

@@ -16,7 +16,7 @@ from lupin_runtime.cameras.http_server import VideoHttpServer
 from lupin_runtime.cameras.stream_request import IMAGE
 from lupin_runtime.cameras.video_streams import VideoStreams
 from tests.support.image_messages import decoded, gradient, jpeg
-from tests.support.published_pictures import PublishedPictures
+from tests.support.published_images import PublishedImages
 from tests.support.video_client import VideoClient
 
 BGR = gradient()
@@ -32,8 +32,8 @@ def until(condition: Callable[[], Any], what: str) -> Any:
 
 
 @pytest.fixture
-def graph() -> PublishedPictures:
-    return PublishedPictures()
+def graph() -> PublishedImages:
+    return PublishedImages()
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def warnings() -> list[str]:
 
 
 @pytest.fixture
-def server(graph: PublishedPictures, warnings: list[str]) -> Iterator[VideoHttpServer]:
+def server(graph: PublishedImages, warnings: list[str]) -> Iterator[VideoHttpServer]:
     made = VideoHttpServer("127.0.0.1", 0, VideoStreams(graph, warnings.append))
     made.start()
     yield made
@@ -56,20 +56,20 @@ def client(server: VideoHttpServer) -> Iterator[VideoClient]:
     made.close()
 
 
-def watched(graph: PublishedPictures) -> int:
+def watched(graph: PublishedImages) -> int:
     return len(graph.subscriptions)
 
 
-def test_jpeg_pictures_are_forwarded_with_their_stamps(graph: PublishedPictures, client: VideoClient) -> None:
+def test_jpeg_images_are_forwarded_with_their_stamps(graph: PublishedImages, client: VideoClient) -> None:
     stream = client.stream("/stream?topic=/jpeg")
     assert stream.headers["Content-Type"].startswith("multipart/x-mixed-replace; boundary=")
     for number in range(1, 5):
         graph.publish(JPEG + bytes([number]), stamp_ns=number * 1_000_000_001)
-        assert stream.picture() == (JPEG + bytes([number]), number * 1_000_000_001)
+        assert stream.image() == (JPEG + bytes([number]), number * 1_000_000_001)
 
 
-def test_raw_pictures_are_encoded_once_for_all_clients(
-    graph: PublishedPictures, server: VideoHttpServer, client: VideoClient, monkeypatch: pytest.MonkeyPatch
+def test_raw_images_are_encoded_once_for_all_clients(
+    graph: PublishedImages, server: VideoHttpServer, client: VideoClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     encoded: list[int] = []
 
@@ -83,35 +83,35 @@ def test_raw_pictures_are_encoded_once_for_all_clients(
     until(lambda: sum(row["clients"] for row in server.streams.describe()) == 4, "four clients")
     for number in range(1, 4):
         graph.publish_raw(number)
-        pictures = {stream.picture() for stream in streams}
-        assert len(pictures) == 1 and len(encoded) == number
-    assert decoded(next(iter(pictures))[0]).shape == BGR.shape
+        images = {stream.image() for stream in streams}
+        assert len(images) == 1 and len(encoded) == number
+    assert decoded(next(iter(images))[0]).shape == BGR.shape
     assert graph.subscribe_count == 1
 
 
 @pytest.mark.parametrize("topic", ["/raw", "/jpeg"])
-def test_clients_get_the_width_that_they_asked_for(graph: PublishedPictures, client: VideoClient, topic: str) -> None:
+def test_clients_get_the_width_that_they_asked_for(graph: PublishedImages, client: VideoClient, topic: str) -> None:
     small, full = client.stream(f"/stream?topic={topic}&width=32"), client.stream(f"/stream?topic={topic}")
     until(lambda: watched(graph) == 1, "one subscription for both")
     graph.publish(JPEG, 1)
     graph.publish_raw(1)
-    assert decoded(small.picture()[0]).shape == (24, 32, 3)
-    assert decoded(full.picture()[0]).shape == BGR.shape
+    assert decoded(small.image()[0]).shape == (24, 32, 3)
+    assert decoded(full.image()[0]).shape == BGR.shape
 
 
-def test_camera_is_subscribed_to_only_while_it_has_clients(graph: PublishedPictures, client: VideoClient) -> None:
+def test_camera_is_subscribed_to_only_while_it_has_clients(graph: PublishedImages, client: VideoClient) -> None:
     assert watched(graph) == 0
     streams = [client.stream("/stream?topic=/jpeg") for _ in range(3)]
     assert watched(graph) == 1
     for stream in streams[:2]:
         stream.close()
     graph.publish(JPEG)
-    streams[2].picture()
+    streams[2].image()
     streams[2].close()
-    until(lambda: watched(graph) == 0, "the end of the subscription, though no picture comes")
+    until(lambda: watched(graph) == 0, "the end of the subscription, though no image comes")
 
 
-def test_streams_opened_and_closed_quickly_leave_nothing(graph: PublishedPictures, server: VideoHttpServer) -> None:
+def test_streams_opened_and_closed_quickly_leave_nothing(graph: PublishedImages, server: VideoHttpServer) -> None:
     threads_before = threading.active_count()
 
     def visit() -> None:
@@ -131,7 +131,7 @@ def test_streams_opened_and_closed_quickly_leave_nothing(graph: PublishedPicture
 
 
 def test_client_that_never_reads_is_disconnected(
-    graph: PublishedPictures, server: VideoHttpServer, client: VideoClient, monkeypatch: pytest.MonkeyPatch
+    graph: PublishedImages, server: VideoHttpServer, client: VideoClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(http_server._Handler, "timeout", 1.0)
     large = JPEG + bytes(1_000_000)
@@ -143,25 +143,25 @@ def test_client_that_never_reads_is_disconnected(
     until(lambda: server.streams.describe()[0]["clients"] == 2, "both clients")
     for number in range(1, 20):
         graph.publish(large, number)
-        assert reader.picture()[1] == number
+        assert reader.image()[1] == number
     until(lambda: server.streams.describe()[0]["clients"] == 1, "the end of the client that does not read")
     stuck.close()
 
 
-def test_slow_client_gets_the_newest_picture(graph: PublishedPictures, client: VideoClient) -> None:
+def test_slow_client_gets_the_newest_image(graph: PublishedImages, client: VideoClient) -> None:
     stream = client.stream("/stream?topic=/jpeg")
     for number in range(1, 200):
         graph.publish(JPEG + bytes(100_000), number)
     seen: list[int] = []
     while not seen or seen[-1] != 199:
-        seen.append(stream.picture()[1])
+        seen.append(stream.image()[1])
     assert seen == sorted(seen) and len(seen) < 150
 
 
-def test_snapshot_is_taken_after_the_request(graph: PublishedPictures, client: VideoClient) -> None:
+def test_snapshot_is_taken_after_the_request(graph: PublishedImages, client: VideoClient) -> None:
     stream = client.stream("/stream?topic=/jpeg")
     graph.publish(JPEG + b"old", 1)
-    stream.picture()
+    stream.image()
     answer: list[Any] = []
     asking = threading.Thread(target=lambda: answer.extend(client.get("/snapshot?topic=/jpeg")))
     asking.start()
@@ -176,26 +176,26 @@ def test_snapshot_is_taken_after_the_request(graph: PublishedPictures, client: V
 
 
 def test_snapshot_of_silent_camera_is_refused_with_reason(
-    graph: PublishedPictures, client: VideoClient, monkeypatch: pytest.MonkeyPatch
+    graph: PublishedImages, client: VideoClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(http_server, "SNAPSHOT_TIMEOUT_S", 0.2)
-    assert "no picture came from /jpeg within 0.2 s" in client.text("/snapshot?topic=/jpeg", 504)
+    assert "no image came from /jpeg within 0.2 s" in client.text("/snapshot?topic=/jpeg", 504)
     until(lambda: watched(graph) == 0, "the end of the subscription")
 
 
-def test_cameras_are_listed_with_their_rate(graph: PublishedPictures, client: VideoClient) -> None:
+def test_cameras_are_listed_with_their_rate(graph: PublishedImages, client: VideoClient) -> None:
     idle = {"clients": 0, "fps": None, "age_s": None}
     assert client.json("/streams") == [{"topic": "/jpeg", "jpeg": True, **idle}, {"topic": "/raw", "jpeg": False, **idle}]
     stream = client.stream("/stream?topic=/jpeg")
     for _ in range(10):
         graph.publish(JPEG)
-        stream.picture()
+        stream.image()
         time.sleep(0.01)
     row = client.json("/streams")[0]
     assert row["clients"] == 1 and 10 < row["fps"] < 200 and 0 <= row["age_s"] < 10
 
 
-def test_html_pages_escape_topic_names(graph: PublishedPictures, client: VideoClient) -> None:
+def test_html_pages_escape_topic_names(graph: PublishedImages, client: VideoClient) -> None:
     graph.topics["/<script>alert(1)</script>"] = [IMAGE]
     page = client.text("/")
     assert "stream?topic=/jpeg" in page and "<script>" not in page
@@ -219,15 +219,15 @@ def test_refusals_name_the_valid_choices(client: VideoClient, path: str, status:
     assert reason in client.text(path, status)
 
 
-def test_graph_that_does_not_respond_is_reported(graph: PublishedPictures, client: VideoClient) -> None:
+def test_graph_that_does_not_respond_is_reported(graph: PublishedImages, client: VideoClient) -> None:
     graph.silent = True
     for path in ("/stream?topic=/jpeg", "/snapshot?topic=/jpeg", "/streams"):
         assert "has not responded" in client.text(path, 504)
 
 
 @pytest.mark.parametrize("damaged", [b"", b"\xff\xd8", b"\x89PNG damaged", bytes(5000)])
-def test_damaged_pictures_are_skipped_and_logged_once(
-    graph: PublishedPictures, client: VideoClient, warnings: list[str], damaged: bytes
+def test_damaged_images_are_skipped_and_logged_once(
+    graph: PublishedImages, client: VideoClient, warnings: list[str], damaged: bytes
 ) -> None:
     stream = client.stream("/stream?topic=/jpeg")
     for _ in range(3):
@@ -235,11 +235,11 @@ def test_damaged_pictures_are_skipped_and_logged_once(
     until(lambda: warnings, "a warning")
     assert "error" in client.json("/streams")[0]
     graph.publish(JPEG, 9)
-    assert stream.picture() == (JPEG, 9)
+    assert stream.image() == (JPEG, 9)
     assert len(warnings) == 1 and "error" not in client.json("/streams")[0]
 
 
-def test_malformed_messages_are_reported(graph: PublishedPictures, client: VideoClient, warnings: list[str]) -> None:
+def test_malformed_messages_are_reported(graph: PublishedImages, client: VideoClient, warnings: list[str]) -> None:
     streams = [client.stream(f"/stream?topic={topic}") for topic in ("/jpeg", "/raw")]
     for receive in graph.subscriptions.values():
         receive(b"\0\1\0\0no message")
@@ -248,7 +248,7 @@ def test_malformed_messages_are_reported(graph: PublishedPictures, client: Video
     until(lambda: any("'rgb32' are not supported" in warning for warning in warnings), "a third")
     graph.publish(JPEG, 4)
     graph.publish_raw(4)
-    assert [stream.picture()[1] for stream in streams] == [4, 4]
+    assert [stream.image()[1] for stream in streams] == [4, 4]
 
 
 def test_client_without_a_request_is_disconnected(server: VideoHttpServer, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -268,7 +268,7 @@ def test_client_without_a_request_is_disconnected(server: VideoHttpServer, monke
     slow.close()
 
 
-def test_connections_per_address_are_limited(graph: PublishedPictures, server: VideoHttpServer) -> None:
+def test_connections_per_address_are_limited(graph: PublishedImages, server: VideoHttpServer) -> None:
     client = VideoClient(server.port)
     for _ in range(http_server.MAX_CONNECTIONS_PER_ADDRESS):
         client.stream("/stream?topic=/jpeg")
@@ -309,9 +309,9 @@ def test_hostile_requests_end_without_a_traceback(
     assert "Traceback" not in capfd.readouterr().err
 
 
-def test_stopping_the_server_ends_its_streams(graph: PublishedPictures, server: VideoHttpServer, client: VideoClient) -> None:
+def test_stopping_the_server_ends_its_streams(graph: PublishedImages, server: VideoHttpServer, client: VideoClient) -> None:
     stream = client.stream("/stream?topic=/jpeg")
     server.stop()
     with pytest.raises(EOFError):
-        stream.picture()
+        stream.image()
     until(lambda: watched(graph) == 0, "the end of the subscription")

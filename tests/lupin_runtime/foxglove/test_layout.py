@@ -48,6 +48,13 @@ def test_no_panel_can_move_or_change_anything() -> None:
     assert {identifier.split("!")[0] for identifier in PANELS} <= DISPLAY_PANELS
 
 
+def test_robot_is_drawn_from_its_description_in_both_views() -> None:
+    for panel in of_kind("3D"):
+        robot = panel["layers"]["robot"]
+        assert (robot["layerId"], robot["sourceType"]) == ("foxglove.Urdf", "topic")
+        assert robot["topic"] == graph.ROBOT_DESCRIPTION.name
+
+
 def test_named_topics_are_in_the_graph_with_a_fitting_type() -> None:
     for panel in of_kind("3D"):
         assert panel["topics"].keys() <= TYPES.keys()
@@ -69,9 +76,10 @@ def test_plotted_paths_name_fields_of_topics(path: str) -> None:
     assert isinstance(value, int | float | str)
 
 
-def test_map_velocity_battery_cameras_and_log_are_shown() -> None:
+def test_map_robot_markers_cameras_and_log_are_shown() -> None:
     shown = LAYOUT.read_text(encoding="utf-8")
     rows = (graph.MAP, graph.SCAN, graph.PLAN, graph.ODOM, graph.BATTERY, graph.ROSOUT, graph.MISSION_STATE, graph.ESTOP_STATE)
+    drawn = (graph.ROBOT_DESCRIPTION, graph.TAG_MARKERS, graph.BOX_MARKERS, graph.GOAL_MARKERS, graph.LOCAL_COSTMAP)
     cameras = (graph.BODY_IMAGE_SIM, graph.BODY_IMAGE_ROBOT, graph.GRIPPER_IMAGE)
-    for row in (*rows, *map(graph.compressed, cameras)):
+    for row in (*rows, *drawn, *map(graph.compressed, cameras)):
         assert row.name in shown

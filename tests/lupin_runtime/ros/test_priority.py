@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from lupin_runtime.ros.priority import NICE, serve_first
+from lupin_runtime.ros.priority import NICE, request_realtime_scheduling
 
 pytestmark = pytest.mark.graph  # the import loads rclpy
 
@@ -20,7 +20,7 @@ def refuse(*_: object) -> None:
 def test_refused_priority_changes_nothing_and_names_the_fix(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(os, "setpriority", refuse)
-    result = serve_first()
+    result = request_realtime_scheduling()
     assert result.startswith("ordinary") and "LimitRTPRIO=1" in result and f"LimitNICE={NICE}" in result
 
 
@@ -28,17 +28,17 @@ def test_without_real_time_a_nice_value_is_requested(monkeypatch: pytest.MonkeyP
     asked: list[int] = []
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(os, "setpriority", lambda _, __, value: asked.append(value))
-    assert serve_first().startswith(f"nice {NICE}")
+    assert request_realtime_scheduling().startswith(f"nice {NICE}")
     assert set(asked) == {NICE}
 
 
 def test_permitted_priority_is_set_for_every_thread() -> None:
     code = (
         "import os, threading\n"
-        "from lupin_runtime.ros.priority import serve_first\n"
+        "from lupin_runtime.ros.priority import request_realtime_scheduling\n"
         "gate = threading.Event()\n"
         "[threading.Thread(target=gate.wait, daemon=True).start() for _ in range(3)]\n"
-        "result = serve_first()\n"
+        "result = request_realtime_scheduling()\n"
         "print(result.split()[0], len({os.sched_getscheduler(int(t)) for t in os.listdir('/proc/self/task')}))\n"
         "gate.set()\n"
     )

@@ -29,7 +29,7 @@ def test_timer_runs_between_queued_functions(graph_host: GraphHost) -> None:
 
     futures = [ros.run(lambda number=number: work(number)) for number in range(100)]  # type: ignore[misc]
     graph_host.add(node)
-    graph_host.until(lambda: futures[-1].done(), what="all work")
+    graph_host.until(lambda: futures[-1].done(), what="all work to be done")
     assert done == list(range(100))
     between = [count for count in ticks if 0 < count < 100]
     assert len(between) > 10, "half a second of work leaves time for the timer"
