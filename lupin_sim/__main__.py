@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from lupin_sim.controllers import STATES
+from lupin_sim.graph_claim import GraphTaken, claim_graph
 from lupin_sim.wheels import DRIVES
+from lupin_sim.world import World
 from lupin_sim.worlds import WorldError, load_world
 
 
@@ -27,14 +29,24 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run until SIGTERM or SIGINT. Returns 0, 1 after a failure, 2 for invalid arguments."""
+    """Run until SIGTERM or SIGINT. Returns 0, 1 after a failure or beside another simulator, 2 for invalid arguments."""
     arguments = _arguments(argv)
-    # MuJoCo and rclpy take half a second to import, so they are imported after the check of the arguments.
+    # MuJoCo and rclpy take half a second to import, so they are imported after the checks.
     try:
         world = load_world(arguments.world, arguments.seed)
     except WorldError as error:
         print(f"lupin_sim: {error}", file=sys.stderr)
         return 2
+    try:
+        claim = claim_graph()  # held until this process exits
+    except GraphTaken as error:
+        print(f"lupin_sim: {error}", file=sys.stderr)
+        return 1
+    with claim:
+        return _simulate(arguments, world)
+
+
+def _simulate(arguments: argparse.Namespace, world: World) -> int:
     from lupin_runtime.ros import run
     from lupin_runtime.ros.supervision import Supervision
     from lupin_sim.engine import Simulation

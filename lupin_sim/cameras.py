@@ -43,5 +43,5 @@ class CameraRig:
 
 
 def new_image() -> NDArray[np.uint8]:
-    """An image buffer for `CameraRig.render`."""
+    """Return an image buffer for `CameraRig.render`."""
     return np.zeros((mirte.IMAGE_HEIGHT, mirte.IMAGE_WIDTH, 3), np.uint8)

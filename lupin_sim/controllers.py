@@ -36,8 +36,8 @@ class ControllerManager:
             raise ValueError(f"controllers cannot start in state {state!r}; choose one of {', '.join(STATES)}")
         self.states = dict.fromkeys(CONTROLLERS, state)
 
-    def active(self, name: str) -> bool:
-        """Whether a controller is active, together with the one that it needs."""
+    def is_active(self, name: str) -> bool:
+        """Return whether a controller is active, together with the one that it needs."""
         needed = NEEDS.get(name)
         return self.states[name] == ACTIVE and (needed is None or self.states[needed] == ACTIVE)
 
@@ -47,11 +47,11 @@ class ControllerManager:
         return tuple(name for name, state in self.states.items() if state != UNLOADED)
 
     def load(self, name: str) -> ControllerReply:
-        """unloaded -> unconfigured."""
+        """Load a controller: unloaded -> unconfigured."""
         return self._move(name, UNLOADED, UNCONFIGURED)
 
     def configure(self, name: str) -> ControllerReply:
-        """unconfigured -> inactive; an inactive controller may be configured again."""
+        """Configure a controller: unconfigured -> inactive; an inactive one may be configured again."""
         if self.states.get(name) == INACTIVE:
             return ControllerReply(True)
         return self._move(name, UNCONFIGURED, INACTIVE)

@@ -123,9 +123,9 @@ class Simulation:
         Returns whether all changes were made, and what was refused.
         """
         with self.lock:
-            was_active = self.controllers.active("mirte_master_arm_controller")
+            was_active = self.controllers.is_active("mirte_master_arm_controller")
             reply = self.controllers.switch(activate, deactivate, strict)
-            if self.controllers.active("mirte_master_arm_controller") and not was_active:
+            if self.controllers.is_active("mirte_master_arm_controller") and not was_active:
                 self.arm.hold(self.servos.angles[:4])
                 self.gripper_command = self.servos.angles[4]
             return reply.ok, reply.message
@@ -191,13 +191,13 @@ class Simulation:
         return self._lidar.true_ranges(self.data)
 
     def imu(self) -> Imu:
-        """A sample of gyroscope and accelerometer."""
+        """Return a sample of gyroscope and accelerometer."""
         gyro = self.data.sensordata[0:3] + self._imu_rng.normal(size=3) * GYRO_NOISE_RADPS
         force = self.data.sensordata[3:6] + self._imu_rng.normal(size=3) * ACCELEROMETER_NOISE_MPS2
         return Imu(tuple(map(float, gyro)), tuple(map(float, force)))  # type: ignore[arg-type]
 
     def joints(self) -> Joints:
-        """The joint states of arm, gripper and wheels."""
+        """Return the joint states of arm, gripper and wheels."""
         arm_speeds = [float(self.data.qvel[i]) for i in self._arm_dofs]
         return Joints(
             (*graph.ARM_JOINTS, graph.GRIPPER_JOINT, *graph.WHEEL_JOINTS),
@@ -252,7 +252,7 @@ class Simulation:
 
     def _step_wheels(self) -> NDArray[np.float64]:
         is_recent = (self.tick - self._command_tick) * TICK_S < mirte.COMMAND_TIMEOUT_S
-        drives = is_recent and self.controllers.active("mirte_base_controller")
+        drives = is_recent and self.controllers.is_active("mirte_base_controller")
         speeds = self.drive.step(wheels_from_twist(np.array(self._twist if drives else NO_TWIST)), TICK_S)
         self.wheel_angles = self.wheel_angles + speeds * TICK_S
         return speeds
@@ -266,9 +266,9 @@ class Simulation:
 
     def _step_arm(self) -> None:
         arm: tuple[float | None, ...] = (None,) * 4
-        if self.controllers.active("mirte_master_arm_controller"):
+        if self.controllers.is_active("mirte_master_arm_controller"):
             arm = self.arm.step(self.time_s)
-        gripper = self.gripper_command if self.controllers.active("mirte_master_gripper_controller") else None
+        gripper = self.gripper_command if self.controllers.is_active("mirte_master_gripper_controller") else None
         self.servos.write([*arm, gripper])
         was_limp = bool(self.model.opt.disableactuator)
         self.model.opt.disableactuator = 0 if self.servos.torque else 1 << robot_model.SERVO_ACTUATOR_GROUP
@@ -281,7 +281,7 @@ class Simulation:
         self.data.ctrl[self._servo_actuators] = physical
 
     def _touched_object(self) -> str | None:
-        """The name of an object that touches the robot, except the floor; None without contact."""
+        """Return the name of an object that touches the robot, except the floor; None without contact."""
         for index in range(self.data.ncon):
             one, other = (int(v) for v in self.data.contact[index].geom)
             if self._is_robot[one] == self._is_robot[other]:

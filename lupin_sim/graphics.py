@@ -17,7 +17,7 @@ _BACKENDS = (
 
 
 def usable_backend() -> str:
-    """The value for MUJOCO_GL: the first usable of `egl` and `osmesa`, else `disable`."""
+    """Return the value for MUJOCO_GL: the first usable of `egl` and `osmesa`, else `disable`."""
     for backend, libraries in _BACKENDS:
         if all(any(_can_load(name) for name in names) for names in libraries):
             return backend

@@ -17,7 +17,7 @@ from lupin_sim.cameras import CameraRig, GraphicsUnavailable
 from lupin_sim.engine import Simulation
 from lupin_sim.pacing import Pacer
 from lupin_sim.publishing import Stamps, StatePublishers, camera_publishers, new_camera_rig
-from lupin_sim.sensor_faults import SensorFaults, UnknownFault
+from lupin_sim.sensor_faults import InvalidFault, SensorFaults
 from lupin_sim.truth import TruthRecorder
 from lupin_sim.vendor import VendorInterface
 
@@ -120,7 +120,7 @@ class SimulatedRobot(LupinNode):
     def _set_fault(self, message: String) -> None:
         try:
             self._faults.apply(message.data)
-        except UnknownFault as error:
+        except InvalidFault as error:
             self.get_logger().warning(str(error))
 
     def _report_stalls(self) -> None:

@@ -31,7 +31,7 @@ class Pacer:
         self._anchor_sim_s = self._start_sim_s = sim_s
 
     def wait_s(self, sim_s: float) -> float:
-        """How long to sleep before the step after the simulated time `sim_s`."""
+        """Return how long to sleep before the step after the simulated time `sim_s`."""
         if self.speed <= 0.0:
             return 0.0
         now = time.monotonic()

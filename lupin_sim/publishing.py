@@ -23,14 +23,15 @@ from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, CameraInfo, CompressedImage, Image, Imu, JointState, LaserScan
+from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from lupin_runtime import graph
 from lupin_runtime.geometry import quaternion_from_yaw
-from lupin_runtime.ros import LupinNode, TransformBroadcaster, stamp_from_ns
+from lupin_runtime.ros import LupinNode, TransformBroadcaster, stamp_from_ns, stamp_ns
 from lupin_runtime.ros.tf import to_message
 from lupin_runtime.transforms import Quaternion, Transform
-from lupin_sim import lidar, mirte, robot_model
+from lupin_sim import lidar, mirte, robot_model, urdf
 from lupin_sim.cameras import CameraRig, new_image
 from lupin_sim.engine import Simulation
 from lupin_sim.sensor_faults import SensorFaults
@@ -49,6 +50,7 @@ SCHEDULE_STATE = (2, 0)
 SCHEDULE_SCAN = (10, 2)
 SCHEDULE_BODY_IMAGE = (10, 4)
 SCHEDULE_GRIPPER_IMAGE = (10, 8)
+SCHEDULE_LINKS = (10, 6)
 SCHEDULE_BUTTON = (10, 0)
 SCHEDULE_SERVO = (10, 0)
 SCHEDULE_BATTERY = (100, 0)
@@ -76,7 +78,7 @@ class Stamps:
     wall_clock: bool = False
 
     def now(self) -> Time:
-        """The stamp of this tick."""
+        """Return the stamp of this tick."""
         now_ns = time.time_ns() if self.wall_clock else self.simulation.time_ns
         # A stamp cannot be before the epoch.
         return stamp_from_ns(max(1, now_ns + self.faults.clock_offset_ns))
@@ -97,6 +99,8 @@ class StatePublishers:
         self._tf_camera.header.frame_id = graph.BASE_FRAME
         self._tf_camera.child_frame_id = graph.GRIPPER_CAMERA_FRAME
         self._tf = node.publisher(graph.TF)
+        self._links = urdf.LinkPoses(simulation.model)
+        self._description = node.publisher(graph.ROBOT_DESCRIPTION)
         self._joints, self._joints_message = node.publisher(graph.JOINT_STATES), JointState()
         self._joints_message.name = list(simulation.joints().names)
         self._imu, self._imu_message = node.publisher(graph.IMU), _imu_message()
@@ -109,6 +113,7 @@ class StatePublishers:
             (SCHEDULE_STATE, self._publish_odometry),
             (SCHEDULE_STATE, self._publish_joints),
             (SCHEDULE_STATE, self._publish_imu),
+            (SCHEDULE_LINKS, self._publish_links),
             (SCHEDULE_SCAN, self._publish_scan),
             (SCHEDULE_BUTTON, self._publish_button),
             (SCHEDULE_SERVO, self._publish_servos),
@@ -116,18 +121,14 @@ class StatePublishers:
         )
 
     def announce(self) -> None:
-        """Publish the static transforms."""
+        """Publish the static transforms and the URDF."""
         now_ns = self._simulation.time_ns
-        laser = Transform(mirte.LIDAR_POSITION, quaternion_from_yaw(mirte.LIDAR_YAW_RAD))
-        self._broadcaster.send_static(
-            to_message(graph.BASE_FRAME, graph.LASER_FRAME, now_ns, laser),
-            to_message(
-                graph.BASE_FRAME,
-                graph.BODY_CAMERA_FRAME,
-                now_ns,
-                _camera_transform(self._simulation, robot_model.BODY_CAMERA),
-            ),
-        )
+        sensors = {
+            graph.LASER_FRAME: Transform(mirte.LIDAR_POSITION, quaternion_from_yaw(mirte.LIDAR_YAW_RAD)),
+            graph.BODY_CAMERA_FRAME: _camera_transform(self._simulation, robot_model.BODY_CAMERA),
+        }
+        self._broadcaster.send_static(*(to_message(graph.BASE_FRAME, frame, now_ns, at) for frame, at in sensors.items()))
+        self._description.publish(String(data=urdf.robot_description(self._simulation.model, sensors)))
 
     def publish_due(self) -> None:
         """Publish the messages that are due at this tick."""
@@ -144,7 +145,7 @@ class StatePublishers:
 
     def _publish_odometry(self, stamp: Time) -> None:
         transforms = []
-        if self._simulation.controllers.active("mirte_base_controller") and not self._faults.silent("odometry"):
+        if self._simulation.controllers.is_active("mirte_base_controller") and not self._faults.is_silent("odometry"):
             pose, twist = self._simulation.odometry.pose, self._simulation.odometry.twist
             message = self._odometry_message
             message.header.stamp = stamp
@@ -159,7 +160,7 @@ class StatePublishers:
             self._tf_odom.transform.translation.x, self._tf_odom.transform.translation.y = pose.x, pose.y
             self._tf_odom.transform.rotation = rotation
             transforms.append(self._tf_odom)
-        if self._simulation.controllers.active("joint_state_broadcaster"):
+        if self._simulation.controllers.is_active("joint_state_broadcaster"):
             camera = _camera_transform(self._simulation, robot_model.GRIPPER_CAMERA)
             self._tf_camera.header.stamp = stamp
             t, q = self._tf_camera.transform.translation, self._tf_camera.transform.rotation
@@ -170,7 +171,7 @@ class StatePublishers:
             self._tf.publish(TFMessage(transforms=transforms))
 
     def _publish_joints(self, stamp: Time) -> None:
-        if not self._simulation.controllers.active("joint_state_broadcaster"):
+        if not self._simulation.controllers.is_active("joint_state_broadcaster"):
             return
         joints = self._simulation.joints()
         self._joints_message.header.stamp = stamp
@@ -178,9 +179,19 @@ class StatePublishers:
         self._joints_message.velocity = array("d", joints.velocities)
         self._joints.publish(self._joints_message)
 
+    def _publish_links(self, stamp: Time) -> None:
+        """Publish the arm's links as robot_state_publisher does, at a lower rate: they are for viewers only."""
+        if not self._simulation.controllers.is_active("joint_state_broadcaster"):
+            return
+        poses = self._links.read(self._simulation.data, self._simulation.servos.angles[-1])
+        time_ns = stamp_ns(stamp)
+        self._broadcaster.send(
+            *(to_message(parent, child, time_ns, pose) for (parent, child), pose in zip(self._links.frames, poses))
+        )
+
     def _publish_imu(self, stamp: Time) -> None:
         sample = self._simulation.imu()
-        if not self._imu.get_subscription_count() or self._faults.silent("board"):
+        if not self._imu.get_subscription_count() or self._faults.is_silent("board"):
             return
         message = self._imu_message
         message.header.stamp = stamp
@@ -190,7 +201,7 @@ class StatePublishers:
         self._imu.publish(message)
 
     def _publish_scan(self, stamp: Time) -> None:
-        ranges = self._faults.scan(self._simulation.scan())
+        ranges = self._faults.distort_scan(self._simulation.scan())
         if ranges is None:
             return
         self._scan_message.header.stamp = stamp
@@ -198,7 +209,7 @@ class StatePublishers:
         self._scan.publish(self._scan_message)
 
     def _publish_button(self, stamp: Time) -> None:
-        if self._faults.silent("board"):
+        if self._faults.is_silent("board"):
             return
         self._button_message.header.stamp = stamp
         self._button_message.value = self._simulation.estop_pressed
@@ -214,7 +225,7 @@ class StatePublishers:
                 publisher.publish(message)
 
     def _publish_battery(self, stamp: Time) -> None:
-        if self._faults.silent("board"):
+        if self._faults.is_silent("board"):
             return
         message = self._battery_message
         message.header.stamp = stamp
@@ -254,7 +265,7 @@ class CameraPublisher:
     def publish_due(self, rig: CameraRig) -> None:
         """Render and publish, if the camera is due at this tick and has subscribers."""
         period, offset = self._schedule
-        if self._simulation.tick % period != offset or self._faults.silent("camera"):
+        if self._simulation.tick % period != offset or self._faults.is_silent("camera"):
             return
         stamp = self._stamps.now()
         raw, jpeg = self._raw.get_subscription_count(), self._jpeg.get_subscription_count()
@@ -279,7 +290,7 @@ class CameraPublisher:
 
 
 def camera_publishers(node: LupinNode, stamps: Stamps) -> tuple[CameraPublisher, ...]:
-    """The publishers of the body camera and the gripper camera."""
+    """Return the publishers of the body camera and the gripper camera."""
     rows = (
         (graph.BODY_IMAGE_SIM, robot_model.BODY_CAMERA, graph.BODY_CAMERA_FRAME, SCHEDULE_BODY_IMAGE),
         (graph.GRIPPER_IMAGE, robot_model.GRIPPER_CAMERA, graph.GRIPPER_CAMERA_FRAME, SCHEDULE_GRIPPER_IMAGE),
@@ -288,7 +299,7 @@ def camera_publishers(node: LupinNode, stamps: Stamps) -> tuple[CameraPublisher,
 
 
 def new_camera_rig(model: mujoco.MjModel) -> CameraRig:
-    """A renderer for the calling thread; also limits OpenCV to one core."""
+    """Return a renderer for the calling thread; also limits OpenCV to one core."""
     cv2.setNumThreads(1)
     return CameraRig(model)
 

@@ -39,7 +39,7 @@ class FreeSpace:
         self.reachable: NDArray[np.bool_] = (labels == start_label) & self.free if start_label else np.zeros_like(self.free)
 
     def reaches(self, x: float, y: float) -> bool:
-        """Whether the robot can drive from the start to a point."""
+        """Return whether the robot can drive from the start to a point."""
         row, column = self._cell(x, y)
         inside = 0 <= row < self.reachable.shape[0] and 0 <= column < self.reachable.shape[1]
         return inside and bool(self.reachable[row, column])
@@ -63,7 +63,7 @@ def _distance(box: Box, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArr
 
 
 def reachable_tags(world: World, radius_m: float = ROBOT_RADIUS_M, standoff_m: float = STANDOFF_M) -> frozenset[int]:
-    """The ids of the tags for which the robot can drive from the start to a point `standoff_m` in front of the plate."""
+    """Return the ids of the tags for which the robot can drive from the start to a point `standoff_m` in front of the plate."""
     space = FreeSpace(world, radius_m)
     found = set()
     for tag in world.tags:

@@ -62,7 +62,7 @@ class Renderer:
         self._simulation.set_leds(*leds)
 
     def render(self, camera: str, path: Sequence[Pose2] = ()) -> Image:
-        """An RGB image of shape (height, width, 3). The free cameras show `path` on the floor. Raises ValueError."""
+        """Return an RGB image of shape (height, width, 3). The free cameras show `path` on the floor. Raises ValueError."""
         if camera in _ROBOT_CAMERAS:
             self._renderer.update_scene(self._simulation.data, camera=_ROBOT_CAMERAS[camera])
         else:
@@ -92,11 +92,11 @@ class Renderer:
             view.azimuth, view.elevation = 22.0 if tall else 68.0, -46.0
             view.distance = 1.04 * max(away / 2 / tangent, across / 2 / (tangent * aspect)) + 1.2
         else:
-            raise ValueError(f"there is no camera {camera!r}; there are: {', '.join(CAMERAS)}")
+            raise ValueError(f"unknown camera {camera!r}; expected one of: {', '.join(CAMERAS)}")
         return view
 
     def _smooth_yaw(self, yaw: float) -> float:
-        """The low-pass filtered yaw, so that the following camera turns smoothly."""
+        """Return the low-pass filtered yaw, so that the following camera turns smoothly."""
         if self._follow_yaw is None:
             self._follow_yaw = yaw
         self._follow_yaw += 0.06 * wrap_angle(yaw - self._follow_yaw)
@@ -140,9 +140,17 @@ def picture(world: World, out: Path, camera: str = "overview", frames: Sequence[
         raise OSError(f"{out} could not be written")
 
 
-def film(world: World, out: Path, frames: Sequence[FilmFrame], rate_hz: float, camera: str = "follow") -> None:
+def film(
+    world: World,
+    out: Path,
+    frames: Sequence[FilmFrame],
+    rate_hz: float,
+    camera: str = "follow",
+    progress: Callable[[float], None] = lambda _: None,
+) -> None:
     """Write a film of a drive, with the images of the robot's cameras in the corners; the suffix of `out` selects MP4 or GIF.
 
+    `progress` gets the share of frames that are drawn, from 0 to 1.
     Raises like `picture`.
     """
     _check_arguments(camera, out, FILM_TYPES)
@@ -156,11 +164,12 @@ def film(world: World, out: Path, frames: Sequence[FilmFrame], rate_hz: float, c
             for corner, name in enumerate(_ROBOT_CAMERAS):
                 _paste(image, cv2.cvtColor(renderer.render(name), cv2.COLOR_RGB2BGR), corner)
             write(image)
+            progress((index + 1) / len(frames))
 
 
 def _check_arguments(camera: str, out: Path, types: Sequence[str]) -> None:
     if camera not in CAMERAS:
-        raise ValueError(f"there is no camera {camera!r}; there are: {', '.join(CAMERAS)}")
+        raise ValueError(f"unknown camera {camera!r}; expected one of: {', '.join(CAMERAS)}")
     if out.suffix.lower() not in types:
         raise ValueError(f"{out}: the name must end in {' or '.join(types)}")
 

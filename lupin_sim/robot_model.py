@@ -44,14 +44,14 @@ _JOINT = mujoco.mjtJoint
 
 
 def quaternion(matrix: NDArray[np.float64]) -> list[float]:
-    """The quaternion (w, x, y, z), in MuJoCo's order, of a rotation matrix of shape (3, 3)."""
+    """Return the quaternion (w, x, y, z), in MuJoCo's order, of a rotation matrix of shape (3, 3)."""
     out = np.zeros(4)
     mujoco.mju_mat2Quat(out, np.asarray(matrix, float).ravel())
     return [float(v) for v in out]
 
 
 def yaw_quaternion(yaw_rad: float) -> list[float]:
-    """The quaternion (w, x, y, z) of a rotation about z."""
+    """Return the quaternion (w, x, y, z) of a rotation about z."""
     return [math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)]
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lupin_runtime.bounded_file import MAX_TRAJECTORY_BYTES, read_bounded_text
 from lupin_runtime.geometry import Pose2
 
 Array = NDArray[np.float64]
@@ -56,14 +57,14 @@ class Score:
     world_from_map: tuple[float, float, float]
 
     def as_json(self) -> dict[str, Any]:
-        """The score as JSON values."""
+        """Return the score as JSON values."""
         return asdict(self)
 
 
 def read_tum(path: Path) -> Array:
-    """A TUM trajectory as shape (n, 8): stamp, x, y, z, qx, qy, qz, qw. Raises ValueError naming file and line."""
+    """Return the trajectory in a TUM file, shape (n, 8): stamp, x, y, z, qx, qy, qz, qw. Raises ValueError naming both."""
     rows = []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    for number, line in enumerate(read_bounded_text(path, MAX_TRAJECTORY_BYTES, errors="replace").splitlines(), 1):
         text = line.split("#", 1)[0].split()
         if not text:
             continue
@@ -88,7 +89,7 @@ def positions_at(trajectory: Array, stamps: Array) -> tuple[Array, NDArray[np.bo
 
 
 def align(estimated: Array, true: Array) -> Pose2:
-    """The rigid motion `true_from_estimated` with the smallest squared error, for points of shape (n, 2).
+    """Return the rigid motion `true_from_estimated` with the smallest squared error, for points of shape (n, 2).
 
     After Umeyama (1991), without scale. Raises ValueError for fewer than 2 pairs, or if all points coincide.
     """
@@ -163,6 +164,6 @@ def _flowers(known: Mapping[int, Any], tags: Mapping[int, EstimatedTag]) -> dict
 
 
 def _species(flowers: Sequence[Mapping[str, Any]]) -> str:
-    """The most frequent species; of equally frequent ones, the first by name."""
+    """Return the most frequent species; of equally frequent ones, the first by name."""
     kinds = [str(flower["species"]) for flower in flowers]
     return min(set(kinds), key=lambda kind: (-kinds.count(kind), kind))

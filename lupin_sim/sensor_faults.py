@@ -21,8 +21,8 @@ CLOCK = "clock"
 MAX_JUMP_S = 3600.0
 
 
-class UnknownFault(ValueError):
-    """A request for an unknown fault; the message lists the known ones."""
+class InvalidFault(ValueError):
+    """An invalid request for a fault; the message says what was expected and what was found."""
 
 
 @dataclass
@@ -31,22 +31,22 @@ class SensorFaults:
 
     modes: dict[str, str] = field(default_factory=lambda: dict.fromkeys(FAULTS, NONE))
     clock_offset_ns: int = 0
-    _frozen: NDArray[np.float32] | None = None
+    _frozen_ranges: NDArray[np.float32] | None = None
 
     def apply(self, text: str) -> None:
-        """Set the mode of a sensor, or let the clock jump. Raises UnknownFault."""
+        """Set the mode of a sensor, or let the clock jump. Raises InvalidFault."""
         sensor, _, mode = text.strip().partition(" ")
         if sensor == CLOCK:
             self._jump(mode)
         elif mode in FAULTS.get(sensor, ()):
             self.modes[sensor] = mode
-            self._frozen = None
+            self._frozen_ranges = None
         else:
             known = "; ".join(f"{name} {'|'.join(modes)}" for name, modes in FAULTS.items())
-            raise UnknownFault(f"there is no fault {text!r}; there are: {known}; {CLOCK} SECONDS")
+            raise InvalidFault(f"unknown sensor fault {text!r}; expected one of: {known}; {CLOCK} SECONDS")
 
-    def scan(self, ranges: NDArray[np.float32]) -> NDArray[np.float32] | None:
-        """The ranges that the lidar reports instead of these; None if it reports nothing."""
+    def distort_scan(self, ranges: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """Return the ranges (m) with the active fault of the lidar applied, or None if it is silent."""
         mode = self.modes["scan"]
         if mode == "silent":
             return None
@@ -55,13 +55,13 @@ class SensorFaults:
         if mode == "zero":
             return np.zeros_like(ranges)
         if mode == "frozen":
-            if self._frozen is None:
-                self._frozen = ranges
-            return self._frozen
+            if self._frozen_ranges is None:
+                self._frozen_ranges = ranges
+            return self._frozen_ranges
         return ranges
 
-    def silent(self, sensor: str) -> bool:
-        """Whether a sensor reports nothing."""
+    def is_silent(self, sensor: str) -> bool:
+        """Return whether a sensor reports nothing."""
         return self.modes[sensor] == "silent"
 
     def _jump(self, seconds: str) -> None:
@@ -70,5 +70,7 @@ class SensorFaults:
         except ValueError:
             jump_s = math.nan
         if not abs(jump_s) <= MAX_JUMP_S:
-            raise UnknownFault(f"expected a clock jump of at most {MAX_JUMP_S:.0f} s, found {seconds!r}")
+            raise InvalidFault(
+                f"expected a clock jump in seconds, at most {MAX_JUMP_S:.0f} in either direction, found {seconds!r}"
+            )
         self.clock_offset_ns += round(jump_s * 1e9)

@@ -40,7 +40,7 @@ class ServoBus:
         self._stalled_s = [0.0] * len(NAMES)
 
     def write(self, commands: Sequence[float | None]) -> None:
-        """One cycle of the hardware interface: send the commands that changed, and those whose servo is more than 0.05 rad off.
+        """Run one cycle of the hardware interface: send commands that changed, and those whose servo is over 0.05 rad off.
 
         None means that no controller commands this servo.
         """
@@ -83,10 +83,10 @@ class ServoBus:
         return tuple(name for name, stalled_s in zip(NAMES, self._stalled_s) if stalled_s > mirte.STALL_AFTER_S)
 
     def raw_counts(self, index: int) -> int:
-        """The raw position of a servo, in hundredths of a degree from its home count."""
+        """Return the raw position of a servo, in hundredths of a degree from its home count."""
         return round(_HOME[index] + self.angles[index] / RAD_PER_COUNT)
 
 
 def angle_range(index: int) -> tuple[float, float]:
-    """The limits of a servo, radians."""
+    """Return the limits of a servo, radians."""
     return _LOWER[index], _UPPER[index]

@@ -69,7 +69,7 @@ class TrajectoryController:
         self.goals += 1
 
     def step(self, now_s: float) -> tuple[float, ...]:
-        """The command at time `now_s`, radians in the order of ARM_JOINTS."""
+        """Return the command at time `now_s`, radians in the order of ARM_JOINTS."""
         trajectory = self._trajectory
         if trajectory is not None:
             elapsed_s = now_s - self._start_s

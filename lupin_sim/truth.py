@@ -38,7 +38,7 @@ def _box(box: Box) -> dict[str, Any]:
 
 
 def truth(world: World) -> dict[str, Any]:
-    """The world as JSON values: meters and radians in the world frame.
+    """Return the world as JSON values: meters and radians in the world frame.
 
     Keys: `world`, `seed`, `start` {x, y, yaw}, `bounds` [x0, y0, x1, y1], `tags` [{id, x, y, z, yaw_normal, reachable, box,
     flowers [{species, bug, x, y, z}]}], `boxes` and `walls` [{id, kind, x, y, yaw, width, depth, height}; yaw is the front's

@@ -38,7 +38,7 @@ class VendorInterface:
         self._node, self._simulation = node, simulation
         for row in (graph.CMD_VEL_SINK_ROBOT, graph.CMD_VEL_SINK_SIM):
             node.subscription(row, self._drive)
-        node.subscription(graph.ARM_TRAJECTORY, self._take_trajectory)
+        node.subscription(graph.ARM_TRAJECTORY, self._follow_trajectory)
         node.subscription(graph.SIM_BATTERY, self._set_battery)
         node.service(graph.SIM_PRESS_ESTOP, self._press_estop)
         node.service(graph.VENDOR_LEDS, self._set_leds)
@@ -70,8 +70,8 @@ class VendorInterface:
         self._simulation.command_twist(message.linear.x, message.linear.y, message.angular.z)
 
     # -- arm and gripper ----------------------------------------------------------------------------------------------
-    def _take_trajectory(self, message: JointTrajectory) -> None:
-        if not self._simulation.controllers.active("mirte_master_arm_controller"):
+    def _follow_trajectory(self, message: JointTrajectory) -> None:
+        if not self._simulation.controllers.is_active("mirte_master_arm_controller"):
             self._warn("the arm controller is not active: trajectory ignored")
             return
         try:
@@ -83,7 +83,7 @@ class VendorInterface:
             self._simulation.arm.follow(parsed, self._simulation.time_s)
 
     def _check_trajectory(self, goal: FollowJointTrajectory.Goal) -> GoalResponse:
-        if not self._simulation.controllers.active("mirte_master_arm_controller"):
+        if not self._simulation.controllers.is_active("mirte_master_arm_controller"):
             self._warn("the arm controller is not active: goal rejected")
             return GoalResponse.REJECT
         try:
@@ -126,7 +126,7 @@ class VendorInterface:
         return poll
 
     def _check_gripper(self, goal: GripperCommand.Goal) -> GoalResponse:
-        if not self._simulation.controllers.active("mirte_master_gripper_controller"):
+        if not self._simulation.controllers.is_active("mirte_master_gripper_controller"):
             self._warn("the gripper controller is not active: goal rejected")
             return GoalResponse.REJECT
         if not math.isfinite(goal.command.position):

@@ -23,12 +23,12 @@ _TWIST_FROM_WHEELS = np.linalg.pinv(_WHEELS_FROM_TWIST)
 
 
 def wheels_from_twist(twist: Array) -> Array:
-    """The wheel speeds, shape (4,), for a twist of shape (3,), without limits."""
+    """Return the wheel speeds, shape (4,), for a twist of shape (3,), without limits."""
     return _WHEELS_FROM_TWIST @ twist
 
 
 def twist_from_wheels(speeds: Array) -> Array:
-    """The body twist, shape (3,), that fits four wheel speeds best (least squares)."""
+    """Return the body twist, shape (3,), that fits four wheel speeds best (least squares)."""
     return _TWIST_FROM_WHEELS @ speeds
 
 

@@ -38,17 +38,17 @@ class Box:
         return Pose2(self.x, self.y, self.yaw)
 
     def corners(self) -> tuple[tuple[float, float], ...]:
-        """The corners of the footprint, counterclockwise from front right."""
+        """Return the corners of the footprint, counterclockwise from front right."""
         d, w = self.depth / 2, self.width / 2
         return tuple(self.pose.apply(u, v) for u, v in ((d, -w), (d, w), (-d, w), (-d, -w)))
 
     def distance_to(self, x: float, y: float) -> float:
-        """The distance from a point to the footprint, m; 0 inside."""
+        """Return the distance from a point to the footprint, m; 0 inside."""
         u, v = self.pose.inverse().apply(x, y)
         return math.hypot(max(0.0, abs(u) - self.depth / 2), max(0.0, abs(v) - self.width / 2))
 
     def faces(self) -> tuple[tuple[Pose2, float], ...]:
-        """The four sides: pose of the center, heading outwards, and width."""
+        """Return the four sides: pose of the center, heading outwards, and width."""
         sides = (
             (self.depth / 2, 0.0, self.width),
             (self.width / 2, math.pi / 2, self.depth),
@@ -115,7 +115,7 @@ class World:
     walls: tuple[Box, ...] = field(default=())
 
     def with_outer_walls(self) -> World:
-        """The same world with walls around its bounds."""
+        """Return the same world with walls around its bounds."""
         x0, y0, x1, y1 = self.bounds
         t = WALL_THICKNESS_M
         cx, cy = (x0 + x1) / 2, (y0 + y1) / 2
@@ -134,7 +134,7 @@ class World:
         )
 
     def clearance(self, x: float, y: float) -> float:
-        """The distance from a point to the nearest solid or the bounds, m; 0 inside a solid."""
+        """Return the distance from a point to the nearest solid or the bounds, m; 0 inside a solid."""
         x0, y0, x1, y1 = self.bounds
         nearest = max(0.0, min(x - x0, x1 - x, y - y0, y1 - y))
         for box in self.boxes:
@@ -150,7 +150,7 @@ class World:
         return x1 - x0, y1 - y0
 
     def tag(self, tag_id: int) -> Tag:
-        """The tag with this id. Raises KeyError."""
+        """Return the tag with this id. Raises KeyError."""
         for tag in self.tags:
             if tag.id == tag_id:
                 return tag

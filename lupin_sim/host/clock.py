@@ -37,7 +37,7 @@ class _Page:
     steps: int
 
     def wall_at(self, machine_ns: int) -> int:
-        """What the clock shows when this machine's clock shows `machine_ns`, ns."""
+        """Return what the clock shows when this machine's clock shows `machine_ns`, ns."""
         rate_ppb = self.crystal_ppb + self.frequency * 1000 // 65536 + (self.tick_us - 10000) * 100000
         elapsed = machine_ns - self.machine_ns
         return self.wall_ns + elapsed + elapsed * rate_ppb // 10**9

@@ -73,7 +73,7 @@ class Computer(Protocol):
         """Set the size of its disk, which holds only what it has written; None restores the original size."""
 
     def disk_used_mb(self) -> int:
-        """The size of what it has written to its disk, MB, rounded up."""
+        """Return how much the robot has written to its disk, in MB, rounded up."""
 
 
 class ComputerError(Exception):
@@ -125,9 +125,7 @@ class NspawnComputer:
         self._stay_off = False
         folder.mkdir()
         self.clock = Clock(folder / "clock")
-        write_overlay(self._subfolder("overlay"), identity, hardware.own_clock)
-        if hardware.robot is not None:
-            (folder / "overlay/etc/mirte/robot").write_text(hardware.robot)
+        self._write_overlay(self._subfolder("overlay"))
         self._insert_disk()
 
     @property
@@ -183,19 +181,23 @@ class NspawnComputer:
         return CommandResult(process.returncode, stdout, stderr)
 
     def popen_as_root(self, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
-        leader = self._leader()
-        if leader is None:
-            raise ComputerError(f"{self.identity.name} is off")
-        kinds = ("mnt", "uts", "ipc", "net", "pid")
-        try:
-            namespaces = {kind: os.open(f"/proc/{leader}/ns/{kind}", os.O_RDONLY | os.O_CLOEXEC) for kind in kinds}
-        except OSError as error:
-            raise ComputerError(f"{self.identity.name} has just been switched off: {error}") from None
+        namespaces = self.open_namespaces()
         try:
             return popen_in(namespaces, command, env=CLEAN_ENVIRONMENT, cwd="/", **options)
         finally:
             for fd in namespaces.values():
                 os.close(fd)
+
+    def open_namespaces(self) -> dict[str, int]:
+        """Return open descriptors of its namespaces by kind; the caller closes them. Raises ComputerError."""
+        leader = self._leader()
+        if leader is None:
+            raise ComputerError(f"{self.identity.name} is off")
+        kinds = ("mnt", "uts", "ipc", "net", "pid")
+        try:
+            return {kind: os.open(f"/proc/{leader}/ns/{kind}", os.O_RDONLY | os.O_CLOEXEC) for kind in kinds}
+        except OSError as error:
+            raise ComputerError(f"{self.identity.name} has just been switched off: {error}") from None
 
     def freeze(self, frozen: bool) -> None:
         for cgroup in self._cgroups:
@@ -222,6 +224,23 @@ class NspawnComputer:
         folder.mkdir(exist_ok=True)
         return folder
 
+    def _write_overlay(self, folder: Path) -> None:
+        """Write what this computer has in addition to the root that all share."""
+        write_overlay(folder, self.identity, self._hardware.own_clock)
+        if self._hardware.robot is not None:
+            (folder / "etc/mirte/robot").write_text(self._hardware.robot)
+
+    def _network_command(self) -> list[str]:
+        """Return the beginning of the command in whose namespaces the computer boots; options of `unshare` follow."""
+        return ["unshare", "--net"]
+
+    def _plug(self, pid: int) -> None:
+        """Connect the network namespace of a process, in which the computer is about to boot."""
+        self._network.plug(self.identity, pid)
+
+    def _unplug(self) -> None:
+        self._network.unplug(self.identity)
+
     def _insert_disk(self) -> None:
         """Mount an empty disk. It is in memory, so a simulated computer never writes to this machine's disk."""
         disk, merged = self._subfolder("disk"), self._subfolder("root")
@@ -241,9 +260,10 @@ class NspawnComputer:
         uptime_s = int(float(Path("/proc/uptime").read_text().split()[0]))
         join = "".join(f"echo $$ > {cgroup}/cgroup.procs; " for cgroup in self._cgroups)
         script = f"{join}echo ready; read go; exec {' '.join(self._nspawn())} < /dev/null"
+        new_time = ("--time", "--boottime", f"-{uptime_s}", "--monotonic", f"-{uptime_s}")
         with self.console.open("ab") as console:
             process = subprocess.Popen(
-                ["unshare", "--net", "--time", "--boottime", str(-uptime_s), "--monotonic", str(-uptime_s), "sh", "-c", script],
+                [*self._network_command(), *new_time, "sh", "-c", script],
                 # This setting lets the robot set net.* sysctls of its own namespace.
                 env=CLEAN_ENVIRONMENT | {"SYSTEMD_NSPAWN_API_VFS_WRITABLE": "network"},
                 stdin=subprocess.PIPE,
@@ -254,7 +274,7 @@ class NspawnComputer:
             if process.stdout.readline() != b"ready\n":
                 process.wait()
                 raise ComputerError(f"{self.identity.name} could not create its namespaces: {self._console_tail()}")
-            self._network.plug(self.identity, process.pid)
+            self._plug(process.pid)
             threading.Thread(target=_drain, args=(process.stdout, self.console), daemon=True).start()
             process.stdin.write(b"go\n")
             process.stdin.close()
@@ -279,7 +299,7 @@ class NspawnComputer:
             process = self._process
             assert process is not None
             status = process.wait()
-            self._network.unplug(self.identity)
+            self._unplug()
             with self._lock:
                 if status != REBOOT_STATUS or self._stay_off:
                     self._process = None
@@ -300,7 +320,7 @@ class NspawnComputer:
                 raise ComputerError(f"{self.identity.name} is still on after {timeout_s:g} s: {self._console_tail()}")
 
     def _leader(self) -> int | None:
-        """The PID of the robot's systemd: the first descendant of nspawn that is in another PID namespace than this process."""
+        """Return the PID of the robot's systemd: the first descendant of nspawn that is in another PID namespace."""
         own_namespace = Path("/proc/self/ns/pid").readlink()
         pending = [self._process.pid] if self._process is not None else []
         while pending:

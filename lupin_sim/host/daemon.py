@@ -18,6 +18,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from lupin_runtime.json_text import parse_json
+from lupin_sim.host.booted_laptop import BootedLaptop
 from lupin_sim.host.computer import Computer, ComputerError, Hardware, HostFiles, NspawnComputer, mount
 from lupin_sim.host.fault_injector import FaultError, FaultInjector
 from lupin_sim.host.faults import FAULTS
@@ -32,7 +34,7 @@ REQUEST_LIMIT = 1 << 20
 class Daemon:
     """Handles requests, one per connection: {"do": verb, ...} -> {"value": ...} or {"error": "..."}."""
 
-    def __init__(self, folder: Path, root: Path, robots: int, hardware: Hardware) -> None:
+    def __init__(self, folder: Path, root: Path, robots: int, hardware: Hardware, *, boot_laptop: bool = False) -> None:
         self._folder = folder
         private = mount_private_folder(folder)
         self.network = Network()
@@ -42,6 +44,11 @@ class Daemon:
             console = folder / f"{robot.name}.console"
             files = HostFiles(private / f"robot-{index}", root, console, f"{CGROUP}-{folder.name}")
             self.computers.append(NspawnComputer(robot, hardware, files, self.network))
+        self.laptop: BootedLaptop | None = None
+        if boot_laptop:
+            files = HostFiles(private / "laptop", root, folder / "laptop.console", f"{CGROUP}-{folder.name}")
+            identities = [computer.identity for computer in self.computers]
+            self.laptop = BootedLaptop(identities, Hardware(binds=hardware.binds), files, self.network)
         self.injector = FaultInjector(FAULTS, self.network, self.computers, root, folder)
         self._lock = threading.Lock()  # held by requests that change something; `run_as_root` and `status` do not need it
         self.stop_requested = threading.Event()
@@ -62,7 +69,7 @@ class Daemon:
             connection.settimeout(120.0)
             try:
                 line = connection.makefile("rb").readline(REQUEST_LIMIT)
-                request = json.loads(line)
+                request = parse_json(line)
                 verb = request["do"]
                 if verb == "laptop":
                     self._send_laptop(connection)
@@ -87,7 +94,7 @@ class Daemon:
 
     def close(self) -> None:
         """Cut the power of all robots and remove the host's cgroups."""
-        for computer in self.computers:
+        for computer in filter(None, [*self.computers, self.laptop]):
             try:
                 computer.power_cut()
             except ComputerError as error:
@@ -127,16 +134,22 @@ class Daemon:
                 "clock_crystal_ppm": computer.clock.crystal_ppm,
                 "clock_steps": computer.clock.steps,
                 "disk_used_mb": computer.disk_used_mb(),
-                "faults": sorted(self.injector.active(computer)),
+                "faults": sorted(self.injector.active_faults(computer)),
             }
             for computer in self.computers
         ]
-        return {"robots": robots, "ntp": self.injector.ntp_mode}
+        return {"robots": robots, "ntp": self.injector.ntp_mode, "laptop_boots": self.laptop is not None}
 
     def _send_laptop(self, connection: socket.socket) -> None:
         """Send the laptop's namespaces as open descriptors: PIDs of this namespace have no meaning outside it."""
-        message = json.dumps({"value": list(self.network.laptop)}).encode() + b"\n"
-        socket.send_fds(connection, [message], list(self.network.laptop.values()))
+        namespaces = self.network.laptop if self.laptop is None else self.laptop.open_namespaces()
+        message = json.dumps({"value": list(namespaces)}).encode() + b"\n"
+        try:
+            socket.send_fds(connection, [message], list(namespaces.values()))
+        finally:
+            if self.laptop is not None:
+                for fd in namespaces.values():
+                    os.close(fd)
 
 
 def main() -> int:
@@ -156,9 +169,10 @@ def main() -> int:
     daemon: Daemon | None = None
     server = socket.socket(socket.AF_UNIX)
     try:
-        daemon = Daemon(folder, arguments.root, int(arguments.settings["robots"]), hardware)
+        boot_laptop = bool(arguments.settings["boot_laptop"])
+        daemon = Daemon(folder, arguments.root, int(arguments.settings["robots"]), hardware, boot_laptop=boot_laptop)
         daemon.stop_requested = stop_requested
-        for computer in daemon.computers:
+        for computer in filter(None, [*daemon.computers, daemon.laptop]):
             computer.power_on()
         server.bind(str(folder / "control"))
         server.listen(64)

@@ -89,7 +89,7 @@ class FaultInjector:
         """Return a fault, its settings with the defaults filled in, and the key of its record. Raises FaultError."""
         fault = self.table.get(name)
         if fault is None:
-            raise FaultError(f"there is no fault {name!r}; there are: {', '.join(sorted(self.table))}")
+            raise FaultError(f"unknown fault {name!r}; expected one of: {', '.join(sorted(self.table))}")
         if unknown := sorted(set(settings) - set(fault.settings)):
             raise FaultError(f"{name} has no setting {', '.join(unknown)}; it has: {', '.join(fault.settings) or 'none'}")
         chosen = {**fault.settings, **settings}
@@ -107,8 +107,8 @@ class FaultInjector:
                 self._active[key] = before
             raise
 
-    def active(self, computer: Computer) -> list[str]:
-        """The names of the simulated computer's active faults."""
+    def active_faults(self, computer: Computer) -> list[str]:
+        """Return the names of the simulated computer's active faults."""
         return [key.fault for key in self._active if key.robot == computer.identity.index]
 
     def prepare_reset(self, computer: Computer) -> None:

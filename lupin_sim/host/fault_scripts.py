@@ -16,7 +16,7 @@ RACE_TIMEOUT_S = 20
 
 
 def script(text: str, *settings: str, timeout_s: float = 30.0) -> FaultAction:
-    """The action that runs a shell script on the robot, with the values of the named settings as `$1`..."""
+    """Return the action that runs a shell script on the robot, with the values of the named settings as `$1`..."""
 
     def run(_: FaultInjector, computer: Computer, chosen: Settings) -> None:
         run_script(computer, text, *(str(chosen[name]) for name in settings), timeout_s=timeout_s)
@@ -158,7 +158,7 @@ def leave_segments(_: FaultInjector, computer: Computer, settings: Settings) -> 
 
 
 def remove_segments(before: str = "true", after: str = "true") -> FaultAction:
-    """The action that removes the segments of dead participants, between two shell scripts."""
+    """Return the action that removes the segments of dead participants, between two shell scripts."""
 
     def run(_: FaultInjector, computer: Computer, __: Settings) -> None:
         run_script(computer, before)

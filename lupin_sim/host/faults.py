@@ -41,6 +41,13 @@ def _set_dual_homed(away: bool) -> FaultAction:
     return action
 
 
+def _blocked_ports(settings: Settings) -> dict[str, tuple[int, int]]:
+    directions = {"to-robot": "blocked_ports", "from-robot": "blocked_ports_from_a"}
+    if settings["direction"] not in directions:
+        raise FaultError(f"expected the direction to-robot or from-robot, found {settings['direction']!r}")
+    return {directions[settings["direction"]]: (settings["first_port"], settings["last_port"])}
+
+
 def _set_clock_offset(_: FaultInjector, computer: Computer, settings: Settings) -> None:
     computer.clock.disturb(offset_s=settings["offset_s"])
 
@@ -96,6 +103,30 @@ FAULTS: dict[str, Fault] = {
         settings={**WIRED, "loss": 0.2},
         external=True,
         link_settings=lambda settings: {"loss": settings["loss"]},
+    ),
+    "corrupting-link": Fault(
+        "the link flips a bit in a fraction of all frames, as a damaged cable does",
+        inject=_update_link,
+        undo=_update_link,
+        settings={**WIRED, "fraction": 0.2},
+        external=True,
+        link_settings=lambda settings: {"corrupted": settings["fraction"]},
+    ),
+    "duplicating-link": Fault(
+        "the link delivers a fraction of all frames twice",
+        inject=_update_link,
+        undo=_update_link,
+        settings={**WIRED, "fraction": 0.2},
+        external=True,
+        link_settings=lambda settings: {"duplicated": settings["fraction"]},
+    ),
+    "filtered-link": Fault(
+        "a device in the link drops UDP to a range of ports; direction is to-robot or from-robot",
+        inject=_update_link,
+        undo=_update_link,
+        settings={**WIRED, "direction": "to-robot", "first_port": DISCOVERY_PORT, "last_port": DISCOVERY_PORT},
+        external=True,
+        link_settings=_blocked_ports,
     ),
     "no-multicast": Fault(
         "the link drops multicast, as many access points do",
@@ -286,7 +317,7 @@ FAULTS: dict[str, Fault] = {
 
 
 def list_faults() -> list[dict[str, Any]]:
-    """All faults: name, summary, settings with their defaults, and whether the fault can be undone."""
+    """Return all faults: name, summary, settings with their defaults, and whether the fault can be undone."""
     return [
         {"name": name, "summary": fault.summary, "settings": dict(fault.settings), "undo": fault.undo is not None}
         for name, fault in FAULTS.items()
@@ -294,10 +325,10 @@ def list_faults() -> list[dict[str, Any]]:
 
 
 def parse_settings(name: str, assignments: list[str]) -> dict[str, Any]:
-    """The settings of fault `name` from words of the form SETTING=VALUE, in the types of the defaults. Raises FaultError."""
+    """Return the settings of fault `name` from words SETTING=VALUE, in the types of the defaults. Raises FaultError."""
     fault = FAULTS.get(name)
     if fault is None:
-        raise FaultError(f"there is no fault {name!r}; there are: {', '.join(sorted(FAULTS))}")
+        raise FaultError(f"unknown fault {name!r}; expected one of: {', '.join(sorted(FAULTS))}")
     chosen: dict[str, Any] = {}
     for assignment in assignments:
         key, _, text = assignment.partition("=")

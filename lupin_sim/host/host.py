@@ -16,10 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lupin_sim.host import state
+from lupin_runtime.interpreter import PYTHON
+from lupin_runtime.json_text import parse_json
+from lupin_sim.host import booted_laptop, state
 from lupin_sim.host.computer import CommandResult
-from lupin_sim.host.namespaces import NEW_FLAGS, inside_namespace, popen_in
-from lupin_sim.host.overlay import ssh_keys
+from lupin_sim.host.namespaces import CLEAN_ENVIRONMENT, NEW_FLAGS, inside_namespace, popen_in
+from lupin_sim.host.overlay import Identity, known_hosts, ssh_keys
 from lupin_sim.host.prerequisites import missing_prerequisite
 from lupin_sim.host.rootfs import Progress, RootError, root_directory
 
@@ -123,11 +125,14 @@ class Host:
 
     def __init__(self, name: str, process: subprocess.Popen[str] | None = None) -> None:
         self.name, self.folder, self._process = name, state.STATE / name, process
+        status = self.request("status")
+        self.laptop_boots: bool = status["laptop_boots"]
         self._laptop = self._receive_laptop()
         self.key, self.known_hosts = ssh_keys() / "id_ed25519", self.folder / "known_hosts"
+        if self.laptop_boots:  # it has no other file of this machine than the project and its Python
+            self.key, self.known_hosts = (booted_laptop.HOME / ".ssh" / each for each in ("id_ed25519", "known_hosts"))
         self.robots = [
-            Robot(self, number, robot["name"], robot["eth0"], robot["wlan0"])
-            for number, robot in enumerate(self.request("status")["robots"])
+            Robot(self, number, robot["name"], robot["eth0"], robot["wlan0"]) for number, robot in enumerate(status["robots"])
         ]
 
     @classmethod
@@ -137,6 +142,7 @@ class Host:
         *,
         robots: int = 1,
         vendor_robot: bool = False,
+        boot_laptop: bool = False,
         robot_arguments: str = ROBOT_ARGUMENTS,
         lifeline: bool = True,
         progress: Progress = lambda _: None,
@@ -145,7 +151,8 @@ class Host:
         """Boot robots and return when SSH answers on all of them.
 
         With `lifeline` the host ends with this process; without, it stays up until `Host.end`. With `vendor_robot`,
-        mirte-ros.service runs the simulated robot with `robot_arguments`. `hardware` are fields of computer.Hardware.
+        mirte-ros.service runs the simulated robot with `robot_arguments`. With `boot_laptop`, the laptop has its own systemd,
+        disk and account; see `booted_laptop`. `hardware` are fields of computer.Hardware.
         Raises HostError; HostUnavailable names what this machine lacks.
         """
         if missing := missing_prerequisite():
@@ -168,14 +175,20 @@ class Host:
             "robots": robots,
             "hardware": {"binds": binds, "robot": robot if vendor_robot else None, **hardware},
             "lifeline": lifeline,
+            "boot_laptop": boot_laptop,
         }
         host = None
+        progress(f"booting {robots} robot{'' if robots == 1 else 's'}: 10 to 30 seconds")
         try:
             process = _start_daemon(folder, root, settings)
             host = cls(chosen, process)
-            host._write_known_hosts()
+            if not boot_laptop:
+                host.known_hosts.write_text(known_hosts([Identity(number) for number in range(robots)]))
+            progress("waiting until SSH answers" + (" and the vendor's stack runs" if vendor_robot else ""))
             for each in host.robots:
                 each.wait_ready(READY_TIMEOUT_S + PER_ROBOT_TIMEOUT_S * robots)
+            if boot_laptop:
+                host._wait_for_laptop()
         except BaseException:
             if host is not None:
                 host.end()
@@ -206,8 +219,12 @@ class Host:
     def popen(self, command: Sequence[str], env: Mapping[str, str] | None = None, **options: Any) -> subprocess.Popen[Any]:
         """Start a program on the laptop, which has its own network, processes and /dev/shm, and this machine's files.
 
-        It is a child of this process, so signals and kill() reach the program itself.
+        It is a child of this process, so signals and kill() reach the program itself. A laptop that boots has its own files,
+        and the program belongs to its account; `env` is added to the account's environment.
         """
+        if self.laptop_boots:
+            command, env = booted_laptop.as_account(command, env), CLEAN_ENVIRONMENT
+            options.setdefault("cwd", str(booted_laptop.HOME))
         return popen_in(self._laptop, command, env, **options)
 
     def run(self, command: Sequence[str], timeout_s: float = 60.0, **options: Any) -> subprocess.CompletedProcess[str]:
@@ -226,7 +243,7 @@ class Host:
         return subprocess.CompletedProcess(command, process.returncode, stdout, stderr)
 
     def ssh_command(self, *command: str, robot: Robot | None = None, link: str = "eth0") -> list[str]:
-        """The OpenSSH command line that logs in to a robot from the laptop; without `robot`, the first one."""
+        """Return the OpenSSH command line that logs in to a robot from the laptop; without `robot`, the first one."""
         chosen = robot or self.robot
         address = chosen.eth0 if link == "eth0" else chosen.wlan0
         options = [
@@ -253,7 +270,7 @@ class Host:
             line = connection.makefile("rb").readline()
         if not line:
             raise HostError(f"the daemon of host {self.name!r} has exited: {self.console_tails()}")
-        reply = json.loads(line)
+        reply = parse_json(line)
         if "error" in reply:
             raise HostError(reply["error"])
         return reply.get("value")
@@ -284,7 +301,7 @@ class Host:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def console_tails(self) -> str:
-        """The last output of the robots and of the daemon."""
+        """Return the last output of the robots and of the daemon."""
         texts = []
         for path in sorted(self.folder.glob("*.console")) if self.folder.is_dir() else ():
             texts.append(f"{path.name}: {path.read_text(errors='replace')[-500:].strip()}")
@@ -315,20 +332,21 @@ class Host:
             message, fds, _, _ = socket.recv_fds(connection, 4096, len(NEW_FLAGS))
         for fd in fds:
             os.set_inheritable(fd, False)
-        return dict(zip(json.loads(message)["value"], fds))
+        return dict(zip(parse_json(message)["value"], fds))
 
-    def _write_known_hosts(self) -> None:
-        lines = []
-        for robot in self.robots:
-            for public in sorted(ssh_keys().glob("ssh_host_*_key.pub")):
-                lines.append(f"{robot.eth0},{robot.wlan0} {' '.join(public.read_text().split()[:2])}\n")
-        self.known_hosts.write_text("".join(lines))
+    def _wait_for_laptop(self) -> None:
+        """Wait until a laptop that boots has started its units. Raises HostError."""
+        deadline = time.monotonic() + READY_TIMEOUT_S
+        while self.run(["systemctl", "is-active", "--quiet", "multi-user.target"]).returncode != 0:
+            if time.monotonic() > deadline:
+                raise HostError(f"the laptop did not boot within {READY_TIMEOUT_S:g} s; {self.console_tails()}")
+            time.sleep(0.05)
 
 
 def _start_daemon(folder: Path, root: Path, settings: dict[str, Any]) -> subprocess.Popen[str]:
     """Start the daemon as the first process of its own namespaces, and wait until it listens. Raises HostError."""
     command = ["unshare", "--mount", "--propagation", "private", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc"]
-    command += [sys.executable, "-m", "lupin_sim.host.daemon", str(folder), str(root), json.dumps(settings)]
+    command += [*PYTHON, "-m", "lupin_sim.host.daemon", str(folder), str(root), json.dumps(settings)]
     with (folder / "daemon.console").open("w") as log:
         process = subprocess.Popen(
             command,

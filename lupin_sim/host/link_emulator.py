@@ -1,10 +1,11 @@
-"""A cable with faults: copies Ethernet frames between two interfaces, with latency and loss.
+"""A cable with faults: copies Ethernet frames between two interfaces, with latency, loss and damage.
 
     link_emulator.py INTERFACE_A INTERFACE_B SETTINGS
 
-It works in user space because many kernels lack sch_netem. SETTINGS is a JSON object: `delay_ms` in each direction, `jitter_ms`
-around it, `loss` as a fraction, `multicast` (whether it passes), and `blocked_ports`: the first and last of the UDP
-ports behind A that no frame from B reaches. Prints "running" once it forwards frames.
+It works in user space because many kernels lack sch_netem. SETTINGS is a JSON object: `delay_ms` in each direction,
+`jitter_ms` around it (which reorders frames), `loss`, `corrupted` and `duplicated` as fractions of the frames, `multicast`
+(whether it passes), and the first and last UDP port of those to which no frame passes: `blocked_ports` from B to A,
+`blocked_ports_from_a` from A to B. Prints "running" once it forwards frames.
 """
 
 import heapq
@@ -22,11 +23,12 @@ SOL_PACKET, ADD_MEMBERSHIP, VNET_HDR, IGNORE_OUTGOING, PROMISCUOUS = 263, 1, 15,
 ALL_PROTOCOLS = 3
 # Each frame comes after a virtio_net_hdr: the checksum and segmentation still to be done. TCP over veth breaks without it.
 VNET_HEADER_BYTES = 10
+HEADERS_BYTES = 14 + 20 + 8  # of Ethernet, IPv4 and UDP
 MAX_FRAMES_PER_WAKEUP = 64
 
 
 def open_interface(name: str) -> socket.socket:
-    """A raw socket that receives every frame arriving at an interface, and none that leaves it."""
+    """Return a raw socket that receives every frame arriving at an interface, and none that leaves it."""
     interface = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ALL_PROTOCOLS))
     interface.setsockopt(SOL_PACKET, VNET_HDR, 1)
     interface.setsockopt(SOL_PACKET, IGNORE_OUTGOING, 1)
@@ -38,16 +40,26 @@ def open_interface(name: str) -> socket.socket:
 
 
 def is_multicast(frame: bytes) -> bool:
-    """Whether the frame is addressed to a group. Broadcasts are not: access points that drop multicast let them pass."""
+    """Return whether the frame is addressed to a group. Broadcasts are not: access points that drop multicast let them pass."""
     return bool(frame[0] & 1) and frame[:6] != b"\xff" * 6
 
 
 def udp_port(frame: bytes) -> int:
-    """The destination port of an IPv4 UDP frame; -1 for all other frames."""
+    """Return the destination port of an IPv4 UDP frame; -1 for all other frames."""
     if frame[12:14] != b"\x08\x00" or frame[23:24] != b"\x11":
         return -1
     start = 14 + 4 * (frame[14] & 15)
     return int.from_bytes(frame[start + 2 : start + 4], "big")
+
+
+def corrupt(frame: bytes) -> bytes:
+    """The frame with one bit of its payload flipped, which the receiver's UDP or TCP checksum finds.
+
+    The header then says that the checksum is complete: over veth it usually is still to be done, and nobody would check it.
+    """
+    position = random.randrange(VNET_HEADER_BYTES + HEADERS_BYTES, len(frame))
+    damaged = bytes([frame[position] ^ 1 << random.randrange(8)])
+    return bytes(VNET_HEADER_BYTES) + frame[VNET_HEADER_BYTES:position] + damaged + frame[position + 1 :]
 
 
 def main(name_a: str, name_b: str, text: str) -> None:
@@ -55,9 +67,13 @@ def main(name_a: str, name_b: str, text: str) -> None:
     settings = json.loads(text)
     delay_ms, jitter_ms = settings.get("delay_ms", 0.0), settings.get("jitter_ms", 0.0)
     loss, multicast = settings.get("loss", 0.0), settings.get("multicast", True)
-    first_blocked, last_blocked = settings.get("blocked_ports", (0, -1))
+    corrupted, duplicated = settings.get("corrupted", 0.0), settings.get("duplicated", 0.0)
     a, b = open_interface(name_a), open_interface(name_b)
-    directions = {a.fileno(): (a, b), b.fileno(): (b, a)}
+    no_port = (0, -1)
+    directions = {
+        a.fileno(): (a, b, settings.get("blocked_ports_from_a", no_port)),
+        b.fileno(): (b, a, settings.get("blocked_ports", no_port)),
+    }
     poll = select.poll()
     for fd in directions:
         poll.register(fd, select.POLLIN)
@@ -74,7 +90,7 @@ def main(name_a: str, name_b: str, text: str) -> None:
                 continue  # the interface is down: the frame is lost, as on a cable
         events = poll.poll(max(0.0, delayed[0][0] - now) * 1e3 if delayed else None)
         for fd, _ in events:
-            source, out = directions[fd]
+            source, out, (first_blocked, last_blocked) = directions[fd]
             now = time.monotonic()  # the delay counts from the frame's arrival; poll() may have waited for long
             for _ in range(MAX_FRAMES_PER_WAKEUP):
                 try:
@@ -84,10 +100,12 @@ def main(name_a: str, name_b: str, text: str) -> None:
                 ethernet = frame[VNET_HEADER_BYTES:]
                 if (loss and random.random() < loss) or (not multicast and is_multicast(ethernet)):
                     continue
-                if source is b and first_blocked <= udp_port(ethernet) <= last_blocked:
+                if first_blocked <= udp_port(ethernet) <= last_blocked:
                     continue
-                due = now + max(0.0, delay_ms + random.uniform(-jitter_ms, jitter_ms)) / 1e3
-                heapq.heappush(delayed, (due, next(order), out, frame))
+                for _ in range(2 if duplicated and random.random() < duplicated else 1):
+                    due = now + max(0.0, delay_ms + random.uniform(-jitter_ms, jitter_ms)) / 1e3
+                    damaged = corrupted and len(ethernet) > HEADERS_BYTES and random.random() < corrupted
+                    heapq.heappush(delayed, (due, next(order), out, corrupt(frame) if damaged else frame))
 
 
 if __name__ == "__main__":

@@ -139,7 +139,7 @@ class Network:
         _nsenter(self.laptop_pid, *command)
 
     def _port(self, robot: Identity, link: str) -> str:
-        """The name of the bridge's port to a robot."""
+        """Return the name of the bridge's port to a robot."""
         return f"r{robot.index}-{link}"
 
     def _ip(self, pid: int, *arguments: str, check: bool = True) -> None:

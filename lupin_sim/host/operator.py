@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def environment_without_ros() -> dict[str, str]:
-    """This process's environment without ROS and DDS variables, which would connect a program to this process's ROS graph."""
+    """Return this process's environment without ROS and DDS variables, which would connect a program to its ROS graph."""
     prefixes = ("ROS_", "RMW_", "FASTRTPS_", "FASTDDS_")
     return {name: value for name, value in os.environ.items() if not name.startswith(prefixes)}
 

@@ -25,7 +25,7 @@ SEARCH_PATH = "/usr/sbin:/usr/bin:/sbin:/bin"
 
 
 def missing_prerequisite() -> str | None:
-    """What is missing on this machine and what to type; None if it can boot a simulated computer."""
+    """Return what is missing on this machine and what to type; None if it can boot a simulated computer."""
     if not sys.platform.startswith("linux"):
         return "a simulated computer boots on Linux only: it consists of namespaces"
     if os.geteuid() != 0:
@@ -49,7 +49,7 @@ def missing_prerequisite() -> str | None:
 
 
 def cgroup_roots() -> list[Path]:
-    """The cgroup hierarchies that systemd can use: one with cgroup v2 alone, two where v1 and v2 are mounted together."""
+    """Return the cgroup hierarchies that systemd can use: one with cgroup v2 alone, two if v1 and v2 are mounted together."""
     base = Path("/sys/fs/cgroup")
     if (base / "cgroup.controllers").exists():
         return [base]

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import subprocess
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,29 +36,29 @@ class RootError(Exception):
 
 
 def cache_directory() -> Path:
-    """The folder of roots and keys: $XDG_CACHE_HOME/lupin-host, or /var/cache/lupin-host."""
+    """Return the folder of roots and keys: $XDG_CACHE_HOME/lupin-host, or /var/cache/lupin-host."""
     return Path(os.environ.get("XDG_CACHE_HOME") or "/var/cache") / "lupin-host"
 
 
 def os_release() -> dict[str, str]:
-    """This machine's /etc/os-release."""
+    """Return the fields of this machine's /etc/os-release."""
     lines = Path("/etc/os-release").read_text().splitlines()
     return dict(line.replace('"', "").split("=", 1) for line in lines if "=" in line)
 
 
 def suite() -> str:
-    """The Debian suite of the root: this machine's own, so that this machine's Python runs on the robot too."""
+    """Return the Debian suite of the root: this machine's own, so that this machine's Python runs on the robot too."""
     return os.environ.get("LUPIN_HOST_SUITE") or os_release().get("VERSION_CODENAME", "bookworm")
 
 
 def recipe_hash() -> str:
-    """The hash of everything that the content of the root depends on."""
+    """Return the hash of everything that the content of the root depends on."""
     recipe = "\n".join((suite(), *PACKAGES, *OPTIONS, (HERE / "recipe.sh").read_text()))
     return hashlib.sha256(recipe.encode()).hexdigest()[:16]
 
 
 def cached_root() -> Path | None:
-    """The unpacked root of the current recipe, or None."""
+    """Return the unpacked root of the current recipe, or None."""
     root = cache_directory() / f"root-{recipe_hash()}"
     return root if root.is_dir() else None
 
@@ -112,14 +113,16 @@ def _build(root: Path, progress: Progress) -> None:
             f"{os_release().get('PRETTY_NAME', 'something else')}: set "
             "LUPIN_HOST_SUITE (bookworm) and LUPIN_HOST_MIRROR (a Debian mirror)"
         )
-    progress(f"building the robot's root, Debian {suite()}, {len(PACKAGES)} packages and what they need: about a minute, once")
+    progress(
+        f"building the robot's root, Debian {suite()}, {len(PACKAGES)} packages and what they need: two to five minutes, once"
+    )
     hook = f'--customize-hook=sh {HERE / "recipe.sh"} "$1"'
     command = ["mmdebstrap", "--mode=root", "--variant=minbase", f"--include={','.join(PACKAGES)}", *OPTIONS, hook, suite()]
     _call([*command, str(root), _mirror()], progress)
 
 
 def _mirror() -> str:
-    """The Debian mirror of this machine. Raises RootError."""
+    """Return the Debian mirror of this machine. Raises RootError."""
     if mirror := os.environ.get("LUPIN_HOST_MIRROR"):
         return mirror
     # The URIs that an update would fetch; apt knows them before the first update, too.
@@ -157,14 +160,29 @@ def _call(command: list[str], progress: Progress) -> None:
 
 @contextmanager
 def _locked(cache: Path, progress: Progress) -> Iterator[None]:
-    """Hold the lock of the cache: only one process builds, and the others wait."""
-    with (cache / "lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            progress("another process builds the root: waiting for it")
-            fcntl.flock(lock, fcntl.LOCK_EX)
+    """Hold the lock of the cache: only one process builds, and the others wait. Raises RootError after BUILD_TIMEOUT_S."""
+    path = cache / "lock"
+    # Only root may open it: whoever can open a file can hold its lock.
+    lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    try:
+        os.fchmod(lock, 0o600)
+        deadline_s = time.monotonic() + BUILD_TIMEOUT_S
+        waits = False
+        while True:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > deadline_s:
+                    message = f"another process has held {path} for {BUILD_TIMEOUT_S:g} s; see: fuser {path}"
+                    raise RootError(message) from None
+            if not waits:
+                waits = True
+                progress("another process builds the root: waiting for it")
+            time.sleep(0.2)
         yield
+    finally:
+        os.close(lock)
 
 
 def _remove_stale_builds(cache: Path) -> None:

@@ -9,6 +9,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from lupin_runtime.json_text import parse_json
 from lupin_sim.host.prerequisites import cgroup_roots
 
 STATE = Path("/run/lupin-host")
@@ -32,7 +33,7 @@ class DaemonProcess:
 
 
 def start_time(pid: int) -> int | None:
-    """When a process started, in clock ticks after boot (proc(5), field 22); None if there is no such process."""
+    """Return when a process started, in clock ticks after boot (proc(5), field 22); None if there is no such process."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     except OSError:
@@ -46,15 +47,17 @@ def write(folder: Path, pid: int) -> None:
 
 
 def read(folder: Path) -> DaemonProcess | None:
-    """The daemon of the host in this folder; None if it is not recorded."""
+    """Return the daemon of the host in this folder; None if it is not recorded."""
     try:
-        return DaemonProcess(**json.loads((folder / DAEMON_FILE).read_text()))
+        found = DaemonProcess(**parse_json((folder / DAEMON_FILE).read_text()))
     except (OSError, ValueError, TypeError):
         return None
+    # A PID below 2 would stand for many processes, or for init, when the daemon is killed.
+    return found if type(found.pid) is int and found.pid > 1 and type(found.started) is int else None
 
 
 def running() -> list[str]:
-    """The names of all hosts that are up."""
+    """Return the names of all hosts that are up."""
     if not STATE.is_dir():
         return []
     return sorted(folder.name for folder in STATE.iterdir() if (daemon := read(folder)) is not None and daemon.alive)

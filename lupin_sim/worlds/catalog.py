@@ -61,7 +61,7 @@ CATALOG: tuple[Entry, ...] = (
 
 
 def load_world(name: str, seed: int = 0) -> World:
-    """The world of a name such as `demo`, `course:2`, `random:7`, or of a layout file's path. Raises WorldError."""
+    """Return the world of a name such as `demo`, `course:2`, `random:7`, or of a layout file's path. Raises WorldError."""
     kind, _, argument = name.partition(":")
     try:
         for entry in CATALOG:
@@ -72,4 +72,4 @@ def load_world(name: str, seed: int = 0) -> World:
     except LayoutError as error:
         raise WorldError(str(error)) from None
     kinds = ", ".join(f"{e.name}:{e.argument}" if e.argument else e.name for e in CATALOG)
-    raise WorldError(f"there is no world {name!r}; there are {kinds}, or the path of a layout file (*.json)")
+    raise WorldError(f"unknown world {name!r}; expected {kinds}, or the path of a layout file (*.json)")

@@ -49,7 +49,7 @@ _TAGS = (
 
 
 def demo(seed: int = 0) -> World:
-    """The greenhouse `demo`. The seed only moves each flower by about a centimeter."""
+    """Return the greenhouse `demo`. The seed only moves each flower by about a centimeter."""
     rng = np.random.default_rng(np.random.SeedSequence((seed, 0xDE30)))
     boxes = [Box(*row) for row in _PLANTERS] + [Box(*row, kind="crate") for row in _CRATES]
     named = {box.name: box for box in boxes}

@@ -94,13 +94,13 @@ def world_from_layout(layout: Layout, name: str, seed: int, stretch: float = 1.0
 
 
 def _planter(name: str, table: Table, dx: float, dy: float) -> Box:
-    """A planter whose front faces south; its width is along x."""
+    """Return a planter whose front faces south; its width is along x."""
     x, y = table.center[0] + dx, table.center[1] + dy
     return Box(name, x, y, -math.pi / 2, width=table.x1 - table.x0, depth=table.y1 - table.y0)
 
 
 def _start(world: World) -> Pose2:
-    """The free pose nearest to the south-west corner, heading east. Raises ValueError."""
+    """Return the free pose nearest to the south-west corner, heading east. Raises ValueError."""
     x0, y0, x1, y1 = world.bounds
     xs = np.arange(x0 + START_CLEARANCE_M, x1 - START_CLEARANCE_M, 0.1)
     ys = np.arange(y0 + START_CLEARANCE_M, y1 - START_CLEARANCE_M, 0.1)
@@ -112,7 +112,7 @@ def _start(world: World) -> Pose2:
 
 
 def layout_file(path: str, seed: int) -> World:
-    """The greenhouse of a user's layout file, not stretched. Raises LayoutError."""
+    """Return the greenhouse of a user's layout file, not stretched. Raises LayoutError."""
     layout = parse_simulable_layout(LayoutText.read(Path(path)))
     try:
         return world_from_layout(layout, Path(path).stem, seed)
@@ -121,7 +121,7 @@ def layout_file(path: str, seed: int) -> World:
 
 
 def course(stretch: str, seed: int) -> World:
-    """The packaged layout of `mdp-greenhouse`, stretched by a factor ("" for the default). Raises LayoutError."""
+    """Return the packaged layout of `mdp-greenhouse`, stretched by a factor ("" for the default). Raises LayoutError."""
     factor = COURSE_STRETCH
     if stretch:
         try:

@@ -29,7 +29,7 @@ _DIRECTIONS = (-math.pi / 2, 0.0, math.pi / 2, math.pi)
 
 
 def random_world(seed: int) -> World:
-    """The greenhouse of a seed; always the same one. Draws that have too few planters or tags are discarded and repeated."""
+    """Return the greenhouse of a seed, always the same one. Draws with too few planters or tags are discarded and repeated."""
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng(np.random.SeedSequence((seed, attempt, 0x6A2D)))
         world = _draw(rng, seed)
@@ -72,24 +72,24 @@ def _planters(rng: np.random.Generator, length: float, breadth: float, start: Po
         yaw = float(rng.choice(_DIRECTIONS))
         half_x, half_y = (depth, width) if abs(math.cos(yaw)) > 0.5 else (width, depth)
         half_x, half_y = half_x / 2, half_y / 2
-        x, y = _along(rng, length, half_x), _along(rng, breadth, half_y)
+        x, y = _middle(rng, length, half_x), _middle(rng, breadth, half_y)
         box = Box(f"planter{len(boxes)}", x, y, yaw, width, depth)
-        if box.distance_to(start.x, start.y) < 0.6 or any(_gap(box, other) < AISLE_M for other in boxes):
+        if box.distance_to(start.x, start.y) < 0.6 or any(_distance(box, other) < AISLE_M for other in boxes):
             continue
         boxes.append(box)
     return tuple(boxes)
 
 
-def _along(rng: np.random.Generator, side: float, half: float) -> float:
-    """A coordinate for the middle of an object of half width `half`: an aisle away from both walls, or touching one of them."""
+def _middle(rng: np.random.Generator, side: float, half: float) -> float:
+    """Return a coordinate for the middle of an object of half width `half`: an aisle away from both walls, or touching one."""
     if rng.random() < 0.2:
         return half if rng.random() < 0.5 else side - half
     low, high = AISLE_M + half, side - AISLE_M - half
     return round(float(rng.uniform(low, high)), 3) if low < high else side / 2
 
 
-def _gap(one: Box, other: Box) -> float:
-    """The distance between two axis-aligned footprints, m."""
+def _distance(one: Box, other: Box) -> float:
+    """Return the distance between two axis-aligned footprints, m."""
     spans = []
     for axis in (0, 1):
         a, b = [c[axis] for c in one.corners()], [c[axis] for c in other.corners()]
@@ -100,7 +100,7 @@ def _gap(one: Box, other: Box) -> float:
 def _pillars(
     rng: np.random.Generator, length: float, breadth: float, start: Pose2, boxes: tuple[Box, ...]
 ) -> tuple[Pillar, ...]:
-    """Up to two posts that break the symmetry of the room and leave at least an aisle free."""
+    """Place up to two posts that break the symmetry of the room and leave at least an aisle free."""
     found: list[Pillar] = []
     for _ in range(60):
         if len(found) == 2:
@@ -110,8 +110,8 @@ def _pillars(
         to_wall = min(x, length - x, y, breadth - y) - radius
         clear = min([box.distance_to(x, y) - radius for box in boxes], default=math.inf)
         apart = min([math.hypot(x - p.x, y - p.y) for p in found], default=math.inf)
-        in_corner = 0.0 < to_wall < 0.05 or to_wall > AISLE_M
-        if in_corner and clear > AISLE_M and apart > 2.0 and math.hypot(x - start.x, y - start.y) > 1.2:
+        is_near_or_far_from_wall = 0.0 < to_wall < 0.05 or to_wall > AISLE_M
+        if is_near_or_far_from_wall and clear > AISLE_M and apart > 2.0 and math.hypot(x - start.x, y - start.y) > 1.2:
             found.append(Pillar(f"post{len(found)}", round(x, 3), round(y, 3), round(radius, 3)))
     return tuple(found)
 
@@ -140,7 +140,7 @@ def _tags(rng: np.random.Generator, world: World) -> tuple[Tag, ...]:
 
 
 def _visible_together(tag: Tag, other: Tag) -> bool:
-    """Whether a camera in front of one tag would see the flowers of the other beside its own."""
+    """Return whether a camera in front of one tag would see the flowers of the other beside its own."""
     if tag.box != other.box:
         return False
     across = abs(tag.pose.inverse().apply(other.x, other.y)[1])

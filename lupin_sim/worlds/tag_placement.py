@@ -13,7 +13,7 @@ TAG_SPACING_M = TAG_PLATE_M + 0.02
 
 
 def place_tag(box: Box, side: float, along_m: float, tag_id: int) -> Tag:
-    """A tag on the side of a box whose outward normal has the heading `side`, `along_m` from the middle of that side.
+    """Return a tag on the side of a box whose outward normal has the heading `side`, `along_m` from the middle of that side.
 
     Positive `along_m` is to the left when facing outwards. Raises ValueError if the box has no such side, or if the plate would
     extend over its edge.
@@ -28,7 +28,7 @@ def place_tag(box: Box, side: float, along_m: float, tag_id: int) -> Tag:
 
 
 def nearest(boxes: Iterable[Box], x: float, y: float) -> Box:
-    """The box whose footprint is nearest to a point; of equally near ones, the first by name."""
+    """Return the box whose footprint is nearest to a point; of equally near ones, the first by name."""
     return min(boxes, key=lambda box: (round(box.distance_to(x, y), 6), box.name))
 
 
@@ -58,7 +58,7 @@ def project(box: Box, x: float, y: float, tag_id: int, taken: Iterable[Tag] = ()
 
 
 def _free_place(wanted: float, room: float, taken: list[float]) -> float | None:
-    """The place nearest to `wanted` within +-room that keeps TAG_SPACING_M from the taken ones; None if there is none."""
+    """Return the place nearest to `wanted` within +-room that keeps TAG_SPACING_M from the taken ones, or None."""
     places = [wanted, *(t + side * TAG_SPACING_M for t in taken for side in (-1.0, 1.0))]
     free = [
         place for place in places if abs(place) <= room + 1e-9 and all(abs(place - t) >= TAG_SPACING_M - 1e-9 for t in taken)

@@ -44,7 +44,7 @@ def _rest(simulation: Simulation, seconds: float) -> None:
 
 
 def _in_front_of(tag: Tag, standoff_m: float = 0.5, left_m: float = 0.0, turn_rad: float = 0.0) -> Pose2:
-    """The pose of a robot that looks at a tag from `standoff_m` in front of it.
+    """Return the pose of a robot that looks at a tag from `standoff_m` in front of it.
 
     `left_m` is an offset to the left as seen from the tag, `turn_rad` a deviation of the heading.
     """
@@ -60,7 +60,7 @@ class Camera:
         self._rig = CameraRig(self.simulation.model)
 
     def capture(self, camera: str, pose: Pose2, arm: tuple[float, ...] | None = None) -> np.ndarray:
-        """The image of a camera with the robot at a pose: BGR of shape (480, 640, 3)."""
+        """Return the image of a camera with the robot at a pose: BGR of shape (480, 640, 3)."""
         self.simulation.place(pose, arm)
         image = new_image()
         self._rig.render(self.simulation.data, camera, image)

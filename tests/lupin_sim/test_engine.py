@@ -111,7 +111,7 @@ def test_base_with_vendor_fidelity_drives(drive: Callable[..., Any]) -> None:
 
 # -- lidar ------------------------------------------------------------------------------------------------------------
 def wall_distance(x: float, y: float, heading: float) -> float:
-    """The distance from a point in HALL to its wall, in the direction `heading`."""
+    """Return the distance from a point in HALL to its wall, in the direction `heading`."""
     c, s = math.cos(heading), math.sin(heading)
     distances = [(8.0 - x) / c if c > 1e-9 else math.inf, -x / c if c < -1e-9 else math.inf]
     distances += [(6.0 - y) / s if s > 1e-9 else math.inf, -y / s if s < -1e-9 else math.inf]
@@ -239,7 +239,7 @@ def test_simulated_time_starts_above_zero_and_advances_by_ticks(simulation: Simu
 
 
 def run_once(seed: int) -> list[bytes]:
-    """Every 10 ticks: positions, velocities, scan, and other sensors of a run."""
+    """Return positions, velocities, scan and other sensors of a run, at every 10th tick."""
     simulation = Simulation(load_world("demo"), seed=seed)
     observations = []
     simulation.arm.follow(Trajectory((1.0,), ((0.2, 0.6, -0.8, -1.47),)), simulation.time_s)

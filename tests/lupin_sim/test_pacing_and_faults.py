@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_sim.pacing import CATCH_UP_RATE, CATCH_UP_S, Pacer
-from lupin_sim.sensor_faults import FAULTS, SensorFaults, UnknownFault
+from lupin_sim.sensor_faults import FAULTS, InvalidFault, SensorFaults
 from tests.support.optional import present
 
 RANGES = np.linspace(1, 2, 360, dtype=np.float32)
@@ -78,31 +78,31 @@ def test_speed_zero_never_waits() -> None:
 
 # -- faults -----------------------------------------------------------------------------------------------------------
 def test_lidar_without_fault_is_unchanged() -> None:
-    assert SensorFaults().scan(RANGES) is RANGES
+    assert SensorFaults().distort_scan(RANGES) is RANGES
 
 
 def test_lidar_faults_change_the_ranges() -> None:
     faults = SensorFaults()
     faults.apply("scan nan")
-    assert np.isnan(present(faults.scan(RANGES))).all()
+    assert np.isnan(present(faults.distort_scan(RANGES))).all()
     faults.apply("scan zero")
-    assert not present(faults.scan(RANGES)).any()
+    assert not present(faults.distort_scan(RANGES)).any()
     faults.apply("scan silent")
-    assert faults.scan(RANGES) is None
+    assert faults.distort_scan(RANGES) is None
     faults.apply("scan frozen")
-    assert faults.scan(RANGES) is RANGES
-    assert faults.scan(RANGES * 2) is RANGES
+    assert faults.distort_scan(RANGES) is RANGES
+    assert faults.distort_scan(RANGES * 2) is RANGES
     faults.apply("scan none")
-    assert present(faults.scan(RANGES * 2))[0] == 2.0
+    assert present(faults.distort_scan(RANGES * 2))[0] == 2.0
 
 
 def test_sensors_are_silenced_separately() -> None:
     faults = SensorFaults()
     faults.apply(" camera silent ")
-    assert faults.silent("camera")
-    assert not faults.silent("odometry")
+    assert faults.is_silent("camera")
+    assert not faults.is_silent("odometry")
     faults.apply("camera none")
-    assert not faults.silent("camera")
+    assert not faults.is_silent("camera")
 
 
 def test_clock_jumps_forward_and_backward() -> None:
@@ -115,7 +115,7 @@ def test_clock_jumps_forward_and_backward() -> None:
 @pytest.mark.parametrize("text", ["", "scan", "scan broken", "lidar nan", "clock", "clock soon", "clock nan", "clock 1e9"])
 def test_unknown_fault_is_refused_and_changes_nothing(text: str) -> None:
     faults = SensorFaults()
-    with pytest.raises(UnknownFault, match=r"there are|clock jump"):
+    with pytest.raises(InvalidFault, match=r"expected one of: scan|expected a clock jump"):
         faults.apply(text)
     assert faults == SensorFaults()
 
@@ -125,7 +125,7 @@ def test_any_text_sets_known_modes_only(text: str) -> None:
     faults = SensorFaults()
     try:
         faults.apply(text)
-    except UnknownFault:
+    except InvalidFault:
         return
     assert math.isfinite(faults.clock_offset_ns)
     assert all(faults.modes[sensor] in modes for sensor, modes in FAULTS.items())

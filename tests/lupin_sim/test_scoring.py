@@ -42,7 +42,7 @@ def test_too_few_or_coinciding_points_are_refused() -> None:
 
 
 def drive(pose: Pose2, noise: float = 0.0) -> np.ndarray:
-    """A circle of 19 m in another frame, as rows of a TUM trajectory."""
+    """Return a circle of 19 m in another frame, as rows of a TUM trajectory."""
     rng = np.random.default_rng(1)
     t = np.linspace(1.0, 61.0, 601)
     a = (t - 1.0) / 60.0 * 2 * math.pi

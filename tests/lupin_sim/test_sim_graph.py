@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -122,6 +123,23 @@ def test_transforms_connect_all_frames(client: GraphClient) -> None:
     assert np.abs(body.rotation) == pytest.approx((0.5, 0.5, 0.5, 0.5), abs=1e-6)
     gripper = tree.lookup(graph.BASE_FRAME, graph.GRIPPER_CAMERA_FRAME)
     assert gripper.translation[2] == pytest.approx(0.536, abs=0.01)
+
+
+def test_links_of_the_description_are_frames(client: GraphClient) -> None:
+    tree = TransformListener(client.node).tree
+    description = client.next_message(graph.ROBOT_DESCRIPTION).data
+    links = [link.attrib["name"] for link in ElementTree.fromstring(description).iter("link")]
+    assert {graph.BASE_FRAME, graph.LASER_FRAME, "shoulder_pan", "wrist", "gripper"} <= set(links)
+
+    def all_connected() -> bool:
+        try:
+            for link in links:
+                tree.lookup(graph.BASE_FRAME, link)
+        except LookupError:
+            return False
+        return True
+
+    client.spin_until(all_connected, "a transform from base_link to every link")
 
 
 @pytest.mark.usefixtures("graphics")
@@ -285,7 +303,7 @@ def test_battery_fraction_can_be_set(client: GraphClient) -> None:
 
 
 def is_silent_for(client: GraphClient, row: graph.Topic, scans: int) -> bool:
-    """Whether no message of a topic arrives during this number of scans."""
+    """Return whether no message of a topic arrives during this number of scans."""
     last = client.newest.get(row.name)
     for _ in range(scans):
         client.next_message(graph.SCAN)

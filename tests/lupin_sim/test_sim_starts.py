@@ -79,7 +79,7 @@ def test_speed_zero_runs_faster_than_the_wall_clock(start: Callable[..., Any]) -
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (("--world", "atlantis"), "there are demo"),
+        (("--world", "atlantis"), "expected demo"),
         (("--world", "/nowhere/layout.json"), "cannot be read"),
         (("--led-order", "XYZ"), "permutation of RGB"),
         (("--fidelity", "perfect"), "invalid choice"),

@@ -56,7 +56,7 @@ def test_controllers_are_activated_in_the_order_of_ros2_control() -> None:
         assert not manager.load(name).ok
         assert manager.configure(name).ok
     assert manager.switch(CONTROLLERS, (), strict=True).ok
-    assert all(manager.active(name) for name in CONTROLLERS)
+    assert all(manager.is_active(name) for name in CONTROLLERS)
 
 
 def test_base_controller_needs_the_wheel_controller() -> None:
@@ -74,7 +74,7 @@ def test_best_effort_makes_the_possible_changes() -> None:
     reply = manager.switch(["joint_state_broadcaster", "mirte_master_arm_controller"], (), strict=False)
     assert not reply.ok
     assert "mirte_master_arm_controller is unconfigured" in reply.message
-    assert manager.active("joint_state_broadcaster")
+    assert manager.is_active("joint_state_broadcaster")
 
 
 def test_unknown_controller_is_refused() -> None:

@@ -26,7 +26,7 @@ def offset_s(host: Host) -> float:
 
 
 def date_offset_s(host: Host) -> float:
-    """The offset of the robot's `date` to this machine's clock, to within SSH's few tens of milliseconds."""
+    """Return the offset of the robot's `date` to this machine's clock, to within SSH's few tens of milliseconds."""
     before = time.time()
     shown = float(host.ssh("date +%s.%N").stdout)
     return shown - (before + time.time()) / 2

@@ -60,7 +60,7 @@ def test_failed_first_injection_leaves_no_record(injector: FaultInjector, networ
     network.fails = True
     with pytest.raises(FaultError, match="exited"):
         injector.inject(COMPUTER, "slow", FIRST)
-    assert injector.active(COMPUTER) == []
+    assert injector.active_faults(COMPUTER) == []
 
 
 def test_failed_repeated_injection_keeps_the_first_record(injector: FaultInjector, network: FaultyNetwork) -> None:
@@ -82,7 +82,7 @@ def test_failed_undo_keeps_the_record_and_can_be_repeated(
     assert injector._active == {KEY: FIRST}
     network.fails = False
     injector.undo(COMPUTER, "slow", settings)
-    assert (injector.active(COMPUTER), network.impaired) == ([], [("eth0", {"delay_ms": 40.0}), ("eth0", None)])
+    assert (injector.active_faults(COMPUTER), network.impaired) == ([], [("eth0", {"delay_ms": 40.0}), ("eth0", None)])
 
 
 def test_failed_reset_keeps_the_record_of_an_external_fault(injector: FaultInjector, network: FaultyNetwork) -> None:
@@ -93,7 +93,7 @@ def test_failed_reset_keeps_the_record_of_an_external_fault(injector: FaultInjec
     assert injector._active == {KEY: FIRST}
     network.fails = False
     injector.prepare_reset(COMPUTER)
-    assert injector.active(COMPUTER) == []
+    assert injector.active_faults(COMPUTER) == []
 
 
 def test_fault_on_both_links_is_undone_on_one_or_on_both(injector: FaultInjector) -> None:
@@ -104,4 +104,4 @@ def test_fault_on_both_links_is_undone_on_one_or_on_both(injector: FaultInjector
     assert injector._active == {FaultKey(0, "slow", "wlan0"): wireless}
     injector.inject(COMPUTER, "slow", FIRST)
     injector.undo(COMPUTER, "slow", {})
-    assert injector.active(COMPUTER) == []
+    assert injector.active_faults(COMPUTER) == []

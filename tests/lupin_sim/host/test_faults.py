@@ -17,7 +17,7 @@ pytestmark = pytest.mark.host
 
 
 def connect(host: Host, port: int = 22, timeout_s: float = 1.0, address: str = "10.42.0.1") -> str:
-    """The first bytes of a TCP connection from the laptop, or the name of its error."""
+    """Return the first bytes of a TCP connection from the laptop, or the name of its error."""
     with host.on_laptop():
         try:
             with socket.create_connection((address, port), timeout=timeout_s) as connection:
@@ -30,7 +30,7 @@ def connect(host: Host, port: int = 22, timeout_s: float = 1.0, address: str = "
 
 
 def round_trip_ms(host: Host) -> float:
-    """The shortest time of four attempts to connect to sshd; infinite if each failed or took more than a second."""
+    """Return the shortest time of four attempts to connect to sshd; infinite if each failed or took more than a second."""
     best = float("inf")
     for _ in range(4):
         with host.on_laptop():
@@ -220,6 +220,54 @@ def test_no_multicast_still_passes_unicast(host: Host) -> None:
     assert received == {False: ["group", "one"], True: ["one"]}
 
 
+COUNT_DATAGRAMS = (
+    "import socket; s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM); s.bind(('', {port})); s.settimeout(2)\n"
+    "print('listening', flush=True)\nreceived = []\n"
+    "try:\n  while True: received.append(s.recv(999))\n"
+    "except TimeoutError: print(len(received), len(set(received)))"
+)
+SENT = 200
+
+
+def count_datagrams(host: Host, port: int = 7413) -> tuple[int, int]:
+    """How many of SENT datagrams over the cable a port of the robot receives, and how many different ones.
+
+    The listener is started over the other link, which has no fault.
+    """
+    with host.popen(host.ssh_command("python3 -", link="wlan0"), text=True, stdout=-1, stdin=-1) as listener:
+        assert listener.stdout is not None and listener.stdin is not None
+        listener.stdin.write(COUNT_DATAGRAMS.format(port=port))
+        listener.stdin.close()
+        assert listener.stdout.readline() == "listening\n"
+        with host.on_laptop(), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for number in range(SENT):
+                sender.sendto(f"datagram {number}".encode(), ("10.42.0.1", port))
+                time.sleep(0.001)  # faster, the emulator's socket could overflow
+        total, different = listener.stdout.readline().split()
+        listener.wait(20)
+    return int(total), int(different)
+
+
+def test_corrupting_link_loses_and_duplicating_link_doubles(host: Host) -> None:
+    assert count_datagrams(host) == (SENT, SENT)
+    with host.robot.with_fault("corrupting-link", fraction=0.5):
+        total, different = count_datagrams(host)
+        assert 0 < total == different < SENT  # the receiver's checksum finds every flipped bit
+    with host.robot.with_fault("duplicating-link", fraction=1.0):
+        assert count_datagrams(host) == (2 * SENT, SENT)
+
+
+def test_filtered_link_drops_its_ports_in_one_direction(host: Host) -> None:
+    ports = {"first_port": 7400, "last_port": 7413}
+    with host.robot.with_fault("filtered-link", direction="to-robot", **ports):
+        assert count_datagrams(host)[0] == 0
+        assert count_datagrams(host, 7414)[0] == SENT
+    with host.robot.with_fault("filtered-link", direction="from-robot", **ports):
+        assert count_datagrams(host)[0] == SENT
+    with pytest.raises(HostError, match="expected the direction to-robot or from-robot"):
+        host.robot.inject_fault("filtered-link", direction="sideways")
+
+
 def test_dual_homed_laptop_has_no_route_and_sends_no_dds_data(host: Host) -> None:
     code = "import socket; s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM); s.sendto(b'x', ('10.42.0.1', 7413))"
     listen = (
@@ -286,7 +334,7 @@ def test_power_cut_and_reboot_are_faults_too(fresh_host: Host) -> None:
 
 
 def test_unknown_fault_or_setting_is_refused_with_the_known_ones(host: Host) -> None:
-    with pytest.raises(HostError, match="there is no fault 'nosuch'; there are: cable-cut"):
+    with pytest.raises(HostError, match="unknown fault 'nosuch'; expected one of: cable-cut"):
         host.robot.inject_fault("nosuch")
     with pytest.raises(HostError, match="cable-cut has no setting color; it has: link"):
         host.robot.inject_fault("cable-cut", color="red")
