@@ -51,6 +51,7 @@ class Target(Protocol):
     name: str  # the robot's name in the inventory, or "laptop"
     user: str
     address: str  # the host name or address by which this machine reaches it
+    login_command: str  # what a person types to get a shell there, such as "ssh mirte@10.42.0.1"; empty for this machine
 
     def batch(self, scripts: Sequence[Script], timeout_s: float = 10.0) -> dict[str, Output]:
         """Run all scripts in parallel in one round trip. Return an output for each, by name, even if it was cut off."""
@@ -66,8 +67,10 @@ class Target(Protocol):
     ) -> Output:
         """Run one script with standard input. `on_line` gets each line of its output as it is printed."""
 
-    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, timeout_s: float = 60.0) -> None:
-        """Write a file atomically: a temporary file in the same directory, synced, then renamed."""
+    def put(
+        self, path: str, data: bytes, *, mode: int = 0o644, owner: str = "", root: bool = False, timeout_s: float = 60.0
+    ) -> None:
+        """Write a file atomically: a temporary file in the same directory, synced, then renamed. `owner` is user:group."""
 
     def get(self, path: str, *, root: bool = False, timeout_s: float = 60.0) -> bytes | None:
         """Return the content of a file, or None if it does not exist."""
@@ -89,7 +92,8 @@ class Unreachable(TargetError):
 
     def __init__(self, message: str, kind: str, next_command: str = "") -> None:
         super().__init__(message, next_command)
-        self.kind = kind  # no-route | refused | timeout | silent (accepts a connection, never answers) | name | lost
+        # no-route | refused | timeout | silent (accepts a connection, never answers) | name | lost | jump (a host on the way)
+        self.kind = kind
 
 
 class HostKeyUnknown(TargetError):
@@ -102,6 +106,22 @@ class HostKeyChanged(TargetError):
 
 class AuthenticationFailed(TargetError):
     """The robot accepts neither the user's keys nor a password."""
+
+
+class PrivateKeyUnusable(AuthenticationFailed):
+    """A private key of this user cannot be read, and no other one is accepted."""
+
+
+class PrivateKeyMissing(AuthenticationFailed):
+    """This user has no private key at all."""
+
+
+class SshConfigUnusable(TargetError):
+    """The user's ~/.ssh/config cannot be read, or applied to the host."""
+
+
+class LoginShellUnusable(TargetError):
+    """The login works, and the user's login shell runs no command."""
 
 
 class RootRefused(TargetError):

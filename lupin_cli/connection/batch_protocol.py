@@ -51,6 +51,9 @@ ENVIRONMENT = (
     f"export LC_ALL SHLVL PATH; unset {_USER_SETTINGS}\n"
 )
 
+# Every user can read the arguments of a process, but only its own user its environment: a script's text is there.
+EVALUATE = 'eval "unset lupin_script; $lupin_script"'
+
 # run_script INDEX TIMEOUT_S TEXT: run one script, with only four processes, because forty scripts run at once on a small board.
 #   `timeout` gives it its own process group, so that the background processes it leaves are terminated with it.
 #   Frames are written to fd 4. fd 3 collects the script's standard error, which the shell itself reads up to an end line; the
@@ -63,7 +66,7 @@ run_script() {
   {
     u0=0; read -r u0 rest </proc/uptime
     o=$( {
-      timeout -k 1 "$2" /bin/sh -c "$3" 2>&3 3>&- 4>&- </dev/null &
+      lupin_script=$3 timeout -k 1 "$2" /bin/sh -c 'EVALUATE' 2>&3 3>&- 4>&- </dev/null &
       wait $!
       status=$?
       kill -s TERM -- "-$!"
@@ -81,7 +84,8 @@ run_script() {
     done
   }
 }
-""".replace("STDOUT_CAP", str(STDOUT_CAP_BYTES + 1))
+""".replace("EVALUATE", EVALUATE)
+    .replace("STDOUT_CAP", str(STDOUT_CAP_BYTES + 1))
     .replace("STDERR_LINES", str(STDERR_LINES))
     .replace("STDERR_COLUMNS", str(STDERR_COLUMNS))
 )

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from lupin_cli.connection.base import Unreachable
-from lupin_cli.connection.destination import Destination
+from lupin_cli.connection.destination import Destination, parse_destination
 
 # "No route to host" shows that the laptop has lost the network, a timeout that the robot has.
 _KINDS = {
@@ -42,7 +42,7 @@ _MEANING = {
 
 def unreachable(destination: str, kind: str, detail: str = "") -> Unreachable:
     """Return the error for `kind`, with the command that examines it."""
-    host = destination.split("@")[-1]
+    host = parse_destination(destination)[1]
     commands = {
         "no-route": f"ip route get {host}",
         "timeout": f"ping -c 3 {host}",

@@ -5,6 +5,7 @@ default_robot = "greenhouse"
 [robots.greenhouse]
 user = "mirte"                       # the default
 ros_setup = ["source /opt/ros/humble/setup.bash", "source ~/mirte_ws/install/setup.bash"]
+ssid = "Mirte-247264"                # of its access point, which `lupin deploy laptop` prefers
 
 [robots.greenhouse.addresses]        # tried in the order wired, router, ap
 wired = "10.42.0.1"
@@ -16,19 +17,29 @@ from __future__ import annotations
 import difflib
 import os
 import re
+import shlex
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
+from lupin_runtime.bounded_file import read_bounded_text
+
+ADD_EXAMPLE = "lupin robots add greenhouse mirte@10.42.0.1"
 TRANSPORTS = ("wired", "router", "ap")  # best first
 DEFAULT_USER = "mirte"
 ROS_SETUP = ("source /opt/ros/humble/setup.bash", "source ~/mirte_ws/install/setup.bash")
+MAX_BYTES = 256 * 1024
+MAX_KEY_DOTS = 20  # of a key or the name of a table: the time for reading one grows with their square
 _NAME = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
 
 
 class ConfigError(Exception):
     """A file or an option cannot be used. The message names file and line, and the nearest valid word."""
+
+    def __init__(self, message: str, next_command: str = "") -> None:
+        super().__init__(message)
+        self.next_command = next_command
 
 
 @dataclass(frozen=True)
@@ -40,6 +51,7 @@ class Robot:
     user: str = ""  # empty: from ~/.ssh/config, else mirte
     transport: str = ""  # use only this one
     ros_setup: tuple[str, ...] = ROS_SETUP
+    ssid: str = ""  # of its access point; empty: not known
 
 
 @dataclass(frozen=True)
@@ -71,12 +83,10 @@ def load(path: Path | None = None) -> Config:
     named = path or (Path(os.environ["LUPIN_CONFIG"]) if os.environ.get("LUPIN_CONFIG") else None)
     found = named or config_directory() / "lupin.toml"
     try:
-        text = found.read_text(encoding="utf-8")
+        text = read_bounded_text(found, MAX_BYTES)
     except FileNotFoundError:
         if named is not None:
-            raise ConfigError(
-                f"{found}: no such file; create it with: lupin robots add NAME ADDRESS --config {found}"
-            ) from None
+            raise ConfigError(f"{found}: no such file", f"{ADD_EXAMPLE} --config {shlex.quote(str(found))}") from None
         return Config(found)
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{found}: cannot be read: {error}") from error
@@ -87,9 +97,12 @@ def parse(text: str, path: Path) -> Config:
     """Parse the text of an inventory. Raises ConfigError with file, line and the nearest valid word."""
     import tomllib
 
+    for number, row in enumerate(text.splitlines(), 1):
+        if row.partition("=")[0].count(".") > MAX_KEY_DOTS:
+            raise ConfigError(f"{path}:{number}: a key has more than {MAX_KEY_DOTS} dots")
     try:
         raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:  # too deep; a number of thousands of digits
         line = re.search(r"line (\d+)", str(error))
         raise ConfigError(f"{path}:{line[1] if line else 1}: not valid TOML: {error}") from error
     validator = _Validator(text, path)
@@ -137,6 +150,7 @@ _ROBOT: Rules = {
     "addresses": _expect_table,
     "transport": _expect_transport,
     "ros_setup": _expect_lines,
+    "ssid": _expect_text,
 }
 _ADDRESSES: Rules = dict.fromkeys(TRANSPORTS, _expect_address)
 
@@ -181,6 +195,7 @@ class _Validator:
             table.get("user", ""),
             transport,
             tuple(table.get("ros_setup", ROS_SETUP)),
+            table.get("ssid", ""),
         )
 
 

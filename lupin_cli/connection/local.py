@@ -29,6 +29,7 @@ class LocalTarget:
     def __init__(self, name: str = "laptop", sudo_password: str | None = None) -> None:
         self.name = name
         self.address = "127.0.0.1"
+        self.login_command = ""
         self.user = pwd.getpwuid(os.getuid()).pw_name
         self._sudo_password = sudo_password
 
@@ -67,9 +68,11 @@ class LocalTarget:
             raise RootRefused(f"{self.name}: {self.user} cannot run commands as root: {reason}", "sudo -v")
         return collector.output(status, time.monotonic() - start, timeout_s)
 
-    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, timeout_s: float = 60.0) -> None:
+    def put(
+        self, path: str, data: bytes, *, mode: int = 0o644, owner: str = "", root: bool = False, timeout_s: float = 60.0
+    ) -> None:
         """See `Target.put`."""
-        output = self.run(write_file_script(path, len(data), mode), root=root, stdin=data, timeout_s=timeout_s)
+        output = self.run(write_file_script(path, len(data), mode, owner), root=root, stdin=data, timeout_s=timeout_s)
         if not output.ok:
             raise TargetError(f"{self.name}: could not write {path}: {failure_reason(output)}; it is unchanged")
 

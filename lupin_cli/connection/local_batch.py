@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from lupin_cli.connection.base import Output, Script
 from lupin_cli.connection.batch_protocol import (
     ENVIRONMENT,
+    EVALUATE,
     HELD_BY_STRAY,
     STDERR_COLUMNS,
     STDERR_LINES,
@@ -77,11 +78,11 @@ class _RunningScript:
         self._timeout_s = min(script.timeout_s, timeout_s)
         self._selector = selector
         self._process = subprocess.Popen(
-            ["/bin/sh", "-c", ENVIRONMENT + script.text],
+            ["/bin/sh", "-c", EVALUATE],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            env=environment,
+            env={**environment, "lupin_script": ENVIRONMENT + script.text},
             process_group=0,  # not its own session: sudo remembers a password for the terminal that `sudo -v` ran on
         )
         assert self._process.stdout is not None and self._process.stderr is not None

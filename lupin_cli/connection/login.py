@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import shlex
 import socket
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import paramiko
+from paramiko.pkey import UnknownKeyType
 
-from lupin_cli.connection.base import AuthenticationFailed
+from lupin_cli.connection.base import AuthenticationFailed, PrivateKeyMissing, PrivateKeyUnusable, Unreachable
 from lupin_cli.connection.channel import CONNECTION_ERRORS
 from lupin_cli.connection.connect import CONNECT_TIMEOUT_S, open_with_banner, unreachable
 from lupin_cli.connection.destination import Destination
@@ -23,8 +25,37 @@ logging.getLogger("paramiko").setLevel(logging.CRITICAL)  # its threads print th
 AskPassword: TypeAlias = Callable[[str], str]
 Stream: TypeAlias = socket.socket | paramiko.Channel | paramiko.ProxyCommand  # what an SSH connection can run over
 
+_DEFAULT_KEYS = ("id_rsa", "id_ecdsa", "id_ed25519")  # that paramiko looks for
 KEEPALIVE_S = 5  # also between calls, so that a dead link is known before the next one
 HANDSHAKE_TIMEOUT_S = 10.0  # the key exchange takes seconds on a robot that is booting
+
+
+# What OpenSSH offers by default, in its order, as far as paramiko knows it; paramiko itself still offers 3des-cbc and hmac-md5.
+CIPHERS = ("aes128-ctr", "aes192-ctr", "aes256-ctr", "aes128-gcm@openssh.com", "aes256-gcm@openssh.com")
+MACS = (
+    *("hmac-sha2-256-etm@openssh.com", "hmac-sha2-512-etm@openssh.com"),
+    *("hmac-sha2-256", "hmac-sha2-512", "hmac-sha1"),
+)
+_SIGNATURES = {"ssh-rsa": ("rsa-sha2-512", "rsa-sha2-256")}  # how a key of this type signs
+
+
+class _TransportFactory:
+    """Makes the transport of a client: it asks the server for a host key of a known type first."""
+
+    def __init__(self, key_types: Sequence[str]) -> None:
+        self._key_types = [each for key_type in key_types for each in _SIGNATURES.get(key_type, (key_type,))]
+
+    def __call__(self, stream: Any, **options: Any) -> paramiko.Transport:
+        transport = paramiko.Transport(stream, **options)
+        offered = transport.get_security_options()
+        offered.ciphers, offered.digests = CIPHERS, MACS
+        first = [each for each in self._key_types if each in offered.key_types]
+        offered.key_types = [*first, *(each for each in offered.key_types if each not in first)]
+        return transport
+
+
+class _AnsweredLateError(Exception):
+    """The sshd closed the connection while a person was asked for a host key or a password; the answer is known now."""
 
 
 class Connection:
@@ -60,7 +91,11 @@ class Connection:
         self.close()
         transport = None
         for hop in self.destination.jumps:
-            transport = self._log_in(hop.original_host or hop.host, hop, transport)  # a jump host has its own host key
+            try:
+                transport = self._log_in(hop.original_host or hop.host, hop, transport)  # a jump host has its own host key
+            except Unreachable as error:
+                message = f"{self.destination}: the jump host on the way to it cannot be reached: {error}"
+                raise Unreachable(message, "jump", error.next_command) from error
         return self._log_in(self.name, self.destination, transport), True
 
     @property
@@ -102,15 +137,30 @@ class Connection:
             _terminate_proxy(self._proxies.pop())
 
     def _log_in(self, name: str, destination: Destination, jump_transport: paramiko.Transport | None) -> paramiko.Transport:
-        """Append a client for `destination` to the chain, connected through the previous one."""
+        """Append a client for `destination` to the chain, connected through the previous one.
+
+        An sshd waits two minutes for a login. A question may stay open for longer, so after its answer a second login follows.
+        """
+        for _ in range(2):  # a host key and a password may both be asked for
+            try:
+                return self._try_log_in(name, destination, jump_transport)
+            except _AnsweredLateError:
+                continue
+        return self._try_log_in(name, destination, jump_transport)
+
+    def _try_log_in(self, name: str, destination: Destination, jump_transport: paramiko.Transport | None) -> paramiko.Transport:
         stream = self._open_stream(destination, jump_transport)
         client = paramiko.SSHClient()
-        # The robot's name stands in for its address: paramiko then asks for a key type that is known, and compares.
-        for key in self._known_hosts.accepted_keys(name, destination)[0]:
-            client.get_host_keys().add(name, key.get_name(), key)
-        client.set_missing_host_key_policy(_AskKnownHosts(self._known_hosts, name, destination))
+        question = _AskKnownHosts(self._known_hosts, name, destination)
+        client.set_missing_host_key_policy(question)
         try:
             self._authenticate(client, name, destination, stream)
+        except Unreachable as error:
+            client.close()
+            stream.close()
+            if question.answered:
+                raise _AnsweredLateError from error
+            raise
         except BaseException:
             client.close()
             stream.close()
@@ -150,16 +200,23 @@ class Connection:
                 allow_agent=not destination.identities_only,
                 look_for_keys=not destination.identities_only,
                 sock=stream,
+                transport_factory=_TransportFactory(self._known_hosts.key_types(name, destination)),
             )
-        except paramiko.BadHostKeyException as error:
-            self._known_hosts.verify(name, destination, error.key)  # raises HostKeyChanged with both keys
-            raise
         except paramiko.AuthenticationException as error:
             self._handle_auth_failure(client, destination, error)
         except CONNECTION_ERRORS as error:
             if "No authentication methods" in str(error):  # paramiko's message if the user has no key at all
                 self._handle_auth_failure(client, destination, error)
                 return
+            transport = client.get_transport()
+            if transport is not None and transport.is_active() and (file := _unreadable_key(destination)):
+                raise PrivateKeyUnusable(
+                    f"{destination}: {file} is not a private key that can be read ({error}), and no other one is accepted",
+                    f"ssh-keygen -y -f {shlex.quote(file)}",
+                ) from error
+            if destination.proxy_command:
+                message = f"{destination}: the proxy command on the way to it does not work: {destination.proxy_command}"
+                raise Unreachable(f"{message} ({str(error) or type(error).__name__})", "jump") from error
             detail = f"{str(error) or type(error).__name__} in the SSH handshake"
             raise unreachable(str(destination), "lost", detail) from error
 
@@ -174,24 +231,55 @@ class Connection:
         if address not in self._passwords and self._ask_password is not None:
             self._log_in_with_password(transport, destination, self._ask_password(f"Password of {address}: "))
             return
-        port = f"-p {destination.port} " if destination.port != 22 else ""
+        if address not in self._passwords and not _has_private_key(destination):
+            raise PrivateKeyMissing(f"{address}: this user has no private key", _copy_key_command(destination)) from error
         raise AuthenticationFailed(
             f"{address} accepts none of this user's keys"
             + (", nor the password" if address in self._passwords else "")
             + (f" ({error})" if "encrypted" in str(error) else ""),
-            f"ssh-copy-id {port}{destination.user}@{destination.host}",
+            _copy_key_command(destination),
         ) from error
 
     def _log_in_with_password(self, transport: paramiko.Transport, destination: Destination, password: str) -> None:
+        self._passwords[str(destination)] = password
         try:
             transport.auth_password(destination.user, password)
-        except paramiko.AuthenticationException as error:
-            raise AuthenticationFailed(
-                f"{destination} accepts neither this user's keys nor the password", f"ssh-copy-id {destination}"
-            ) from error
         except CONNECTION_ERRORS as error:
-            raise unreachable(str(destination), "lost", f"{error} during the login") from error
-        self._passwords[str(destination)] = password
+            if not transport.is_active():  # paramiko reports this as a refused password, too
+                raise _AnsweredLateError from error
+            del self._passwords[str(destination)]
+            raise AuthenticationFailed(
+                f"{destination} accepts neither this user's keys nor the password", _copy_key_command(destination)
+            ) from error
+
+
+def _unreadable_key(destination: Destination) -> str:
+    """Return the first private key file for `destination` that cannot be parsed; empty if there is none."""
+    for file in _private_key_files(destination):
+        try:
+            paramiko.PKey.from_path(file)
+        except paramiko.PasswordRequiredException:
+            continue
+        except (paramiko.SSHException, OSError, ValueError, UnknownKeyType):
+            return str(file)
+    return ""
+
+
+def _private_key_files(destination: Destination) -> list[Path]:
+    files = [Path(name) for name in destination.identity_files]
+    if not destination.identities_only:
+        files += [Path.home() / ".ssh" / name for name in _DEFAULT_KEYS]
+    return [file for file in files if file.is_file()]
+
+
+def _has_private_key(destination: Destination) -> bool:
+    """Return whether the user can offer a key for `destination`: from a file, or from an agent."""
+    if _private_key_files(destination):
+        return True
+    if destination.identities_only:
+        return False
+    with contextlib.closing(paramiko.Agent()) as agent:
+        return bool(agent.get_keys())
 
 
 class _AskKnownHosts(paramiko.MissingHostKeyPolicy):
@@ -199,10 +287,18 @@ class _AskKnownHosts(paramiko.MissingHostKeyPolicy):
 
     def __init__(self, known_hosts: KnownHosts, name: str, destination: Destination) -> None:
         self._known_hosts, self._name, self._destination = known_hosts, name, destination
+        self.answered = False  # whether the key was accepted just now, possibly by a person who took long
 
     def missing_host_key(self, _client: paramiko.SSHClient, _hostname: str, key: paramiko.PKey) -> None:
         """See `paramiko.MissingHostKeyPolicy`."""
-        self._known_hosts.verify(self._name, self._destination, key)
+        self.answered = self._known_hosts.verify(self._name, self._destination, key)
+
+
+def _copy_key_command(destination: Destination) -> str:
+    """Return what installs the user's key on the machine, and creates the key if the user has none."""
+    own_key = next((f"-i {shlex.quote(name)} " for name in destination.identity_files if Path(f"{name}.pub").is_file()), "")
+    create = "" if own_key or any(Path("~/.ssh").expanduser().glob("id_*")) else "ssh-keygen -t ed25519 && "
+    return f"{create}ssh-copy-id {own_key}{destination.login_command.removeprefix('ssh ')}"
 
 
 def _terminate_proxy(proxy: paramiko.ProxyCommand) -> None:

@@ -9,7 +9,15 @@ from collections.abc import Callable, Iterator, Sequence
 
 import paramiko
 
-from lupin_cli.connection.base import ClockReading, Output, RootRefused, Script, TargetError
+from lupin_cli.connection.base import (
+    ClockReading,
+    LoginShellUnusable,
+    Output,
+    RootRefused,
+    Script,
+    TargetError,
+    Unreachable,
+)
 from lupin_cli.connection.batch_protocol import batch_program
 from lupin_cli.connection.channel import CONNECTION_ERRORS, read_output, send_input
 from lupin_cli.connection.connect import CONNECT_TIMEOUT_S, unreachable
@@ -20,6 +28,7 @@ from lupin_cli.connection.keepalive import ConnectionWatchdog
 from lupin_cli.connection.login import HANDSHAKE_TIMEOUT_S, AskPassword, Connection
 from lupin_cli.connection.sftp import Sftp
 from lupin_cli.connection.shell_file_io import decode_file, failure_reason, read_file_script, write_file_script
+from lupin_cli.printed_commands import complete
 
 
 class SshTarget:
@@ -39,6 +48,7 @@ class SshTarget:
         self.name = name
         self.user = destination.user
         self.address = destination.host
+        self.login_command = destination.login_command
         self.destination = destination
         self.transport_name = transport_name  # in the inventory: wired, router or ap
         self.clock_reading: ClockReading | None = None  # of the last batch
@@ -50,7 +60,11 @@ class SshTarget:
 
     def connect(self) -> paramiko.Transport:
         """Return the live connection. Raises Unreachable, HostKeyUnknown, HostKeyChanged or AuthenticationFailed."""
-        transport, is_new = self._connection.open()
+        try:
+            transport, is_new = self._connection.open()
+        except TargetError as error:
+            error.next_command = complete(error.next_command, robot=self.name)
+            raise
         if is_new:
             self._sftp = Sftp()
         return transport
@@ -96,7 +110,8 @@ class SshTarget:
                 with _exec(watchdog.transport, program.command, timeout_s) as channel:
                     with contextlib.suppress(OSError):  # a shell that has exited takes no input; its output is still read
                         channel.sendall(program.payload[:-1])
-                        sent_ns, sent_monotonic_ns = time.time_ns(), time.monotonic_ns()
+                        # In this order: a pause between both makes the answer seem later, so that its bound stays true.
+                        sent_monotonic_ns, sent_ns = time.monotonic_ns(), time.time_ns()
                         channel.sendall(program.payload[-1:])  # the program begins when its last byte has arrived
                         channel.shutdown_write()
                     while not program.reader.done and (remaining_s := deadline - time.monotonic()) > 0:
@@ -115,7 +130,7 @@ class SshTarget:
             if not program.reader.done and time.monotonic() < deadline and _is_gone(watchdog.transport):
                 why_cut = f"the link was lost: {watchdog.reason}"
                 if not program.reader.started:
-                    raise unreachable(str(self.destination), "lost", watchdog.reason if watchdog.timed_out else "")
+                    raise self._lost(watchdog.reason if watchdog.timed_out else "")
             elif shell_exited and not program.reader.started:
                 raise self._shell_refused(last_error)
         if program.reader.clock is not None:
@@ -160,14 +175,16 @@ class SshTarget:
             raise self._shell_refused(collector.last_error)
         return collector.output(status, time.monotonic() - start, timeout_s, lost)
 
-    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, timeout_s: float = 60.0) -> None:
+    def put(
+        self, path: str, data: bytes, *, mode: int = 0o644, owner: str = "", root: bool = False, timeout_s: float = 60.0
+    ) -> None:
         """See `Target.put`."""
-        if not root:
+        if not root and not owner:
             with ConnectionWatchdog(self.connect(), timeout_s + 1.0) as watchdog:
                 if self._sftp.put(watchdog.transport, path, data, mode):
                     return
         # As root, or if SFTP is not served or reports no more than "Failure": a shell writes the file or says why not.
-        output = self.run(write_file_script(path, len(data), mode), root=root, stdin=data, timeout_s=timeout_s)
+        output = self.run(write_file_script(path, len(data), mode, owner), root=root, stdin=data, timeout_s=timeout_s)
         if not output.ok:
             self._require_link(output, f"{path} is unchanged or complete")
             raise TargetError(f"{self.name}: could not write {path}: {failure_reason(output)}; it is unchanged")
@@ -192,20 +209,25 @@ class SshTarget:
                     raise EOFError("the script did not start")
                 received += byte
         except CONNECTION_ERRORS as error:
-            raise unreachable(str(self.destination), "lost", str(error)) from error
+            raise self._lost(str(error)) from error
         return channel
 
     def _require_link(self, output: Output, detail: str) -> None:
         """Raise Unreachable if a script did not finish because the connection was lost."""
         if output.status is None and self._connection.live is None:
-            raise unreachable(str(self.destination), "lost", detail)
+            raise self._lost(detail)
 
-    def _shell_refused(self, last_line: str) -> TargetError:
+    def _lost(self, detail: str) -> Unreachable:
+        error = unreachable(str(self.destination), "lost", detail)
+        error.next_command = complete(error.next_command, robot=self.name)
+        return error
+
+    def _shell_refused(self, last_line: str) -> LoginShellUnusable:
         """Return the error for a login shell that ran no command: a startup file replaces it, or the user has no shell."""
-        return TargetError(
+        return LoginShellUnusable(
             f"{self.name}: the login shell of {self.user} does not run commands; it printed: {last_line or 'nothing'}. "
             "A startup file that ends with 'exec ...' must do so on terminals only: [ -t 0 ] && exec ...",
-            f"ssh {self.destination.user}@{self.destination.host} echo fine",
+            f"{self.login_command} 'echo fine'",
         )
 
 

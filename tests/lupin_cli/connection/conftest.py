@@ -47,7 +47,10 @@ def free_port() -> int:
 
 
 def start_sshd(directory: Path, port: int = 0, extra: str = "") -> tuple[subprocess.Popen[bytes], Sshd]:
-    """Start an sshd and wait until it listens. Its keys are in `directory` and are created if missing."""
+    """Start an sshd and wait until it listens. Its keys are in `directory` and are created if missing.
+
+    Lines of `extra` override the defaults.
+    """
     program = shutil.which("sshd", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
     if program is None:
         pytest.skip("needs sshd: apt install openssh-server")
@@ -62,8 +65,8 @@ def start_sshd(directory: Path, port: int = 0, extra: str = "") -> tuple[subproc
     config = directory / f"sshd_config_{port}"
     config.write_text(
         f"ListenAddress 127.0.0.1:{port}\nHostKey {directory}/host_ed25519\nAuthorizedKeysFile {directory}/authorized_keys\n"
-        f"PidFile none\nUsePAM no\nPasswordAuthentication no\nStrictModes no\nPermitRootLogin yes\nMaxStartups 100\n"
-        f"Subsystem sftp internal-sftp\nUseDNS no\n{extra}"
+        f"PidFile none\n{extra}UsePAM no\nPasswordAuthentication no\nStrictModes no\nPermitRootLogin yes\nMaxStartups 100\n"
+        f"Subsystem sftp internal-sftp\nUseDNS no\n"
     )
     with (directory / "sshd.log").open("ab") as log:
         process = subprocess.Popen([program, "-D", "-e", "-f", str(config)], stdin=subprocess.DEVNULL, stderr=log)

@@ -14,7 +14,8 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from lupin_cli.connection.base import Script, TargetError
+from lupin_cli.connection.base import Script, SshConfigUnusable
+from lupin_cli.connection.connect import unreachable
 from lupin_cli.connection.destination import Destination, parse_destination, resolve
 from lupin_cli.connection.ssh import SshTarget
 
@@ -77,8 +78,14 @@ def test_default_user_is_used_if_no_user_is_named(tmp_path: Path) -> None:
 
 def test_circular_proxy_jump_is_refused(tmp_path: Path) -> None:
     (tmp_path / "config").write_text("Host a\n ProxyJump b\nHost b\n ProxyJump a\n")
-    with pytest.raises(TargetError, match="circle"):
+    with pytest.raises(SshConfigUnusable, match="circle"):
         resolve("a", config_path=tmp_path / "config")
+
+
+def test_jump_of_every_host_jumps_in_a_circle(tmp_path: Path) -> None:
+    (tmp_path / "config").write_text("Host *\n  ProxyJump nobody@10.42.0.138\n")
+    with pytest.raises(SshConfigUnusable, match=r"10\.42\.0\.1 -> 10\.42\.0\.138"):
+        resolve("10.42.0.1", config_path=tmp_path / "config")
 
 
 def test_config_that_includes_itself_is_read(tmp_path: Path) -> None:
@@ -136,6 +143,13 @@ def test_resolve_changes_only_what_directives_name(tmp_path: Path, lines: list[s
 )
 def test_destination_is_parsed(text: str, expected: tuple[str, str, int]) -> None:
     assert parse_destination(text) == expected
+
+
+@pytest.mark.parametrize("text", ["mirte@10.42.0.1", "mirte@10.42.0.1:2222", "mirte@[fe80::1%eth0]", "mirte@[::1]:1"])
+def test_destination_is_written_as_it_is_parsed(text: str) -> None:
+    user, host, port = parse_destination(text)
+    assert str(Destination(host, port or 22, user)) == text
+    assert unreachable(text, "timeout").next_command == f"ping -c 3 {host}"
 
 
 @pytest.mark.parametrize("text", ["", "a b", "host:0", "host:65536", "host:x", "@host", "a@b@c", "[fe80::1"])

@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from lupin_cli.connection.base import HostKeyChanged, HostKeyUnknown, Script
+from lupin_cli.connection.base import HostKeyChanged, HostKeyUnknown, Script, TargetError
+from lupin_cli.connection.destination import Destination
 from lupin_cli.connection.host_keys import KnownHosts
 from lupin_cli.connection.ssh import SshTarget
+from tests.lupin_cli.connection.conftest import start_sshd
 
 if TYPE_CHECKING:
     from tests.lupin_cli.connection.conftest import Sshd
@@ -120,3 +124,86 @@ def test_hashed_entry_is_found_among_broken_lines(sshd: Sshd, tmp_path: Path) ->
     users.write_text(hashed.replace("|1|", "|1|AAAA"))
     with pytest.raises(HostKeyUnknown):
         SshTarget("greenhouse", sshd.destination, KnownHosts(tmp_path / "own", users)).connect()
+
+
+def other_key(folder: Path, name: str, kind: str = "ed25519") -> str:
+    """Make a key; return its type and public part."""
+    subprocess.run(["ssh-keygen", "-q", "-t", kind, "-N", "", "-f", str(folder / name)], check=True)
+    return " ".join((folder / f"{name}.pub").read_text().split()[:2])
+
+
+@pytest.mark.parametrize("marked", ["own", "users"])
+def test_revoked_key_is_refused_though_it_was_accepted(sshd: Sshd, tmp_path: Path, marked: str) -> None:
+    address = sshd.destination.known_as
+    (tmp_path / "own").write_text(f"greenhouse {sshd.host_key}\n")
+    (tmp_path / "users").write_text(f"{address} {sshd.host_key}\n")
+    revoked = f"@revoked {'greenhouse' if marked == 'own' else '*'} {sshd.host_key}\n"
+    with (tmp_path / marked).open("a") as file:
+        file.write(revoked)
+    known_hosts = KnownHosts(tmp_path / "own", tmp_path / "users", confirm=lambda _: True)
+    with pytest.raises(HostKeyChanged, match="revokes") as caught:
+        SshTarget("greenhouse", sshd.destination, known_hosts).connect()
+    shown = subprocess.run(caught.value.next_command, shell=True, capture_output=True, text=True, check=True).stdout
+    assert fingerprint_by_keygen(sshd.directory / "host_ed25519.pub") in shown
+
+
+def test_every_key_of_a_type_is_accepted(sshd: Sshd, tmp_path: Path) -> None:
+    address = sshd.destination.known_as
+    lines = [other_key(tmp_path, "before"), sshd.host_key, other_key(tmp_path, "after"), other_key(tmp_path, "rsa", "rsa")]
+    (tmp_path / "users").write_text("".join(f"{address} {line}\n" for line in lines))
+    target = SshTarget("greenhouse", sshd.destination, KnownHosts(tmp_path / "own", tmp_path / "users"))
+    target.connect()
+    target.close()
+
+
+@pytest.mark.parametrize(
+    ("patterns", "accepted"),
+    [
+        ("*", True),
+        ("{address},!{address}", False),
+        ("!{address},*", False),
+        ("*,!10.*", True),
+        ("other,[127.0.0.?]:*", True),
+        ("[127.0.0.1]", False),
+        ("!other", False),
+    ],
+)
+def test_patterns_are_those_of_openssh(sshd: Sshd, tmp_path: Path, patterns: str, accepted: bool) -> None:
+    address, users = sshd.destination.known_as, tmp_path / "users"
+    users.write_text(f"{patterns.format(address=address)} {sshd.host_key}\n")
+    by_keygen = subprocess.run(["ssh-keygen", "-F", address, "-f", str(users)], capture_output=True, check=False)
+    assert (by_keygen.returncode == 0) is accepted
+    target = SshTarget("greenhouse", sshd.destination, KnownHosts(tmp_path / "own", users))
+    if accepted:
+        target.connect()
+        target.close()
+    else:
+        with pytest.raises(HostKeyUnknown):
+            target.connect()
+
+
+def test_malformed_line_of_the_robot_is_named(sshd: Sshd, tmp_path: Path) -> None:
+    users, address = tmp_path / "users", sshd.destination.known_as
+    users.write_text(f"other nonsense\n{address} ssh-ed25519 AAAA\n@unheard {address} {sshd.host_key}\n")
+    with pytest.raises(HostKeyUnknown) as caught:
+        SshTarget("greenhouse", sshd.destination, KnownHosts(tmp_path / "own", users)).connect()
+    assert f"({users}:2, {users}:3 cannot be read)" in str(caught.value)
+
+
+@given(content=st.binary(max_size=300))
+def test_no_content_of_a_known_hosts_file_raises(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    users = tmp_path_factory.getbasetemp() / "users"
+    users.write_bytes(content)
+    destination = Destination("10.42.0.1")
+    assert KnownHosts(users, users).key_types("x", destination) == []
+
+
+@pytest.mark.parametrize("option", ["Ciphers 3des-cbc", "Ciphers aes256-cbc", "MACs hmac-md5", "MACs hmac-sha1-96"])
+def test_weak_algorithm_is_not_agreed_on(tmp_path: Path, option: str) -> None:
+    process, sshd = start_sshd(tmp_path, extra=f"{option}\n" + ("Ciphers aes128-ctr\n" if option.startswith("MACs") else ""))
+    try:
+        with pytest.raises(TargetError, match="handshake"):
+            SshTarget("robot", sshd.destination, sshd.known_hosts()).connect()
+    finally:
+        process.terminate()
+        process.wait(10)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -107,10 +109,39 @@ def test_select_robots_returns_chosen_robots() -> None:
     assert [robot.name for robot in select_robots(config, ["spare", "spare"])] == ["spare"]
     assert [robot.name for robot in select_robots(config, None, every=True)] == ["greenhouse", "spare"]
     assert [robot.name for robot in select_robots(config, None, every=True, limit="s*")] == ["spare"]
-    assert select_robots(Config(PATH), None) == [STOCK_ROBOT]
     assert select_robots(Config(PATH), [STOCK_ROBOT.name]) == [STOCK_ROBOT]
     adhoc = select_robots(config, ["pi@10.0.0.9:2222"])[0]
     assert (adhoc.user, dict(adhoc.addresses)) == ("pi", {"": "10.0.0.9:2222"})
+
+
+@pytest.mark.parametrize(
+    ("own", "expected"),
+    [
+        (("10.42.0.2",), {"wired": "10.42.0.1"}),
+        (("172.16.0.9", "192.168.42.17"), {"ap": "192.168.42.1"}),
+        (("192.168.42.17", "10.42.0.2"), {"wired": "10.42.0.1", "ap": "192.168.42.1"}),
+    ],
+)
+def test_robot_as_delivered_is_tried_on_its_networks(
+    monkeypatch: pytest.MonkeyPatch, own: tuple[str, ...], expected: dict[str, str]
+) -> None:
+    set_addresses(monkeypatch, *own)
+    (robot,) = select_robots(Config(PATH), None)
+    assert (robot.name, dict(robot.addresses)) == (STOCK_ROBOT.name, expected)
+
+
+def test_without_inventory_and_network_the_robot_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_addresses(monkeypatch, "127.0.0.1", "172.16.0.9")
+    with pytest.raises(ConfigError, match=r"no interface of this machine .* plug its cable in") as caught:
+        select_robots(Config(PATH), None)
+    assert caught.value.next_command == "lupin robots add greenhouse mirte@10.42.0.1"
+
+
+def set_addresses(monkeypatch: pytest.MonkeyPatch, *addresses: str) -> None:
+    """Give this machine an interface for each address, all with a prefix of 24 bits."""
+    interface = SimpleNamespace(family=socket.AF_INET, netmask="255.255.255.0")
+    found = {f"if{at}": [SimpleNamespace(**vars(interface), address=each)] for at, each in enumerate(addresses)}
+    monkeypatch.setattr("psutil.net_if_addrs", lambda: found)
 
 
 @pytest.mark.parametrize(

@@ -100,6 +100,14 @@ def test_batch_works_with_old_and_new_base64(tmp_path: Path, base64: str) -> Non
     assert (outputs["none"].status, outputs["none"].stdout) == (7, "")
 
 
+@pytest.mark.parametrize("root", [False, pytest.param(True, marks=pytest.mark.skipif(os.geteuid() != 0, reason="needs root"))])
+def test_text_of_a_script_is_in_no_list_of_processes(target: Target, root: bool) -> None:
+    text = "ps -eo args; env; : hunter2-and-more"
+    for output in (target.batch([Script("ps", text, 60.0, root=root)], 60.0)["ps"], target.run(text, root=root)):
+        assert output.ok and "ps -eo args" in output.stdout
+        assert "hunter2" not in output.stdout
+
+
 def test_script_cannot_forge_output_of_another(target: Target) -> None:
     # A script that knows the protocol and writes frames to every descriptor that it may have.
     forge = "for fd in 1 2 3 4 5 6; do eval \"printf '0 o 1 Zm9yZ2Vk\\n0 s 1 0 0 0\\n0 z 1\\n' >&$fd\"; done 2>/dev/null; true"

@@ -16,16 +16,27 @@ from pathlib import Path
 from subprocess import Popen
 from typing import TYPE_CHECKING, Any
 
+import psutil
 import pytest
 
-from lupin_cli.connection.base import AuthenticationFailed, Script, TargetError, Unreachable
+from lupin_cli.connection.base import (
+    AuthenticationFailed,
+    PrivateKeyMissing,
+    PrivateKeyUnusable,
+    Script,
+    TargetError,
+    Unreachable,
+)
 from lupin_cli.connection.connect import first_reachable
 from lupin_cli.connection.destination import Destination
 from lupin_cli.connection.host_keys import KnownHosts
 from lupin_cli.connection.ssh import SshTarget
+from tests.support.waiting import wait_until
+
+from .conftest import start_sshd
 
 if TYPE_CHECKING:
-    from tests.lupin_cli.connection.conftest import Sshd
+    from .conftest import Sshd
 
 Behavior = Callable[[socket.socket], None]
 
@@ -201,7 +212,107 @@ def test_wrong_key_error_names_ssh_copy_id(sshd: Sshd, tmp_path: Path) -> None:
     target = SshTarget("robot", replace(sshd.destination, identity_files=(str(tmp_path / "id"),)), sshd.known_hosts())
     with pytest.raises(AuthenticationFailed) as caught:
         target.connect()
-    assert caught.value.next_command.startswith(f"ssh-copy-id -p {sshd.port}")
+    assert caught.value.next_command == (
+        f"ssh-copy-id -i {tmp_path}/id -p {sshd.port} {sshd.destination.user}@{sshd.destination.host}"
+    )
+
+
+def test_user_without_any_key_is_told_to_create_one(sshd: Sshd, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("SSH_AUTH_SOCK", raising=False)
+    target = SshTarget("robot", replace(sshd.destination, identity_files=()), sshd.known_hosts())
+    with pytest.raises(AuthenticationFailed) as caught:
+        target.connect()
+    assert caught.value.next_command.startswith(f"ssh-keygen -t ed25519 && ssh-copy-id -p {sshd.port} ")
+
+
+@pytest.fixture
+def impatient_sshd(tmp_path: Path) -> Iterator[tuple[Sshd, Callable[[], None]]]:
+    """Yield an sshd that closes a connection a second after it was opened without a login, and a wait for that."""
+    process, server = start_sshd(tmp_path, extra="LoginGraceTime 1\nPasswordAuthentication yes\n")
+    parent = psutil.Process(process.pid)
+
+    def wait_for_close() -> None:
+        assert parent.children()
+        wait_until(lambda: not parent.children(), "the end of the connection's process")
+
+    yield server, wait_for_close
+    process.terminate()
+    process.wait(10)
+
+
+def test_login_succeeds_after_a_host_key_question_of_minutes(
+    impatient_sshd: tuple[Sshd, Callable[[], None]], tmp_path: Path
+) -> None:
+    server, wait_for_close = impatient_sshd
+    questions: list[str] = []
+
+    def answer_late(question: str) -> bool:
+        questions.append(question)
+        wait_for_close()
+        return True
+
+    known_hosts = KnownHosts(tmp_path / "own", tmp_path / "users", confirm=answer_late)
+    target = SshTarget("robot", server.destination, known_hosts)
+    assert target.batch([Script("one", "echo one")])["one"].stdout == "one\n"
+    target.close()
+    assert len(questions) == 1
+
+
+def test_password_is_tried_after_a_question_of_minutes(impatient_sshd: tuple[Sshd, Callable[[], None]]) -> None:
+    server, wait_for_close = impatient_sshd
+    questions: list[str] = []
+
+    def answer_late(question: str) -> str:
+        questions.append(question)
+        wait_for_close()
+        return "not the password"
+
+    destination = replace(server.destination, identity_files=())
+    target = SshTarget("robot", destination, server.known_hosts(), ask_password=answer_late)
+    with pytest.raises(AuthenticationFailed, match="nor the password"):
+        target.connect()
+    assert len(questions) == 1
+
+
+@pytest.mark.parametrize(
+    "text", ["garbage", "-----BEGIN OPENSSH PRIVATE KEY-----\nbm90IGEga2V5\n-----END OPENSSH PRIVATE KEY-----\n"]
+)
+def test_damaged_private_key_is_named_with_its_file(sshd: Sshd, tmp_path: Path, text: str) -> None:
+    key = tmp_path / "id"
+    key.write_text(text)
+    target = SshTarget("robot", replace(sshd.destination, identity_files=(str(key),)), sshd.known_hosts())
+    with pytest.raises(PrivateKeyUnusable, match=str(key)) as caught:
+        target.connect()
+    assert caught.value.next_command == f"ssh-keygen -y -f {key}"
+    assert subprocess.run(caught.value.next_command.split(), capture_output=True).returncode != 0
+
+
+def test_user_without_any_key_is_no_fault_of_the_robot(sshd: Sshd, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SSH_AUTH_SOCK", raising=False)
+    destination = replace(sshd.destination, identity_files=("/nowhere/id",), identities_only=True)
+    with pytest.raises(PrivateKeyMissing, match="no private key"):
+        SshTarget("robot", destination, sshd.known_hosts()).connect()
+
+
+def test_dead_proxy_command_is_not_the_robot(sshd: Sshd) -> None:
+    destination = replace(sshd.destination, proxy_command="false")
+    with (
+        contextlib.closing(SshTarget("robot", destination, sshd.known_hosts())) as target,
+        pytest.raises(Unreachable, match="proxy command on the way to it does not work: false") as caught,
+    ):
+        target.connect()
+    assert caught.value.kind == "jump"
+
+
+def test_dead_jump_host_is_not_the_robot(sshd: Sshd) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as unused:
+        port = unused.getsockname()[1]
+    jump = replace(sshd.destination, port=port)
+    target = SshTarget("robot", replace(sshd.destination, jumps=(jump,)), sshd.known_hosts())
+    with pytest.raises(Unreachable, match="jump host") as caught:
+        target.connect()
+    assert caught.value.kind == "jump" and f":{port}" in str(caught.value)
 
 
 class Relay:
