@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import re
 from dataclasses import dataclass
 from ipaddress import ip_address, ip_interface
 from typing import Any
@@ -10,8 +10,25 @@ from typing import Any
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE
+from lupin_runtime.json_text import parse_json
 
-PROBE = PRELUDE + "ip -j -4 address show\n"
+PROBE = PRELUDE + "ip -j address show\n"
+
+# Names that programs give to interfaces: Docker, Podman, libvirt, LXC, VirtualBox and VMware to the bridges of their guests,
+# VPNs and modems to their tunnels.
+_GUEST_BRIDGE = re.compile(r"(br-[0-9a-f]{12}|docker|podman|cni|virbr|lxcbr|lxdbr|vboxnet|vmnet)\d*")
+_TUNNEL = re.compile(r"(tun|tap|wg|tailscale|zt|ppp|ipsec|vti|gre|sit)\w*")
+_VIRTUAL = ("br-", "docker", "veth", "virbr", "tap", "tun")
+
+
+def is_guest_bridge(interface: str) -> bool:
+    """Return whether containers or virtual machines of this machine are all that an interface leads to, by its name."""
+    return bool(_GUEST_BRIDGE.fullmatch(interface))
+
+
+def is_tunnel(interface: str) -> bool:
+    """Return whether an interface is the end of a tunnel, which has no cable and an MTU of its own, by its name."""
+    return bool(_TUNNEL.fullmatch(interface))
 
 
 @dataclass(frozen=True)
@@ -40,6 +57,7 @@ class Addresses:
     """All IPv4 addresses of a machine, in the kernel's order."""
 
     entries: tuple[Address, ...]
+    unused: tuple[str, ...] = ()  # interfaces of networks that have a carrier and no address, and that no other one uses
 
     @property
     def announced(self) -> tuple[Address, ...]:
@@ -53,14 +71,20 @@ class Addresses:
 
 def parse(output: Output) -> Addresses:
     """Parse the output of PROBE. Raises ValueError."""
-    found = []
-    for link in _link_objects(output):
-        flags = link.get("flags", [])
+    found, unused = [], []
+    links = _link_objects(output)
+    parents = {str(link["link"]) for link in links if "link" in link}  # of VLANs
+    for link in links:
+        flags, name = link.get("flags", []), str(link.get("ifname", "?"))
+        if not any(info.get("family") == "inet" for info in link.get("addr_info", [])):
+            is_network = link.get("link_type", "ether") == "ether" and not name.startswith(_VIRTUAL)
+            is_network = is_network and "master" not in link and name not in parents and not is_guest_bridge(name)
+            unused += [name] if is_network and "LOWER_UP" in flags and "LOOPBACK" not in flags else []
         for info in link.get("addr_info", []):
             if info.get("family") == "inet" and "local" in info:
                 found.append(
                     Address(
-                        interface=str(link.get("ifname", "?")),
+                        interface=name,
                         address=str(info["local"]),
                         prefix_length=int(info.get("prefixlen", 32)),
                         scope=str(info.get("scope", "global")),
@@ -68,12 +92,12 @@ def parse(output: Output) -> Addresses:
                         carrier="LOWER_UP" in flags and "NO-CARRIER" not in flags,
                     )
                 )
-    return Addresses(tuple(found))
+    return Addresses(tuple(found), tuple(unused))
 
 
 def _link_objects(output: Output) -> list[dict[str, Any]]:
     try:
-        found = json.loads(output.stdout)
+        found = parse_json(output.stdout)
     except ValueError:
         found = None
     if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
-
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, parse_sections
 from lupin_runtime.cameras.driver_state import STATE_FOLDER, DriverState
+from lupin_runtime.json_text import parse_json
 
 PROBE = (
     PRELUDE
@@ -28,9 +27,9 @@ def parse(output: Output) -> dict[str, DriverState]:
 
 def _state(text: str) -> DriverState:
     try:
-        read = json.loads(text)
+        read = parse_json(text)
         return DriverState(str(read["state"]), str(read["text"]), int(read["ends"]))
-    except (KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"expected a driver's state, found {text[:80]!r}") from error
 
 

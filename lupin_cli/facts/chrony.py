@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from ipaddress import IPv4Address, IPv4Network
 
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
@@ -78,6 +79,17 @@ class Chrony:
         """Return the configuration lines of one directive."""
         return tuple(line for line in self.conf if _directive(line).split()[:1] == [name])
 
+    def allows(self, address: str) -> bool:
+        """Return whether its configuration lets this IPv4 address ask for the time: the most specific directive decides."""
+        asking = IPv4Address(address)
+        deciding: tuple[int, bool] = (-1, False)
+        for line in (*self.directives("allow"), *self.directives("deny")):
+            words = _directive(line).split()
+            network = _network(next((word for word in words[1:] if word != "all"), "0.0.0.0/0"))
+            if network is not None and asking in network and network.prefixlen >= deciding[0]:
+                deciding = network.prefixlen, words[0] == "allow"
+        return deciding[1]
+
     @property
     def serves(self) -> bool:
         """Whether it serves time to other machines: chrony opens port 123 only if an `allow` directive admits one."""
@@ -115,6 +127,19 @@ def _sources(sections: Sections) -> tuple[TimeSource, ...]:
         for line, fields in rows
         if len(fields) >= 10 and fields[0] in ("^", "=", "#")
     )
+
+
+def _network(text: str) -> IPv4Network | None:
+    """Return the network of an `allow` or `deny` directive, which may leave out zeros at the end; None for IPv6 and names."""
+    address, slash, length = text.partition("/")
+    octets = address.split(".")
+    if not all(octet.isdigit() for octet in octets) or len(octets) > 4:
+        return None
+    whole = ".".join((octets + ["0"] * 3)[:4])
+    try:
+        return IPv4Network(f"{whole}/{length if slash else 8 * len(octets)}", strict=False)
+    except ValueError:
+        return None
 
 
 def _directive(line: str) -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from xml.etree import ElementTree
 
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.ros_processes import FILTER_NETWORK_NAMESPACE
-from lupin_cli.facts.sections import PRELUDE, Section, parse_sections
+from lupin_cli.facts.sections import PRELUDE, Section, number, parse_sections
 from lupin_runtime.ports import DISCOVERY_PORT
 
 # The GUID prefix of discovery server 0 in the vendor's profiles and in ours; its bytes spell DS_EPROSIMA.
@@ -34,7 +34,8 @@ pids=$(grep -zlasE "^($names)=" /proc/[0-9]*/environ | cut -d/ -f3)
     case $path in /*) file="${{root%/}}$path" ;; *) file="${{root%root}}cwd/$path" ;; esac
     # A process may exit before its root folder is read; any other process with the same path will do.
     [ -z "$found" ] && [ -r "$file" ] || continue
-    found=yes; echo "@@ file $path"; head -c 20000 "$file" | sed 's/^/ /'; echo
+    found=yes; echo "@@ age $path"; echo $(( $(date +%s) - $(stat -L -c %Y "$file") ))
+    echo "@@ file $path"; head -c 20000 "$file" | sed 's/^/ /'; echo
   done
   missing
 }}
@@ -62,6 +63,9 @@ class Profile:
     protocol: str = ""  # SIMPLE, CLIENT, SUPER_CLIENT, SERVER
     servers: tuple[Server, ...] = ()
     whitelist: tuple[str, ...] = ()  # interfaceWhiteList: the only addresses that participants use and announce
+    age_s: float | None = None  # since the file was last written, by the machine's clock; None if that is not known
+    own_transports: tuple[str, ...] = ()  # types of the transports that it defines for its participants
+    builtin_transports: bool = True  # whether participants also have those of Fast DDS: shared memory and UDP
 
     @property
     def for_server(self) -> bool:
@@ -82,7 +86,8 @@ def parse(output: Output) -> tuple[Profile, ...]:
     sections = parse_sections(output)
     if not sections.all("end"):
         raise ValueError("the probe's output has no last line: it was cut off")
-    return tuple(_from_section(section) for section in sections.all("file"))
+    ages = {section.argument: number(section.text, "an age in seconds") for section in sections.all("age") if section.text}
+    return tuple(replace(_from_section(section), age_s=ages.get(section.argument)) for section in sections.all("file"))
 
 
 def _from_section(section: Section) -> Profile:
@@ -117,7 +122,18 @@ def parse_profile(path: str, text: str) -> Profile:
         for remote in chosen.iter("RemoteServer")
         for udp in remote.iter("udpv4")
     )
-    return Profile(path, "", default, _text(next(chosen.iter("discoveryProtocol"), None)), servers, whitelist)
+    types = {_text(each.find("transport_id")): _text(each.find("type")) for each in root.iter("transport_descriptor")}
+    used = (types.get(_text(each), "") for each in chosen.findall(".//userTransports/transport_id"))
+    return Profile(
+        path,
+        "",
+        default,
+        _text(next(chosen.iter("discoveryProtocol"), None)),
+        servers,
+        whitelist,
+        own_transports=tuple(filter(None, used)),
+        builtin_transports=_text(next(chosen.iter("useBuiltinTransports"), None)).lower() not in ("false", "0"),
+    )
 
 
 def _text(element: ElementTree.Element | None) -> str:

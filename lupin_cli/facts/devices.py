@@ -8,6 +8,9 @@ from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, as_root_if_allowed, parse_sections
 
+# Prints the service of a control group, if the system's manager runs it. What a person runs, below user.slice, has none: the
+# last name there may be user@1000.service, which is the whole session.
+SERVICE_OF_GROUP = r"sed -n '/\/user\.slice\//d; s,.*/\([^/]*\.service\).*,\1,p'"
 # Only root can read the open files of other users' processes.
 _FIND_HOLDERS = """find /proc/[0-9]*/fd -maxdepth 1 \\( -lname '/dev/video*' -o -lname '/dev/ttyACM*' \\
   -o -lname '/dev/ttyUSB*' -o -lname '/dev/bus/usb/*' -o -lname '/dev/media*' \\) -printf '%p %l\\n'"""
@@ -25,10 +28,11 @@ echo '@@ holders'
 held() {
 """
     + as_root_if_allowed(_FIND_HOLDERS)
-    + """}
-held | while read -r f dev; do
-  p=${f#/proc/}; p=${p%%/*}
-  u=$(sed -n 's,.*/\\([^/]*\\.service\\).*,\\1,p' "/proc/$p/cgroup" 2>/dev/null | head -n 1)
+    + f"""}}
+service_of() {{ {SERVICE_OF_GROUP} "/proc/$1/cgroup" 2>/dev/null | head -n 1; }}
+"""
+    + """held | while read -r f dev; do
+  p=${f#/proc/}; p=${p%%/*}; u=$(service_of "$p")
   echo "$p $dev ${u:--} $(cat "/proc/$p/comm" 2>/dev/null) $(tr '\\0' ' ' <"/proc/$p/cmdline" 2>/dev/null | cut -c1-200)"
 done | sort -u
 echo '@@ board'

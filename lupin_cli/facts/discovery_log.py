@@ -44,8 +44,8 @@ class DiscoveryLog:
 
     @property
     def server_enabled(self) -> bool:
-        """Whether the vendor's stack is configured to use a discovery server."""
-        return self.switch not in ("", "false")
+        """Whether the vendor's script starts a discovery server: it compares the value with `true`, and nothing else."""
+        return self.switch == "true"
 
 
 def parse(output: Output) -> DiscoveryLog:

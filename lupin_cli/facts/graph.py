@@ -6,19 +6,22 @@ process must stay without one.
 
 from __future__ import annotations
 
-import json
 import shlex
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_runtime.graph import BATTERY, DRIVE_STATUS, ESTOP_STATE, ESTOP_STATUS
+from lupin_cli.facts.routes import ROBOT_ADDRESSES
+from lupin_runtime.graph import BATTERY, CLOCK, DRIVE_STATUS, ESTOP_STATE, ESTOP_STATUS
+from lupin_runtime.interpreter import PYTHON
+from lupin_runtime.json_text import parse_json
 
-GHOST = "_NODE_NAME_UNKNOWN_"  # the name that rmw reports for an unknown node
-PROBE = f"exec {shlex.quote(sys.executable)} -m lupin_runtime.stack.graph_probe"
+WALL_TIME_S = 86_400.0  # stamps that are so close to a clock are taken from one
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # the name that rmw reports for an unknown node
+# With a robot selected, the graph that programs of this shell join is probed even if it is not the robot's.
+PROBE = f"exec {shlex.join(PYTHON)} -m lupin_runtime.stack.graph_probe ${{{ROBOT_ADDRESSES}:+--shell}}"
 
 
 @dataclass(frozen=True)
@@ -31,9 +34,9 @@ class Endpoint:
     latched: bool
 
     @property
-    def is_ghost(self) -> bool:
+    def is_stale(self) -> bool:
         """Whether its node is unknown: the discovery server still lists endpoints of processes that have exited."""
-        return self.node.endswith(GHOST)
+        return self.node.endswith(UNKNOWN_NODE)
 
     @property
     def qos(self) -> str:
@@ -64,13 +67,19 @@ class Controller:
 
 @dataclass(frozen=True)
 class ServiceCall:
-    """A call of a service that has a server in the graph. `round_trip_s` is None if no answer came."""
+    """A call of a service that has a server in the graph. `round_trip_s` is None if no answer came.
+
+    A server that is listed but never matches the client is sent no request.
+    """
 
     service: str
     round_trip_s: float | None
+    sent: bool = True
 
     def line(self) -> str:
         """Return the result in one line."""
+        if not self.sent:
+            return f"{self.service}: its server is listed, but does not become ready for requests"
         result = "no answer" if self.round_trip_s is None else f"answered after {self.round_trip_s * 1e3:.1f} ms"
         return f"{self.service}: {result}"
 
@@ -85,11 +94,27 @@ class DriveInput:
 
 
 @dataclass(frozen=True)
+class Timing:
+    """When samples of a topic arrived: their rate (None for fewer than three), and the age of the last one.
+
+    `stamp_age_s` is how old the samples were by their stamp and this machine's clock when they arrived, and `frame` the frame
+    in their header; None if the message has no header. `listened_s` is the time from the first sample to the end of the visit.
+    """
+
+    topic: str
+    rate_hz: float | None
+    age_s: float | None
+    stamp_age_s: float | None = None
+    frame: str | None = None
+    listened_s: float | None = None
+
+
+@dataclass(frozen=True)
 class Graph:
     """One graph. If it could not be joined, `error` says why, and nothing else is known."""
 
-    name: str  # a run's id, or `robot`
-    kind: str  # sim or robot
+    name: str  # a run's id, `robot`, or `shell`
+    kind: str  # sim, robot, or shell: what programs of the operator's shell join, if that is not a known graph
     environment: tuple[tuple[str, str], ...]
     error: str = ""
     joined_s: float = 0.0
@@ -102,19 +127,39 @@ class Graph:
     battery: tuple[float | None, float | None] | None = None  # percentage and voltage; None for a value that is not a number
     estop: bool | None = None
     estop_reasons: tuple[str, ...] = ()
-    bus_winner: str = ""  # the input that controls the drive bus; empty without Lupin's drive bus
-    bus_locks: tuple[str, ...] = ()
-    bus_listeners: tuple[tuple[str, int], ...] = ()  # the drive bus's output topic, and how many subscriptions it discovered
+    drive_bus_holder: str = ""  # the input that controls the drive bus; empty without Lupin's drive bus
+    drive_bus_locks: tuple[str, ...] = ()
+    sink_subscriptions: tuple[tuple[str, int], ...] = ()  # topic, and how many subscriptions the drive bus sees
     # If no sample was received on any topic: the number of topics that a second probe received without shared memory.
     udp_heard: int | None = None
+    timings: tuple[Timing, ...] = ()
+    drive_matched: int | None = None  # subscriptions that would get a drive command of this machine; None if none is listed
+    late: tuple[str, ...] = ()  # topics and services that appeared too late to be observed
+    busy: float | None = None  # share of the time in which the probe computed, or waited for a processor
 
     def topic(self, name: str) -> ObservedTopic | None:
         """Return the topic of that name, or None."""
         return next((topic for topic in self.topics if topic.name == name), None)
 
+    @property
+    def uses_simulated_time(self) -> bool:
+        """Whether stamps and rates are those of simulated time, which begins at zero.
+
+        A node may listen for it without a publisher, and a simulated robot may publish it and stamp its data by the clock.
+        """
+        clock = self.topic(CLOCK.name)
+        if clock is None or not clock.publishers:
+            return False
+        ages = [timing.stamp_age_s for timing in self.timings if timing.stamp_age_s is not None]
+        return self.kind == "sim" or not any(abs(age_s) < WALL_TIME_S for age_s in ages)
+
     def sample_count(self, name: str) -> int | None:
         """Return how many samples arrived on a topic; None if it has no publisher or the probe does not subscribe to it."""
         return dict(self.samples).get(name)
+
+    def timing(self, name: str) -> Timing:
+        """Return when samples of a topic arrived."""
+        return next((timing for timing in self.timings if timing.topic == name), Timing(name, None, None))
 
     @property
     def machine(self) -> str:
@@ -138,7 +183,7 @@ class Graphs:
 def parse(output: Output) -> Graphs:
     """Parse the probe's JSON. Raises ValueError."""
     try:
-        document = json.loads(output.stdout)
+        document = parse_json(output.stdout)
         return Graphs(tuple(_graph(each) for each in document["graphs"]))
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         last = (output.stderr.strip().splitlines() or ["nothing on stderr"])[-1]
@@ -167,14 +212,23 @@ def _graph(document: Mapping[str, Any]) -> Graph:
         samples=tuple((name, int(sample["count"])) for name, sample in document["samples"].items()),
         inputs=tuple(DriveInput(name, seen["count"], seen["moving"]) for name, seen in document["inputs"].items()),
         controllers=None if controllers is None else tuple(Controller(c["name"], c["state"]) for c in controllers),
-        calls=tuple(ServiceCall(name, call["round_trip_s"]) for name, call in document["calls"].items()),
+        calls=tuple(
+            ServiceCall(name, call["round_trip_s"], call.get("sent", True)) for name, call in document["calls"].items()
+        ),
         battery=(battery["percentage"], battery["voltage"]) if battery else None,
         estop=estop_status.get("engaged", messages.get(ESTOP_STATE.name)),
         estop_reasons=tuple(estop_status.get("reasons", ())),
-        bus_winner=str(drive.get("winner") or ""),
-        bus_locks=tuple(drive.get("locks", ())),
-        bus_listeners=((str(sink["topic"]), int(sink["listeners"])),) if sink else (),
+        drive_bus_holder=str(drive.get("winner") or ""),
+        drive_bus_locks=tuple(drive.get("locks", ())),
+        sink_subscriptions=((str(sink["topic"]), int(sink["listeners"])),) if sink else (),
         udp_heard=document.get("udp_heard"),
+        timings=tuple(
+            Timing(name, s.get("rate_hz"), s.get("age_s"), s.get("stamp_age_s"), s.get("frame"), s.get("listened_s"))
+            for name, s in document["samples"].items()
+        ),
+        drive_matched=document.get("drive_matched"),
+        late=tuple(document.get("late", ())),
+        busy=document.get("busy"),
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from lupin_cli.facts.clock import Offset
 
@@ -12,7 +13,7 @@ class Link:
     """The result of one attempt to connect to a robot.
 
     `kind` is empty if the robot answered. Otherwise it is `Unreachable.kind`, or for other failures one of host-key-unknown,
-    host-key-changed, authentication, root and target.
+    host-key-changed, authentication, private-key, no-key, ssh-config, login-shell, root and target.
     """
 
     robot: str  # name in the inventory, or the address as it was typed
@@ -20,6 +21,9 @@ class Link:
     kind: str = ""
     message: str = ""
     next_command: str = ""
+    transport: str = ""  # in the inventory: wired, router or ap; empty for an address that was typed
+    addresses: Mapping[str, str] = field(default_factory=dict)  # hosts of this robot in the inventory, by transport
+    login: str = ""  # the command that logs in there
     clock: Offset | None = None  # offset of the robot's clock from this machine's; None if it was not measured
 
     @property

@@ -53,7 +53,7 @@ PROBE = (
 echo '@@ own'; ip -4 -o address show scope global | awk '{{ split($4, part, "/"); print part[1] }}'
 if [ "$as" = nobody ]; then echo '@@ refused'; echo "$(id -un) may not capture packets: needs root, or sudo without password"
 elif command -v python3 >/dev/null 2>&1; then
-  counts=$($as timeout {CAPTURE_S + 2:.0f} python3 -c {shlex.quote(_COUNTER)} 2>&1) && printf '%s\\n' "$counts" ||
+  counts=$($as timeout {CAPTURE_S + 2:.0f} python3 -I -c {shlex.quote(_COUNTER)} 2>&1) && printf '%s\\n' "$counts" ||
     {{ echo '@@ refused'; printf '%s\\n' "$counts" | tail -n 1; }}
 elif command -v tcpdump >/dev/null 2>&1; then
   echo '@@ tcpdump'

@@ -27,8 +27,9 @@ PROBE = (
 files() {{ for pid in $pids; do echo "/proc/$pid/$1"; done; }}
 echo '@@ uptime'; cat /proc/uptime
 echo '@@ ticks'; getconf CLK_TCK
-[ -n "$pids" ] || {{ printf '@@ %s\n' stat user group libraries command environment memory; exit 0; }}
+[ -n "$pids" ] || {{ printf '@@ %s\n' stat parents user group libraries command environment memory; exit 0; }}
 echo '@@ stat'; grep -Hs '' $(files stat) /dev/null
+echo '@@ parents'; grep -Hs '' $(grep -hs '' $(files stat) | sed 's,.*) . \([0-9]*\).*,/proc/\1/comm,' | sort -u) /dev/null
 echo '@@ user'; grep -Hs '^Uid:' $(files status) /dev/null
 echo '@@ group'; grep -Hs '' $(files cgroup) /dev/null
 echo '@@ libraries'; grep -HosE '{_LIBRARIES}' $(files maps) /dev/null | sort -u
@@ -38,6 +39,23 @@ echo '@@ memory'; stat -L -c '%n:%d' $(files root/dev/shm) 2>/dev/null
 exit 0
 """
 )
+
+
+def domain_id(environment: Mapping[str, str]) -> int:
+    """Return the DDS domain that variables select; 0 if none."""
+    text = environment.get("ROS_DOMAIN_ID", "")
+    return int(text) if text.isdigit() else 0
+
+
+# The kernel gives a process whose own parent has exited to one of these: PID 1, or the service manager of the user.
+# The first process of a container is often a shell, whose programs have not lost their parent; the child of tini, docker-init
+# or containerd-shim is the container's own program.
+_ADOPTERS = ("systemd", "init")
+
+
+def adopts(pid: int, name: str) -> bool:
+    """Return whether a parent is one to which the kernel gives orphans. If its name is not readable, only PID 1 is."""
+    return name in _ADOPTERS if name else pid == 1
 
 
 @dataclass(frozen=True)
@@ -54,6 +72,7 @@ class RosProcess:
     environment: Mapping[str, str] = field(default_factory=dict)  # only variables of ROS, DDS and Lupin
     libraries: frozenset[str] = frozenset()
     shared_memory: str = ""  # device number of the file system that it has at /dev/shm
+    parent_name: str = ""  # cut to 15 characters by the kernel; empty if it is not readable
 
     @property
     def command(self) -> str:
@@ -74,11 +93,21 @@ class RosProcess:
             return " ".join(script[:2])[:40].strip() or words[0]
         return words[0] if words else f"process {self.pid}"
 
+    def may_run(self, node: str) -> bool:
+        """Return whether it may run the node of this full name, by its arguments, its program, or a PID in the node's name."""
+        name = node.rpartition("/")[2]
+        given = [argument.partition("__node:=")[2] for argument in self.arguments if "__node:=" in argument]
+        if given:
+            return name in given
+        program = self.name.split(" ")[0]
+        if name == program or any(self.name.startswith(known) and name in nodes for known, nodes in _NODES.items()):
+            return True
+        return program in _NAMED_BY_PID and name in (f"{prefix}_{self.pid}" for prefix in _NAMED_BY_PID[program])
+
     @property
     def domain(self) -> int:
         """Its DDS domain; 0 if ROS_DOMAIN_ID is unset or not a number (which rcl rejects)."""
-        text = self.environment.get("ROS_DOMAIN_ID", "")
-        return int(text) if text.isdigit() else 0
+        return domain_id(self.environment)
 
     @property
     def server(self) -> str:
@@ -129,9 +158,15 @@ class RosProcess:
         """
         if self.state in ("T", "t"):
             return "it is stopped (as by Ctrl-Z) and does not respond"
-        if self.parent != 1 or self.is_daemon or self.is_server or self.is_lupin or self.group.endswith(".service"):
+        if self.is_daemon or self.is_server or self.is_lupin or self.supervisor or not adopts(self.parent, self.parent_name):
             return ""
         return "its parent is gone"
+
+    @property
+    def supervisor(self) -> str:
+        """The service that its control group names, whose manager supervises it; empty if a person started it."""
+        unit = self.group.rpartition("/")[2]
+        return unit if unit.endswith(".service") and not unit.startswith("user@") else ""
 
     def line(self, *variables: str) -> str:
         """Return the process with some of its environment variables, or with its command if none are given."""
@@ -139,6 +174,16 @@ class RosProcess:
         return f"/proc/{self.pid}/environ ({self.name}): {shown}" if variables else f"{self.pid} {self.command}"
 
 
+# Programs whose nodes have another name than they have, or one that ends with their PID.
+_NODES: Mapping[str, tuple[str, ...]] = {
+    "rviz2": ("rviz",),
+    "ros2 bag": ("rosbag2_player", "rosbag2_recorder"),
+    "teleop_node": ("teleop_twist_joy_node",),
+}
+_NAMED_BY_PID: Mapping[str, tuple[str, ...]] = {
+    "ros2": ("_ros2cli", "launch_ros"),
+    "rqt": ("rqt_gui_py_node", "rqt_gui_cpp_node"),
+}
 _MIDDLEWARE = (
     ("librmw_cyclonedds_cpp.so", "rmw_cyclonedds_cpp"),
     ("librmw_zenoh_cpp.so", "rmw_zenoh_cpp"),
@@ -159,16 +204,19 @@ def parse(output: Output) -> tuple[RosProcess, ...]:
     users, groups = _by_pid(sections.lines("user")), _by_pid(sections.lines("group"))
     commands, variables = _by_pid(sections.lines("command")), _by_pid(sections.lines("environment"))
     libraries, memory = _by_pid(sections.lines("libraries")), _by_pid(sections.lines("memory"))
+    names = _by_pid(sections.lines("parents"))
     found = []
-    for pid, (line, *_) in _by_pid(sections.lines("stat")).items():
-        # The name may contain spaces and parentheses; the fields after the last parenthesis may not (proc(5)).
+    for pid, lines in _by_pid(sections.lines("stat")).items():
+        # The name may contain anything, also line breaks; the fields after the last parenthesis may not (proc(5)).
+        line = "\n".join(lines)
         words = line.rpartition(")")[2].split()
         if len(words) < 20:
             raise ValueError(f"expected a line of /proc/{pid}/stat, found {line[:80]!r}")
+        parent = integer(words[1], "a parent PID")
         found.append(
             RosProcess(
                 pid=pid,
-                parent=integer(words[1], "a parent PID"),
+                parent=parent,
                 user_id=integer((users.get(pid) or ["Uid: -1"])[0].split()[1], "a user ID"),
                 state=words[0],
                 age_s=round(uptime_s - number(words[19], "a start time") / ticks, 2),
@@ -177,6 +225,7 @@ def parse(output: Output) -> tuple[RosProcess, ...]:
                 environment=dict(each.split("=", 1) for each in variables.get(pid, ()) if "=" in each),
                 libraries=frozenset(libraries.get(pid, ())),
                 shared_memory=(memory.get(pid) or [""])[0],
+                parent_name=(names.get(parent) or [""])[0],
             )
         )
     return tuple(sorted(found, key=lambda process: process.pid))

@@ -69,7 +69,8 @@ class Sections:
 def parse_sections(output: Output) -> Sections:
     """Split an output into its sections. Raises ValueError if it has none."""
     found: list[tuple[str, str, list[str]]] = []
-    for line in output.stdout.splitlines():
+    # Not splitlines(): a value may contain other separators, such as a carriage return, which an operator does not see.
+    for line in output.stdout.split("\n"):
         if line.startswith(MARK):
             name, _, argument = line[len(MARK) :].partition(" ")
             found.append((name, argument.strip(), []))

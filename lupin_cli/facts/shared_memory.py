@@ -16,6 +16,7 @@ from lupin_cli.facts.sections import PRELUDE, integer, parse_sections
 
 # Locks of processes in other PID namespaces (containers) are not in /proc/locks, but flock(1) fails on them. The probe opens
 # files without creating them and does not wait. A process that checks the lock meanwhile sees a file in use and keeps it.
+# Everybody may write in /dev/shm: a link could lead elsewhere, and opening a FIFO could take forever, so only files are opened.
 PROBE = (
     PRELUDE
     + r"""cd /dev/shm 2>/dev/null || { echo '@@ files'; echo '@@ end'; exit 0; }
@@ -26,7 +27,7 @@ echo '@@ device'; stat -c %D . 2>/dev/null
 echo '@@ locks'; cat /proc/locks 2>/dev/null
 echo '@@ tried'
 for file in fastrtps_*_el fastrtps_*_sl fastdds_*_el fastdds_*_sl; do
-  [ -e "$file" ] || continue
+  [ -f "$file" ] && [ ! -L "$file" ] || continue
   if ( flock -n -x 9 ) 9<"$file" 2>/dev/null; then echo "free $file"; else echo "held $file"; fi
 done
 echo '@@ end'
@@ -72,7 +73,8 @@ def parse(output: Output) -> tuple[SharedFile, ...]:
     device = sections.get("device")
     shm_device = _device(device.text) if device is not None and device.text else None
     flocks = _locks(sections.lines("locks")) if sections.get("locks") else []
-    locks = {inode: holder for inode, holder, _ in flocks}
+    # Inodes are numbered by file system: the /dev/shm of a container has the same ones.
+    locks = {inode: holder for inode, holder, number in flocks if shm_device in (None, number)}
     held: dict[str, int] = {}
     for inode, *_, name in rows:
         if name.endswith(("_el", "_sl")) and inode in locks:

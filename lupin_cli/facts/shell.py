@@ -8,12 +8,14 @@ from dataclasses import dataclass
 
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
+from lupin_cli.facts.ros_processes import domain_id
 from lupin_cli.facts.sections import PRELUDE, parse_sections
 
 # The vendor's hook that unsets ROS_DISCOVERY_SERVER is in a package of the workspace whose setup file is sourced.
 PROBE = (
     PRELUDE
-    + r"""echo "@@ home $HOME"; echo '@@ environment'; env | grep -E '^(ROS_|RMW_|FASTRTPS_|FASTDDS_)'
+    + r"""echo "@@ home $HOME"; echo '@@ environment'
+env | grep -E '^(ROS_|RMW_|FASTRTPS_|FASTDDS_|PYTHON(PATH|HOME)=|LD_(LIBRARY_PATH|PRELOAD)=)'
 config="${XDG_CONFIG_HOME:-$HOME/.config}/lupin/ros-env.sh"
 echo "@@ exports $config"; [ -r "$config" ] && { cat "$config"; echo; }
 for start in .bashrc .zshrc; do
@@ -32,7 +34,8 @@ exit 0
 """
 )
 
-_EXPORT = re.compile(r"^\s*export\s+([A-Za-z_][A-Za-z0-9_]*)=(.*?)\s*$")
+# A shell takes a carriage return at the end of the line for a part of the value.
+_EXPORT = re.compile(r"^\s*export\s+([A-Za-z_][A-Za-z0-9_]*)=(.*?)[ \t]*(\r?)$")
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,11 @@ class Shell:
         """The discovery server of the probe's shell."""
         return self.environment.get("ROS_DISCOVERY_SERVER", "").strip()
 
+    @property
+    def domain(self) -> int:
+        """The DDS domain of the probe's shell; 0 if ROS_DOMAIN_ID is unset or not a number."""
+        return domain_id(self.environment)
+
 
 def parse(output: Output) -> Shell:
     """Parse the output of PROBE. Raises ValueError."""
@@ -67,7 +75,7 @@ def parse(output: Output) -> Shell:
     exports = sections.get("exports")
     if exports is None:
         raise ValueError("expected a section 'exports'")
-    found = {match[1]: match[2].strip("\"'") for line in exports.lines if (match := _EXPORT.match(line))}
+    found = {match[1]: match[2].strip("\"'") + match[3] for line in exports.lines if (match := _EXPORT.match(line))}
     wipes = {section.argument: section.lines for section in sections.all("wipes")}
     start_files = tuple(
         StartupFile(

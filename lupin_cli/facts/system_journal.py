@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 from lupin_cli.connection.base import Output
@@ -47,6 +48,11 @@ class JournalLine:
     source: str  # the syslog identifier with its PID, or `kernel`
     text: str
     raw: str
+
+    @property
+    def line(self) -> str:
+        """The line as `journalctl` prints it, in the time zone of this machine."""
+        return f"{time.strftime('%b %d %H:%M:%S', time.localtime(self.time_s))} {self.source}: {self.text}"
 
 
 @dataclass(frozen=True)

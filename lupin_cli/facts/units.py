@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import shlex
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from ipaddress import ip_address, ip_network
 
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
-from lupin_cli.facts.sections import PRELUDE, parse_sections
+from lupin_cli.facts.sections import PRELUDE, number, parse_sections
 from lupin_cli.systemd.units import LUPIN_UNITS
 
 VENDOR = "mirte-ros.service"
@@ -14,7 +17,8 @@ UNITS = (VENDOR, *LUPIN_UNITS, "mirte-ap.service", "mirte-wifi-watchdog.service"
 
 PROPERTIES = (
     "Id,LoadState,ActiveState,SubState,Result,Type,NRestarts,UnitFileState,PartOf,MainPID,ExecMainStatus,"
-    "ActiveEnterTimestampMonotonic,InactiveExitTimestampMonotonic,NeedDaemonReload,FragmentPath"
+    "ActiveEnterTimestampMonotonic,InactiveExitTimestampMonotonic,NeedDaemonReload,FragmentPath,DropInPaths,Environment,"
+    "FreezerState,IPAddressDeny,IPAddressAllow,PrivateNetwork,RestrictAddressFamilies"
 )
 
 PROBE = (
@@ -22,6 +26,9 @@ PROBE = (
     + f"""if [ ! -d /run/systemd/system ]; then echo '@@ no-systemd'; cat /proc/1/comm; exit 0; fi
 echo '@@ show'; systemctl show --no-pager -p {PROPERTIES} {" ".join(UNITS)}
 echo '@@ failed'; systemctl list-units --failed --plain --no-legend --no-pager
+echo '@@ assignments'
+systemctl cat --no-pager {VENDOR} {" ".join(LUPIN_UNITS)} 2>/dev/null | grep -E '^(# /|[[:space:]]*Environment=)'
+echo '@@ uptime'; cat /proc/uptime
 """
 )
 
@@ -45,6 +52,11 @@ class Unit:
     started_s: float  # when it last began to start
     needs_reload: bool
     path: str
+    drop_ins: tuple[str, ...] = ()  # files beside the unit's own that change it
+    environment: Mapping[str, str] = field(default_factory=dict)  # that the unit's files set
+    assignments: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # file → the variables that it sets
+    frozen: bool = False  # `systemctl freeze`: its processes do not run
+    network_limits: tuple[str, ...] = ()  # settings with which its processes do not reach the network
 
     @property
     def installed(self) -> bool:
@@ -55,6 +67,10 @@ class Unit:
     def running(self) -> bool:
         """Whether it is active or starting."""
         return self.active in ("active", "activating", "reloading")
+
+    def files_setting(self, variable: str, value: str) -> tuple[str, ...]:
+        """Return the unit's files that set a variable to a value."""
+        return tuple(file for file, variables in self.assignments.items() if variables.get(variable) == value)
 
     def line(self) -> str:
         """Return the most important properties, under systemd's names."""
@@ -72,6 +88,7 @@ class Units:
     units: tuple[Unit, ...] = ()
     failed: tuple[str, ...] = ()  # names of all failed units
     pid1: str = "systemd"
+    uptime_s: float | None = None  # of the machine, when the units were read
 
     def get(self, name: str) -> Unit | None:
         """Return the unit of that name, or None if it is not installed."""
@@ -91,17 +108,31 @@ def parse(output: Output) -> Units:
             blocks[-1][key] = value
         elif not line.strip():
             blocks.append({})
-    units = tuple(_unit(block) for block in blocks if block.get("Id"))
+    assignments = _parse_assignments(sections.lines("assignments") if sections.get("assignments") else ())
+    units = tuple(_unit(block, assignments) for block in blocks if block.get("Id"))
     if not units:
         raise ValueError(
             f"expected blocks of systemctl show, found {output.stdout[:80]!r}; stderr {output.stderr.strip()[:120]!r}"
         )
     # Older versions of systemd mark failed units with a dot even in plain mode.
     failed = tuple(line.lstrip("●* ").split()[0] for line in sections.lines("failed") if line.strip("●* "))
-    return Units(True, units, failed)
+    uptime = sections.get("uptime")
+    return Units(True, units, failed, uptime_s=number(uptime.text.split()[0], "an uptime") if uptime and uptime.text else None)
 
 
-def _unit(block: dict[str, str]) -> Unit:
+def _parse_assignments(lines: Iterable[str]) -> dict[str, dict[str, str]]:
+    """Return the variables that each file sets, from lines of `systemctl cat`."""
+    found: dict[str, dict[str, str]] = {}
+    path = ""
+    for line in lines:
+        if line.startswith("# /"):
+            path = line.removeprefix("# ").strip()
+        else:
+            found.setdefault(path, {}).update(_parse_environment(line.partition("=")[2]))
+    return found
+
+
+def _unit(block: dict[str, str], assignments: Mapping[str, Mapping[str, str]]) -> Unit:
     def whole(key: str) -> int:
         text = block.get(key, "")
         return int(text) if text.isdigit() else 0
@@ -122,7 +153,53 @@ def _unit(block: dict[str, str]) -> Unit:
         started_s=whole("InactiveExitTimestampMonotonic") / 1e6,
         needs_reload=block.get("NeedDaemonReload") == "yes",
         path=block.get("FragmentPath", ""),
+        drop_ins=tuple(block.get("DropInPaths", "").split()),
+        environment=_parse_environment(block.get("Environment", "")),
+        assignments={
+            file: assignments[file]
+            for file in (block.get("FragmentPath", ""), *block.get("DropInPaths", "").split())
+            if file in assignments
+        },
+        frozen=block.get("FreezerState", "") in ("frozen", "freezing"),
+        network_limits=tuple(_network_limits(block)),
     )
+
+
+def _network_limits(block: dict[str, str]) -> Iterator[str]:
+    denied, allowed = block.get("IPAddressDeny", ""), block.get("IPAddressAllow", "")
+    if denied and not ("0.0.0.0/0" in allowed or "::/0" in allowed):
+        yield f"IPAddressDeny={denied}" + (f" IPAddressAllow={allowed}" if allowed else "")
+    if block.get("PrivateNetwork") == "yes":
+        yield "PrivateNetwork=yes"
+    families = block.get("RestrictAddressFamilies", "")
+    if families and not families.startswith("~") and "AF_INET" not in families.split():
+        yield f"RestrictAddressFamilies={families}"
+    if families.startswith("~") and "AF_INET" in families[1:].split():
+        yield f"RestrictAddressFamilies={families}"
+
+
+def admits(limit: str, address: str) -> bool:
+    """Return whether one of a unit's `network_limits` lets it exchange packets with an IPv4 address: what is allowed wins."""
+    denied, _, allowed = limit.removeprefix("IPAddressDeny=").partition(" IPAddressAllow=")
+    if not limit.startswith("IPAddressDeny="):
+        return False
+
+    def names(text: str) -> bool:
+        networks = [ip_network(word, strict=False) for word in text.split() if ":" not in word]
+        return any(ip_address(address) in network for network in networks)
+
+    try:
+        return names(allowed) or not names(denied)
+    except ValueError:  # a word that this version of systemd does not print as a network
+        return False
+
+
+def _parse_environment(text: str) -> dict[str, str]:
+    try:
+        words = shlex.split(text)  # systemd quotes assignments with spaces
+    except ValueError:
+        words = text.split()
+    return dict(word.split("=", 1) for word in words if "=" in word)
 
 
 UNIT_STATES = Fact("units", PROBE, parse)

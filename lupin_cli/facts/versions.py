@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ from lupin_cli.connection.base import Output
 from lupin_cli.facts.base import Fact
 from lupin_cli.facts.sections import PRELUDE, Sections, parse_sections
 from lupin_cli.release.paths import ROOT
+from lupin_runtime.json_text import parse_json
 
 PROBE = (
     PRELUDE
@@ -89,7 +89,7 @@ def _version(path: str) -> str:
 
 def _release(sections: Sections) -> Release:
     try:
-        description = json.loads("\n".join(sections.lines("release.json")) or "{}")
+        description = parse_json("\n".join(sections.lines("release.json")) or "{}")
         version, python = str(description.get("version", "")), tuple(int(part) for part in description.get("python", ()))
     except (ValueError, AttributeError, TypeError):
         version, python = "", ()

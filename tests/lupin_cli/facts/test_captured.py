@@ -63,3 +63,12 @@ def test_garbage_parses_to_value_or_raises_value_error(name: str) -> None:
 
 def test_profile_with_invalid_utf8_has_an_error() -> None:
     assert "not well-formed" in parse_profile("profile.xml", "<dds>\udce4</dds>").error
+
+
+def test_lock_of_another_file_system_holds_no_file() -> None:
+    text = "@@ files\n4 0 9 1 fastrtps_00aa\n5 0 0 1 fastrtps_00aa_el\n@@ device\n1b\n@@ locks\n"
+    text += "1: FLOCK  ADVISORY  WRITE 777 00:{device}:5 0 EOF\n@@ tried\n{tried} fastrtps_00aa_el\n@@ end\n"
+    of_a_container = FACTS["shared-memory"].parse(Output(0, text.format(device="3f", tried="free")))
+    assert {(file.held, file.holder) for file in of_a_container} == {(False, 0)}
+    own = FACTS["shared-memory"].parse(Output(0, text.format(device="1b", tried="held")))
+    assert {(file.held, file.holder) for file in own} == {(True, 777)}

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import subprocess
+import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,8 +18,9 @@ from lupin_cli.facts.base import Fact
 from lupin_cli.facts.boot import BOOT
 from lupin_cli.facts.chrony import CHRONY
 from lupin_cli.facts.clock import CLOCK, Clock, offset
-from lupin_cli.facts.devices import DEVICES
+from lupin_cli.facts.devices import DEVICES, SERVICE_OF_GROUP
 from lupin_cli.facts.memory import MEMORY
+from lupin_cli.facts.ros_processes import ROS_PROCESSES
 from lupin_cli.facts.sections import parse_sections
 from lupin_cli.facts.storage import STORAGE
 from lupin_cli.facts.system_journal import SYSTEM_JOURNAL
@@ -48,6 +52,37 @@ def test_truncated_output_parses_or_raises_value_error(fact: Fact[Any]) -> None:
             fact.parse(Output(None, whole[:end]))
         except ValueError as error:
             assert str(error)
+
+
+def test_ros_process_has_the_name_of_its_parent(tmp_path: Path) -> None:
+    library = tmp_path / "librcl.so"
+    library.write_bytes(b"x")
+    mapping = "import mmap, sys; f = open(sys.argv[1], 'r+b'); m = mmap.mmap(f.fileno(), 1); print(1, flush=True); input()"
+    script = f"echo 'a (b) c' >/proc/$$/comm; {shlex.quote(sys.executable)} -c {shlex.quote(mapping)} {library}; :"
+    with subprocess.Popen([SHELL, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdin is not None and parent.stdout is not None and parent.stdout.readline() == "1\n"
+        found = [each for each in ROS_PROCESSES.parse(run_probe(ROS_PROCESSES)) if str(library) in each.arguments]
+        parent.stdin.close()
+    assert [(each.parent, each.parent_name) for each in found] == [(parent.pid, "a (b) c")]
+
+
+@pytest.mark.parametrize(
+    ("group", "unit"),
+    [
+        ("0::/system.slice/mirte-ros.service", "mirte-ros.service"),
+        ("0::/system.slice/system-getty.slice/getty@tty1.service/x.scope", "getty@tty1.service"),
+        ("0::/user.slice/user-1000.slice/session-2.scope", ""),
+        ("0::/user.slice/user-1000.slice/user@1000.service/app.slice/app-cheese-7.scope", ""),
+        ("0::/user.slice/user-1000.slice/user@1000.service/app.slice/webcam.service", ""),
+        ("4:pids:/user.slice/user-1000.slice/user@1000.service\n1:name=systemd:/user.slice/user-1000.slice/c2.scope", ""),
+        ("0::/", ""),
+    ],
+)
+def test_session_of_a_person_is_no_service(tmp_path: Path, group: str, unit: str) -> None:
+    file = tmp_path / "cgroup"
+    file.write_text(f"{group}\n")
+    done = subprocess.run([SHELL, "-c", f"{SERVICE_OF_GROUP} {file}"], capture_output=True, text=True, timeout=10)
+    assert (done.stdout.strip(), done.stderr) == (unit, "")
 
 
 def test_boot_has_uptime_of_this_machine() -> None:
