@@ -132,22 +132,50 @@ class LineExchange:
         return line.decode("ascii", "backslashreplace")
 
 
+@dataclass(frozen=True)
+class ClockPair:
+    """This machine's wall clock, in ns since 1970, read between two readings of its monotonic clock.
+
+    The process may be preempted between two readings, so which instant of the monotonic clock a wall time belongs to is known
+    only to lie between both. Times derived from it are therefore earliest or latest times.
+    """
+
+    before_ns: int
+    wall_ns: int
+    after_ns: int
+
+    @classmethod
+    def now(cls) -> ClockPair:
+        """Read both clocks."""
+        return cls(time.monotonic_ns(), time.time_ns(), time.monotonic_ns())
+
+    def earliest_wall_ns(self, monotonic_ns: int) -> int:
+        """Return the earliest wall time at this reading of the monotonic clock, if nobody has set the wall clock since."""
+        return self.wall_ns + monotonic_ns - self.after_ns
+
+    def latest_wall_ns(self, monotonic_ns: int) -> int:
+        """Return the latest wall time at this reading of the monotonic clock, if nobody has set the wall clock since."""
+        return self.wall_ns + monotonic_ns - self.before_ns
+
+    def was_set_since(self, earlier: ClockPair) -> bool:
+        """Return whether the wall clock was certainly set between both, by more than 1 ms."""
+        too_late = self.wall_ns - earlier.latest_wall_ns(self.after_ns)
+        too_early = earlier.earliest_wall_ns(self.before_ns) - self.wall_ns
+        return max(too_late, too_early) > _LAPTOP_STEP_NS
+
+
 def measure(exchange: LineExchange, samples: int = _SAMPLES, timeout_s: float = _SAMPLING_S) -> OffsetEstimate:
     """Measure with up to `samples` exchanges in `timeout_s`, but at least three. Raises ClockError, OSError, EOFError."""
-    wall_ns, started_ns = time.time_ns(), time.monotonic_ns()
-
-    def now_ns() -> int:
-        # The wall clock of the start, advanced by the monotonic clock: slewing of this machine's clock must not count as the
-        # robot's drift.
-        return wall_ns + time.monotonic_ns() - started_ns
-
+    # Times of this machine are the wall clock of the start, advanced by the monotonic clock: slewing of this machine's clock
+    # must not count as the robot's drift.
+    start = ClockPair.now()
     exchanges: list[Sample] = []
-    while len(exchanges) < samples and (len(exchanges) < 3 or time.monotonic_ns() - started_ns < timeout_s * 1e9):
-        sent_ns = now_ns()
+    while len(exchanges) < samples and (len(exchanges) < 3 or time.monotonic_ns() - start.after_ns < timeout_s * 1e9):
+        sent_ns = start.earliest_wall_ns(time.monotonic_ns())
         answer = exchange.request()
-        received_ns = now_ns()
+        received_ns = start.latest_wall_ns(time.monotonic_ns())
         exchanges.append(Sample(sent_ns, parse_epoch(answer), received_ns))
-    if abs(time.time_ns() - now_ns()) > _LAPTOP_STEP_NS:
+    if ClockPair.now().was_set_since(start):
         raise ClockError("this machine's own clock was set during the measurement; measure again")
     return estimate(exchanges)
 

@@ -22,7 +22,8 @@ class CheckedItem:
     name: str
     place: str  # the file or program that was checked
     problem: str = ""
-    fix: str = ""
+    fix: str = ""  # a command to type
+    instruction: str = ""  # what a person does by hand, or must know
 
 
 def read_exports(text: str, home: Path) -> tuple[dict[str, str], list[str]]:
@@ -114,14 +115,17 @@ def check_hook(text: str | None, place: Path, paths: SetupPaths, fix: str) -> Ch
     )
 
 
-def check_variables(name: str, actual: Mapping[str, str], expected: Mapping[str, str], place: str, fix: str) -> CheckedItem:
+def check_variables(
+    name: str, actual: Mapping[str, str], expected: Mapping[str, str], place: str, fix: str, instruction: str = ""
+) -> CheckedItem:
     """Check that an environment has the values that ros-env.sh exports."""
     problems = []
     for variable in VARIABLES:
         if variable in expected and actual.get(variable) != expected[variable]:
             value = actual.get(variable)
             problems.append(f"{variable} is {'not set' if value is None else repr(value)}, not {expected[variable]}")
-    return CheckedItem(name, place, "; ".join(problems), fix if problems else "")
+    wrong = bool(problems)
+    return CheckedItem(name, place, "; ".join(problems), fix if wrong else "", instruction if wrong else "")
 
 
 def read_terminal_environment(shell: str, environment: Mapping[str, str], timeout_s: float = 10.0) -> dict[str, str] | None:

@@ -19,11 +19,13 @@ from lupin_cli.connection.base import Script, Target
 
 if TYPE_CHECKING:
     import paramiko
+    from icmplib import ICMPRequest, ICMPv4Socket
 
     from lupin_cli.connection.ssh import SshTarget
 
 ROUND_TRIPS, ROUND_TRIPS_S = 40, 6.0
 ROUND_TRIP_INTERVAL_S = 0.02  # twice the rate of drive commands
+_ECHO_REPLY = 0  # ICMP's type
 PINGS, PING_INTERVAL_S = 15, 0.2  # the shortest interval that ping(1) allows an ordinary user; later replies count as lost
 TRANSFER_S, CHUNK_BYTES = 1.5, 1 << 16
 MULTICAST_GROUP, MULTICAST_WAIT_S = "239.255.42.7", 1.5
@@ -153,25 +155,64 @@ def round_trips_ms(target: SshTarget) -> list[float]:
     return durations
 
 
-def ping(laptop: Target, address: str) -> Ping | None:
+def ping(
+    laptop: Target,
+    address: str,
+    count: int = PINGS,
+    interval_s: float = PING_INTERVAL_S,
+    timeout_s: float = PING_INTERVAL_S,
+) -> Ping | None:
     """Ping an IPv4 address from this machine; None if this user cannot ping at all.
 
+    Requests do not wait for the replies to earlier ones; a reply more than `timeout_s` after its request counts as lost.
     Opening an ICMP socket requires net.ipv4.ping_group_range or CAP_NET_RAW. Without either, ping(1) is used.
     """
     import icmplib
 
     for privileged in (False, True):
-        with contextlib.suppress(icmplib.ICMPLibError):
-            host = icmplib.ping(address, PINGS, PING_INTERVAL_S, PING_INTERVAL_S, privileged=privileged)
-            if host.packets_sent:  # otherwise there is no route
-                return Ping(PINGS, host.packets_received, tuple(host.rtts))
-    script = f"ping -n -c {PINGS} -i {PING_INTERVAL_S} -W 1 {shlex.quote(address)}"
-    timeout_s = PINGS * PING_INTERVAL_S + 5
-    output = laptop.batch([Script("ping", script, timeout_s)], timeout_s)["ping"]
+        with contextlib.suppress(icmplib.ICMPLibError), icmplib.ICMPv4Socket(privileged=privileged) as opened:
+            if found := _echo(opened, address, count, interval_s, timeout_s):
+                return found
+    interval_s = max(interval_s, PING_INTERVAL_S)
+    script = f"ping -n -c {count} -i {interval_s} -W {max(1, round(timeout_s))} {shlex.quote(address)}"
+    limit_s = count * interval_s + 5
+    output = laptop.batch([Script("ping", script, limit_s)], limit_s)["ping"]
     try:
         return parse_ping(output.stdout)
     except ValueError:
         return None
+
+
+def _echo(opened: ICMPv4Socket, address: str, count: int, interval_s: float, timeout_s: float) -> Ping | None:
+    """Send the requests and take the replies meanwhile; None if none could be sent, because there is no route."""
+    import icmplib
+    from icmplib.utils import unique_identifier
+
+    identifier = unique_identifier()
+    sent: dict[int, ICMPRequest] = {}
+    rtts_ms: dict[int, float] = {}
+
+    def take_replies(until_s: float, *, all_sent: bool) -> None:
+        while (remaining_s := until_s - time.monotonic()) > 0 and not (all_sent and len(rtts_ms) == len(sent)):
+            with contextlib.suppress(icmplib.ICMPLibError):  # nothing came, or an error about one of the requests
+                reply = opened.receive(None, remaining_s)
+                request = sent.get(reply.sequence)
+                if request is None or reply.id != request.id or (reply.type, reply.source) != (_ECHO_REPLY, address):
+                    continue
+                if (rtt_ms := (reply.time - request.time) * 1e3) <= timeout_s * 1e3:
+                    rtts_ms.setdefault(reply.sequence, rtt_ms)
+
+    for sequence in range(count):
+        request = icmplib.ICMPRequest(address, identifier, sequence)
+        with contextlib.suppress(icmplib.ICMPLibError):
+            opened.send(request)
+            sent[sequence] = request
+        if sequence + 1 < count:
+            take_replies(time.monotonic() + interval_s, all_sent=False)
+    if not sent:
+        return None
+    take_replies(time.monotonic() + timeout_s, all_sent=True)
+    return Ping(count, len(rtts_ms), tuple(rtts_ms[sequence] for sequence in sorted(rtts_ms)))
 
 
 def parse_ping(text: str) -> Ping:
@@ -234,7 +275,7 @@ def multicast(target: SshTarget, robot_ip: str, laptop_ip: str) -> tuple[bool | 
         except OSError:  # no interface has that address, or it does not support multicast
             return None, None
         arguments = " ".join([MULTICAST_GROUP, str(port), robot_ip, word, str(MULTICAST_WAIT_S)])
-        with _channel(target, f"exec python3 -c {shlex.quote(_ROBOT_MULTICAST)} {arguments}", 20.0) as channel:
+        with _channel(target, f"exec python3 -I -c {shlex.quote(_ROBOT_MULTICAST)} {arguments}", 20.0) as channel:
             try:
                 if _read_line(channel) != b"ready\n":
                     return None, None

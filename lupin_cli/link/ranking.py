@@ -14,6 +14,7 @@ from lupin_cli.connection.inventory import TRANSPORTS
 from lupin_cli.facts.networkmanager import NetworkManager
 from lupin_cli.link.quality import Quality
 from lupin_cli.link.route import Route
+from lupin_cli.printed_commands import lupin
 
 REASONS = {
     "wired": "a cable is a dedicated link: no access point that drops multicast, no roaming, the least delay and jitter",
@@ -96,12 +97,12 @@ def _quality_problems(quality: Quality) -> list[str]:
     return found
 
 
-def multihoming_problems(transport: str, announced: Sequence[str]) -> list[str]:
+def multihoming_problems(robot: str, transport: str, announced: Sequence[str]) -> list[str]:
     """Return a sentence if the robot is on several networks, since the laptop may have no route to some; none over `ap`."""
     if transport != "ap" and len(announced) > 1:
         return [
             f"the robot is on several networks ({', '.join(announced)}): commands may get lost; "
-            "keep one with: lupin play single-home"
+            f"keep one with: {lupin('play', 'single-home', robot=robot)}"
         ]
     return []
 

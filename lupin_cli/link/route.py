@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from typing import Any
 
 from lupin_cli.connection.base import Output
 from lupin_cli.facts.sections import PRELUDE, parse_sections
+from lupin_runtime.json_text import parse_json
 
 _NO_ROUTE = 3  # exit status of the probe
 
@@ -85,7 +85,7 @@ def parse_route(output: Output) -> Route:
 
 
 def _first_object(lines: Sequence[str]) -> dict[str, Any]:
-    found = json.loads("\n".join(lines))
+    found = parse_json("\n".join(lines))
     if not (isinstance(found, list) and found and isinstance(found[0], dict)):
         raise ValueError(f"expected the output of `ip -j`, found {str(found)[:80]!r}")
     return found[0]

@@ -16,7 +16,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lupin_cli.link import clock_offset
-from lupin_cli.link.clock_offset import CLOCK_SCRIPT, ClockError, LineExchange, Sample, estimate, measure, parse_epoch
+from lupin_cli.link.clock_offset import (
+    CLOCK_SCRIPT,
+    ClockError,
+    ClockPair,
+    LineExchange,
+    Sample,
+    estimate,
+    measure,
+    parse_epoch,
+)
 
 MS = 1_000_000
 DELAYS = st.integers(0, 50 * MS)
@@ -154,6 +163,32 @@ def test_step_of_own_clock_during_measurement_raises(
     monkeypatch.setattr("lupin_cli.link.clock_offset.time.time_ns", lambda: real() + next(readings, 5 * MS))
     with pytest.raises(ClockError, match="own clock was set"):
         measure(shells(CLOCK_SCRIPT).exchange(), samples=3)
+
+
+@pytest.mark.parametrize("paused", ["before", "after"])
+def test_pause_beside_a_reading_of_the_clock_is_in_the_bound(
+    shells: Callable[..., DelayedShell], monkeypatch: pytest.MonkeyPatch, paused: str
+) -> None:
+    real, pauses_s = time.time_ns, iter([0.02])
+
+    def time_ns() -> int:
+        pause_s = next(pauses_s, 0.0)
+        time.sleep(pause_s if paused == "before" else 0.0)
+        now = real()
+        time.sleep(pause_s if paused == "after" else 0.0)
+        return now
+
+    monkeypatch.setattr("lupin_cli.link.clock_offset.time.time_ns", time_ns)
+    drift = measure(shells(CLOCK_SCRIPT, offset_s=3.0).exchange())
+    assert abs(drift.offset.offset_s - 3.0) <= drift.offset.bound_s and drift.steady
+
+
+def test_pause_is_no_step_of_the_own_clock() -> None:
+    start = ClockPair(before_ns=0, wall_ns=1_000 * MS, after_ns=20 * MS)
+    assert not start.was_set_since(start)
+    assert not ClockPair(100 * MS, 1_095 * MS, 130 * MS).was_set_since(start)
+    assert ClockPair(100 * MS, 1_132 * MS, 130 * MS).was_set_since(start)
+    assert ClockPair(100 * MS, 1_078 * MS, 130 * MS).was_set_since(start)
 
 
 NTP_EPOCH_S = 2_208_988_800  # from 1900 to 1970, RFC 5905

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import icmplib
 import pytest
@@ -102,23 +104,61 @@ class PingProgram(LocalTarget):
         return {script.name: Output(0, IPUTILS) for script in scripts}
 
 
-def test_ping_counts_replies_of_icmp_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    def reply(address: str, count: int, *_: float, **__: bool) -> icmplib.Host:
-        return icmplib.Host(address, count, [0.5, 1.5])
+class ScriptedSocket:
+    """An ICMP socket without a network: each request gets the replies that `replies` returns for it."""
 
-    monkeypatch.setattr(icmplib, "ping", reply)
-    assert ping(PingProgram(), "10.42.0.1") == Ping(15, 2, (0.5, 1.5))
+    error: Exception | None = None
+    replies: Callable[[icmplib.ICMPRequest], list[icmplib.ICMPReply]] = staticmethod(lambda _: [])
+
+    def __init__(self, *, privileged: bool) -> None:
+        if isinstance(self.error, icmplib.SocketPermissionError):
+            raise self.error
+        self.privileged, self.waiting = privileged, list[icmplib.ICMPReply]()
+
+    def __enter__(self) -> ScriptedSocket:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return
+
+    def send(self, request: icmplib.ICMPRequest) -> None:
+        if self.error is not None:
+            raise self.error
+        request._time = time.time()
+        self.waiting += self.replies(request)
+
+    def receive(self, _: None, timeout: float) -> icmplib.ICMPReply:
+        if not self.waiting:
+            time.sleep(timeout)
+            raise icmplib.TimeoutExceeded(timeout)
+        return self.waiting.pop(0)
 
 
-@pytest.mark.parametrize("error", [icmplib.SocketPermissionError(True), None], ids=["no permission", "no route"])
-def test_ping_falls_back_to_ping_program(monkeypatch: pytest.MonkeyPatch, error: Exception | None) -> None:
-    def fail(address: str, *_: float, **__: bool) -> icmplib.Host:
-        if error is not None:
-            raise error
-        return icmplib.Host(address, 0, [])
+def test_ping_counts_each_reply_to_its_own_requests_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    def reply(request: icmplib.ICMPRequest, ms: float, type: int = 0, **other: Any) -> icmplib.ICMPReply:
+        fields = {"source": request.destination, "id": request.id, "sequence": request.sequence, **other}
+        return icmplib.ICMPReply(family=4, type=type, code=0, bytes_received=64, time=request.time + ms / 1e3, **fields)
 
-    monkeypatch.setattr(icmplib, "ping", fail)
-    assert ping(PingProgram(), "10.42.0.1") == Ping(4, 3, (0.5, 1.5, 1.0))
+    def replies(request: icmplib.ICMPRequest) -> list[icmplib.ICMPReply]:
+        right = reply(request, 1.0)
+        other_program, elsewhere = reply(request, 1.0, id=request.id ^ 1), reply(request, 1.0, source="10.0.0.9")
+        unreachable, late = reply(request, 1.0, type=3), reply(request, 80.0)
+        return [[other_program, right, right], [unreachable, elsewhere], [right], [late]][request.sequence]
+
+    monkeypatch.setattr(ScriptedSocket, "replies", staticmethod(replies))
+    monkeypatch.setattr(icmplib, "ICMPv4Socket", ScriptedSocket)
+    found = ping(PingProgram(), "10.42.0.1", 4, 0.01, 0.05)
+    assert found is not None and (found.sent, found.received) == (4, 2)
+    assert found.rtts_ms == pytest.approx((1.0, 1.0), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "error", [icmplib.SocketPermissionError(True), icmplib.ICMPSocketError("unreachable")], ids=["no permission", "no route"]
+)
+def test_ping_falls_back_to_ping_program(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    monkeypatch.setattr(ScriptedSocket, "error", error)
+    monkeypatch.setattr(icmplib, "ICMPv4Socket", ScriptedSocket)
+    assert ping(PingProgram(), "10.42.0.1", 4, 0.01, 0.05) == Ping(4, 3, (0.5, 1.5, 1.0))
 
 
 def test_jitter_is_mean_difference_of_consecutive_round_trips() -> None:
@@ -167,8 +207,12 @@ def test_good_link_has_no_problem() -> None:
 
 
 def test_multihoming_is_problem_except_on_access_point() -> None:
-    assert "single-home" in multihoming_problems("wired", ["10.42.0.1", "192.168.42.1"])[0]
-    assert multihoming_problems("wired", ["10.42.0.1"]) == multihoming_problems("ap", ["10.42.0.1", "192.168.42.1"]) == []
+    assert "lupin play single-home --robot pot-1" in multihoming_problems("pot-1", "wired", ["10.42.0.1", "192.168.42.1"])[0]
+    assert (
+        multihoming_problems("pot-1", "wired", ["10.42.0.1"])
+        == multihoming_problems("pot-1", "ap", ["10.42.0.1", "192.168.42.1"])
+        == []
+    )
 
 
 def test_rank_is_by_answer_then_problems_then_project_order() -> None:
