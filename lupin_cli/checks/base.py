@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from lupin_cli.facts.base import Fact, Facts
 from lupin_cli.facts.link import Link
+from lupin_cli.link.path import Path
 
 Value = TypeVar("Value")
 
@@ -22,12 +23,13 @@ class Severity(str, Enum):
 
 @dataclass(frozen=True)
 class Fix:
-    """What removes a finding's cause: the command a person types, and the playbook that `lupin doctor --fix` plays."""
+    """What removes a finding's cause: a command, what a person does by hand, and the playbook that `--fix` plays."""
 
-    command: str
+    command: str = ""  # a line for a shell of the laptop, never prose; empty: there is only something to do by hand
     playbook: str = ""  # empty: only a person can do it
     variables: dict[str, Any] = field(default_factory=dict)  # of the playbook
     safe: bool = False  # `--fix` plays it without asking: it stops nothing that works and loses no data
+    instruction: str = ""  # what a person does by hand, or must know before the command is typed; may be empty
 
 
 @dataclass(frozen=True)
@@ -45,9 +47,13 @@ class Finding:
     explains: frozenset[str] = frozenset()
     about: str = ""  # the subject, if one id can occur several times: a topic, a machine
     blocks_playbooks: frozenset[str] = frozenset()  # playbooks that fail on this machine until this finding is fixed
+    graph: str = ""  # the ROS graph on which it was observed, if it was: a machine may have several
+    layer: str = "samples"  # of `lupin_cli.checks.layers`: where on the path the fault is
 
     def accounts_for(self, other: Finding) -> bool:
-        """Return whether `other` is a consequence of this finding."""
+        """Return whether `other` is a consequence of this finding. A finding of one graph explains none of another."""
+        if self.graph and other.graph and self.graph != other.graph:
+            return False
         return bool(self.explains & {other.id, f"{other.id}:{other.about}"}) and other.id != self.id
 
 
@@ -58,6 +64,7 @@ class Snapshot:
     laptop: Facts
     robot: Facts | None  # None if no robot was selected, or it was not reached
     link: Link | None = None  # None if no robot was selected
+    path: Path | None = None  # None if it was not measured: this machine receives what it should
 
     @property
     def machines(self) -> tuple[Facts, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -17,20 +18,24 @@ from lupin_runtime.ports import CONSOLE_PORT, ROSBRIDGE_PORT, VIDEO_PORT
 
 @dataclass(frozen=True)
 class ReservedPort:
-    """A port, the finding if it is taken, and a word in the name or command line of its owner."""
+    """A port, the finding if it is taken, and a pattern that is found in the name and command line of its owner."""
 
     finding: str
     protocol: str
     port: int
-    owner: str
+    owner: re.Pattern[str]
 
+
+# One of Lupin's programs, in whatever folder it is installed; a folder of that name makes no other program Lupin's.
+_LUPIN = re.compile(r"^lupin\b| -m lupin_\w|^\S+( -\S+)* \S*/bin/lupin( |$)")
+_CHRONY = re.compile(r"^chronyd\b")
 
 LAPTOP_PORTS = (
-    ReservedPort("port-8090-taken", "tcp", CONSOLE_PORT, "lupin"),  # the operator's page
-    ReservedPort("port-9090-taken", "tcp", ROSBRIDGE_PORT, "lupin"),  # rosbridge, over which the page reaches the graph
-    ReservedPort("port-123-taken", "udp", 123, "chronyd"),  # the clock that the robot follows
+    ReservedPort("port-8090-taken", "tcp", CONSOLE_PORT, _LUPIN),  # the operator's page
+    ReservedPort("port-9090-taken", "tcp", ROSBRIDGE_PORT, _LUPIN),  # rosbridge, over which the page reaches the graph
+    ReservedPort("port-123-taken", "udp", 123, _CHRONY),  # the clock that the robot follows
 )
-ROBOT_PORTS = (ReservedPort("port-8091-taken", "tcp", VIDEO_PORT, "lupin"),)  # the cameras' pictures
+ROBOT_PORTS = (ReservedPort("port-8091-taken", "tcp", VIDEO_PORT, _LUPIN),)  # the cameras' images
 
 
 def find_taken_ports(snapshot: Snapshot) -> Iterator[Finding]:
@@ -61,7 +66,7 @@ def _find_taken(snapshot: Snapshot, facts: Facts, ports: tuple[ReservedPort, ...
 
 
 def _is_owner(socket: Socket, reserved: ReservedPort) -> bool:
-    return reserved.owner in socket.process or reserved.owner in socket.command
+    return any(reserved.owner.search(text) for text in (socket.process, socket.command))
 
 
 CHECKS = (Check("ports", find_taken_ports, laptop=(SOCKETS,), robot=(SOCKETS, UNIT_STATES)),)

@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from lupin_cli import __version__
 from lupin_cli.checks.base import Check, Finding, Snapshot
 from lupin_cli.checks.findings import make_finding
-from lupin_cli.checks.remote_command import command_on_robot
+from lupin_cli.checks.remote_command import command_on_robot, robot_option
 from lupin_cli.facts.account import ACCOUNT
 from lupin_cli.facts.devices import DEVICES
+from lupin_cli.facts.release_files import RELEASE_FILES
 from lupin_cli.facts.versions import VERSIONS
 from lupin_cli.release.paths import ROOT
+from lupin_cli.release.verify_release import UNSIGNED
 
 DEPLOY = "lupin deploy robot"
 # Unix group → devices that it may open. The gamepad's group `input` is required only if Lupin is deployed.
@@ -31,7 +33,7 @@ def find_release_faults(snapshot: Snapshot) -> Iterator[Finding]:
             cause="the robot has no python3",
             evidence=("command -v python3: nothing", versions.system),
             command=command_on_robot(snapshot, "sudo apt install python3"),
-            explains={"not-deployed", "unit-failed", "oneshot-failed", "unit-restarting"},
+            explains={"not-deployed", "release-damaged", "unit-failed", "oneshot-failed", "unit-restarting"},
         )
     release = versions.release
     if release is None or not (release.current or release.releases):
@@ -69,6 +71,30 @@ def find_release_faults(snapshot: Snapshot) -> Iterator[Finding]:
             cause=f"the robot runs Lupin {release.version}, the laptop {__version__}",
             evidence=(f"laptop: lupin {__version__}", f"robot: lupin {release.version} (release {release.current})"),
             command=DEPLOY,
+        )
+
+
+def find_damaged_release(snapshot: Snapshot) -> Iterator[Finding]:
+    """The robot's release is not signed by a trusted key, or something in it has changed since it was signed."""
+    damage = snapshot.robot_fact(RELEASE_FILES)
+    command = f"{DEPLOY}{robot_option(snapshot)}"
+    if damage == (UNSIGNED,):
+        yield make_finding(
+            "release-unsigned",
+            where="robot",
+            cause="the release is not signed; an earlier version of Lupin deployed it",
+            evidence=(f"{ROOT}/current/{UNSIGNED}",),
+            command=command,
+            explains=_FAILING_UNITS,
+        )
+    elif damage:
+        yield make_finding(
+            "release-damaged",
+            where="robot",
+            cause=f"the release is not as it was signed: {len(damage)} path{' differs' if len(damage) == 1 else 's differ'}",
+            evidence=tuple(path if path.startswith("/") else f"{ROOT}/current/{path}" for path in damage),
+            command=command,
+            explains=_FAILING_UNITS,
         )
 
 
@@ -112,6 +138,7 @@ def _dotted(version: tuple[int, ...]) -> str:
 
 CHECKS = (
     Check("software.release", find_release_faults, robot=(VERSIONS,)),
+    Check("software.release-files", find_damaged_release, robot=(RELEASE_FILES,)),
     Check("software.groups", find_missing_groups, robot=(ACCOUNT, DEVICES, VERSIONS)),
     Check("software.home", find_unwritable_home, robot=(ACCOUNT,)),
 )

@@ -13,16 +13,32 @@ from lupin_cli.checks.dds_environment import CHECKS as DDS_ENVIRONMENT
 from lupin_cli.checks.discovery import CHECKS as DISCOVERY
 from lupin_cli.checks.link import CHECKS as LINK
 from lupin_cli.checks.multihoming import CHECKS as MULTIHOMING
+from lupin_cli.checks.own_networks import CHECKS as OWN_NETWORKS
 from lupin_cli.checks.ports import CHECKS as PORTS
 from lupin_cli.checks.profiles import CHECKS as PROFILES
+from lupin_cli.checks.services import CHECKS as SERVICES
+from lupin_cli.checks.shell_environment import CHECKS as SHELL_ENVIRONMENT
 from lupin_cli.checks.stale_resources import CHECKS as STALE_RESOURCES
+from lupin_cli.checks.wifi import CHECKS as WIFI
 from lupin_cli.doctor.engine import diagnose
 from lupin_cli.facts import Facts
 from lupin_cli.facts.link import Link
 from tests.support.findings import assert_findings_match_rows
 from tests.support.snapshots import HEALTHY_LAPTOP, HEALTHY_ROBOT, captured
 
-CHECKS = (*LINK, *DISCOVERY, *MULTIHOMING, *DDS_ENVIRONMENT, *PROFILES, *STALE_RESOURCES, *PORTS)
+CHECKS = (
+    *LINK,
+    *WIFI,
+    *OWN_NETWORKS,
+    *DISCOVERY,
+    *MULTIHOMING,
+    *DDS_ENVIRONMENT,
+    *SHELL_ENVIRONMENT,
+    *PROFILES,
+    *STALE_RESOURCES,
+    *PORTS,
+    *SERVICES,
+)
 
 
 @dataclass(frozen=True)

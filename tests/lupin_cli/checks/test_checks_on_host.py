@@ -191,8 +191,11 @@ def test_clock_offset_is_named_with_its_uncertainty(robot: DeployedRobot, offset
     assert abs(reported_s - offset_s) <= bound_s + 0.05
 
 
-def test_small_clock_offset_is_ignored(robot: DeployedRobot) -> None:
-    with robot.host.robot.with_fault("clock-wrong", offset_s=1.5):
+def test_small_clock_offset_is_slewed_or_ignored(robot: DeployedRobot) -> None:
+    with robot.host.robot.with_fault("clock-wrong", offset_s=2.6):
+        (finding,) = robot.findings()
+        assert finding.id == "clock-drift" and finding.fix.playbook == "install-clock-sync"
+    with robot.host.robot.with_fault("clock-wrong", offset_s=0.7):
         assert robot.root_causes() == []
 
 

@@ -108,7 +108,7 @@ def test_only_rows_with_a_playbook_are_safe() -> None:
 
 def test_finding_takes_severity_symptom_and_fix_from_its_row() -> None:
     finding = make_finding("wifi-may-roam", where="laptop", cause="c", evidence=["line"], command="nmcli")
-    assert (finding.severity, finding.symptom[:13]) == (Severity.WARNING, "the link dies")
+    assert (finding.severity, finding.symptom[:14]) == (Severity.WARNING, "the link drops")
     assert (finding.fix.playbook, finding.fix.safe) == ("pin-wifi", True)
     asked = make_finding("wifi-may-roam", where="laptop", cause="c", evidence=["line"], command="nmcli", safe=False)
     assert (asked.fix.playbook, asked.fix.safe) == ("pin-wifi", False)

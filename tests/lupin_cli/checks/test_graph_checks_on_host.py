@@ -59,8 +59,8 @@ class GraphLaptop(Laptop):
             process.terminate()
             process.communicate(timeout=20.0)
 
-    def order(self, *words: str) -> None:
-        """Give an order to the simulated robot."""
+    def execute(self, *words: str) -> None:
+        """Let a participant execute one command, and wait until it exits."""
         with self.participant(*words):
             pass
 
@@ -91,7 +91,7 @@ def test_healthy_robot_graph_has_no_findings(laptop: GraphLaptop) -> None:
     assert all(count for _, count in graph.samples) and len(graph.samples) >= 6
 
 
-def test_dual_homed_robot_shows_one_way_data(laptop: GraphLaptop) -> None:
+def test_multihomed_robot_shows_one_way_data(laptop: GraphLaptop) -> None:
     with laptop.host.robot.with_fault("dual-homed"):
         graph = laptop.wait_for_findings("one-way-data")
         assert any(count for _, count in graph.samples)
@@ -114,26 +114,26 @@ def test_dual_homed_robot_shows_one_way_data(laptop: GraphLaptop) -> None:
 
 
 def test_simultaneous_graph_faults_are_each_named(laptop: GraphLaptop) -> None:
-    laptop.order("battery", "0.1")
+    laptop.execute("battery", "0.1")
     with laptop.participant("reader"), laptop.participant("sink"), laptop.participant("page"):
         laptop.wait_for_findings("battery-low", "drive-sink-unheard", "page-holds-bus", "qos-mismatch")
-    laptop.order("battery", "0.85")
+    laptop.execute("battery", "0.85")
     laptop.wait_for_findings()
 
 
 def test_gamepad_zeros_and_type_mismatch_are_named(laptop: GraphLaptop) -> None:
-    with laptop.participant("pad"), laptop.participant("mistyped"):
+    with laptop.participant("gamepad"), laptop.participant("mistyped"):
         laptop.wait_for_findings("pad-holds-bus", "type-mismatch")
     laptop.wait_for_findings()
 
 
 def test_silent_sensor_and_silent_board_are_distinguished(laptop: GraphLaptop) -> None:
-    laptop.order("sim", "scan", "silent")
+    laptop.execute("sim", "scan", "silent")
     laptop.wait_for_findings("topic-silent")
-    laptop.order("sim", "board", "silent")
+    laptop.execute("sim", "board", "silent")
     laptop.wait_for_findings("board-wedged", "topic-silent")
-    laptop.order("sim", "scan", "none")
-    laptop.order("sim", "board", "none")
+    laptop.execute("sim", "scan", "none")
+    laptop.execute("sim", "board", "none")
     laptop.wait_for_findings()
     with laptop.participant("camera", "works"):
         laptop.wait_for_findings("camera-silent")

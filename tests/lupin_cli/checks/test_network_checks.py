@@ -8,12 +8,25 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from lupin_cli.checks import Severity
+from lupin_cli.checks import Finding, Severity
+from lupin_cli.checks.ground_truth import CHECKS as GROUND_TRUTH
+from lupin_cli.checks.path import CHECKS as PATH
+from lupin_cli.checks.resources import CHECKS as RESOURCES
+from lupin_cli.checks.shell_environment import CHECKS as SHELL_ENVIRONMENT
+from lupin_cli.checks.shell_environment import CLEAN_SHELL
+from lupin_cli.connection.base import Output
+from lupin_cli.doctor.engine import diagnose
 from lupin_cli.facts.addresses import Address, Addresses
-from lupin_cli.facts.dds_profiles import Server
+from lupin_cli.facts.dds_profiles import Server, parse_profile
+from lupin_cli.facts.graph import Graph, Graphs, ObservedTopic
 from lupin_cli.facts.shared_memory import SHARED_MEMORY, SharedFile
+from lupin_cli.facts.shell import SHELL
 from lupin_cli.facts.sockets import Socket, Sockets
+from lupin_cli.link.path import End, Path
+from tests.lupin_cli.checks.conftest import CHECKS
+from tests.lupin_cli.checks.test_ground_truth import received
 from tests.support.optional import present
+from tests.support.snapshots import captured
 
 if TYPE_CHECKING:
     from tests.lupin_cli.checks.conftest import Machines
@@ -64,6 +77,8 @@ def test_missing_discovery_server_shows_the_journals_reason(healthy: Machines, l
     assert finding.fix.playbook == "recover-discovery"
     assert finding.fix.safe
     assert any("ROS_DISCOVERY_SERVER=127.0.0.1:11811" in line for line in finding.evidence)
+    # It finds the server's program in /opt/ros, which is not in the PATH of a shell that ssh starts.
+    assert finding.fix.command == "lupin play recover-discovery --robot mirte"
 
 
 def test_starting_discovery_server_is_not_missing(healthy: Machines) -> None:
@@ -115,6 +130,69 @@ def test_pinned_server_is_named_by_socket_or_arguments(healthy: Machines) -> Non
         assert finding.id == "discovery-server-pinned"
         assert "192.168.42.1" in finding.cause
         assert not finding.fix.safe
+
+
+def test_missing_server_explains_units_that_find_nobody(healthy: Machines) -> None:
+    def failing(units: Any) -> Any:
+        states = {
+            "lupin-onboard.service": {"active": "activating", "sub": "auto-restart"},
+            "lupin-auto-home.service": {"active": "failed", "result": "start-limit-hit"},
+        }
+        return replace(units, units=tuple(replace(unit, **states.get(unit.name, {})) for unit in units.units))
+
+    faulty = healthy.with_robot("units", failing)
+    assert sorted(faulty.root_ids()) == ["oneshot-failed", "unit-restarting"]
+    assert faulty.with_robot("sockets", without_port(11811)).root_ids() == ["discovery-server-missing"]
+
+
+@pytest.mark.parametrize(
+    "fields", [{"address": "192.168.42.1"}, {"command": "fast-discovery-server -i 3 -p 11811", "process": "fast-discovery-"}]
+)
+@pytest.mark.parametrize(
+    ("pid", "uid", "script"),
+    [
+        (0, 1000, "sudo ss -lunp sport = :11811"),  # only root sees its owner
+        (5, 1000, "sudo kill 5"),
+        (5, 0, "kill 5"),
+        (99, 0, "sudo kill 99"),
+    ],
+)
+def test_owner_of_the_server_port_is_ended(healthy: Machines, fields: dict[str, str], pid: int, uid: int, script: str) -> None:
+    def owned(sockets: Sockets) -> Sockets:
+        return Sockets(
+            tuple(replace(each, pid=pid, **fields) if each.port == 11811 else each for each in sockets.entries)  # type: ignore[arg-type]
+        )
+
+    faulty = healthy.with_robot("sockets", owned).with_robot("account", lambda account: replace(account, uid=uid))
+    (finding,) = faulty.root_findings()
+    recover = "lupin play recover-discovery --robot mirte"
+    login = f"ssh{' -t' if 'sudo' in script else ''} 10.42.0.1 '{script}'"
+    assert finding.fix.command == (f"{login} && {recover}" if pid else login)
+    assert bool(pid) or finding.fix.instruction.endswith(recover)
+
+
+def test_server_with_another_id_is_named(healthy: Machines) -> None:
+    def numbered(command: str) -> Callable[[Sockets], Sockets]:
+        return lambda sockets: Sockets(
+            tuple(
+                replace(each, command=command, process="fast-discovery-") if each.port == 11811 else each
+                for each in sockets.entries
+            )
+        )
+
+    (finding,) = healthy.with_robot("sockets", numbered("fast-discovery-server -i 3 -l 0.0.0.0 -p 11811")).root_findings()
+    assert (finding.id, finding.layer, finding.where) == ("discovery-server-other-id", "discovery", "robot")
+    assert "the id 3" in finding.cause
+    assert healthy.with_robot("sockets", numbered("fast-discovery-server -i 0 -p 11811")).root_ids() == []
+
+
+@pytest.mark.parametrize("value", ["True", "yes", "1", "false", ""])
+def test_every_value_but_true_disables_the_server(healthy: Machines, value: str) -> None:
+    faulty = healthy.with_robot("sockets", without_port(11811)).with_robot(
+        "discovery-log", lambda log: replace(log, switch=value)
+    )
+    (finding,) = faulty.root_findings()
+    assert finding.id == "discovery-server-switched-off"
 
 
 def test_other_program_on_server_port_is_named(healthy: Machines) -> None:
@@ -214,6 +292,62 @@ def test_shell_older_than_the_setup_is_named(healthy: Machines) -> None:
     assert "ROS_DISCOVERY_SERVER=" in finding.evidence
 
 
+def test_bare_shell_is_a_problem_only_while_data_is_missing(healthy: Machines) -> None:
+    bare = healthy.with_laptop("shell", lambda shell: replace(shell, environment={}))
+    off = bare.with_robot("sockets", without_port(11811)).with_robot("discovery-log", "switched-off")
+    assert sorted(off.root_ids()) == ["discovery-server-switched-off", "shell-multicast-only"]
+
+    def severities(machines: Machines) -> dict[str, str]:
+        return {each.id: each.severity.value for each in machines.root_findings()}
+
+    assert severities(off)["shell-multicast-only"] == "warning"
+    missing = off.with_laptop("graph", Graphs((Graph("shell", "shell", ()),)))
+    assert severities(missing) == {"discovery-server-switched-off": "problem", "shell-multicast-only": "problem"}
+
+
+def test_shell_without_the_profile_is_named(healthy: Machines) -> None:
+    def without(shell: Any, **more: str) -> Any:
+        profile = "FASTRTPS_DEFAULT_PROFILES_FILE"
+        return replace(shell, environment={**{k: v for k, v in shell.environment.items() if k != profile}, **more})
+
+    (finding,) = healthy.with_laptop("shell", without).root_findings()
+    assert (finding.id, finding.layer, finding.where) == ("shell-without-profile", "environment", "laptop")
+    assert finding.fix.command == "source /home/operator/.config/lupin/ros-env.sh"
+    assert healthy.with_laptop("shell", lambda shell: without(shell, ROS_SUPER_CLIENT="TRUE")).root_ids() == []
+
+
+@pytest.mark.parametrize("value", ["10.42.0.1:11811;", "10.42.0.1", " 10.42.0.1:11811 ; "])
+def test_other_text_for_the_same_server_is_no_fault(healthy: Machines, value: str) -> None:
+    def daemon(processes: tuple[Any, ...]) -> tuple[Any, ...]:
+        arguments = ("/usr/bin/python3", "-c", "from ros2cli.daemon.daemonize import main; main()")
+        environment = {"ROS_DISCOVERY_SERVER": "10.42.0.1:11811"}
+        return (*processes, replace(processes[0], pid=99, arguments=arguments, environment=environment, parent=1))
+
+    def asking(value: str) -> Machines:
+        changed = {"ROS_DISCOVERY_SERVER": value}
+        shell = healthy.with_laptop("shell", lambda shell: replace(shell, environment={**shell.environment, **changed}))
+        return shell.with_laptop("ros-processes", daemon)
+
+    assert asking(value).root_ids() == []
+    # The place in the list is the server's id.
+    assert sorted(asking(";10.42.0.1:11811").root_ids()) == ["shell-multicast-only", "stale-daemon"]
+
+
+def test_carriage_return_in_a_variable_is_named(healthy: Machines) -> None:
+    exports = "/home/operator/.config/lupin/ros-env.sh"
+
+    def shell(end: str, file_end: str) -> Any:
+        text = f"""@@ home /home/operator\n@@ environment\nROS_DISCOVERY_SERVER=10.42.0.1:11811{end}\nROS_SUPER_CLIENT=1\n
+@@ exports {exports}\nexport ROS_DISCOVERY_SERVER="10.42.0.1:11811"{file_end}\n@@ start /x\n@@ wipes /x\n"""
+        return SHELL.parse(Output(0, text))
+
+    assert healthy.with_laptop("shell", shell("", "")).root_ids() == []
+    for file_end, command in (("", f"source {exports}"), ("\r", f"lupin dds setup 10.42.0.1 && source {exports}")):
+        (finding,) = healthy.with_laptop("shell", shell("\r", file_end)).root_findings()
+        assert (finding.id, finding.severity, finding.fix.command) == ("shell-other-graph", Severity.PROBLEM, command)
+        assert finding.evidence == ("ROS_DISCOVERY_SERVER='10.42.0.1:11811\\r'",)
+
+
 def test_missing_setup_is_named_only_with_a_robot(healthy: Machines) -> None:
     faulty = healthy.with_laptop("shell", lambda s: replace(s, environment={}, exports={}, start_files=()))
     assert faulty.root_ids() == ["dds-not-set-up"]
@@ -253,8 +387,160 @@ def test_later_source_without_unset_hook_is_no_fault(healthy: Machines) -> None:
 
 
 def test_shell_with_another_middleware_is_named(healthy: Machines) -> None:
-    environment = {"ROS_DISCOVERY_SERVER": "10.42.0.1:11811", "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+    environment = {
+        "ROS_SUPER_CLIENT": "1",
+        "ROS_DISCOVERY_SERVER": "10.42.0.1:11811",
+        "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp",
+    }
     assert healthy.with_laptop("shell", lambda s: replace(s, environment=environment)).root_ids() == ["shell-rmw-mismatch"]
+
+
+MISLEADING = [
+    {"ROS_LOCALHOST_ONLY": "1"},
+    {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
+    {"FASTDDS_BUILTIN_TRANSPORTS": "SHM"},
+    {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv6"},
+    {"ROS_DOMAIN_ID": "17"},
+]
+HARMLESS = {"ROS_DOMAIN_ID": "0", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_LOCALHOST_ONLY": "0", "ROS_VERSION": "2"}
+
+
+@pytest.mark.parametrize("variables", MISLEADING, ids=lambda variables: "".join(variables.values()))
+def test_shell_variables_that_lead_elsewhere_are_named(healthy: Machines, variables: dict[str, str]) -> None:
+    def with_variables(shell: Any) -> Any:
+        return replace(shell, environment={**shell.environment, **variables})
+
+    (finding,) = healthy.with_laptop("shell", with_variables).root_findings()
+    assert (finding.id, finding.layer, finding.where) == ("shell-other-graph", "environment", "laptop")
+    assert finding.fix.command == f"unset {next(iter(variables))}"
+    assert healthy.with_laptop("shell", lambda s: replace(s, environment={**s.environment, **HARMLESS})).root_ids() == []
+
+
+def test_shell_gets_the_domain_of_the_robots_processes(healthy: Machines) -> None:
+    def of_robot(processes: Any) -> Any:
+        return tuple(replace(each, environment={**each.environment, "ROS_DOMAIN_ID": "5"}) for each in processes)
+
+    def with_domain(shell: Any) -> Any:
+        return replace(shell, environment={**shell.environment, "ROS_DOMAIN_ID": "7", "ROS_LOCALHOST_ONLY": "1"})
+
+    found = healthy.with_robot("ros-processes", of_robot).with_laptop("shell", with_domain).root_findings()
+    (finding,) = (each for each in found if each.id == "shell-other-graph")
+    assert finding.fix.command == "export ROS_DOMAIN_ID=5; unset ROS_LOCALHOST_ONLY"
+
+
+def in_domain(number: str) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
+    """Return a function that gives all ROS processes a domain."""
+    return lambda processes: tuple(
+        replace(each, environment={**each.environment, "ROS_DOMAIN_ID": number}) for each in processes
+    )
+
+
+@pytest.mark.parametrize("where", ["unit", "processes"])
+def test_shell_without_the_domain_of_all_others_is_named(healthy: Machines, where: str) -> None:
+    """The lab gives each robot a domain; a new terminal, cron or an editor has no ROS_DOMAIN_ID."""
+
+    def in_unit_file(units: Any) -> Any:
+        setting = {"environment": {"ROS_DOMAIN_ID": "7"}}
+        return replace(units, units=tuple(replace(u, **setting) if u.name == "mirte-ros.service" else u for u in units.units))
+
+    def of_unit(processes: Any) -> Any:
+        return tuple(replace(each, group="/system.slice/mirte-ros.service") for each in processes)
+
+    set_up = healthy.with_robot("ros-processes", in_domain("7")).with_laptop("ros-processes", in_domain("7"))
+    set_up = set_up.with_robot("units", in_unit_file) if where == "unit" else set_up.with_robot("ros-processes", of_unit)
+    (finding,) = set_up.root_findings()
+    assert (finding.id, finding.where, finding.fix.command) == ("shell-other-graph", "laptop", "export ROS_DOMAIN_ID=7")
+    assert "this shell has no ROS_DOMAIN_ID" in finding.cause and any("=7" in line for line in finding.evidence)
+    told = set_up.with_laptop("shell", lambda s: replace(s, environment={**s.environment, "ROS_DOMAIN_ID": "7"}))
+    assert told.root_ids() == []
+    alone = set_up.with_laptop("ros-processes", in_domain("0"))
+    assert alone.root_ids() == ["unit-environment" if where == "unit" else "process-environment"]
+
+
+def test_daemon_and_server_are_in_no_domain_of_the_robot(healthy: Machines) -> None:
+    def with_daemon(processes: Any) -> Any:
+        daemon = ("/usr/bin/python3", "-c", "from ros2cli.daemon.daemonize import main; main()")
+        return (*in_domain("7")(processes), replace(processes[1], pid=99, arguments=daemon, environment={}))
+
+    both = healthy.with_robot("ros-processes", with_daemon).with_laptop("ros-processes", in_domain("7"))
+    assert "shell-other-graph" in both.root_ids()
+
+
+@pytest.mark.parametrize("unit", ["mirte-ros", "lupin-onboard"])
+@pytest.mark.parametrize("variables", [*MISLEADING, {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}], ids=str)
+def test_unit_environment_that_leads_elsewhere_is_named(healthy: Machines, unit: str, variables: dict[str, str]) -> None:
+    drop_in = f"/etc/systemd/system/{unit}.service.d/90-local.conf"
+
+    def setting(found: dict[str, str], active: str = "active") -> Callable[[Any], Any]:
+        changed = {"environment": found, "drop_ins": (drop_in,), "active": active, "sub": active, "result": "exit-code"}
+        changed["assignments"] = {f"/etc/systemd/system/{unit}.service": {"PATH": "/usr/bin"}, drop_in: found}
+        return lambda units: replace(
+            units, units=tuple(replace(each, **changed) if each.name == f"{unit}.service" else each for each in units.units)
+        )
+
+    for active in ("active", "failed"):
+        (finding,) = healthy.with_robot("units", setting(variables, active)).root_findings()
+        assert (finding.id, finding.layer, finding.where) == ("unit-environment", "environment", "robot")
+        assert f"set by: {drop_in}" in finding.evidence
+        assert f"{next(iter(variables))}=" in finding.fix.command and f" {drop_in} && " in finding.fix.command
+        assert finding.fix.command.endswith(f"sudo systemctl restart {unit}.service'")
+    elsewhere = healthy.with_robot("units", setting(variables))
+    lost = elsewhere.with_robot("units", lambda us: replace(us, units=tuple(replace(u, assignments={}) for u in us.units)))
+    (finding,) = lost.root_findings()
+    assert "systemctl cat" in finding.fix.command and "take" in finding.fix.instruction
+    assert healthy.with_robot("units", setting(HARMLESS)).root_ids() == []
+
+
+def in_unit(unit: str, **variables: str) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
+    """Return a function that gives a variable to one process of a unit of the robot."""
+
+    def change(processes: tuple[Any, ...]) -> tuple[Any, ...]:
+        chosen = next(each for each in processes if each.server and not each.is_server)
+        mine = replace(chosen, group=f"/system.slice/{unit}.service", environment={**chosen.environment, **variables})
+        return tuple(mine if each is chosen else each for each in processes)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "variables", [{"ROS_LOCALHOST_ONLY": "1"}, {"FASTDDS_BUILTIN_TRANSPORTS": "SHM"}, {"ROS_DOMAIN_ID": "7"}]
+)
+def test_environment_of_robot_processes_is_judged(healthy: Machines, variables: dict[str, str]) -> None:
+    (finding,) = healthy.with_robot("ros-processes", in_unit("mirte-ros", **variables)).root_findings()
+    assert (finding.id, finding.layer, finding.where) == ("process-environment", "environment", "robot")
+    assert next(iter(variables)) in finding.cause and "~/.mirte_settings.sh" in finding.fix.command
+    assert healthy.with_robot("ros-processes", in_unit("mirte-ros", ROS_DOMAIN_ID="0")).root_ids() == []
+
+
+def test_program_that_fails_in_this_shell_is_named(healthy: Machines) -> None:
+    error = "the graph probe exited with status 1: ImportError: librcl.so: undefined symbol: x"
+    faulty = healthy.with_laptop("graph", Graphs((Graph("robot", "robot", (), error=error),)))
+    misled = faulty.with_laptop("shell", lambda s: replace(s, environment={**s.environment, "LD_LIBRARY_PATH": "/opt/old"}))
+    for machines, command in ((faulty, "lupin dds check"), (misled, CLEAN_SHELL)):
+        (finding,) = machines.root_findings()
+        assert (finding.id, finding.layer, finding.where) == ("shell-program-fails", "environment", "laptop")
+        assert "undefined symbol" in finding.cause and finding.fix.command == command
+    diagnosis = diagnose(
+        (*SHELL_ENVIRONMENT, *RESOURCES), faulty.with_laptop("storage", captured("storage", "shm-full")).snapshot
+    )
+    assert [root.finding.id for root in diagnosis.roots] == ["shared-memory-full"]
+
+
+def test_profile_that_only_a_variable_names_is_the_variables(healthy: Machines) -> None:
+    environment = {"ROS_DISCOVERY_SERVER": "10.42.0.1:11811", "FASTRTPS_DEFAULT_PROFILES_FILE": "/nowhere/7.xml"}
+    faulty = healthy.with_laptop("shell", lambda s: replace(s, environment=environment))
+    faulty = faulty.with_laptop("dds-profiles", lambda ps: (*ps, replace(ps[0], path="/nowhere/7.xml", error="no such file")))
+    (finding,) = faulty.root_findings()
+    assert (finding.id, finding.layer) == ("profile-unreadable", "environment")
+
+
+def test_exports_without_a_server_are_named(healthy: Machines) -> None:
+    def incomplete(shell: Any) -> Any:
+        return replace(shell, exports={name: v for name, v in shell.exports.items() if name != "ROS_DISCOVERY_SERVER"})
+
+    (finding,) = healthy.with_laptop("shell", incomplete).root_findings()
+    assert (finding.id, finding.severity) == ("dds-not-set-up", Severity.WARNING)
+    assert "exports no ROS_DISCOVERY_SERVER" in finding.cause
 
 
 def test_daemon_older_than_the_setup_is_named(healthy: Machines) -> None:
@@ -263,7 +549,7 @@ def test_daemon_older_than_the_setup_is_named(healthy: Machines) -> None:
         return (*processes, replace(processes[0], pid=99, arguments=arguments, environment={}, parent=1))
 
     (finding,) = healthy.with_laptop("ros-processes", daemon).root_findings()
-    assert (finding.id, finding.fix.command) == ("stale-daemon", "ros2 daemon stop")
+    assert (finding.id, finding.fix.command) == ("stale-daemon", "kill 99")
 
 
 # -- profiles -------------------------------------------------------------------------------------------------------------
@@ -274,6 +560,7 @@ def test_daemon_older_than_the_setup_is_named(healthy: Machines) -> None:
     [
         ({"default": False}, "profile-not-default"),
         ({"protocol": "CLIENT"}, "profile-not-super-client"),
+        ({"protocol": "SERVER"}, "profile-not-super-client"),
         ({"servers": (Server(WRONG_PREFIX, "10.42.0.1", 11811),)}, "profile-wrong-prefix"),
         ({"servers": (Server("44.53.00.5f.45.50.52.4f.53.49.4d.41", "192.168.42.1", 11811),)}, "profile-wrong-address"),
         ({"servers": ()}, "profile-without-server"),
@@ -285,6 +572,33 @@ def test_each_profile_fault_is_named(healthy: Machines, fault: dict[str, Any], n
     assert finding.id == name
     assert "fastdds_super_client.xml" in finding.cause
     assert finding.fix.command == "lupin dds setup 10.42.0.1"
+
+
+@pytest.mark.parametrize(
+    ("fault", "word"),
+    [
+        ({"whitelist": ("192.168.42.7",)}, "interfaceWhiteList allows only 192.168.42.7"),
+        ({"builtin_transports": False}, "no transport of its own"),
+        ({"builtin_transports": False, "own_transports": ("SHM",)}, "its own transports are SHM"),
+    ],
+)
+def test_profile_that_excludes_the_link_is_named(healthy: Machines, fault: dict[str, Any], word: str) -> None:
+    (finding,) = healthy.with_laptop("dds-profiles", own_profile(**fault)).root_findings()
+    assert (finding.id, finding.layer, finding.where) == ("profile-excludes-link", "profile", "laptop")
+    assert word in finding.cause
+    for harmless in ({"whitelist": ("10.42.0.2",)}, {"whitelist": ("lan0",)}):
+        assert healthy.with_laptop("dds-profiles", own_profile(**harmless)).root_ids() == []
+    udp: dict[str, Any] = {"builtin_transports": False, "own_transports": ("UDPv4",)}
+    assert healthy.with_laptop("dds-profiles", own_profile(**udp)).root_ids() == []
+
+
+def test_transports_of_a_profile_are_read() -> None:
+    text = """<profiles><transport_descriptors><transport_descriptor><transport_id>mine</transport_id><type>UDPv4</type>
+    <interfaceWhiteList><address>10.42.0.9</address></interfaceWhiteList></transport_descriptor></transport_descriptors>
+    <participant profile_name="p" is_default_profile="true"><rtps><userTransports><transport_id>mine</transport_id>
+    </userTransports><useBuiltinTransports>false</useBuiltinTransports></rtps></participant></profiles>"""
+    profile = parse_profile("/p.xml", text)
+    assert (profile.own_transports, profile.builtin_transports, profile.whitelist) == (("UDPv4",), False, ("10.42.0.9",))
 
 
 def test_profile_is_compared_with_the_shells_server(healthy: Machines) -> None:
@@ -299,6 +613,26 @@ def test_profile_is_compared_with_the_shells_server(healthy: Machines) -> None:
     found = faulty.with_laptop("dds-profiles", elsewhere).root_findings()
     (finding,) = (finding for finding in found if finding.id == "profile-wrong-address")
     assert finding.fix.command == "lupin dds setup 10.42.0.1"
+
+
+@pytest.mark.parametrize("machine", ["laptop", "robot"])
+def test_process_older_than_its_profile_is_named(healthy: Machines, machine: str) -> None:
+    with_fact = healthy.with_laptop if machine == "laptop" else healthy.with_robot
+
+    def aged(seconds: float | None) -> Machines:
+        changed = with_fact("dds-profiles", lambda ps: tuple(replace(each, age_s=seconds) for each in ps))
+        return changed.with_laptop("graph", Graphs((Graph("robot", "robot", ()),)))
+
+    def found(seconds: float | None) -> list[Finding]:
+        return [finding for finding in aged(seconds).root_findings() if finding.id == "profile-changed"]
+
+    (finding,) = found(0.5)
+    assert (finding.where, finding.layer, finding.severity) == (machine, "profile", Severity.WARNING)
+    assert "started before" in finding.cause and any("s old" in line for line in finding.evidence)
+    assert not found(1e9) and not found(None) and not found(-5.0)
+    assert (
+        "profile-changed" not in with_fact("dds-profiles", lambda ps: tuple(replace(each, age_s=0.5) for each in ps)).root_ids()
+    )  # nothing is missing
 
 
 def test_unused_faulty_profile_is_ignored(healthy: Machines) -> None:
@@ -317,8 +651,14 @@ def test_unreachable_robot_is_explained_by_failure_kind(healthy: Machines, kind:
     assert finding.evidence[0] == f"mirte@10.42.0.1: {kind}"
 
 
+def test_login_shell_that_runs_nothing_is_the_robots(healthy: Machines) -> None:
+    (finding,) = healthy.unreachable("login-shell").root_findings()
+    assert (finding.id, finding.layer, finding.where) == ("robot-unreachable", "login", "robot")
+
+
 def test_roamed_wifi_explains_unreachable_robot(healthy: Machines) -> None:
     faulty = healthy.unreachable("no-route").with_laptop("routes", "roamed").with_laptop("addresses", "roamed")
+    faulty = replace(faulty, link=replace(present(faulty.link), address="192.168.42.1"))
     (finding,) = faulty.with_laptop("network-manager", "roamed-to-eduroam").root_findings()
     assert finding.id == "wifi-roamed"
     assert finding.fix.command == "nmcli connection up Mirte-247264"
@@ -329,6 +669,7 @@ def test_unplugged_cable_explains_unreachable_robot(healthy: Machines) -> None:
     faulty = healthy.unreachable("no-route").with_laptop("routes", "cable-out").with_laptop("addresses", "cable-out")
     (finding,) = faulty.root_findings()
     assert finding.id == "no-carrier"
+    assert (finding.layer, finding.where) == ("carrier", "link")
     assert "lan0 NO-CARRIER 10.42.0.2/24" in finding.evidence
 
 
@@ -353,7 +694,7 @@ def without_access_point(routes: Any) -> Any:
     return replace(routes, main=tuple(route for route in routes.main if not route.destination.startswith("192.168.42.")))
 
 
-def test_dual_homed_robot_with_unroutable_address_is_named(healthy: Machines) -> None:
+def test_multihomed_robot_with_unroutable_address_is_named(healthy: Machines) -> None:
     (finding,) = healthy.with_laptop("routes", without_access_point).root_findings()
     assert finding.id == "robot-multi-homed"
     assert "192.168.42.1" in finding.cause
@@ -370,7 +711,7 @@ def test_default_route_does_not_lead_to_the_access_point(healthy: Machines) -> N
     assert healthy.with_laptop("routes", internet).root_ids() == ["robot-multi-homed"]
 
 
-def test_dual_homed_robot_with_whitelist_is_healthy(healthy: Machines) -> None:
+def test_multihomed_robot_with_whitelist_is_healthy(healthy: Machines) -> None:
     faulty = healthy.with_laptop("routes", without_access_point)
     whitelisted = faulty.with_robot("dds-profiles", lambda ps: tuple(replace(p, whitelist=("10.42.0.1",)) for p in ps))
     assert whitelisted.root_ids() == []
@@ -442,7 +783,63 @@ def test_stopped_process_on_dds_ports_is_named(healthy: Machines) -> None:
 
 def test_stopped_service_process_is_named(healthy: Machines) -> None:
     stopped = changed(1, state="T", parent=1, group="/system.slice/lupin-onboard.service")
-    assert healthy.with_robot("ros-processes", stopped).root_ids() == ["zombie-process"]
+    (finding,) = healthy.with_robot("ros-processes", stopped).root_findings()
+    assert (finding.id, finding.fix.playbook, finding.layer) == ("process-stopped", "resume-process", "processes")
+    assert finding.fix.command == f"lupin play resume-process --robot mirte -v pid={finding.fix.variables['pid']}"
+
+
+def test_stopped_estop_is_resumed_without_asking(healthy: Machines) -> None:
+    estop = ("python3", "-m", "lupin_runtime.stack.process", "/run/processes/estop.json")
+    stopped = changed(1, state="T", parent=1, group="/system.slice/lupin-onboard.service", arguments=estop)
+    (finding,) = healthy.with_robot("ros-processes", stopped).root_findings()
+    assert finding.id == "process-stopped" and finding.fix.safe
+
+
+@pytest.mark.parametrize("port", [11812, 11811])
+def test_port_without_a_server_in_shell_and_profile_is_named(healthy: Machines, port: int) -> None:
+    def with_port(shell: Any) -> Any:
+        return replace(shell, environment={**shell.environment, "ROS_DISCOVERY_SERVER": f"10.42.0.1:{port}"})
+
+    def profiles(found: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(replace(each, servers=tuple(replace(s, port=port) for s in each.servers)) for each in found)
+
+    ids = healthy.with_laptop("shell", with_port).with_laptop("dds-profiles", profiles).root_ids()
+    assert ("shell-wrong-server" in ids) == (port != 11811), ids
+
+
+def test_lost_address_of_shell_is_the_only_root(healthy: Machines) -> None:
+    hosts = {"wired": "10.42.0.1", "ap": "192.168.42.1"}
+    server = (("ROS_DISCOVERY_SERVER", "192.168.42.1:11811"),)
+
+    def set_up(shell: Any) -> Any:
+        variables = {"ROS_DISCOVERY_SERVER": "192.168.42.1:11811"}
+        return replace(shell, environment={**shell.environment, **variables}, exports={**shell.exports, **variables})
+
+    def without_ap(addresses: Addresses) -> Addresses:
+        return Addresses(tuple(each for each in addresses.entries if each.address != "192.168.42.1"))
+
+    lost = replace(healthy, link=replace(present(healthy.link), addresses=hosts)).with_laptop("shell", set_up)
+    lost = lost.with_laptop("routes", lambda routes: replace(routes, to_robot=dict.fromkeys(hosts.values(), ())))
+    lost = lost.with_laptop("graph", Graphs((Graph("shell", "shell", server),))).with_robot("addresses", without_ap)
+    path = Path("192.168.42.1", End("laptop", "wifi0", "192.168.42.7"), End("robot", error="Network is unreachable"))
+    diagnosis = diagnose((*GROUND_TRUTH, *PATH, *CHECKS), replace(lost.snapshot, path=path))
+    problems = [root.finding for root in diagnosis.roots if root.finding.severity is Severity.PROBLEM]
+    assert [finding.id for finding in problems] == ["shell-wrong-server"]
+    assert problems[0].fix.command.startswith("lupin dds setup 10.42.0.1")
+    assert {"address-missing", "unexplained"} <= {finding.id for finding in diagnosis.findings}
+    others = replace(lost, link=replace(present(lost.link), addresses={}))
+    assert "shell-wrong-server" not in others.root_ids(), "it is the address of another robot that is examined too"
+
+
+def test_data_from_a_second_address_is_a_sign_of_life(healthy: Machines) -> None:
+    hosts = {"wired": "10.42.0.1", "ap": "192.168.42.1"}
+    heard = received(environment=(("ROS_DISCOVERY_SERVER", "192.168.42.1:11811"),))
+    machines = replace(healthy, link=replace(present(healthy.link), addresses=hosts)).unreachable("timeout")
+    machines = machines.with_laptop("graph", Graphs((heard,)))
+    machines = machines.with_laptop("routes", lambda routes: replace(routes, to_robot=dict.fromkeys(hosts.values(), ())))
+    finding = next(each for each in machines.root_findings() if each.id == "robot-unreachable")
+    assert "the robot's data arrives from 192.168.42.1, another of its addresses" in finding.cause
+    assert finding.fix.command == "lupin transport show --robot mirte"
 
 
 def test_unit_process_without_parent_is_not_stale(healthy: Machines) -> None:
@@ -453,11 +850,33 @@ def test_unit_process_without_parent_is_not_stale(healthy: Machines) -> None:
     ]
 
 
+SESSION = "/user.slice/user-1000.slice/session-3.scope"
+
+
+@pytest.mark.parametrize(
+    ("parent", "name", "is_stale"),
+    [
+        (1, "systemd", True),
+        (1, "init", True),
+        (1, "", True),  # hidden from this user
+        (1873, "systemd", True),  # the user's own service manager, on a desktop
+        (1, "bash", False),  # docker run -it ros:humble bash
+        (1, "docker-init", False),
+        (712, "containerd-shim", False),
+        (712, "bash", False),
+        (712, "", False),
+    ],
+)
+def test_only_an_adopted_process_is_stale(healthy: Machines, parent: int, name: str, is_stale: bool) -> None:
+    adopted = changed(1, parent=parent, parent_name=name, group=SESSION)
+    assert healthy.with_robot("ros-processes", adopted).root_ids() == (["zombie-process"] if is_stale else [])
+
+
 @pytest.mark.parametrize("difference", [{"user_id": 1001}, {"shared_memory": "99"}])
 def test_processes_that_cannot_share_memory_are_named(healthy: Machines, difference: dict[str, Any]) -> None:
     (finding,) = healthy.with_robot("ros-processes", changed(1, **difference)).root_findings()
     assert finding.id == "shared-memory-not-shared"
-    assert "FASTDDS_BUILTIN_TRANSPORTS=UDPv4" in finding.fix.command
+    assert "FASTDDS_BUILTIN_TRANSPORTS=UDPv4" in finding.fix.instruction and "sudo kill 9'" in finding.fix.command
 
 
 def test_udp_on_one_side_avoids_unshared_memory(healthy: Machines) -> None:
@@ -479,6 +898,30 @@ def test_unreadable_process_is_identified_by_its_memory_files(healthy: Machines)
     assert finding.id == "shared-memory-not-shared" and "process 4242 (user 1001)" in finding.cause
     assert healthy.with_robot("shared-memory", strangers(1001, 7671)).root_ids() == []  # domain 1
     assert healthy.with_robot("shared-memory", strangers(0, 7421)).root_ids() == []  # the same user, in what was captured
+
+
+def test_stranger_on_the_laptop_is_judged_only_by_lost_samples(healthy: Machines) -> None:
+    shared = healthy.with_laptop("shared-memory", strangers(1001, 7412))
+    assert shared.root_ids() == []  # another person's own graph
+
+    def observed(**fields: Any) -> list[Finding]:
+        graph = Graph("sim", "sim", (), topics=(ObservedTopic("/scan", (), ()),), samples=(("/scan", 0),), **fields)
+        return shared.with_laptop("graph", Graphs((graph,))).root_findings()
+
+    assert observed() == observed(udp_heard=0) == []
+    (finding,) = observed(udp_heard=4)
+    assert (finding.id, finding.where) == ("shared-memory-not-shared", "laptop") and "names-no-samples" in finding.explains
+    assert "process 4242 (user 1001)" in finding.cause
+    # The process of the other person goes on.
+    assert finding.fix.command == "kill 9" and "FASTDDS_BUILTIN_TRANSPORTS=UDPv4" in finding.fix.instruction
+
+
+def test_no_process_of_two_users_of_a_laptop_is_ended(healthy: Machines) -> None:
+    own = {file.holder for file in healthy.laptop["shared-memory"] if file.held}
+    second = sorted(own)[1]
+    both = healthy.with_laptop("ros-processes", lambda ps: (*ps, replace(ps[0], pid=second, user_id=1001)))
+    (finding,) = (each for each in both.root_findings() if each.id == "shared-memory-not-shared")
+    assert finding.fix.command == "" and "as the same user" in finding.fix.instruction
 
 
 def test_memory_removed_by_logind_is_named_before_and_after(healthy: Machines) -> None:
@@ -511,7 +954,15 @@ def test_removed_memory_of_the_doctors_visit_is_ignored(healthy: Machines) -> No
     [
         ("tcp", 8090, "node vite", "/usr/bin/python -m lupin_runtime.stack.process console.json"),
         ("tcp", 9090, "python rosbridge_websocket", "/opt/lupin/bin/lupin up"),
+        (
+            "tcp",
+            8090,
+            "/home/me/lupin/.venv/bin/python -m http.server 8090",
+            "/home/me/robot/.venv/bin/python -P -m lupin_cli.app up",
+        ),
+        ("tcp", 9090, "python3 -m http.server --directory /srv/lupin", "/usr/bin/python3 /opt/x/bin/lupin console"),
         ("udp", 123, "ntpd", "/usr/sbin/chronyd -F 1"),
+        ("udp", 123, "ntpd -c /etc/chronyd", "/usr/sbin/chronyd"),
     ],
 )
 def test_port_is_named_unless_its_owner_holds_it(
