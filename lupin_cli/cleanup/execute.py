@@ -14,6 +14,7 @@ from lupin_cli.facts.base import Fact, Value
 from lupin_cli.facts.ros_processes import ROS_PROCESSES
 from lupin_cli.facts.shared_memory import SHARED_MEMORY
 from lupin_cli.facts.sockets import SOCKETS
+from lupin_cli.printed_commands import lupin
 
 PROBE_TIMEOUT_S = 15.0
 CHANGE_TIMEOUT_S = 60.0
@@ -36,9 +37,11 @@ terminate() {
 }
 """
 # A live owner holds the lock, so its files stay. While this script holds the lock, no process can start to use the files.
+# Everybody may write in /dev/shm: `flock FILE` would follow a link and create the file that it points to.
 _REMOVE = r"""cd /dev/shm || exit 1
 remove() { lock=$1; shift
-  if [ -n "$lock" ]; then flock -n -x "$lock" rm -f -- "$@"; else rm -f -- "$@"; fi
+  if [ -z "$lock" ]; then rm -f -- "$@"
+  elif [ -f "$lock" ] && [ ! -L "$lock" ]; then ( flock -n -x 9 && rm -f -- "$@" ) 9<"$lock"; fi
   for file; do [ -e "$file" ] && { echo "stays $1"; return; }; done
   echo "removed $1"
 }
@@ -69,7 +72,7 @@ def find_stale(
         try:
             return fact.parse(outputs[fact.name])
         except ValueError as error:
-            raise TargetError(f"{target.name}: {fact.name} cannot be read: {error}", "lupin doctor") from error
+            raise TargetError(f"{target.name}: {fact.name} cannot be read: {error}", _doctor(target)) from error
 
     processes, sockets, files, tree = value(ROS_PROCESSES), value(SOCKETS), value(SHARED_MEMORY), value(PROCESS_TREE)
     return make_plan(processes, sockets, files, tree, user_id=user_id, runs=runs, own_pids=own_pids)
@@ -102,3 +105,7 @@ def _run(target: Target, script: str, user_id: int) -> set[str]:
     """Run a script and return its output lines. If the connection breaks, lines are missing and their items count as failed."""
     output = target.run(script, root=user_id == 0, timeout_s=CHANGE_TIMEOUT_S)
     return set(output.stdout.splitlines())
+
+
+def _doctor(target: Target) -> str:
+    return lupin("doctor", robot=target.name) if target.login_command else lupin("doctor", "--local")

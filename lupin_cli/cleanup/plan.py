@@ -12,14 +12,12 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from lupin_cli.cleanup.process_tree import ProcessTree
-from lupin_cli.facts.ros_processes import RosProcess
+from lupin_cli.facts.ros_processes import RosProcess, adopts
 from lupin_cli.facts.shared_memory import SharedFile
 from lupin_cli.facts.sockets import Sockets
 
 # RTPS 2.2, 9.6.1.1: unicast ports of a domain's first 19 participants, 7410 to 7447 in domain 0.
 _FIRST_PORT, _LAST_PORT, _PORTS_PER_DOMAIN = 7410, 7447, 250
-# The kernel makes one of these the parent of a process whose own parent has exited.
-_REAPERS = ("systemd", "init", "tini", "dumb-init", "docker-init", "containerd-shim")
 
 
 @dataclass(frozen=True)
@@ -132,14 +130,15 @@ def _reason_to_keep(process: RosProcess, tree: ProcessTree, runs: Mapping[int, s
         return "does the cleanup"
     if process.is_daemon:
         return ""
-    unit = process.group.rpartition("/")[2]
     # A stopped process of a service does not respond either; its service manager may start it again.
-    if process.state != "T" and unit.endswith(".service") and not unit.startswith("user@"):
-        return f"part of {unit}; restart that instead"
+    if process.state != "T" and process.supervisor:
+        return f"part of {process.supervisor}; restart that instead"
     if process.is_server:
         return "a discovery server; other processes depend on it"
+    if process.state != "T" and process.is_lupin:
+        return f"a command of Lupin, which needs no parent; end it with: kill {process.pid}"
     parent = tree.processes.get(process.parent)
-    if parent is not None and parent.pid != 1 and parent.name not in _REAPERS:
+    if parent is not None and not adopts(parent.pid, parent.name):
         return f"its parent {parent.name} ({parent.pid}) is alive; terminate it there, or with: kill {process.pid}"
     return ""
 

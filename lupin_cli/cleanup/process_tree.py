@@ -61,15 +61,20 @@ def parse(output: Output) -> ProcessTree:
     if sections.get("end") is None:
         raise ValueError("the probe ended before its last line")
     processes = {}
+    begun = ""
     for line in sections.lines("stat"):
-        # The name may contain spaces and parentheses; the fields after the last parenthesis may not (proc(5)).
-        head, _, rest = line.rpartition(")")
+        # The name may contain anything, also line breaks; the fields after the last parenthesis may not (proc(5)).
+        head, _, rest = (begun + line).rpartition(")")
         pid, _, name = head.partition(" (")
         fields = rest.split()
         if len(fields) <= _START:
-            raise ValueError(f"expected a line of /proc/PID/stat, found {line[:80]!r}")
+            begun += line + "\n"
+            continue
         number, parent = integer(pid, "a PID"), integer(fields[_PARENT], "a parent PID")
         processes[number] = ProcessNode(number, parent, integer(fields[_START], "a start time"), name)
+        begun = ""
+    if begun:
+        raise ValueError(f"expected a line of /proc/PID/stat, found {begun[:80]!r}")
     mapped_by: dict[str, list[int]] = {}
     for line in sections.lines("maps"):
         found = re.match(r"/proc/(\d+)/maps:/dev/shm/(.+)", line)

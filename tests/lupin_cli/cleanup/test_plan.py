@@ -55,6 +55,35 @@ def test_supervised_process_is_named_and_kept(change: dict[str, Any], tree: Proc
     assert found.processes == () and reason in found.kept[0].reason and not found.kept[0].needs_root
 
 
+def with_parent(name: str, pid: int = 1) -> ProcessTree:
+    """Return the tree in which the process's parent has another name."""
+    return ProcessTree({**TREE.processes, pid: ProcessNode(pid, 0, 1, name)})
+
+
+def adopted_by(pid: int, name: str) -> CleanupPlan:
+    return plan(replace(STALE, parent=pid, parent_name=name), tree=with_parent(name, pid))
+
+
+def test_orphan_of_a_desktop_session_is_terminated() -> None:
+    assert [each.pid for each in adopted_by(1873, "systemd").processes] == [500]
+    assert [each.pid for each in adopted_by(1, "init").processes] == [500]
+
+
+@pytest.mark.parametrize("first", ["bash", "sh", "python3", "docker-init", "tini"])
+def test_program_in_a_container_has_its_parent(first: str) -> None:
+    found = adopted_by(1, first)
+    assert found.processes == () and f"its parent {first} (1) is alive" in found.kept[0].reason
+
+
+def test_program_of_a_container_runtime_is_kept() -> None:
+    assert adopted_by(712, "containerd-shim").processes == ()
+
+
+def test_command_of_lupin_without_parent_is_kept() -> None:
+    found = plan(replace(STALE, arguments=("/usr/bin/python3", "/opt/lupin/bin/lupin", "up")))
+    assert found.processes == () and "a command of Lupin" in found.kept[0].reason
+
+
 def test_stopped_process_is_terminated_unless_its_shell_lives() -> None:
     stopped = replace(STALE, state="T", group="/system.slice/run-7.service")
     assert plan(stopped).processes[0].reason == "it is stopped and does not respond"
@@ -63,10 +92,8 @@ def test_stopped_process_is_terminated_unless_its_shell_lives() -> None:
 
 def test_processes_of_live_run_and_children_are_kept() -> None:
     assert plan(runs={500: "20261121-1"}).kept[0].reason.startswith("part of the live run 20261121-1")
-    with_parent = ProcessTree(
-        {**TREE.processes, 499: ProcessNode(499, 1, 5, "python3"), 500: ProcessNode(500, 499, 77, "twin_node")}
-    )
-    found = plan(replace(STALE, parent=499), tree=with_parent, runs={499: "20261121-1"})
+    tree = ProcessTree({**TREE.processes, 499: ProcessNode(499, 1, 5, "python3"), 500: ProcessNode(500, 499, 77, "twin_node")})
+    found = plan(replace(STALE, parent=499), tree=tree, runs={499: "20261121-1"})
     assert found.processes == () and "live run" in found.kept[0].reason
 
 

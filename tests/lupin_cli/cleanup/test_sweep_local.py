@@ -31,7 +31,8 @@ class Sandbox:
 
     def __init__(self, state_home: Path) -> None:
         kind = ["--map-root-user"] if os.geteuid() else []
-        setup = "mount -t tmpfs none /dev/shm && echo ready && while :; do sleep 1; done"
+        # The first process is called like an init, which adopts orphans; as a shell, it would have started them.
+        setup = "mount -t tmpfs none /dev/shm && printf init >/proc/1/comm && echo ready && while :; do sleep 1; done"
         self._holder = subprocess.Popen(
             ["unshare", *kind, "--mount", "--pid", "--fork", "--mount-proc", "--kill-child", "sh", "-c", setup],
             stdout=subprocess.PIPE,
@@ -63,7 +64,7 @@ class Sandbox:
 
     def sweep(self, *arguments: str) -> tuple[int, dict[str, Any]]:
         """Run `lupin sweep --json`. Returns its exit status and output."""
-        done = self.run(sys.executable, "-m", "lupin_cli.app", "sweep", "--json", *arguments)
+        done = self.run(sys.executable, "-m", "lupin_cli.app", "sweep", "--local", "--json", *arguments)
         assert done.stdout, done.stderr
         return done.returncode, json.loads(done.stdout)
 
