@@ -37,6 +37,14 @@ class Difference:
     before: dict[str, Any] = field(default_factory=dict)  # JSON values that `undo` needs; the journal keeps them
 
 
+@dataclass(frozen=True)
+class RestoredFile:
+    """A file or a link that an undo writes or removes, as root or as the target's user."""
+
+    path: str
+    root: bool = False
+
+
 @dataclass(frozen=True, kw_only=True)
 class Operation(ABC):
     """A frozen dataclass whose fields are the arguments of a step; `__post_init__` raises ValueError for invalid ones.
@@ -51,9 +59,11 @@ class Operation(ABC):
 
     prefetchable: ClassVar[bool] = False  # only steps change what it examines, so its probe may run before the step's turn
     read_only: ClassVar[bool] = False  # it only reports, so a run that starts at a later step runs it too
+    guards: ClassVar[bool] = False  # it stops a run unless something holds, so a resumed run examines that again
+    only_waits: ClassVar[bool] = False  # it waits for what earlier steps cause, so a dry run that would change some skips it
     undo_last: ClassVar[bool] = False  # its undo runs after all others and activates what they restored
     settle_s: ClassVar[float] = 0.0  # how long a difference may remain after `change`; the step's timeout limits it too
-    result_keys: ClassVar[tuple[str, ...]] = ()  # the keys of `report`, for the conditions of later steps
+    report_keys: ClassVar[tuple[str, ...]] = ()  # the keys of `report`, for the conditions of later steps
 
     machine: str = "robot"  # where the step runs: "robot" or "laptop"
 
@@ -75,8 +85,19 @@ class Operation(ABC):
     def undo(self, target: Target, before: Mapping[str, Any]) -> None:  # noqa: B027 -- the default does nothing
         """Restore the state `before` a change, even one that was interrupted. Idempotent; raises OperationError."""
 
+    def restored_files(self) -> tuple[RestoredFile, ...]:
+        """Return the files that `undo` writes or removes; each is named by its path in `overwritten`."""
+        return ()
+
+    def overwritten(self, output: Output) -> dict[str, bytes]:
+        """Return the state of all that `undo` overwrites, by a name for a person: it is refused if somebody changed it since.
+
+        Pure; raises OperationError.
+        """
+        return {}
+
     def report(self, output: Output) -> dict[str, Any]:
-        """Return the JSON values of `result_keys` for later steps' conditions. Pure; raises OperationError."""
+        """Return the JSON values of `report_keys` for later steps' conditions. Pure; raises OperationError."""
         return {}
 
     def with_baseline(self, before: Mapping[str, Any]) -> Operation:

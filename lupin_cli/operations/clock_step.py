@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from lupin_cli.connection.base import Output, Target
 from lupin_cli.operations.base import Difference, Operation, OperationError
-from lupin_cli.operations.clock_samples import offset_values, parse_offset, take_samples
+from lupin_cli.operations.clock_samples import offset_values, parse_offset, require_plausible_clock, take_samples
 from lupin_cli.operations.shell import change, query
 
 _STACK_RUNS = 43
@@ -32,7 +32,7 @@ class ClockStep(Operation):
 
     name: ClassVar[str] = "clock-step"
     effect: ClassVar[str] = "the robot has the laptop's time; refuses while any part of a ROS stack runs"
-    result_keys: ClassVar[tuple[str, ...]] = ("offset_s", "bound_s")
+    report_keys: ClassVar[tuple[str, ...]] = ("offset_s", "bound_s")
 
     tolerance_s: float = 3.0
 
@@ -54,6 +54,7 @@ class ClockStep(Operation):
         offset = parse_offset(output)
         if offset.at_least_s <= self.tolerance_s:
             return None
+        require_plausible_clock(output)
         direction = "ahead of" if offset.offset_s > 0 else "behind"
         amount = f"{abs(offset.offset_s):.1f} s (± {offset.bound_s:.1f} s)"
         summary = f"set the robot's clock, which is {amount} {direction} this machine's"

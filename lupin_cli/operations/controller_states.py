@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 from lupin_cli.connection.base import Output, Script
 from lupin_cli.operations.base import OperationError, probe_script
 from lupin_cli.operations.shell import quote
 from lupin_cli.release.paths import RELEASE, setup_lines
 from lupin_runtime.graph import CONTROLLERS, LIST_CONTROLLERS
+from lupin_runtime.json_text import parse_json
 
 _TIMEOUT_S = 25.0
 
@@ -33,7 +32,7 @@ def controllers_probe() -> Script:
     """Return the probe that lists the controllers."""
     # The vendor's set-up files need bash, and they continue if a file that they source does not exist.
     python = f"python={RELEASE}/venv/bin/python3; [ -x $python ] || python=python3"
-    script = "\n".join([*setup_lines(), python, f"exec $python -c {quote(_LIST_CONTROLLERS)}"])
+    script = "\n".join([*setup_lines(), python, f"PYTHONSAFEPATH=1 exec $python -c {quote(_LIST_CONTROLLERS)}"])
     return probe_script(f"exec bash -c {quote(script)}", timeout_s=_TIMEOUT_S)
 
 
@@ -42,8 +41,8 @@ def parse_controllers(output: Output) -> dict[str, str] | None:
     for line in output.stdout.splitlines():
         if line.startswith("states "):
             try:
-                states = json.loads(line.removeprefix("states "))
-            except (ValueError, RecursionError):
+                states = parse_json(line.removeprefix("states "))
+            except ValueError:
                 states = None
             if not isinstance(states, dict) or not all(isinstance(state, str) for state in states.values()):
                 raise OperationError(f"could not read the controllers: found {line[:80]!r}", "lupin doctor")

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.connection.base import Output, Script, Target
+from lupin_cli.connection.shell_file_io import SAFE_PATHS
 from lupin_cli.operations.base import Difference, OperationError, probe_script
 from lupin_cli.operations.path_operation import PathOperation
-from lupin_cli.operations.path_state import chown, parse_state, state_script
-from lupin_cli.operations.shell import change, quote
+from lupin_cli.operations.path_state import parse_state, set_attributes, state_script
+from lupin_cli.operations.shell import change, quote, quote_all
 
 # The directories that do not exist yet, the deepest first.
 _MISSING = """
 d={path}
 while [ ! -e "$d" ]; do printf '%s\\n' "$d"; d=$(dirname -- "$d"); done
+"""
+_CREATE = """
+path={path} existing={path}
+while [ ! -e "$existing" ] && [ ! -L "$existing" ]; do existing=$(dirname -- "$existing"); done
+enter_folder "$existing/." || exit 1
+missing=${{path#"$existing"}}
+mkdir -p -- "./${{missing#/}}" || exit 1
+enter_folder "$path/."
+"""
+_REMOVE = """
+for path in {paths}; do [ ! -d "$path" ] || {{ enter_folder "$path" && rmdir -- "./$name"; }} || exit 1; done
 """
 
 
@@ -46,21 +58,23 @@ class Directory(PathOperation):
         return Difference(f"change {self.path}: {', '.join(changes)}", "", before) if changes else None
 
     def change(self, target: Target, difference: Difference) -> None:
-        name = quote(self.path)
         if not self.present:
-            change(target, f"rmdir -- {name}", f"remove {self.path}", root=self.root, next_command=f"ls -la {self.path}")
+            self._remove(target, [self.path])
             return
-        mode = f" && chmod {self.mode} -- {name}" if self.mode else ""
-        change(target, f"mkdir -p -- {name}{mode}", f"create {self.path}", root=self.root)
-        if self.owner:
-            chown(target, self.path, self.owner, self.root)
+        self._create(target)
+        if self.mode or self.owner:
+            set_attributes(target, self.path, mode=self.mode or "", owner=self.owner or "", root=self.root)
 
     def undo(self, target: Target, before: Mapping[str, Any]) -> None:
-        name = quote(self.path)
         if before["kind"] == "absent":
-            made = " ".join(quote(path) for path in before["made"])
-            script = f'for d in {made}; do [ ! -d "$d" ] || rmdir -- "$d" || exit 1; done'
-            change(target, script, f"remove {self.path}", root=self.root, next_command=f"ls -la {self.path}")
+            self._remove(target, before["made"])
             return
-        change(target, f"mkdir -p -- {name} && chmod {before['mode']} -- {name}", f"restore {self.path}", root=self.root)
-        chown(target, self.path, before["owner"], self.root)
+        self._create(target)
+        set_attributes(target, self.path, mode=before["mode"], owner=before["owner"], root=self.root)
+
+    def _create(self, target: Target) -> None:
+        change(target, SAFE_PATHS + _CREATE.format(path=quote(self.path)), f"create {self.path}", root=self.root)
+
+    def _remove(self, target: Target, paths: Sequence[str]) -> None:
+        script = SAFE_PATHS + _REMOVE.format(paths=quote_all(paths))
+        change(target, script, f"remove {self.path}", root=self.root, next_command=f"ls -la {self.path}")

@@ -4,25 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 from lupin_cli.connection.base import Output, Script, Target
-from lupin_cli.operations.base import Difference, probe_script
+from lupin_cli.operations.base import Difference, RestoredFile, probe_script
 from lupin_cli.operations.path_operation import PathOperation
 from lupin_cli.operations.path_state import (
     FileState,
-    chown,
+    all_of,
     complete_file,
     file_script,
     parse_file,
+    put_owned,
+    remove,
     restore,
+    set_attributes,
     state_before,
     unified_diff,
 )
-from lupin_cli.operations.shell import change, quote
 from lupin_cli.package_data import shipped_folder
+from lupin_cli.release import verify_release
 
-_SHIPPED_FOLDERS = ("playbooks", "systemd")
+# The last one has a program that also runs on the robot.
+_SHIPPED_FOLDERS = {
+    **{name: shipped_folder(name) for name in ("playbooks", "systemd")},
+    "release": Path(verify_release.__file__).parent,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,9 +59,10 @@ class File(PathOperation):
     def _new_content(self) -> bytes | None:
         if self.source:
             folder, _, name = self.source.partition("/")
-            path = shipped_folder(folder) / name
-            known = folder in _SHIPPED_FOLDERS and "/" not in name
-            return path.read_bytes() if known and path.is_file() else None
+            if folder not in _SHIPPED_FOLDERS or "/" in name:
+                return None
+            path = _SHIPPED_FOLDERS[folder] / name
+            return path.read_bytes() if path.is_file() else None
         return None if self.content is None else self.content.encode()
 
     def probe(self) -> Script:
@@ -87,17 +96,21 @@ class File(PathOperation):
 
     def change(self, target: Target, difference: Difference) -> None:
         if not self.present:
-            change(target, f"rm -f -- {quote(self.path)}", f"remove {self.path}", root=self.root)
+            remove(target, self.path, self.root)
             return
         before = difference.before
-        mode = self.mode or before.get("mode") or "644"
+        owner = self.owner or before.get("owner") or ""  # a file that is replaced would otherwise become the writer's
         if self._new_content() is not None or before["kind"] == "absent":
-            target.put(self.path, self._new_content() or b"", mode=int(mode, 8), root=self.root)
-        elif self.mode is not None:
-            change(target, f"chmod {mode} -- {quote(self.path)}", f"set the mode of {self.path}", root=self.root)
-        owner = self.owner or before.get("owner")  # a file that is replaced would otherwise become the writer's
-        if owner:
-            chown(target, self.path, owner, self.root)
+            mode = self.mode or before.get("mode") or "644"
+            put_owned(target, self.path, self._new_content() or b"", int(mode, 8), owner, self.root)
+        else:
+            set_attributes(target, self.path, mode=self.mode or "", owner=owner, root=self.root)
+
+    def restored_files(self) -> tuple[RestoredFile, ...]:
+        return (RestoredFile(self.path, self.root),)
+
+    def overwritten(self, output: Output) -> dict[str, bytes]:
+        return {self.path: all_of(parse_file(output, self.path))}
 
     def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         restore(target, self.path, before, self.root)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from lupin_cli.connection.base import Output, Script, Target
 from lupin_cli.connection.inventory import config_directory
 from lupin_cli.link import dds_setup
-from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
+from lupin_cli.operations.base import Difference, Operation, OperationError, RestoredFile, probe_script
 from lupin_cli.operations.path_state import unified_diff
 from lupin_cli.operations.shell import change, query, quote, text_of
 
@@ -88,6 +88,15 @@ class LaptopDds(Operation):
         for path, (old, new) in self._contents(query(target, script.text)).items():
             if old != new:
                 _write(target, path, new)
+
+    def restored_files(self) -> tuple[RestoredFile, ...]:
+        paths, start = self._files()
+        return tuple(RestoredFile(str(path.resolve())) for path in (paths.profile, paths.exports, start))
+
+    def overwritten(self, output: Output) -> dict[str, bytes]:
+        found = [old for old, _ in self._contents(output).values()]
+        states = (b"absent" if old is None else b"file " + old for old in found)
+        return {file.path: state for file, state in zip(self.restored_files(), states, strict=True)}
 
     def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         for path, text in before["files"].items():

@@ -8,8 +8,17 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.connection.base import Output, Script, Target
-from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
-from lupin_cli.operations.path_state import chown, complete_file, file_script, parse_file, restore, state_before, unified_diff
+from lupin_cli.operations.base import Difference, Operation, OperationError, RestoredFile, probe_script
+from lupin_cli.operations.path_state import (
+    all_of,
+    complete_file,
+    file_script,
+    parse_file,
+    put_owned,
+    restore,
+    state_before,
+    unified_diff,
+)
 
 _STATES = ("present", "absent", "commented")
 
@@ -110,9 +119,14 @@ class LineInFile(Operation):
             raise OperationError(f"{self.path} is a link to {difference.before['points_to']}: name that file in the step")
         old = target.get(self.path, root=self.root) or b""
         mode = int(difference.before.get("mode", "644"), 8)
-        target.put(self.path, self.edit(old.decode()).encode(), mode=mode, root=self.root)
-        if "owner" in difference.before:
-            chown(target, self.path, difference.before["owner"], self.root)
+        owner = str(difference.before.get("owner", ""))
+        put_owned(target, self.path, self.edit(old.decode()).encode(), mode, owner, self.root)
+
+    def restored_files(self) -> tuple[RestoredFile, ...]:
+        return (RestoredFile(self.path, self.root),)
+
+    def overwritten(self, output: Output) -> dict[str, bytes]:
+        return {self.path: all_of(parse_file(output, self.path))}
 
     def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         restore(target, self.path, before, self.root)

@@ -16,6 +16,14 @@ _ABSENT = 10  # nmcli(1): connection, device, or access point does not exist
 _NOT_RUNNING = 8
 _NO_NMCLI = 127
 _STATE = "GENERAL.STATE"
+_AUTOCONNECT = "connection.autoconnect"
+_SECRET = re.compile(r"(?:psk|password|pin|wep-key[0-3])\Z")
+# Every user can read the arguments of a process, so nmcli's editor gets a secret on standard input; printf and [ are the
+# shell's own. The editor exits with 0 whatever happens, and prints the secret.
+_SAVE = r"""secret={value}
+printf 'set %s %s\nsave persistent\nquit\n' {key} "$secret" | nmcli connection edit id {name} >/dev/null 2>&1 || :
+[ "$(nmcli --escape no --show-secrets -g {key} connection show id {name})" = "$secret" ] ||
+  {{ echo 'NetworkManager did not save '{key}'; is the value valid?' >&2; exit 1; }}"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +39,7 @@ class NetworkConnection(Operation):
     undo_effect: ClassVar[str] = "yes; secrets are never read"
     prefetchable: ClassVar[bool] = True
     settle_s: ClassVar[float] = 15.0
-    result_keys: ClassVar[tuple[str, ...]] = ("present",)
+    report_keys: ClassVar[tuple[str, ...]] = ("present",)
 
     machine: str = "laptop"
     connection: str
@@ -41,9 +49,11 @@ class NetworkConnection(Operation):
     up: bool | None = None
 
     def __post_init__(self) -> None:
-        for name in self.settings:
+        for name, value in self.settings.items():
             if not _PROPERTY.match(name):
                 raise ValueError(f"a setting must be named like ipv4.never-default: {name!r}")
+            if _is_secret(name) and (value.strip() != value or len(value.splitlines()) > 1):
+                raise ValueError(f"{name} must be one line, without blanks at its ends")  # nmcli's editor reads it as a line
 
     def _readable(self) -> dict[str, str]:
         return {name: value for name, value in self.settings.items() if not _is_secret(name)}
@@ -88,12 +98,22 @@ class NetworkConnection(Operation):
 
     def change(self, target: Target, difference: Difference) -> None:
         name = quote(self.connection)
-        pairs = " ".join(f"{quote(key)} {quote(value)}" for key, value in self.settings.items())
+        readable, secrets = self._readable(), {key: self.settings[key] for key in self.settings if _is_secret(key)}
+        pairs = " ".join(f"{quote(key)} {quote(value)}" for key, value in readable.items())
         lines = ["set -e"]
         if not difference.before["present"]:
-            lines.append(f"nmcli connection add type {quote(self.type)} ifname {quote(self.interface)} con-name {name} {pairs}")
+            # Without its secrets it must not be brought up yet.
+            waits = f" {_AUTOCONNECT} no" if secrets else ""
+            lines.append(
+                f"nmcli connection add type {quote(self.type)} ifname {quote(self.interface)} con-name {name} {pairs}{waits}"
+            )
         elif pairs:
             lines.append(f"nmcli connection modify id {name} {pairs}")
+        for key, value in secrets.items():
+            lines.append(_SAVE.format(name=name, key=quote(key), value=quote(value)))
+        if secrets and not difference.before["present"]:
+            wanted = readable.get(_AUTOCONNECT, "yes")
+            lines.append(f"nmcli connection modify id {name} {_AUTOCONNECT} {quote(wanted)}")
         if self.up is not None:
             lines.append(f"nmcli --wait 20 connection {'up' if self.up else 'down'} id {name}")
         change(
@@ -102,6 +122,12 @@ class NetworkConnection(Operation):
 
     def report(self, output: Output) -> dict[str, Any]:
         return {"present": self._values(output) is not None}
+
+    def overwritten(self, output: Output) -> dict[str, bytes]:
+        """Return the settings, without those that are never read, and without whether the connection is up."""
+        values = self._values(output)
+        settings = values and sorted((name, _canonical(value)) for name, value in values.items() if name != _STATE)
+        return {f"the connection {self.connection}": str(settings).encode()}
 
     def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         name = quote(self.connection)
@@ -118,13 +144,16 @@ class NetworkConnection(Operation):
 
 
 def _is_secret(name: str) -> bool:
-    return name.rpartition(".")[2] in ("psk", "password", "pin", "leap-password", "wep-key0", "private-key-password")
+    return _SECRET.search(name) is not None
 
 
 def _is_same(old: str, new: str) -> bool:
+    return _canonical(old) == _canonical(new)
+
+
+def _canonical(value: str) -> str:
     # nmcli prints yes and no, and accepts true and false too; a list may contain blanks.
-    plain = {"true": "yes", "false": "no"}
-    return plain.get(old, old).replace(" ", "") == plain.get(new, new).replace(" ", "")
+    return {"true": "yes", "false": "no"}.get(value, value).replace(" ", "")
 
 
 def _diff(old: dict[str, str], new: dict[str, str]) -> str:

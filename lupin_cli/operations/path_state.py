@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from lupin_cli.connection.base import Output, Target
+from lupin_cli.connection.shell_file_io import SAFE_PATHS
 from lupin_cli.operations.base import OperationError
 from lupin_cli.operations.shell import change, quote, text_of
 
@@ -130,16 +131,21 @@ def state_before(state: FileState) -> dict[str, Any]:
     return before
 
 
+def all_of(state: PathState) -> bytes:
+    """Return a state as bytes, which differ if anything of it differs."""
+    content = state.content if isinstance(state, FileState) else None
+    header = f"{state.kind} {state.mode} {state.owner} {state.points_to}\n"
+    return header.encode("utf-8", "surrogateescape") + (content or b"")
+
+
 def restore(target: Target, path: str, before: Mapping[str, Any], root: bool) -> None:
     """Restore a file, a link or its absence. Idempotent; raises OperationError."""
-    name = quote(path)
     if before["kind"] == "absent":
-        change(target, f"rm -f -- {name}", f"remove {path}", root=root)
+        remove(target, path, root)
     elif before["kind"] == "link":
         link_atomically(target, path, before["points_to"], root)
     elif before["kind"] == "file":
-        target.put(path, base64.b64decode(before["content"]), mode=int(before["mode"], 8), root=root)
-        chown(target, path, before["owner"], root)
+        put_owned(target, path, base64.b64decode(before["content"]), int(before["mode"], 8), before["owner"], root)
     else:
         raise OperationError(f"{path} was a {before['kind']}, which cannot be restored")
 
@@ -147,22 +153,44 @@ def restore(target: Target, path: str, before: Mapping[str, Any], root: bool) ->
 def link_atomically(target: Target, path: str, to: str, root: bool) -> None:
     """Make or replace a symbolic link in one rename, so that it is never missing."""
     script = f"""
-set -eu
-path={quote(path)}
-new="$path.lupin-$$"
+set -u
+{SAFE_PATHS}
+enter_folder {quote(path)} || exit 1
+new=$(mktemp -u -- "./$name.lupin-XXXXXXXX") || exit 1
 trap 'rm -f -- "$new"' EXIT
-ln -s -- {quote(to)} "$new"
-mv -fT -- "$new" "$path"
-sync -- "$(dirname -- "$path")" 2>/dev/null || :
+ln -sT -- {quote(to)} "$new" && mv -fT -- "$new" "./$name" || exit 1
+sync . 2>/dev/null || :
 """
     change(target, script, f"link {path} to {to}", root=root)
 
 
-def chown(target: Target, path: str, owner: str, root: bool) -> None:
-    """Give a path to `owner` (user:group) unless it has that owner. Does not follow links."""
-    name = quote(path)
-    script = f'[ "$(stat -c %U:%G -- {name})" = {quote(owner)} ] || chown -h -- {quote(owner)} {name}'
-    change(target, script, f"give {path} to {owner}", root=root)
+def remove(target: Target, path: str, root: bool) -> None:
+    """Remove a file or a link, if it exists."""
+    script = (
+        f'{SAFE_PATHS}[ -e "$(dirname -- {quote(path)})" ] || exit 0\nenter_folder {quote(path)} || exit 1\nrm -f -- "./$name"'
+    )
+    change(target, script, f"remove {path}", root=root)
+
+
+def put_owned(target: Target, path: str, data: bytes, mode: int, owner: str, root: bool) -> None:
+    """Write a file that belongs to `owner` (user:group), or to the writer if that is empty."""
+    if root:
+        target.put(path, data, mode=mode, owner=owner, root=True)
+        return
+    target.put(path, data, mode=mode)
+    if owner:
+        set_attributes(target, path, owner=owner)
+
+
+def set_attributes(target: Target, path: str, *, mode: str = "", owner: str = "", root: bool = False) -> None:
+    """Set the mode (octal) and the owner (user:group) of a file or a folder, if they are given. Root follows no link."""
+    lines = [SAFE_PATHS, f"enter_folder {quote(path)} && open_item || exit 1"]
+    if owner:  # first, because it clears the bits setuid and setgid
+        lines.append(f'[ "$(stat -L -c %U:%G -- "$item")" = {quote(owner)} ] || chown -- {quote(owner)} "$item" || exit 1')
+    if mode:
+        lines.append(f'chmod {mode} -- "$item"')
+    wanted = " and ".join(filter(None, (f"the mode {mode}" if mode else "", f"the owner {owner}" if owner else "")))
+    change(target, "\n".join(lines), f"give {path} {wanted}", root=root)
 
 
 def unified_diff(path: str, old: bytes | None, new: bytes | None) -> str:

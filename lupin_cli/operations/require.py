@@ -14,6 +14,8 @@ class Require(Operation):
     """`holds` is a condition in {{ }}. If it is false, `otherwise` says what is wrong and `next` what to type."""
 
     name: ClassVar[str] = "require"
+    read_only: ClassVar[bool] = True  # a run that begins at a later step needs what it protects, too
+    guards: ClassVar[bool] = True
     effect: ClassVar[str] = "read only: a condition holds, or the run stops here with a reason"
 
     holds: Any

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from lupin_cli.connection.base import ROOT_REFUSED, Output, RootRefused, Script, Target, Unreachable
 from lupin_cli.operations.base import PROBE_TIMEOUT_S, Operation, OperationError, probe_script
 from lupin_cli.operations.step_target import StepTarget
+from lupin_cli.printed_commands import lupin
 
 _NO_OUTPUT = Output(0, "")
 _BATCH_SLACK_S = 5.0
@@ -43,7 +44,9 @@ def run_probe(target: Target, script: Script) -> Output:
     output = target.batch([script], script.timeout_s + _BATCH_SLACK_S)[script.name]
     if output.status is None:
         if script.root and output.stderr.startswith(ROOT_REFUSED):
-            raise RootRefused(f"{target.name}: {output.stderr.strip()}", "--ask-sudo-password")
+            is_robot = bool(target.login_command)
+            ask = lupin("robots", "check", target.name, "--ask-sudo-password") if is_robot else "sudo -v"
+            raise RootRefused(f"{target.name}: {output.stderr.strip()}", ask)
         _require_reachable(target)
         lines = output.stderr.strip().splitlines()
         raise OperationError(f"{target.name} did not answer within {script.timeout_s:g} s{': ' + lines[-1] if lines else ''}")

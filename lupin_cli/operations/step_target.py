@@ -24,6 +24,7 @@ class StepTarget:
         self.name = target.name
         self.user = target.user
         self.address = target.address
+        self.login_command = target.login_command
         self.deadline = float("inf")  # of time.monotonic()
         self.record: Callable[[str], None] | None = None  # receives the output of scripts that change something
         self.on_line: Callable[[str], None] | None = None
@@ -75,8 +76,10 @@ class StepTarget:
             self.record(_both_ends(text))
         return output
 
-    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, timeout_s: float = 60.0) -> None:
-        self._target.put(path, data, mode=mode, root=root, timeout_s=self.remaining(timeout_s))
+    def put(
+        self, path: str, data: bytes, *, mode: int = 0o644, owner: str = "", root: bool = False, timeout_s: float = 60.0
+    ) -> None:
+        self._target.put(path, data, mode=mode, owner=owner, root=root, timeout_s=self.remaining(timeout_s))
 
     def get(self, path: str, *, root: bool = False, timeout_s: float = 60.0) -> bytes | None:
         return self._target.get(path, root=root, timeout_s=self.remaining(timeout_s))

@@ -35,7 +35,7 @@ class Sweep(Operation):
 
     name: ClassVar[str] = "sweep"
     effect: ClassVar[str] = "there are no stale ROS processes and no shared memory that no process uses"
-    result_keys: ClassVar[tuple[str, ...]] = ("blocked",)
+    report_keys: ClassVar[tuple[str, ...]] = ("blocked",)
 
     def _owner(self) -> _Owner:
         if self.machine == "robot":

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from lupin_cli.connection.base import Output, Script, Target
-from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
-from lupin_cli.operations.path_state import link_atomically, parse_state, restore, state_script
-from lupin_cli.operations.shell import change, quote
+from lupin_cli.operations.base import Difference, Operation, OperationError, RestoredFile, probe_script
+from lupin_cli.operations.path_state import all_of, link_atomically, parse_state, remove, restore, state_script
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +48,13 @@ class Symlink(Operation):
         if self.present:
             link_atomically(target, self.path, self.to, self.root)
         else:
-            change(target, f"rm -f -- {quote(self.path)}", f"remove {self.path}", root=self.root)
+            remove(target, self.path, self.root)
+
+    def restored_files(self) -> tuple[RestoredFile, ...]:
+        return (RestoredFile(self.path, self.root),)
+
+    def overwritten(self, output: Output) -> dict[str, bytes]:
+        return {self.path: all_of(parse_state(output, self.path))}
 
     def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         restore(target, self.path, before, self.root)

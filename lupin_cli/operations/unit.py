@@ -34,7 +34,7 @@ class Unit(Operation):
     undo_effect: ClassVar[str] = "yes"
     prefetchable: ClassVar[bool] = True
     settle_s: ClassVar[float] = 20.0
-    result_keys: ClassVar[tuple[str, ...]] = ("active", "enabled", "loaded")
+    report_keys: ClassVar[tuple[str, ...]] = ("active", "enabled", "loaded")
 
     unit: str
     state: Literal["started", "stopped"] | None = None

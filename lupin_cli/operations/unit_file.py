@@ -7,8 +7,17 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from lupin_cli.connection.base import Output, Script, Target, TargetError
-from lupin_cli.operations.base import Difference, Operation, OperationError, probe_script
-from lupin_cli.operations.path_state import complete_file, file_script, parse_file, restore, state_before, unified_diff
+from lupin_cli.operations.base import Difference, Operation, OperationError, RestoredFile, probe_script
+from lupin_cli.operations.path_state import (
+    all_of,
+    complete_file,
+    file_script,
+    parse_file,
+    remove,
+    restore,
+    state_before,
+    unified_diff,
+)
 from lupin_cli.operations.shell import change, quote
 from lupin_cli.operations.unit import check_unit_name
 
@@ -79,8 +88,14 @@ class UnitFile(Operation):
                 restore(target, self._path, difference.before, True)
                 raise
         else:
-            change(target, f"rm -f -- {quote(self._path)}", f"remove {self.unit}", root=True)
+            remove(target, self._path, True)
         _reload_systemd(target)
+
+    def restored_files(self) -> tuple[RestoredFile, ...]:
+        return (RestoredFile(self._path, root=True),)
+
+    def overwritten(self, output: Output) -> dict[str, bytes]:
+        return {self._path: all_of(parse_file(output, self._path))}
 
     def undo(self, target: Target, before: Mapping[str, Any]) -> None:
         restore(target, self._path, before, True)

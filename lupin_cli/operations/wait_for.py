@@ -23,6 +23,7 @@ class WaitFor(Operation):
     name: ClassVar[str] = "wait-for"
     effect: ClassVar[str] = "a listener, a unit, the controllers, a host or a path is there; changes nothing, only waits"
     settle_s: ClassVar[float] = float("inf")
+    only_waits: ClassVar[bool] = True
 
     listener: str = ""  # udp:11811
     unit: str = ""  # is active

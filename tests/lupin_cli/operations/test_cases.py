@@ -3,8 +3,9 @@
 A case has `about`, the step's `arguments`, the probe's `output` (`stdout` as text or as a list of lines), and what the
 operation must make of it: `difference` (null: nothing to do), `report` if it has one, or `error` with its `next_command`.
 A case with a difference also has `after`, the probe's output once the change was made, for which nothing may be left to do.
-`baseline` is the state when the step began. In `stdout`, MARK stands for the mark that separates the outputs of joined probes.
-A path that begins with /CASE is created from the output in a temporary directory, and changed there for real.
+`baseline` is the state when the step began. In `stdout`, MARK stands for the separator that `join_probes` writes after the
+output of each probe. A path that begins with /CASE is created from the output in a temporary directory, and changed there for
+real.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ def read_case(path: Path, root: str = CASE_ROOT) -> dict[str, Any]:
     """Read a case, with /CASE replaced by `root`."""
     case: dict[str, Any] = json.loads(path.read_text().replace(CASE_ROOT, root))
     script = operation_of(path, case).probe()
-    mark = re.search(r"n([0-9a-f]{16}) %s", script.text) if script is not None else None
+    # join_probes lets the script print it with: printf '\\n<16 hex digits> %s ...'
+    mark = re.search(r"printf '\\n([0-9a-f]{16}) %s", script.text) if script is not None else None
     for output in (case["output"], *([case["after"]] if "after" in case else [])):
         stdout = output["stdout"]
         if isinstance(stdout, list):
@@ -86,7 +88,7 @@ def test_output_is_judged_as_the_case_says(path: Path) -> None:
         return
     assert as_json(operation.judge(output)) == case["difference"]
     assert operation.report(output) == case.get("report", {})
-    assert set(case.get("report", {})) == set(operation.result_keys)
+    assert set(case.get("report", {})) == set(operation.report_keys)
 
 
 def has_difference(path: Path) -> bool:
@@ -101,11 +103,11 @@ def test_output_after_the_change_leaves_nothing_to_do(path: Path) -> None:
     assert operation.judge(Output(**case["after"])) is None
 
 
-def is_applicable(path: Path) -> bool:
+def can_run_on_files(path: Path) -> bool:
     return path.parent.name in PATH_OPERATIONS and has_difference(path)
 
 
-def build(operation: str, path: Path, output: Output) -> None:
+def create_probed_state(operation: str, path: Path, output: Output) -> None:
     """Create what the probe found at `path`."""
     state = parse_state(output, str(path)) if operation in ("directory", "symlink") else parse_file(output, str(path))
     if state.kind == "absent":
@@ -133,25 +135,25 @@ def ids_of(user: str, group: str) -> tuple[int, int]:
     return pwd.getpwnam(user).pw_uid, grp.getgrnam(group).gr_gid
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if is_applicable(path)], ids=case_id)
-def test_applied_case_has_no_difference_the_second_time(path: Path, target: LocalTarget, tmp_path: Path) -> None:
+@pytest.mark.parametrize("path", [path for path in FILES if can_run_on_files(path)], ids=case_id)
+def test_case_is_applied_and_undone_on_real_files(path: Path, target: LocalTarget, tmp_path: Path) -> None:
     case = read_case(path, str(tmp_path))
     operation = operation_of(path, case)
-    build(path.parent.name, Path(case["arguments"]["path"]), Output(**case["output"]))
+    create_probed_state(path.parent.name, Path(case["arguments"]["path"]), Output(**case["output"]))
     assert as_json(examine(operation, target)) == case["difference"]
     difference = apply_and_undo(operation, target)
-    operation.change(target, difference)
+    operation.change(target, difference)  # once more, after the undo
     after = observe(operation, target).stdout
-    if os.getuid() == 0:  # the owner in the cases
+    if os.getuid() == 0:  # the files in the cases belong to root
         assert after == case["after"]["stdout"]
 
 
 def test_every_operation_has_cases() -> None:
-    """Each has a case with a difference, one without, and one with output that can't be interpreted."""
+    """Each has a case with a difference, one without, and one with an error, as far as the operation can have them."""
     for name, operation in OPERATIONS.items():
         cases = [json.loads(path.read_text()) for path in (CASES / name).glob("*.json")]
         assert len(cases) >= 3, name
-        assert any(case.get("difference", "error") is None for case in cases), name
+        assert any("difference" in case and case["difference"] is None for case in cases), name
         assert operation.read_only or name == "require" or any(case.get("difference") for case in cases), name
         assert name == "command" or any("error" in case for case in cases), name
     assert {path.parent.name for path in FILES} == set(OPERATIONS)
@@ -181,7 +183,7 @@ odd_lines = st.sampled_from(
 )
 def test_any_output_is_judged_or_refused(path: Path, status: int, lines: list[str], truncated: bool) -> None:
     operation, output = operation_of(path, json.loads(path.read_text())), Output(status, "\n".join(lines), "", 0.0, truncated)
-    for interpret in (operation.judge, operation.report):
+    for interpret in (operation.judge, operation.report, operation.overwritten):
         try:
             interpret(output)
         except OperationError as error:

@@ -131,7 +131,7 @@ def test_discovery_server_is_started_once_and_stopped_by_undo(fresh_robot: SshTa
     wait_until_settled(operation, fresh_robot)
     fresh_robot.close()  # it outlives the connection that started it
     assert examine(operation, fresh_robot) is None
-    environment = fresh_robot.run("tr '\\0' '\\n' </proc/$(cat /tmp/lupin-disc.log.pid)/environ").stdout
+    environment = fresh_robot.run("tr '\\0' '\\n' </proc/$(cat ~/.local/state/lupin/discovery-server.log.pid)/environ").stdout
     assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in environment
 
 
