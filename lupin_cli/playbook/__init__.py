@@ -5,7 +5,7 @@ from lupin_cli.playbook.journal import JournalError
 from lupin_cli.playbook.model import Playbook
 from lupin_cli.playbook.playbook_files import find_playbook, list_shipped, load
 from lupin_cli.playbook.results import Event, Result, StepResult
-from lupin_cli.playbook.run_record import find_playbook_run, list_runs
+from lupin_cli.playbook.run_record import find_playbook_run, find_run_to_undo, list_runs
 from lupin_cli.playbook.yaml_source import PlaybookError
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "StepResult",
     "find_playbook",
     "find_playbook_run",
+    "find_run_to_undo",
     "list_runs",
     "list_shipped",
     "load",

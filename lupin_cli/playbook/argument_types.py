@@ -76,6 +76,13 @@ def _address(value: Any) -> str:
         raise ValueError(f"expected an IPv4 address such as 10.42.0.1, found {value!r}") from error
 
 
+def _network(value: Any) -> str:
+    try:
+        return str(ipaddress.IPv4Network(value if isinstance(value, str) else repr(value), strict=False))
+    except ValueError as error:
+        raise ValueError(f"expected an IPv4 network such as 10.42.0.0/24, found {value!r}") from error
+
+
 # Each type of variables with the function that returns a valid value as that type, or raises ValueError.
 VARIABLE_TYPES: dict[str, Callable[[Any], Any]] = {
     "text": lambda value: coerce(value, str),
@@ -83,9 +90,17 @@ VARIABLE_TYPES: dict[str, Callable[[Any], Any]] = {
     "number": lambda value: coerce(value, float),
     "truth": lambda value: coerce(value, bool),
     "address": _address,
+    "network": _network,
     "list": lambda value: list(coerce(value, tuple[str, ...])),
     "secret": lambda value: coerce(value, str),
 }
+
+
+def to_command_line(value: Any) -> str:
+    """Return the text of `-v name=text` that `from_command_line` reads as this value."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return ",".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
 def from_command_line(text: str, type_name: str) -> Any:

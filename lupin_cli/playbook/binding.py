@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +49,22 @@ class Binding:
                 )
 
     @property
-    def secrets(self) -> dict[str, str]:
-        """The values of secret variables by name."""
-        return {v.name: str(self.variables[v.name]) for v in self._playbook.variables if v.type == "secret"}
+    def secret_values(self) -> tuple[str, ...]:
+        """The values of all secret variables, also of included playbooks unless they need the result of a step."""
+        found: dict[str, None] = {}
+        for frame in {id(step.frame): step.frame for step in self._playbook.steps}.values():
+            names = [variable.name for variable in frame.variables if variable.type == "secret"]
+            with suppress(ExpressionError, PlaybookError):
+                found |= dict.fromkeys(str(self._variables(frame)[name]) for name in names)
+        names = [variable.name for variable in self._playbook.variables if variable.type == "secret"]
+        return (*dict.fromkeys([*(str(self.variables[name]) for name in names), *found]),)
+
+    @property
+    def secret_names(self) -> tuple[str, ...]:
+        """The variables of the playbook whose values are secrets: by their type, or since an included playbook says so."""
+        values = set(self.secret_values)
+        named = self._playbook.variables
+        return tuple(sorted(v.name for v in named if v.type == "secret" or str(self.variables[v.name]) in values))
 
     def _check_arguments(self) -> None:
         for step in self._playbook.steps:
@@ -87,7 +101,8 @@ class Binding:
                 value = resolve(variable.default, values)
             else:
                 hint = f" ({variable.help})" if variable.help else ""
-                raise PlaybookError(f"{variable.name!r} must be given{hint}: -v {variable.name}=...", variable.place)
+                option = f"--hidden {variable.name}" if variable.type == "secret" else f"-v {variable.name}=..."
+                raise PlaybookError(f"{variable.name!r} must be given{hint}: {option}", variable.place)
             try:
                 values[variable.name] = check_variable(variable, value)
             except ValueError as error:
@@ -142,6 +157,7 @@ def _machines(targets: Mapping[str, Target]) -> dict[str, Any]:
             "name": robot.name if robot else "",
             "user": robot.user if robot else "",
             "address": robot.address if robot else "",
+            "login": robot.login_command if robot else "",
         },
         "laptop": {
             "name": laptop.name if laptop else "laptop",

@@ -7,10 +7,14 @@ cut off; it can be resumed.
 
 from __future__ import annotations
 
+import base64
+import contextlib
 import fcntl
+import functools
 import json
 import os
 import re
+import shlex
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,6 +23,9 @@ from pathlib import Path
 from typing import Any
 
 from lupin_cli.secret_masking import MASK, mask_secrets
+from lupin_runtime.bounded_file import open_regular
+from lupin_runtime.json_text import parse_json
+from lupin_runtime.stack.runs import make_state_folder, state_directory
 
 _MIN_SECRET_LENGTH = 3
 MAX_JOURNALS = 500
@@ -34,8 +41,7 @@ class JournalError(Exception):
 
 def journal_folder() -> Path:
     """Return the folder of the journals."""
-    state = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
-    return Path(state) / "lupin" / "journal"
+    return state_directory() / "journal"
 
 
 @dataclass(frozen=True)
@@ -44,12 +50,22 @@ class Mask:
 
     secrets: tuple[str, ...] = ()
 
+    @functools.cached_property
+    def _forms(self) -> tuple[str, ...]:
+        """The secrets as a text may show them, the longest first: plain, in the quotes of a shell, JSON or Python, by line."""
+        forms = set()
+        for secret in self.secrets:
+            for part in (secret, *secret.splitlines()):
+                if len(part) >= _MIN_SECRET_LENGTH:
+                    quoted = (shlex.quote(part).strip("'"), json.dumps(part)[1:-1], json.dumps(part, ensure_ascii=False)[1:-1])
+                    forms |= {part, *quoted, repr(part)[1:-1], base64.b64encode(part.encode()).decode()}
+        return tuple(sorted(forms, key=lambda form: (-len(form), form)))
+
     def __call__(self, value: Any) -> Any:
         """Return a JSON value with every secret in its strings replaced."""
         if isinstance(value, str):
-            for secret in self.secrets:
-                if len(secret) >= _MIN_SECRET_LENGTH:
-                    value = value.replace(secret, MASK)
+            for form in self._forms:
+                value = value.replace(form, MASK)
             return mask_secrets(value)
         if isinstance(value, Mapping):
             return {key: self(item) for key, item in value.items()}
@@ -63,9 +79,9 @@ def remove_old_journals(folder: Path, newest: int = MAX_JOURNALS) -> list[Path]:
     removed = []
     for path in sorted(folder.glob("*.jsonl"))[:-newest]:
         try:
-            with path.open("rb") as file:
+            with open_regular(path) as file:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                last = json.loads(file.read().rstrip().rpartition(b"\n")[2])
+                last = parse_json(file.read().rstrip().rpartition(b"\n")[2])
             if isinstance(last, dict) and last.get("event") == "end" and (last.get("state") == "done" or last.get("closed")):
                 path.unlink()
                 removed.append(path)
@@ -90,7 +106,7 @@ class Journal:
         stamp = datetime.now(timezone.utc).strftime("%Y%m%d-%H%M%S")
         stem = re.sub(r"[^A-Za-z0-9_.-]+", "-", f"{stamp}-{playbook}" + (f"-{robot}" if robot else ""))
         try:
-            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            make_state_folder(folder)
             for count in range(1000):
                 path = folder / (f"{stem}.jsonl" if count == 0 else f"{stem}.{count}.jsonl")
                 try:
@@ -133,19 +149,24 @@ class Journal:
         return journal
 
     def write(self, event: str, *, sync: bool = True, before: Mapping[str, Any] | None = None, **values: Any) -> None:
-        """Add one line and, with `sync`, wait until it is on disk. `before` is not masked, since undo needs it as it
-        was."""
+        """Add one line, all of it or nothing, and, with `sync`, wait until it is on disk. Raises JournalError.
+
+        `before` is not masked, since undo needs it as it was.
+        """
         line = {"event": event, "time": datetime.now(timezone.utc).isoformat(timespec="milliseconds"), **self._mask(values)}
         if before is not None:
             line["before"] = dict(before)
         data = json.dumps(line, ensure_ascii=False).encode("utf-8", "surrogateescape") + b"\n"
         with self._lock:
+            size = os.fstat(self._descriptor).st_size
             try:
                 while data:
                     data = data[os.write(self._descriptor, data) :]
                 if sync:
                     os.fdatasync(self._descriptor)
             except OSError as error:
+                with contextlib.suppress(OSError):
+                    os.ftruncate(self._descriptor, size)  # the disk is full: the start of this line would spoil the next one
                 raise JournalError(f"{self.path} cannot be written: {error.strerror or error}", "lupin journal list") from error
 
     def close(self) -> None:

@@ -6,7 +6,7 @@ exclusive: true                    # it takes the robot's lease before it change
 vars:
   port: 11811                      # the type is the default's, or:
   laptop: {type: address, default: 10.42.0.2, help: The laptop's address.}
-  key: {type: secret}              # without a default it must be given: -v key=...
+  key: {type: secret}              # without a default it must be given: --hidden key
 steps:
   - name: Start the server
     discovery-server: {port: "{{ port }}"}   # one operation and its arguments
@@ -19,6 +19,7 @@ steps:
     confirm: This ends the session.
     undo: false                    # --undo leaves this step's change
     always: true                   # runs even after a failed step, so that nothing stays stopped
+    tags: [server, network]        # --tag plays only the steps with one of the given tags
   - include: sweep
     vars: {dry: false}
     when: server.changed
@@ -28,16 +29,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from lupin_cli.operations.base import Operation
+from lupin_cli.package_data import shipped_folder
 from lupin_cli.playbook.expressions import Expression
 from lupin_cli.playbook.yaml_source import Place
 
 MACHINES = ("robot", "laptop")
 DEFAULT_TIMEOUT_S = 60.0
-BUILTINS: dict[str, tuple[str, ...]] = {"robot": ("name", "user", "address"), "laptop": ("name", "user", "home")}
-RESULT_VALUES = ("changed", "skipped")  # of every step's result; operations add their `result_keys`
+BUILTINS: dict[str, tuple[str, ...]] = {"robot": ("name", "user", "address", "login"), "laptop": ("name", "user", "home")}
+RESULT_VALUES = ("changed", "skipped")  # of every step's result; operations add their `report_keys`
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,7 @@ class Step:
     confirm: Any = None
     undo: bool = True
     always: bool = False
+    tags: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,16 @@ class Playbook:
     steps: tuple[Step, ...]
     digest: str  # of the text of all its files: a run is resumed only with the same text
     exclusive: bool = False  # it takes the robot's lease
+
+    @property
+    def typed_name(self) -> str:
+        """What a person types to name it: the name of a shipped playbook, the file of another."""
+        return self.name if Path(self.file).parent == shipped_folder("playbooks") else self.file
+
+    @property
+    def tags(self) -> frozenset[str]:
+        """The tags of its steps."""
+        return frozenset().union(*(step.tags for step in self.steps))
 
     @property
     def machines(self) -> frozenset[str]:

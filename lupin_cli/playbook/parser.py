@@ -16,7 +16,7 @@ from lupin_cli.playbook.expressions import Expression
 from lupin_cli.playbook.model import DEFAULT_TIMEOUT_S, MACHINES, RESULT_VALUES, Playbook, PlaybookFrame, Retry, Step, Variable
 from lupin_cli.playbook.templates import names_in
 from lupin_cli.playbook.variables import RESERVED, WORD, read_variables
-from lupin_cli.playbook.yaml_source import Place, PlaybookError, YamlSource, suggest
+from lupin_cli.playbook.yaml_source import MAX_BYTES, Place, PlaybookError, YamlSource, suggest
 from lupin_cli.playbook.yaml_values import (
     Entries,
     NameScope,
@@ -29,9 +29,13 @@ from lupin_cli.playbook.yaml_values import (
 )
 
 _TOP = ("name", "description", "exclusive", "vars", "steps")
-_STEP = ("name", "on", "as", "when", "until", "retry", "timeout", "confirm", "undo", "always")
-_INCLUDE = ("include", "name", "vars", "when")
+_STEP = ("name", "on", "as", "when", "until", "retry", "timeout", "confirm", "undo", "always", "tags")
+_INCLUDE = ("include", "name", "vars", "when", "tags")
 _MAX_INCLUDE_DEPTH = 8
+# Of a playbook with all that it includes. Includes multiply: ten files that include ten, six deep, would have a million steps.
+MAX_STEPS = 2000
+MAX_FILES = 100
+MAX_CHARACTERS = 2 * MAX_BYTES
 
 Finder = Callable[[str, Path], Path]
 
@@ -79,6 +83,9 @@ class _PlaybookParser:
         """Parse a file; `chain` are the files that include it, the outermost first."""
         source = YamlSource.read(path)
         self.texts.append(source.text)
+        if len(self.texts) > MAX_FILES or sum(map(len, self.texts)) > MAX_CHARACTERS:
+            limit = f"a playbook includes at most {MAX_FILES} files with {MAX_CHARACTERS} characters in total"
+            raise PlaybookError(limit, included_by.place if included_by else str(path))
         top = source.mapping(source.root, "a playbook")
         require_known_keys(source, top, _TOP, "a playbook")
         for key in ("name", "description", "steps"):
@@ -107,6 +114,8 @@ class _PlaybookParser:
         taken: dict[str, int] = {}
         for node in nodes:
             entries = source.mapping(node, "a step")
+            if len(steps) > MAX_STEPS:
+                raise source.error(node, f"a playbook has at most {MAX_STEPS} steps, with those that it includes")
             if "include" in entries:
                 steps += self._include(source, entries, frame, names, (*chain, path.resolve()))
                 continue
@@ -144,7 +153,8 @@ class _PlaybookParser:
         when = read_condition(source, entries["when"][1], names) if "when" in entries else None
         prefix = source.text_of(entries["name"][1], "the name") if "name" in entries else name
         parsed = self.parse_file(path, chain, _Include(frame, given, when, source.place(target)))
-        return [replace(step, name=f"{prefix} / {step.name}") for step in parsed.steps]
+        tags = self._tags(source, entries)
+        return [replace(step, name=f"{prefix} / {step.name}", tags=step.tags | tags) for step in parsed.steps]
 
     def _step(self, source: YamlSource, node: yaml.Node, entries: Entries, frame: PlaybookFrame, names: NameScope) -> Step:
         words = [word for word in entries if word not in _STEP]
@@ -179,7 +189,17 @@ class _PlaybookParser:
             confirm=read_value(source, entries["confirm"][1], names) if "confirm" in entries else None,
             always=read_truth(source, entries["always"][1]) if "always" in entries else False,
             undo=read_truth(source, entries["undo"][1]) if "undo" in entries else True,
+            tags=self._tags(source, entries),
         )
+
+    def _tags(self, source: YamlSource, entries: Entries) -> frozenset[str]:
+        if "tags" not in entries:
+            return frozenset()
+        tags = {source.text_of(node, "a tag"): node for node in source.sequence(entries["tags"][1], "'tags'")}
+        for tag, node in tags.items():
+            if not WORD.match(tag):
+                raise source.error(node, f"{tag!r} cannot be a tag: it must consist of letters, digits and _")
+        return frozenset(tags)
 
     def _result(self, source: YamlSource, entries: Entries, operation: type[Operation], names: NameScope) -> str:
         if "as" not in entries:
@@ -188,7 +208,7 @@ class _PlaybookParser:
         word = source.text_of(node, "'as'")
         if not WORD.match(word) or word in RESERVED or word in names.known:
             raise source.error(node, f"{word!r} cannot name a result: it must be a new name of letters, digits and _")
-        names.known[word] = (*RESULT_VALUES, *operation.result_keys)
+        names.known[word] = (*RESULT_VALUES, *operation.report_keys)
         return word
 
     def _arguments(

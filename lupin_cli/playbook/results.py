@@ -45,6 +45,7 @@ class StepResult:
     error: str = ""
     duration_s: float = 0.0
     result: dict[str, Any] = field(default_factory=dict)
+    question: str = ""  # of a dry run: what is asked before this change
 
 
 @dataclass(frozen=True)

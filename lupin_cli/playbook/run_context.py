@@ -39,7 +39,7 @@ class RunOptions:
     confirm: Confirm | None = None  # answers questions; None answers no
     on_event: OnEvent | None = None  # receives progress, in the run's thread
     stop: threading.Event = field(default_factory=threading.Event)  # stops the run after the current step
-    break_lease: bool = False
+    take_lease_from: str = ""  # the holder whose lease is taken, if it is taken at all
     journal_folder: Path | None = None
 
 
@@ -54,7 +54,6 @@ class RunContext:
     mask: Mask
     journal: Journal | None
     lease: Lease | None
-    reachable: bool = True  # if false, the lease stays on the robot
 
     @property
     def run_id(self) -> str:
@@ -88,6 +87,24 @@ class RunContext:
 
 
 @contextmanager
+def held_lease(targets: Mapping[str, Target], options: RunOptions, purpose: str) -> Iterator[Lease | None]:
+    """Take the robot's lease; give it back at the end. Yields None if the run needs none: a dry run, or one without a robot.
+
+    `purpose`, the command that the operator typed, tells other operators why the robot is in use; if it is empty, the run needs
+    no lease. Raises LeaseTaken, OperationError or TargetError.
+    """
+    if not purpose or options.dry_run or "robot" not in targets:
+        yield None
+        return
+    lease = Lease(targets["robot"], purpose, take_from=options.take_lease_from)
+    try:
+        lease.take()
+        yield lease
+    finally:
+        lease.end()
+
+
+@contextmanager
 def open_run(
     targets: Mapping[str, Target],
     options: RunOptions,
@@ -95,24 +112,14 @@ def open_run(
     steps: int,
     mask: Mask,
     journal: Journal | None,
-    lease_purpose: str = "",
-    resumed: bool = False,
+    lease: Lease | None,
 ) -> Iterator[RunContext]:
-    """Open a run's context; at the end, give its lease back and close its journal.
-
-    `lease_purpose` tells other operators why the robot is in use; if it is empty, the run needs no lease.
-    """
+    """Open a run's context; close its journal at the end."""
     robot = targets["robot"].name if "robot" in targets else ""
-    lease = None
-    if lease_purpose and not options.dry_run and "robot" in targets:
-        lease = Lease(targets["robot"], lease_purpose, break_it=options.break_lease)
     step_targets = {machine: _step_target(target) for machine, target in targets.items()}
-    context = RunContext(robot, options, step_targets, steps, mask, journal, lease)
     try:
-        yield context
+        yield RunContext(robot, options, step_targets, steps, mask, journal, lease)
     finally:
-        if lease is not None:
-            lease.end(reachable=context.reachable, resumed=resumed)
         if journal is not None:
             journal.close()
 

@@ -16,6 +16,7 @@ class SerializedTarget:
         self._target = target
         self._lock = threading.RLock()
         self.name, self.user, self.address = target.name, target.user, target.address
+        self.login_command = target.login_command
 
     @contextmanager
     def reserved(self) -> Iterator[Target]:
@@ -39,9 +40,11 @@ class SerializedTarget:
         with self.reserved() as target:
             return target.run(script, root=root, stdin=stdin, timeout_s=timeout_s, on_line=on_line)
 
-    def put(self, path: str, data: bytes, *, mode: int = 0o644, root: bool = False, timeout_s: float = 60.0) -> None:
+    def put(
+        self, path: str, data: bytes, *, mode: int = 0o644, owner: str = "", root: bool = False, timeout_s: float = 60.0
+    ) -> None:
         with self.reserved() as target:
-            target.put(path, data, mode=mode, root=root, timeout_s=timeout_s)
+            target.put(path, data, mode=mode, owner=owner, root=root, timeout_s=timeout_s)
 
     def get(self, path: str, *, root: bool = False, timeout_s: float = 60.0) -> bytes | None:
         with self.reserved() as target:

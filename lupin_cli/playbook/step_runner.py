@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 from lupin_cli.connection.base import (
@@ -20,6 +21,7 @@ from lupin_cli.connection.base import (
     Unreachable,
 )
 from lupin_cli.operations.base import Difference, Operation, OperationError
+from lupin_cli.operations.restored_state import digests_of
 from lupin_cli.operations.shell import observe
 from lupin_cli.playbook.binding import Binding
 from lupin_cli.playbook.expressions import ExpressionError
@@ -27,30 +29,53 @@ from lupin_cli.playbook.lease import LeaseTaken
 from lupin_cli.playbook.model import Step
 from lupin_cli.playbook.probe_batch import ProbeBatch
 from lupin_cli.playbook.results import StepResult
-from lupin_cli.playbook.resume import play_command
 from lupin_cli.playbook.run_context import RunContext, RunStopped
 from lupin_cli.playbook.run_record import StepRecord
 from lupin_cli.playbook.yaml_source import PlaybookError
+from lupin_cli.printed_commands import complete
 
 _FIRST_POLL_S, _MAX_POLL_S = 0.1, 1.0
 _POLL_GROWTH = 1.5
-_NO_ACCESS = (Unreachable, AuthenticationFailed, HostKeyChanged, HostKeyUnknown)
+NO_ACCESS = (Unreachable, AuthenticationFailed, HostKeyChanged, HostKeyUnknown)
 _NOT_RETRIED = (HostKeyChanged, AuthenticationFailed, RootRefused)
 _SETTLED = ("same", "changed", "skipped")
+
+
+@dataclass(frozen=True)
+class Commands:
+    """What an operator types to play again, and to resume; the latter is empty in a dry run."""
+
+    play: str
+    resume: str
 
 
 class StepRunner:
     """Runs the steps of one playbook run, one after another."""
 
-    def __init__(self, context: RunContext, binding: Binding, playbook: str, probes: ProbeBatch | None) -> None:
-        """`probes` are the robot's; the laptop's are not prefetched, since it is local and several runs may share it."""
+    def __init__(
+        self,
+        context: RunContext,
+        binding: Binding,
+        commands: Commands,
+        probes: ProbeBatch | None,
+        answered: frozenset[int] = frozenset(),
+        present: Binding | None = None,
+    ) -> None:
+        """`probes` are the robot's; the laptop's are not prefetched, since it is local and several runs may share it.
+
+        `answered` are the indices of the steps whose questions were answered with yes before the run. `present`, of a resumed
+        run, is another binding: it gets the results that read-only steps have now, and steps that guard the run use it. All
+        other steps use what the run found before it was cut off, since that is what it decided by.
+        """
         self._context = context
         self._binding = binding
+        self._present = present if present is not None else binding
         self._probes = probes
         self._dry_run = context.options.dry_run
-        self.play_command = play_command(playbook, context.robot)
-        self.resume_command = "" if self._dry_run else f"{self.play_command} --resume"
+        self.commands = commands
+        self._answered = answered
         self.locked_out = False  # by another run's lease
+        self._left: dict[str, str] = {}  # by the current step: digests of what its undo will overwrite
         self.results: list[StepResult] = []
 
     def prefetch(self, steps: dict[int, Step]) -> None:
@@ -76,17 +101,20 @@ class StepRunner:
         Raises RunStopped, JournalError or KeyboardInterrupt.
         """
         blank = StepResult(index, step.name, step.operation.name, step.machine, "skipped")
-        if prior is not None and prior.state in _SETTLED:
+        if prior is not None and prior.state in _SETTLED and (not step.operation.guards or prior.state == "skipped"):
             self._binding.remember(step, prior.result)
+            if self._present is not self._binding:
+                self._present.remember(step, self._examine_again(step, prior))
             self.results.append(dataclasses.replace(blank, state=prior.state, summary=prior.summary, result=prior.result))
             self._context.emit("step-end", index, step.name, state=f"{prior.state} before")
             return
         started = time.monotonic()
         self._context.emit("step", index, step.name)
-        outcome = blank
+        outcome, self._left = blank, {}
         try:
             outcome = self._run(index, step, blank, reached, prior)
-            self._binding.remember(step, outcome.result)
+            for binding in (self._binding, self._present):
+                binding.remember(step, outcome.result)
         except (ExpressionError, PlaybookError) as error:
             outcome = dataclasses.replace(blank, state="failed", error=str(error))
             raise RunStopped("failed", "failed", f"{step.name}: {error}") from error
@@ -98,18 +126,21 @@ class StepRunner:
             raise
         finally:
             duration_s = round(time.monotonic() - started, 3)
-            self.results.append(dataclasses.replace(outcome, error=self._context.mask(outcome.error), duration_s=duration_s))
+            mask = self._context.mask
+            masked = dataclasses.replace(outcome, error=mask(outcome.error), result=mask(outcome.result), duration_s=duration_s)
+            self.results.append(masked)
             end = {"state": outcome.state, "duration_s": duration_s}
-            self._context.write("step-end", index=index, error=outcome.error, result=outcome.result, **end)
-            self._context.emit("step-end", index, step.name, text=outcome.error or outcome.summary, **end)
+            self._context.write("step-end", index=index, error=masked.error, result=masked.result, left=self._left, **end)
+            self._context.emit("step-end", index, step.name, text=masked.error or masked.summary, **end)
 
     def _run(self, index: int, step: Step, blank: StepResult, reached: bool, prior: StepRecord | None) -> StepResult:
         line = {"index": index, "name": step.name, "operation": step.operation.name, "machine": step.machine}
         if not (reached or step.operation.read_only) or not self._binding.should_run(step):
             self._context.write("step", **line)
             return dataclasses.replace(blank, result={"changed": False, "skipped": True})
-        operation = self._binding.operation(step)
-        self._context.write("step", sync=False, **line, arguments=self._binding.arguments(step), undo=step.undo)
+        binding = self._present if step.operation.guards else self._binding
+        operation = binding.operation(step)
+        self._context.write("step", sync=False, **line, arguments=binding.arguments(step), undo=step.undo)
         target = self._context.targets[step.machine]
         target.deadline = time.monotonic() + step.timeout_s
         may_have_changed = prior is not None and prior.before is not None  # an earlier attempt may have changed something
@@ -122,52 +153,80 @@ class StepRunner:
                 return outcome
             except (OperationError, TargetError) as error:
                 out_of_time = time.monotonic() + step.retry.pause_s >= target.deadline
-                if number == step.retry.times or out_of_time or isinstance(error, _NOT_RETRIED):
+                if self._dry_run or number == step.retry.times or out_of_time or isinstance(error, _NOT_RETRIED):
                     raise self._as_run_stopped(step, error) from error
                 may_have_changed = True
-                text = f"{error}; trying again in {step.retry.pause_s:g} s"
+                text = self._context.mask(f"{error}; trying again in {step.retry.pause_s:g} s")
                 self._context.emit("line", index, step.name, text=text)
                 self._context.pause(step.retry.pause_s)
         raise AssertionError("the last attempt returns or raises")
 
+    def _examine_again(self, step: Step, prior: StepRecord) -> dict[str, Any]:
+        """Return what a read-only step reports now, and the recorded result of any other step. Raises RunStopped."""
+        if not (step.operation.read_only and step.result) or prior.state == "skipped":
+            return prior.result
+        target = self._context.targets[step.machine]
+        target.deadline = time.monotonic() + step.timeout_s
+        try:
+            operation = self._present.operation(step)
+            return {"changed": False, "skipped": False, **operation.report(observe(operation, target))}
+        except (OperationError, TargetError) as error:
+            raise self._as_run_stopped(step, error) from error
+        except (ExpressionError, PlaybookError) as error:
+            raise RunStopped("failed", "failed", f"{step.name}: {error}") from error
+
     def _as_run_stopped(self, step: Step, error: OperationError | TargetError) -> RunStopped:
-        no_access = isinstance(error, _NO_ACCESS)
-        next_command = error.next_command
+        no_access = isinstance(error, NO_ACCESS)
+        target = self._context.targets[step.machine]
+        robot = self._context.robot if step.machine == "robot" else ""
+        next_command = complete(error.next_command, robot=robot, login=target.login_command)
         if isinstance(error, RootRefused):
-            next_command = f"{self.resume_command or self.play_command} --ask-sudo-password"
+            next_command = with_sudo(self.commands.resume or self.commands.play, step.machine)
         step_state, run_state = ("lost", "unreachable") if no_access else ("failed", "failed")
         return RunStopped(step_state, run_state, f"{step.name}: {error}", next_command)
 
     def _attempt(self, index: int, step: Step, operation: Operation, blank: StepResult, may_have_changed: bool) -> StepResult:
         state = "changed" if may_have_changed else "same"
-        summary = diff = ""
+        summary = diff = question = ""
+        if operation.only_waits and self._would_change():
+            result = {"changed": True, "skipped": False}
+            summary = "wait for what the steps above start"
+            return dataclasses.replace(blank, state="would-change", summary=summary, result=result)
         with self._context.targets[step.machine].reserved():
             try:
                 output = self._observe(index, step, operation)
                 difference = operation.judge(output)
             except OperationError as error:
-                if self._dry_run and any(result.state == "would-change" for result in self.results):
+                if self._would_change():
                     summary = f"not known before the steps above are done: {error}"
                     result = {"changed": True, "skipped": False}
-                    return dataclasses.replace(blank, state="would-change", summary=summary, result=result)
+                    return dataclasses.replace(
+                        blank, state="would-change", summary=summary, result=result, question=self._question(step)
+                    )
                 raise
             if difference is not None:
                 summary, diff = self._context.mask(difference.summary), self._context.mask(difference.diff)
                 shown = diff if self._context.options.diff else ""
                 self._context.emit("difference", index, step.name, text=summary, diff=shown)
                 if self._dry_run:
-                    state = "would-change"
+                    state, question = "would-change", self._question(step)
                 else:
-                    self._confirm(step)
+                    self._confirm(index, step)
                     if self._take_lease(step):
                         output = self._observe(index, step, operation)
                         difference = operation.judge(output)
                     if difference is not None:
-                        output = self._change(index, step, operation, difference)
+                        output = self._change(index, step, operation, difference, output)
                         operation = operation.with_baseline(difference.before)
                         state = "changed"
+            if state == "changed":
+                self._left = digests_of(operation, output)
         result = self._report(index, step, operation, output, state != "same")
-        return dataclasses.replace(blank, state=state, summary=summary, diff=diff, result=result)
+        return dataclasses.replace(blank, state=state, summary=summary, diff=diff, result=result, question=question)
+
+    def _would_change(self) -> bool:
+        """Return whether this is a dry run in which an earlier step would change something."""
+        return any(result.state == "would-change" for result in self.results)
 
     def _observe(self, index: int, step: Step, operation: Operation) -> Output:
         """Return what the operation judges; its probe may have been prefetched."""
@@ -177,13 +236,17 @@ class StepRunner:
             prefetched = self._probes.take(index, script)
         return observe(operation, self._context.targets[step.machine], prefetched)
 
-    def _confirm(self, step: Step) -> None:
-        if step.confirm is None:
+    def _question(self, step: Step) -> str:
+        return "" if step.confirm is None else str(self._context.mask(self._binding.text(step, step.confirm)))
+
+    def _confirm(self, index: int, step: Step) -> None:
+        """Ask the step's question, unless it was answered before the run. Raises RunStopped."""
+        question = self._question(step)
+        if not question or index in self._answered:
             return
-        question = self._binding.text(step, step.confirm)
         confirm = self._context.options.confirm
         if confirm is None or not confirm(question):
-            next_command = f"{self.resume_command} --yes" if self.resume_command else ""
+            next_command = f"{self.commands.resume} --yes" if self.commands.resume else ""
             raise RunStopped("declined", "declined", f"{step.name}: not confirmed: {question}", next_command)
 
     def _take_lease(self, step: Step) -> bool:
@@ -199,11 +262,17 @@ class StepRunner:
             self._probes.clear()
         return taken
 
-    def _change(self, index: int, step: Step, operation: Operation, difference: Difference) -> Output:
-        """Journal the intended change, make it and wait until nothing differs; returns the probe's last output."""
+    def _change(self, index: int, step: Step, operation: Operation, difference: Difference, output: Output) -> Output:
+        """Journal the intended change, make it and wait until nothing differs; returns the probe's last output.
+
+        `output` is the one that showed the difference.
+        """
         context = self._context
         target = context.targets[step.machine]
-        context.write("change", index=index, summary=difference.summary, diff=difference.diff, before=difference.before)
+        found = digests_of(operation, output)
+        context.write(
+            "change", index=index, summary=difference.summary, diff=difference.diff, before=difference.before, found=found
+        )
         context.emit("change", index, step.name)
         if self._probes is not None and step.machine == "robot":
             self._probes.clear()
@@ -249,6 +318,11 @@ class StepRunner:
                     raise
                 raise timeout_error from error
         raise AssertionError("the pauses do not end")
+
+
+def with_sudo(command: str, machine: str) -> str:
+    """Return how to type a command again whose sudo on this machine needs a password: on the laptop, sudo itself asks."""
+    return f"sudo -v && {command}" if machine == "laptop" else f"{command} --ask-sudo-password"
 
 
 def poll_pauses() -> Iterator[float]:

@@ -22,6 +22,8 @@ def check_variable(variable: Variable, value: Any) -> Any:
     """Return a variable's value, checked against its type and choices; raises ValueError."""
     checked = VARIABLE_TYPES[variable.type](value)
     if variable.choices and checked not in variable.choices:
+        if variable.type == "secret":
+            raise ValueError("it is none of its choices")
         raise ValueError(f"expected one of {', '.join(map(str, variable.choices))}, found {checked!r}")
     return checked
 

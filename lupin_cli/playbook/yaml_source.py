@@ -12,6 +12,8 @@ from typing import Any
 import yaml
 from yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent
 
+from lupin_runtime.bounded_file import read_bounded
+
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 20
 
@@ -82,7 +84,7 @@ class YamlSource:
     def read(cls, path: Path) -> YamlSource:
         """Read a file; raises PlaybookError if it cannot be read."""
         try:
-            data = path.read_bytes()
+            data = read_bounded(path)
         except OSError as error:
             raise PlaybookError(f"cannot be read: {error.strerror or error}", str(path)) from error
         if len(data) > MAX_BYTES:

@@ -12,7 +12,16 @@ import pytest
 
 from lupin_cli.connection.base import Unreachable
 from lupin_cli.connection.local import LocalTarget
-from lupin_cli.playbook import Event, JournalError, Playbook, PlaybookError, find_playbook_run, list_runs, play
+from lupin_cli.playbook import (
+    Event,
+    JournalError,
+    Playbook,
+    PlaybookError,
+    find_playbook_run,
+    find_run_to_undo,
+    list_runs,
+    play,
+)
 from lupin_cli.playbook.undo import undo
 
 Targets = dict[str, LocalTarget]
@@ -126,7 +135,7 @@ def test_failed_run_stops_and_resume_continues_it(
     playbook, journal = load_playbook(FAILING), tmp_path / "journal"
     first = play(playbook, targets, {"root": str(root)}, journal=journal)
     assert (first.state, first.exit_code, [step.state for step in first.steps]) == ("failed", 1, ["changed", "failed"])
-    assert first.next_command == "lupin play book --robot robot --resume"
+    assert first.next_command == f"lupin play {tmp_path}/book.yaml --robot robot --resume"
     assert "could not run" in first.message and not (root / "third").exists()
     (root / "allowed").touch()
     (root / "first").unlink()  # resume does not examine a finished step again
@@ -185,6 +194,27 @@ steps:
         play(playbook, targets, from_step="wnted", journal=tmp_path / "journal")
 
 
+def test_tag_selects_steps_and_is_kept_for_resume(
+    load_playbook: LoadPlaybook, targets: Targets, root: Path, tmp_path: Path
+) -> None:
+    body = (
+        f"steps:\n- name: ask\n  as: answer\n  probe: {{run: echo 42}}\n"
+        f"- name: one\n  tags: [first]\n  file: {{path: {root}/one, content: x}}\n"
+        f"- name: two\n  tags: [second, both]\n"
+        f"  command: {{run: '[ -e {root}/go ] && touch {root}/two', creates: {root}/two}}\n"
+        f"- name: none\n  file: {{path: {root}/none, content: x}}"
+    )
+    playbook, journal = load_playbook(body), tmp_path / "journal"
+    failed = play(playbook, targets, tags=["both"], journal=journal)
+    assert [step.state for step in failed.steps] == ["same", "skipped", "failed"], failed.message
+    (root / "go").touch()
+    again = play(playbook, targets, resume=True, journal=journal)
+    assert [step.state for step in again.steps] == ["same", "skipped", "changed", "skipped"], again.message
+    assert {path.name for path in root.iterdir()} == {"go", "two"}
+    with pytest.raises(PlaybookError, match="no step has the tag 'frist'; did you mean 'first'"):
+        play(playbook, targets, tags=["frist"], journal=journal)
+
+
 def test_retry_repeats_a_failed_step_and_until_polls(
     load_playbook: LoadPlaybook, targets: Targets, root: Path, tmp_path: Path
 ) -> None:
@@ -206,6 +236,17 @@ steps:
     result = play(playbook, targets, journal=tmp_path / "journal")
     assert result.state == "done", result.message
     assert (root / "tries").read_text() == (root / "asked").read_text() == "x\n" * 3
+
+
+def test_dry_run_does_not_wait_for_what_it_would_start(
+    load_playbook: LoadPlaybook, targets: Targets, root: Path, tmp_path: Path
+) -> None:
+    body = f"steps:\n- name: start\n  file: {{path: {root}/started, content: x}}\n- name: wait\n  wait-for: {{path: {root}/up}}"
+    dry = play(load_playbook(body), targets, dry_run=True, journal=tmp_path / "journal")
+    assert [step.summary for step in dry.steps] == [f"create {root}/started", "wait for what the steps above start"]
+    (root / "started").write_text("x")
+    started = play(load_playbook(body), targets, dry_run=True, journal=tmp_path / "journal")
+    assert [step.summary for step in started.steps] == ["", f"wait: {root}/up does not exist"]
 
 
 def test_until_ends_at_the_timeout_with_the_last_values(load_playbook: LoadPlaybook, targets: Targets, tmp_path: Path) -> None:
@@ -239,9 +280,55 @@ def test_confirm_asks_only_if_something_changes(
     journal = tmp_path / "journal"
     assert play(playbook, targets, journal=journal).state == "declined"
     assert play(playbook, targets, journal=journal, confirm=lambda q: bool(asked.append(q))).state == "declined"  # type: ignore[func-returns-value]
-    assert asked == ["Write it?"] and not (root / "a").exists()
+    assert asked == ["Write it?"] and not (root / "a").exists() and not journal.exists()
     assert play(playbook, targets, journal=journal, confirm=lambda _q: True).state == "done"
     assert play(playbook, targets, journal=journal).state == "done"
+
+
+def test_all_questions_come_before_the_first_change(
+    load_playbook: LoadPlaybook, targets: Targets, root: Path, tmp_path: Path
+) -> None:
+    # The second question depends on a change of the run itself, as that of a reboot does.
+    body = (
+        f"steps:\n- name: A\n  as: first\n  file: {{path: {root}/a, content: x}}\n"
+        f"- name: B\n  confirm: Write b?\n  file: {{path: {root}/b, content: x}}\n"
+        f"- name: C\n  when: first.changed\n  confirm: Reboot it?\n  command: {{run: touch {root}/c, creates: {root}/c}}"
+    )
+    playbook, asked = load_playbook(body), []
+
+    def answer(question: str) -> bool:
+        asked.append((question, sorted(path.name for path in root.iterdir())))
+        return question != refused
+
+    refused = "Reboot it?"
+    no = play(playbook, targets, journal=tmp_path / "journal", confirm=answer)
+    assert (no.state, no.exit_code, no.run) == ("declined", 1, "") and "Nothing was changed" in no.message
+    assert no.next_command == f"lupin play {tmp_path}/book.yaml --robot robot --yes"
+    assert asked == [("Write b?", []), ("Reboot it?", [])] and not list(root.iterdir())
+    refused = ""
+    yes = play(playbook, targets, journal=tmp_path / "journal", confirm=answer)
+    assert yes.state == "done" and len(asked) == 4 and {path.name for path in root.iterdir()} == {"a", "b", "c"}
+
+
+def test_undo_of_latest_is_that_playbooks_newest_run(
+    load_playbook: LoadPlaybook, targets: Targets, root: Path, tmp_path: Path
+) -> None:
+    journal = tmp_path / "journal"
+    mine, other = (
+        load_playbook(f"steps:\n- name: A\n  file: {{path: {root}/{name}, content: x}}", name) for name in ("mine", "other")
+    )
+    run = play(mine, targets, journal=journal).run
+    newer = play(other, targets, journal=journal).run
+    found = find_run_to_undo("latest", "mine", folder=journal)
+    assert found.run == run
+    with pytest.raises(JournalError, match=f"{newer} is a run of other, not of mine") as caught:
+        find_run_to_undo(newer, "mine", folder=journal)
+    assert caught.value.next_command == f"lupin play {tmp_path}/other.yaml --robot robot --undo {newer}"
+    assert undo(found, targets, journal=journal).state == "done"
+    assert not (root / "mine").exists() and (root / "other").exists()
+    assert find_run_to_undo("latest", "mine", folder=journal).run == run, "an undo is no run to undo"
+    with pytest.raises(JournalError, match="mine has not been played on pot-1"):
+        find_run_to_undo("latest", "mine", "pot-1", journal)
 
 
 def test_always_steps_run_after_failure_and_forbid_resume(
@@ -258,7 +345,8 @@ def test_always_steps_run_after_failure_and_forbid_resume(
     journal = tmp_path / "journal"
     result = play(load_playbook(body), targets, {"fail": True}, journal=journal)
     assert [(step.name, step.state) for step in result.steps] == [("down", "changed"), ("work", "failed"), ("up", "changed")]
-    assert (result.state, result.message, result.next_command) == ("failed", "work: it broke", "lupin play book --robot robot")
+    command = f"lupin play {tmp_path}/book.yaml --robot robot -v fail=true"
+    assert (result.state, result.message, result.next_command) == ("failed", "work: it broke", command)
     assert [path.name for path in root.iterdir()] == ["up"]
     with pytest.raises(JournalError, match="so there is nothing to resume"):
         play(load_playbook(body), targets, {"fail": True}, resume=True, journal=journal)
@@ -371,7 +459,7 @@ def test_journal_masks_secrets_in_variables_and_output(
     assert "got ***" in text and "wifi.psk=***" in text
     assert "correct-horse" not in text + result.message and "other-thing" not in text
     assert (next(journal.iterdir()).stat().st_mode & 0o777) == 0o600
-    with pytest.raises(PlaybookError, match=r"give them again: -v key=\.\.\."):
+    with pytest.raises(PlaybookError, match=r"give them again: --hidden key"):
         play(playbook, targets, resume=True, journal=journal)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from lupin_cli.connection.base import Unreachable
 from lupin_cli.connection.local import LocalTarget
-from lupin_cli.playbook import JournalError, Playbook, Result, list_runs, play
+from lupin_cli.playbook import Event, JournalError, Playbook, Result, list_runs, play
 from lupin_cli.playbook.fleet import play_on_all
 from lupin_cli.playbook.serialized_target import SerializedTarget
 
@@ -68,3 +68,31 @@ def test_serialized_target_runs_one_call_at_a_time() -> None:
     for thread in threads:
         thread.join(10)
     assert laptop.max_calls == 1
+
+
+def test_stop_reaches_robots_after_one_ran_its_always_steps(load_playbook: Callable[..., Playbook], tmp_path: Path) -> None:
+    playbook = load_playbook(
+        f"steps:\n- name: first\n  file: {{path: '{tmp_path}/{{{{ robot.name }}}}-1', content: x}}\n"
+        f"- name: second\n  file: {{path: '{tmp_path}/{{{{ robot.name }}}}-2', content: x}}\n"
+        f"- name: up\n  always: true\n  file: {{path: '{tmp_path}/{{{{ robot.name }}}}-up', content: x}}"
+    )
+    a_has_ended = threading.Event()
+
+    def one(name: str, stop: threading.Event) -> Result:
+        def stop_or_wait(event: Event) -> None:
+            if (event.step, event.kind) == ("first", "step-end"):
+                if name == "a":
+                    stop.set()
+                else:
+                    assert a_has_ended.wait(30)
+
+        result = play(
+            playbook, {"robot": LocalTarget(name)}, {}, journal=tmp_path / "journal", stop=stop, on_event=stop_or_wait
+        )
+        if name == "a":
+            a_has_ended.set()
+        return result
+
+    results = play_on_all(["a", "b"], str, "book", one)
+    assert [result.state for result in results] == ["interrupted", "interrupted"]
+    assert sorted(path.name for path in tmp_path.glob("[ab]-*")) == ["a-1", "a-up", "b-1", "b-up"]

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import os
+import pty
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import pytest
+
 from lupin_cli.connection.local import LocalTarget
 from lupin_cli.playbook import Playbook, find_playbook_run, load, play
 from lupin_cli.playbook.run_record import list_runs
 from lupin_cli.playbook.undo import undo
 from tests.support import play_and_die
+from tests.support.waiting import wait_until
 
 BOOK = """
 vars: {root: {type: text}}
@@ -69,3 +75,46 @@ def test_run_killed_at_every_journal_line_is_resumed(write_playbook: Callable[..
         outcomes = list(pool.map(lambda p: kill_and_resume(playbook, tmp_path / f"{p[0]}-{p[1]}", *p), places))
     killed = sum(outcomes)
     assert killed == 18
+
+
+STOP_AND_START = """
+vars: {root: {type: text}}
+steps:
+- name: stop
+  on: laptop
+  command: {run: "touch {{ root }}/stopped; while [ ! -e {{ root }}/go ]; do sleep 0.05; done", creates: "{{ root }}/stopped"}
+- name: change
+  on: laptop
+  command: {run: "touch {{ root }}/done", creates: "{{ root }}/done"}
+- name: start
+  on: laptop
+  always: true
+  command: {run: "touch {{ root }}/started", creates: "{{ root }}/started"}
+"""
+
+
+@pytest.mark.parametrize("way", ["SIGTERM", "SIGHUP", "closed terminal"])
+def test_run_starts_again_what_it_stopped_if_it_is_ended(way: str, write_playbook: Callable[..., Path], tmp_path: Path) -> None:
+    playbook, root = write_playbook(STOP_AND_START), tmp_path / "root"
+    root.mkdir()
+    command = [sys.executable, "-m", "lupin_cli.app", "play", str(playbook), "-v", f"root={root}"]
+    leader, follower = pty.openpty()
+    environment = {**os.environ, "HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path)}
+    run = subprocess.Popen(
+        command, stdin=follower, stdout=follower, stderr=follower, env=environment, start_new_session=True, close_fds=True
+    )
+    os.close(follower)
+    try:
+        wait_until((root / "stopped").exists, "the first step", 60.0)
+        if way == "closed terminal":
+            os.close(leader)
+            run.send_signal(signal.SIGHUP)
+        else:
+            run.send_signal(signal.Signals[way])
+        (root / "go").touch()
+        assert run.wait(60) == (130 if way == "SIGTERM" else 0)
+    finally:
+        run.kill()
+        run.wait()
+    assert (root / "started").exists()
+    assert (root / "done").exists() == (way != "SIGTERM")

@@ -48,6 +48,8 @@ REFUSED = {
     "negative retries": (f"steps:\n- name: A\n  retry: -1\n  {FILE}", "5:10", "from 0 to 100"),
     "an unknown key of retry": (f"steps:\n- name: A\n  retry: {{time: 2}}\n  {FILE}", "5:11", "did you mean 'times'"),
     "undo that is not a truth value": (f"steps:\n- name: A\n  undo: no\n  {FILE}", "5:9", "expected true or false, found 'no'"),
+    "a tag that is no word": (f"steps:\n- name: A\n  tags: ['a b']\n  {FILE}", "5:10", "cannot be a tag"),
+    "tags that are no list": (f"steps:\n- name: A\n  tags: a\n  {FILE}", "5:9", "is a list"),
     "an include that does not exist": ("steps:\n- include: swep", "4:12", "there is no playbook 'swep'"),
     "a command without a guard": ("steps:\n- name: A\n  command: {run: ls}", "5:3", "it needs a guard"),
     "an alias": ("steps:\n- &a\n  name: A\n- *a", "6:3", "aliases (*name) are not allowed"),
@@ -113,7 +115,7 @@ def test_bytes_that_are_not_a_playbook_are_refused(data: bytes, words: str, tmp_
 
 
 def test_unreadable_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(PlaybookError, match="cannot be read: Is a directory"):
+    with pytest.raises(PlaybookError, match="cannot be read: is a folder; expected a file"):
         load(tmp_path)
 
 

@@ -47,7 +47,7 @@ Lupin = Callable[..., subprocess.CompletedProcess[str]]
 def test_play_journal_and_undo_from_the_command_line(lupin: Lupin, write_playbook: Callable[..., Path], tmp_path: Path) -> None:
     playbook, root = str(write_playbook(LAPTOP)), f"root={tmp_path}"
     dry = lupin("play", playbook, "-v", root, "--dry-run", "--diff")
-    assert dry.returncode == 0 and "+x" in dry.stderr and "2 of 2 steps would change" in dry.stdout, dry.stderr
+    assert dry.returncode == 0 and "+x" in dry.stdout and "2 of 2 steps would change" in dry.stdout, dry.stderr
     assert not (tmp_path / "a").exists()
     done = lupin("play", playbook, "-v", root, "--json")
     result = json.loads(done.stdout)
@@ -71,7 +71,7 @@ def test_play_journal_and_undo_from_the_command_line(lupin: Lupin, write_playboo
         (("sweep", "-v", "machine"), 2, "given as name=value"),
         (("recover-discovery", "-v", "port=many"), 2, "expected a whole number"),
         (("recover-discovery", "--robot", "127.0.0.1:9"), 3, "127.0.0.1"),
-        (("heal", "--undo", "nothing"), 2, "there is no run 'nothing'"),
+        (("heal", "--undo", "nothing"), 2, "no run has 'nothing' in its id"),
         (("sweep", "--from", "9"), 2, "there is no step '9'"),
     ],
 )
@@ -133,6 +133,29 @@ def test_interrupted_and_killed_runs_are_resumed(
     assert "there is no unfinished run of book" in lupin("play", playbook, "--resume").stdout
 
 
+def test_list_of_a_playbook_names_its_steps(lupin: Lupin) -> None:
+    steps = json.loads(lupin("play", "deploy-robot", "--list", "--json").stdout)["steps"]
+    assert [step["number"] for step in steps] == list(range(1, len(steps) + 1))
+    (release,) = [step for step in steps if step["name"] == "Install the release"]
+    assert (release["tags"], release["machine"]) == (["release"], "robot")
+    shown = lupin("play", "single-home", "--list").stdout
+    assert " 5 Reboot the robot without its access point  [reboot on robot]  asks first" in shown, shown
+
+
 def test_list_names_the_shipped_playbooks(lupin: Lupin) -> None:
     listed = json.loads(lupin("play", "--list", "--json").stdout)
     assert {"sync-clock", "single-home", "deploy-robot"} <= {playbook["name"] for playbook in listed}
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("--undo", "latest", "--tag", "cameras"), "--undo undoes all steps of a run; it excludes --tag"),
+        (("--undo", "latest", "--resume", "--from", "2"), "it excludes --resume, --from"),
+        (("--resume", "--from", "2", "--tag", "x"), "the steps that it began with; it excludes --from, --tag"),
+        (("--force",), "--force needs --undo"),
+    ],
+)
+def test_options_without_effect_are_usage_errors(words: tuple[str, ...], expected: str, lupin: Lupin) -> None:
+    done = lupin("play", "deploy-robot", "--yes", *words)
+    assert (done.returncode, expected in done.stderr) == (2, True), done.stderr

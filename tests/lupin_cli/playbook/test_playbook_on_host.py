@@ -121,7 +121,8 @@ def test_multihomed_robot_becomes_single_homed_and_back(fresh_host: Host, target
     boots = fresh_host.robot.state["boots"]
     assert play("single-home", targets).state == "declined"
     assert fresh_host.robot.state["boots"] == boots
-    first = play("single-home", targets, resume=True, confirm=lambda question: "Reboot" in question)
+    assert targets["robot"].run("systemctl is-active mirte-ap mirte-wifi-watchdog").stdout.split() == ["active"] * 2
+    first = play("single-home", targets, confirm=lambda question: "reboot it? Its stack stops" in question)
     assert "Reboot the robot without its access point" in changed_steps(first)
     assert fresh_host.robot.state["boots"] == boots + 1
     assert targets["robot"].run(on_wlan0).stdout.strip() == "0" and listens(targets)
@@ -139,7 +140,7 @@ def test_access_point_that_carries_the_connection_stays_on(fresh_host: Host, tar
     finally:
         over_ap.close()
     assert result.state == "failed" and "runs over its access point" in result.message
-    assert result.next_command == "lupin transport use wired"
+    assert result.next_command == "lupin transport show --robot mirte"
     assert targets["robot"].run("systemctl is-active mirte-ap").stdout.strip() == "active"
 
 
