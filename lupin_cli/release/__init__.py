@@ -1,1 +1,1 @@
-"""A release: everything that a deploy puts on a robot. Its files, its transfer, and the choice of the current one."""
+"""A release: everything that a deploy puts on a robot. Its files, its manifest, its signature and their verification."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from lupin_runtime.atomic_file import write_atomically
+from lupin_runtime.json_text import parse_json
 
 ID_DIGITS = 12
 
@@ -48,6 +49,11 @@ class Manifest:
         return digest.hexdigest()[:ID_DIGITS]
 
     @property
+    def digest(self) -> str:
+        """The SHA-256 of `text`, by which a robot's manifest is recognized."""
+        return hashlib.sha256(self.text().encode()).hexdigest()
+
+    @property
     def size_bytes(self) -> int:
         """The size of all files together."""
         return sum(entry.size for entry in self.entries)
@@ -63,7 +69,7 @@ class HashCache:
     def __init__(self, cache: Path) -> None:
         self._cache = cache
         try:
-            self._known: dict[str, list[str]] = json.loads(cache.read_text())
+            self._known: dict[str, list[str]] = parse_json(cache.read_text())
         except (OSError, ValueError):
             self._known = {}  # without a readable cache all files are hashed again
         self._changed = False

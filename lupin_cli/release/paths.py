@@ -33,6 +33,7 @@ def remote_command(robot: Robot, module: str, *arguments: str) -> str:
     lines: Sequence[str] = (
         *setup_lines(robot.ros_setup),
         udp_only,
+        "cd /",  # Python imports from the current folder first, and the robot's may be too old for -P
         f"exec {shlex.join([python, '-u', '-m', module, *arguments])}",
     )
     # The setup files need bash. -l gives the login environment that the units have.

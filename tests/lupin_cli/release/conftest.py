@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from typer.testing import CliRunner, Result
+
+from lupin_cli.release.signing_key import ensure_key, key_path
 
 if TYPE_CHECKING:
     from lupin_sim.host import Host
@@ -23,11 +26,24 @@ def robot_host() -> Iterator[Host]:
         yield host
 
 
+@pytest.fixture(scope="module")
+def release_key(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the release key of the operator, who has another home directory in each test of a file."""
+    folder = tmp_path_factory.mktemp("operator")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(folder))
+        ensure_key()
+        return key_path()
+
+
 @pytest.fixture
-def lupin(robot_host: Host, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+def lupin(robot_host: Host, release_key: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
     """`lupin("deploy", "robot")` runs the command in this process, on the laptop's network, with its own home directory."""
     from lupin_cli.app import app
 
+    state = tmp_path / ".local/state/lupin"
+    state.mkdir(mode=0o700, parents=True)
+    shutil.copy(release_key, state)
     (tmp_path / ".ssh").mkdir(mode=0o700)
     (tmp_path / ".ssh/known_hosts").write_bytes(robot_host.known_hosts.read_bytes())
     inventory = tmp_path / "lupin.toml"

@@ -19,18 +19,19 @@ from lupin_runtime.stack.table import rows
 
 PROJECT = Path(__file__).resolve().parents[3]
 LIKE_THIS_MACHINE = RobotPlatform(platform.machine(), sys.version_info[:2], "")
-OPTIONAL_PACKAGES = {"cv2"}  # without it, raw pictures are refused, and the message says what to install
+OPTIONAL_PACKAGES = {"cv2"}  # without it, raw images are refused, and the message says what to install
 WITH_ROS = RobotPlatform("aarch64", (3, 10), "humble")
 
 
-def programs() -> set[str]:
-    """Return the modules that run on the robot: those in unit files, those that commands start there, and the onboard nodes."""
+def robot_entry_modules() -> set[str]:
+    """Return the modules that start on the robot: those in unit files, onboard nodes, camera drivers, and those of commands."""
     templates = "".join(path.read_text() for path in shipped_folder("systemd").glob("*.service.in"))
     modules = set(re.findall(r"-m (lupin_runtime[\w.]+)", templates))
     assert modules == {"lupin_runtime.stack.onboard", "lupin_runtime.arm.auto_home", "lupin_runtime.cameras.service"}
     started = [*rows(Options(target=ONBOARD)), *rows(Options(target=ROBOT_CAMERAS))]
     nodes = {node.path.split(":")[0] for row in started for node in row.nodes}
     assert len(nodes) >= 4, "expected the nodes of estop, drive, body and video"
+    # A driver's command is -m MODULE ...
     drivers = {row.command(Options(target=ROBOT_CAMERAS))[1] for row in started if row.command is not None}
     return modules | nodes | drivers | {home.MODULE, "lupin_runtime.stack.process"}
 
@@ -62,16 +63,15 @@ def imports_of(file: Path) -> set[str]:
     return found
 
 
-def closure(modules: set[str]) -> tuple[set[str], set[str]]:
-    """Return the project's modules that these import, directly or not, and the top-level names of all others outside the
-    standard library."""
+def import_closure(modules: set[str]) -> tuple[set[str], set[str]]:
+    """Return the project's modules that these import, directly or not, and the top-level names of third-party modules."""
     own: set[str] = set()
-    foreign: set[str] = set()
+    third_party: set[str] = set()
     pending = set(modules)
     while pending:
         module = pending.pop()
         if not module.startswith("lupin_runtime"):
-            foreign.add(module.split(".")[0])
+            third_party.add(module.split(".")[0])
             continue
         source = source_of(module)
         if module in own or source is None:
@@ -80,16 +80,16 @@ def closure(modules: set[str]) -> tuple[set[str], set[str]]:
         pending |= imports_of(source)
         if package := module.rpartition(".")[0]:
             pending.add(package)
-    return own, foreign - set(sys.stdlib_module_names)
+    return own, third_party - set(sys.stdlib_module_names)
 
 
 @pytest.mark.parametrize("robot", [LIKE_THIS_MACHINE, WITH_ROS], ids=str)
 def test_release_has_all_project_modules_of_the_robot(robot: RobotPlatform) -> None:
     site = f"venv/lib/python{robot.python[0]}.{robot.python[1]}/site-packages"
     paths = {path for path, _ in release_files(robot)}
-    own, foreign = closure(programs())
+    own, third_party = import_closure(robot_entry_modules())
     assert len(own) > 30
-    assert not {"lupin_cli", "lupin_sim"} & foreign
+    assert not {"lupin_cli", "lupin_sim"} & third_party
     missing = []
     for module in own:
         source = source_of(module)
@@ -99,21 +99,21 @@ def test_release_has_all_project_modules_of_the_robot(robot: RobotPlatform) -> N
     assert missing == []
 
 
-def test_release_for_robot_without_ros_has_all_foreign_packages() -> None:
+def test_release_without_ros_has_all_third_party_packages() -> None:
     site = f"venv/lib/python{LIKE_THIS_MACHINE.python[0]}.{LIKE_THIS_MACHINE.python[1]}/site-packages/"
     names = {
         re.split(r"[/.]", path.removeprefix(site))[0] for path, _ in release_files(LIKE_THIS_MACHINE) if path.startswith(site)
     }
-    _, foreign = closure(programs())
-    assert {"rclpy", "geometry_msgs"} <= foreign, "expected the imports of the onboard nodes"
-    assert (foreign - OPTIONAL_PACKAGES) | {"lupin_msgs", "mirte_msgs"} <= names
+    _, third_party = import_closure(robot_entry_modules())
+    assert {"rclpy", "geometry_msgs"} <= third_party, "expected the imports of the onboard nodes"
+    assert (third_party - OPTIONAL_PACKAGES) | {"lupin_msgs", "mirte_msgs"} <= names
 
 
-def test_robot_with_ros_needs_ros_packages_only() -> None:
-    _, foreign = closure(programs())
-    assert {name for name in foreign if not name.endswith(("_msgs", "_srvs", "_interfaces"))} == {
+def test_robot_with_ros_needs_only_what_ros_installs() -> None:
+    _, third_party = import_closure(robot_entry_modules())
+    assert {name for name in third_party if not name.endswith(("_msgs", "_srvs", "_interfaces"))} == {
         "rclpy",
-        "numpy",  # as every message class of it
-        "yaml",  # as its launch files
+        "numpy",  # imported by every generated ROS message class
+        "yaml",  # imported by ROS launch
         *OPTIONAL_PACKAGES,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
@@ -16,11 +17,11 @@ if TYPE_CHECKING:
 
 Lupin = Callable[..., Result]
 pytestmark = pytest.mark.host
-CURRENT_ID = "basename $(readlink /opt/lupin/current)"
-REMOVES_IPC = "busctl get-property org.freedesktop.login1 /org/freedesktop/login1 org.freedesktop.login1.Manager RemoveIPC"
+READ_CURRENT_ID = "basename $(readlink /opt/lupin/current)"
+READ_REMOVE_IPC = "busctl get-property org.freedesktop.login1 /org/freedesktop/login1 org.freedesktop.login1.Manager RemoveIPC"
 DEPLOYED_FILES = (
     "/etc/systemd/system/lupin-* /etc/udev/rules.d/70-lupin* /etc/sysctl.d/60-lupin* /etc/systemd/logind.conf.d/60-lupin* "
-    "/opt/lupin/*"
+    "/opt/lupin/* /usr/local/lib/lupin/verify-release /etc/lupin/release-signers"
 )
 
 
@@ -53,7 +54,8 @@ def test_deploy_repeat_replace_rollback_remove(robot_host: Host, lupin: Lupin, n
     host = robot_host
     dry = lupin("deploy", "robot", "--dry-run", "--diff")
     assert dry.exit_code == 0, dry.output
-    assert "+venv/pyvenv.cfg" in dry.output
+    assert re.search(r"\+\d+ files in venv/lib/python[0-9.]+/site-packages/lupin_runtime, [0-9.]+ MB", dry.stdout)
+    assert len(re.findall(r"\d+ files? in ", dry.stdout)) < 250, "one line per package, not per file"
     assert output_of(host, "ls -d /opt/lupin /etc/systemd/system/lupin-*") == ""
 
     first = lupin("deploy", "robot", "--no-check")
@@ -62,19 +64,22 @@ def test_deploy_repeat_replace_rollback_remove(robot_host: Host, lupin: Lupin, n
     assert states == ["active", "active"]
     states = output_of(host, "systemctl is-enabled lupin-onboard lupin-cameras lupin-auto-home").split()
     assert states == ["enabled", "enabled", "enabled"]
+    wanted = output_of(host, "ls /etc/systemd/system/mirte-ros.service.wants").split()
+    assert wanted == ["lupin-cameras.service", "lupin-onboard.service"], "they start whenever the vendor's stack starts"
     assert output_of(host, "systemctl is-active lupin-auto-home") == "inactive", (
         "auto-home moves the arm, so it starts at the next boot only"
     )
-    assert output_of(host, REMOVES_IPC) == "b false"
-    old = output_of(host, CURRENT_ID)
+    assert output_of(host, READ_REMOVE_IPC) == "b false"
+    old = output_of(host, READ_CURRENT_ID)
     assert running_releases(host) == {old}
+    assert output_of(host, "find /opt/lupin ! -user root -o -perm /022 ! -type l") == "", "only root may change a release"
     again = lupin("deploy", "robot")
     assert (again.exit_code, "nothing to do" in again.output) == (0, True), again.output
 
     next_release("0.2.0")
     replaced = lupin("deploy", "robot", "--no-check")
     assert replaced.exit_code == 0, replaced.output
-    new = output_of(host, CURRENT_ID)
+    new = output_of(host, READ_CURRENT_ID)
     assert new != old
     assert running_releases(host) == {new}
 
@@ -83,7 +88,7 @@ def test_deploy_repeat_replace_rollback_remove(robot_host: Host, lupin: Lupin, n
 
     back = lupin("deploy", "robot", "--rollback", "--no-check")
     assert back.exit_code == 0, back.output
-    assert output_of(host, CURRENT_ID) == old
+    assert output_of(host, READ_CURRENT_ID) == old
     assert running_releases(host) == {old}
 
     removed = lupin("deploy", "robot", "--remove")
@@ -95,12 +100,13 @@ def test_deploy_repeat_replace_rollback_remove(robot_host: Host, lupin: Lupin, n
 
 
 @pytest.mark.usefixtures("robot_host")
-def test_rollback_of_the_first_release_is_refused(lupin: Lupin) -> None:
+def test_rollback_without_earlier_release_is_refused(lupin: Lupin) -> None:
+    # The robot has no release: either no test has deployed one, or the test above has removed it.
     result = lupin("deploy", "robot", "--rollback")
     assert result.exit_code == 1
     assert "no release before the first" in result.output
 
 
 @pytest.mark.usefixtures("robot_host")
-def test_unreachable_robot_is_exit_status_3(lupin: Lupin) -> None:
+def test_unreachable_robot_exits_with_status_3(lupin: Lupin) -> None:
     assert lupin("deploy", "robot", "--robot", "mirte@10.42.0.77", "--dry-run").exit_code == 3

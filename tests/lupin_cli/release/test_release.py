@@ -18,13 +18,35 @@ from lupin_cli.connection.base import Output
 from lupin_cli.connection.local import LocalTarget
 from lupin_cli.operations.base import OperationError
 from lupin_cli.operations.release import Release, build_release
-from lupin_cli.operations.release_transfer import activate, changed_files, current_manifest, read_installed, upload
+from lupin_cli.operations.release_transfer import (
+    activate,
+    changed_folders,
+    current_manifest,
+    read_installed,
+    require_undamaged,
+    upload,
+)
+from lupin_cli.playbook import find_playbook_run, play
+from lupin_cli.playbook.undo import undo
 from lupin_cli.release.contents import ReleaseError, RobotPlatform, release_files
 from lupin_cli.release.manifest import HashCache, Manifest, build_manifest
+from lupin_cli.release.signing_key import ensure_key
+from lupin_cli.release.verify_release import ABOUT, SIGNED
 from tests.support.operation_cycle import examine
 
 PLATFORM = RobotPlatform(os.uname().machine, sys.version_info[:2], "")
 Make = Callable[..., Manifest]
+NOBODY = 65534
+pytestmark = pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to whom releases belong")
+
+
+@pytest.fixture(autouse=True)
+def signers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make a release key, and return the list that trusts it, which `deploy` and `this_release` use."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    path = tmp_path / "signers"
+    path.write_text(ensure_key().public.signers_line)
+    return path
 
 
 @pytest.fixture
@@ -53,15 +75,19 @@ def make(tmp_path: Path) -> Make:
 
 def deploy(target: FragileTarget | LocalTarget, root: Path, manifest: Manifest) -> None:
     state = replace(read_installed(target, str(root)), robot=PLATFORM)
-    upload(target, state, manifest, str(root))
+    upload(target, state, manifest, ensure_key(), str(root), str(root.parent / "signers"))
     activate(target, manifest.id, str(root))
+
+
+def release_of(root: Path, **arguments: Any) -> Release:
+    return Release(root=str(root), signers=str(root.parent / "signers"), **arguments)
 
 
 def contents_of(folder: Path) -> dict[str, str]:
     return {
         str(path.relative_to(folder)): path.read_text()
         for path in folder.rglob("*")
-        if path.is_file() and not path.is_symlink() and path.name != "manifest"
+        if path.is_file() and not path.is_symlink() and path.name not in ABOUT
     }
 
 
@@ -105,8 +131,8 @@ def test_next_release_transfers_changes_and_keeps_the_previous(target: LocalTarg
     before = contents_of(root / f"releases/{first.id}")
     second = make(a="two", b="same", d="new")
     old_manifest = current_manifest(target, read_installed(target, str(root)), str(root))
-    lines, size = changed_files(old_manifest, second)
-    assert lines == ["-a", "+a  3 bytes", "-c", "+d  3 bytes"]
+    lines, size = changed_folders(old_manifest, second)
+    assert lines == ["-2 files in .", "+2 files in ., 0.0 MB"]
     assert size == 6
     deploy(target, root, second)
     assert contents_of(root / "current") == {"a": "two", "b": "same", "d": "new"}
@@ -135,7 +161,7 @@ class FragileTarget(LocalTarget):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.6])
-@pytest.mark.parametrize("calls", range(4))
+@pytest.mark.parametrize("calls", range(5))
 def test_interrupted_deploy_keeps_previous_release_and_resumes(
     calls: int,
     share: float,
@@ -148,7 +174,7 @@ def test_interrupted_deploy_keeps_previous_release_and_resumes(
     root = tmp_path / "opt"
     first = make(a="one", b="same")
     deploy(target, root, first)
-    contents = {f"f{n}": os.urandom(800).hex() for n in range(6)}
+    contents = {f"f{n}": os.urandom(800).hex() for n in range(5)}
     second = make(b="same", **contents)
     before = contents_of(root / "current")
     fragile = FragileTarget(calls, share)
@@ -191,7 +217,7 @@ def test_full_disk_is_reported_before_anything_is_sent(target: LocalTarget, make
     root = tmp_path / "opt"
     state = replace(read_installed(target, str(root)), robot=PLATFORM, free_bytes=10)
     with pytest.raises(OperationError, match="MB free"):
-        upload(target, state, make(a="one"), str(root))
+        upload(target, state, make(a="one"), ensure_key(), str(root))
     assert not (root / "current").exists()
 
 
@@ -200,7 +226,7 @@ def test_kept_release_is_activated_and_undone(target: LocalTarget, make: Make, t
     first, second = make(a="one"), make(a="two")
     deploy(target, root, first)
     deploy(target, root, second)
-    back = Release(release=first.id, root=str(root))
+    back = release_of(root, release=first.id)
     difference = examine(back, target)
     assert difference is not None
     back.change(target, difference)
@@ -209,7 +235,162 @@ def test_kept_release_is_activated_and_undone(target: LocalTarget, make: Make, t
     back.undo(target, difference.before)
     assert contents_of(root / "current") == {"a": "two"}
     with pytest.raises(OperationError, match="has no release cafe"):
-        examine(Release(release="cafe", root=str(root)), target)
+        examine(release_of(root, release="cafe"), target)
+
+
+def test_undo_does_not_take_away_a_newer_release(
+    target: LocalTarget, make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, journal = tmp_path / "opt", tmp_path / "journal"
+    before, mine, theirs = make(a="one"), make(a="two"), make(a="three")
+    monkeypatch.setattr("lupin_cli.operations.release.build_release", lambda _: mine)
+    deploy(target, root, before)
+    book = tmp_path / "book.yaml"
+    step = f"steps:\n- name: install\n  release: {{root: {root}, signers: {tmp_path}/signers}}\n"
+    book.write_text(f"name: book\ndescription: A test.\n{step}")
+    run = find_playbook_run(play(book, {"robot": target}, journal=journal).run, journal)
+    deploy(target, root, theirs)
+    refused = undo(run, {"robot": target}, journal=journal)
+    assert refused.message.startswith("install: changed since the run: the robot's current release; --force"), refused
+    assert read_installed(target, str(root)).current == theirs.id
+    assert undo(run, {"robot": target}, journal=journal, force=True).state == "done"
+    assert read_installed(target, str(root)).current == before.id
+
+
+@pytest.mark.parametrize("damage", ["edited", "forged", "removed", "manifest", "link", "symlink", "folder"])
+def test_damaged_release_is_installed_again(
+    damage: str, target: LocalTarget, make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = tmp_path / "opt"
+    older, release = make(a="one", b="same"), make(a="two", b="same")
+    monkeypatch.setattr("lupin_cli.operations.release.build_release", lambda _: release)
+    deploy(target, root, older)
+    deploy(target, root, release)
+    operation = release_of(root)
+    assert examine(operation, target) is None
+    folder = root / "releases" / release.id
+    if damage == "edited":
+        (folder / "b").write_text("tamE")  # of the same size
+    elif damage == "forged":
+        (folder / "a").unlink()
+        (folder / "a").write_text("evil")
+        lines = [f"{sha256((folder / name).read_bytes()).hexdigest()}  {name}\n" for name in ("a", "b")]
+        (folder / "manifest").write_text("".join(lines))
+    elif damage == "link":
+        folder.rename(tmp_path / "elsewhere")
+    else:
+        (folder / {"removed": "a", "manifest": "manifest"}.get(damage, "b")).unlink()
+    if damage == "symlink":
+        (folder / "b").symlink_to(root / "releases" / older.id / "b")  # with the content that was signed
+    elif damage == "folder":
+        (folder / "b").mkdir()
+        (folder / "b" / "added").write_text("")
+    difference = examine(operation, target)
+    assert difference is not None and difference.summary.startswith(f"install release {release.id} again, because of damaged")
+    operation.change(target, difference)
+    assert examine(operation, target) is None and contents_of(root / "current") == {"a": "two", "b": "same"}
+    assert not list((root / "incoming").iterdir())
+    # The older release shares the inode of a file that did not change. It is checked before it becomes current.
+    back = release_of(root, release=older.id)
+    back_difference = examine(back, target)
+    assert back_difference is not None
+    if damage == "edited":
+        with pytest.raises(OperationError, match=rf"the release {older.id} on robot is damaged: b \(changed\)"):
+            back.change(target, back_difference)
+    else:
+        back.change(target, back_difference)
+        assert contents_of(root / "current") == {"a": "one", "b": "same"}
+
+
+def test_release_of_another_user_is_signed_but_not_reused(
+    target: LocalTarget, make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As earlier versions of Lupin left it: unsigned, and the robot's user may change its files through any other link to them.
+    root = tmp_path / "opt"
+    release = make(a="one", b="two")
+    monkeypatch.setattr("lupin_cli.operations.release.build_release", lambda _: release)
+    deploy(target, root, release)
+    folder = root / "releases" / release.id
+    (folder / SIGNED).unlink()
+    for path in (root, root / "releases", root / "incoming", folder, *folder.iterdir()):
+        os.chown(path, NOBODY, NOBODY)
+    inode = (folder / "a").stat().st_ino
+    operation = release_of(root)
+    difference = examine(operation, target)
+    assert difference is not None and difference.summary == f"install release {release.id} again, because it is not signed"
+    with pytest.raises(OperationError, match=f"the release {release.id} on robot is not signed"):
+        require_undamaged(target, release.id, str(root), str(tmp_path / "signers"))
+    operation.change(target, difference)
+    assert examine(operation, target) is None
+    assert {path.lstat().st_uid for path in (root, *root.rglob("*"))} == {0} and (folder / "a").stat().st_ino != inode
+
+
+def test_release_that_no_trusted_key_signed_is_not_published(
+    target: LocalTarget, make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = tmp_path / "opt"
+    first, second = make(a="one"), make(a="two")
+    deploy(target, root, first)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "another operator"))
+    with pytest.raises(
+        OperationError, match=r"could not verify the release on robot: .*signed\.sig \(made by a key that is not in"
+    ):
+        deploy(target, root, second)
+    state = read_installed(target, str(root))
+    assert (state.current, state.releases) == (first.id, (first.id,))
+    assert contents_of(root / "current") == {"a": "one"}
+
+
+def test_undo_returns_to_an_unsigned_but_no_damaged_release(
+    target: LocalTarget, make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = tmp_path / "opt"
+    first, second = make(a="one"), make(a="two")
+    monkeypatch.setattr("lupin_cli.operations.release.build_release", lambda _: second)
+    deploy(target, root, first)
+    operation = release_of(root)
+    difference = examine(operation, target)
+    assert difference is not None
+    operation.change(target, difference)
+    old = root / "releases" / first.id
+    (old / "a").unlink()
+    with pytest.raises(OperationError, match=rf"the release {first.id} on robot is damaged: a \(missing\)"):
+        operation.undo(target, difference.before)
+    assert read_installed(target, str(root)).current == second.id
+    (old / SIGNED).unlink()
+    operation.undo(target, difference.before)
+    assert read_installed(target, str(root)).current == first.id
+
+
+def test_damaged_byte_code_is_found(target: LocalTarget, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = tmp_path / "opt"
+    release = build_manifest([("venv/lib/m.py", b"x = 1\n")], HashCache(tmp_path / "h"))
+    monkeypatch.setattr("lupin_cli.operations.release.build_release", lambda _: release)
+    deploy(target, root, release)
+    operation = release_of(root)
+    assert examine(operation, target) is None
+    (compiled,) = (root / "current").rglob("*.pyc")
+    compiled.write_bytes(compiled.read_bytes()[:-3] + b"???")
+    difference = examine(operation, target)
+    assert difference is not None and compiled.name in difference.summary
+    operation.change(target, difference)
+    assert examine(operation, target) is None
+
+
+def test_forced_release_is_installed_again_once(
+    target: LocalTarget, make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = tmp_path / "opt"
+    release = make(a="one")
+    monkeypatch.setattr("lupin_cli.operations.release.build_release", lambda _: release)
+    deploy(target, root, release)
+    inode = (root / "releases" / release.id).stat().st_ino
+    operation = release_of(root, force=True)
+    difference = examine(operation, target)
+    assert difference is not None and difference.summary == f"install release {release.id} again, as asked"
+    operation.change(target, difference)
+    assert (root / "releases" / release.id).stat().st_ino != inode
+    assert examine(operation.with_baseline(difference.before), target) is None
 
 
 def test_real_release_runs_and_second_deploy_changes_nothing(target: LocalTarget, tmp_path: Path) -> None:
@@ -218,7 +399,7 @@ def test_real_release_runs_and_second_deploy_changes_nothing(target: LocalTarget
         pytest.skip(
             f"needs a system python3 {PLATFORM.python[0]}.{PLATFORM.python[1]} and no ROS; this machine has {state.robot}"
         )
-    operation = Release(root=str(tmp_path / "opt"))
+    operation = release_of(tmp_path / "opt")
     difference = examine(operation, target)
     assert difference is not None
     assert "the first one" in difference.summary

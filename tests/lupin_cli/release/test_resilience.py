@@ -19,7 +19,7 @@ from lupin_cli.connection.ssh import SshTarget
 from lupin_cli.operations import release_transfer
 from lupin_cli.operations.release import build_release
 from lupin_cli.operations.release_transfer import read_installed
-from lupin_cli.playbook import load, play
+from lupin_cli.playbook import play
 from lupin_cli.playbook.lease import Lease
 from lupin_cli.release import contents
 from lupin_cli.release.manifest import Entry
@@ -117,10 +117,11 @@ def test_deploy_with_cable_cut_in_every_step_resumes_to_the_end(
         assert running_release(robot_host) in (deployed, new)
 
     given = {"set_up": [SETUP_LINE, "export LUPIN_TEST=1"]}  # so the units differ too
-    result, cuts = CableCutter(robot_host, target).play("deploy-robot", given, assert_a_release_runs)
+    cutter = CableCutter(robot_host, target)
+    result, cuts = cutter.play("deploy-robot", given, assert_a_release_runs)
     assert result.state == "done", result.message
-    # Some probes were answered before their step began, as were all of keep-shared-memory: a cut there hits a later step.
-    assert cuts >= len(load("deploy-robot").steps) - len(load("keep-shared-memory").steps) - 3
+    # A probe may be answered before its step begins, so not every step can be cut; every change can.
+    assert cuts > 5 and cutter.uncut_changes == set()
     assert (output_of(robot_host, CURRENT_ID), running_release(robot_host)) == (new, new)
     assert "LUPIN_TEST=1" in output_of(robot_host, "cat /etc/systemd/system/lupin-onboard.service")
     # A cut after the last step leaves the lease on the robot. The same operator's next run takes it over and releases it.
@@ -176,22 +177,29 @@ def test_deploy_resumes_after_power_cut_and_kill_under_its_lease(
         try:
             stat = Path(f"/proc/{first.pid}/stat")
             wait_until(
-                lambda: stat.read_text().rpartition(")")[2].split()[0] == "T", "the stop of the first run", timeout_s=60.0
+                lambda: stat.read_text().rpartition(")")[2].split()[0] == "T", "the stop of the first run", timeout_s=150.0
             )
             assert first.poll() is None
             for words in (("deploy", "robot", "--no-check"), ("play", "deploy-robot", "-v", "set_up=true")):
                 monkeypatch.setenv("XDG_STATE_HOME", os.environ["HOME"] + "/another-operators")
                 second = lupin(*words)
                 assert second.exit_code == 1, second.output
-                assert "mirte is being changed by" in second.output and "(lupin play deploy-robot)" in second.output
-                assert "--break-lease" in second.output
+                assert "mirte is being changed by" in second.output
+                assert "(lupin play deploy-robot --robot mirte --resume), for" in second.output
+                assert "next: lupin wait free --robot mirte && lupin " in second.output and "1/" not in second.output
+            waited = lupin("wait", "free", "--timeout", "0")
+            assert waited.exit_code == 1 and "it is being changed by" in waited.output, waited.output
         finally:
             first.kill()
+    # The laptop's own next run takes the lease of the dead one over, so for it the robot is free.
+    wait_free = [sys.executable, "-m", "lupin_cli.app", "wait", "free", "--timeout", "30"]
+    freed = robot_host.run(wait_free, env=dict(os.environ))
+    assert freed.returncode == 0 and "mirte is free" in freed.stdout, freed.stderr
     monkeypatch.delenv("XDG_STATE_HOME")
     assert output_of(robot_host, CURRENT_ID) == deployed
     arrived = int(output_of(robot_host, "cat /opt/lupin/incoming/*/share/*.bin | wc -c"))
     assert 10_000_000 <= arrived < 20_000_000, "expected the kill in the middle of the copy"
-    again = robot_host.run([*program, "", *resume], env=dict(os.environ))
+    again = robot_host.run([*program, "", *resume], timeout_s=150.0, env=dict(os.environ))  # a whole deploy, on a busy machine
     assert again.returncode == 0, again.stderr
     new = output_of(robot_host, CURRENT_ID)
     assert new != deployed and running_release(robot_host) == new
@@ -203,7 +211,7 @@ REFUSALS = [
     ("disk-full", {}, 1, "MB free below /opt/lupin", "sudo du -xh"),
     ("disk-read-only", {}, 1, "read-only file system below /opt/lupin; nothing was copied", "dmesg"),
     ("program-missing", {"program": "python3"}, 1, "the robot has no python3", "apt install python3"),
-    ("sudo-password", {}, 1, "a password is required", "lupin play deploy-robot --robot mirte --resume --ask-sudo-password"),
+    ("sudo-password", {}, 1, "a password is required", "lupin deploy robot --robot mirte --ask-sudo-password"),
     ("sudo-refused", {}, 1, "mirte cannot run commands as root", "--ask-sudo-password"),
     ("host-key-changed", {}, 3, "a key other than", "lupin robots forget mirte"),
     ("frozen", {}, 3, "accepts connections but does not answer", "lupin doctor"),
@@ -225,7 +233,8 @@ def test_refusal_is_reported_with_next_command_and_no_change(
         next_lines = [line for line in result.output.splitlines() if line.startswith("  next: ")]
         assert next_lines and command in next_lines[0], f"{fault}: {result.output}"
     wrong_user = lupin("deploy", "robot", "--no-check", "--robot", "nobody-here@10.42.0.1")
-    assert wrong_user.exit_code == 3 and "next: ssh-copy-id nobody-here@10.42.0.1" in wrong_user.output, wrong_user.output
+    assert wrong_user.exit_code == 3, wrong_user.output
+    assert f"next: ssh-copy-id -i {robot_host.key} nobody-here@10.42.0.1" in wrong_user.output, wrong_user.output
     assert (output_of(robot_host, CURRENT_ID), running_release(robot_host)) == (deployed, deployed)
 
 
@@ -234,6 +243,6 @@ def test_robot_without_chrony_is_reported_and_its_clock_measured(robot_host: Hos
         refused = lupin("play", "install-clock-sync", "-v", "laptop_serves=false")
         measured = lupin("sync-clock", "--dry-run", "--json")
     assert refused.exit_code == 1 and "chrony is not installed on the robot" in refused.output, refused.output
-    assert "next: lupin sync-clock" in refused.output
+    assert "next: lupin sync-clock --robot mirte" in refused.output
     assert measured.exit_code == 0, measured.output
     assert abs(json.loads(measured.stdout)["before"]["offset_s"]) < 1.0
