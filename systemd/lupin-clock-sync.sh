@@ -24,6 +24,7 @@ leave_if_live() {
 }
 
 reachability() { chronyc -c -n sources 2>/dev/null | awk -F, -v laptop="$laptop" '$3 == laptop { print $6 }'; }
+stratum() { chronyc -c -n sources 2>/dev/null | awk -F, -v laptop="$laptop" '$3 == laptop { print $4 }'; }
 offset_s() { chronyc -c tracking 2>/dev/null | awk -F, '{ print $5 }'; }
 
 [ -n "$laptop" ] || leave "no laptop was named"
@@ -54,7 +55,18 @@ tries=$(left_s)
 chronyc waitsync "$tries" 0 0 1 >/dev/null 2>&1 || leave "chrony did not select $laptop"
 
 leave_if_live
-before=$(offset_s)
+before=$(offset_s) # positive if this clock is behind
+# A laptop without a battery for its clock starts in 1970. The limits are those of lupin_cli/plausible_time.py.
+time_s=$(awk -v now="$(date +%s)" -v behind="$before" 'BEGIN { printf "%.0f", now + behind }')
+if [ -n "$before" ] && { [ "$time_s" -lt 1735689600 ] || [ "$time_s" -ge 2366841600 ]; }; then
+  leave "the time of $laptop is certainly wrong ($(date -u -d "@$time_s" +%F))"
+fi
+# A robot boots with the time of its last shutdown, so it is behind. If it is ahead of a laptop that follows no time source itself
+# (`local stratum 10`), that laptop may be the wrong one, and chrony must not slew to its time either.
+if [ "$(stratum)" -ge 10 ] 2>/dev/null && awk -v behind="$before" 'BEGIN { exit !(behind < -3) }'; then
+  chronyc -n offline "$laptop" >/dev/null 2>&1
+  leave "${before#-} s ahead of $laptop, which follows no time source (set it right, or on it: lupin sync-clock)"
+fi
 chronyc makestep >/dev/null || leave "chrony refused to step"
 tries=$(left_s)
 [ "$tries" -ge 1 ] || tries=1

@@ -35,7 +35,7 @@ def shell(host: Host, script: str) -> str:
     return done.stdout
 
 
-def pictures(host: Host) -> str:
+def list_streams(host: Host) -> str:
     """Return what the video server lists, as text."""
     program = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:8091/streams', timeout=10).read().decode())"
     done = host.robot.run_as_root("/opt/lupin/current/venv/bin/python3", "-c", program, timeout_s=TIMEOUT_S)
@@ -65,7 +65,7 @@ def test_cameras_are_served_waited_for_and_restarted(robot_host: Host) -> None:
         onboard = show(robot_host, ONBOARD, "MainPID")
         assert state(robot_host, UNIT) == "active"
         assert show(robot_host, UNIT, "StatusText") == "up: body-camera, gripper-camera, video"
-        assert json.loads(pictures(robot_host)) == []
+        assert json.loads(list_streams(robot_host)) == []
         log = journal(robot_host, UNIT)
         assert "no body camera is connected" in log and "no gripper camera is connected" in log
 
@@ -76,7 +76,7 @@ def test_cameras_are_served_waited_for_and_restarted(robot_host: Host) -> None:
             lambda: journal(robot_host, UNIT),
             TIMEOUT_S,
         )
-        wait_until(lambda: pictures(robot_host) == "[]", lambda: journal(robot_host, UNIT), TIMEOUT_S)
+        wait_until(lambda: list_streams(robot_host) == "[]", lambda: journal(robot_host, UNIT), TIMEOUT_S)
         assert show(robot_host, UNIT, "NRestarts") == "0"
 
         first = show(robot_host, UNIT, "MainPID")
@@ -169,7 +169,7 @@ def test_each_fault_of_a_camera_is_named_alone(robot: ExaminedRobot) -> None:
         shell(host, f"systemctl stop stray 2>/dev/null || true; {UNPLUG}; rm -f {ROS2}")
 
 
-def test_program_on_the_port_of_the_pictures_is_named(robot: ExaminedRobot) -> None:
+def test_program_on_camera_port_is_named(robot: ExaminedRobot) -> None:
     host = robot.host
     server = "systemd-run -q --unit=stray --uid=mirte python3 -m http.server 8091"
     shell(host, f"systemctl stop {UNIT}; {server}; sleep 1; systemctl start --no-block {UNIT}")

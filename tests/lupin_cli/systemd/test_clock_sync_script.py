@@ -97,6 +97,19 @@ def test_laptop_that_answers_without_serving_time_is_reported(robot: Robot) -> N
     assert not any("makestep" in line for line in robot.chrony_commands)
 
 
+@pytest.mark.parametrize(
+    ("stratum", "behind", "steps"), [(10, "-300.5", False), (3, "-300.5", True), (10, "16440.0", True), (10, "-2.5", True)]
+)
+def test_robot_that_is_ahead_is_set_from_a_synchronized_laptop(robot: Robot, stratum: int, behind: str, steps: bool) -> None:
+    chronyc = PROGRAMS["chronyc"].replace("10.42.0.2,10,6", f"10.42.0.2,{stratum},6").replace(",0.25,0.1", f",{behind},0.1")
+    robot.install("chronyc", chronyc)
+    status, output = robot.run("10.42.0.2")
+    assert status == 0 and any("makestep" in line for line in robot.chrony_commands) is steps
+    if not steps:
+        assert output.startswith("300.5 s ahead of 10.42.0.2, which follows no time source")
+        assert output.endswith("the clock is left as it is") and "-n offline 10.42.0.2" in robot.chrony_commands
+
+
 def test_one_sample_is_not_enough(robot: Robot) -> None:
     robot.install("chronyc", PROGRAMS["chronyc"].replace(",17,", ",1,"))
     status, output = robot.run("10.42.0.2")
@@ -108,6 +121,15 @@ def test_no_step_if_chrony_selects_no_source(robot: Robot) -> None:
     robot.install("chronyc", PROGRAMS["chronyc"].replace("esac", "  waitsync*) exit 1 ;;\nesac"))
     status, output = robot.run("10.42.0.2")
     assert (status, output) == (0, "chrony did not select 10.42.0.2; the clock is left as it is")
+    assert not any("makestep" in line for line in robot.chrony_commands)
+
+
+@pytest.mark.parametrize("behind_s", [-1.8e9, 1.8e9])
+def test_impossible_time_of_the_laptop_is_refused(robot: Robot, behind_s: float) -> None:
+    robot.install("chronyc", PROGRAMS["chronyc"].replace(",0.25,", f",{behind_s:f},"))
+    status, output = robot.run("10.42.0.2")
+    assert status == 0 and output.startswith("the time of 10.42.0.2 is certainly wrong (")
+    assert output.endswith("; the clock is left as it is")
     assert not any("makestep" in line for line in robot.chrony_commands)
 
 

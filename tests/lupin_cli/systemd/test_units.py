@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from lupin_cli.package_data import shipped_folder
 from lupin_cli.release import paths
 from lupin_cli.systemd import units
 
@@ -73,6 +74,16 @@ def test_units_stop_with_the_vendors_unit_and_start_after_it(rendered: dict[str,
     assert onboard["PartOf"] == ["mirte-ros.service"]
     home = directives(rendered["lupin-auto-home.service"].read_text())
     assert home["After"] == home["Wants"] == ["lupin-onboard.service"] and home["PartOf"] == ["mirte-ros.service"]
+
+
+def test_units_verify_the_release_before_they_start_it(rendered: dict[str, Path]) -> None:
+    verifier = "/usr/local/lib/lupin/verify-release"
+    for unit in (unit.name for unit in units.LUPIN_UNITS.values() if unit.in_release):
+        found = directives(rendered[unit].read_text())
+        options = "" if unit == units.ONBOARD else "--quick "  # one start reads every file, which takes seconds on an SD card
+        assert found["ExecStartPre"] == [f"/usr/bin/python3 -I {verifier} {options}/opt/lupin/current"], unit
+    installed = (shipped_folder("playbooks") / "deploy-robot.yaml").read_text()
+    assert installed.index(f"path: {verifier}\n") < installed.index("name: Install the release\n")
 
 
 def test_restarts_and_memory_are_bounded(rendered: dict[str, Path]) -> None:

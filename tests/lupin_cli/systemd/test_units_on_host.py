@@ -76,7 +76,7 @@ os.kill(pid, number)
 def is_finished():
     if not rest_s and speed[-1][1] < 0.01:
         rest_s.append(speed[-1][0] - start)
-    if not named_s and (not run.alive() or is_named(run.state(), alarms(run.state()))):
+    if not named_s and (not run.is_live() or is_named(run.state(), alarms(run.state()))):
         named_s.append(time.monotonic() - start)
     return rest_s and named_s
 if not spin_until(is_finished, 15.0):
@@ -116,7 +116,7 @@ def test_auto_home_activates_controllers_and_homes_the_arm(robot_host: Host) -> 
     assert done.status == 0, journal(robot_host, "lupin-auto-home")
     log = journal(robot_host, "lupin-auto-home")
     assert "mirte_master_arm_controller is unconfigured" in log and "activate " in log
-    assert "now: all 5 controllers are active" in log and "arm: home sent" in log
+    assert "now: all 5 controllers are active" in log and "arm: moving to home" in log
     # lupin-onboard came up because auto-home has Wants= for it, and it was ready before auto-home started.
     assert state(robot_host, "lupin-onboard") == "active"
     assert show(robot_host, "lupin-onboard", "StatusText") == "up: estop, drive, body"
@@ -231,6 +231,24 @@ def test_units_stop_cleanly_with_the_vendors_service(robot_host: Host) -> None:
     assert "lupin-onboard.service: Deactivated successfully." in log and "Killing" not in log
     assert show(robot_host, "lupin-onboard", "Result") == "success"
     assert robot.run_as_root("pgrep", "-f", "lupin_runtime").status == 1
+
+
+def test_vendors_service_starts_the_units_again_but_not_the_arm(robot_host: Host) -> None:
+    robot, units = robot_host.robot, ("lupin-onboard", "lupin-cameras")
+    assert robot.run_as_root("systemctl", "enable", *units).status == 0
+    for verb in ("start", "stop", "start"):
+        assert robot.run_as_root("systemctl", verb, "mirte-ros", timeout_s=TIMEOUT_S).status == 0
+        if verb == "stop":
+            assert [state(robot_host, unit) for unit in units] == ["inactive", "inactive"]
+    try:
+        wait_until(
+            lambda: [state(robot_host, unit) for unit in units] == ["active", "active"],
+            lambda: "\n".join(journal(robot_host, unit) for unit in units),
+            TIMEOUT_S,
+        )
+        assert state(robot_host, "lupin-auto-home") == "inactive"
+    finally:
+        robot.run_as_root("systemctl", "disable", *units)
 
 
 def test_onboard_without_discovery_server_names_what_it_awaits(robot_host: Host) -> None:
