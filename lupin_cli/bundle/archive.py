@@ -96,10 +96,10 @@ def assemble(
         else:
             left_out.append(found)
     masked_omissions = tuple(
-        Omission(_safe_path(redactor.text(each.path)), each.kind, redactor.text(each.reason))
+        Omission(_safe_path(redactor.redact_text(each.path)), each.kind, redactor.redact_text(each.reason))
         for each in sorted(left_out, key=lambda each: each.path)
     )
-    masked_about = redactor.data(about)
+    masked_about = redactor.redact_data(about)
     manifest = {
         "format": FORMAT,
         **masked_about,
@@ -124,11 +124,11 @@ def _learn(redactor: Redactor, item: BundleItem) -> None:
 
 
 def _member(redactor: Redactor, item: BundleItem, room: int) -> Member | Omission:
-    path, remark = _safe_path(redactor.text(item.path)), redactor.text(item.remark)
+    path, remark = _safe_path(redactor.redact_text(item.path)), redactor.redact_text(item.remark)
     if isinstance(item.content, bytes):
-        data = redactor.file(item.content, item.path)
+        data = redactor.redact_file(item.content, item.path)
     else:
-        data = encode(dump_json(redactor.data(item.content)))
+        data = encode(dump_json(redactor.redact_data(item.content)))
     is_json = path.endswith((".json", ".jsonl"))
     limit = min(room, MAX_JSON_BYTES if is_json else MAX_FILE_BYTES)
     if len(data) <= limit:

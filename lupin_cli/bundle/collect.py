@@ -28,6 +28,7 @@ from lupin_cli.doctor.report import to_dict, to_markdown
 from lupin_cli.doctor.session import MAX_PARALLEL_ROBOTS, DoctorResult, DoctorScope, DoctorSession, examine_all
 from lupin_cli.facts.base import Facts, Unknown
 from lupin_cli.facts.link import Link
+from lupin_runtime.json_text import parse_json
 
 if TYPE_CHECKING:
     from lupin_cli.connection.ssh import SshTarget
@@ -36,7 +37,7 @@ Collected = BundleItem | Omission
 
 MAX_PLAYBOOK_JOURNALS = 10
 MAX_FILE_BYTES = 2_000_000
-# A run's files besides its logs. The recording is not collected: it is large and has pictures of the owner's greenhouse.
+# A run's files besides its logs. The recording is not collected: it is large and has images of the owner's greenhouse.
 RUN_FILES = ("run.json", "state.json", "result.json", "sim_state.json")
 _VARIABLES = ("PATH", "LANG", "LC_ALL", "TZ", "SHELL", "TERM", "LD_LIBRARY_PATH", "PYTHONPATH")
 _VARIABLE_PREFIXES = ("ROS_", "RMW_", "FASTRTPS_", "FASTDDS_", "LUPIN_", "AMENT_", "CYCLONEDDS_", "XDG_")
@@ -168,7 +169,7 @@ def facts_items(folder: str, facts: Facts) -> Iterable[Collected]:
 
 
 def to_plain_data(value: Any) -> Any:
-    """Convert a fact's value to JSON-able data: dataclasses become objects, sets sorted lists, other types their string."""
+    """Convert a fact's value to JSON-serializable data: dataclasses become objects, sets sorted lists, other types strings."""
     if value is None or isinstance(value, (bool, int, str)):
         return value.value if isinstance(value, Enum) else value
     if isinstance(value, float):
@@ -285,7 +286,7 @@ def strip_undo_state(lines: Iterable[bytes]) -> tuple[bytes, int]:
     kept, unreadable = [], 0
     for line in lines:
         try:
-            event = json.loads(line)
+            event = parse_json(line)
         except ValueError:
             unreadable += bool(line.strip())
             continue

@@ -22,7 +22,7 @@ def encode(text: str) -> bytes:
 
 @dataclass(frozen=True)
 class BundleItem:
-    """One file of the archive before masking. `content` is bytes, or JSON-able data."""
+    """One file of the archive before masking. `content` is bytes, or JSON-serializable data."""
 
     path: str  # below the archive's folder
     description: str

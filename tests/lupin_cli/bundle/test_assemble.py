@@ -16,7 +16,7 @@ from lupin_cli.bundle import archive
 from lupin_cli.bundle.archive import Contents, assemble, pack
 from lupin_cli.bundle.items import ABSENT, TOO_BIG, BundleItem, Omission, truncate_bytes
 from lupin_cli.bundle.redact import Redactor
-from tests.support.secret_strategies import BARE, QUOTED, private_key, words
+from tests.support.secret_strategies import ANY_PASSWORD_CONTEXTS, SIMPLE_PASSWORD_CONTEXTS, private_key, simple_passwords
 
 ABOUT = {"lupin": "1", "robots": []}
 
@@ -42,7 +42,7 @@ def everything(contents: Contents) -> bytes:
 
 
 def archives_with(planted: str, secret: str) -> list[list[BundleItem]]:
-    """Archives with the secret in one place: a log, invalid UTF-8, a JSON file, JSON-able data, a file name, a remark."""
+    """Archives with the secret in one place: a log, invalid UTF-8, a JSON file, data for JSON, a file name, a remark."""
     line = json.dumps({"event": "output", "text": planted})
     return [
         [BundleItem("a.log", "", f"before\n{planted}\nafter {secret}\n".encode())],
@@ -54,11 +54,11 @@ def archives_with(planted: str, secret: str) -> list[list[BundleItem]]:
     ]
 
 
-@pytest.mark.parametrize("name", [*BARE, *QUOTED])
+@pytest.mark.parametrize("name", [*SIMPLE_PASSWORD_CONTEXTS, *ANY_PASSWORD_CONTEXTS])
 @settings(max_examples=3, deadline=None)
-@given(secret=words)
+@given(secret=simple_passwords)
 def test_secret_in_any_file_is_masked_in_all_files(name: str, secret: str) -> None:
-    planted = {**BARE, **QUOTED}[name](secret)
+    planted = {**SIMPLE_PASSWORD_CONTEXTS, **ANY_PASSWORD_CONTEXTS}[name](secret)
     for items in archives_with(planted, secret):
         elsewhere = BundleItem("z.log", "", f"somebody mentions {secret} here".encode())
         missing = (Omission(f"c/{secret}", ABSENT, f"stat: {secret}: no such file"),)

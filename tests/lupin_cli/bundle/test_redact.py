@@ -19,7 +19,7 @@ from lupin_cli.connection import Output
 from lupin_cli.facts import Fact
 from lupin_cli.secret_masking import MASK
 from tests.support.paths import CAPTURED_FACTS
-from tests.support.secret_strategies import anything, nasty, words
+from tests.support.secret_strategies import arbitrary_text, redaction_tokens, simple_passwords
 
 CAPTURED = sorted(CAPTURED_FACTS.glob("*/*.txt"))
 MODULES = [importlib.import_module(f"lupin_cli.facts.{each.name}") for each in pkgutil.iter_modules(lupin_cli.facts.__path__)]
@@ -30,11 +30,11 @@ def redacted(*texts: str, **options: Any) -> list[str]:
     redactor = Redactor(**options)
     for text in texts:
         redactor.learn(text)
-    return [redactor.text(text) for text in texts]
+    return [redactor.redact_text(text) for text in texts]
 
 
 @settings(max_examples=40, deadline=None)
-@given(secret=words, around=st.sampled_from(["with {} it failed", "'{}'", "x{}y", "http://h/{}/x", "[{}]"]))
+@given(secret=simple_passwords, around=st.sampled_from(["with {} it failed", "'{}'", "x{}y", "http://h/{}/x", "[{}]"]))
 def test_secret_of_settings_file_is_masked_in_other_texts(secret: str, around: str) -> None:
     mention = around.format(secret)
     assert secret not in redacted(mention, f"[wifi-security]\npsk={secret}\n")[0]
@@ -52,11 +52,11 @@ def test_path_as_secret_is_masked_only_in_its_place() -> None:
 
 def test_given_secret_is_masked_in_text_json_and_urls() -> None:
     redactor = Redactor(["pä s"])
-    assert redactor.text('pä s "p\\u00e4 s" p%C3%A4%20s') == f'{MASK} "{MASK}" {MASK}'
+    assert redactor.redact_text('pä s "p\\u00e4 s" p%C3%A4%20s') == f'{MASK} "{MASK}" {MASK}'
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.lists(st.one_of(anything, nasty), max_size=3))
+@given(st.lists(st.one_of(arbitrary_text, redaction_tokens), max_size=3))
 @example(["$1$-----BEGIN PRIVATE KEY-----"])
 @example(["x psk=-----BEGIN PRIVATE KEY-----"])
 @example(["$1$SSID=A"])
@@ -70,10 +70,10 @@ def test_redaction_is_idempotent(texts: list[str]) -> None:
 def test_any_bytes_are_redacted_or_unchanged(data: bytes) -> None:
     redactor = Redactor()
     redactor.learn_file(data)
-    found = redactor.file(data)
+    found = redactor.redact_file(data)
     assert found == data or redactor.masked
     secret = b"\npsk=hunter22x\n"
-    assert b"hunter22x" not in redactor.file(data + secret + data)
+    assert b"hunter22x" not in redactor.redact_file(data + secret + data)
 
 
 @pytest.mark.parametrize("case", CAPTURED, ids=lambda case: f"{case.parent.name}/{case.stem}")
@@ -83,7 +83,7 @@ def test_redaction_commutes_with_parsing(case: Path) -> None:
     redactor = Redactor()
     redactor.learn(text)
     value = to_plain_data(fact.parse(Output(0, text)))
-    assert to_plain_data(fact.parse(Output(0, redactor.text(text)))) == redactor.data(value)
+    assert to_plain_data(fact.parse(Output(0, redactor.redact_text(text)))) == redactor.redact_data(value)
 
 
 # -- pseudonyms
@@ -173,7 +173,7 @@ def test_json_is_redacted_by_value() -> None:
         "list": ["plain"],
     }  # fmt: skip
     redactor.learn(value)
-    found = json.loads(redactor.file(json.dumps(value).encode(), "a.json"))
+    found = json.loads(redactor.redact_file(json.dumps(value).encode(), "a.json"))
     assert found == {
         "password": MASK, "psk": None, "tokens": [MASK, 5], "token_count": 5, "pin_password": MASK,
         "ssid": "ssid-1",
@@ -186,7 +186,7 @@ def test_jsonl_is_redacted_by_line_and_broken_line_as_text() -> None:
     redactor = Redactor()
     lines = b'{"text": "psk=one two\\nx"}\n{"text": "psk=one tw'
     redactor.learn_file(lines, "a.jsonl")
-    whole, broken = redactor.file(lines, "a.jsonl").decode().splitlines()
+    whole, broken = redactor.redact_file(lines, "a.jsonl").decode().splitlines()
     assert json.loads(whole) == {"text": f"psk={MASK}\nx"}
     assert "one" not in broken
 
@@ -195,5 +195,5 @@ def test_masked_places_are_counted_by_kind() -> None:
     redactor = Redactor()
     text = "psk=abcd1234\nabcd1234 10.0.0.1 8.8.8.8 b8:27:eb:12:34:56 https://a:b@c/ ssid=X1"
     redactor.learn(text)
-    redactor.text(text)
+    redactor.redact_text(text)
     assert redactor.masked == {"mac": 1, "public-ip": 1, "secret": 2, "ssid": 1, "url-credentials": 1}
