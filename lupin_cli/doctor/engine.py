@@ -6,8 +6,16 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from lupin_cli.checks import ground_truth
 from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
+from lupin_cli.checks.findings import NEED_VENDOR, OVER_GRAPH
+from lupin_cli.checks.ground_truth import GroundTruth, State
+from lupin_cli.doctor.areas import Area, judge_areas
 from lupin_cli.facts.base import Unknown
+from lupin_cli.printed_commands import complete
+
+_DATA = OVER_GRAPH | NEED_VENDOR  # findings that show, or cause, that data does not arrive
+_UNREACHABLE = "robot-unreachable"  # it has an exit status of its own, whatever explains it
 
 
 @dataclass(frozen=True)
@@ -20,7 +28,7 @@ class RootCause:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the checks found, which facts are unknown, and which checks or plug-ins failed."""
+    """What this machine receives, what the checks found, which facts are unknown, and which checks or plug-ins failed."""
 
     checks: tuple[str, ...]
     roots: tuple[RootCause, ...]
@@ -28,6 +36,19 @@ class Diagnosis:
     check_errors: tuple[str, ...] = ()  # one line for each check or plug-in that failed
     by_check: Mapping[str, tuple[Finding, ...]] = field(default_factory=dict)
     duration_s: float = 0.0
+    ground_truth: GroundTruth | None = None  # None if it was not asked for: its check was not selected
+    areas: tuple[Area, ...] = ()  # empty without ground truth
+
+    @property
+    def healthy(self) -> bool:
+        """Whether nothing was found, and all that health means was observed."""
+        observed = self.ground_truth is not None and self.ground_truth.state is State.HEALTHY
+        return observed and not (self.roots or self.gaps)
+
+    @property
+    def gaps(self) -> tuple[str, ...]:
+        """One line for everything that was not observed: facts without a value, failed checks, parts of the ground truth."""
+        return (*self.unknown, *self.check_errors, *(self.ground_truth.unobserved if self.ground_truth else ()))
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -45,14 +66,55 @@ def diagnose(checks: Sequence[Check], snapshot: Snapshot, plugin_errors: Iterabl
             by_check[check.name] = tuple(check.find(snapshot))
         except Exception as error:  # a plug-in's check may raise anything; the others still count
             errors.append(f"check {check.name}: {type(error).__name__}: {error}")
+    truth = ground_truth.measure(snapshot) if ground_truth.NAME in by_check else None
+    found = demote_blocked_fixes(finding for findings in by_check.values() for finding in findings)
+    robot = snapshot.link.robot if snapshot.link is not None else ""
+    roots = fold_consequences(name_robot(weigh_by_ground_truth(found, truth), robot))
+    consequences = [finding for root in roots for finding in root.consequences]
     return Diagnosis(
         checks=tuple(check.name for check in checks),
-        roots=fold_consequences(demote_blocked_fixes(finding for findings in by_check.values() for finding in findings)),
+        roots=roots,
         unknown=tuple(describe_unknown_facts(snapshot)),
         check_errors=tuple(errors),
         by_check=by_check,
         duration_s=time.monotonic() - started,
+        ground_truth=truth,
+        areas=judge_areas(snapshot, truth, [root.finding for root in roots], consequences) if truth is not None else (),
     )
+
+
+def name_robot(findings: Iterable[Finding], robot: str) -> Iterable[Finding]:
+    """Yield the findings with the robot's name in commands for the robot, which otherwise would act on the default robot.
+
+    All commands repeat the inventory of --config.
+    """
+    for finding in findings:
+        command = complete(finding.fix.command, robot="" if finding.where == "laptop" else robot)
+        yield replace(finding, fix=replace(finding.fix, command=command))
+
+
+def weigh_by_ground_truth(findings: Iterable[Finding], truth: GroundTruth | None) -> Iterable[Finding]:
+    """Yield the findings, with the severity that fits what this machine receives.
+
+    One that would take all data away is only a warning while all data arrives: it is not in effect, and explains no lack of
+    data. A profile that was edited after its processes had read it, for example, breaks the robot at the next start. It remains
+    a problem if it causes another one. And a warning is a problem if nothing else explains data that does not arrive.
+    """
+    found = tuple(findings)
+    state = truth.state if truth is not None else State.UNOBSERVED
+    lost = [each for each in found if each.id == ground_truth.UNEXPLAINED]
+    problems = [each for each in found if each.severity is Severity.PROBLEM]
+    unexplained = [loss for loss in lost if not any(problem.accounts_for(loss) for problem in problems)]
+    in_effect = [each for each in problems if ground_truth.UNEXPLAINED not in each.explains and each.id != _UNREACHABLE]
+    for finding in found:
+        severity, explains = finding.severity, finding.explains
+        if state is State.HEALTHY and ground_truth.UNEXPLAINED in explains:
+            explains = frozenset(each for each in explains if each.partition(":")[0] not in _DATA)
+            causes_problem = any(replace(finding, explains=explains).accounts_for(problem) for problem in in_effect)
+            severity = severity if causes_problem else Severity.WARNING
+        elif state is State.BROKEN and any(finding.accounts_for(loss) for loss in unexplained):
+            severity = Severity.PROBLEM
+        yield replace(finding, severity=severity, explains=explains)
 
 
 def demote_blocked_fixes(findings: Iterable[Finding]) -> Iterable[Finding]:
@@ -67,7 +129,10 @@ def demote_blocked_fixes(findings: Iterable[Finding]) -> Iterable[Finding]:
 
 
 def fold_consequences(findings: Iterable[Finding]) -> tuple[RootCause, ...]:
-    """Put every finding under the one that explains it, problems first. A cycle is broken at its first finding."""
+    """Put every finding under the one that explains it, problems first. A cycle is broken at its first finding.
+
+    A warning explains no problem, which would then be announced as a warning, unless it names the problem's subject.
+    """
     found: list[Finding] = []
     for finding in findings:
         if finding not in found:
@@ -78,7 +143,7 @@ def fold_consequences(findings: Iterable[Finding]) -> tuple[RootCause, ...]:
         seen, pending = {id(cause)}, [cause]
         while pending:
             current = pending.pop()
-            new = [f for f in found if current.accounts_for(f) and id(f) not in seen]
+            new = [f for f in found if _explains(current, f) and id(f) not in seen]
             seen |= {id(f) for f in new}
             pending += new
         return [f for f in found if id(f) in seen and f is not cause]
@@ -101,6 +166,14 @@ def fold_consequences(findings: Iterable[Finding]) -> tuple[RootCause, ...]:
         placed |= {id(f) for f in explained}
         roots.append(RootCause(root, explained))
     return tuple(sorted(roots, key=lambda root: root.finding.severity is not Severity.PROBLEM))
+
+
+def _explains(cause: Finding, other: Finding) -> bool:
+    """Return whether `other` is listed under `cause`."""
+    if not cause.accounts_for(other):
+        return False
+    is_hidden = cause.severity is Severity.WARNING and other.severity is Severity.PROBLEM and other.id != _UNREACHABLE
+    return not is_hidden or (bool(other.about) and f"{other.id}:{other.about}" in cause.explains)
 
 
 def describe_unknown_facts(snapshot: Snapshot) -> Iterable[str]:

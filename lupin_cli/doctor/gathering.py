@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import shlex
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -15,9 +15,13 @@ from lupin_cli.connection.base import (
     AuthenticationFailed,
     HostKeyChanged,
     HostKeyUnknown,
+    LoginShellUnusable,
     Output,
+    PrivateKeyMissing,
+    PrivateKeyUnusable,
     RootRefused,
     Script,
+    SshConfigUnusable,
     Target,
     TargetError,
     Unreachable,
@@ -27,9 +31,14 @@ from lupin_cli.facts.clock import Offset
 from lupin_cli.facts.link import Link
 from lupin_cli.facts.routes import ROBOT_ADDRESSES
 from lupin_cli.facts.shared_shell import join_probes, split_outputs
+from lupin_cli.link.path import Path
 
 # How much longer than its slowest probe a batch may take: sudo, starting shells, a link with 60 ms of latency.
 BATCH_SLACK_S = 3.0
+# A healthy graph has been visited by then (2.3 to 3.5 s on two cores). If it has not, the path is measured while the visit goes
+# on. That takes 3 s, which a healthy robot must not cost.
+PATH_AFTER_S = 3.8
+TIMED_OUT = "did not answer within"
 _SHARED = "shared shell"  # the script that gathers the facts that share a shell; no fact's name contains a space
 
 
@@ -53,7 +62,7 @@ def parse_fact(fact: Fact[Any], output: Output | None) -> Any:
     if output is None:
         return Unknown("the machine gave no answer")
     if output.status is None:
-        return Unknown(f"did not answer within {fact.timeout_s:g} s")
+        return Unknown(f"{TIMED_OUT} {fact.timeout_s:g} s")
     try:
         return fact.parse(output)
     except ValueError as error:
@@ -91,14 +100,17 @@ def gather_snapshot(
     addresses: Sequence[str] = (),
     clock_offset: Callable[[], Offset | None] = lambda: None,
     laptop_facts: Callable[[], Facts] | None = None,
+    measure_path: Callable[[Snapshot], Path | None] = lambda _: None,
 ) -> Snapshot:
     """Gather the laptop's facts and, at the same time, connect to the robot and gather its facts.
 
     `connect` returns the robot and the link over which it was reached; without it, only the laptop is asked. If `connect` or
     the batch fails, the link is `failed_link` with the error; the laptop's facts, which show the reason, are kept.
     `addresses` are those that the robot may have. `clock_offset` measures the robot's clock after it was asked. If several
-    sessions share the laptop, `laptop_facts` waits for its facts, which are gathered elsewhere.
+    sessions share the laptop, `laptop_facts` waits for its facts, which are gathered elsewhere. `measure_path` is called with
+    the robot's part of the snapshot if the laptop's facts take long: then something does not arrive, and this finds out where.
     """
+    slow_s = time.monotonic() + PATH_AFTER_S
     needed_of_laptop, needed_of_robot = needed_facts(checks, "laptop"), needed_facts(checks, "robot")
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="laptop") as pool:
         pending = pool.submit(laptop_facts or (lambda: gather_facts(laptop, "laptop", needed_of_laptop, addresses)))
@@ -115,22 +127,33 @@ def gather_snapshot(
                     message=str(error),
                     next_command=error.next_command,
                 )
-        return Snapshot(pending.result(), robot_facts, link)
+        path = None
+        wait([pending], timeout=max(0.0, slow_s - time.monotonic()))
+        if link is not None and not pending.done():
+            path = measure_path(Snapshot(Facts("laptop", {}), robot_facts, link))
+        return Snapshot(pending.result(), robot_facts, link, path)
 
 
 def gather_followup_facts(
     checks: Sequence[Check],
     by_check: Mapping[str, Sequence[Finding]],
+    roots: Collection[Finding],
     snapshot: Snapshot,
     laptop: Target,
     robot: Target | None,
     addresses: Sequence[str] = (),
 ) -> Snapshot | None:
-    """Return the snapshot with the follow-up facts of the checks that found something; None if they need none.
+    """Return the snapshot with the follow-up facts of the checks that found one of the root causes; None if they need none.
 
     If the robot cannot be asked any more, its earlier facts are kept.
     """
-    to_follow_up = [check for check in checks if by_check.get(check.name) and (check.followup_laptop or check.followup_robot)]
+    causes = {(finding.id, finding.where, finding.about) for finding in roots}
+    to_follow_up = [
+        check
+        for check in checks
+        if check.followup_laptop or check.followup_robot
+        if any((finding.id, finding.where, finding.about) in causes for finding in by_check.get(check.name, ()))
+    ]
     if not to_follow_up:
         return None
     needed_of_laptop = needed_facts([replace(each, laptop=each.followup_laptop) for each in to_follow_up], "laptop")
@@ -152,6 +175,10 @@ _KINDS = {
     HostKeyUnknown: "host-key-unknown",
     HostKeyChanged: "host-key-changed",
     AuthenticationFailed: "authentication",
+    PrivateKeyMissing: "no-key",
+    PrivateKeyUnusable: "private-key",
+    SshConfigUnusable: "ssh-config",
+    LoginShellUnusable: "login-shell",
     RootRefused: "root",
 }
 

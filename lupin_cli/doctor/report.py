@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from lupin_cli.checks.base import Finding, Severity
+from lupin_cli.checks.ground_truth import GroundTruth, State
+from lupin_cli.checks.layers import LAYERS
 from lupin_cli.doctor.engine import Diagnosis, RootCause
 from lupin_cli.exit_codes import FAILURE, NO_RESULT, SUCCESS, UNREACHABLE
-from lupin_cli.terminal import printable
+from lupin_cli.terminal import echo, printable, wrapped
 
 if TYPE_CHECKING:
     from lupin_cli.facts.link import Link
+
+COMMAND_LINE = "  fix       "  # begins the line with the command, which is never broken: the break would be pasted, too
+_LABEL = re.compile(r" +(?:│ |[a-z-]+ {2,})")  # of a line of evidence, or of a field of a finding
+ALL_DETAILS = 2  # the level of `--verbose` from which nothing is left out
 
 
 def exit_status(diagnosis: Diagnosis, link: Link | None = None) -> int:
@@ -23,9 +30,9 @@ def exit_status(diagnosis: Diagnosis, link: Link | None = None) -> int:
     """
     if link is not None and not link.reachable:
         return UNREACHABLE
-    if diagnosis.roots:
+    if diagnosis.roots or (diagnosis.ground_truth is not None and diagnosis.ground_truth.state is State.BROKEN):
         return FAILURE
-    return NO_RESULT if diagnosis.check_errors or diagnosis.unknown else SUCCESS
+    return NO_RESULT if diagnosis.gaps else SUCCESS
 
 
 def to_dict(diagnosis: Diagnosis, link: Link | None = None) -> dict[str, Any]:
@@ -37,10 +44,35 @@ def to_dict(diagnosis: Diagnosis, link: Link | None = None) -> dict[str, Any]:
             {**_finding(root.finding), "consequences": [_finding(finding) for finding in root.consequences]}
             for root in diagnosis.roots
         ],
+        "ground_truth": None if diagnosis.ground_truth is None else _ground_truth(diagnosis.ground_truth),
+        "layers": _layers(diagnosis),
         "unknown": list(diagnosis.unknown),
         "broken": list(diagnosis.check_errors),
         "checks": list(diagnosis.checks),
     }
+
+
+class UnknownFieldError(ValueError):
+    """A report has no such field."""
+
+
+def select_fields(report: Mapping[str, Any], fields: Sequence[str]) -> dict[str, Any]:
+    """Return only these fields of a report; `findings.id` is the field `id` of each finding. Raises UnknownFieldError."""
+    selected: dict[str, Any] = {}
+    wanted: dict[str, list[str]] = {}
+    for field in fields:
+        name, _, rest = field.partition(".")
+        wanted.setdefault(name, []).append(rest)
+    for name, inner in wanted.items():
+        if name not in report:
+            raise UnknownFieldError(f"there is no field {name!r} in {', '.join(report)}")
+        value = report[name]
+        if "" not in inner and isinstance(value, list):
+            value = [select_fields(each, inner) for each in value]
+        elif "" not in inner and value is not None:
+            value = select_fields(value if isinstance(value, Mapping) else {}, inner)
+        selected[name] = value
+    return selected
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
@@ -48,10 +80,13 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "id": finding.id,
         "severity": finding.severity.value,
         "where": finding.where,
+        "layer": finding.layer,
+        "machine": finding.where,
         "symptom": finding.symptom,
         "cause": finding.cause,
         "evidence": list(finding.evidence),
         "fix": {
+            "instruction": finding.fix.instruction,
             "command": finding.fix.command,
             "playbook": finding.fix.playbook or None,
             "variables": finding.fix.variables,
@@ -59,6 +94,27 @@ def _finding(finding: Finding) -> dict[str, Any]:
         },
         "explains": sorted(finding.explains),
     }
+
+
+def _ground_truth(truth: GroundTruth) -> dict[str, Any]:
+    return {
+        "state": truth.state.value,
+        "machine": "laptop",
+        "graph": truth.graph,
+        "environment": dict(truth.environment),
+        "topics": [vars(topic) for topic in truth.topics],
+        "services": [{"name": name, "round_trip_s": round_trip_s} for name, round_trip_s in truth.services],
+        "drive": truth.drive,
+        "missing_nodes": list(truth.missing_nodes),
+        "lost": {part: list(lines) for part, lines in truth.losses.items()},
+        "unobserved": list(truth.unobserved),
+    }
+
+
+def _layers(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    """Return the layers in which a problem was found, lowest first, and what is a consequence."""
+    causes = {root.finding.layer: root.finding.cause for root in diagnosis.roots if root.finding.severity is Severity.PROBLEM}
+    return [{"layer": layer, "state": "failed", "detail": causes[layer]} for layer in LAYERS if layer in causes]
 
 
 def to_json(diagnosis: Diagnosis, link: Link | None = None) -> str:
@@ -73,7 +129,7 @@ def to_junit(diagnosis: Diagnosis, name: str = "lupin doctor") -> str:
     failures = sum(1 for findings in diagnosis.by_check.values() if findings)
     suite = Element("testsuite", name=name, tests=str(len(diagnosis.checks) + len(diagnosis.unknown)))
     suite.set("failures", str(failures))
-    suite.set("errors", str(len(diagnosis.check_errors) + len(diagnosis.unknown)))
+    suite.set("errors", str(len(diagnosis.gaps)))
     for check in diagnosis.checks:
         case = SubElement(suite, "testcase", classname="lupin.doctor", name=check)
         if findings := diagnosis.by_check.get(check):
@@ -85,6 +141,11 @@ def to_junit(diagnosis: Diagnosis, name: str = "lupin doctor") -> str:
     for line in diagnosis.unknown:
         case = SubElement(suite, "testcase", classname="lupin.doctor.fact", name=line.split(": ")[1])
         SubElement(case, "error", type="fact", message=printable(line))
+    if (truth := diagnosis.ground_truth) is not None:
+        for line in truth.unobserved:
+            case = SubElement(suite, "testcase", classname="lupin.doctor.ground-truth", name=line.partition(":")[0])
+            SubElement(case, "error", type="unobserved", message=printable(line))
+            suite.set("tests", str(int(suite.get("tests", "0")) + 1))
     for line in diagnosis.check_errors:
         if not line.startswith("check "):
             case = SubElement(suite, "testcase", classname="lupin.doctor.plugin", name=line.split(" ")[1])
@@ -100,32 +161,74 @@ def to_markdown(diagnosis: Diagnosis, title: str) -> str:
     for root in diagnosis.roots:
         finding = root.finding
         lines += [f"## {finding.cause}", "", f"`{finding.id}` · {finding.severity.value} · {finding.where}", ""]
-        played = " (`--fix` plays it)" if _is_fixed_without_asking(finding) else ""
-        lines += [f"- Symptom: {finding.symptom}", f"- Fix: `{finding.fix.command}`{played}"]
+        lines += [f"- Symptom: {finding.symptom}"]
+        lines += [f"- To do: {finding.fix.instruction}"] if finding.fix.instruction else []
+        lines += [f"- Fix: `{finding.fix.command}`"] if finding.fix.command else []
+        lines += [f"- `lupin doctor --fix` {_playing(finding)}"] if finding.fix.playbook else []
         lines += [f"- Explains: {other.cause} (`{other.id}`, {other.where})" for other in root.consequences]
         fence = "`" * max(3, 1 + max((len(run) for line in finding.evidence for run in re.findall("`+", line)), default=0))
         lines += ["", fence, *finding.evidence, fence, ""]
-    if gaps := (*diagnosis.unknown, *diagnosis.check_errors):
-        lines += ["## Not examined", "", *(f"- {line}" for line in gaps), ""]
+    if diagnosis.gaps:
+        lines += ["## Not observed", "", *(f"- {line}" for line in diagnosis.gaps), ""]
     return printable("\n".join(lines))
+
+
+TRANSPORTS = {"wired": "cable", "router": "router", "ap": "access point"}
+
+
+def describe_subject(link: Link | None) -> str:
+    """Return what was examined: the robot with transport and address, or this machine."""
+    if link is None:
+        return "this machine"
+    transport = f" over {TRANSPORTS[link.transport]}" if link.transport in TRANSPORTS else ""
+    return f"{link.robot}{transport}" + (f" ({link.address})" if link.address not in ("", link.robot) else "")
+
+
+def verdict(diagnosis: Diagnosis, link: Link | None = None) -> str:
+    """Return the result in one sentence that names its subject."""
+    truth = diagnosis.ground_truth
+    return f"{describe_subject(link)}: {_health(diagnosis)}, {_delivery(truth)}"
+
+
+def _health(diagnosis: Diagnosis) -> str:
+    if diagnosis.healthy:
+        return "healthy"
+    broken = diagnosis.ground_truth is not None and diagnosis.ground_truth.state is State.BROKEN
+    if broken or any(root.finding.severity is Severity.PROBLEM for root in diagnosis.roots):
+        return "not healthy"
+    return "needs attention" if diagnosis.roots else "nothing found"
+
+
+def _delivery(truth: GroundTruth | None) -> str:
+    if truth is None:
+        return "topics were not measured"
+    if not truth.graph:
+        return "no ROS graph was measured"
+    if not truth.heard:
+        return "no topic delivers samples to this machine"
+    if truth.state is State.BROKEN:
+        heard = sum(topic.required and topic.samples > 0 for topic in truth.topics)
+        return f"{heard} of {truth.required} required topics deliver samples to this machine"
+    return f"{truth.heard} topics with samples"
 
 
 def summary(diagnosis: Diagnosis) -> str:
     """Return the number of problems, warnings, checks and gaps, in one line."""
     problems = sum(root.finding.severity is Severity.PROBLEM for root in diagnosis.roots)
     warnings = len(diagnosis.roots) - problems
-    gaps = len(diagnosis.unknown) + len(diagnosis.check_errors)
     counts = [_count(problems, "problem"), _count(warnings, "warning")]
-    found = " and ".join(filter(None, counts)) or ("nothing found" if gaps else "healthy")
-    return f"{found}; {_count(len(diagnosis.checks), 'check')}" + (f"; {gaps} not examined" if gaps else "")
+    found = " and ".join(filter(None, counts)) or ("healthy" if diagnosis.healthy else "nothing found")
+    gaps = len(diagnosis.gaps)
+    return f"{found}; {_count(len(diagnosis.checks), 'check')}" + (f"; {gaps} not observed" if gaps else "")
 
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}" if number else ""
 
 
-def _is_fixed_without_asking(finding: Finding) -> bool:
-    return finding.fix.safe and bool(finding.fix.playbook)
+def _playing(finding: Finding) -> str:
+    """Return what `--fix` does for a finding that has a playbook."""
+    return f"plays {finding.fix.playbook}" if finding.fix.safe else f"asks, then plays {finding.fix.playbook}"
 
 
 def _plain(finding: Finding) -> str:
@@ -134,40 +237,68 @@ def _plain(finding: Finding) -> str:
             f"[{finding.id}] {finding.where}: {finding.cause}",
             f"symptom: {finding.symptom}",
             *(f"  | {line}" for line in finding.evidence),
-            f"fix: {finding.fix.command}",
+            *([f"do: {finding.fix.instruction}"] if finding.fix.instruction else []),
+            *([f"fix: {finding.fix.command}"] if finding.fix.command else []),
         ]
     )
 
 
-def print_terminal(diagnosis: Diagnosis, *, verbose: bool = False) -> None:
-    """Print the diagnosis: one line if healthy, root causes with their evidence otherwise."""
+def print_terminal(diagnosis: Diagnosis, link: Link | None = None, *, verbose: int = 0) -> None:
+    """Print the diagnosis: the verdict, then root causes with their evidence, and what was not observed.
+
+    verbose: 1 adds all lines of evidence and the topics, 2 the evidence of consequences and the result of each check.
+    """
     import sys
 
     if not sys.stdout.isatty():
-        for line in _lines(diagnosis, verbose):
-            print(line)
+        for line in _lines(diagnosis, link, verbose):
+            echo(line)
         return
-    from rich.console import Console
     from rich.text import Text
 
-    console = Console(highlight=False, soft_wrap=True)
-    for line in _lines(diagnosis, verbose):
-        console.print(Text(line, style=_style(line)))
+    from lupin_cli.safe_console import SafeConsole
+
+    console = SafeConsole(soft_wrap=True)
+    columns = shutil.get_terminal_size().columns
+    for line in _lines(diagnosis, link, verbose):
+        shown = line if line.startswith(COMMAND_LINE) else wrapped(line, columns, _LABEL)
+        console.print(Text(shown, style=_style(line)))
 
 
-def _lines(diagnosis: Diagnosis, verbose: bool) -> Iterable[str]:
+def _lines(diagnosis: Diagnosis, link: Link | None, verbose: int) -> Iterable[str]:
     """Yield every line, made printable: any field may contain text from a robot, such as a process name in a cause."""
-    for root in diagnosis.roots:
-        yield from (printable(line) for line in _root_lines(root, verbose))
+    yield printable(verdict(diagnosis, link))
+    if diagnosis.areas:
         yield ""
-    for line in diagnosis.unknown:
-        yield f"? {printable(line)}"
-    for line in diagnosis.check_errors:
-        yield f"! {printable(line)}"
-    yield summary(diagnosis)
+        yield from (printable(area.line()) for area in diagnosis.areas)
+    for root in diagnosis.roots:
+        yield ""
+        yield from (printable(line) for line in _root_lines(root, verbose))
+    if diagnosis.gaps:
+        yield ""
+        yield "Not observed"
+        yield from (f"? {printable(line)}" for line in diagnosis.gaps)
+    if verbose and diagnosis.ground_truth is not None:
+        yield ""
+        yield "Topics as they arrive here"
+        yield from (f"  {printable(topic.line())}" for topic in diagnosis.ground_truth.topics)
+    if verbose >= ALL_DETAILS:
+        yield ""
+        yield f"Checks, which took {diagnosis.duration_s * 1e3:.0f} ms"
+        yield from (printable(f"  {_check_line(diagnosis, check)}") for check in diagnosis.checks)
+    if diagnosis.roots or diagnosis.gaps:
+        yield ""
+        yield summary(diagnosis)
 
 
-def _root_lines(root: RootCause, verbose: bool) -> Iterable[str]:
+def _check_line(diagnosis: Diagnosis, check: str) -> str:
+    found = diagnosis.by_check.get(check)
+    if found is None:
+        return f"{check}: failed"
+    return f"{check}: {', '.join(dict.fromkeys(finding.id for finding in found)) or 'nothing found'}"
+
+
+def _root_lines(root: RootCause, verbose: int) -> Iterable[str]:
     finding = root.finding
     mark = "✗" if finding.severity is Severity.PROBLEM else "▲"
     yield f"{mark} {finding.where}: {finding.cause}  [{finding.id}]"
@@ -179,17 +310,23 @@ def _root_lines(root: RootCause, verbose: bool) -> Iterable[str]:
         yield f"  │ … {len(finding.evidence) - len(shown)} more lines (--verbose)"
     for other in root.consequences:
         yield f"  explains  {other.where}: {other.cause}  [{other.id}]"
-    yield f"  fix       {finding.fix.command}" + ("   (--fix plays it)" if _is_fixed_without_asking(finding) else "")
+        yield from (f"            │ {line}" for line in other.evidence if verbose >= ALL_DETAILS)
+    if finding.fix.instruction:
+        yield f"  do        {finding.fix.instruction}"
+    if finding.fix.command:
+        yield f"{COMMAND_LINE}{finding.fix.command}"
+    if finding.fix.playbook:
+        yield f"  --fix     {_playing(finding)}"
 
 
-_STYLES = {"✗": "bold red", "▲": "bold yellow", "?": "yellow", "!": "red"}
+_STYLES = {"✗": "bold red", "▲": "bold yellow", "?": "yellow", "✓": "green"}
 
 
 def _style(line: str) -> str:
     if line[:1] in _STYLES:
         return _STYLES[line[:1]]
-    if line.startswith("  │"):
+    if line.lstrip().startswith("│"):
         return "dim"
-    if line.startswith("  fix"):
+    if line.startswith(COMMAND_LINE):
         return "green"
-    return "green" if line.startswith("healthy") else ""
+    return "green" if ": healthy, " in line else ""

@@ -3,27 +3,48 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from lupin_cli.checks.base import Check, Finding, Snapshot
-from lupin_cli.connection.base import Target
+from lupin_cli.checks import ground_truth
+from lupin_cli.checks import path as path_checks
+from lupin_cli.checks.base import Check, Finding, Severity, Snapshot
+from lupin_cli.checks.dds_environment import server_host
+from lupin_cli.checks.findings import FINDINGS
+from lupin_cli.checks.ground_truth import State, measure
+from lupin_cli.checks.layers import STAMPS
+from lupin_cli.checks.packet_filter import SSH_PORT
+from lupin_cli.checks.stale_resources import AT_RISK, MEMORY_AT_RISK
+from lupin_cli.connection.base import Target, TargetError
+from lupin_cli.connection.destination import parse_destination
 from lupin_cli.doctor.engine import Diagnosis, diagnose
-from lupin_cli.doctor.gathering import gather_facts, gather_followup_facts, gather_snapshot, needed_facts
-from lupin_cli.facts.base import Facts
+from lupin_cli.doctor.gathering import TIMED_OUT, gather_facts, gather_followup_facts, gather_snapshot, needed_facts
+from lupin_cli.facts.addresses import ADDRESSES
+from lupin_cli.facts.base import Facts, Unknown
 from lupin_cli.facts.link import Link
+from lupin_runtime.stack.dds import NoRobotEnvironment, robot_environment
 
 if TYPE_CHECKING:
     from lupin_cli.connection.inventory import Config, Robot
     from lupin_cli.connection.ssh import SshTarget
     from lupin_cli.facts.clock import Offset
+    from lupin_cli.link.path import Path
     from lupin_cli.playbook import Event
 
 # A fix can reveal another cause. Three rounds are more than any pair of known faults needs.
 MAX_FIX_ROUNDS = 3
 MAX_PARALLEL_ROBOTS = 20
+PATH_CHECKS = tuple(check.name for check in path_checks.CHECKS)
+SLOW_ROUND_TRIP_S, LATE_ROUND_TRIP_S = 0.1, 0.3
+CLOCK_CHECK = "clock.drift"
+MANY_TIMEOUTS = 3  # of a robot's probes
+LOSS_MAY_CAUSE = ("timeout", "silent", "lost")  # kinds of failed connections that a link can cause which loses packets
+# After a fix, a restarted stack may need this long until its topics deliver samples again.
+AFTER_FIX_TIMEOUT_S = 30.0
 
 
 @dataclass(frozen=True)
@@ -46,10 +67,66 @@ class DoctorScope:
         """Return the hosts under which the inventory knows the robot, best transport first."""
         if self.robot is None:
             return []
-        from lupin_cli.connection.destination import parse_destination
+        hosts = self.hosts()
+        return [hosts[self.robot.transport]] if self.robot.transport else list(hosts.values())
 
-        transports = [self.robot.transport] if self.robot.transport else list(self.robot.addresses)
-        return [parse_destination(self.robot.addresses[transport])[1] for transport in transports]
+    def hosts(self) -> dict[str, str]:
+        """Return all hosts under which the inventory knows the robot, also if one transport was chosen, by transport."""
+        addresses = self.robot.addresses if self.robot is not None else {}
+        return {transport: parse_destination(address)[1] for transport, address in addresses.items()}
+
+    def best_transport(self) -> str:
+        """Return the transport of the first of `addresses`; empty for an address that was typed."""
+        return "" if self.robot is None else self.robot.transport or next(iter(self.robot.addresses), "")
+
+    def login(self) -> str:
+        """Return the command that logs in on the robot over its best transport; empty if that cannot be resolved."""
+        from lupin_cli.connection.options import destinations
+
+        with contextlib.suppress(TargetError):
+            for each in destinations(self.robot).values() if self.robot else ():
+                return each.login_command
+        return ""
+
+
+def _may_lose_packets(link: Link | None) -> bool:
+    """Return whether the robot did not answer, or so late that drive commands come late, or only in part."""
+    if link is None or not link.reachable:
+        return link is not None and link.kind in LOSS_MAY_CAUSE
+    return link.clock is None or 2 * link.clock.bound_s > SLOW_ROUND_TRIP_S  # the clock is the first that a batch answers
+
+
+def _takes_too_long(snapshot: Snapshot) -> bool:
+    """Return whether asking the robot's end for each burst would take half a minute, and all data arrives nevertheless."""
+    clock = snapshot.link.clock if snapshot.link is not None else None
+    late = clock is not None and 2 * clock.bound_s > LATE_ROUND_TRIP_S
+    return late and measure(snapshot).state is State.HEALTHY
+
+
+def _is_lost_on_the_way(snapshot: Snapshot, diagnosis: Diagnosis) -> bool:
+    """Return whether something is missing here that packets may have taken with them: no stamps that a wrong clock explains."""
+    truth = measure(snapshot)
+    only_stamps = set(truth.losses) == {STAMPS}
+    return truth.state is State.BROKEN and not (only_stamps and diagnosis.by_check.get(CLOCK_CHECK))
+
+
+def unconfirmed_losses(diagnosis: Diagnosis) -> list[Finding]:
+    """Return the losses that nothing explains but a warning: what is no problem by itself proves no loss."""
+    rows = {row.id: row for row in FINDINGS}
+    causes = [
+        root.finding
+        for root in diagnosis.roots
+        if root.finding.id in rows and rows[root.finding.id].severity is Severity.PROBLEM
+        if root.finding.severity is Severity.PROBLEM
+    ]
+    losses = diagnosis.by_check[ground_truth.NAME]
+    return [loss for loss in losses if not any(cause.accounts_for(loss) for cause in causes)]
+
+
+def _answers_are_missing(snapshot: Snapshot) -> bool:
+    """Return whether several probes of the robot did not end in time: it is overloaded, or its answers are lost on the way."""
+    facts = snapshot.robot.values.values() if snapshot.robot is not None else ()
+    return sum(isinstance(value, Unknown) and TIMED_OUT in value.reason for value in facts) >= MANY_TIMEOUTS
 
 
 @dataclass(frozen=True)
@@ -71,16 +148,19 @@ class FixResult:
 
     finding: str
     playbook: str
-    state: str  # done, failed, declined, unreachable, interrupted, refused
+    state: str  # healed, done, failed, declined, unreachable, interrupted, refused
     changed: int = 0
     message: str = ""
     dry_run: bool = False
     changes: tuple[str, ...] = ()  # what each step changed, or would change
+    where: str = ""  # of the finding
+    about: str = ""  # of the finding
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as JSON-able data."""
         return {
             "finding": self.finding,
+            "machine": self.where,
             "playbook": self.playbook,
             "state": self.state,
             "changed": self.changed,
@@ -92,8 +172,10 @@ class FixResult:
 class DoctorSession:
     """Examines what its scope names, and plays fixes, over one connection to the robot, which is kept until `close`."""
 
-    def __init__(self, scope: DoctorScope) -> None:
+    def __init__(self, scope: DoctorScope, on_layer: Callable[[str], None] = lambda _: None) -> None:
+        """Create a session. `on_layer` is called with the name of each layer of the path before it is measured."""
         self.scope = scope
+        self._on_layer = on_layer
         self._target: SshTarget | None = None
 
     def examine(self, laptop_facts: Callable[[], Facts] | None = None, addresses: Sequence[str] = ()) -> DoctorResult:
@@ -107,18 +189,62 @@ class DoctorSession:
             scope.checks,
             scope.laptop,
             self._connect if scope.robot else None,
-            Link(scope.robot.name, own_addresses[0]) if scope.robot else None,
+            self._link(own_addresses[0], scope.best_transport(), scope.login()) if scope.robot else None,
             addresses or own_addresses,
             self._clock_offset,
             laptop_facts,
+            self._measure_path,
         )
         diagnosis = diagnose(scope.checks, snapshot, scope.plugin_errors)
+        if snapshot.path is None and (
+            _is_lost_on_the_way(snapshot, diagnosis) or _may_lose_packets(snapshot.link) or _answers_are_missing(snapshot)
+        ):
+            snapshot = replace(snapshot, path=self._measure_path(snapshot))
+            diagnosis = diagnose(scope.checks, snapshot, scope.plugin_errors)
+        if any(finding.severity is Severity.PROBLEM for finding in diagnosis.by_check.get(path_checks.PACKETS, ())):
+            return DoctorResult(snapshot, diagnosis)  # packets do not pass: a second visit of the graph would show the same
+        roots = [root.finding for root in diagnosis.roots]
+        if diagnosis.ground_truth is not None and diagnosis.ground_truth.needs_second_look:
+            roots += unconfirmed_losses(diagnosis)
         with_followups = gather_followup_facts(
-            scope.checks, diagnosis.by_check, snapshot, scope.laptop, self._target, own_addresses
+            scope.checks, diagnosis.by_check, roots, snapshot, scope.laptop, self._target, own_addresses
         )
         if with_followups is None:
             return DoctorResult(snapshot, diagnosis)
         return DoctorResult(with_followups, diagnose(scope.checks, with_followups, scope.plugin_errors))
+
+    def _measure_path(self, snapshot: Snapshot) -> Path | None:
+        """Measure the path to the robot's address that this shell's DDS uses; None if no check that needs it was selected."""
+        if not any(check.name in PATH_CHECKS for check in self.scope.checks) or snapshot.link is None:
+            return None
+        from lupin_cli.link.path import measure_from
+
+        address = self._dds_address(snapshot)
+        if not address.replace(".", "").isdigit():
+            return None
+        robot = self._target if snapshot.link.reachable and not _takes_too_long(snapshot) else None
+        sshd = (snapshot.link.address, self._sshd_port()) if snapshot.link.kind == "timeout" else None
+        return measure_from(self.scope.laptop, robot, address, self._on_layer, sshd)
+
+    def _sshd_port(self) -> int:
+        from lupin_cli.connection.options import destinations
+
+        with contextlib.suppress(TargetError):
+            for each in destinations(self.scope.robot).values() if self.scope.robot else ():
+                return each.port
+        return SSH_PORT
+
+    def _dds_address(self, snapshot: Snapshot) -> str:
+        """Return the address of this shell's discovery server, if it is one of the robot's; else that of the connection."""
+        assert snapshot.link is not None
+        addresses = snapshot.robot_fact(ADDRESSES)
+        known = {*self.scope.hosts().values(), *(each.address for each in (addresses.entries if addresses else ()))}
+        server = os.environ.get("ROS_DISCOVERY_SERVER", "")
+        if not server:
+            with contextlib.suppress(NoRobotEnvironment):
+                server = robot_environment()[0]["ROS_DISCOVERY_SERVER"]
+        host = server_host(server)
+        return host if host in known else snapshot.link.address
 
     def get_reachable_robot(self, result: DoctorResult) -> SshTarget | None:
         """Return the robot as a target; None if it did not answer for `result`, or none was selected."""
@@ -148,13 +274,65 @@ class DoctorSession:
                     played.add(key)
                     accepted.append(root.finding)
             if not accepted:
-                return result
+                break
             for finding in accepted:
-                on_fix(self._play_fix(finding, dry_run))
+                on_fix(self.play_fix(finding, dry_run=dry_run))
             if dry_run:
                 return result
             result = self.examine()
+        return self._wait_for_samples(result) if played else result
+
+    def _wait_for_samples(self, result: DoctorResult) -> DoctorResult:
+        """Examine again while the ground truth is broken, for at most AFTER_FIX_TIMEOUT_S; return the last result."""
+        deadline = time.monotonic() + AFTER_FIX_TIMEOUT_S
+        while time.monotonic() < deadline:
+            truth = result.diagnosis.ground_truth
+            if truth is None or truth.state is not State.BROKEN:
+                break
+            result = self.examine()
         return result
+
+    def find_endangered_memory(self, result: DoctorResult) -> Finding | None:
+        """Return the finding that the end of this login takes the stack's shared memory away; None if it does not.
+
+        Nothing that needs no root prevents it (measured with systemd 252): sshd opens a session of logind for every login, a
+        user may not set its own lingering without polkit, and a process left in the session only postpones the cleanup to its
+        own end. So it must be announced while the login lasts, also if its check was not selected.
+        """
+        found = next((each for each in result.diagnosis.findings if each.id == AT_RISK), None)
+        robot = self.get_reachable_robot(result)
+        if found is not None or robot is None or MEMORY_AT_RISK in self.scope.checks:
+            return found
+        try:
+            facts = gather_facts(robot, "robot", MEMORY_AT_RISK.robot)
+        except TargetError:
+            return None
+        snapshot = replace(result.snapshot, robot=facts)
+        return next(iter(diagnose([MEMORY_AT_RISK], snapshot).findings), None)
+
+    def judge_fix(self, fix: FixResult, result: DoctorResult) -> FixResult:
+        """Return a fix as the last examination shows it: healed if its finding was looked for again, and is gone."""
+        if fix.state != "done" or fix.dry_run:
+            return fix
+        subject = (fix.finding, fix.where, fix.about)
+        if any((each.id, each.where, each.about) == subject for each in result.diagnosis.findings):
+            return replace(fix, message="the finding is still there")
+        if not self._was_examined(fix, result):
+            return replace(fix, message="it could not be examined whether the finding is gone")
+        return replace(fix, state="healed", message="")
+
+    def _was_examined(self, fix: FixResult, result: DoctorResult) -> bool:
+        """Return whether the check that found a finding ran again, and had all facts that it needs."""
+        name = next((row.check for row in FINDINGS if row.id == fix.finding), "")  # empty: a plug-in's
+        check = next((check for check in self.scope.checks if check.name == name), None)
+        if check is None:
+            return not name and not result.diagnosis.check_errors
+        if name not in result.diagnosis.by_check:
+            return False
+        snapshot = result.snapshot
+        if (self.scope.robot is not None and snapshot.robot is None) or any(map(snapshot.laptop.why_unknown, check.laptop)):
+            return False
+        return snapshot.robot is None or not any(map(snapshot.robot.why_unknown, check.robot))
 
     def close(self) -> None:
         """Close the connection to the robot, if one was opened."""
@@ -172,7 +350,12 @@ class DoctorSession:
         # Behind a jump host, the transport has no socket.
         with contextlib.suppress(OSError, AttributeError, IndexError, TypeError):
             peer = str(transport.getpeername()[0])
-        return self._target, Link(self.scope.robot.name, peer or self._target.destination.host)
+        address = peer or self._target.destination.host
+        transport_name, login = self._target.transport_name, self._target.login_command
+        return self._target, self._link(address, transport_name, login)
+
+    def _link(self, address: str, transport: str, login: str) -> Link:
+        return Link(self.scope.name, address, transport=transport, login=login, addresses=self.scope.hosts())
 
     def _clock_offset(self) -> Offset | None:
         """Return the offset of the robot's clock at the start of the last batch; None without a readable answer."""
@@ -186,7 +369,8 @@ class DoctorSession:
         except ClockError:
             return None  # checks fall back on the fact `clock`
 
-    def _play_fix(self, finding: Finding, dry_run: bool) -> FixResult:
+    def play_fix(self, finding: Finding, *, dry_run: bool = False) -> FixResult:
+        """Play the playbook of a finding, without asking."""
         from lupin_cli.playbook import JournalError, PlaybookError, play
 
         fix, changes = finding.fix, []
@@ -201,8 +385,12 @@ class DoctorSession:
         try:
             played = play(fix.playbook, targets, fix.variables, dry_run=dry_run, confirm=_confirm_always, on_event=note_change)
         except (FileNotFoundError, PlaybookError, JournalError) as error:
-            return FixResult(finding.id, fix.playbook, "refused", message=str(error), dry_run=dry_run)
-        return FixResult(finding.id, fix.playbook, played.state, played.changed, played.message, dry_run, tuple(changes))
+            state, changed, message = "refused", 0, str(error)
+        else:
+            state, changed, message = played.state, played.changed, played.message
+        return FixResult(
+            finding.id, fix.playbook, state, changed, message, dry_run, tuple(changes), finding.where, finding.about
+        )
 
 
 def _confirm_always(_question: str) -> bool:

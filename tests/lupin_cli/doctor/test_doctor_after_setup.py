@@ -32,7 +32,7 @@ def sourced(home: Path) -> dict[str, str]:
 
 @pytest.fixture
 def home(tmp_path: Path) -> Path:
-    (tmp_path / ".bashrc").write_text("# a shell\n")
+    (tmp_path / ".bashrc").write_text("# the operator's settings\n")
     done = run_lupin(tmp_path, "dds", "setup", SERVER, "--shell", "bash")
     assert done.returncode == 0, done.stderr
     return tmp_path

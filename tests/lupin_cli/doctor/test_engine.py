@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -11,12 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lupin_cli.checks import Check, Finding, Fix, Severity, Snapshot
+from lupin_cli.checks.ground_truth import GroundTruth, State
 from lupin_cli.connection import HostKeyChanged, Output, Unreachable
-from lupin_cli.doctor.engine import diagnose, fold_consequences
+from lupin_cli.connection.base import PrivateKeyMissing, SshConfigUnusable
+from lupin_cli.doctor.engine import diagnose, fold_consequences, weigh_by_ground_truth
 from lupin_cli.doctor.gathering import ConflictingFacts, gather_facts, gather_snapshot, needed_facts
 from lupin_cli.facts import Fact, Facts, Unknown
 from lupin_cli.facts.clock import Offset
 from lupin_cli.facts.link import Link
+from lupin_cli.printed_commands import repeat_inventory
 from tests.support.optional import present
 
 if TYPE_CHECKING:
@@ -63,7 +67,12 @@ def test_fact_without_value_is_unknown_with_its_reason(machine: type[ScriptedMac
 
 @pytest.mark.parametrize(
     ("error", "kind"),
-    [(Unreachable("gone", "no-route", "nmcli"), "no-route"), (HostKeyChanged("other key"), "host-key-changed")],
+    [
+        (Unreachable("gone", "no-route", "nmcli"), "no-route"),
+        (HostKeyChanged("other key"), "host-key-changed"),
+        (PrivateKeyMissing("no key"), "no-key"),
+        (SshConfigUnusable("jumps in a circle", "ssh -G r"), "ssh-config"),
+    ],
 )
 def test_unreachable_robot_keeps_the_laptop_facts(machine: type[ScriptedMachine], error: Any, kind: str) -> None:
     def reach() -> None:
@@ -120,6 +129,54 @@ def test_problems_come_before_warnings(finding: Callable[..., Any]) -> None:
     assert [root.finding.id for root in folded] == ["p", "w"]
 
 
+@pytest.mark.parametrize(
+    ("state", "severity"),
+    [(State.HEALTHY, Severity.WARNING), (State.UNOBSERVED, Severity.PROBLEM), (State.BROKEN, Severity.PROBLEM)],
+)
+def test_cause_of_a_loss_is_a_warning_if_all_arrives(finding: Callable[..., Any], state: State, severity: Severity) -> None:
+    (weighed,) = weigh_by_ground_truth([finding("cut", "unexplained")], GroundTruth(state))
+    assert weighed.severity is severity
+
+
+def test_cause_that_is_not_in_effect_explains_no_lack_of_data(finding: Callable[..., Any]) -> None:
+    cut = finding("cut", "unexplained", "part-missing", "discovery-server-missing", "shell-multicast-only")
+
+    def weighed(*others: Finding) -> Finding:
+        return next(iter(weigh_by_ground_truth([cut, *others], GroundTruth(State.HEALTHY))))
+
+    assert weighed().explains == {"shell-multicast-only"}
+    assert weighed(finding("discovery-server-missing")).severity is Severity.WARNING
+    assert weighed(finding("shell-multicast-only")).severity is Severity.PROBLEM
+    assert weighed(finding("shell-multicast-only", severity=Severity.WARNING)).severity is Severity.WARNING
+
+
+def test_warning_explains_a_problem_only_by_its_subject(finding: Callable[..., Any]) -> None:
+    lost = replace(finding("unit-failed"), about="lupin-onboard.service")
+
+    def roots(cause: Finding, other: Finding = lost) -> list[str]:
+        return [root.finding.id for root in fold_consequences([cause, other])]
+
+    assert roots(finding("unsigned", "unit-failed", severity=Severity.WARNING)) == ["unit-failed", "unsigned"]
+    assert roots(finding("unsigned", "unit-failed:lupin-onboard.service", severity=Severity.WARNING)) == ["unsigned"]
+    assert roots(finding("unsigned", "unit-failed")) == ["unsigned"]
+    # The exit status says that the robot was not reached, whatever explains it.
+    lossy = finding("packets-lost", "robot-unreachable", severity=Severity.WARNING)
+    assert roots(lossy, finding("robot-unreachable")) == ["packets-lost"]
+
+
+def test_warning_is_a_problem_if_only_it_explains_a_loss(finding: Callable[..., Any]) -> None:
+    def severity_of_warning(*others: Finding) -> Severity:
+        warning = finding("shell", "unexplained", severity=Severity.WARNING)
+        weighed = weigh_by_ground_truth([warning, *others], GroundTruth(State.BROKEN))
+        return next(each.severity for each in weighed if each.id == "shell")
+
+    loss, cut = finding("unexplained"), finding("cut", "unexplained")
+    assert severity_of_warning() is Severity.WARNING
+    assert severity_of_warning(loss) is Severity.PROBLEM
+    assert severity_of_warning(loss, cut) is Severity.WARNING
+    assert severity_of_warning(replace(loss, id="another")) is Severity.WARNING
+
+
 def test_same_finding_of_two_checks_is_listed_once(finding: Callable[..., Any]) -> None:
     assert len(fold_consequences([finding("a"), finding("a")])) == 1
 
@@ -150,3 +207,28 @@ def test_clock_offset_is_measured_after_the_robot_was_asked(machine: type[Script
     snapshot = gather_snapshot([check], machine({}), lambda: (robot, Link("r", "10.42.0.1")), clock_offset=measure)  # type: ignore[arg-type, return-value]
     assert snapshot.link is not None
     assert snapshot.link.clock == Offset(0.25, 0.001)
+
+
+@pytest.mark.parametrize(
+    ("where", "command", "completed"),
+    [
+        ("laptop", "lupin play serve-clock", "lupin play serve-clock --config 'my robots.toml'"),
+        ("laptop", "lupin dds setup 10.42.0.1 && source /a", "lupin dds setup 10.42.0.1 && source /a"),
+        ("robot", "lupin play heal", "lupin play heal --robot pot --config 'my robots.toml'"),
+        (
+            "robot",
+            "ssh -t pot 'sudo true' && lupin home",
+            "ssh -t pot 'sudo true' && lupin home --robot pot --config 'my robots.toml'",
+        ),
+        ("link", "lupin transport show --robot pot", "lupin transport show --robot pot --config 'my robots.toml'"),
+    ],
+)
+def test_commands_repeat_the_inventory(finding: Callable[..., Any], where: str, command: str, completed: str) -> None:
+    found = replace(finding("x", where=where), fix=Fix(command))
+    snapshot = replace(NOTHING, link=Link("pot", "10.42.0.1"))
+    repeat_inventory(Path("my robots.toml"))
+    try:
+        (root,) = diagnose([Check("x", lambda _e: [found])], snapshot).roots
+    finally:
+        repeat_inventory(None)
+    assert root.finding.fix.command == completed

@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pytest
+
 from lupin_cli.checks import Check, Finding, Fix, Severity, Snapshot
+from lupin_cli.checks import path as path_checks
+from lupin_cli.checks.stale_resources import MEMORY_AT_RISK
 from lupin_cli.connection import Output
+from lupin_cli.connection.base import Unreachable
 from lupin_cli.connection.inventory import Config, Robot
-from lupin_cli.doctor.session import DoctorResult, DoctorScope, DoctorSession, examine_all
-from lupin_cli.facts import Fact
+from lupin_cli.doctor.engine import diagnose
+from lupin_cli.doctor.session import DoctorResult, DoctorScope, DoctorSession, FixResult, examine_all
+from lupin_cli.facts import Fact, Facts
+from lupin_cli.facts.link import Link
+from lupin_cli.link.path import End
+from lupin_cli.link.path import Path as MeasuredPath
+from lupin_cli.link.quality import Ping
+from tests.support.optional import present
+from tests.support.snapshots import HEALTHY_ROBOT, captured, values
 
 if TYPE_CHECKING:
     from tests.lupin_cli.doctor.conftest import ScriptedMachine
@@ -80,3 +93,86 @@ def test_followup_facts_can_clear_a_finding(machine: type[ScriptedMachine]) -> N
 
     check = Check("ache", find, laptop=(fact,), followup_laptop=(fact,))
     assert examine(check, laptop=machine({"symptom": Output(0, "")})).diagnosis.roots == ()
+
+
+def test_fix_is_healed_only_if_its_finding_was_looked_for(machine: type[ScriptedMachine]) -> None:
+    sick, fact = iter((True, False)), Fact("symptom", "echo", lambda output: output.stdout)
+    check = Check("ports", lambda _: [finding("line")] if next(sick) else (), laptop=(fact,))
+
+    def session(laptop: ScriptedMachine) -> DoctorSession:
+        return DoctorSession(DoctorScope([check], (), laptop))  # type: ignore[arg-type]
+
+    answering = session(machine({"symptom": Output(0, "x")}))
+    played = FixResult("port-8090-taken", "sweep", "done", changed=1, where="laptop")
+    still = answering.examine()
+    assert answering.judge_fix(replace(played, finding="ache"), still).state == "done"
+    gone = answering.examine()
+    assert answering.judge_fix(played, gone).state == "healed"
+    assert answering.judge_fix(replace(played, state="failed"), gone).state == "failed"
+    assert answering.judge_fix(replace(played, dry_run=True), gone).state == "done"
+    check = Check("ports", lambda _: (), laptop=(fact,))
+    silent = session(machine({"symptom": Output(None, "")}))
+    unseen = silent.judge_fix(played, silent.examine())
+    assert unseen.state == "done" and "could not be examined" in unseen.message
+
+
+@pytest.mark.parametrize(("kind", "measured"), [("timeout", 1), ("silent", 1), ("lost", 1), ("refused", 0), ("name", 0)])
+def test_path_of_a_robot_that_does_not_answer_is_measured(
+    machine: type[ScriptedMachine], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, measured: int
+) -> None:
+    asked: list[tuple[object, str, object]] = []
+
+    def measure(_laptop: object, robot: object, address: str, _on_layer: object, sshd: object) -> MeasuredPath:
+        asked.append((robot, address, sshd))
+        ping = Ping(12, 3, (160.0,) * 3)
+        return MeasuredPath(address, End("laptop", "eth0", "192.0.2.1"), ping=ping, unmeasured="no SSH")
+
+    def fail(_session: DoctorSession) -> None:
+        raise Unreachable("no answer", kind)
+
+    monkeypatch.setattr("lupin_cli.link.path.measure_from", measure)
+    monkeypatch.setattr(DoctorSession, "_connect", fail)
+    monkeypatch.delenv("ROS_DISCOVERY_SERVER", raising=False)
+    # The laptop's facts are there at once: what arrives does not tell that the link is bad.
+    robot = Robot("pot", {"wired": "192.0.2.2:2022"})
+    session = DoctorSession(DoctorScope(path_checks.CHECKS, (), machine({}), robot, Config(tmp_path / "lupin.toml")))  # type: ignore[arg-type]
+    roots = [root.finding.id for root in session.examine().diagnosis.roots]
+    sshd = ("192.0.2.2", 2022) if kind == "timeout" else None
+    assert asked == [(None, "192.0.2.2", sshd)] * measured
+    assert roots == ["packets-lost"] * measured
+
+
+@pytest.mark.parametrize(
+    ("addresses", "chosen", "expected"),
+    [
+        ({"wired": "127.0.0.1:1", "ap": "127.0.0.2:1"}, "", ("127.0.0.1", "wired")),
+        ({"wired": "127.0.0.1:1", "ap": "127.0.0.2:1"}, "ap", ("127.0.0.2", "ap")),
+        ({"": "127.0.0.1:1"}, "", ("127.0.0.1", "")),
+    ],
+)
+def test_link_to_unreachable_robot_has_its_transport(
+    machine: type[ScriptedMachine], tmp_path: Path, addresses: dict[str, str], chosen: str, expected: tuple[str, str]
+) -> None:
+    robot = Robot("pot", addresses, transport=chosen)
+    scope = DoctorScope((), (), machine({}), robot, Config(tmp_path / "lupin.toml"))  # type: ignore[arg-type]
+    link = present(DoctorSession(scope).examine().link)
+    assert not link.reachable and (link.address, link.transport) == expected
+    assert link.addresses == {transport: host.partition(":")[0] for transport, host in addresses.items()}
+
+
+@pytest.mark.parametrize("selected", [True, False], ids=["check selected", "check skipped"])
+@pytest.mark.parametrize(("account", "endangered"), [("loses-memory", True), ("in-all-groups", False)])
+def test_memory_that_this_login_endangers_is_found(
+    monkeypatch: pytest.MonkeyPatch, machine: type[ScriptedMachine], account: str, endangered: bool, selected: bool
+) -> None:
+    """Also if its check was not selected: the login was made all the same."""
+    stack_user = replace(captured("account", account), uid=0)  # the stack was captured as it ran as root
+    facts = Facts("robot", values({**HEALTHY_ROBOT, "account": stack_user}))
+    snapshot = Snapshot(Facts("laptop", {}), facts, Link("pot", "10.42.0.1", login="ssh mirte@10.42.0.1"))
+    checks = (MEMORY_AT_RISK,) if selected else ()
+    result = DoctorResult(snapshot, diagnose(checks, snapshot))
+    monkeypatch.setattr(DoctorSession, "get_reachable_robot", lambda *_: machine({}))
+    monkeypatch.setattr("lupin_cli.doctor.session.gather_facts", lambda *_: facts)
+    found = DoctorSession(DoctorScope(checks, (), machine({}))).find_endangered_memory(result)  # type: ignore[arg-type]
+    assert (found is not None) == endangered
+    assert found is None or found.fix.command == "lupin play keep-shared-memory --robot pot"

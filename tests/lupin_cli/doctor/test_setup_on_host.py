@@ -63,12 +63,12 @@ def test_each_shell_fault_is_the_only_root_cause(laptop: Laptop) -> None:
     assert laptop.root_causes(env={**laptop.sourced_env, "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}) == ["shell-rmw-mismatch"]
     for file in laptop.config_dir.iterdir():
         file.unlink()
-    (laptop.home / ".bashrc").write_text("# a shell\n")
+    (laptop.home / ".bashrc").write_text("# the operator's settings\n")
     assert laptop.root_causes(env=laptop.bare_env) == ["dds-not-set-up"]
 
 
 def test_stale_ros2_daemon_is_the_only_root_cause(laptop: Laptop) -> None:
-    # The wheels bring no ros2 command: a node with the daemon's arguments stands in for it.
+    # The ROS wheels contain no ros2 command: a node with the daemon's command line stands in for it.
     with laptop.running_node({**laptop.sourced_env, "ROS_DISCOVERY_SERVER": "192.168.42.1:11811"}, "ros2cli.daemon"):
         assert laptop.root_causes() == ["stale-daemon"]
     assert laptop.root_causes() == []
