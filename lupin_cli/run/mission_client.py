@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from lupin_cli.exit_codes import FAILURE, SUCCESS, UNREACHABLE
+from lupin_cli.run.run_option import LIVE_RUN
 from lupin_cli.terminal import echo
 
-_RUN = typer.Option("--run", help="Select the run by part of its id, if several are up.")
 _GOAL = typer.Option("--discovery-goal", help="Number of tags to discover, or all; without it the mission node's default.")
 _TAGS = typer.Argument(help="Tags to inspect, in this order; without tags the robot explores.")
 
@@ -30,11 +30,11 @@ def register(app: typer.Typer) -> None:
     app.command("start")(_start)
     app.command("status")(_status)
     for verb, text in REQUESTS.items():
-        app.command(verb, help=text)(_request(verb))
+        app.command(verb, help=f"{text}\n\nExample: lupin mission {verb}")(_request(verb))
 
 
 def _request(verb: str):  # type: ignore[no-untyped-def]
-    def send(run: Annotated[str | None, _RUN] = None) -> None:
+    def send(run: LIVE_RUN = None) -> None:
         from lupin_cli.run.ros_client import join_run
         from lupin_runtime import graph
 
@@ -58,11 +58,13 @@ def _request(verb: str):  # type: ignore[no-untyped-def]
 def _start(
     tags: Annotated[list[str] | None, _TAGS] = None,
     discovery_goal: Annotated[str | None, _GOAL] = None,
-    run: Annotated[str | None, _RUN] = None,
+    run: LIVE_RUN = None,
 ) -> None:
     """Start a mission on the running stack: an exploration, or an inspection of the given tags.
 
     Exit status: 0 accepted, 1 refused (the reason is printed), 3 no run is up.
+
+    Example: lupin mission start 5 11 19
     """
     from lupin_cli.run.ros_client import join_run
     from lupin_runtime import graph
@@ -78,10 +80,13 @@ def _start(
 
 
 def _status(
-    run: Annotated[str | None, _RUN] = None,
+    run: LIVE_RUN = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Show the mission's state. Changes nothing. Exit status: 0 shown, 1 no mission in this run, 3 no run is up."""
+    """Show the mission's state. Changes nothing. Exit status: 0 shown, 1 no mission in this run, 3 no run is up.
+
+    Example: lupin mission status --json
+    """
     from lupin_runtime.stack.runs import RunError, find_live_run
 
     try:
@@ -95,11 +100,10 @@ def _status(
     if as_json:
         print(json.dumps(mission))
         return
-    from rich.console import Console
-
     from lupin_cli.run.live_view import mission_lines
+    from lupin_cli.safe_console import SafeConsole
 
-    Console().print(*mission_lines(mission), sep="\n")
+    SafeConsole().print(*mission_lines(mission), sep="\n")
 
 
 def _finish(success: bool, text: str) -> None:

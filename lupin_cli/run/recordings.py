@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Callable
@@ -12,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from lupin_cli.exit_codes import FAILURE, USAGE_ERROR
-from lupin_cli.terminal import echo
+from lupin_cli.terminal import echo, work_progress
 
 if TYPE_CHECKING:
     from lupin_runtime.record.reader import Recording
     from lupin_runtime.record.runs import RecordedRun
-    from lupin_runtime.report import Report
+    from lupin_runtime.report import ComparisonReport, Report
 
-RUN_HELP = "A recording, a run directory, a run's id or the start of one, or: latest."
+RUN_HELP = "A recording, a run directory, any unique part of a run's id, or: latest."
 
 
 def open_run(name: str) -> tuple[RecordedRun, list[Recording]]:
@@ -51,29 +50,51 @@ def build_run_report(name: str, out: Path | None) -> Report:
 
     run, _ = open_run(name)
     try:
-        return build_report(run, facts=_facts(run.folder), score=_score(run.folder), out=out)
+        with work_progress() as show:
+            return build_report(run, facts=_facts(run.folder), score=_score(run.folder), out=out, progress=show)
     except NotARecording as error:
         echo(str(error), err=True)
         raise typer.Exit(FAILURE) from error
     except OSError as error:
-        echo(f"the report cannot be written: {error}; try another folder with --out", err=True)
-        raise typer.Exit(FAILURE) from error
+        raise _unwritable(error) from error
+
+
+def build_run_comparison(name_a: str, name_b: str, out: Path | None) -> ComparisonReport:
+    """Build the reports of two runs and their comparison, in the folder `out` or beside the second report.
+
+    Exits if a run is missing or unreadable, if both names are of the same run, or if a file cannot be written.
+    """
+    from lupin_runtime.report import build_comparison
+
+    (run_a, _), (run_b, _) = open_run(name_a), open_run(name_b)
+    if run_a == run_b:
+        echo(f"{name_a} and {name_b} are the same run, {run_a.folder.name}; see: lupin runs", err=True)
+        raise typer.Exit(USAGE_ERROR)
+    a, b = (build_run_report(name, None) for name in (name_a, name_b))
+    try:
+        return build_comparison(a, b, out)
+    except OSError as error:
+        raise _unwritable(error) from error
+
+
+def _unwritable(error: OSError) -> typer.Exit:
+    echo(f"the report cannot be written: {error}; try another folder with --out", err=True)
+    return typer.Exit(FAILURE)
 
 
 def _facts(folder: Path) -> dict[str, Any] | None:
     """Return the supervisor's facts about an ended run; None without any, in which case an earlier report's facts stay."""
+    from lupin_runtime.atomic_file import read_json_object
+    from lupin_runtime.json_text import conform
     from lupin_runtime.stack.runs import Run
 
     run = Run(folder)
     outcome = run.state().get("outcome")
-    if not outcome:
+    if not isinstance(outcome, dict) or not outcome:
         return None
-    try:
-        result = json.loads((folder / "result.json").read_text())
-    except (OSError, ValueError):
-        result = {}
+    result = read_json_object(folder / "result.json")
     result.pop("outcome", None)
-    return {**result, **outcome, "options": run.info().get("options", {})}
+    return {**result, **outcome, "options": conform(run.info().get("options"), {})}
 
 
 def _score(folder: Path) -> Callable[[Path], dict[str, Any]] | None:

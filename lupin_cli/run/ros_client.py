@@ -61,9 +61,9 @@ def join_run(run: str | None) -> Iterator[RosSession]:
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
-    from lupin_runtime.ros.node import LupinNode
+    from lupin_runtime.ros.node import ROS_ARGUMENTS, LupinNode
 
-    rclpy.init(args=[])
+    rclpy.init(args=ROS_ARGUMENTS)
     node = LupinNode(f"lupin_session_{os.getpid()}", enable_rosout=False)
     executor = SingleThreadedExecutor()
     executor.add_node(node)

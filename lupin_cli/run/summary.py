@@ -8,12 +8,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
-from lupin_cli.exit_codes import SUCCESS, UNREACHABLE
+from lupin_cli.exit_codes import SUCCESS
+from lupin_cli.safe_console import SafeConsole
+from lupin_cli.terminal import work_progress
+from lupin_runtime.atomic_file import read_json_object, write_atomically
+from lupin_runtime.bounded_file import read_bounded_text
+from lupin_runtime.json_text import parse_json
 from lupin_runtime.stack.options import Options
 from lupin_runtime.stack.runs import Run
 from lupin_runtime.stack.stack_runner import Outcome
+from lupin_runtime.stack.state_file import unwritable
 
 SCRIPT_FIELDS = (
     "state",
@@ -32,32 +36,40 @@ SCRIPT_FIELDS = (
 )
 
 
-def summarize(run: Run, options: Options, outcome: Outcome, console: Console) -> dict[str, Any]:
+def summarize(run: Run, options: Options, outcome: Outcome, console: SafeConsole) -> dict[str, Any]:
     """Build the report of the run, score a simulated run, and print both; return the object for `--json`."""
     result: dict[str, Any] = dict.fromkeys(SCRIPT_FIELDS)
     result.update(state=outcome.state, wall_time_s=outcome.wall_time_s, memory_mb=outcome.memory_mb)
-    simulator = _read(run.path / "sim_state.json")
+    simulator = read_json_object(run.path / "sim_state.json")
     result.update(
         collisions=simulator.get("collisions"),
         real_time_factor=simulator.get("real_time_factor"),
         sim_time_s=simulator.get("sim_time_s"),
     )
+    _write(run, outcome, result, console)  # before the report, which takes seconds: an interrupt or a defect leaves the result
     if run.recording.exists():
         _report(run, options, outcome, result, console)
-    (run.path / "result.json").write_text(json.dumps({**result, "outcome": asdict(outcome)}, indent=1, default=str))
+        _write(run, outcome, result, console)
     _print(run, outcome, result, console)
     return result
 
 
-def _report(run: Run, options: Options, outcome: Outcome, result: dict[str, Any], console: Console) -> None:
+def _write(run: Run, outcome: Outcome, result: dict[str, Any], console: SafeConsole) -> None:
+    try:
+        write_atomically(run.path / "result.json", json.dumps({**result, "outcome": asdict(outcome)}, indent=1, default=str))
+    except OSError as error:
+        console.print(unwritable(run, error), style="yellow", soft_wrap=True)
+
+
+def _report(run: Run, options: Options, outcome: Outcome, result: dict[str, Any], console: SafeConsole) -> None:
     from lupin_runtime.record.reader import NotARecording
     from lupin_runtime.report.build import build_report
 
     started = time.monotonic()
     facts = {**asdict(outcome), "options": options.as_json(), **{key: result[key] for key in SCRIPT_FIELDS}}
     try:
-        with console.status("building the report"):
-            report = build_report(run.path, facts=facts, score=score_run if options.simulated else None)
+        with work_progress() as show:
+            report = build_report(run.path, facts=facts, score=score_run if options.simulated else None, progress=show)
     except (NotARecording, OSError) as error:
         console.print(f"no report: {error}", style="yellow", soft_wrap=True)
         return
@@ -74,7 +86,7 @@ def score_run(folder: Path) -> dict[str, Any]:
     from lupin_runtime.geometry import Pose2
     from lupin_sim.scoring import EstimatedTag, read_tum, score
 
-    found = json.loads((folder / "report" / "report.json").read_text())["tags"]
+    found = parse_json(read_bounded_text(folder / "report" / "report.json"))["tags"]
     tags = [
         EstimatedTag(
             id=int(tag["id"]),
@@ -88,7 +100,7 @@ def score_run(folder: Path) -> dict[str, Any]:
         if tag["x"] is not None and str(tag["id"]).isdigit()
     ]
     figures = score(
-        json.loads((folder / "truth.json").read_text()),
+        parse_json(read_bounded_text(folder / "truth.json")),
         read_tum(folder / "truth_trajectory.tum"),
         read_tum(folder / "trajectory.tum"),
         tags,
@@ -100,23 +112,17 @@ def score_run(folder: Path) -> dict[str, Any]:
     }
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text())
-    except (OSError, ValueError):
-        return {}
-    return content if isinstance(content, dict) else {}
-
-
-def _print(run: Run, outcome: Outcome, result: dict[str, Any], console: Console) -> None:
+def _print(run: Run, outcome: Outcome, result: dict[str, Any], console: SafeConsole) -> None:
     style = "bold green" if outcome.exit_status == SUCCESS else "bold red"
     console.print(outcome.sentence, style=style)
     for death in outcome.deaths:
+        if death["ends_run"]:
+            continue  # the sentence has said it
         console.print(f"  {death['stage']} {death['status']}: {death['consequence']}", style="yellow")
     for name in SCRIPT_FIELDS[1:]:
         value = result[name]
         if value is not None:
             text = f"{value:.3f}" if isinstance(value, float) else str(value)
-            console.print(f"  {name:19s} {text}", highlight=False, soft_wrap=True, markup=False)
-    if outcome.exit_status == UNREACHABLE:
-        console.print(f"find the cause with: lupin logs --run {run.id}")
+            console.print(f"  {name:19s} {text}", soft_wrap=True)
+    if outcome.failed_process:
+        console.print(f"  next: lupin logs {outcome.failed_process} --run {run.id}", soft_wrap=True)
