@@ -2,35 +2,32 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import re
-import signal
 import sys
 import time
-from collections.abc import Iterator
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lupin_cli.connection.options import ALL, ASK_SUDO, CONFIG, LIMIT
+from lupin_cli.connection.options import ALL, ASK_SUDO, CONFIG, HOST, LIMIT, LOCAL, ROBOT
 from lupin_cli.exit_codes import FAILURE, NO_RESULT, SUCCESS, UNREACHABLE, USAGE_ERROR
-from lupin_cli.terminal import echo
+from lupin_cli.terminal import echo, sigterm_as_ctrl_c
 
 if TYPE_CHECKING:
     from lupin_cli.bundle.archive import Contents
     from lupin_cli.bundle.collect import Collector
-    from lupin_cli.connection.inventory import Config, Robot
 
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)([smhd])\Z")
 _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 
 
 def command(
-    robot: Annotated[str, typer.Option("--robot", "-r", help="A robot of lupin.toml, or [user@]host[:port].")] = "",
-    host: Annotated[str, typer.Option("--host", help="Use the robot at this address; ignore those of lupin.toml.")] = "",
+    robot: ROBOT = None,
+    local: LOCAL = False,
+    host: HOST = "",
     every: ALL = False,
     limit: LIMIT = None,
     out: Annotated[
@@ -48,25 +45,24 @@ def command(
 ) -> None:
     """Pack findings, facts, logs and settings into one archive, without passwords, keys and network names.
 
-    Without --robot it covers only this machine. Nothing is changed on any machine. Look through the archive before you send it.
+    It covers this machine and the default robot, or with --local only this machine. Nothing is changed on any machine. Look
+    through the archive before you send it.
 
     Exit status: 0 complete, 1 written, but something could not be read, 2 usage, 3 written, but a robot cannot be reached,
     4 not written.
+
+    Example: lupin bundle --local --dry-run
     """
-    if robot and host:
-        _usage("--robot and --host exclude each other")
-    if (every or limit) and (robot or host):
-        _usage("--all takes every robot of lupin.toml; name one with --robot, or select some with --all --limit PATTERN")
     max_age_s = _parse_since(since)
     created_s = time.time()
     stamp = datetime.fromtimestamp(created_s, timezone.utc).strftime("%Y%m%d-%H%M%S")
     path = (out or Path(f"lupin-bundle-{stamp}.tar.gz")).expanduser()
     if not dry_run:
         _check_writable(path, force)
-    collector = _collector(robot, host, every, limit, config, ask_sudo, max_age_s)
+    collector = _collector(robot, local, host, every, limit, config, ask_sudo, max_age_s)
     options = {"robots": [each.name for each in collector.robots], "since": since, "mask_users": mask_users}
     size = 0
-    with _sigterm_as_ctrl_c():
+    with sigterm_as_ctrl_c():
         try:
             contents = _contents(collector, options, created_s, mask_users)
         finally:
@@ -85,20 +81,6 @@ def command(
 def _usage(message: str) -> None:
     echo(f"lupin bundle: {message}; see: lupin bundle --help", err=True)
     raise typer.Exit(USAGE_ERROR)
-
-
-@contextlib.contextmanager
-def _sigterm_as_ctrl_c() -> Iterator[None]:
-    """Treat SIGTERM like Ctrl-C in the block: both remove the incomplete archive."""
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _parse_since(text: str) -> float | None:
@@ -123,30 +105,25 @@ def _check_writable(path: Path, force: bool) -> None:
 
 
 def _collector(
-    robot: str, host: str, every: bool, limit: str | None, config_path: Path | None, ask_sudo: bool, max_age_s: float | None
+    names: list[str] | None,
+    local: bool,
+    host: str,
+    every: bool,
+    limit: str | None,
+    config: Path | None,
+    ask_sudo: bool,
+    max_age_s: float | None,
 ) -> Collector:
     from lupin_cli.bundle.collect import Collector
     from lupin_cli.checks.table import built_in, plugged_in
-    from lupin_cli.connection.inventory import Config, load
     from lupin_cli.connection.local import LocalTarget
-    from lupin_cli.connection.options import ask_sudo_password, find_robot, reporting_errors, select_robots
+    from lupin_cli.connection.options import ask_sudo_passwords, reporting_errors, select_subject
 
     added, plugin_errors = plugged_in()
     checks = (*built_in(), *added)
-    chosen: list[Robot] = []
-    inventory: Config | None = None
-    passwords: dict[str, str] = {}
-    if robot or host or every or limit:
-        with reporting_errors("bundle"):
-            inventory = load(config_path)
-            if host:
-                inventory = Config(inventory.path)  # without robots: an address may equal the name of one
-            chosen = (
-                select_robots(inventory, None, every=True, limit=limit)
-                if every or limit
-                else [find_robot(inventory, host or robot)]
-            )
-            passwords = {each.name: ask_sudo_password(each.name) for each in chosen if ask_sudo}
+    with reporting_errors("bundle"):
+        inventory, chosen = select_subject(config, names, local=local, host=host, every=every, limit=limit)
+        passwords = ask_sudo_passwords(chosen) if ask_sudo else {}
     return Collector(checks, plugin_errors, LocalTarget(), chosen, inventory, passwords, max_age_s)
 
 

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lupin_cli.command_group import command_group
 from lupin_cli.commands.console_certificate import certificate
 from lupin_cli.exit_codes import FAILURE, UNREACHABLE, USAGE_ERROR
+from lupin_cli.run.run_option import LIVE_RUN
 from lupin_cli.terminal import echo
 from lupin_runtime.ports import CONSOLE_PORT, ROSBRIDGE_PORT
 
@@ -21,12 +23,15 @@ if TYPE_CHECKING:
     from lupin_runtime.console.sessions import Sessions
 
 UP_TIMEOUT_S = 30.0
-RUN = typer.Option(None, "--run", help="Select the run by part of its id, if several are up.")
 AS_JSON = typer.Option(False, "--json", help="Print only JSON on standard output.")
-app = typer.Typer(
-    help="Serve a running graph to browsers; list and revoke paired browsers.",
-    add_completion=False,
-    rich_markup_mode=None,
+app = command_group(
+    """Serve the graph of the live run, or of this shell, to browsers until Ctrl-C; list and revoke paired browsers.
+
+    If the port of rosbridge is in use, the page is served without it.
+
+    Exit status: 0 stopped, 1 the console failed, 2 the page's port is in use, 3 no such run.
+    """,
+    "lupin console",
     invoke_without_command=True,
 )
 app.command()(certificate)
@@ -35,55 +40,75 @@ app.command()(certificate)
 @app.callback()
 def serve(
     context: typer.Context,
-    run: str = RUN,
+    run: LIVE_RUN = None,
     host: str = typer.Option("", help="Listen on this address [all of this computer's]."),
     tls: bool = typer.Option(True, "--tls/--no-tls", help="Use HTTPS for browsers on other computers."),
     port: int = typer.Option(CONSOLE_PORT, min=0, max=65535, help="Serve the page on this port; 0: any free one."),
     rosbridge_port: int = typer.Option(
-        ROSBRIDGE_PORT, min=0, max=65535, help="Serve rosbridge on this port of 127.0.0.1; 0: any free one."
+        ROSBRIDGE_PORT, min=0, max=65535, help="Serve rosbridge on this port of 127.0.0.1, if it is free; 0: any free one."
     ),
     share: bool = typer.Option(False, "--share", help="Print the code that pairs a viewer, who can only watch and stop."),
+    dev: bool = typer.Option(False, "--dev", help="Also serve the page from its sources in this checkout, with hot reload."),
 ) -> None:
-    """Serve the graph of the live run, or of this shell, until Ctrl-C.
-
-    Exit status: 0 stopped, 1 the console failed, 2 a port is in use, 3 no such run.
-    """
+    """Serve until Ctrl-C."""
     if context.invoked_subcommand is not None:
         return
     from lupin_cli.run.console_access import access_banner
     from lupin_cli.run.foreground import graph_of, start_in_foreground
+    from lupin_cli.run.page_server import PageServer, PageServerFailed
     from lupin_runtime.console.ports import PortInUse, check_free
+    from lupin_runtime.mission.overrides import OVERRIDES_NAME
     from lupin_runtime.stack.options import Options
     from lupin_runtime.stack.runs import RunError
     from lupin_runtime.stack.table import TABLE, launch
 
     try:
-        environment, folder = graph_of(run)
-        for number in (port, rosbridge_port):
-            if number:
-                check_free("127.0.0.1", number)
+        check_free(host, port)
+        joined = graph_of(run)
     except RunError as error:
         echo(str(error), err=True)
         raise typer.Exit(UNREACHABLE) from error
     except PortInUse as error:
-        echo(
-            f"{error}; choose others with --port and --rosbridge-port, or see the run's console with: lupin console code",
-            err=True,
-        )
+        echo(f"{error}; choose another with --port, or see the run's console with: lupin console code", err=True)
         raise typer.Exit(USAGE_ERROR) from error
+    except OSError as error:
+        raise typer.BadParameter(f"cannot listen on {host}: {error.strerror}", param_hint="--host") from error
+    environment, folder = joined.environment, joined.folder
     console_folder = folder / "console-foreground"
-    console_folder.mkdir(exist_ok=True)
+    console_folder.mkdir(mode=0o700, exist_ok=True)
     console = launch(next(row for row in TABLE if row.name == "console"), Options(run_path=console_folder))
     assert console.config is not None
-    console.config["nodes"][0]["parameters"].update(host=host, port=port, rosbridge_port=rosbridge_port, tls=tls)
+    console.config["nodes"][0]["parameters"].update(
+        host=host, port=port, rosbridge_port=rosbridge_port, tls=tls, overrides_file=str(folder / OVERRIDES_NAME)
+    )
     child = start_in_foreground(console, environment, console_folder)
+    page_server: PageServer | None = None
     try:
         description = _wait_for(console_folder, child)
         if description is not None:
-            print(access_banner(description, environment, sys.stdout, share=share), flush=True)
+            from rich.text import Text
+
+            from lupin_cli.safe_console import SafeConsole
+
+            banner = access_banner(description, environment, sys.stdout, share=share)
+            SafeConsole().print(Text.from_ansi(banner), soft_wrap=True)
+            sys.stdout.flush()
+        if dev and description is not None:
+            echo("starting the page's server", err=True)
+            page_server = PageServer(f"http://127.0.0.1:{description.port}")
+            echo(f"the page with hot reload: {page_server.url}")
+            sys.stdout.flush()
         status = child.wait()
     except KeyboardInterrupt:
         status = child.wait()
+    except PageServerFailed as error:
+        echo(str(error), err=True)
+        child.terminate()
+        child.wait()
+        raise typer.Exit(FAILURE) from error
+    finally:
+        if page_server is not None:
+            page_server.stop()
     raise typer.Exit(FAILURE if status not in (0, 130) else 0)
 
 
@@ -101,10 +126,12 @@ def _wait_for(folder: Path, child: Any) -> ConsoleDescription | None:
 
 
 @app.command()
-def code(run: str = RUN, as_json: bool = AS_JSON) -> None:
+def code(run: LIVE_RUN = None, as_json: bool = AS_JSON) -> None:
     """Show where the console is, and the codes that pair one browser each.
 
     Exit status: 0 shown, 3 no console is running.
+
+    Example: lupin console code
     """
     from lupin_runtime.console.description import read_description, spoken
     from lupin_runtime.stack.runs import RunError, find_live_run
@@ -132,6 +159,8 @@ def sessions(as_json: bool = AS_JSON) -> None:
     """List the paired browsers, the most recently used first. Changes nothing.
 
     Exit status: 0 listed, 2 their file is damaged.
+
+    Example: lupin console sessions
     """
     paired = _sessions().all()
     if as_json:
@@ -155,6 +184,8 @@ def revoke(
     """Forget a paired browser; it is disconnected at once and needs a new code.
 
     Exit status: 0 done, 2 no such browser.
+
+    Example: lupin console revoke --all
     """
     stored = _sessions()
     names = [pairing.name for pairing in stored.all()]

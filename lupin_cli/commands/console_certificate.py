@@ -54,6 +54,8 @@ def certificate(
 
     Exit status: 0 done, or nothing to do; 1 the system's store was not changed, and the command to type is printed; 2 usage,
     or the file of --export cannot be written; 4 no certificate can be made, and the reason is printed.
+
+    Example: lupin console certificate --install
     """
     from lupin_runtime.console.certificate import CertificateError, CertificateStore
 
@@ -177,7 +179,7 @@ def _replace(outcome: Outcome, before: CertificateAuthority, trust_store: TrustS
 def _show(outcome: Outcome, store: CertificateStore, dry_run: bool, as_json: bool) -> None:
     notes = _notes(outcome)
     if as_json:
-        echo(json.dumps({**_facts(outcome, store), "dry_run": dry_run, "notes": notes}))
+        print(json.dumps({**_facts(outcome, store), "dry_run": dry_run, "notes": notes}))
         return
     for note in notes:
         echo(f"note: {note}", err=True)
@@ -203,7 +205,7 @@ def _notes(outcome: Outcome) -> list[str]:
 
 
 def _facts(outcome: Outcome, store: CertificateStore) -> dict[str, Any]:
-    """Return the outcome as JSON-able data; its keys are stable. Times are ISO 8601, in UTC."""
+    """Return the outcome as JSON-serializable data; its keys are stable. Times are ISO 8601, in UTC."""
     authority, made = outcome.authority, outcome.certificates
     return {
         "action": outcome.action,
@@ -251,6 +253,7 @@ def _describe(outcome: Outcome, store: CertificateStore) -> None:
 def _instruct(authority: CertificateAuthority, store: CertificateStore) -> None:
     from lupin_cli.trust_store import instructions
 
-    echo("To make a device trust it, take a copy there (lupin console certificate --export FILE), compare its SHA-256, and:")
+    echo("To make a device trust it, take a copy there, compare its SHA-256, and do what its system needs. Write a copy with:")
+    echo(f"  lupin console certificate --export {store.root_path.name}", wrap=False)
     for system, text in instructions(authority.id, store.root_path.name):
         echo(f"  {system}:\n    {text}")

@@ -15,20 +15,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lupin_cli.command_group import command_group
 from lupin_cli.exit_codes import FAILURE, SUCCESS, USAGE_ERROR
 from lupin_cli.terminal import echo
+from lupin_runtime.bounded_file import read_bounded
 
 if TYPE_CHECKING:
     from lupin_cli.link.dds_check import CheckedItem
     from lupin_cli.link.dds_setup import SetupPaths
 
-app = typer.Typer(
-    help="Make this machine join the robot's graph: set up, check, remove.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-)
+app = command_group("Make this machine join the robot's graph: set up, check, remove.", "lupin dds check", no_args_is_help=True)
 
 _SHELL = Annotated[str | None, typer.Option("--shell", help="bash or zsh; default: the shell of $SHELL.")]
 _DRY_RUN = Annotated[bool, typer.Option("--dry-run", help="Show what would change; change nothing.")]
@@ -45,6 +41,8 @@ def setup(
     """Write the Fast DDS profile and ros-env.sh, and make every new terminal source ros-env.sh. Repeating it changes nothing.
 
     IP defaults to $ROBOT_IP or 192.168.42.1. `lupin up` reads ros-env.sh by itself.
+
+    Example: lupin dds setup 10.42.0.1
     """
     from lupin_cli.link import dds_setup
 
@@ -69,7 +67,10 @@ def setup(
 
 @app.command()
 def remove(shell: _SHELL = None, dry_run: _DRY_RUN = False) -> None:
-    """Remove everything that setup wrote. The startup file is restored byte for byte; a copy with the hook stays beside it."""
+    """Remove everything that setup wrote. The startup file is restored byte for byte; a copy with the hook stays beside it.
+
+    Example: lupin dds remove --dry-run
+    """
     from lupin_cli.link import dds_setup
 
     paths = _paths()
@@ -94,15 +95,21 @@ def check(
     """Check each item: profile, exports, startup file and its order, the variables of a new terminal and of this one.
 
     Exit status: 0 all correct, 1 something is wrong.
+
+    Example: lupin dds check
     """
     items = _checked_items(_paths(), _shell(shell))
     if as_json:
-        echo(json.dumps([asdict(item) for item in items]))
+        print(json.dumps([asdict(item) for item in items]))
     else:
         for item in items:
             echo(f"{'✗' if item.problem else '✓'} {item.name}: {item.place}")
             if item.problem:
-                echo(f"    {item.problem}\n    fix: {item.fix}")
+                echo(f"    {item.problem}")
+                if item.instruction:
+                    echo(f"    do: {item.instruction}")
+                if item.fix:
+                    echo(f"    fix: {item.fix}", wrap=False)  # a line break inside would be pasted, too
     raise typer.Exit(FAILURE if any(item.problem for item in items) else SUCCESS)
 
 
@@ -127,9 +134,10 @@ def _checked_items(paths: SetupPaths, shell: str) -> list[CheckedItem]:
             items.append(dds_check.CheckedItem("new terminal", shell, "it did not answer within 10 s", f"{shell} -i -c env"))
         else:
             search = f"find the line after the hook that changes them, in {start} and the files that it sources"
-            items.append(dds_check.check_variables("new terminal", variables, expected, f"{shell} -i", items[2].fix or search))
-    source = f". {shlex.quote(str(paths.exports))}    (lupin up does it by itself)"
-    items.append(dds_check.check_variables("this terminal", os.environ, expected, "environment", source))
+            by_hand = "" if items[2].fix else search
+            items.append(dds_check.check_variables("new terminal", variables, expected, f"{shell} -i", items[2].fix, by_hand))
+    source, by_itself = f". {shlex.quote(str(paths.exports))}", "nothing for `lupin up`, which reads ros-env.sh by itself"
+    items.append(dds_check.check_variables("this terminal", os.environ, expected, "environment", source, by_itself))
     return items
 
 
@@ -169,8 +177,7 @@ def _errors_in_one_line() -> Iterator[None]:
 def _read(path: Path) -> str | None:
     """Return the text of a file, or None if it is missing. Invalid UTF-8 and other line endings survive a round trip."""
     try:
-        with path.open(encoding="utf-8", errors="surrogateescape", newline="") as file:
-            return file.read()
+        return read_bounded(path).decode("utf-8", "surrogateescape")
     except FileNotFoundError:
         return None
 
@@ -185,7 +192,7 @@ def _apply(changes: dict[Path, str | None] | dict[Path, str], dry_run: bool) -> 
             old_name, new_name = (str(path) if content is not None else "/dev/null" for content in (before, text))
             for line in difflib.unified_diff(old, new, old_name, new_name):
                 shown = line.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
-                echo(shown if shown.endswith("\n") else f"{shown}\n\\ No newline at end of file\n", nl=False)
+                echo(shown if shown.endswith("\n") else f"{shown}\n\\ No newline at end of file\n", nl=False, wrap=False)
         elif text is None:
             path.unlink()
             echo(f"removed {path}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from lupin_cli.exit_codes import FAILURE, UNREACHABLE
+from lupin_cli.run.run_option import LIVE_RUN
 from lupin_cli.terminal import echo, is_interactive, status_line
 
 if TYPE_CHECKING:
@@ -23,13 +24,15 @@ ORPHAN_TIMEOUT_S = 7.0
 
 
 def command(
-    run: str = typer.Option(None, "--run", help="Select the run by part of its id, if several are up."),
+    run: LIVE_RUN = None,
     everything: bool = typer.Option(False, "--all", help="Stop every run of this user."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Only print which runs would be stopped."),
 ) -> None:
     """Stop a run and all its processes. Those that do not stop are killed.
 
     Exit status: 0 stopped (or no run was up with --all), 1 not stopped, 3 no such run.
+
+    Example: lupin down
     """
     from lupin_runtime.stack.recorded import supervisor_of
     from lupin_runtime.stack.runs import RunError, find_live_run, live_runs
@@ -61,14 +64,14 @@ def _stop(run: Run, supervisor: RecordedProcess) -> bool:
     hung = supervisor_silent_s(run.state()) > 0.0
     supervisor.signal(signal.SIGCONT)  # a process that SIGSTOP suspended handles SIGTERM only after SIGCONT
     processes = processes_of(run)
-    if _wait_until(lambda: not run.alive(), HUNG_TIMEOUT_S if hung else STOP_TIMEOUT_S):
+    if _wait_until(lambda: not run.is_live(), HUNG_TIMEOUT_S if hung else STOP_TIMEOUT_S):
         echo(f"run {run.id} stopped")
         return True
     killed = [supervisor] if supervisor.signal(signal.SIGKILL) else []
     _wait_until(lambda: not any(process.exists() for process in processes), ORPHAN_TIMEOUT_S)
     killed += [process for process in processes if process.signal(signal.SIGKILL)]
     names = ", ".join(process.name for process in killed)
-    if not _wait_until(lambda: not run.alive() and not any(process.exists() for process in killed), HUNG_TIMEOUT_S):
+    if not _wait_until(lambda: not run.is_live() and not any(process.exists() for process in killed), HUNG_TIMEOUT_S):
         echo(f"run {run.id} did not stop, although these were killed: {names}; restart this computer", err=True)
         return False
     echo(f"run {run.id} stopped; killed, because they did not stop: {names}")

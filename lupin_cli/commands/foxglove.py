@@ -7,16 +7,11 @@ from typing import Annotated
 
 import typer
 
+from lupin_cli.command_group import command_group
 from lupin_cli.exit_codes import FAILURE
 from lupin_cli.terminal import echo
 
-app = typer.Typer(
-    help="Write the layout for Foxglove and Lichtblick.",
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    no_args_is_help=True,
-)
+app = command_group("Write the layout for Foxglove and Lichtblick.", "lupin foxglove layout", no_args_is_help=True)
 
 
 @app.callback()
@@ -31,6 +26,8 @@ def layout(
     """Write the layout to import into Foxglove or Lichtblick. Needs neither a run nor the extra `foxglove`.
 
     Exit status: 0 written, 1 the file cannot be written.
+
+    Example: lupin foxglove layout --out lupin.json
     """
     from lupin_runtime.foxglove.layout import LAYOUT
 

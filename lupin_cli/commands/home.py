@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 
 import typer
 
-from lupin_cli.connection.inventory import load
-from lupin_cli.connection.options import CONFIG, ROBOT, connect, reporting_errors, select_robots
+from lupin_cli.connection.options import CONFIG, LOCAL, ROBOT, connect, reporting_errors, select_subject
 from lupin_cli.exit_codes import FAILURE, SUCCESS, UNREACHABLE
+from lupin_cli.printed_commands import complete, lupin, print_next
+from lupin_cli.run.run_option import LIVE_RUN
 from lupin_cli.terminal import echo
+from lupin_runtime.interpreter import PYTHON
 
 MODULE = "lupin_runtime.arm.auto_home"
 TIMEOUT_S = 240.0
@@ -19,33 +20,40 @@ TIMEOUT_S = 240.0
 
 def command(
     robot: ROBOT = None,
-    run: str = typer.Option(None, "--run", help="Select the simulated run by part of its id, if several are up."),
+    local: LOCAL = False,
+    run: LIVE_RUN = None,
     patience_s: float = typer.Option(5.0, "--patience", min=0.0, help="Wait this many seconds for a missing controller."),
     config: CONFIG = None,
 ) -> None:
     """Activate the controllers, then send the arm to its home pose; report what was found and done.
 
-    Acts on the run on this machine; with --robot on a robot, which runs the same program when it boots.
+    Acts on the default robot, which runs the same program when it boots, or with --local on the run on this machine.
     Exit status: 0 the arm was sent home, 1 it was not (the reason is printed), 2 usage, 3 no run is up or the robot cannot be
     reached.
+
+    Example: lupin home --robot greenhouse
     """
     arguments = ("--patience", str(patience_s))
-    if robot is None:
-        raise typer.Exit(_home_local_run(run, arguments))
-    if run is not None:
-        raise typer.BadParameter("--run selects a run on this machine; it cannot be combined with --robot", param_hint="--run")
+    if run is not None and not local:
+        raise typer.BadParameter("--run selects a run on this machine; it needs --local", param_hint="--run")
     from lupin_cli.release.paths import NOT_DEPLOYED, RELEASE, run_module
 
     status = SUCCESS
     with reporting_errors("home"):
-        inventory = load(config)
-        for one in select_robots(inventory, robot):
+        inventory, robots = select_subject(config, robot, local=local)
+        if inventory is None:
+            raise typer.Exit(_home_local_run(run, arguments))
+        for one in robots:
             with connect(one, inventory) as target:
                 output = run_module(target, one, MODULE, *arguments, timeout_s=TIMEOUT_S, on_line=echo)
             if output.status == NOT_DEPLOYED:
-                echo(f"{one.name} has no release of Lupin under {RELEASE}; next: lupin deploy robot", err=True)
+                echo(f"lupin home: {one.name} has no release of Lupin under {RELEASE}", err=True)
+                print_next(lupin("deploy", "robot", robot=one.name))
             elif output.status is None:
-                echo(f"{one.name}: {output.stderr.strip()}; next: lupin doctor --robot {one.name}", err=True)
+                echo(f"lupin home: {one.name}: {output.stderr.strip()}", err=True)
+                print_next(lupin("doctor", robot=one.name))
+            elif output.status:
+                print_next(complete("journalctl -b -u mirte-ros -u lupin-onboard -n 50", login=target.login_command))
             status = SUCCESS if output.status == 0 and status == SUCCESS else FAILURE
     raise typer.Exit(status)
 
@@ -57,9 +65,9 @@ def _home_local_run(run: str | None, arguments: tuple[str, ...]) -> int:
     try:
         environment = find_live_run(run).info()["environment"]
     except RunError as error:
-        echo(f"{error}; for a robot: lupin home --robot NAME", err=True)
+        echo(f"lupin home: {error}", err=True)
         return UNREACHABLE
-    process = subprocess.Popen([sys.executable, "-u", "-m", MODULE, *arguments], env={**os.environ, **environment})
+    process = subprocess.Popen([*PYTHON, "-u", "-m", MODULE, *arguments], env={**os.environ, **environment})
     try:
         return SUCCESS if process.wait(TIMEOUT_S) == 0 else FAILURE
     except subprocess.TimeoutExpired:

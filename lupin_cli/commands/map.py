@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
+from lupin_cli.command_group import command_group
 from lupin_cli.commands.map_plan import plan
 from lupin_cli.exit_codes import FAILURE, USAGE_ERROR
-from lupin_cli.terminal import echo
+from lupin_cli.terminal import echo, work_progress
+from lupin_runtime.bounded_file import is_file, open_regular
 
 if TYPE_CHECKING:
     from lupin_runtime.slam.offline import OfflineScan
 
-app = typer.Typer(help="Build, plan on and optimize maps.", add_completion=False, rich_markup_mode=None, no_args_is_help=True)
+_SHOWN_IDS = 10
 
-
-@app.callback()
-def maps() -> None:
-    """Build, plan on and optimize maps, without a robot."""
+app = command_group(
+    "Build, plan on and optimize maps, without a robot.", "lupin map build recording.mcap --out map", no_args_is_help=True
+)
 
 
 @app.command()
@@ -37,6 +38,8 @@ def build(
     """Build a map from a log: match scans, close loops, and write each scan's pose with the log's own stamp.
 
     Exit status: 0 built, 1 nothing in the log can be mapped or the folder cannot be written, 2 usage error or no such log.
+
+    Example: lupin map build recording.mcap --out map
     """
     import time
 
@@ -46,7 +49,7 @@ def build(
     from lupin_runtime.slam.offline import NothingToMap, build_map
     from lupin_runtime.slam.tum import write_tum
 
-    if not log.is_file():
+    if not is_file(log):
         echo(f"{log}: no such file; expected a CARMEN log or an MCAP recording", err=True)
         raise typer.Exit(USAGE_ERROR)
     if out.exists() and not out.is_dir():
@@ -54,11 +57,12 @@ def build(
         raise typer.Exit(USAGE_ERROR)
     started = time.perf_counter()
     try:
-        scans, problems = _read(log, max_range)
+        with work_progress() as show:
+            show(f"reading {log.name}", None)
+            scans, problems = _read(log, max_range)
+            built = build_map(scans, resolution, refine=refine, progress=show)
         for problem in problems:
             echo(f"{log}: {problem}", err=True)
-        with _Progress() as progress:
-            built = build_map(scans, resolution, refine=refine, progress=progress.show)
         out.mkdir(parents=True, exist_ok=True)
         save_map(out / "map.yaml", built.grid)
         write_tum(out / "trajectory.tum", built.stamps, built.poses)
@@ -76,6 +80,7 @@ def build(
         "unmatched": built.unmatched,
         "unusable": built.unusable,
         "odometry_jumps": built.odometry_jumps,
+        "left_out": built.left_out,
         "problems": len(problems),
         "map": {
             "width": built.grid.width,
@@ -98,6 +103,8 @@ def build(
             f"{built.unmatched} scans did not match, {built.unusable} were unusable, "
             f"the odometry jumped {built.odometry_jumps} times"
         )
+    if built.left_out:
+        echo(f"{built.left_out} keyframes are not on the map: they are too far away from the others; is the odometry wrong?")
     echo(str(out / "map.yaml"))
 
 
@@ -106,28 +113,33 @@ app.command("plan")(plan)
 
 @app.command()
 def optimize(
-    graph: Path = typer.Argument(..., help="A pose graph in g2o's text format: VERTEX_SE2, EDGE_SE2."),
+    graph: Path = typer.Argument(..., help="A pose graph in g2o's text format: VERTEX_SE2, EDGE_SE2, or edges alone."),
     out: Path = typer.Option(None, "--out", help="Write the optimized graph to this file."),
     as_json: bool = typer.Option(False, "--json", help="Print only one JSON object on standard output."),
 ) -> None:
     """Find the poses that fit a pose graph's edges best.
 
-    chi2 is g2o's: the sum over edges of e' Omega e. Exit status: 0 optimized, 1 it cannot be optimized or
+    The poses of a file without vertices follow from its edges. Vertices that no edges join to the others are named: their place
+    is arbitrary. chi2 is g2o's: the sum over edges of e' Omega e. Exit status: 0 optimized, 1 it cannot be optimized or
     written, 2 usage error or a malformed file.
+
+    Example: lupin map optimize graph.g2o --out optimized.g2o
     """
     from dataclasses import replace
 
     from lupin_runtime.atomic_file import MalformedFile
     from lupin_runtime.slam.g2o import read_g2o, write_g2o
-    from lupin_runtime.slam.pose_graph import GraphError
+    from lupin_runtime.slam.pose_graph import GraphError, parts_of
     from lupin_runtime.slam.pose_graph import optimize as solve
 
-    if not graph.is_file():
+    if not is_file(graph):
         echo(f"{graph}: no such file; expected a g2o graph", err=True)
         raise typer.Exit(USAGE_ERROR)
     try:
         read = read_g2o(graph)
-        solution = solve(read.poses, read.edges, read.fixed)
+        with work_progress() as show:
+            show(f"optimizing {len(read.poses)} poses", None)
+            solution = solve(read.poses, read.edges, read.fixed)
         if out is not None:
             write_g2o(out, replace(read, poses=solution.poses))
     except (MalformedFile, GraphError) as error:
@@ -136,9 +148,13 @@ def optimize(
     except OSError as error:
         echo(f"{error.filename or graph}: {error.strerror or error}", err=True)
         raise typer.Exit(FAILURE) from error
+    main, *others = parts_of(len(read.poses), read.edges)
+    apart = sorted(read.ids[index].item() for part in others for index in part)
     result = {
         "vertices": len(read.poses),
         "edges": len(read.edges),
+        "poses_from": "vertices" if read.has_vertices else "edges",
+        "disconnected": apart,
         "chi2_before": solution.chi2_before,
         "chi2": solution.chi2_after,
         "chi2_after": solution.chi2_after,
@@ -147,6 +163,13 @@ def optimize(
         "started_from": solution.started_from,
         "seconds": round(solution.seconds, 4),
     }
+    if apart:
+        shown = ", ".join(map(str, apart[:_SHOWN_IDS])) + (" ..." if len(apart) > _SHOWN_IDS else "")
+        echo(
+            f"{graph}: no edges join {len(apart)} of {len(read.poses)} vertices to vertex {read.ids[main[0]]}, so their place "
+            f"is arbitrary: {shown}",
+            err=True,
+        )
     if as_json:
         print(json.dumps(result))
         return
@@ -158,7 +181,7 @@ def optimize(
 
 def _read(log: Path, max_range: float | None) -> tuple[list[OfflineScan], list[str]]:
     """Read the scans of a log of either kind, and the problems of unusable ones."""
-    with log.open("rb") as stream:
+    with open_regular(log) as stream:
         is_recording = stream.read(5) == b"\x89MCAP"
     if is_recording:
         from lupin_runtime.slam.mcap_scans import read_recording
@@ -170,25 +193,3 @@ def _read(log: Path, max_range: float | None) -> tuple[list[OfflineScan], list[s
 
     text = read_carmen(log)
     return scans_from_carmen(text, max_range or USABLE_RANGE_M), text.problems
-
-
-class _Progress:
-    """A progress bar on standard error, if that is a terminal."""
-
-    def __enter__(self) -> _Progress:
-        from rich.console import Console
-        from rich.progress import Progress
-
-        self._bar = Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal)
-        self._tasks: dict[str, Any] = {}
-        self._bar.start()
-        return self
-
-    def show(self, stage: str, share: float) -> None:
-        """Show a stage's progress, 0 to 1."""
-        if stage not in self._tasks:
-            self._tasks[stage] = self._bar.add_task(stage, total=1.0)
-        self._bar.update(self._tasks[stage], completed=share)
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()

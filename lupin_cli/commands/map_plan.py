@@ -37,6 +37,8 @@ def plan(
 
     Occupied cells are solid squares; the path is made of straight lines of any angle. `planning_ms` counts everything but
     reading the file. Exit status: 0 found, 1 there is no path, 2 usage error or an unreadable map.
+
+    Example: lupin map plan map.yaml --from 0,0 --to 2,1
     """
     import time
 

@@ -7,16 +7,13 @@ from typing import Annotated
 
 import typer
 
+from lupin_cli.command_group import command_group
 from lupin_cli.exit_codes import FAILURE, USAGE_ERROR
 from lupin_cli.run.mission_client import register
 from lupin_cli.terminal import echo
 
-app = typer.Typer(
-    help="Start, pause, resume or abort a mission; draw its state machine.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
+app = command_group(
+    "Start, pause, resume or abort a mission; draw its state machine.", "lupin mission status", no_args_is_help=True
 )
 
 
@@ -25,7 +22,10 @@ def diagram(
     form: Annotated[str, typer.Option("--format", "-f", help="Draw as mermaid, dot, svg or ascii.")] = "mermaid",
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write to this file instead of standard output.")] = None,
 ) -> None:
-    """Draw the mission's state machine. Needs neither a run nor ROS."""
+    """Draw the mission's state machine. Needs neither a run nor ROS.
+
+    Example: lupin mission diagram --out mission.svg
+    """
     from lupin_runtime.mission.diagram import FORMATS, draw
     from lupin_runtime.mission.hsm_spec import build_hsm_spec
 

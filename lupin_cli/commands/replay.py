@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,9 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lupin_cli.completion import runs
 from lupin_cli.exit_codes import FAILURE, INTERRUPTED, USAGE_ERROR
 from lupin_cli.run.recordings import RUN_HELP, build_run_report, open_run, show_page
-from lupin_cli.terminal import echo
+from lupin_cli.terminal import echo, minutes
+from lupin_runtime.interpreter import PYTHON
+from lupin_runtime.json_text import parse_json
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -27,7 +29,7 @@ STOP_GRACE_S = 5.0
 
 
 def command(
-    run: str = typer.Argument("latest", help=RUN_HELP),
+    run: str = typer.Argument("latest", help=RUN_HELP, autocompletion=runs),
     rate: float = typer.Option(1.0, "--rate", "-r", help="Play at this speed relative to the recording."),
     loop: bool = typer.Option(False, "--loop", help="Repeat until interrupted."),
     topics: str = typer.Option("", "--topics", help="Play only these comma-separated topics; without it, all."),
@@ -39,6 +41,8 @@ def command(
     """Publish a recorded run onto a private graph on this machine, which other terminals can join.
 
     Exit status: 0 played to the end, 1 the file cannot be read, 2 usage, 130 interrupted.
+
+    Example: lupin replay latest --rate 5
     """
     if not 0.0 < rate < float("inf"):
         echo(f"--rate {rate} is not a valid speed; type a positive number, such as --rate 5", err=True)
@@ -78,15 +82,16 @@ def _info(summaries: list[Summary], as_json: bool) -> None:
     if as_json:
         print(json.dumps([_summary_json(summary) for summary in summaries]))
         return
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    from lupin_cli.safe_console import SafeConsole
+
+    console = SafeConsole()
     for summary in summaries:
         title = f"{summary.path}  {summary.duration_s:.1f} s, {summary.messages} messages, {summary.size_bytes / 1e6:.1f} MB"
-        console.print(title, highlight=False, style="bold", soft_wrap=True)
+        console.print(title, style="bold", soft_wrap=True)
         for damage in summary.damage:
-            console.print(f"  {damage}", style="yellow", markup=False)
+            console.print(f"  {damage}", style="yellow")
         table = Table("Topic", "Type", "Messages", "Hz", "kB/s", box=None, pad_edge=False)
         for column in table.columns[2:]:
             column.justify = "right"
@@ -117,9 +122,9 @@ def _play(files: list[Path], options: list[str], rate: float) -> int:
     """Run the player in its own DDS domain and show its progress; return its exit status."""
     # Imported first, while there is nothing to interrupt: a SIGINT during code that is executed from a string, such as a
     # dataclass definition, terminates CPython even if KeyboardInterrupt is caught.
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 
+    from lupin_cli.safe_console import SafeConsole
     from lupin_runtime.stack.dds import NoFreeDomain, claim_domain, loopback_environment
 
     try:
@@ -132,7 +137,7 @@ def _play(files: list[Path], options: list[str], rate: float) -> int:
         names = ("ROS_DOMAIN_ID", "RMW_IMPLEMENTATION", "FASTRTPS_DEFAULT_PROFILES_FILE")
         echo("to join it, type in another terminal:")
         echo(f"  export {' '.join(f'{name}={environment[name]}' for name in names)}")
-        command = [sys.executable, "-m", "lupin_runtime.record.player", *map(str, files), *options, "--end-with-parent"]
+        command = [*PYTHON, "-m", "lupin_runtime.record.player", *map(str, files), *options, "--end-with-parent"]
         # An interrupt inside Popen would leave a player without an owner: it is handled once Popen has returned.
         interrupts: list[int] = []
         default_handler = signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
@@ -149,7 +154,7 @@ def _play(files: list[Path], options: list[str], rate: float) -> int:
             if interrupts:
                 return INTERRUPTED
             columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[messages]} messages"))
-            with Progress(*columns, console=Console(stderr=True), transient=False) as progress:
+            with Progress(*columns, console=SafeConsole(stderr=True), transient=False) as progress:
                 _show_progress(progress, _progress_lines(player), rate)
             return player.wait(STOP_GRACE_S)
         except KeyboardInterrupt:
@@ -162,13 +167,13 @@ def _play(files: list[Path], options: list[str], rate: float) -> int:
 def _progress_lines(player: subprocess.Popen[str]) -> Iterator[dict[str, Any]]:
     assert player.stdout is not None
     for line in player.stdout:
-        yield json.loads(line)
+        yield parse_json(line)
 
 
 def _show_progress(progress: Progress, lines: Iterator[dict[str, Any]], rate: float) -> None:
     task = progress.add_task("waiting", total=None, messages=0)
     for line in lines:
-        description = f"{_minutes(line['at_s'])} of {_minutes(line['of_s'])}" + (f"  ×{rate:g}" if rate != 1.0 else "")
+        description = f"{minutes(line['at_s'])} of {minutes(line['of_s'])}" + (f"  ×{rate:g}" if rate != 1.0 else "")
         progress.update(
             task,
             total=max(line["of_s"], 1e-9),
@@ -188,7 +193,3 @@ def _stop(player: subprocess.Popen[str]) -> None:
     except subprocess.TimeoutExpired:
         player.kill()
         player.wait(STOP_GRACE_S)
-
-
-def _minutes(seconds: float) -> str:
-    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"

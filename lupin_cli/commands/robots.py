@@ -1,4 +1,4 @@
-"""`lupin robots`: list, add, forget and check the robots of the inventory."""
+"""`lupin robots`: list, add, remove, rename and check the robots of the inventory."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from typing import Annotated, Any
 
 import typer
 
-from lupin_cli.connection.base import ROOT_REFUSED, Output, Script, TargetError
-from lupin_cli.connection.inventory import TRANSPORTS, Config, ConfigError, Robot, load, parse
+from lupin_cli.command_group import command_group
+from lupin_cli.connection.base import ROOT_REFUSED, Output, Script, Target, TargetError
+from lupin_cli.connection.inventory import ADD_EXAMPLE, TRANSPORTS, Config, ConfigError, Robot, load, parse
 from lupin_cli.connection.options import (
     ALL,
     ASK_SUDO,
     CONFIG,
     LIMIT,
     STOCK_ROBOT,
-    ask_sudo_password,
+    ask_sudo_passwords,
+    complete_robots,
     destinations,
-    exit_code_of,
     find_robot,
     for_each_robot,
     known_hosts_of,
@@ -30,18 +31,16 @@ from lupin_cli.connection.options import (
     reporting_errors,
     select_robots,
 )
-from lupin_cli.exit_codes import SUCCESS
+from lupin_cli.exit_codes import FAILURE, SUCCESS, UNREACHABLE, worst
+from lupin_cli.printed_commands import lupin, print_next
 from lupin_cli.terminal import echo, printable
+from lupin_runtime.bounded_file import read_bounded_text
 
-app = typer.Typer(
-    help="List, add, forget and check the robots of the inventory.",
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-)
+app = command_group("List, add, remove, rename and check the robots of the inventory.", "lupin robots")
 
 _JSON = Annotated[bool, typer.Option("--json", help="Print only JSON on standard output.")]
-_NAME = Annotated[str, typer.Argument(help="The robot's name.")]
+_DRY_RUN = Annotated[bool, typer.Option("--dry-run", help="Print the new lupin.toml and write nothing.")]
+_NAME = Annotated[str, typer.Argument(help="The robot's name.", autocompletion=complete_robots)]
 
 
 @app.callback(invoke_without_command=True)
@@ -52,7 +51,10 @@ def _list_by_default(context: typer.Context) -> None:
 
 @app.command("list")
 def list_robots(config: CONFIG = None, as_json: _JSON = False) -> None:
-    """List the robots, their addresses, and whether their host keys are accepted."""
+    """List the robots, their addresses, and whether their host keys are accepted.
+
+    Example: lupin robots list
+    """
     with reporting_errors("robots"):
         inventory = load(config)
         robots = list(inventory.robots.values()) or [STOCK_ROBOT]
@@ -66,11 +68,11 @@ def list_robots(config: CONFIG = None, as_json: _JSON = False) -> None:
                     "user": next(iter(places.values())).user,
                     "addresses": dict(robot.addresses),
                     "default": robot.name == inventory.default_robot or len(robots) == 1,
-                    "host_key_accepted": any(known_hosts.accepted_keys(robot.name, place)[0] for place in places.values()),
+                    "host_key_accepted": any(known_hosts.key_types(robot.name, place) for place in places.values()),
                 }
             )
     if as_json:
-        echo(json.dumps({"path": str(inventory.path), "robots": rows}))
+        print(json.dumps({"path": str(inventory.path), "robots": rows}))
         return
     cells = []
     for row in rows:
@@ -79,7 +81,8 @@ def list_robots(config: CONFIG = None, as_json: _JSON = False) -> None:
         cells.append((f"{row['name']}{' *' if row['default'] else ''}", row["user"], addresses, accepted))
     _print_table(("robot", "user", "addresses", "host key"), cells)
     if not inventory.robots:
-        echo(f"{inventory.path} has no robots; the one shown is a robot as delivered. Add yours: lupin robots add NAME ADDRESS")
+        echo(f"{inventory.path} has no robots; the one shown is a robot as delivered. Add yours:")
+        echo(f"  {ADD_EXAMPLE}", wrap=False)
 
 
 @app.command()
@@ -88,35 +91,99 @@ def add(
     address: Annotated[str, typer.Argument(help="[user@]host[:port]; the host may be an alias of ~/.ssh/config.")],
     transport: Annotated[str, typer.Option("--transport", help="Use the address for wired, router or ap.")] = "wired",
     config: CONFIG = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the new lupin.toml and write nothing.")] = False,
+    dry_run: _DRY_RUN = False,
 ) -> None:
-    """Add a robot, or another address of a robot, to lupin.toml."""
+    """Add a robot, or another address of a robot, to lupin.toml.
+
+    Example: lupin robots add greenhouse mirte@10.42.0.1
+    """
     with reporting_errors("robots"):
         path, before = _read_inventory(config)
         after = _with_address(before, path, name, address, transport)
         if dry_run:
-            echo(after, nl=False)
+            echo(after, nl=False, wrap=False)
             return
         _write(path, after)
-        echo(f"added {name} to {path}: {transport} at {address.split('@')[-1]}. Next: lupin robots check {name}")
+        echo(f"added {name} to {path}: {transport} at {address.split('@')[-1]}")
+        print_next(lupin("robots", "check", name))
 
 
 @app.command()
-def forget(
-    name: _NAME,
-    from_inventory: Annotated[bool, typer.Option("--remove", help="Also remove the robot from lupin.toml.")] = False,
-    config: CONFIG = None,
-) -> None:
-    """Forget the accepted host key of a robot, for example after it was reinstalled."""
+def forget(name: _NAME, config: CONFIG = None) -> None:
+    """Forget the accepted host key of a robot, for example after it was reinstalled.
+
+    Example: lupin robots forget greenhouse
+    """
     with reporting_errors("robots"):
         inventory = load(config)
-        robot = find_robot(inventory, name)
-        removed = known_hosts_of(inventory).forget(name, list(destinations(robot).values()))
-        if from_inventory and name in inventory.robots:
-            from lupin_cli.connection.inventory_text import without_robot
+        removed = _forget_key(inventory, find_robot(inventory, name))
+    _print_forgotten(name, removed)
 
-            _write(inventory.path, without_robot(inventory.path.read_text(), name))
-            removed.append(f"[robots.{name}] in {inventory.path}")
+
+@app.command()
+def remove(name: _NAME, config: CONFIG = None, dry_run: _DRY_RUN = False) -> None:
+    """Remove a robot from lupin.toml, and forget its host key.
+
+    Example: lupin robots remove greenhouse --dry-run
+    """
+    from lupin_cli.connection.inventory_text import without_robot
+
+    with reporting_errors("robots"):
+        inventory = load(config)
+        robot = _require_known(inventory, name)
+        after = without_robot(read_bounded_text(inventory.path), name)
+        if name in parse(after, inventory.path).robots:
+            raise ConfigError(f"{name} is not in a table [robots.{name}] of its own; remove it in {inventory.path}")
+        if dry_run:
+            echo(after, nl=False, wrap=False)
+            return
+        removed = [f"[robots.{name}] in {inventory.path}", *_forget_key(inventory, robot)]
+        _write(inventory.path, after)
+    _print_forgotten(name, removed)
+
+
+@app.command()
+def rename(
+    name: _NAME,
+    new_name: Annotated[str, typer.Argument(help="Its new name.")],
+    config: CONFIG = None,
+    dry_run: _DRY_RUN = False,
+) -> None:
+    """Give a robot another name in lupin.toml, and keep its accepted host key.
+
+    Example: lupin robots rename greenhouse glasshouse
+    """
+    from lupin_cli.connection.inventory_text import with_renamed_robot
+
+    with reporting_errors("robots"):
+        inventory = load(config)
+        _require_known(inventory, name)
+        if new_name in inventory.robots:
+            raise ConfigError(f"{inventory.path} has a robot {new_name!r} already")
+        after = with_renamed_robot(read_bounded_text(inventory.path), name, new_name)
+        found = parse(after, inventory.path).robots
+        if new_name not in found or name in found:
+            raise ConfigError(f"{name} is not in a table [robots.{name}] of its own; rename it in {inventory.path}")
+        if dry_run:
+            echo(after, nl=False, wrap=False)
+            return
+        _write(inventory.path, after)
+        kept = known_hosts_of(inventory).rename(name, new_name)
+    echo(f"{name} is now {new_name} in {inventory.path}" + ("; its host key stays accepted" if kept else ""))
+
+
+def _require_known(inventory: Config, name: str) -> Robot:
+    if name not in inventory.robots:
+        find_robot(inventory, name)  # raises with the nearest name, unless it is an address
+        raise ConfigError(f"{inventory.path} has no robot {name!r}")
+    return inventory.robots[name]
+
+
+def _forget_key(inventory: Config, robot: Robot) -> list[str]:
+    return known_hosts_of(inventory).forget(robot.name, list(destinations(robot).values()))
+
+
+def _print_forgotten(name: str, removed: list[str]) -> None:
     for entry in removed:
         echo(f"forgot {entry}")
     if not removed:
@@ -125,7 +192,10 @@ def forget(
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What `check` found out about one robot; its fields are the keys of `--json`."""
+    """What `check` found out about one robot; its fields are the keys of `--json`.
+
+    `error` is empty if all requests succeeded. A robot that was reached, and then failed a request, has both.
+    """
 
     robot: str
     reached: bool
@@ -141,7 +211,9 @@ class CheckResult:
 
 @app.command()
 def check(
-    names: Annotated[list[str] | None, typer.Argument(help="Robots [the default robot].")] = None,
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Robots [the default robot].", autocompletion=complete_robots)
+    ] = None,
     every: ALL = False,
     limit: LIMIT = None,
     accept: Annotated[str, typer.Option("--accept", help="Accept the host key with this SHA256 fingerprint.")] = "",
@@ -151,58 +223,72 @@ def check(
 ) -> None:
     """Connect to robots; show the transport, the system, and whether root is available.
 
-    Exit status: 0 every robot answered, 1 one answered but a later request failed, 3 one cannot be reached.
+    Exit status: 0 every robot answered every request, 1 one was logged in to but failed a request, 2 usage error or an
+    unreadable inventory, 3 one cannot be reached or logged in to.
+
+    Example: lupin robots check --all
     """
     with reporting_errors("robots"):
         inventory = load(config)
         chosen = select_robots(inventory, names, every=every, limit=limit)
         if accept and len(chosen) > 1:
             raise ConfigError("--accept is for one robot, because each has its own host key")
-        password = ask_sudo_password(chosen[0].name) if ask_sudo else None
-        found = for_each_robot(chosen, lambda robot: _check(robot, inventory, accept, password))
-    errors = {name: result for name, result in found.items() if isinstance(result, TargetError)}
-    results = [result for result in found.values() if isinstance(result, CheckResult)]
+        passwords = ask_sudo_passwords(chosen) if ask_sudo else {}
+        found = for_each_robot(chosen, lambda robot: _check(robot, inventory, accept, passwords.get(robot.name)))
+    results = [_unreached(name, each) if isinstance(each, TargetError) else each for name, each in found.items()]
     if as_json:
-        echo(
-            json.dumps(
-                [asdict(_failed_check(name, each) if isinstance(each, TargetError) else each) for name, each in found.items()]
-            )
-        )
+        print(json.dumps([asdict(result) for result in results]))
     else:
-        if results:
+        answered = [result for result in results if not result.error]
+        if answered:
             _print_table(
                 ("robot", "transport", "address", "system", "python3", "root", "round trip"),
-                [(r.robot, r.transport, r.address, r.system, r.python, r.root, f"{r.rtt_ms:.1f} ms") for r in results],
+                [(r.robot, r.transport, r.address, r.system, r.python, r.root, f"{r.rtt_ms:.1f} ms") for r in answered],
             )
-        for error in errors.values():
-            print_error("robots", error)
-    raise typer.Exit(max(map(exit_code_of, errors.values()), default=SUCCESS))
+        for result in results:
+            if result.error:
+                print_error("robots", TargetError(result.error, result.next_command))
+    raise typer.Exit(worst(UNREACHABLE if not result.reached else FAILURE if result.error else SUCCESS for result in results))
 
 
 def _check(robot: Robot, config: Config, accept: str, sudo_password: str | None) -> CheckResult:
+    """Log in and ask for the robot's properties. Raises TargetError if it cannot be logged in to."""
     target = open_target(robot, config, sudo_password=sudo_password, accept=accept)
     try:
-        outputs = target.batch(
-            [
-                Script("system", '. /etc/os-release; echo "$PRETTY_NAME, $(uname -m)"'),
-                Script("python", "python3 -c 'import sys; print(sys.version.split()[0])'"),
-                Script("root", "id -u", root=True),
-            ]
-        )
-        start = time.monotonic()
-        target.batch([Script("nothing", ":")])
-        rtt_ms = (time.monotonic() - start) * 1e3
+        target.connect()
+        reached = CheckResult(robot.name, True, target.transport_name, str(target.destination))
+        try:
+            return _ask(target, reached, sudo_password)
+        except TargetError as error:
+            return replace(reached, error=str(error), next_command=error.next_command)
     finally:
         target.close()
-    return CheckResult(
-        robot.name,
-        True,
-        target.transport_name,
-        str(target.destination),
-        outputs["system"].stdout.strip() or "unknown",
-        outputs["python"].stdout.strip() or "none",
-        _root_access(outputs["root"], sudo_password),
-        rtt_ms,
+
+
+def _ask(target: Target, reached: CheckResult, sudo_password: str | None) -> CheckResult:
+    """Complete the result with the robot's properties. Raises TargetError if a request fails or does not finish."""
+    outputs = target.batch(
+        [
+            Script("system", '. /etc/os-release; echo "$PRETTY_NAME, $(uname -m)"'),
+            Script("python", "python3 -I -c 'import sys; print(sys.version.split()[0])'"),
+            Script("root", "id -u", root=True),
+        ]
+    )
+    start = time.monotonic()
+    nothing = target.batch([Script("nothing", ":")])
+    rtt_ms = (time.monotonic() - start) * 1e3
+    for name, output in {**outputs, **nothing}.items():
+        if output.status is None and not output.stderr.startswith(ROOT_REFUSED):
+            raise TargetError(
+                f"{target.name} was logged in to, but the request {name!r} was not answered: {output.stderr.strip()}",
+                lupin("doctor", robot=target.name),
+            )
+    return replace(
+        reached,
+        system=outputs["system"].stdout.strip() or "unknown",
+        python=outputs["python"].stdout.strip() or "none",
+        root=_root_access(outputs["root"], sudo_password),
+        rtt_ms=rtt_ms,
     )
 
 
@@ -212,7 +298,7 @@ def _root_access(output: Output, sudo_password: str | None) -> str:
     return "yes" if sudo_password is None else "with a password"
 
 
-def _failed_check(name: str, error: TargetError) -> CheckResult:
+def _unreached(name: str, error: TargetError) -> CheckResult:
     return CheckResult(name, False, error=str(error), next_command=error.next_command)
 
 
@@ -221,13 +307,13 @@ def _read_inventory(config: Path | None) -> tuple[Path, str]:
     if config is not None and not config.exists():
         return config, ""
     path = load(config).path
-    return path, path.read_text() if path.exists() else ""
+    return path, read_bounded_text(path) if path.exists() else ""
 
 
 def _with_address(text: str, path: Path, name: str, address: str, transport: str) -> str:
     """Return the inventory's text with the address added to the robot `name`. Raises ConfigError."""
     from lupin_cli.connection.destination import parse_destination
-    from lupin_cli.connection.inventory_text import with_robot, without_robot
+    from lupin_cli.connection.inventory_text import with_address, with_robot, without_robot
 
     if transport not in TRANSPORTS:
         raise ConfigError(f"--transport must be one of {', '.join(TRANSPORTS)}")
@@ -236,18 +322,22 @@ def _with_address(text: str, path: Path, name: str, address: str, transport: str
     except ValueError as error:
         raise ConfigError(str(error)) from error
     host_and_port = (f"[{host}]" if ":" in host else host) + (f":{port}" if port else "")
-    robot = Robot(name, {transport: host_and_port}, user)
     known = parse(text, path).robots.get(name)
-    if known is not None:
-        if transport in known.addresses:
-            existing = known.addresses[transport]
-            raise ConfigError(f"{name} has the {transport} address {existing} already; change it in {path}")
-        addresses = {**known.addresses, transport: host_and_port}
-        ranked = {each: addresses[each] for each in TRANSPORTS if each in addresses}
-        robot = replace(known, addresses=ranked, user=user or known.user)
-        text = without_robot(text, name)
-    after = with_robot(text, robot)
-    parse(after, path)  # raises before a file is written that cannot be read
+    if known is None:
+        after = with_robot(text, Robot(name, {transport: host_and_port}, user))
+        parse(after, path)  # raises before a file is written that cannot be read
+        return after
+    if transport in known.addresses:
+        existing = known.addresses[transport]
+        raise ConfigError(f"{name} already has the {transport} address {existing}; change it in {path}")
+    addresses = {**known.addresses, transport: host_and_port}
+    ranked = {each: addresses[each] for each in TRANSPORTS if each in addresses}
+    wanted = replace(known, addresses=ranked, user=user or known.user)
+    after = with_address(text, name, transport, host_and_port)
+    if parse(after, path).robots[name] != wanted:
+        # Its addresses have no table of their own, or its user changes: its tables are written anew, without their comments.
+        after = with_robot(without_robot(text, name, keep_default=True), wanted)
+        parse(after, path)
     return after
 
 
@@ -259,13 +349,23 @@ def _write(path: Path, text: str) -> None:
 
 
 def _print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    from rich.console import Console
+    from rich.measure import Measurement
     from rich.table import Table
     from rich.text import Text
 
+    from lupin_cli.safe_console import SafeConsole
+
+    console = SafeConsole()
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in columns:
         table.add_column(column, overflow="fold")
-    for row in rows:
+    shown = list(rows)
+    for row in shown:
         table.add_row(*(Text(printable(cell)) for cell in row))
-    Console().print(table)
+    if Measurement.get(console, console.options, table).minimum <= console.width:
+        console.print(table)
+        return
+    for row in shown:  # columns that are too narrow for their words would break them
+        for column, cell in zip(columns, row):
+            echo(f"{column:12} {cell}")
+        echo()

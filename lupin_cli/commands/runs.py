@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lupin_cli.command_group import command_group
+from lupin_cli.completion import runs as complete_runs
 from lupin_cli.exit_codes import FAILURE, UNREACHABLE
 from lupin_cli.terminal import echo
 
@@ -14,42 +16,72 @@ if TYPE_CHECKING:
     from lupin_runtime.stack.retention import StoredRun
 
 GB = 10**9
-app = typer.Typer(
-    help="The runs on this computer's disk: list, keep and remove them.",
-    add_completion=False,
-    rich_markup_mode=None,
-    no_args_is_help=True,
-)
 AS_JSON = typer.Option(False, "--json", help="Print only JSON on standard output.")
+app = command_group(
+    "List the past runs with result, world and duration; keep and remove runs.",
+    "lupin runs --json",
+    invoke_without_command=True,
+)
+
+
+@app.callback()
+def runs(context: typer.Context, as_json: bool = AS_JSON) -> None:
+    """List the past runs with result, world and duration; keep and remove runs."""
+    if context.invoked_subcommand is None:
+        _list(as_json)
 
 
 @app.command("list")
 def list_(as_json: bool = AS_JSON) -> None:
-    """List the runs with their result and size, oldest first. Changes nothing.
+    """List the runs with result, world, tags read and duration, newest first. Changes nothing.
 
     Exit status: 0 listed.
+
+    Example: lupin runs list --json
     """
+    _list(as_json)
+
+
+def _list(as_json: bool) -> None:
+    from lupin_runtime.stack.results import result_of
     from lupin_runtime.stack.retention import stored_runs
 
-    stored = stored_runs()
+    stored = stored_runs()[::-1]
     if as_json:
         print(json.dumps([_plain(one) for one in stored]))
         return
-    for one in stored:
-        row = _plain(one)
-        echo(f"{row['id']}  {row['size_bytes'] / 1e6:8.1f} MB  {row['state']:12s}{'  kept' if row['kept'] else ''}".rstrip())
-    total_gb = sum(one.size_bytes for one in stored) / GB
-    echo(f"{len(stored)} runs, {total_gb:.2f} GB; remove old ones with: lupin runs prune" if stored else "there is no run")
+    if not stored:
+        echo("there is no run; start one with: lupin up")
+        return
+    from lupin_cli.run.results import results_table, short_ids, summary_of
+    from lupin_cli.safe_console import SafeConsole
+
+    results = [result_of(one.run) for one in stored]
+    console = SafeConsole()
+    console.print(f"{summary_of(results)}\n", soft_wrap=True)
+    for line in results_table(results, {one.run.id for one in stored if one.is_kept}):
+        # A terminal shows as much of a reason as fits into the line, a pipe gets it in full.
+        if console.is_terminal:
+            console.print(line, no_wrap=True, overflow="ellipsis")
+        else:
+            console.print(line, soft_wrap=True)
+    name = next(iter(short_ids([result.id for result in results]).values()))
+    size_gb = sum(one.size_bytes for one in stored) / GB
+    echo(f"\nits logs     lupin logs --run {name}   (any unique part of the id)")
+    echo("its report   lupin report latest     (or the newest run)")
+    echo(f"on the disk  {size_gb:.2f} GB; remove old runs with: lupin runs prune")
 
 
 @app.command()
 def keep(
-    run: str = typer.Argument(..., help="A part of the run's id."),
+    run: str = typer.Argument(..., help="Any unique part of the run's id, or: latest.", autocompletion=complete_runs),
     off: bool = typer.Option(False, "--off", help="Allow its removal again."),
 ) -> None:
     """Protect a run from removal.
 
     Exit status: 0 done, 3 no such run.
+
+    Example: lupin runs keep latest
     """
     from lupin_runtime.stack.runs import RunError, find_run
 
@@ -58,7 +90,7 @@ def keep(
     except RunError as error:
         echo(str(error), err=True)
         raise typer.Exit(UNREACHABLE) from error
-    found.keep(not off)
+    found.set_kept(not off)
     echo(f"run {found.id} {'may be removed again' if off else 'is kept'}")
 
 
@@ -74,6 +106,8 @@ def prune(
     `lupin up` does the same with the defaults.
 
     Exit status: 0 removed or nothing to do, 1 a run could not be removed.
+
+    Example: lupin runs prune --count 20 --dry-run
     """
     from lupin_runtime.stack.retention import MAX_BYTES, MAX_RUNS, removable, remove, stored_runs
 
@@ -95,12 +129,11 @@ def prune(
 
 
 def _plain(stored: StoredRun) -> dict[str, Any]:
-    outcome = stored.run.state().get("outcome")
-    ended = outcome.get("state", "ended") if isinstance(outcome, dict) else "ended"
+    from lupin_runtime.stack.results import result_of
+
     return {
-        "id": stored.run.id,
+        **result_of(stored.run).as_json(),
         "path": str(stored.run.path),
         "size_bytes": stored.size_bytes,
-        "state": "up" if stored.is_alive else str(ended),
         "kept": stored.is_kept,
     }

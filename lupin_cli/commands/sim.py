@@ -9,25 +9,28 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lupin_cli.command_group import command_group
 from lupin_cli.commands import sim_host
+from lupin_cli.completion import worlds as complete_worlds
 from lupin_cli.exit_codes import FAILURE, SUCCESS, USAGE_ERROR
-from lupin_cli.terminal import echo
+from lupin_cli.run.run_option import LIVE_RUN
+from lupin_cli.terminal import echo, work_progress
 
 if TYPE_CHECKING:
     from lupin_sim.flythrough import FilmFrame
     from lupin_sim.world import World
 
-app = typer.Typer(
-    help="The simulated robot: worlds, pictures, videos, its e-stop button, and the simulated computer.",
+app = command_group(
+    "The simulated robot: worlds, pictures, videos, its e-stop button, and the simulated computer.",
+    "lupin sim worlds",
     no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
 )
 
 app.add_typer(sim_host.app, name="host")
 
-_WORLD = typer.Option("--world", help="demo, course[:STRETCH], random:SEED, walled, or a layout file.")
+_WORLD = typer.Option(
+    "--world", autocompletion=complete_worlds, help="demo, course[:STRETCH], random:SEED, walled, or a layout file."
+)
 _SEED = typer.Option("--seed", help="Select the random world and the random placement of flowers.")
 _TRAJECTORY = typer.Option("--trajectory", help="Show the drive of this TUM file (world frame).", dir_okay=False)
 _CAMERA = "overview, top, follow, front or gripper."
@@ -36,7 +39,10 @@ _LISTED_WORLDS = ("demo", "course", "random:1", "walled")
 
 @app.command()
 def worlds(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
-    """List the greenhouses: size, tags, flowers, and how many tags the robot can reach."""
+    """List the greenhouses: size, tags, flowers, and how many tags the robot can reach.
+
+    Example: lupin sim worlds
+    """
     from lupin_sim.reachability import reachable_tags
     from lupin_sim.worlds import CATALOG, load_world
 
@@ -59,14 +65,14 @@ def worlds(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] 
             }
         )
     if as_json:
-        echo(json.dumps(rows))
+        print(json.dumps(rows))
         return
     echo(f"{'WORLD':16}{'SIZE':14}{'TAGS':>5}{'REACHABLE':>11}{'FLOWERS':>9}{'BUGS':>6}  ")
     for row in rows:
         size = f"{row['length_m']:.1f} x {row['breadth_m']:.1f} m"
         counts = f"{row['tags']:>5}{row['tags_reachable']:>11}{row['flowers']:>9}{row['bugs']:>6}"
         echo(f"{row['name']:16}{size:14}{counts}  {row['summary']}")
-    echo("FILE.json       your own layout: lupin up --world FILE.json")
+    echo("your own layout, a file: lupin up --world layout.json")
 
 
 @app.command()
@@ -77,11 +83,16 @@ def picture(
     out: Annotated[Path, typer.Option("--out", help="Write this PNG or JPEG.", dir_okay=False)] = Path("picture.png"),
     trajectory: Annotated[Path | None, _TRAJECTORY] = None,
 ) -> None:
-    """Draw a picture of a world, with the robot's path if a trajectory is given."""
+    """Draw a picture of a world, with the robot's path if a trajectory is given.
+
+    Example: lupin sim picture --world walled --camera top --out top.png
+    """
     from lupin_sim.rendering import picture as draw
 
     frames = _recorded_frames(trajectory, 10.0) if trajectory is not None else []
-    _report_drawing_errors(lambda: draw(_load(world, seed), out, camera, frames))
+    with work_progress() as show:
+        show("drawing", None)
+        _report_drawing_errors(lambda: draw(_load(world, seed), out, camera, frames))
     echo(f"wrote {out}")
 
 
@@ -98,7 +109,10 @@ def video(
         float, typer.Option("--limit", min=0.0, help="Limit the film to this many seconds; 0 for no limit.")
     ] = 0.0,
 ) -> None:
-    """Film a drive: along a trajectory, or past every tag that the robot can reach."""
+    """Film a drive: along a trajectory, or past every tag that the robot can reach.
+
+    Example: lupin sim video --limit 20 --out walk.mp4
+    """
     from lupin_sim.flythrough import flythrough
     from lupin_sim.rendering import film
 
@@ -107,7 +121,11 @@ def video(
     frames = _recorded_frames(trajectory, frames_per_s) if trajectory is not None else flythrough(greenhouse, frames_per_s)
     if limit_s > 0.0:
         frames = frames[: max(1, round(limit_s * rate_hz))]
-    _report_drawing_errors(lambda: film(greenhouse, out, frames, rate_hz, camera))
+    with work_progress() as show:
+        show("drawing", 0.0)
+        _report_drawing_errors(
+            lambda: film(greenhouse, out, frames, rate_hz, camera, progress=lambda share: show("drawing", share))
+        )
     echo(f"wrote {out}: {len(frames)} frames, {len(frames) / rate_hz:.0f} s")
 
 
@@ -115,11 +133,13 @@ def video(
 def press(
     button: Annotated[str, typer.Argument(help="The button to press: estop.")] = "estop",
     release: Annotated[bool, typer.Option("--release", help="Release the button; this alone starts no motion.")] = False,
-    run: Annotated[str | None, typer.Option("--run", help="Select the run by part of its id, if several are up.")] = None,
+    run: LIVE_RUN = None,
 ) -> None:
     """Press the simulated robot's e-stop button, or release it.
 
     Exit status: 0 done, 1 the simulator did not answer, 2 there is no such button, 3 no run is up.
+
+    Example: lupin sim press estop --release
     """
     if button != "estop":
         echo(f"lupin sim: there is no button {button!r}; there is: estop", err=True)

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from lupin_cli.command_group import command_group
+from lupin_cli.commands import play
 from lupin_cli.connection.base import Output, Script, Unreachable
 from lupin_cli.connection.inventory import TRANSPORTS, Config, ConfigError, Robot, load
 from lupin_cli.connection.options import ASK_SUDO, CONFIG, ROBOT, connect, destinations, reporting_errors, select_robots
@@ -23,12 +25,7 @@ if TYPE_CHECKING:
     from lupin_cli.link.ranking import RankedTransport
     from lupin_cli.link.route import Route
 
-app = typer.Typer(
-    help="The transport in use, how good its link is, and which transport to take.",
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-)
+app = command_group("The transport in use, how good its link is, and which transport to take.", "lupin transport")
 
 PLAYBOOKS = {"wired": "demo-wired", "router": "demo-router", "ap": "demo-access-point"}
 _JSON = Annotated[bool, typer.Option("--json", help="Print only JSON on standard output.")]
@@ -49,7 +46,7 @@ class LinkStatus:
     ranking: list[RankedTransport] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the status as JSON-able data; its keys are stable."""
+        """Return the status as JSON-serializable data; its keys are stable."""
         return {
             "robot": self.robot,
             "transport": self.transport,
@@ -82,15 +79,15 @@ def show(robot: ROBOT = None, config: CONFIG = None, quick: _QUICK = False, as_j
     """Show the transport in use, how good its link is, and how all transports rank today.
 
     Measuring takes about ten seconds. Exit status: 0 the robot answers, 3 it answers over none of its transports.
+
+    Example: lupin transport show --quick
     """
     with reporting_errors("transport"):
         inventory = load(config)
-        chosen = select_robots(inventory, robot)
-        if len(chosen) != 1:
-            raise ConfigError("name exactly one robot with --robot")
+        one = _select_one(inventory, robot)
         if not (quick or as_json):
             echo("measuring the link, about ten seconds...", err=True)
-        status = _inspect(chosen[0], inventory, quick)
+        status = _inspect(one, inventory, quick)
     if as_json:
         print(json.dumps(status.as_json()))
     else:
@@ -104,6 +101,7 @@ def use(
     robot: ROBOT = None,
     config: CONFIG = None,
     variables: Annotated[list[str] | None, typer.Option("-v", "--var", help="Set a playbook variable: name=value.")] = None,
+    hidden: play.HIDDEN = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what would change; change nothing.")] = False,
     diff: Annotated[bool, typer.Option("--diff", help="Show how files change.")] = False,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Answer every question with yes.")] = False,
@@ -112,36 +110,38 @@ def use(
     """Move robot and laptop to a transport: plays demo-wired, demo-router or demo-access-point.
 
     This is a playbook run: it is journaled, can be resumed, and is undone with lupin play --undo.
+
+    Example: lupin transport use wired
     """
     with reporting_errors("transport"):
         if transport not in TRANSPORTS:
             raise ConfigError(f"{transport!r} is not a transport; choose one of {', '.join(TRANSPORTS)}")
-        chosen = select_robots(load(config), robot)
+        one = _select_one(load(config), robot)
         assignments = list(variables or [])
-        address = chosen[0].addresses.get(transport)
+        address = one.addresses.get(transport)
         if address and not any(word.startswith("robot_ip=") for word in assignments):
             from lupin_cli.connection.destination import parse_destination
 
             assignments.append(f"robot_ip={parse_destination(address)[1]}")
-    from lupin_cli.commands import play
-
     play.command(
         PLAYBOOKS[transport],
-        list_all=False,
         dry_run=dry_run,
         diff=diff,
-        from_step="",
-        resume=False,
-        undo="",
         yes=yes,
         variables=assignments,
-        robot=[each.name for each in chosen] if robot else None,
-        every=False,
-        limit=None,
+        hidden=hidden,
+        robot=[one.name] if robot else None,
         config=config,
         ask_sudo=ask_sudo,
-        as_json=False,
     )
+
+
+def _select_one(inventory: Config, names: list[str] | None) -> Robot:
+    """Return the named robot, or the default one. Raises ConfigError if several are named."""
+    chosen = select_robots(inventory, names)
+    if len(chosen) != 1:
+        raise ConfigError("name exactly one robot with --robot")
+    return chosen[0]
 
 
 def _inspect(robot: Robot, config: Config, quick: bool) -> LinkStatus:
@@ -170,7 +170,7 @@ def _inspect(robot: Robot, config: Config, quick: bool) -> LinkStatus:
             risks = roaming_risks(manager, status.laptop_route.interface if status.laptop_route else "")
             problems[status.transport] = [
                 *link_problems(status.laptop_route, status.robot_route, status.quality, risks),
-                *multihoming_problems(status.transport, announced),
+                *multihoming_problems(robot.name, status.transport, announced),
             ]
     status.ranking = rank({name: str(place) for name, place in places.items()}, reachable, problems)
     return status
@@ -222,7 +222,7 @@ def _print(status: LinkStatus) -> None:
         echo(f"  {_quality_text(status.quality)}")
     for reason in status.unknown:
         echo(f"  unknown: {reason}")
-    echo("transports, best first today:")
+    echo("transports, best first:")
     for number, ranked in enumerate(status.ranking, 1):
         if not ranked.answers:
             state = "does not answer" if ranked.address else "has no address in the inventory"

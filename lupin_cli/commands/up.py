@@ -6,33 +6,34 @@ import json
 import math
 import os
 import shutil
-import subprocess
 import sys
-import time
 from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lupin_cli.exit_codes import UNREACHABLE, USAGE_ERROR
-from lupin_cli.terminal import echo
+from lupin_cli.completion import worlds
+from lupin_cli.exit_codes import USAGE_ERROR
+from lupin_cli.printed_commands import lupin, print_next
+from lupin_cli.terminal import echo, output_may_vanish, timed_progress
+from lupin_runtime.interpreter import PYTHON
 from lupin_runtime.ports import CONSOLE_PORT, FOXGLOVE_PORT, ROSBRIDGE_PORT, VIDEO_PORT
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from lupin_cli.safe_console import SafeConsole
     from lupin_runtime.stack.options import Options
 
 DEFAULT_GOAL = {"sim": "all", "robot": "5"}
-DETACH_TIMEOUT_S = 20.0
 
 
 def command(
     mission: bool = typer.Option(False, "--mission/--no-mission", help="Run the exploration mission, then stop the stack."),
     target: str = typer.Option("sim", help="Start the stack for sim or robot."),
-    world: str = typer.Option("demo", help="Simulate demo, course[:STRETCH], random:SEED, walled, or a layout file."),
-    seed: int = typer.Option(0, help="Seed the simulator's noise."),
+    world: str = typer.Option(
+        "demo", autocompletion=worlds, help="Simulate demo, course[:STRETCH], random:SEED, walled, or a layout file."
+    ),
+    seed: int = typer.Option(0, min=0, help="Seed the simulator's noise."),
     speed: float = typer.Option(1.0, help="Simulate this many seconds per second."),
     headless: bool = typer.Option(False, "--headless", help="Open no console and no window."),
     slam: bool = typer.Option(True, "--slam/--no-slam", help="Build a map while driving."),
@@ -55,7 +56,7 @@ def command(
         ROSBRIDGE_PORT, min=0, max=65535, help="Serve rosbridge on this port of 127.0.0.1; 0: any free one."
     ),
     video: bool = typer.Option(
-        True, "--video/--no-video", help=f"Serve the simulated cameras' pictures to the console, on 127.0.0.1:{VIDEO_PORT}."
+        True, "--video/--no-video", help=f"Serve the simulated cameras' images to the console, on 127.0.0.1:{VIDEO_PORT}."
     ),
     foxglove: bool = typer.Option(
         False,
@@ -70,12 +71,16 @@ def command(
     ),
     dependency_timeout_s: float = typer.Option(120.0, min=1.0, help="Let the mission wait this long for its dependencies, s."),
     overrides: Path = typer.Option(None, help="Read approach poses of individual tags from this file (YAML)."),
-    detach: bool = typer.Option(False, "--detach", help="Return once the run has started; follow it with: lupin status."),
+    detach: bool = typer.Option(
+        False, "--detach", help="Return once all processes are up, or with the reason why not; follow it with: lupin status."
+    ),
     as_json: bool = typer.Option(False, "--json", help="Print only one JSON object on standard output, at the end."),
 ) -> None:
     """Start the stack; with --mission, explore, read every tag and write a report.
 
     Exit status: 0 the mission ended DONE, 1 it ended otherwise, 2 usage, 3 a process did not come up, 130 interrupted.
+
+    Example: lupin up --mission --world random:7
     """
     if target not in DEFAULT_GOAL:
         raise typer.BadParameter(f"{target!r} is neither sim nor robot", param_hint="--target")
@@ -84,9 +89,6 @@ def command(
     _check_files(map_file, overrides)
     if foxglove:
         _check_foxglove_extra()
-    if detach:
-        _detach()
-        return
 
     from lupin_cli.run.mission_client import goal_count
     from lupin_runtime.stack.options import Options
@@ -128,8 +130,12 @@ def command(
     )
     if options.console:
         _report_taken_port(rosbridge_port)
+    if detach:
+        raise typer.Exit(_detach(unavailable, as_json))
     open_browser = not headless and sys.stdout.isatty() and bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-    raise typer.Exit(_run(options, unavailable, as_json, open_browser))
+    with output_may_vanish():  # a closed terminal ends the run, which still leaves its result and its report
+        exit_status = _run(options, unavailable, as_json, open_browser)
+    raise typer.Exit(exit_status)
 
 
 def _pose(text: str | None, map_file: Path | None) -> tuple[float, float, float] | None:
@@ -228,23 +234,28 @@ def _layout(world: str, target: str) -> Path | None:
 
 
 def _run(options: Options, unavailable: dict[str, str], as_json: bool, open_browser: bool) -> int:
-    from rich.console import Console
-
     from lupin_cli.run.live_view import LiveView
+    from lupin_cli.run.next_steps import next_steps
     from lupin_cli.run.summary import summarize
+    from lupin_cli.safe_console import SafeConsole
     from lupin_runtime.stack.dds import NoFreeDomain, NoRobotEnvironment
     from lupin_runtime.stack.runs import RunError
     from lupin_runtime.stack.stack_runner import StackRunner
 
-    console = Console(stderr=as_json)
-    announced = False
+    console = SafeConsole(stderr=as_json)
+    announced = ready = False
 
     def observe(state: dict[str, Any]) -> None:
-        nonlocal announced
+        nonlocal announced, ready
         if not announced and _console_is_up(state):
             announced = True
             _announce_console(runner.run.path, console, open_browser)
         view.show(state)
+        if not ready and runner.supervisor.all_up():
+            ready = True
+            console.print(f"READY after {state['age_s']:.1f} s")
+            for line in next_steps(runner.run, foreground=True):
+                console.print(line, soft_wrap=True)
 
     try:
         view = LiveView(console)
@@ -253,11 +264,11 @@ def _run(options: Options, unavailable: dict[str, str], as_json: bool, open_brow
         echo(f"lupin up: {error}", err=True)
         return USAGE_ERROR
     if runner.applied:
-        console.print(f"variables from ros-env.sh: {', '.join(runner.applied)}", highlight=False)
-    for flag, reason in unavailable.items():
-        console.print(f"not started: {reason} (--no-{flag})", highlight=False, soft_wrap=True)
+        console.print(f"variables from ros-env.sh: {', '.join(runner.applied)}")
+    for line in _not_started(unavailable):
+        console.print(line, soft_wrap=True)
     with view:
-        console.print(f"run {runner.run.id}  logs: {runner.run.logs}", highlight=False, soft_wrap=True)
+        console.print(f"run {runner.run.id}  logs: {runner.run.logs}", soft_wrap=True)
         outcome = runner.execute()
     result = summarize(runner.run, options, outcome, console)
     if as_json:
@@ -269,7 +280,7 @@ def _console_is_up(state: dict[str, Any]) -> bool:
     return any(stage["name"] == "console" and stage["phase"] == "up" for stage in state["stages"])
 
 
-def _announce_console(folder: Path, console: Console, open_browser: bool) -> None:
+def _announce_console(folder: Path, console: SafeConsole, open_browser: bool) -> None:
     """Print where the console is; on a desktop, also open its page."""
     from rich.text import Text
 
@@ -287,26 +298,30 @@ def _announce_console(folder: Path, console: Console, open_browser: bool) -> Non
         webbrowser.open(described.url)
 
 
-def _detach() -> None:
-    """Start the same command in a new session and return once its run exists."""
-    from lupin_runtime.stack.runs import live_runs
+def _not_started(unavailable: dict[str, str]) -> list[str]:
+    return [f"not started: {reason} (--no-{flag})" for flag, reason in unavailable.items()]
 
+
+def _detach(unavailable: dict[str, str], as_json: bool) -> int:
+    """Start the same command in the background; return the exit status once all processes are up, or the run has ended."""
+    from lupin_cli.run.detached import start
+    from lupin_cli.run.next_steps import next_steps
+
+    for line in _not_started(unavailable):
+        echo(line, err=True)
     arguments = [argument for argument in sys.argv[1:] if argument != "--detach"]
-    before = {run.id for run in live_runs()}
-    child = subprocess.Popen(
-        [sys.executable, "-m", "lupin_cli.app", *arguments],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
-    deadline = time.monotonic() + DETACH_TIMEOUT_S
-    while time.monotonic() < deadline and child.poll() is None:
-        own_runs = [run for run in live_runs() if run.id not in before and run.info().get("pid") == child.pid]
-        if own_runs:
-            echo(f"run {own_runs[0].id} has started; follow it with: lupin status --watch; stop it with: lupin down")
-            return
-        time.sleep(0.05)
-    error_output = child.stderr.read().decode(errors="replace") if child.poll() is not None and child.stderr else ""
-    echo(f"the run did not start within {DETACH_TIMEOUT_S:.0f} s\n{error_output}", err=True)
-    raise typer.Exit(UNREACHABLE)
+    with timed_progress() as show:
+        started = start([*PYTHON, "-m", "lupin_cli.app", *arguments], show)
+    run = started.run
+    if started.exit_status:
+        echo(started.text, err=True)
+        if run is not None:
+            words = [started.failed_process] if started.failed_process else []
+            print_next(lupin("logs", *words, "--run", run.id))
+    elif run is not None and not as_json:
+        echo(f"run {run.id} has started; its {started.processes} processes are up after {started.up_after_s:.1f} s")
+        for line in next_steps(run, foreground=False):
+            echo(line, wrap=False)
+    if as_json and run is not None:
+        print(json.dumps({"run": run.id, "up": not started.exit_status, "up_after_s": started.up_after_s, "why": started.text}))
+    return started.exit_status

@@ -1,11 +1,15 @@
-"""`lupin console sessions`, `revoke` and `code`: what they show and change, and their exit status."""
+"""`lupin console` and its subcommands: what they show and change, and their exit status."""
 
 from __future__ import annotations
 
 import json
 import os
+import re
+import signal
+import socket
 import subprocess
 import sys
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -90,3 +94,38 @@ def test_codes_of_the_running_console_are_shown(run: Run) -> None:
 def test_without_a_run_there_is_no_code() -> None:
     refused = lupin("code")
     assert refused.returncode == 3 and "lupin up" in refused.stderr
+
+
+@pytest.mark.graph
+def test_page_is_served_while_the_rosbridge_port_is_in_use() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        taken = other.getsockname()[1]
+        command = [sys.executable, "-m", "lupin_cli.app", "console", "--port", "0", "--rosbridge-port", str(taken)]
+        process = subprocess.Popen(
+            [*command, "--host", "127.0.0.1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+        try:
+            assert process.stdout is not None
+            port = next(found[1] for line in process.stdout if (found := re.search(r"http://localhost:(\d+)", line)))
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/_api/session", timeout=20) as answer:
+                assert answer.status == 200
+        finally:
+            os.killpg(process.pid, signal.SIGINT)
+            banner, errors = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert errors.count(f"port {taken} is in use by process {os.getpid()} (") == 1 and "--rosbridge-port" in errors
+    assert "rosbridge" not in banner, "it lists only what it serves"
+
+
+def test_page_port_in_use_is_refused_with_its_owner() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        taken = other.getsockname()[1]
+        for host in ("", "127.0.0.1"):
+            refused = lupin("--port", str(taken), "--host", host)
+            assert refused.returncode == 2
+            assert f"port {taken} is in use by process {os.getpid()} (" in refused.stderr and "--port" in refused.stderr
+
+
+def test_address_of_another_computer_is_refused() -> None:
+    refused = lupin("--port", "0", "--host", "192.0.2.7")
+    assert refused.returncode == 2 and "cannot listen on 192.0.2.7" in refused.stderr

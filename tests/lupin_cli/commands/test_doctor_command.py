@@ -17,8 +17,10 @@ from typer.testing import CliRunner, Result
 from lupin_cli.app import app
 from lupin_cli.checks import Check, Finding, Fix, Severity, Snapshot
 from lupin_cli.checks import table as checks_table
+from lupin_cli.checks.table import built_in, select
 from lupin_cli.commands import doctor
 from lupin_cli.connection import Output
+from lupin_cli.doctor.session import DoctorSession, FixResult
 from lupin_cli.facts import Fact
 
 Run = Callable[..., Result]
@@ -26,11 +28,16 @@ Run = Callable[..., Result]
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Return a function that runs `lupin doctor ...` with an empty home folder."""
+    """Return a function that runs `lupin doctor ...` with an empty home folder, on this machine unless a robot is named."""
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    return lambda *words: CliRunner().invoke(app, ["doctor", *words])
+
+    def invoke(*words: str) -> Result:
+        local = [] if {"--robot", "--host", "--all", "--limit", "--local"} & set(words) else ["--local"]
+        return CliRunner().invoke(app, ["doctor", *local, *words])
+
+    return invoke
 
 
 @pytest.fixture
@@ -77,9 +84,9 @@ def add_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
     return add
 
 
-def test_healthy_machine_prints_one_line(run: Run) -> None:
+def test_machine_without_findings_prints_one_line(run: Run) -> None:
     result = run("--only", "link.*")
-    assert (result.exit_code, result.output) == (0, "healthy; 4 checks\n")
+    assert (result.exit_code, result.output) == (0, "this machine: nothing found, topics were not measured\n")
 
 
 @pytest.mark.parametrize(
@@ -88,10 +95,14 @@ def test_healthy_machine_prints_one_line(run: Run) -> None:
         (["--only", "dds.profile"], "did you mean dds.profiles?"),
         (["--robot", "a", "--host", "b"], "exclude each other"),
         (["--json", "--markdown"], "both print to standard output"),
+        (["--fields", "status"], "--fields needs --json"),
+        (["--json", "--fields", "state"], "there is no field 'state' in status, robot, findings"),
         (["--yes"], "need --fix"),
         (["--dry-run"], "need --fix"),
         (["--all", "--watch"], "--watch examines one robot"),
-        (["--limit", "pot-*", "--robot", "pot-1"], "--all --limit"),
+        (["--limit", "pot-*"], "--limit needs --all"),
+        (["--all", "--robot", "pot-1"], "--all --limit"),
+        (["--local", "--robot", "pot-1"], "--local is this machine"),
         (["--all"], "has no robots"),
     ],
 )
@@ -99,7 +110,7 @@ def test_contradicting_options_exit_2(run: Run, words: list[str], hint: str) -> 
     result = run(*words)
     assert result.exit_code == 2
     assert hint in result.stderr
-    assert result.stdout == ""
+    assert "--json" in words or result.stdout == ""
 
 
 def test_unknown_robot_suggests_the_nearest_name(run: Run, tmp_path: Path) -> None:
@@ -108,6 +119,29 @@ def test_unknown_robot_suggests_the_nearest_name(run: Run, tmp_path: Path) -> No
     result = run("--robot", "greenhose", "--config", str(inventory))
     assert result.exit_code == 2
     assert "did you mean greenhouse?" in result.stderr
+
+
+def test_default_robot_is_examined_without_arguments(tmp_path: Path, refused: str, run: Run) -> None:
+    inventory = tmp_path / "lupin.toml"
+    inventory.write_text("".join(f'[robots.{name}.addresses]\nwired = "{refused}"\n' for name in ("pot-1", "pot-2")))
+    doctor_alone = ["doctor", "--config", str(inventory), "--only", "link.*", "--json"]
+    undecided = CliRunner().invoke(app, doctor_alone)
+    assert undecided.exit_code == 2 and "which robot? name one of pot-1, pot-2" in undecided.stderr
+    inventory.write_text(f'default_robot = "pot-2"\n{inventory.read_text()}')
+    examined = CliRunner().invoke(app, doctor_alone)
+    assert (examined.exit_code, json.loads(examined.stdout)["robot"]["name"]) == (3, "pot-2")
+    local = run("--local", "--config", str(inventory), "--only", "link.*", "--json")
+    assert (local.exit_code, json.loads(local.stdout)["robot"]) == (0, None)
+
+
+def test_chosen_fields_are_all_that_json_contains(run: Run, refused: str) -> None:
+    result = run("--host", refused, "--only", "link.*", "--json", "--fields", "status, findings.id,robot.unreachable")
+    assert result.exit_code == 3
+    assert json.loads(result.stdout) == {
+        "status": 3,
+        "findings": [{"id": "robot-unreachable"}],
+        "robot": {"unreachable": "refused"},
+    }
 
 
 def test_unreachable_robot_is_diagnosed_with_exit_3(run: Run, refused: str) -> None:
@@ -132,7 +166,8 @@ def test_junit_report_has_a_case_for_every_check(run: Run, tmp_path: Path, add_f
     result = run("--only", "link.*", "--only", "marker", "--junit", str(report))
     assert result.exit_code == 1
     (suite,) = ElementTree.parse(report).getroot()
-    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("5", "1", "0")
+    number = len(select(built_in(), only=["link.*"])) + 1
+    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == (str(number), "1", "0")
 
 
 def test_unwritable_report_exits_4(run: Run, tmp_path: Path) -> None:
@@ -160,7 +195,7 @@ def test_fix_plays_safe_fixes_and_examines_again(run: Run, add_fault: Callable[.
     result = run("--only", "marker", "--fix")
     assert result.exit_code == 0, result.output
     assert "played" in result.stderr
-    assert result.stdout == "healthy; 1 check\n"
+    assert result.stdout == "this machine: nothing found, topics were not measured\n"
     assert marker.read_text() == "fixed"
 
 
@@ -187,6 +222,16 @@ def test_dry_run_shows_fixes_and_changes_nothing(run: Run, add_fault: Callable[.
     result = run("--only", "marker", "--fix", "--dry-run")
     assert result.exit_code == 1
     assert "would play" in result.stderr
+    assert not marker.exists()
+
+
+def test_dry_run_of_fixes_asks_nothing_and_shows_all(
+    run: Run, add_fault: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    marker = add_fault(safe=False)
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+    result = run("--only", "marker", "--fix", "--dry-run")
+    assert result.exit_code == 1 and "would play" in result.stderr and "Play " not in result.output
     assert not marker.exists()
 
 
@@ -259,8 +304,31 @@ def test_third_party_check_is_run_and_reported(tmp_path: Path) -> None:
     assert any(
         line.split() == ["theirs.water", "A", "tank", "that", "runs", "dry."] for line in lupin("--list").stdout.splitlines()
     )
-    done = lupin("--only", "theirs.*", "--json", "--junit", str(tmp_path / "report.xml"))
+    done = lupin("--local", "--only", "theirs.*", "--json", "--junit", str(tmp_path / "report.xml"))
     output = json.loads(done.stdout)
     assert ([finding["id"] for finding in output["findings"]], done.returncode) == (["tank-low"], 1)
     assert any("plug-in bad" in line for line in output["broken"])
     assert "tank-low" in (tmp_path / "report.xml").read_text()
+
+
+@pytest.mark.parametrize(("answer", "played"), [(None, False), (False, False), (True, True)], ids=["no terminal", "no", "yes"])
+def test_loss_of_memory_is_announced_before_the_login_ends(
+    monkeypatch: pytest.MonkeyPatch, run: Run, answer: bool | None, played: bool
+) -> None:
+    fix = Fix("lupin play keep-shared-memory --robot pot", "keep-shared-memory", safe=True)
+    risk = Finding("shared-memory-at-risk", Severity.WARNING, "robot", "s", "c", ("e",), fix)
+    calls: list[str] = []
+
+    def play(_session: DoctorSession, finding: Finding) -> FixResult:
+        calls.append(finding.fix.playbook)
+        return FixResult(finding.id, finding.fix.playbook, "done", 2)
+
+    monkeypatch.setattr(DoctorSession, "find_endangered_memory", lambda *_: risk)
+    monkeypatch.setattr(DoctorSession, "play_fix", play)
+    monkeypatch.setattr(DoctorSession, "close", lambda _: calls.append("logout"))
+    monkeypatch.setattr(doctor, "is_interactive", lambda: answer is not None)
+    monkeypatch.setattr(doctor, "confirm", lambda _: answer)
+    result = run("--only", "link.*")
+    assert "ten seconds after this login ends" in result.stderr
+    assert calls == (["keep-shared-memory", "logout"] if played else ["logout"])
+    assert ("keep it with: lupin play keep-shared-memory --robot pot" in result.stderr) != played

@@ -69,6 +69,28 @@ def test_missing_path_exits_1_with_the_reason(map_file: Path, start: str, goal: 
 
 
 @pytest.mark.parametrize(
+    ("start", "goal", "why"),
+    [
+        ("-0.5,0", "4.5,1", "the goal (4.5, 1) is in unknown space"),
+        ("-0.5,0", "3.9,-1", "the goal (3.9, -1) is within 0.22 m of unknown space"),
+        ("4.5,1", "-0.5,0", "the start (4.5, 1) is in unknown space"),
+        ("-0.5,0", "3.5,1.2", "the goal (3.5, 1.2) is within 0.22 m of an obstacle"),
+        ("-0.5,0", "5.5,1", "no path 0.44 m wide leads through known space from (-0.5, 0) to (5.5, 1)"),
+    ],
+)
+def test_known_space_alone_is_named_as_the_reason(tmp_path: Path, start: str, goal: str, why: str) -> None:
+    cells = np.zeros((100, 140), np.int8)
+    cells[50:80, 80:100] = 100
+    cells[:, 100:120] = -1
+    save_map(tmp_path / "part.yaml", GridMap(cells, 0.05, -1.0, -2.0))
+    result = run(tmp_path / "part.yaml", f"--from={start}", f"--to={goal}", "--no-unknown", "--json")
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["reason"] == why
+    known = run(tmp_path / "part.yaml", f"--from={start}", f"--to={goal}", "--json")
+    assert known.exit_code == (1 if "obstacle" in why else 0)
+
+
+@pytest.mark.parametrize(
     "options",
     [
         ("--from=1", "--to=0,0"),

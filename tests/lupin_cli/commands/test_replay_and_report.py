@@ -112,6 +112,33 @@ def test_report_of_a_single_recording(drive: Path, tmp_path: Path) -> None:
     assert words.stdout.rstrip().endswith("report.html")
 
 
+def test_report_of_two_runs_compares_them(drive: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.mcap"
+    other.write_bytes(drive.read_bytes())
+    done = lupin("report", str(drive), str(other), "--json", "--out", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
+    content = json.loads(done.stdout)
+    assert content["schema"] == "lupin-comparison/1"
+    assert [content[side]["id"] for side in ("a", "b")] == ["drive-report", "other-report"]
+    words = lupin("report", str(drive), str(other))
+    assert words.returncode == 0, words.stderr
+    assert "Distance driven" in words.stdout
+    page = Path(words.stdout.rstrip().splitlines()[-1])
+    assert page == tmp_path / "other-report" / "report" / "comparison-with-drive-report.html"
+    assert page.read_text().startswith("<!doctype html>")
+    assert (tmp_path / "out" / page.name).exists()
+
+
+@pytest.mark.parametrize(
+    ("count", "words"), [(2, "are the same run, drive-report"), (3, "compares two runs, and 3 were named")]
+)
+def test_comparison_of_other_than_two_runs_is_refused(drive: Path, count: int, words: str) -> None:
+    done = lupin("report", *[str(drive)] * count)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert done.stdout == ""
+
+
 def test_replay_page_builds_a_missing_report(drive: Path) -> None:
     done = lupin("replay", str(drive), "--page")
     assert done.returncode == 0, done.stderr

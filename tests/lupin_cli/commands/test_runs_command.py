@@ -30,7 +30,7 @@ def lupin(*arguments: str) -> tuple[int, str]:
 
 def test_old_runs_are_removed_but_kept_ones_are_not(folder: Path) -> None:
     rows = json.loads(lupin("list", "--json")[1])
-    assert [row["state"] for row in rows] == ["ended"] + ["DONE"] * 7
+    assert [row["state"] for row in rows] == ["DONE"] * 7 + ["NO_RESULT"]
     assert lupin("keep", "20260102")[0] == 0
     assert lupin("prune", "--count", "3", "--dry-run")[1].count("would remove") == 4
     assert len(list(folder.iterdir())) == 8

@@ -16,7 +16,7 @@ runner = CliRunner()
 def test_worlds_are_listed_as_table_and_json() -> None:
     table = runner.invoke(app, ["worlds"])
     assert table.exit_code == 0
-    for word in ("demo", "course:STRETCH", "random:SEED", "walled", "FILE.json"):
+    for word in ("demo", "course:STRETCH", "random:SEED", "walled", "layout.json"):
         assert word in table.stdout
     rows = json.loads(runner.invoke(app, ["worlds", "--json"]).stdout)
     demo = rows[0]
@@ -27,7 +27,7 @@ def test_worlds_are_listed_as_table_and_json() -> None:
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["picture", "--world", "atlantis"], "there is no world 'atlantis'"),
+        (["picture", "--world", "atlantis"], "unknown world 'atlantis'"),
         (["picture", "--camera", "side"], "overview, top, follow, front, gripper"),
         (["picture", "--out", "picture.pdf"], ".png or .jpg"),
         (["video", "--out", "film.avi"], ".mp4 or .gif"),

@@ -6,13 +6,17 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from lupin_cli.commands.tags import app
 from lupin_runtime.apriltag import tag_image
+from tests.support import tag_views as tag_views_module
 
 
 def lupin(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -23,6 +27,12 @@ def lupin(*arguments: str) -> subprocess.CompletedProcess[str]:
         timeout=60,
         check=False,
     )
+
+
+@pytest.fixture
+def tag_views() -> ModuleType:
+    """Renders views of tags with their true corners and poses."""
+    return tag_views_module
 
 
 @pytest.fixture
@@ -76,11 +86,107 @@ def test_unreadable_image_is_named_and_the_others_are_read(
     assert done.returncode == 1
     gone, notes, good = json.loads(done.stdout)
     assert "No such file" in gone["error"] and gone["tags"] == []
-    assert "not an image that OpenCV can read" in notes["error"]
+    assert "is no PNG" in notes["error"]
     assert len(good["tags"]) == 2 and "error" not in good
     assert "gone.png: cannot be read" in done.stderr
 
 
-@pytest.mark.parametrize("arguments", [(), ("--engine", "sift", "x.png"), ("--nonsense",)])
+CALIBRATION = """image_width: 640
+image_height: 480
+camera_name: front
+camera_matrix: {rows: 3, cols: 3, data: [554.254691191187, 0, 319.5, 0, 554.254691191187, 239.5, 0, 0, 1]}
+distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
+"""
+
+
+def test_pose_is_in_the_cameras_frame_at_any_image_size(tag_views: ModuleType, tmp_path: Path) -> None:
+    """The calibration was made with images of 640 x 480; the second image is twice as large."""
+    place = np.array([0.15, -0.1, 0.9])
+    view = tag_views.render(12, tag_views.tag_rotation(0.4), place, np.random.default_rng(1))
+    cv2.imwrite(str(tmp_path / "small.png"), view.image)
+    cv2.imwrite(str(tmp_path / "large.png"), cv2.resize(view.image, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC))
+    (tmp_path / "front.yaml").write_text(CALIBRATION)
+    images = [str(tmp_path / "small.png"), str(tmp_path / "large.png")]
+    done = lupin(*images, "--pose", "--camera", str(tmp_path / "front.yaml"), "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    for result in json.loads(done.stdout):
+        (tag,) = result["tags"]
+        assert np.abs(np.array(tag["pose"]["position"]) - place).max() < 0.01
+        x, y, z, w = tag["pose"]["orientation"]
+        outward = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+        assert outward @ view.rotation[:, 2] > np.cos(0.05)
+    table = lupin(images[0], "--pose", "--edge", "0.2")
+    assert "assumed camera" in table.stderr and "position, m" in table.stdout and "1.8" in table.stdout
+
+
+def test_annotated_copies_outline_the_tags(tag_image_file: tuple[str, list[list[float]]], tmp_path: Path) -> None:
+    path, corners = tag_image_file
+    done = lupin(path, "--annotate", str(tmp_path / "new" / "copies"), "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    (result,) = json.loads(done.stdout)
+    assert result["annotated"] == str(tmp_path / "new" / "copies" / "two.png")
+    before, copy = cv2.imread(path), cv2.imread(result["annotated"])
+    assert before is not None and copy is not None and before.shape == copy.shape
+    colored = np.abs(copy.astype(int) - before).max(axis=2) > 60
+    for (x1, y1), (x2, y2) in zip(corners, [*corners[1:], corners[0]]):
+        assert colored[round((y1 + y2) / 2), round((x1 + x2) / 2)], "an outline passes between two corners"
+    assert not colored[10:60].any()
+
+
+def test_copies_that_would_replace_something_are_refused(tag_image_file: tuple[str, list[list[float]]], tmp_path: Path) -> None:
+    path, _ = tag_image_file
+    before = Path(path).read_bytes()
+    itself = lupin(path, "--annotate", str(tmp_path))
+    assert itself.returncode == 2 and "would replace the image itself" in itself.stderr
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "two.jpg").write_bytes(before)
+    both = lupin(path, str(tmp_path / "other" / "two.jpg"), "--annotate", str(tmp_path / "copies"))
+    assert both.returncode == 2 and "would both be written" in both.stderr
+    assert Path(path).read_bytes() == before and not (tmp_path / "copies").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "expected a calibration, not NoneType"),
+        ("a: [", "not YAML"),
+        ("image_width: 640\n", "camera_matrix: expected an entry data"),
+        (CALIBRATION.replace("[554.254691191187, 0", "[-1, 0"), "focal lengths above 0"),
+        (CALIBRATION.replace("239.5", ".nan"), "camera_matrix: expected finite numbers"),
+        (CALIBRATION.replace("image_width: 640", "image_width: wide"), "image_width: expected pixels, found 'wide'"),
+        (CALIBRATION.replace("[0, 0, 0, 0, 0]", str([0] * 15)), "at most 14 numbers"),
+        (None, "No such file or directory; expected a calibration"),
+    ],
+)
+def test_unusable_calibration_is_named(tmp_path: Path, text: str | None, says: str) -> None:
+    if text is not None:
+        (tmp_path / "front.yaml").write_text(text)
+    done = CliRunner().invoke(app, ["detect", "x.png", "--pose", "--camera", str(tmp_path / "front.yaml")])
+    assert done.exit_code == 2
+    assert says in done.stderr and "front.yaml" in done.stderr
+
+
+def test_other_families_are_found_by_name(tmp_path: Path) -> None:
+    """The same picture has a tag of each family; OpenCV draws the second."""
+    drawn = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_25h9), 3, 140)
+    image = np.full((300, 500), 255, np.uint8)
+    image[80:220, 60:200] = drawn
+    image[80:192, 300:412] = tag_image(7, 14, quiet_modules=0)
+    cv2.imwrite(str(tmp_path / "both.png"), image)
+    for family, expected in (("tag25h9", 3), ("tag36h11", 7), ("tag16h5", None)):
+        done = lupin(str(tmp_path / "both.png"), "--family", family, "--json")
+        assert done.returncode == 0, done.stderr
+        assert [tag["id"] for tag in json.loads(done.stdout)[0]["tags"]] == ([expected] if expected else [])
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [(), ("--engine", "sift", "x.png"), ("--nonsense",), ("x.png", "--family", "tag9"), ("x.png", "--pose", "--edge", "0")],
+)
 def test_usage_error_exits_2(arguments: tuple[Any, ...]) -> None:
-    assert lupin(*arguments).returncode == 2
+    assert CliRunner().invoke(app, ["detect", *arguments]).exit_code == 2
+
+
+def test_aruco_engine_refuses_other_families() -> None:
+    done = CliRunner().invoke(app, ["detect", "x.png", "--engine", "aruco", "--family", "tag25h9"])
+    assert done.exit_code == 2 and "finds tag36h11 only" in done.stderr
