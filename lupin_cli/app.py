@@ -6,29 +6,35 @@ import importlib
 import io
 import os
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
 from lupin_cli import __version__
+from lupin_cli.completion import matching
 from lupin_cli.exit_codes import INTERNAL_ERROR, INTERRUPTED
-from lupin_cli.terminal import echo
+from lupin_cli.json_errors import errors_as_objects
+from lupin_cli.printed_commands import lupin, print_next
+from lupin_cli.terminal import echo, printable
 
 # verb: (section, one line of help). The module is lupin_cli.commands.<verb>, with dashes as underscores.
 COMMANDS: dict[str, tuple[str, str]] = {
     "up": ("Run", "Start the stack; with --mission, explore, read every tag and report."),
-    "status": ("Run", "Show the stages, the processes and the mission of a run."),
-    "logs": ("Run", "Show the logs of a run's processes."),
+    "status": ("Run", "Show the processes and the mission of a run, or how the last run ended."),
+    "logs": ("Run", "Show the logs of a run's processes, merged by time."),
+    "env": ("Run", "Print what a shell evaluates to join the graph of a run."),
     "down": ("Run", "Stop a run and everything that it started."),
-    "runs": ("Run", "List, keep and remove the runs on the disk."),
+    "runs": ("Run", "List the past runs with result, world and duration; keep and remove runs."),
     "run": ("Run", "Run one process of the stack in the foreground."),
     "console": ("Run", "Serve a running graph to browsers; their codes, sessions and the certificate."),
     "mission": ("Mission", "Start, pause, resume or abort a mission; draw its state machine."),
-    "deploy": ("Robot", "Install Lupin on a robot, or this machine's half of the link."),
+    "deploy": ("Robot", "Install Lupin on a robot, or set up this machine for it."),
     "doctor": ("Robot", "Diagnose robot, laptop and link; show each root cause, its evidence and its fix."),
-    "robots": ("Robot", "List, add, forget and check the robots of the inventory."),
+    "wait": ("Robot", "Wait until a robot is healthy, free or reachable."),
+    "robots": ("Robot", "List, add, remove, rename and check the robots of the inventory."),
     "dds": ("Robot", "Set up, check or remove this machine's access to the robot's ROS graph."),
     "transport": ("Robot", "Show and measure the link to the robot; switch its transport."),
     "home": ("Robot", "Activate the controllers and move the arm to its home pose."),
@@ -42,14 +48,52 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "report": ("Results", "Build the report of a recorded run."),
     "foxglove": ("Tools", "Write the layout for Foxglove and Lichtblick."),
     "map": ("Tools", "Build and optimize maps and plan paths on them, without a robot."),
-    "tags": ("Tools", "Find AprilTags in pictures."),
+    "tags": ("Tools", "Find AprilTags in images."),
+    "completion": ("Tools", "Print the script by which bash, zsh or fish completes the words of lupin."),
 }
+
+
+@contextmanager
+def _printable_errors() -> Iterator[None]:
+    """Take control characters out of usage errors, which Typer prints itself: they quote words of the command line."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(message := getattr(error, "message", None), str):  # of click's exceptions, which have no public name
+            error.message = printable(message)  # type: ignore[attr-defined]
+        raise
 
 
 class LazyGroup(TyperGroup):
     """Takes the commands' names and help from the table, and imports a command only when it is called."""
 
     # Any: Typer bundles click privately, so the types of contexts, commands and formatters have no public name.
+
+    def main(self, args: Any = None, *more: Any, **options: Any) -> Any:
+        """Run the command; with --json, an error is an object on standard output, too."""
+        if "_LUPIN_COMPLETE" in os.environ:  # a shell asks for completions
+            from typer._completion_classes import completion_init
+
+            completion_init()
+        words = sys.argv[1:] if args is None else list(args)
+        with errors_as_objects() if "--json" in words else nullcontext():
+            return super().main(args, *more, **options)
+
+    def make_context(self, *words: Any, **options: Any) -> Any:
+        """Parse the words of `lupin` itself; see `_printable_errors`."""
+        with _printable_errors():
+            return super().make_context(*words, **options)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Parse the words of a command, and run it; see `_printable_errors`."""
+        with _printable_errors():
+            return super().invoke(ctx)
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:  # noqa: ARG002 -- click's signature
+        """Complete the names of commands from the table, without importing the commands."""
+        from typer._click.shell_completion import CompletionItem
+
+        return [CompletionItem(verb) for verb in matching(COMMANDS, incomplete)]
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 -- click's signature
         """Return the names of all commands."""
@@ -104,7 +148,7 @@ def _print_version(value: bool) -> None:
         raise typer.Exit()
 
 
-@app.callback(help="Lupin: operator's toolkit and runtime of a MIRTE Master greenhouse robot.")
+@app.callback(help="Lupin: operator's toolkit and runtime of a MIRTE Master greenhouse robot.\n\nExample: lupin up --mission")
 def root(
     version: bool = typer.Option(
         False, "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
@@ -131,6 +175,14 @@ def main() -> None:
     """Run `lupin`. An expected error prints one line and the next command; an unexpected one names --debug."""
     _use_utf8()
     try:
+        with errors_as_objects() if "--json" in sys.argv else nullcontext():
+            _run()
+    finally:
+        _flush_output()
+
+
+def _run() -> None:
+    try:
         app()
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
@@ -138,8 +190,6 @@ def main() -> None:
         if "--debug" in sys.argv:
             raise
         sys.exit(_report(error))
-    finally:
-        _flush_output()
 
 
 def _report(error: Exception) -> int:
@@ -151,10 +201,11 @@ def _report(error: Exception) -> int:
         print_error(sys.argv[1], error)
         return exit_code_of(error)
     if isinstance(error, OSError):  # the disk is full, a file may not be written: not Lupin's defect
-        echo(f"lupin: {error}; for the stack trace: lupin --debug ...", err=True)
+        echo(f"lupin: {error}", err=True)
     else:
         echo(f"lupin: {type(error).__name__}: {error}", err=True)
-        echo("lupin: this is a defect of Lupin; for the stack trace: lupin --debug ...", err=True)
+        echo("lupin: this is a defect of Lupin", err=True)
+    print_next(lupin("--debug", *sys.argv[1:]), "for the stack trace")
     return INTERNAL_ERROR
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lupin_runtime.atomic_file import write_atomically
+from lupin_runtime.bounded_file import read_bounded
 
 TIMEOUT_S = 180.0  # hooks of the program may rebuild Java's store
 _SBIN = "/usr/local/sbin:/usr/sbin:/sbin"  # may be missing from a user's PATH
@@ -37,7 +38,7 @@ class TrustStore:
     def holds(self, authority_id: str, certificate: bytes) -> bool:
         """Return whether the store has this certificate."""
         try:
-            return self.path(authority_id).read_bytes() == certificate
+            return read_bounded(self.path(authority_id)) == certificate
         except OSError:
             return False
 
@@ -49,7 +50,7 @@ class TrustStore:
         """Make the system trust a certificate in PEM. Raises TrustStoreError."""
         path = self.path(authority_id)
         try:
-            write_atomically(path, certificate)
+            write_atomically(path, certificate, mode=0o644)
         except OSError as error:
             raise TrustStoreError(f"{path} cannot be written: {error.strerror or error}") from error
         try:
@@ -62,14 +63,14 @@ class TrustStore:
         """Make the system forget an authority. Raises TrustStoreError."""
         path = self.path(authority_id)
         try:
-            certificate = path.read_bytes()
+            certificate = read_bounded(path)
             path.unlink()
         except OSError as error:
             raise TrustStoreError(f"{path} cannot be removed: {error.strerror or error}") from error
         try:
             self._run((*self.options, *self.removal_options))
         except TrustStoreError:
-            write_atomically(path, certificate)
+            write_atomically(path, certificate, mode=0o644)
             raise
 
     def add_command(self, authority_id: str, source: Path | str) -> str:

@@ -51,12 +51,20 @@ def test_help_imports_nothing_heavy() -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [("up", "--target", "moon"), ("up", "--discovery-goal", "some"), ("up", "--map", "/no/such.yaml"), ("up", "--speed", "0")],
+    [
+        ("--target", "moon"),
+        ("--discovery-goal", "some"),
+        ("--map", "/no/such.yaml"),
+        ("--speed", "0"),
+        ("--seed", "-1"),
+        ("--world", "atlantis"),
+    ],
 )
-def test_bad_options_of_up_are_usage_errors(arguments: tuple[str, ...]) -> None:
-    done = lupin(*arguments)
+@pytest.mark.parametrize("detach", [(), ("--detach",)], ids=["foreground", "detached"])
+def test_bad_options_of_up_are_usage_errors(arguments: tuple[str, ...], detach: tuple[str, ...]) -> None:
+    done = lupin("up", *arguments, *detach)
     assert done.returncode == 2
-    assert arguments[1] in done.stderr
+    assert arguments[0] in done.stderr and "has started" not in done.stdout + done.stderr
 
 
 def test_commands_without_a_live_run_name_lupin_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,7 +93,7 @@ def test_closed_pipe_ends_output_without_a_traceback() -> None:
     ("error", "code", "text"),
     [
         (Unreachable("robot: nothing answers", "timeout", "ping robot"), 3, "robot: nothing answers\n  next: ping robot\n"),
-        (RuntimeError("odd"), 70, "lupin: RuntimeError: odd\nlupin: this is a defect of Lupin;"),
+        (RuntimeError("odd"), 70, "lupin: RuntimeError: odd\nlupin: this is a defect of Lupin\n"),
     ],
 )
 def test_unhandled_error_is_reported_without_traceback(
