@@ -23,7 +23,7 @@ def wall_ms(command: list[str]) -> float:
 
 
 def main() -> int:
-    """Time `python -c pass` and `lupin --help` alternately, and print the medians; return 1 if the limit is missed."""
+    """Time `python -c pass` and `lupin --help` alternately, and print the medians; return 1 if the limit is exceeded."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--runs", type=int, default=21, help="measure this many pairs")
     parser.add_argument("--json", action="store_true", help="print only the JSON line")

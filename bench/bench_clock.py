@@ -72,9 +72,9 @@ def measure_ssh_date(host: Any, runs: int) -> dict[str, float]:
 
 
 def main() -> int:
-    """Measure the offset over every link; return 1 if a limit is missed or no computer can be booted."""
+    """Measure the offset over every link; return 1 if a limit is exceeded or no computer can be booted."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=50, help="measure this often on each link")
+    parser.add_argument("--runs", type=int, default=50, help="measure this many times on each link")
     parser.add_argument("--json", action="store_true", help="print only one JSON line, at the end")
     options = parser.parse_args()
     from lupin_sim.host import Host

@@ -51,6 +51,8 @@ LIMITS = {
 AT_LEAST = ("messages_per_cpu_s", "ratio_to_suite")
 SMALL_HZ = 10_000.0
 _ANSWER_TIMEOUT_S = 20.0
+_END_TIMEOUT_S = 5.0
+_CALL_PAUSE_S = 0.02
 
 
 # -- the measured processes ---------------------------------------------------------------------------------------------
@@ -73,7 +75,7 @@ def publish(kind: str, seconds: float) -> int:
 
     from bench.bench_record import make_message
     from lupin_runtime.ros import LupinNode
-    from lupin_runtime.ros.node import interface
+    from lupin_runtime.ros.interfaces import interface
 
     rclpy.init(args=[])
     node = LupinNode("load")
@@ -92,7 +94,7 @@ def publish(kind: str, seconds: float) -> int:
     counted = next(iter(rows))
     while kind == "small" and not publishers[counted].get_subscription_count():
         time.sleep(0.01)
-    time.sleep(1.0)
+    time.sleep(1.0)  # until all subscriptions are matched
     began, sent = time.monotonic(), dict.fromkeys(rows, 0)
     while (elapsed_s := time.monotonic() - began) < seconds:
         for row, message in rows.items():
@@ -101,7 +103,32 @@ def publish(kind: str, seconds: float) -> int:
                 sent[row] += 1
         time.sleep(0.002)
     print(sent[counted], flush=True)
-    time.sleep(2.0)
+    time.sleep(2.0)  # until the last messages have been sent
+    return 0
+
+
+def call(seconds: float) -> int:
+    """Call the load generator's service without a bridge for some seconds; print the times in ms as JSON."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from std_srvs.srv import SetBool
+
+    from lupin_runtime.ros import LupinNode
+
+    rclpy.init(args=[])
+    node = LupinNode("caller")
+    client = node.create_client(SetBool, "/bench/call")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    client.wait_for_service(_ANSWER_TIMEOUT_S)
+    times_ms = []
+    deadline_s = time.monotonic() + seconds
+    while time.monotonic() < deadline_s:
+        began_s = time.perf_counter()
+        executor.spin_until_future_complete(client.call_async(SetBool.Request()), _ANSWER_TIMEOUT_S)
+        times_ms.append((time.perf_counter() - began_s) * 1e3)
+        time.sleep(_CALL_PAUSE_S)
+    print(json.dumps(times_ms), flush=True)
     return 0
 
 
@@ -119,8 +146,8 @@ class ServerRig:
         """Open a connection to the server."""
         return self.exits.enter_context(connect(f"ws://127.0.0.1:{self.port}", max_size=None, max_queue=None))
 
-    def start_load(self, kind: str, seconds: float) -> subprocess.Popen[str]:
-        """Start a process that publishes for some seconds; see `publish`."""
+    def start_process(self, kind: str, seconds: float) -> subprocess.Popen[str]:
+        """Start a process that publishes or calls for some seconds; see `publish` and `call`."""
         command = [sys.executable, "-m", "bench.bench_console", "--as", kind, "--seconds", str(seconds)]
         process = subprocess.Popen(command, env=self.environment, stdout=subprocess.PIPE, text=True)
         self.exits.callback(process.wait, 60)
@@ -151,12 +178,21 @@ def server_rig(suite: Path | None = None, module: str = "bench.bench_console", r
             stderr=subprocess.DEVNULL,
             text=True,
         )
-        exits.callback(server.wait, 20)
-        exits.callback(server.terminate)
+        exits.callback(_end, server)
         assert server.stdout is not None  # it is a pipe
         yield ServerRig(
             int(server.stdout.readline()), psutil.Process(server.pid), environment, exits.enter_context(ExitStack())
         )
+
+
+def _end(server: subprocess.Popen[str]) -> None:
+    """End a server; rosbridge_suite's does not end by SIGTERM once its ROS context is shut down."""
+    server.terminate()
+    try:
+        server.wait(_END_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        server.kill()
+        server.wait(_END_TIMEOUT_S)
 
 
 def send(client: ClientConnection, op: str, **fields: Any) -> None:
@@ -181,7 +217,7 @@ def small_messages(seconds: float, suite: Path | None = None) -> dict[str, float
     with server_rig(suite) as server:
         client = server.connect_client()
         send(client, "subscribe", topic="/bench/small", type="std_msgs/String", queue_length=1000)
-        load = server.start_load("small", seconds)
+        load = server.start_process("small", seconds)
         client.recv(timeout=_ANSWER_TIMEOUT_S)
         before_s = server.cpu_s()
         received = receive(client, 1.5)
@@ -190,16 +226,24 @@ def small_messages(seconds: float, suite: Path | None = None) -> dict[str, float
         return {"messages_per_cpu_s": received / used_s, "received": received, "sent": int(load.stdout.readline())}
 
 
-def calls_during_robot_load(seconds: float) -> dict[str, float]:
-    """Measure service calls while another client receives camera, scan, map and transforms."""
-    with server_rig() as server:
+def calls_during_robot_load(seconds: float, suite: Path | None = None) -> dict[str, float]:
+    """Measure service calls while another client receives camera, scan, map and transforms; then calls without a bridge."""
+    with server_rig(suite) as server:
         watcher, caller = server.connect_client(), server.connect_client()
         for row in (graph.TF, graph.SCAN, graph.ODOM, graph.MAP, graph.compressed(graph.BODY_IMAGE_ROBOT)):
             send(watcher, "subscribe", topic=row.name, type=row.type, compression="cbor")
-        server.start_load("robot", seconds + 3.0)
-        threading.Thread(target=receive, args=(watcher, seconds), daemon=True).start()
-        times_ms = _call_repeatedly(caller, seconds)
-        return {"call_median_ms": statistics.median(times_ms), "call_p99_ms": statistics.quantiles(times_ms, n=100)[98]}
+        server.start_process("robot", 2 * seconds + 8.0)
+        threading.Thread(target=receive, args=(watcher, 2 * seconds + 5.0), daemon=True).start()
+        figures = _call_figures("call", _call_repeatedly(caller, seconds))
+        if suite is None:
+            direct = server.start_process("caller", seconds)
+            assert direct.stdout is not None  # it is a pipe
+            figures |= _call_figures("direct_call", json.loads(direct.stdout.readline()))
+        return figures
+
+
+def _call_figures(name: str, times_ms: list[float]) -> dict[str, float]:
+    return {f"{name}_median_ms": statistics.median(times_ms), f"{name}_p99_ms": statistics.quantiles(times_ms, n=100)[98]}
 
 
 def five_clients(seconds: float) -> dict[str, float]:
@@ -210,8 +254,8 @@ def five_clients(seconds: float) -> dict[str, float]:
             for row in (graph.TF, graph.SCAN, graph.ODOM, graph.MAP):
                 send(client, "subscribe", topic=row.name, type=row.type, compression="cbor")
             threading.Thread(target=receive, args=(client, seconds), daemon=True).start()
-        server.start_load("robot", seconds + 6.0)
-        time.sleep(4.0)
+        server.start_process("robot", seconds + 6.0)
+        time.sleep(4.0)  # until the load has started
         before_s, before_mb = server.cpu_s(), server.memory_mb()
         time.sleep(seconds)
         return {
@@ -228,7 +272,7 @@ def silent_client(seconds: float, *, sending: bool = False) -> dict[str, float]:
     name = "sending_client" if sending else "silent_client"
     with server_rig() as server:
         caller = server.connect_client()
-        server.start_load("robot", 2 * seconds + 8.0)
+        server.start_process("robot", 2 * seconds + 8.0)
         alone_ms, before_mb = _call_repeatedly(caller, seconds), server.memory_mb()
         over = threading.Event()
         silent = threading.Thread(target=_never_read, args=(server.port, over, sending))
@@ -274,7 +318,7 @@ def _call_repeatedly(caller: ClientConnection, seconds: float) -> list[float]:
         times_ms.append((time.perf_counter() - began_s) * 1e3)
         if not answer["result"]:
             raise SystemExit(f"a call failed: {answer['values']}")
-        time.sleep(0.02)
+        time.sleep(_CALL_PAUSE_S)
     return times_ms
 
 
@@ -288,10 +332,10 @@ def stop(presses: int) -> dict[str, float]:
         }
 
 
-def idle(seconds: float) -> dict[str, float]:
-    """Measure a server without clients, with HTTPS on all addresses, as in the stack."""
-    with server_rig(role="server-tls") as server:
-        time.sleep(3.0)
+def idle(seconds: float, module: str = "bench.bench_console", role: str = "server-tls") -> dict[str, float]:
+    """Measure a server without clients; the console's with HTTPS on all addresses, as in the stack."""
+    with server_rig(module=module, role=role) as server:
+        time.sleep(3.0)  # until the server has started completely
         before_s = server.cpu_s()
         time.sleep(seconds)
         used = 100.0 * (server.cpu_s() - before_s) / seconds
@@ -302,16 +346,19 @@ def main() -> int:
     """Measure every part; with `--as`, run one of the measured processes instead."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--seconds", type=float, default=10.0, help="measure each part for this long")
-    parser.add_argument("--presses", type=int, default=60, help="press the stop this often")
+    parser.add_argument("--presses", type=int, default=60, help="press the stop this many times")
     parser.add_argument("--only", default="", help="measure only the parts whose name matches this regular expression")
     parser.add_argument("--suite", type=Path, help="also measure the server of this checkout of rosbridge_suite")
     parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
-    parser.add_argument("--as", dest="role", choices=("server", "server-tls", "small", "robot"), help=argparse.SUPPRESS)
+    roles = ("server", "server-tls", "small", "robot", "caller")
+    parser.add_argument("--as", dest="role", choices=roles, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.role == "server":
         return serve()
     if options.role == "server-tls":
         return serve(tls=True, host="")
+    if options.role == "caller":
+        return call(options.seconds)
     if options.role:
         return publish(options.role, options.seconds)
     parts: dict[str, Callable[[], dict[str, float]]] = {
@@ -331,6 +378,9 @@ def main() -> int:
         peer = small_messages(options.seconds, options.suite)["messages_per_cpu_s"]
         figures["suite_messages_per_cpu_s"] = peer
         figures["ratio_to_suite"] = figures["messages_per_cpu_s"] / peer
+    if options.suite and "call_median_ms" in figures:
+        suite_calls = calls_during_robot_load(options.seconds, options.suite)
+        figures |= {f"suite_{name}": value for name, value in suite_calls.items()}
     met = {name: (figures[name] >= limit) == (name in AT_LEAST) for name, limit in LIMITS.items() if name in figures}
     if options.json:
         print(json.dumps({"figures": figures, "limits": LIMITS, "met": met}))

@@ -1,20 +1,20 @@
-"""A repeated `lupin deploy robot` with nothing to do, compared with pyinfra and Ansible that check the same state of the robot.
+"""A repeated `lupin deploy robot` with nothing to do, compared with pyinfra and Ansible, which check the same state.
 
-The benchmark boots a simulated computer with the simulated robot and deploys to it. Then the tools check the result in rounds,
-and the medians of the wall times of whole commands are reported. The peers check the release, the user's group, the texts of
-the three units and of FILES, that lupin-onboard is enabled and active, and that lupin-auto-home is enabled; lupin checks all
-steps of its playbook `deploy-robot`.
+The benchmark boots a simulated computer with the simulated robot and deploys to it. Then lupin and its peers, pyinfra and
+Ansible, check the result in rounds, and the medians of the wall times of whole commands are reported. The peers check the
+release, the user's group, the texts of the three units and of FILES, that lupin-onboard is enabled and active, and that
+lupin-auto-home is enabled; lupin checks all steps of its playbook `deploy-robot`.
 
-The comparison is fair in these points: all tools use the same laptop, cable, sshd and user. The peers have their best settings:
+The comparison is fair in these points: all three use the same laptop, cable, sshd and user. The peers have their best settings:
 Ansible uses pipelining, gathers no facts, has the path of the robot's Python, and reuses a connection from an earlier run;
 lupin and pyinfra open a new one. The peers are given the path of the release; lupin probes the robot and computes the release
 for it.
 
 It is unfair in one point: the peers check the release by one of three methods (see peers/deploying.py). With `modules`, the
-tools' own modules need at least one request per file; they are stopped after PEER_TIMEOUT_S, and the ratio is then a lower
+peers' own modules need at least one request per file; they are stopped after PEER_TIMEOUT_S, and the ratio is then a lower
 bound. `rsync` compares all sizes and times at once, with a program that the robot lacks; it is copied from this machine. `link`
-compares only the name of the release, as lupin does, but is given the name: it shows the minimum cost of these tools, and
-cannot synchronize a folder.
+compares only the target of the symbolic link /opt/lupin/current, as lupin does, but is given the expected name: it shows the
+minimum cost of the peers, and cannot synchronize a folder.
 
     python -m bench.bench_deploy [--rounds N] [--no-peers] [--busy] [--json]
 
@@ -31,19 +31,35 @@ import subprocess
 import sys
 from typing import Any
 
-from bench.booted import SETUP_LINES, Operator, booted_operator, load_average, median, peer_tools, raise_priority
+from bench.booted import (
+    SETUP_LINES,
+    Operator,
+    add_common_options,
+    booted_operator,
+    load_average,
+    median,
+    note,
+    peer_tools,
+    raise_priority,
+)
 from bench.peers import deploying
 
 LIMIT_S = 1.5
-# How many times as long as lupin the peers should take; printed for comparison, and not part of the exit status.
-MIN_PYINFRA_RATIO, MIN_ANSIBLE_RATIO = 5.0, 20.0
-FILES = ("/etc/udev/rules.d/70-lupin-pad.rules", "/etc/sysctl.d/60-lupin.conf", "/etc/systemd/logind.conf.d/60-lupin.conf")
-# For the method with one request per file; long enough to show the minimum ratios.
+# Expected ratios of the peers' times to lupin's. They are only printed; the exit status does not depend on them.
+EXPECTED_PYINFRA_RATIO, EXPECTED_ANSIBLE_RATIO = 5.0, 20.0
+FILES = (
+    "/etc/lupin/release-signers",
+    "/usr/local/lib/lupin/verify-release",
+    "/etc/udev/rules.d/70-lupin-pad.rules",
+    "/etc/sysctl.d/60-lupin.conf",
+    "/etc/systemd/logind.conf.d/60-lupin.conf",
+)
+# Only the peers' method `modules`, with one request per file, takes so long. Long enough to show the expected ratios.
 PEER_TIMEOUT_S = 40.0
 
 
-def copy_installed_state(operator: Operator) -> deploying.InstalledState:
-    """Copy the release's files to a local folder, and return them with the texts of the deployed units and of FILES."""
+def build_expected_state(operator: Operator) -> deploying.InstalledState:
+    """Build the robot's release and the texts of its units on this machine, and read FILES from the robot, for the peers."""
     from lupin_cli.release.contents import RobotPlatform, release_files
     from lupin_cli.release.manifest import HashCache, build_manifest
     from lupin_cli.release.paths import setup_lines
@@ -51,9 +67,9 @@ def copy_installed_state(operator: Operator) -> deploying.InstalledState:
 
     run_as_root = operator.host.robot.run_as_root
     release = run_as_root("readlink", "/opt/lupin/current").stdout.strip().rpartition("/")[2]
-    machine = run_as_root("uname", "-m").stdout.strip()
-    robot = RobotPlatform(machine, (sys.version_info.major, sys.version_info.minor), "")
-    manifest = build_manifest(release_files(robot), HashCache(operator.home / "hashes.json"))
+    architecture = run_as_root("uname", "-m").stdout.strip()
+    platform = RobotPlatform(architecture, (sys.version_info.major, sys.version_info.minor), "")
+    manifest = build_manifest(release_files(platform), HashCache(operator.home / "hashes.json"))
     if manifest.id != release:
         raise SystemExit(f"not measured: the robot runs {release}, and this machine would build {manifest.id}")
     folder = operator.home.parent / "release"
@@ -90,18 +106,18 @@ def deploy_once(operator: Operator) -> float:
     return ran.wall_s
 
 
-def compare_with_peers(operator: Operator, rounds: int, note: Any) -> dict[str, Any]:
-    """Measure lupin and the peers in rounds, one method after the other; `note` prints progress."""
-    installed = copy_installed_state(operator)
+def compare_with_peers(operator: Operator, rounds: int) -> dict[str, Any]:
+    """Measure lupin and the peers in rounds, one method after the other."""
+    expected = build_expected_state(operator)
     methods = [method for method in deploying.METHODS if method != "rsync" or copy_rsync(operator)]
-    result: dict[str, Any] = {"files": sum(path.is_file() for path in installed.files.rglob("*")), "methods": {}}
+    result: dict[str, Any] = {"files": sum(path.is_file() for path in expected.files.rglob("*")), "methods": {}}
     if "rsync" not in methods:
         note("rsync does not run on the robot or is not installed here (apt install rsync): method skipped")
     with peer_tools(operator) as tools:
         for method in methods:
             commands = {
-                "pyinfra": deploying.pyinfra(tools, installed, method),
-                "ansible": deploying.ansible(tools, installed, method),
+                "pyinfra": deploying.pyinfra_command(tools, expected, method),
+                "ansible": deploying.ansible_command(tools, expected, method),
             }
             walls: dict[str, list[float]] = {"lupin": [], **{name: [] for name in commands}}
             timed_out = set()
@@ -140,16 +156,10 @@ def compare_with_peers(operator: Operator, rounds: int, note: Any) -> dict[str, 
 def main() -> int:
     """Time repeated deploys by lupin and its peers; return 1 if lupin exceeds LIMIT_S."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this often")
-    parser.add_argument("--no-peers", action="store_true", help="measure lupin only, and do not install the peers")
-    parser.add_argument(
-        "--busy", action="store_true", help="run the measured processes with real-time priority, if this machine has other work"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON line on standard output, and nothing else")
+    parser.add_argument("--rounds", type=int, default=5, help="number of measured rounds (of lupin alone: at least 3)")
+    parser.add_argument("--no-peers", action="store_true", help="measure lupin only, and do not install pyinfra and Ansible")
+    add_common_options(parser)
     options = parser.parse_args()
-
-    def note(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
 
     with booted_operator(vendor_robot=True) as operator:
         first = operator.require(operator.lupin("deploy", "robot", "--no-check", "--json"))
@@ -166,7 +176,7 @@ def main() -> int:
             "load_average": load_average(),
         }
         if not options.no_peers:
-            result |= compare_with_peers(operator, options.rounds, note)
+            result |= compare_with_peers(operator, options.rounds)
     if options.json:
         print(json.dumps(result))
     else:
@@ -179,11 +189,14 @@ def _print(result: dict[str, Any]) -> None:
         f"deploy again, nothing to do: {result['again_s']:.2f} s (limit {LIMIT_S:g} s), worst {result['again_worst_s']:.2f} s"
     )
     for method, row in result.get("methods", {}).items():
-        bound = {name: "at least " if name in row["timed_out"] else "" for name in ("pyinfra", "ansible")}
+        ratios = [
+            f"{name} {row[f'{name}_s']:.2f} s, {'at least ' if name in row['timed_out'] else ''}{row[f'{name}_ratio']} x "
+            f"(expected {expected:g})"
+            for name, expected in (("pyinfra", EXPECTED_PYINFRA_RATIO), ("ansible", EXPECTED_ANSIBLE_RATIO))
+        ]
         print(
-            f"  {method:8} of {result['files']} files: lupin {row['lupin_s']:.2f} s; pyinfra {row['pyinfra_s']:.2f} s, "
-            f"{bound['pyinfra']}{row['pyinfra_ratio']} x (minimum {MIN_PYINFRA_RATIO:g}); Ansible {row['ansible_s']:.2f} s, "
-            f"{bound['ansible']}{row['ansible_ratio']} x (minimum {MIN_ANSIBLE_RATIO:g}); load {row['load_average']}"
+            f"  release checked by {method} ({result['files']} files): lupin {row['lupin_s']:.2f} s; {'; '.join(ratios)}; "
+            f"load {row['load_average']}"
         )
 
 

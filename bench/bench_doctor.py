@@ -1,8 +1,8 @@
 """The wall time of `lupin doctor` over SSH, compared with its slowest probe and with pyinfra and Ansible for the same facts.
 
 Boots a simulated robot and runs `lupin doctor --robot mirte` on the laptop. Times are medians of whole commands, interpreter
-and imports included, in random order with the peers. No doctor can be faster than its slowest probe, so that is the reference.
-The robot's SSH log gives the number of connections.
+and imports included, in random order with pyinfra and Ansible, its peers. No doctor can be faster than its slowest probe, so
+that is the reference. The robot's SSH log gives the number of connections.
 
 The comparison is fair in these points: the peers gather the same facts as these tools usually do (pyinfra by `server.Command`
 facts, Ansible by `shell` tasks), once with a task for each of Lupin's scripts and once with a task for each probe in them, once
@@ -37,11 +37,22 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from bench.booted import PROJECT_BENCH, Operator, TimedRun, booted_operator, load_average, median, peer_tools, raise_priority
+from bench.booted import (
+    PROJECT_BENCH,
+    Operator,
+    TimedRun,
+    add_common_options,
+    booted_operator,
+    load_average,
+    median,
+    note,
+    peer_tools,
+    raise_priority,
+)
 from bench.peers import facts as peers
 
 if TYPE_CHECKING:
-    from bench.peers.tools import Tools
+    from bench.peers.pyinfra_and_ansible import PeerTools
 
 FLOOR = """
 import os, sys
@@ -57,6 +68,7 @@ status = target.batch([Script("nothing", "true")])["nothing"].status
 sys.exit(0 if status == 0 else 1)
 """
 LIMIT_S = 1.0  # below it, the doctor feels instant
+GRAPH_LIMIT_S = 3.0  # with ground truth
 # How many times as long as the doctor the peers should take; printed for comparison, and not part of the exit status.
 MIN_PYINFRA_RATIO, MIN_ANSIBLE_RATIO = 5.0, 20.0
 READY_TIMEOUT_S = 90.0
@@ -110,7 +122,7 @@ class DoctorRuns:
         self.slowest.clear()
 
     def report(self) -> dict[str, Any]:
-        """The medians, findings and unknown facts of all runs."""
+        """Return the medians, findings and unknown facts of all runs."""
         above_slowest = [wall - slowest for wall, slowest in zip(self.walls, self.slowest)]
         return {
             "wall_s": median(self.walls),
@@ -154,10 +166,15 @@ def compare(
 
 
 def _compare_with_peers(
-    session: Operator, doctor: DoctorRuns, tools: Tools, questions: peers.Questions, rounds: int, note: Callable[[str], None]
+    session: Operator,
+    doctor: DoctorRuns,
+    tools: PeerTools,
+    questions: peers.Questions,
+    rounds: int,
+    note: Callable[[str], None],
 ) -> dict[str, Any]:
     tasks = sum(map(len, questions.values()))
-    commands = {"pyinfra": peers.pyinfra(tools, questions), "ansible": peers.ansible(tools, questions)}
+    commands = {"pyinfra": peers.pyinfra_command(tools, questions), "ansible": peers.ansible_command(tools, questions)}
     walls: dict[str, list[float]] = {"lupin": [], "pyinfra": [], "ansible": [], "floor": []}
     floor = [sys.executable, "-c", FLOOR, tools.address, str(tools.key), str(tools.known_hosts)]
     random_order = random.Random(tasks)
@@ -184,6 +201,13 @@ def _compare_with_peers(
     return {**summary, "load_average": load_average()}
 
 
+def passes(result: Mapping[str, Any]) -> bool:
+    """Whether the doctor is as fast as it must be, over one connection; with the graph, too, if that was measured."""
+    whole = result.get("with_the_graph")
+    in_time = result["wall_s"] <= LIMIT_S and (whole is None or whole["wall_s"] <= whole["limit_s"])
+    return bool(in_time and result["connections"] <= 1.0)
+
+
 def measure_whole(rounds: int, busy: bool, note: Callable[[str], None]) -> dict[str, Any]:
     """Measure the whole doctor on a robot with the vendor's stack and Lupin's units running."""
     with booted_operator(vendor_robot=True) as session:
@@ -195,30 +219,26 @@ def measure_whole(rounds: int, busy: bool, note: Callable[[str], None]) -> dict[
         for round_ in range(rounds):
             doctor.run()
             note(f"with the graph, round {round_}: {doctor.walls[-1]:.2f} s, slowest probe {doctor.slowest[-1]:.2f} s")
-    return doctor.report()
+    return {**doctor.report(), "limit_s": GRAPH_LIMIT_S}
 
 
 def main() -> int:
-    """Time the doctor and its peers; return 1 if the doctor exceeds the limit or opens more than one connection."""
+    """Time the doctor and its peers; return 1 if the doctor exceeds a limit or opens more than one connection."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this often")
-    parser.add_argument("--no-peers", action="store_true", help="measure the doctor only, and do not install the peers")
+    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this many times")
+    parser.add_argument(
+        "--no-peers", action="store_true", help="measure the doctor only, and do not install pyinfra and Ansible"
+    )
     parser.add_argument(
         "--way",
         action="append",
         choices=peers.TASK_SIZES,
-        help="give the peers tasks of this size; may be repeated; default: both",
+        help="give pyinfra and Ansible tasks of this size; may be repeated; default: both",
     )
     parser.add_argument("--delay-ms", type=float, default=0.0, help="delay packets by this time in each direction")
     parser.add_argument("--graph", action="store_true", help="also measure the whole doctor, with the checks of the ROS graph")
-    parser.add_argument(
-        "--busy", action="store_true", help="run the measured processes with real-time priority, if this machine has other work"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON line on standard output, and nothing else")
+    add_common_options(parser)
     options = parser.parse_args()
-
-    def note(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
 
     sizes = options.way or peers.TASK_SIZES
     result = compare(options.rounds, not options.no_peers, options.busy, options.delay_ms, sizes, note)
@@ -230,7 +250,7 @@ def main() -> int:
         for key, value in result.items():
             for name, row in value.items() if key == "peers" else [("", value)]:
                 print(f"{key} {name}".ljust(22), json.dumps(row))
-    return 0 if result["wall_s"] <= LIMIT_S and result["connections"] <= 1.0 else 1
+    return 0 if passes(result) else 1
 
 
 if __name__ == "__main__":

@@ -1,12 +1,13 @@
-"""The drive bus: the latency that twist_mux adds, compared with a plain relay, and the time from the e-stop's button to zero.
+"""The drive bus: the latency that it adds, compared with a plain relay, and the time from a press of the e-stop button to zero.
 
     python -m bench.bench_drive [--seconds 20] [--presses 40] [--load 2] [--ordinary] [--json]
 
-Bus, bridge and relay each run in their own process and session, as in the stack, on a private graph on loopback. The added
-latency of a command is the time from its publication by the source to its publication by the bus or the relay, both stamped by
-the middleware. The relay, an rclpy node that only publishes what it receives, gets the same messages. `--load` starts this
-number of busy processes with ordinary scheduling. The time to stop is measured from just before the button's press is published
-until zero arrives.
+The drive bus is the node `twist_mux` of this project, not the ROS package of that name. Bus, e-stop bridge and relay each run
+in their own process and POSIX session, as in the stack, on a private graph on loopback. The relay, an rclpy node that only
+publishes what it receives, gets the same messages as the bus. The added latency of a command is the time from its publication
+by the source to its publication by the bus or the relay, both stamped by the middleware. `--load` starts this number of busy
+processes with ordinary scheduling; with `--ordinary`, bus and bridge have that, too, instead of real-time scheduling. The time
+to stop is measured from just before the press of the button is published until zero arrives.
 """
 
 from __future__ import annotations
@@ -23,19 +24,26 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lupin_runtime import graph
-from lupin_runtime.drive import Twist, decode, encode
+from lupin_runtime.drive import INPUTS, Twist, decode, encode
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.priority import serve_first
+from lupin_runtime.ros.priority import request_realtime_scheduling
 from lupin_runtime.stack.dds import claim_domain, loopback_environment
 
-RELAY_SINK = graph.Topic("/bench/relay", graph.CMD_VEL_AUTO.type, graph.BEST1)
+RELAY_OUTPUT = graph.Topic("/bench/relay", graph.CMD_VEL_AUTO.type, graph.BEST1)
 ZERO_BYTES = encode(Twist(0.0, 0.0, 0.0))
+PERIOD_S = 0.02  # of the commands
+BUTTON_PERIOD_S = 0.1  # as on the robot; a button that falls silent engages the e-stop
+# After an e-stop, the bus passes motion only once its input has sent zero for longer than the input's timeout.
+REST_S = next(item.timeout_s for item in INPUTS if item.key == "auto") + 0.1
 
+# Programs of the measured processes. REALTIME tells whether they request real-time scheduling.
 PROCESSES = {
-    "twist_mux": "from lupin_runtime.drive.node import TwistMux; nodes = [lambda: TwistMux({'serve_first': FIRST})]",
-    "estop_bridge": "from lupin_runtime.safety.node import EstopBridge; nodes = [lambda: EstopBridge({'serve_first': FIRST})]",
+    "twist_mux": "from lupin_runtime.drive.node import TwistMux; nodes = [lambda: TwistMux({'serve_first': REALTIME})]",
+    "estop_bridge": "from lupin_runtime.safety.node import EstopBridge; "
+    "nodes = [lambda: EstopBridge({'serve_first': REALTIME})]",
     "relay": "from bench.bench_drive import relay_node; nodes = [relay_node]",
 }
+# As in the stack's processes: interpreter shutdown after DDS is slow and may abort.
 RUN = "import os; from lupin_runtime.ros import run; s = run(nodes); os._exit(s)"
 BUSY = "x = 0\nwhile True:\n    x += 1"
 
@@ -43,15 +51,16 @@ BUSY = "x = 0\nwhile True:\n    x += 1"
 def relay_node() -> LupinNode:
     """Return the relay: a node that deserializes each Twist and publishes it again."""
     node = LupinNode("relay")
-    out = node.publisher(RELAY_SINK)
+    out = node.publisher(RELAY_OUTPUT)
     node.subscription(graph.CMD_VEL_AUTO, out.publish, qos=graph.BEST1)
     return node
 
 
 class DriveClient:
-    """Publishes commands and the button's state.
+    """Publishes commands and the state of the e-stop button.
 
-    Records when the source, the bus and the relay published each command, which its y value identifies (ns, system clock).
+    Records when the source, the bus and the relay published each command: the time (ns, system clock) by the y value, which
+    identifies the command.
     """
 
     def __init__(self) -> None:
@@ -61,19 +70,21 @@ class DriveClient:
 
         rclpy.init(args=[])
         self._button_type = IntensityDigital
-        self.node = LupinNode("probe")
-        self.direct: dict[float, int] = {}
-        self.via_mux: dict[float, int] = {}
-        self.via_relay: dict[float, int] = {}
+        self.node = LupinNode("bench_client")
+        self.sent_ns: dict[float, int] = {}
+        self.via_bus_ns: dict[float, int] = {}
+        self.via_relay_ns: dict[float, int] = {}
         self.zero_ns = 0
+        self.is_pressed = False
         self.moving = threading.Event()
-        self.auto = self.node.publisher(graph.CMD_VEL_AUTO)
-        self.button = self.node.publisher(graph.ESTOP_BUTTON)
+        self.command_publisher = self.node.publisher(graph.CMD_VEL_AUTO)
+        self.button_publisher = self.node.publisher(graph.ESTOP_BUTTON)
         qos = graph.Qos(reliable=False, depth=50)
-        self.node.subscription(graph.CMD_VEL_AUTO, self._recorder(self.direct), qos=qos, raw=True)
-        self.node.subscription(RELAY_SINK, self._recorder(self.via_relay), qos=qos, raw=True)
-        sink: Callable[..., None] = self._sink
-        self.node.subscription(graph.CMD_VEL_SINK_SIM, sink, qos=qos, raw=True)
+        self.node.subscription(graph.CMD_VEL_AUTO, self._recorder(self.sent_ns), qos=qos, raw=True)
+        self.node.subscription(RELAY_OUTPUT, self._recorder(self.via_relay_ns), qos=qos, raw=True)
+        record_sink: Callable[..., None] = self._record_sink
+        self.node.subscription(graph.CMD_VEL_SINK_SIM, record_sink, qos=qos, raw=True)
+        self.node.create_timer(BUTTON_PERIOD_S, self._publish_button)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         threading.Thread(target=self._executor.spin, daemon=True).start()
@@ -86,29 +97,38 @@ class DriveClient:
 
         return record
 
-    def _sink(self, data: bytes, info: dict[str, int]) -> None:
+    def _record_sink(self, data: bytes, info: dict[str, int]) -> None:
         command = decode(data)
         if data == ZERO_BYTES:
             self.zero_ns = self.zero_ns or info["received_timestamp"]
         elif command is not None:
-            self.via_mux[command.y] = info["source_timestamp"]
+            self.via_bus_ns[command.y] = info["source_timestamp"]
             self.moving.set()
 
-    def press(self, pressed: bool) -> None:
-        """Publish the state of the button."""
-        self.button.publish(self._button_type(value=pressed))
+    def _publish_button(self) -> None:
+        self.button_publisher.publish(self._button_type(value=self.is_pressed))
 
-    def wait_for_motion(self, timeout_s: float = 20.0) -> None:
-        """Send zero and then motion, repeatedly, until motion arrives at the sink. Exits after the timeout."""
+    def set_button(self, pressed: bool) -> None:
+        """Publish the state of the button, now and from now on."""
+        self.is_pressed = pressed
+        self._publish_button()
+
+    def drive_until_motion(self, timeout_s: float = 20.0) -> None:
+        """Rest and then send motion, repeatedly, until motion arrives at the sink. Exits after the timeout."""
         self.moving.clear()
         deadline = time.monotonic() + timeout_s
         while not self.moving.is_set():
             if time.monotonic() > deadline:
                 raise SystemExit(f"bench_drive: no command reached the sink within {timeout_s:g} s; is the bus locked?")
-            self.auto.publish(ZERO_BYTES)
-            time.sleep(0.02)  # the bus reads only the newest command, and it must see zero before motion
-            self.auto.publish(encode(Twist(0.1, 0.0, 0.0)))
-            self.moving.wait(0.02)
+            self._publish_until_motion(ZERO_BYTES)
+            self._publish_until_motion(encode(Twist(0.1, 0.0, 0.0)))
+
+    def _publish_until_motion(self, command: bytes) -> None:
+        """Publish a command for REST_S, or until motion arrives at the sink."""
+        end = time.monotonic() + REST_S
+        while time.monotonic() < end and not self.moving.is_set():
+            self.command_publisher.publish(command)
+            self.moving.wait(PERIOD_S)
 
     def close(self) -> None:
         """Stop the executor and leave the graph."""
@@ -133,40 +153,40 @@ def percentiles(values_ms: list[float]) -> dict[str, float]:
 
 def measure_latency(client: DriveClient, seconds: float) -> dict[str, dict[str, float]]:
     """Publish commands at 50 Hz; return the latency that the bus and the relay add to them."""
-    client.wait_for_motion()
-    period_s, count = 0.02, int(seconds / 0.02)
+    client.drive_until_motion()
+    count = int(seconds / PERIOD_S)
     start = time.monotonic()
     for index in range(1, count + 1):
-        client.auto.publish(encode(Twist(0.2, index * 1e-6, 0.0)))
-        time.sleep(max(0.0, start + index * period_s - time.monotonic()))
-    time.sleep(0.5)
+        client.command_publisher.publish(encode(Twist(0.2, index * 1e-6, 0.0)))
+        time.sleep(max(0.0, start + index * PERIOD_S - time.monotonic()))
+    time.sleep(0.5)  # until the last commands have arrived
 
     def added(table: dict[float, int]) -> list[float]:
-        keys = [y for y in client.direct if y > 0 and y in table]
-        return [(table[y] - client.direct[y]) / 1e6 for y in keys]
+        keys = [y for y in client.sent_ns if y > 0 and y in table]
+        return [(table[y] - client.sent_ns[y]) / 1e6 for y in keys]
 
-    return {"twist_mux": percentiles(added(client.via_mux)), "relay": percentiles(added(client.via_relay))}
+    return {"twist_mux": percentiles(added(client.via_bus_ns)), "relay": percentiles(added(client.via_relay_ns))}
 
 
 def measure_stop(client: DriveClient, presses: int) -> dict[str, float]:
     """Press the button repeatedly while commands flow at 50 Hz; return the times from press to first zero at the sink."""
     delays = []
     for _ in range(presses):
-        client.wait_for_motion()
+        client.drive_until_motion()
         for _ in range(5):
-            client.auto.publish(encode(Twist(0.1, 0.0, 0.0)))
-            time.sleep(0.02)
+            client.command_publisher.publish(encode(Twist(0.1, 0.0, 0.0)))
+            time.sleep(PERIOD_S)
         client.zero_ns = 0
         pressed_ns = time.time_ns()
-        client.press(True)
+        client.set_button(True)
         deadline = time.monotonic() + 5.0
         while not client.zero_ns:
             if time.monotonic() > deadline:
-                raise SystemExit("bench_drive: no zero at the sink within 5 s of the button's press")
+                raise SystemExit("bench_drive: no zero at the sink within 5 s of the press of the button")
             time.sleep(0.001)
         delays.append((client.zero_ns - pressed_ns) / 1e6)
-        client.press(False)
-        time.sleep(0.15)
+        client.set_button(False)
+        time.sleep(0.15)  # until the release has reached the bus
     return percentiles(delays)
 
 
@@ -174,7 +194,7 @@ def main() -> None:
     """Run both measurements and print them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0, help="measure the latency for this long")
-    parser.add_argument("--presses", type=int, default=40, help="press the button this often")
+    parser.add_argument("--presses", type=int, default=40, help="press the button this many times")
     parser.add_argument(
         "--load", type=int, default=os.cpu_count() or 1, help="start this many busy processes; default: one per CPU"
     )
@@ -188,12 +208,12 @@ def main() -> None:
         os.environ.update(loopback_environment(claim.domain, Path(directory)))
         try:
             for code in PROCESSES.values():
-                code = f"FIRST = {not args.ordinary}; {code}; {RUN}"
+                code = f"REALTIME = {not args.ordinary}; {code}; {RUN}"
                 children.append(subprocess.Popen([sys.executable, "-c", code], stdout=sys.stderr, start_new_session=True))
             client = DriveClient()
-            client.wait_for_motion()
+            client.drive_until_motion()
             children += [subprocess.Popen([sys.executable, "-c", BUSY], start_new_session=True) for _ in range(args.load)]
-            serve_first()  # so that delays of this process, source and sink at once, are not measured
+            request_realtime_scheduling()  # this process is both source and sink; its own scheduling delays must not count
             rows = measure_latency(client, args.seconds)
             rows["stop"] = measure_stop(client, args.presses)
             client.close()

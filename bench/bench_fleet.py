@@ -26,7 +26,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from bench.booted import Operator, booted_operator, load_average, median, raise_priority
+from bench.booted import Operator, add_common_options, booted_operator, load_average, median, note, raise_priority
 from bench.peers.facts import graph_checks
 
 LIMIT = 2.0
@@ -170,15 +170,9 @@ def main() -> int:
     """Time a diagnosis and a playbook on one robot and on many; return 1 if many take longer than the limit."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--robots", type=int, default=20, help="compare this many robots with one")
-    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this often")
-    parser.add_argument(
-        "--busy", action="store_true", help="run the measured processes with real-time priority, if this machine has other work"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON line on standard output, and nothing else")
+    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this many times")
+    add_common_options(parser)
     options = parser.parse_args()
-
-    def note(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
 
     with booted_operator() as operator:
         prepare_robots(operator, options.robots)

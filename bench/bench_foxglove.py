@@ -18,7 +18,7 @@ from typing import Any
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from bench.bench_console import ServerRig, receive, server_rig, small_messages
+from bench.bench_console import ServerRig, idle, receive, server_rig, small_messages
 from lupin_runtime import graph
 
 LIMITS = {
@@ -62,7 +62,7 @@ def subscribed_client(server: ServerRig, topics: Sequence[str]) -> ClientConnect
 def small_messages_to_foxglove(seconds: float) -> dict[str, float]:
     """Measure how many small messages the server forwards to one client per second of its CPU time."""
     with server_rig(module=_MODULE) as server:
-        load = server.start_load("small", seconds)
+        load = server.start_process("small", seconds)
         client = subscribed_client(server, ["/bench/small"])
         client.recv(timeout=_ANSWER_TIMEOUT_S)
         before_s = server.cpu_s()
@@ -75,24 +75,14 @@ def small_messages_to_foxglove(seconds: float) -> dict[str, float]:
 def five_clients(seconds: float) -> dict[str, float]:
     """Measure the server's CPU while five clients receive transforms, scan, map and odometry."""
     with server_rig(module=_MODULE) as server:
-        server.start_load("robot", seconds + 6.0)
+        server.start_process("robot", seconds + 6.0)
         for _ in range(5):
             client = subscribed_client(server, [row.name for row in (graph.TF, graph.SCAN, graph.ODOM, graph.MAP)])
             threading.Thread(target=receive, args=(client, seconds), daemon=True).start()
-        time.sleep(4.0)
+        time.sleep(4.0)  # until the load has started
         before_s = server.cpu_s()
         time.sleep(seconds)
         return {"five_clients_percent": 100.0 * (server.cpu_s() - before_s) / seconds}
-
-
-def idle(seconds: float) -> dict[str, float]:
-    """Measure a server without clients."""
-    with server_rig(module=_MODULE) as server:
-        time.sleep(3.0)
-        before_s = server.cpu_s()
-        time.sleep(seconds)
-        used = 100.0 * (server.cpu_s() - before_s) / seconds
-        return {"idle_percent": used, "idle_mb": server.process.memory_full_info().pss / 1e6}
 
 
 def main() -> int:
@@ -107,7 +97,7 @@ def main() -> int:
     figures = small_messages_to_foxglove(options.seconds)
     peer = small_messages(options.seconds)["messages_per_cpu_s"]
     figures.update(console_messages_per_cpu_s=peer, ratio_to_console=figures["messages_per_cpu_s"] / peer)
-    for part in (five_clients(options.seconds), idle(options.seconds)):
+    for part in (five_clients(options.seconds), idle(options.seconds, module=_MODULE, role="server")):
         figures.update(part)
     met = {name: (figures[name] >= limit) == (name in AT_LEAST) for name, limit in LIMITS.items()}
     if options.json:

@@ -69,8 +69,8 @@ class Result:
     consequence: str
     mission: str | None = None
 
-    def within(self, limit_rest_s: float, must_be_replaced: bool) -> bool:
-        """Whether the robot came to rest in time, `lupin status` named the process in time, and the run then went on."""
+    def meets_limits(self, limit_rest_s: float, must_be_replaced: bool) -> bool:
+        """Return whether the robot came to rest in time, `lupin status` named the process in time, and the run then went on."""
         rested = self.at_rest_s is not None and self.at_rest_s <= limit_rest_s
         reported = self.reported_s is not None and self.reported_s <= LIMIT_REPORTED_S and self.status_exit != 0
         replaced = self.replaced_s is not None or not must_be_replaced
@@ -78,7 +78,7 @@ class Result:
 
 
 def must_be_replaced(name: str, source: str) -> bool:
-    """Return whether a process is replaced; the run or the mission ends with some instead."""
+    """Return whether the supervisor must replace a process; some end the run or the mission instead."""
     return name != SUPERVISOR and not (ENDS_WITH.get(name) == "run" or (ENDS_WITH.get(name) == "mission" == source))
 
 
@@ -95,9 +95,9 @@ class HangRig(ReleaseRig):
         twist = message.twist.twist
         self.speeds.append((time.monotonic(), math.hypot(twist.linear.x, twist.linear.y) + 0.1 * abs(twist.angular.z)))
 
-    def stage(self, name: str) -> dict[str, Any]:
-        """Return a process of the run's last state; {} if it is not there."""
-        return next((stage for stage in self.run.state().get("stages", []) if stage["name"] == name), {})
+    def process_state(self, name: str) -> dict[str, Any]:
+        """Return a process in the run's last state, whose list of processes is called `stages`; {} if it is not there."""
+        return next((process for process in self.run.state().get("stages", []) if process["name"] == name), {})
 
     def drive(self, source: str) -> None:
         """Make the robot drive, and return once it moves."""
@@ -117,7 +117,7 @@ class HangRig(ReleaseRig):
         browser, client = Browser(console.port), RosbridgeClient(console.rosbridge_port)
         browser.get("/")
         # The stop stays engaged if a console was lost before.
-        self.until(lambda: browser.post("/_api/stop", engaged=False)["stop"] == [], "the release", 20.0)
+        self.until(lambda: browser.post("/_api/stop", engaged=False)["stop"] == [], "the stop to be released", 20.0)
 
         def stream() -> None:
             with suppress(ConnectionClosed, OSError):
@@ -131,21 +131,21 @@ class HangRig(ReleaseRig):
     def disturb(self, name: str, number: signal.Signals, source: str) -> Result:
         """Send a signal to the process `name` while the robot drives, and watch what follows."""
         self.drive(source)
-        pid = self.run.info()["pid"] if name == SUPERVISOR else self.stage(name)["pid"]
+        pid = self.run.info()["pid"] if name == SUPERVISOR else self.process_state(name)["pid"]
         self.speeds.clear()
         began_s = time.monotonic()
         os.kill(pid, number)
         reported_s, status_exit, replaced_s = None, 0, None
         while (elapsed_s := time.monotonic() - began_s) < REPLACED_TIMEOUT_S:
-            stage = self.stage(name)
+            process = self.process_state(name)
             if reported_s is None and self._is_reported(name):
                 reported_s = elapsed_s
                 status_exit = self._status_exit(name)
             if name == SUPERVISOR and reported_s is not None and elapsed_s > WATCH_S:
                 break
-            if replaced_s is None and stage.get("pid") not in (pid, None) and stage.get("phase") == "up":
+            if replaced_s is None and process.get("pid") not in (pid, None) and process.get("phase") == "up":
                 replaced_s = elapsed_s
-            if elapsed_s > WATCH_S and (replaced_s is not None or not self.run.alive()):
+            if elapsed_s > WATCH_S and (replaced_s is not None or not self.run.is_live()):
                 break
             time.sleep(0.02)
         at_rest_s = _at_rest_s(list(self.speeds), began_s)
@@ -159,22 +159,22 @@ class HangRig(ReleaseRig):
         """Return whether the run's state names the process; a run without a supervisor is named by its end."""
         state = self.run.state()
         if name == SUPERVISOR:
-            return not self.run.alive() or any(alarm.startswith(f"the {SUPERVISOR} ") for alarm in alarms(state))
-        return any(alarm.startswith(f"{name} ") for alarm in alarms(state)) or self.stage(name).get("phase") != "up"
+            return not self.run.is_live() or any(alarm.startswith(f"the {SUPERVISOR} ") for alarm in alarms(state))
+        return any(alarm.startswith(f"{name} ") for alarm in alarms(state)) or self.process_state(name).get("phase") != "up"
 
     def _status_exit(self, name: str) -> int:
         """Return the exit status of `lupin status`; 0 also if it names another process instead."""
         command = [sys.executable, *STATUS_ARGUMENTS, self.run.id]
         done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=30)
         shown = json.loads(done.stdout)
-        names = [stage["name"] for stage in shown.get("stages", []) if stage["phase"] != "up" or stage.get("trouble")]
+        names = [each["name"] for each in shown.get("stages", []) if each["phase"] != "up" or each.get("trouble")]
         if any(alarm.startswith(f"the {SUPERVISOR} ") for alarm in shown.get("alarms", [])) or "error" in shown:
             names.append(SUPERVISOR)
-        return done.returncode if name in names or not self.run.alive() else 0
+        return done.returncode if name in names or not self.run.is_live() else 0
 
     def _consequence(self, name: str) -> str:
         if name == SUPERVISOR:
-            return "continued" if self.run.alive() else "the run ended"
+            return "continued" if self.run.is_live() else "the run ended"
         state = self.run.state()
         deaths = state.get("deaths") or state.get("outcome", {}).get("deaths") or [{}]
         return f"{deaths[-1].get('status', '')}: {deaths[-1].get('consequence', '')}"
@@ -183,16 +183,16 @@ class HangRig(ReleaseRig):
         """Wait until the mission drives on, or ends; return GOES_ON, the reason, or "" if neither happens."""
         deadline = time.monotonic() + MISSION_TIMEOUT_S
         self.speeds.clear()
-        while time.monotonic() < deadline and self.run.alive():
+        while time.monotonic() < deadline and self.run.is_live():
             mission = self.run.state().get("mission") or {}
             if mission.get("lifecycle_state") in ("DONE", "FAULT") or mission.get("paused"):
                 return f"{mission['lifecycle_state']}: {mission.get('last_event') or mission.get('last_error') or 'done'}"
             if any(speed > DRIVING_M_S for _, speed in list(self.speeds)):
                 return GOES_ON
             time.sleep(0.1)
-        if self.run.alive():
+        if self.run.is_live():
             return ""
-        # A run whose supervisor was killed writes no outcome, but its end is seen by everybody.
+        # A run whose supervisor was killed writes no outcome, but anybody can see that it has ended.
         return str(self.run.state().get("outcome", {}).get("sentence", "the run ended with its supervisor"))
 
 
@@ -218,25 +218,25 @@ def measure_all(names: str, number: signal.Signals, source: str, world: str) -> 
     results: dict[str, Result] = {}
     run, rig = start_run(arguments), None
     try:
-        all_names = [stage["name"] for stage in run.state()["stages"]] + [SUPERVISOR]
+        all_names = [process["name"] for process in run.state()["stages"]] + [SUPERVISOR]
         last = LAST if number == signal.SIGSTOP else LAST_WITH_KILL
         ordered = [name for name in all_names if name not in last] + [name for name in last if name in all_names]
         for name in ordered:
             if not re.search(names, name) or (source == "browser" and name != CONSOLE):
                 continue
-            if rig is None or not run.alive():
+            if rig is None or not run.is_live():
                 if rig is not None:
                     rig.close()
-                run = run if run.alive() else start_run(arguments)
+                run = run if run.is_live() else start_run(arguments)
                 rig = HangRig(run)
             results[name] = rig.disturb(name, number, source)
             print(name, results[name], file=sys.stderr, flush=True)
-            time.sleep(2.0)
+            time.sleep(2.0)  # until the successor takes part in the run
         return results
     finally:
         if rig is not None:
             rig.close()
-        if run.alive():
+        if run.is_live():
             stop_run(run)
 
 
@@ -245,7 +245,7 @@ def _seconds(value: float | None) -> str:
 
 
 def main() -> int:
-    """Measure the chosen processes and print a table; return 1 if a limit was missed."""
+    """Measure the chosen processes and print a table; return 1 if any does not meet the limits."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--signal", choices=sorted(LIMIT_REST_S), default="STOP", help="send this signal")
     parser.add_argument(
@@ -269,7 +269,7 @@ def main() -> int:
     headings = [f"{heading:>9s}" for heading in ("at rest", "reported", "status", "replaced")]
     table = [f"{'process':12s} {' '.join(headings)}  consequence ({options.signal}, {options.source})"]
     for name, result in results.items():
-        is_ok = result.within(limit_s, must_be_replaced(name, options.source))
+        is_ok = result.meets_limits(limit_s, must_be_replaced(name, options.source))
         failed += not is_ok
         columns = (_seconds(result.at_rest_s), _seconds(result.reported_s), result.status_exit, _seconds(result.replaced_s))
         row = " ".join(f"{column:>9}" for column in columns)

@@ -105,7 +105,7 @@ def solve_reference(truth: Array, edges: Edges) -> tuple[float, float]:
 
 
 def main() -> int:
-    """Optimize from every initial guess; return 1 if the best chi2 or the time limit is missed."""
+    """Optimize from every initial guess; return 1 if the best chi2 is not reached, or not in time."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--nodes", type=int, default=3500, help="make a graph with this many nodes")
     parser.add_argument("--edges", type=int, default=5500, help="make a graph with this many edges")

@@ -22,22 +22,22 @@ import tempfile
 
 from bench.detached_run import start_run, stop_run
 from tests.support.hang import Hang
-from tests.support.release_cases import CASES, COMBINATIONS, Case
+from tests.support.motion_sources import COMBINATIONS, SOURCES, MotionSource
 from tests.support.release_rig import Measured, ReleaseRig
 
 LIMIT_M, LIMIT_RAD, LIMIT_JOINTS_REST_S = 0.001, 0.02, 2.0
 
 
-def measure(world: str, cases: list[Case], press_s: float, watch_s: float, hang: Hang | None) -> dict[str, Measured]:
-    """Measure these cases in one run of the stack."""
+def measure(world: str, sources: list[MotionSource], press_s: float, watch_s: float, hang: Hang | None) -> dict[str, Measured]:
+    """Measure these sources in one run of the stack."""
     run = start_run(["--world", world, "--no-record", "--no-cameras"])
     rig = None
     try:
         rig = ReleaseRig(run.path)
         results: dict[str, Measured] = {}
-        for case in cases:
-            results[case.name] = rig.measure(case, press_s, watch_s, hang)
-            print(case.name, results[case.name], file=sys.stderr, flush=True)
+        for source in sources:
+            results[source.name] = rig.measure(source, press_s, watch_s, hang)
+            print(source.name, results[source.name], file=sys.stderr, flush=True)
         return results
     finally:
         if rig is not None:
@@ -46,7 +46,7 @@ def measure(world: str, cases: list[Case], press_s: float, watch_s: float, hang:
 
 
 def main() -> int:
-    """Measure the chosen sources and print a table; return 1 if a limit was missed."""
+    """Measure the chosen sources and print a table; return 1 if one exceeds a limit, or a newer command moves nothing."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--press", type=float, default=6.0, help="hold the button for this many seconds")
     parser.add_argument("--watch", type=float, default=6.0, help="watch for this many seconds after the release")
@@ -57,11 +57,12 @@ def main() -> int:
     parser.add_argument("--kill", action="store_true", help="send SIGKILL instead")
     parser.add_argument("--json", action="store_true", help="print only the JSON line")
     options = parser.parse_args()
-    cases = [case for case in (COMBINATIONS if options.combinations else CASES) if re.search(options.only, case.name)]
+    chosen = COMBINATIONS if options.combinations else SOURCES
+    sources = [source for source in chosen if re.search(options.only, source.name)]
     hang = Hang(options.hang, signal.SIGKILL if options.kill else signal.SIGSTOP) if options.hang else None
     with tempfile.TemporaryDirectory(prefix="lupin-bench-") as folder:
         os.environ["XDG_CONFIG_HOME"] = folder  # the arm library is stored there
-        results = measure(options.world, cases, options.press, options.watch, hang)
+        results = measure(options.world, sources, options.press, options.watch, hang)
     failed = 0
     if not options.json:
         print(f"{'source':52s} {'base, mm':>9s} {'joints, rad':>12s} {'at rest, s':>11s}  newer command moves")

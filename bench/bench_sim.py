@@ -25,11 +25,12 @@ import psutil
 from lupin_runtime import graph
 from lupin_runtime.stack.dds import claim_domain, loopback_environment
 from lupin_sim.cameras import CameraRig, GraphicsUnavailable, new_image
-from lupin_sim.engine import Simulation
+from lupin_sim.engine import TICK_S, Simulation
 from lupin_sim.worlds import load_world
 
-CPU_LIMIT_PERCENT, MEMORY_LIMIT_MB, SPEED_LIMIT = 45.0, 300.0, 1.0
+MAX_CPU_PERCENT, MAX_MEMORY_MB, MIN_REAL_TIME_FACTOR = 45.0, 300.0, 1.0
 SETTLE_S = 3.0
+TICKS_PER_SCAN = 10
 
 
 def measure_engine(world: str, seconds: float, cameras: bool) -> dict[str, float]:
@@ -37,19 +38,19 @@ def measure_engine(world: str, seconds: float, cameras: bool) -> dict[str, float
     simulation = Simulation(load_world(world))
     rig, image = (CameraRig(simulation.model) if cameras else None), new_image()
     simulation.step()
-    wall, cpu = time.perf_counter(), time.process_time()
-    for tick in range(round(seconds * 100)):
+    wall_start, cpu_start = time.perf_counter(), time.process_time()
+    for tick in range(round(seconds / TICK_S)):
         simulation.command_twist(0.2, 0.0, 0.3)
         simulation.step()
-        if tick % 10 == 0:
+        if tick % TICKS_PER_SCAN == 0:
             simulation.scan()
             if rig is not None:
                 rig.render(simulation.data, "body_camera", image)
                 rig.render(simulation.data, "gripper_camera", image)
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    wall_s, cpu_s = time.perf_counter() - wall_start, time.process_time() - cpu_start
     if rig is not None:
         rig.close()
-    return {"real_time_factor": seconds / wall, "cpu_percent_at_real_time": 100.0 * cpu / seconds}
+    return {"real_time_factor": seconds / wall_s, "cpu_percent_at_real_time": 100.0 * cpu_s / seconds}
 
 
 def measure_lidar(world: str, rounds: int = 100) -> dict[str, float]:
@@ -76,8 +77,8 @@ def measure_lidar(world: str, rounds: int = 100) -> dict[str, float]:
     return {"one_call_us": one_call_us, "ray_by_ray_us": ray_by_ray_us}
 
 
-def measure_process(world: str, seconds: float) -> dict[str, Any]:
-    """Run the process; return its CPU time, memory, real-time factor and rates, with subscriptions to all of its topics."""
+def measure_simulator_process(world: str, seconds: float) -> dict[str, Any]:
+    """Run `python -m lupin_sim`; return its CPU time, memory, real-time factor and rates, with subscriptions to all topics."""
     claim = claim_domain()
     directory = Path(tempfile.mkdtemp(prefix="lupin-bench-"))
     environment = loopback_environment(claim.domain, directory / "dds")
@@ -104,11 +105,11 @@ def _subscribe_and_measure(robot: psutil.Process, directory: Path, seconds: floa
     from lupin_runtime.ros import LupinNode
 
     cameras = (graph.BODY_IMAGE_SIM, graph.GRIPPER_IMAGE)
-    rows = [graph.CLOCK, graph.ODOM, graph.ODOM_SIM, graph.SCAN, graph.IMU, graph.BATTERY, graph.JOINT_STATES, graph.TF]
-    rows += [graph.ESTOP_BUTTON, *(graph.servo_position(servo) for servo in graph.SERVOS)]
-    rows += [row for image in cameras for row in (image, graph.compressed(image), graph.camera_info(image))]
+    topics = [graph.CLOCK, graph.ODOM, graph.ODOM_SIM, graph.SCAN, graph.IMU, graph.BATTERY, graph.JOINT_STATES, graph.TF]
+    topics += [graph.ESTOP_BUTTON, *(graph.servo_position(servo) for servo in graph.SERVOS)]
+    topics += [topic for image in cameras for topic in (image, graph.compressed(image), graph.camera_info(image))]
     rclpy.init(args=[])
-    node, counts = LupinNode("bench"), dict.fromkeys((row.name for row in rows), 0)
+    node, counts = LupinNode("bench"), dict.fromkeys((topic.name for topic in topics), 0)
 
     def counter(name: str) -> Any:
         def count(_: bytes) -> None:
@@ -116,8 +117,8 @@ def _subscribe_and_measure(robot: psutil.Process, directory: Path, seconds: floa
 
         return count
 
-    for row in rows:
-        node.subscription(row, counter(row.name), raw=True)
+    for topic in topics:
+        node.subscription(topic, counter(topic.name), raw=True)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
 
@@ -132,10 +133,10 @@ def _subscribe_and_measure(robot: psutil.Process, directory: Path, seconds: floa
             raise SystemExit("bench_sim: no picture and no scan within 20 s")
         spin(0.2)
     spin(SETTLE_S)
-    before, wall = robot.cpu_times(), time.monotonic()
+    before, wall_start = robot.cpu_times(), time.monotonic()
     counts.update(dict.fromkeys(counts, 0))
     spin(seconds)
-    wall = time.monotonic() - wall
+    wall_s = time.monotonic() - wall_start
     after = robot.cpu_times()
     used_s = after.user + after.system - before.user - before.system
     memory = robot.memory_info().rss / 1e6
@@ -144,18 +145,18 @@ def _subscribe_and_measure(robot: psutil.Process, directory: Path, seconds: floa
     node.destroy_node()
     rclpy.shutdown()
     return {
-        "cpu_percent": 100.0 * used_s / wall,
+        "cpu_percent": 100.0 * used_s / wall_s,
         "memory_mb": memory,
         "real_time_factor": state["real_time_factor"],
-        "rates_hz": {name: round(count / wall, 1) for name, count in counts.items()},
+        "rates_hz": {name: round(count / wall_s, 1) for name, count in counts.items()},
     }
 
 
 def main() -> int:
-    """Measure the engine with and without cameras, the lidar and the process; return 1 if the process misses a limit."""
+    """Measure the engine with and without cameras, the lidar and the process; return 1 if the process does not meet a limit."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seconds", type=float, default=20.0, help="measure each part for this long")
-    parser.add_argument("--world", default="demo", help="simulate this world of `lupin up --world`")
+    parser.add_argument("--world", default="demo", help="world to simulate; takes the values of `lupin up --world`")
     parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
     arguments = parser.parse_args()
     result: dict[str, Any] = {"world": arguments.world, "engine": measure_engine(arguments.world, arguments.seconds, False)}
@@ -164,28 +165,33 @@ def main() -> int:
     except GraphicsUnavailable as missing:
         print(f"bench_sim: {missing}", file=sys.stderr)
     result["lidar"] = measure_lidar(arguments.world)
-    result["process"] = measure_process(arguments.world, arguments.seconds)
-    row = result["process"]
-    speed = round(row["real_time_factor"], 2)
-    met = row["cpu_percent"] <= CPU_LIMIT_PERCENT and row["memory_mb"] <= MEMORY_LIMIT_MB and speed >= SPEED_LIMIT
+    result["process"] = measure_simulator_process(arguments.world, arguments.seconds)
+    process = result["process"]
+    is_met = {
+        "cpu": process["cpu_percent"] <= MAX_CPU_PERCENT,
+        "memory": process["memory_mb"] <= MAX_MEMORY_MB,
+        "speed": round(process["real_time_factor"], 2) >= MIN_REAL_TIME_FACTOR,
+    }
+    status = 0 if all(is_met.values()) else 1
     if arguments.json:
         print(json.dumps(result))
-        return 0 if met else 1
+        return status
     print(f"world {arguments.world}, {arguments.seconds:.0f} s, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     for name in ("engine", "engine_with_cameras"):
         if name in result:
-            row = result[name]
-            cpu_percent = row["cpu_percent_at_real_time"]
-            print(f"{name:22} {row['real_time_factor']:7.1f} x real time, {cpu_percent:5.1f} % of a core at real time")
+            engine = result[name]
+            cpu_percent = engine["cpu_percent_at_real_time"]
+            print(f"{name:22} {engine['real_time_factor']:7.1f} x real time, {cpu_percent:5.1f} % of a core at real time")
     rays = result["lidar"]
     ratio = rays["ray_by_ray_us"] / rays["one_call_us"]
     print(f"{'lidar, 360 rays':22} {rays['one_call_us']:7.0f} us; ray by ray {rays['ray_by_ray_us']:.0f} us: ratio {ratio:.1f}")
-    row = result["process"]
-    share = row["cpu_percent"] / CPU_LIMIT_PERCENT
-    print(f"{'process, all topics':22} {row['cpu_percent']:7.1f} % of a core: {share:.2f} of the limit")
-    print(f"{'':22} {row['memory_mb']:7.0f} MB: {row['memory_mb'] / MEMORY_LIMIT_MB:.2f} of the limit")
-    print(f"{'':22} {row['real_time_factor']:7.3f} x real time: limit {SPEED_LIMIT:g}  {'ok' if met else 'MISSED'}")
-    return 0 if met else 1
+    verdict = {name: "ok" if met else "MISSED" for name, met in is_met.items()}
+    cpu_percent, memory_mb, factor = process["cpu_percent"], process["memory_mb"], process["real_time_factor"]
+    cpu_ratio, memory_ratio = cpu_percent / MAX_CPU_PERCENT, memory_mb / MAX_MEMORY_MB
+    print(f"{'process, all topics':22} {cpu_percent:7.1f} % of a core: {cpu_ratio:.2f} of the limit  {verdict['cpu']}")
+    print(f"{'':22} {memory_mb:7.0f} MB: {memory_ratio:.2f} of the limit  {verdict['memory']}")
+    print(f"{'':22} {factor:7.3f} x real time: limit {MIN_REAL_TIME_FACTOR:g}  {verdict['speed']}")
+    return status
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ def map_log(log: Log) -> tuple[np.ndarray, np.ndarray, Mapper]:
 
 
 def main() -> int:
-    """Map a simulated drive, and print CPU time and errors; return 1 if a limit is missed."""
+    """Map a simulated drive, and print CPU time and errors; return 1 if a limit is exceeded."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=60.0, help="simulate a drive of this length")
     parser.add_argument("--json", action="store_true", help="print only the JSON line")

@@ -153,7 +153,7 @@ def main() -> None:
     """Time all methods and print the medians."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--probes", type=int, default=40, help="run this many scripts")
-    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this often")
+    parser.add_argument("--rounds", type=int, default=5, help="repeat each measurement this many times")
     parser.add_argument("--json", action="store_true", help="print one JSON line instead of a table")
     options = parser.parse_args()
     scripts = [SCRIPTS[n % len(SCRIPTS)] for n in range(options.probes)]

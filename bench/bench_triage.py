@@ -27,9 +27,9 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from bench.fault_case import Case
+from bench.fault_case import FaultCase
 from bench.fault_rig import FaultRig, RigError
-from bench.triage import CASES
+from bench.fault_table import CASES
 from lupin_cli.exit_codes import SUCCESS, UNREACHABLE
 from lupin_sim.host import HostError
 
@@ -79,26 +79,26 @@ def score(result: FaultResult, report: dict[str, Any]) -> None:
     result.finding_lines = tuple(f"{f['id']}: {f['cause']} | {' | '.join(f['evidence'][:4])}" for f in report["findings"])
 
 
-def diagnose(rig: FaultRig, cases: Sequence[Case], result: FaultResult) -> dict[str, Any]:
+def diagnose(rig: FaultRig, cases: Sequence[FaultCase], result: FaultResult) -> dict[str, Any]:
     """Run the doctor until no expected finding is missing, or REPEAT_TIMEOUT_S is over; return the last report."""
     shell = next((case.shell for case in cases if case.shell != "sourced"), "sourced")
     deadline = time.monotonic() + REPEAT_TIMEOUT_S
     while True:
         result.diagnoses += 1
-        report = rig.doctor(env=rig.shells[shell], robot=cases[0].robot)
+        report = rig.run_doctor(env=rig.environments[shell], robot=cases[0].robot)
         score(result, report)
         if not result.missed or time.monotonic() > deadline:
             return report
 
 
-def repair(rig: FaultRig, cases: Sequence[Case], result: FaultResult, report: dict[str, Any], yes: bool) -> None:
+def repair(rig: FaultRig, cases: Sequence[FaultCase], result: FaultResult, report: dict[str, Any], yes: bool) -> None:
     """Run the doctor with --fix, and store in `result` what was played and what remains."""
     to_play = [finding for finding in report["findings"] if finding["fix"]["playbook"] and (yes or finding["fix"]["safe"])]
     if not to_play:
         return
     shell = next((case.shell for case in cases if case.shell != "sourced"), "sourced")
     words = ["--fix", *(["--yes"] if yes else [])]
-    after = rig.doctor(*words, env=rig.shells[shell], robot=cases[0].robot)
+    after = rig.run_doctor(*words, env=rig.environments[shell], robot=cases[0].robot)
     reported = {finding["id"] for root in report["findings"] for finding in (root, *root["consequences"])}
     without_fix = reported - {finding["id"] for finding in to_play}
     result.played = tuple(f"{t['playbook']}: {t['state']}" for t in after["treatments"])
@@ -110,7 +110,7 @@ def repair(rig: FaultRig, cases: Sequence[Case], result: FaultResult, report: di
         )
 
 
-def measure(rig: FaultRig, cases: Sequence[Case], yes: bool) -> tuple[FaultResult, str]:
+def measure(rig: FaultRig, cases: Sequence[FaultCase], yes: bool) -> tuple[FaultResult, str]:
     """Inject the faults, diagnose, fix, undo, and wait until the doctor finds nothing.
 
     Returns the result, and why the machines did not recover ("" if they did).
@@ -132,25 +132,25 @@ def measure(rig: FaultRig, cases: Sequence[Case], yes: bool) -> tuple[FaultResul
             recovery_error = recovery_error or f"{case.name} could not be undone: {error}"[:300]
     try:
         rig.restore()
-        rig.until_healthy()
+        rig.wait_until_healthy()
     except (RigError, HostError, subprocess.TimeoutExpired) as error:
         recovery_error = f"after {' and '.join(result.faults)}: {recovery_error or error}"[:600]
     return result, recovery_error
 
 
-def compatible_pairs(cases: Sequence[Case]) -> list[tuple[Case, Case]]:
+def compatible_pairs(cases: Sequence[FaultCase]) -> list[tuple[FaultCase, FaultCase]]:
     """Return the pairs whose faults can exist at the same time."""
     return [pair for pair in combinations(cases, 2) if pair[0].is_compatible(pair[1])]
 
 
-def pair_names(pair: tuple[Case, Case]) -> tuple[str, ...]:
+def pair_names(pair: tuple[FaultCase, FaultCase]) -> tuple[str, ...]:
     """Return the sorted names of a pair."""
     return tuple(sorted(case.name for case in pair))
 
 
 def plan_combinations(
-    cases: Sequence[Case], size: int, seed: int, covered: Collection[tuple[str, ...]] = ()
-) -> list[tuple[Case, ...]]:
+    cases: Sequence[FaultCase], size: int, seed: int, covered: Collection[tuple[str, ...]] = ()
+) -> list[tuple[FaultCase, ...]]:
     """Return combinations of up to `size` compatible faults that contain every compatible pair, except those in `covered`.
 
     A fault that hides another in a pair also hides it in a larger combination. So if all faults of a combination are found, its
@@ -178,7 +178,7 @@ def plan_combinations(
     return sorted(plan, key=len, reverse=True)
 
 
-def covered_pairs_of_log(log: Path | None, cases: Sequence[Case]) -> set[tuple[str, ...]]:
+def covered_pairs_of_log(log: Path | None, cases: Sequence[FaultCase]) -> set[tuple[str, ...]]:
     """Return the pairs that the results in the log of an earlier run cover."""
     pairs: set[tuple[str, ...]] = set()
     for text in log.read_text().splitlines() if log is not None and log.exists() else ():
@@ -189,7 +189,7 @@ def covered_pairs_of_log(log: Path | None, cases: Sequence[Case]) -> set[tuple[s
     return pairs
 
 
-def covered_pairs(result: FaultResult, cases: Sequence[Case]) -> set[tuple[str, ...]]:
+def covered_pairs(result: FaultResult, cases: Sequence[FaultCase]) -> set[tuple[str, ...]]:
     """Return the pairs of which both faults were found; none if the doctor reported anything else."""
     if result.false_positives or result.error:
         return set()
@@ -201,10 +201,10 @@ def diagnose_healthy(
     rig: FaultRig, count: int, at_once: int, on_report: Callable[[dict[str, Any]], object]
 ) -> list[dict[str, Any]]:
     """Diagnose a healthy robot `count` times, with `at_once` doctors at the same time; return the reports."""
-    rig.until_healthy()
+    rig.wait_until_healthy()
     reports = []
     with ThreadPoolExecutor(max_workers=at_once) as pool:
-        for future in as_completed([pool.submit(rig.doctor) for _ in range(count)]):
+        for future in as_completed([pool.submit(rig.run_doctor) for _ in range(count)]):
             reports.append(future.result())
             on_report(reports[-1])
     return reports
@@ -280,7 +280,7 @@ def main() -> int:
     pairs = random.Random(options.seed).sample(possible_pairs, min(options.pairs, len(possible_pairs)))
     covered = covered_pairs_of_log(options.log, chosen)
     larger = plan_combinations(chosen, options.together, options.seed, covered) if options.together else []
-    plan: list[tuple[Case, ...]] = [*([] if options.no_singles else [(case,) for case in chosen]), *pairs, *larger]
+    plan: list[tuple[FaultCase, ...]] = [*([] if options.no_singles else [(case,) for case in chosen]), *pairs, *larger]
     singles: list[FaultResult] = []
     combined: list[FaultResult] = []
     healthy_reports: list[dict[str, Any]] = []
@@ -340,7 +340,7 @@ def start_rig() -> FaultRig:
     """Boot a rig, and wait until the doctor finds nothing."""
     rig = FaultRig.start()
     try:
-        rig.until_healthy()
+        rig.wait_until_healthy()
     except BaseException:
         rig.stop()
         raise

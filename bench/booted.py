@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import os
 import statistics
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bench.peers.tools import Tools
+    from bench.peers.pyinfra_and_ansible import PeerTools
     from lupin_sim.host import Host
 
 PROJECT_BENCH = Path(__file__).resolve().parent
@@ -24,6 +25,19 @@ COMMAND_TIMEOUT_S = 300.0
 SETUP_LINES = ("source ~/mirte_ws/install/setup.bash",)
 LUPIN = (sys.executable, "-m", "lupin_cli.app")
 PYTHON_PATH = "/usr/bin:/bin:/usr/sbin:/sbin"
+
+
+def note(text: str) -> None:
+    """Print progress on standard error; standard output is for the result."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def add_common_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that the benches of a booted robot share: --busy and --json."""
+    parser.add_argument(
+        "--busy", action="store_true", help="run the measured processes with real-time priority, if this machine has other work"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON line on standard output, and nothing else")
 
 
 @dataclass(frozen=True)
@@ -88,24 +102,24 @@ def booted_operator(**options: Any) -> Iterator[Operator]:
 
 
 @contextlib.contextmanager
-def peer_tools(operator: Operator) -> Iterator[Tools]:
+def peer_tools(operator: Operator) -> Iterator[PeerTools]:
     """Set up pyinfra and Ansible for the same operator, and yield them."""
-    from bench.peers.tools import Tools
+    from bench.peers.pyinfra_and_ansible import PeerTools, install_tools
 
     folder = operator.home.parent / "peers"
     folder.mkdir()
     key = folder / "key"
     key.write_bytes(operator.host.key.read_bytes())
     key.chmod(0o600)
-    tools = Tools(folder, operator.host.robot.eth0, "mirte", key, operator.host.known_hosts)
+    tools = PeerTools(install_tools(), folder, operator.host.robot.eth0, "mirte", key, operator.host.known_hosts)
     null = subprocess.DEVNULL
-    opened = operator.host.run(tools.shared_connection("open"), stdout=null, stderr=null, env=tools.environment)
+    opened = operator.host.run(tools.shared_connection_command("open"), stdout=null, stderr=null, env=tools.environment)
     if opened.returncode != 0:
         raise SystemExit(f"not measured: ssh to {tools.address} exited with status {opened.returncode}")
     try:
         yield tools
     finally:
-        operator.run(tools.shared_connection("exit"), tools.environment, 20.0)
+        operator.run(tools.shared_connection_command("exit"), tools.environment, 20.0)
 
 
 # The processes that a login involves.

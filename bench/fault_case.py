@@ -1,4 +1,4 @@
-"""One fault of `bench.triage`: how to inject it, how to undo it, and which other faults can exist at the same time."""
+"""One fault of `bench.fault_table`: how to inject it, how to undo it, and which other faults can exist at the same time."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bench.fault_rig import NAME, START_STOPPED_UNITS, FaultRig, RigError
+from bench.fault_rig import ROBOT, START_STOPPED_UNITS, FaultRig, RigError
 
 Action = Callable[[FaultRig], object]
 
-# What a fault's evidence may need and another fault may take away:
+# What the evidence of one fault may need and another fault may remove:
 ONBOARD = "onboard unit"  # it publishes the state of the drive bus
-# While controllers are lost, it is stopped and disabled: systemd forgets its failure and reads all unit files again.
+# The controllers-… faults stop and disable lupin-auto-home. That resets its failed state and reloads all unit files.
 AUTO_HOME = "state of auto-home"
 PROFILE = "super client's profile"
 
 
 def no_action(_: FaultRig) -> None:
-    """Do nothing: `FaultRig.restore`, or undoing another fault, undoes this one."""
+    """Do nothing. As `inject`: the environment of the doctor is the fault. As `undo`: `FaultRig.restore` removes the fault."""
 
 
 @dataclass(frozen=True)
-class Case:
+class FaultCase:
     """One fault, and the findings that the doctor must report for it."""
 
     name: str
@@ -34,16 +34,16 @@ class Case:
     exclusive_group: str = ""  # two faults of the same group exclude each other
     hides_graph: bool = False  # the doctor sees nothing of the robot's graph while the fault lasts
     needs_graph: bool = False  # the evidence is on the robot's graph
-    unreachable: bool = False  # the robot cannot be reached
+    unreachable: bool = False  # the doctor cannot read evidence on the robot while the fault lasts
     on_robot: bool = True  # the evidence is on the robot
-    shell: str = "sourced"  # the environment in which the doctor runs; see FaultRig.shells
-    robot: str = NAME  # the inventory's name by which the doctor reaches the robot
-    needs: str = ""  # the part without which there is no evidence
-    takes: str = ""  # the part that is not there while the fault lasts
+    shell: str = "sourced"  # the environment in which the doctor runs; see FaultRig.environments
+    robot: str = ROBOT  # the robot's name in the inventory, for the doctor's --robot
+    needs: str = ""  # ONBOARD, AUTO_HOME or PROFILE: without it there is no evidence
+    removes: str = ""  # ONBOARD, AUTO_HOME or PROFILE: it is missing while the fault lasts
     hides: tuple[str, ...] = ()  # names of other faults whose evidence this one removes
 
-    def is_compatible(self, other: Case) -> bool:
-        """Whether both faults can exist, and be detected, at the same time."""
+    def is_compatible(self, other: FaultCase) -> bool:
+        """Return whether both faults can exist, and be detected, at the same time."""
         if (
             (self.exclusive_group and self.exclusive_group == other.exclusive_group)
             or self.name in other.hides
@@ -52,7 +52,7 @@ class Case:
             return False
         if (self.hides_graph and other.needs_graph) or (other.hides_graph and self.needs_graph):
             return False
-        if (self.takes and self.takes == other.needs) or (other.takes and other.takes == self.needs):
+        if (self.removes and self.removes == other.needs) or (other.removes and other.removes == self.needs):
             return False
         if (self.unreachable and other.on_robot) or (other.unreachable and self.on_robot):
             return False
@@ -60,54 +60,63 @@ class Case:
 
 
 def host_fault(
-    name: str, fault: str, expected: str, group: str = "", settings: Mapping[str, Any] | None = None, **fields: Any
-) -> Case:
-    """Return a fault of `lupin sim host fault`; `fields` are further fields of Case."""
+    name: str,
+    *,
+    expected: str,
+    group: str = "",
+    fault: str = "",
+    settings: Mapping[str, Any] | None = None,
+    **fields: Any,
+) -> FaultCase:
+    """Return the case of a fault of `lupin sim host fault`; `fault` is its name there (default: `name`).
+
+    `settings` are those of the fault, `fields` further fields of FaultCase.
+    """
     options = dict(settings or {})
-    return Case(
+    return FaultCase(
         name,
         frozenset({expected}),
-        lambda rig: rig.host.robot.inject_fault(fault, **options),
-        lambda rig: rig.host.robot.undo_fault(fault, **options),
+        lambda rig: rig.machines.robot.inject_fault(fault or name, **options),
+        lambda rig: rig.machines.robot.undo_fault(fault or name, **options),
         group,
         **fields,
     )
 
 
-def stack_fault(name: str, fault: str, expected: str, settings: Mapping[str, Any] | None = None) -> Case:
-    """Return a fault that restarts the vendor's stack; then Lupin's units start again, as after a boot."""
+def vendor_stack_fault(name: str, *, expected: str, fault: str = "", settings: Mapping[str, Any] | None = None) -> FaultCase:
+    """Return the case of a fault that restarts the vendor's stack; then Lupin's units start again, as after a boot."""
     options = dict(settings or {})
 
     def inject(rig: FaultRig) -> None:
-        rig.host.robot.inject_fault(fault, **options)
-        rig.root(START_STOPPED_UNITS, 90.0)
+        rig.machines.robot.inject_fault(fault or name, **options)
+        rig.run_as_root(START_STOPPED_UNITS, 90.0)
 
-    return Case(
+    return FaultCase(
         name,
         frozenset({expected}),
         inject,
-        host_fault(name, fault, expected, settings=options).undo,
-        "server",
+        host_fault(name, expected=expected, fault=fault, settings=options).undo,
+        "vendor-stack",
         hides_graph=True,
     )
 
 
-def participant_fault(name: str, role: str, expected: str, group: str = "", needs: str = "") -> Case:
-    """Return a fault that a participant of the graph on the laptop causes."""
-    return Case(
+def participant_fault(name: str, *, role: str, expected: str, group: str = "", needs: str = "") -> FaultCase:
+    """Return the case of a fault that a participant of the graph on the laptop causes, for as long as it runs."""
+    return FaultCase(
         name,
         frozenset({expected}),
         lambda rig: rig.start_participant(role),
-        lambda rig: rig.stop_participant(role),
+        lambda rig: rig.stop_process(role),
         group or role,
         needs_graph=True,
         needs=needs,
     )
 
 
-def order_fault(name: str, inject: str, undo: str, expected: str, group: str, needs: str = "") -> Case:
-    """Return a fault that one order to the simulated robot causes and another undoes."""
-    return Case(
+def command_fault(name: str, *, inject: str, undo: str, expected: str, group: str, needs: str = "") -> FaultCase:
+    """Return the case of a fault that one command of `tests.support.graph_participant` causes and another undoes."""
+    return FaultCase(
         name,
         frozenset({expected}),
         lambda rig: rig.start_participant(*inject.split()),
@@ -118,18 +127,23 @@ def order_fault(name: str, inject: str, undo: str, expected: str, group: str, ne
     )
 
 
-def file_fault(name: str, path: str, change: Callable[[str], str | None], expected: str, group: str, **fields: Any) -> Case:
-    """Return a wrong file in the operator's home; `change` maps its text to the wrong text, or to None to remove it."""
+def file_fault(
+    name: str, path: str, change: Callable[[str], str | None], *, expected: str, group: str, **fields: Any
+) -> FaultCase:
+    """Return the case of a wrong file in the operator's home.
+
+    `change` maps its text to the wrong text, or to None to remove it.
+    """
 
     def inject(rig: FaultRig) -> None:
         file = rig.home / path
-        rig.write(file, change(file.read_text() if file.exists() else ""))
+        rig.write_file(file, change(file.read_text() if file.exists() else ""))
 
-    return Case(name, frozenset({expected}), inject, exclusive_group=group, on_robot=False, **fields)
+    return FaultCase(name, frozenset({expected}), inject, exclusive_group=group, on_robot=False, **fields)
 
 
-def profile_fault(name: str, old: str, new: str, expected: str) -> Case:
-    """Return a wrong value in the super client's profile."""
+def profile_fault(name: str, old: str, new: str, *, expected: str) -> FaultCase:
+    """Return the case of a wrong value in the super client's profile, in which `new` replaces `old`."""
 
     def change(text: str) -> str:
         if old not in text:
@@ -137,16 +151,26 @@ def profile_fault(name: str, old: str, new: str, expected: str) -> Case:
         return text.replace(old, new)
 
     path = ".config/lupin/fastdds_super_client.xml"
-    return file_fault(name, path, change, expected, "profile", hides_graph=True, needs=PROFILE)
+    return file_fault(name, path, change, expected=expected, group="profile", hides_graph=True, needs=PROFILE)
 
 
-def script_fault(name: str, inject: str, undo: str, expected: str, group: str, **fields: Any) -> Case:
-    """Return a fault that one script on the robot, run as root, causes and another undoes."""
-    return Case(name, frozenset({expected}), lambda rig: rig.root(inject), lambda rig: rig.root(undo), group, **fields)
+def script_fault(name: str, *, inject: str, undo: str, expected: str, group: str, **fields: Any) -> FaultCase:
+    """Return the case of a fault that one script on the robot, run as root, causes and another undoes."""
+    return FaultCase(
+        name,
+        frozenset({expected}),
+        lambda rig: rig.run_as_root(inject),
+        lambda rig: rig.run_as_root(undo),
+        group,
+        **fields,
+    )
 
 
-def node_fault(name: str, expected: str, **variables: str | None) -> Case:
-    """Return a node on the laptop whose environment variables do not match the robot's graph; None unsets a variable."""
+def node_fault(name: str, *, expected: str, **variables: str | None) -> FaultCase:
+    """Return the case of a node on the laptop whose environment variables do not match the robot's graph.
+
+    None unsets a variable.
+    """
 
     def inject(rig: FaultRig) -> None:
         env = {**rig.sourced_env, **{key: value for key, value in variables.items() if value is not None}}
@@ -154,15 +178,15 @@ def node_fault(name: str, expected: str, **variables: str | None) -> Case:
             "talker", env={key: value for key, value in env.items() if variables.get(key, "") is not None}, name=name
         )
 
-    return Case(name, frozenset({expected}), inject, lambda rig: rig.stop_participant(name), name, on_robot=False)
+    return FaultCase(name, frozenset({expected}), inject, lambda rig: rig.stop_process(name), name, on_robot=False)
 
 
-def port_fault(name: str, code: str, expected: str, port: int) -> Case:
-    """Return a program on the laptop that listens on a port of Lupin's."""
+def port_fault(name: str, program: str, *, expected: str, port: int) -> FaultCase:
+    """Return the case of a Python program on the laptop that listens on a port of Lupin's and prints `up`."""
 
     def inject(rig: FaultRig) -> None:
-        process = rig.host.popen([sys.executable, "-c", code], rig.bare_env, stdout=subprocess.PIPE, text=True)
+        process = rig.machines.popen([sys.executable, "-c", program], rig.bare_env, stdout=subprocess.PIPE, text=True)
         assert process.stdout is not None and process.stdout.readline() == "up\n"
-        rig.participants[name] = process
+        rig.processes[name] = process
 
-    return Case(name, frozenset({expected}), inject, lambda rig: rig.stop_participant(name), f"port {port}", on_robot=False)
+    return FaultCase(name, frozenset({expected}), inject, lambda rig: rig.stop_process(name), f"port {port}", on_robot=False)

@@ -1,5 +1,8 @@
-"""The machines into which the bench injects faults: a booted robot with the vendor's stack, Lupin's units and a clock that
-follows the laptop's, and across the cable a laptop that is configured for the robot and runs the doctor."""
+"""The two machines into which the triage benchmark injects faults, connected by a cable.
+
+The robot is a simulated computer. It runs the vendor's stack, which drives a simulated robot, and Lupin's units; its clock
+follows the laptop's. The laptop is configured for the robot and runs the doctor.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +24,14 @@ from lupin_runtime.ports import DISCOVERY_PORT
 from lupin_sim.host import Host
 from lupin_sim.host.host import PROJECT
 
-ADDRESS, OTHER_ADDRESS, NAME = "10.42.0.1", "192.168.42.1", "greenhouse"
+WIRED_ADDRESS, AP_ADDRESS = "10.42.0.1", "192.168.42.1"
+ROBOT = "greenhouse"  # in the inventory, with the wired address; {ROBOT}-ap is the same robot over its access point
 LUPIN = [sys.executable, "-m", "lupin_cli.app"]
-PARTICIPANT_START_TIMEOUT_S, PARTICIPANT_STOP_TIMEOUT_S, HEALTHY_TIMEOUT_S, DOCTOR_TIMEOUT_S = 90.0, 60.0, 120.0, 180.0
+PARTICIPANT_START_TIMEOUT_S, PROCESS_STOP_TIMEOUT_S, HEALTHY_TIMEOUT_S, DOCTOR_TIMEOUT_S = 90.0, 60.0, 120.0, 180.0
 
 # The command that starts a participant of the graph; its role and arguments follow.
 PARTICIPANT = [sys.executable, "-m", "tests.support.graph_participant"]
+ORIGINAL_BASHRC = "# the operator's settings\n"  # before `lupin dds setup` appends its line
 RELEASE = "0a1b2c3d4e5f"  # an invented id; the release consists of a link to this Python and a release.json
 START_STOPPED_UNITS = """
 for unit in lupin-onboard lupin-auto-home; do
@@ -35,10 +40,10 @@ for unit in lupin-onboard lupin-auto-home; do
 done
 exit 0
 """
-# While it runs, auto-home would repair what the next fault breaks.
-WAIT_FOR_AUTO_HOME = """
+# Auto-home would repair what the next fault breaks, so it must have finished; a unit that still starts is a fault of its own.
+WAIT_FOR_UNITS = """
 for second in $(seq 120); do
-  systemctl show -P ActiveState lupin-auto-home | grep -q activating || exit 0
+  systemctl show -P ActiveState lupin-auto-home lupin-onboard lupin-cameras | grep -q activating || exit 0
   sleep 1
 done
 exit 0
@@ -53,16 +58,23 @@ class RigError(RuntimeError):
 class FaultRig:
     """A booted robot, and an operator's laptop that is configured for it."""
 
-    host: Host
-    home: Path
-    participants: dict[str, subprocess.Popen[str]] = field(default_factory=dict)
+    machines: Host  # `machines.robot` is the robot; `machines.run` and `machines.popen` run programs on the laptop
+    home: Path  # the operator's, on the laptop
+    processes: dict[str, subprocess.Popen[str]] = field(default_factory=dict)  # on the laptop, which are the injected faults
     original_files: dict[Path, str | None] = field(default_factory=dict)  # the laptop's files before a fault; None: no file
 
     @classmethod
-    def start(cls) -> FaultRig:
-        """Boot the robot, deploy to it, and configure both machines. Raises HostError, RigError."""
-        rig = cls(Host.start(vendor_robot=True), Path(tempfile.mkdtemp(prefix="lupin-triage-")))
+    def start(cls, *, cable_only: bool = False) -> FaultRig:
+        """Boot the robot, deploy to it, and configure both machines. Raises HostError, RigError.
+
+        With `cable_only`, the access point is out of range before any participant starts: DDS announces only the cable's
+        addresses, so a fault of the cable is felt. Otherwise data also takes the access point.
+        """
+        rig = cls(Host.start(vendor_robot=True), Path(tempfile.mkdtemp(prefix="lupin-fault-rig-")))
         try:
+            if cable_only:
+                rig.machines.robot.inject_fault("cable-cut", link="wlan0")
+                rig.run_as_root("systemctl restart mirte-ros", 90.0)
             rig._set_up()
         except BaseException:
             rig.stop()
@@ -72,34 +84,35 @@ class FaultRig:
     def _set_up(self) -> None:
         from lupin_cli import __version__
         from lupin_cli.systemd import units
-        from lupin_sim.host.checkout import SETUP_LINES, keep_shared_memory
+        from lupin_sim.host.checkout import SETUP_LINES, keep_shared_memory, link_checkout
 
         ssh = self.home / ".ssh"
         ssh.mkdir(mode=0o700)
-        shutil.copy(self.host.key, ssh / "id_ed25519")
+        shutil.copy(self.machines.key, ssh / "id_ed25519")
         (ssh / "id_ed25519").chmod(0o600)
-        known = self.host.known_hosts.read_text()
+        known = self.machines.known_hosts.read_text()
         (ssh / "known_hosts").write_text(known)
         self.config_dir.mkdir(parents=True)
         (self.config_dir / "lupin.toml").write_text(
-            f'[robots.{NAME}]\nuser = "mirte"\n[robots.{NAME}.addresses]\nwired = "{ADDRESS}"\n'
-            f'[robots.{NAME}-ap]\nuser = "mirte"\n[robots.{NAME}-ap.addresses]\nap = "{OTHER_ADDRESS}"\n'
+            f'[robots.{ROBOT}]\nuser = "mirte"\n[robots.{ROBOT}.addresses]\nwired = "{WIRED_ADDRESS}"\n'
+            f'[robots.{ROBOT}-ap]\nuser = "mirte"\n[robots.{ROBOT}-ap.addresses]\nap = "{AP_ADDRESS}"\n'
         )
-        (self.home / ".bashrc").write_text("# a shell\n")
-        self._lupin("dds", "setup", ADDRESS, "--shell", "bash", env=self.bare_env)
+        (self.home / ".bashrc").write_text(ORIGINAL_BASHRC)
+        self._lupin("dds", "setup", WIRED_ADDRESS, "--shell", "bash", env=self.bare_env)
         version = json.dumps({"version": __version__, "python": list(sys.version_info[:2])})
-        self.root(
+        self.run_as_root(
             f"mkdir -p /opt/lupin/releases/{RELEASE} /opt/lupin/incoming; cd /opt/lupin; ln -sfn releases/{RELEASE} current\n"
-            f"ln -sfn {sys.prefix} current/venv; echo '{version}' > current/release.json; usermod -aG input mirte"
+            f"echo '{version}' > current/release.json; usermod -aG input mirte"
         )
+        link_checkout(self.machines.robot)
         for name, text in units.robot_units("mirte", "/opt/lupin/current", SETUP_LINES).items():
             if name in ("lupin-onboard.service", "lupin-auto-home.service"):
-                self.root(f"cat > /etc/systemd/system/{name} <<'UNIT'\n{text}\nUNIT")
-        keep_shared_memory(self.host.robot)
-        self.host.serve_ntp()
-        self._lupin("play", "install-clock-sync", "--robot", NAME, "-v", "laptop_serves=false", "--yes", env=self.sourced_env)
-        self.root("systemctl daemon-reload; systemctl enable -q lupin-onboard lupin-auto-home")
-        self.root("systemctl start lupin-clock-sync lupin-onboard; systemctl start --no-block lupin-auto-home", 90.0)
+                self.run_as_root(f"cat > /etc/systemd/system/{name} <<'UNIT'\n{text}\nUNIT")
+        keep_shared_memory(self.machines.robot)
+        self.machines.serve_ntp()  # so the playbook need not, and must not, configure the chrony of this machine
+        self._lupin("play", "install-clock-sync", "--robot", ROBOT, "-v", "laptop_serves=false", "--yes", env=self.sourced_env)
+        self.run_as_root("systemctl daemon-reload; systemctl enable -q lupin-onboard lupin-auto-home")
+        self.run_as_root("systemctl start lupin-clock-sync lupin-onboard; systemctl start --no-block lupin-auto-home", 90.0)
 
     @property
     def config_dir(self) -> Path:
@@ -112,8 +125,8 @@ class FaultRig:
         return {"PATH": os.environ["PATH"], "HOME": str(self.home), "SHELL": "/bin/bash"}
 
     @property
-    def shells(self) -> dict[str, dict[str, str]]:
-        """Environments in which the doctor runs, by the names in Case.shell."""
+    def environments(self) -> dict[str, dict[str, str]]:
+        """Environments in which the doctor runs, by the names in FaultCase.shell."""
         wrong_rmw_env = {**self.sourced_env, "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
         return {"sourced": self.sourced_env, "bare": self.bare_env, "wrong-rmw": wrong_rmw_env}
 
@@ -123,27 +136,27 @@ class FaultRig:
         return {
             **self.bare_env,
             "FASTRTPS_DEFAULT_PROFILES_FILE": str(self.config_dir / "fastdds_super_client.xml"),
-            "ROS_DISCOVERY_SERVER": f"{ADDRESS}:{DISCOVERY_PORT}",
+            "ROS_DISCOVERY_SERVER": f"{WIRED_ADDRESS}:{DISCOVERY_PORT}",
             "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
         }
 
     def _lupin(self, *words: str, env: Mapping[str, str]) -> None:
-        done = self.host.run([*LUPIN, *words], env=env, cwd=str(PROJECT), timeout_s=180.0)
+        done = self.machines.run([*LUPIN, *words], env=env, cwd=str(PROJECT), timeout_s=180.0)
         if done.returncode != 0:
             raise RigError(f"lupin {' '.join(words)}: {done.stdout[-300:]} {done.stderr[-500:]}")
 
-    def root(self, script: str, timeout_s: float = 60.0) -> str:
+    def run_as_root(self, script: str, timeout_s: float = 60.0) -> str:
         """Run a script on the robot as root. Raises RigError."""
-        done = self.host.robot.run_as_root("sh", "-ec", script, timeout_s=timeout_s)
+        done = self.machines.robot.run_as_root("sh", "-ec", script, timeout_s=timeout_s)
         if done.status != 0:
             raise RigError(f"{script[:80]!r} exited with {done.status}: {done.stderr[-300:]}")
         return str(done.stdout)
 
-    def doctor(self, *words: str, env: Mapping[str, str] | None = None, robot: str = NAME) -> dict[str, Any]:
+    def run_doctor(self, *words: str, env: Mapping[str, str] | None = None, robot: str = ROBOT) -> dict[str, Any]:
         """Run `lupin doctor`; return its JSON report, with the wall time as `took_s`. Raises RigError."""
         began = time.monotonic()
         command = [*LUPIN, "doctor", "--robot", robot, "--json", *words]
-        done = self.host.run(command, env=env or self.sourced_env, cwd=str(PROJECT), timeout_s=DOCTOR_TIMEOUT_S)
+        done = self.machines.run(command, env=env or self.sourced_env, cwd=str(PROJECT), timeout_s=DOCTOR_TIMEOUT_S)
         try:
             report: dict[str, Any] = json.loads(done.stdout)
         except ValueError:
@@ -152,11 +165,11 @@ class FaultRig:
             raise RigError(f"the doctor exited with {done.returncode}, but its JSON report has the status {report['status']}")
         return report | {"took_s": round(time.monotonic() - began, 2)}
 
-    def until_healthy(self, env: Mapping[str, str] | None = None, timeout_s: float = HEALTHY_TIMEOUT_S) -> int:
+    def wait_until_healthy(self, env: Mapping[str, str] | None = None, timeout_s: float = HEALTHY_TIMEOUT_S) -> int:
         """Run the doctor until it finds nothing, and return how often it ran. Raises RigError with the remaining findings."""
         deadline, runs = time.monotonic() + timeout_s, 0
         while True:
-            report, runs = self.doctor(env=env), runs + 1
+            report, runs = self.run_doctor(env=env), runs + 1
             if report["status"] == SUCCESS:
                 return runs
             if time.monotonic() > deadline:
@@ -166,42 +179,43 @@ class FaultRig:
     def start_participant(
         self, role: str, *arguments: str, env: Mapping[str, str] | None = None, name: str = "", command_line_tag: str = ""
     ) -> None:
-        """Start a participant in this role on the laptop; with `arguments`, give one order, and wait until its process exits.
+        """Start a participant of the graph in this role on the laptop, and wait until it reports that it is up.
 
-        `name` (default: the role) is the name for `stop_participant`. `command_line_tag` is an argument that the participant
-        ignores, but that others see in its command line. Raises RigError.
+        With `arguments`, the participant executes that one command and exits, which is also waited for. `name` (default: the
+        role) is the name for `stop_process`. `command_line_tag` is an argument that the participant ignores, but that others
+        see in its command line. Raises RigError.
         """
         command = [*PARTICIPANT, role, *arguments, *filter(None, [command_line_tag])]
-        process: subprocess.Popen[str] = self.host.popen(
+        process: subprocess.Popen[str] = self.machines.popen(
             command, env or self.sourced_env, cwd=str(PROJECT), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
         timer = threading.Timer(PARTICIPANT_START_TIMEOUT_S, process.kill)
         timer.start()
         try:
             assert process.stdout is not None
-            # Lines before `up` may be Fast DDS's errors about a profile, without which it continues.
-            if all(line.strip() != "up" for line in process.stdout):
+            # Fast DDS may print errors about an unusable profile before `up`; it continues without the profile.
+            if "up" not in (line.strip() for line in process.stdout):
                 raise RigError(f"{role} {' '.join(arguments)}: {process.communicate()[1][-300:]}")
             if arguments:
                 process.communicate()
             else:
-                self.participants[name or role] = process
+                self.processes[name or role] = process
         finally:
             timer.cancel()
 
-    def stop_participant(self, name: str) -> None:
-        """Terminate a participant, if it was started: with SIGTERM, or SIGKILL after PARTICIPANT_STOP_TIMEOUT_S."""
-        process = self.participants.pop(name, None)
+    def stop_process(self, name: str) -> None:
+        """Terminate a process on the laptop, if it was started: with SIGTERM, or SIGKILL after PROCESS_STOP_TIMEOUT_S."""
+        process = self.processes.pop(name, None)
         if process is None:
             return
         process.terminate()
         try:
-            process.communicate(timeout=PARTICIPANT_STOP_TIMEOUT_S)
+            process.communicate(timeout=PROCESS_STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
 
-    def write(self, path: Path, text: str | None) -> None:
+    def write_file(self, path: Path, text: str | None) -> None:
         """Write a file of the laptop, or remove it if `text` is None. `restore` writes the original back."""
         self.original_files.setdefault(path, path.read_text() if path.exists() else None)
         if text is None:
@@ -211,9 +225,10 @@ class FaultRig:
             path.write_text(text)
 
     def restore(self) -> None:
-        """Restore the laptop's files, start Lupin's units that an undone fault left stopped, and wait for auto-home."""
-        self.root(START_STOPPED_UNITS, 90.0)
-        self.root(WAIT_FOR_AUTO_HOME, 150.0)
+        """Start those of Lupin's units that are still stopped after the faults were undone, wait until they have started, and
+        restore the laptop's files."""
+        self.run_as_root(START_STOPPED_UNITS, 90.0)
+        self.run_as_root(WAIT_FOR_UNITS, 150.0)
         for path, text in self.original_files.items():
             if text is None:
                 path.unlink(missing_ok=True)
@@ -222,8 +237,8 @@ class FaultRig:
         self.original_files.clear()
 
     def stop(self) -> None:
-        """Stop all participants and both machines, and remove the laptop's home."""
-        for name in list(self.participants):
-            self.stop_participant(name)
-        self.host.end()
+        """Stop all processes on the laptop and both machines, and remove the operator's home."""
+        for name in list(self.processes):
+            self.stop_process(name)
+        self.machines.end()
         shutil.rmtree(self.home, ignore_errors=True)

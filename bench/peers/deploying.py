@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.peers.tools import Tools, Unsafe
+from bench.peers.pyinfra_and_ansible import PeerTools, Unsafe
 
 METHODS = ("modules", "rsync", "link")
 RSYNC = ("-rlptO", "--itemize-changes")
@@ -34,7 +34,7 @@ class InstalledState:
         return f"/opt/lupin/releases/{self.release}/"
 
 
-def pyinfra(tools: Tools, installed: InstalledState, method: str) -> list[str]:
+def pyinfra_command(tools: PeerTools, installed: InstalledState, method: str) -> list[str]:
     """Return pyinfra's command."""
     check = {
         "modules": "files.sync(src=DATA['files'], dest=DATA['folder'], add_deploy_dir=False)",
@@ -51,7 +51,7 @@ for path, content in DATA['texts'].items():
 systemd.service(service='lupin-auto-home.service', running=None, enabled=True, _sudo=True)
 systemd.service(service='lupin-onboard.service', running=True, enabled=True, _sudo=True)
 """
-    return tools.pyinfra(f"deploy-{method}", text, _data(installed))
+    return tools.pyinfra_command(f"deploy-{method}", text, _data(installed))
 
 
 def _data(installed: InstalledState) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def _data(installed: InstalledState) -> dict[str, Any]:
     }
 
 
-def ansible(tools: Tools, installed: InstalledState, method: str) -> list[str]:
+def ansible_command(tools: PeerTools, installed: InstalledState, method: str) -> list[str]:
     """Return Ansible's command."""
     target = f"{installed.user}@{tools.address}:{installed.folder}"
     # The same as ansible.posix.synchronize, which is not in ansible-core.
@@ -101,7 +101,7 @@ def ansible(tools: Tools, installed: InstalledState, method: str) -> list[str]:
         {"ansible.builtin.systemd_service": {"name": "lupin-auto-home.service", "enabled": True}},
         {"ansible.builtin.systemd_service": {"name": "lupin-onboard.service", "enabled": True, "state": "started"}},
     ]
-    return tools.ansible(f"deploy-{method}", {"robot": [{"become": True, **task} for task in tasks]})
+    return tools.ansible_command(f"deploy-{method}", {"robot": [{"become": True, **task} for task in tasks]})
 
 
 def ansible_changed(stdout: str) -> int:

@@ -17,7 +17,7 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
-from bench.peers.tools import Tools, Unsafe
+from bench.peers.pyinfra_and_ansible import PeerTools, Unsafe
 
 TASK_SIZES = ("scripts", "questions")
 MACHINES: Mapping[str, tuple[str, ...]] = {"robot": ("robot",), "both": ("robot", "laptop")}
@@ -70,7 +70,7 @@ def _scripts(address: str, machine: str) -> dict[str, str]:
     return {fact.name: known + fact.probe for fact in needed_facts(checks, machine)}
 
 
-def pyinfra(tools: Tools, questions: Questions) -> list[str]:
+def pyinfra_command(tools: PeerTools, questions: Questions) -> list[str]:
     """Return pyinfra's command. It writes the facts to files, in which `require_all_answers` counts them."""
     # pyinfra treats a non-zero exit status as a failure, but in some probes it is a result.
     text = f"""
@@ -81,10 +81,10 @@ scripts = DATA.get(machine, {{}})
 facts = {{name: host.get_fact(Command, command='( ' + script + '\\n) || true') for name, script in scripts.items()}}
 open({str(tools.folder)!r} + f'/pyinfra-{{machine}}.json', 'w').write(json.dumps(facts))
 """
-    return tools.pyinfra("facts", text, questions, list(questions))
+    return tools.pyinfra_command("facts", text, questions, list(questions))
 
 
-def ansible(tools: Tools, questions: Questions) -> list[str]:
+def ansible_command(tools: PeerTools, questions: Questions) -> list[str]:
     """Return Ansible's command. Scripts for both machines run on both in parallel."""
     plays: dict[str, list[dict[str, Any]]] = {}
     by_name = dict(item for scripts in questions.values() for item in scripts.items())
@@ -92,10 +92,10 @@ def ansible(tools: Tools, questions: Questions) -> list[str]:
         hosts = ":".join(machine for machine, scripts in questions.items() if name in scripts)
         task = {"name": name, "ansible.builtin.shell": {"cmd": Unsafe(script)}, "register": f"fact_{number}"}
         plays.setdefault(hosts, []).append({**task, "changed_when": False, "failed_when": False})
-    return tools.ansible("facts", plays)
+    return tools.ansible_command("facts", plays)
 
 
-def require_all_answers(tool: str, printed: str, questions: Questions, tools: Tools) -> None:
+def require_all_answers(tool: str, printed: str, questions: Questions, tools: PeerTools) -> None:
     """Stop the bench if a tool gathered fewer facts than it should."""
     for machine, scripts in questions.items():
         if tool == "pyinfra":

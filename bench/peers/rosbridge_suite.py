@@ -2,9 +2,9 @@
 
     python -m bench.peers.rosbridge_suite FOLDER
 
-FOLDER is a checkout of rosbridge_suite (BSD), which needs tornado, pymongo and pillow: pip install them for this benchmark. Its
-topics about connected clients need interfaces that no wheel has, and are left out: the benchmarks do not use them. Prints
-the port once the server listens.
+FOLDER is a checkout of rosbridge_suite (BSD), which needs tornado, pymongo and pillow: pip install them for this benchmark. The
+server also publishes its connected clients, with message types (rosbridge_msgs) of which there is no wheel; the class that does
+this is replaced by an empty one, as the benchmarks do not use these topics. Prints the port once the server listens.
 """
 
 from __future__ import annotations
@@ -22,15 +22,13 @@ _LISTEN_TIMEOUT_S = 30.0
 
 
 class _ClientManager:
-    """Replaces the class that publishes the number of clients."""
+    """Replaces the class that publishes the number of clients; does nothing."""
 
     def __init__(self, *_: object) -> None: ...
 
-    def add_client(self, *_: object) -> None:
-        """Do nothing."""
+    def add_client(self, *_: object) -> None: ...
 
-    def remove_client(self, *_: object) -> None:
-        """Do nothing."""
+    def remove_client(self, *_: object) -> None: ...
 
 
 def _print_port_once_listening(port: int, output: TextIO) -> None:

@@ -19,13 +19,16 @@ REQUIREMENTS = Path(__file__).with_name("requirements.txt")
 INSTALL_TIMEOUT_S = 900.0
 
 
-def programs() -> Path:
-    """Return the folder of the tools' programs; install them on first use. Its name contains a hash of the pinned versions."""
+def install_tools() -> Path:
+    """Install both tools on first use, which takes a minute; return the folder with their programs.
+
+    The name of its parent contains a hash of the pinned versions. Exits with the reason if they cannot be installed.
+    """
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lupin-bench"
     cache.mkdir(parents=True, exist_ok=True)
-    pins = hashlib.sha256(REQUIREMENTS.read_bytes() + sys.version.encode()).hexdigest()[:12]
-    folder = cache / f"peers-{pins}"
-    with (cache / "lock").open("w") as lock:
+    pins_hash = hashlib.sha256(REQUIREMENTS.read_bytes() + sys.version.encode()).hexdigest()[:12]
+    folder = cache / f"peers-{pins_hash}"
+    with os.fdopen(os.open(cache / "lock", os.O_WRONLY | os.O_CREAT, 0o600), "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "complete").exists():
             print(
@@ -38,16 +41,21 @@ def programs() -> Path:
                 done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_TIMEOUT_S, check=False)
                 if done.returncode != 0:
                     raise SystemExit(
-                        f"not measured: the peers could not be installed; without them: --no-peers\n{done.stderr[-800:]}"
+                        "pyinfra and Ansible could not be installed, so nothing was measured. To measure without them, add "
+                        f"--no-peers.\n{done.stderr[-800:]}"
                     )
             (folder / "complete").touch()
     return folder / "bin"
 
 
 @dataclass(frozen=True)
-class Tools:
-    """Both tools for one robot. Their configuration, caches and output are in `folder`."""
+class PeerTools:
+    """pyinfra and Ansible, configured for one robot.
 
+    Their programs are in `bin_folder`; their configuration, caches and output are in `folder`.
+    """
+
+    bin_folder: Path
     folder: Path
     address: str
     user: str
@@ -101,30 +109,30 @@ ssh_args = {self.ssh_options}
     def environment(self) -> dict[str, str]:
         """The environment of both tools; it contains nothing of this project."""
         return {
-            "PATH": f"{programs()}:/usr/bin:/bin:/usr/sbin:/sbin",
+            "PATH": f"{self.bin_folder}:/usr/bin:/bin:/usr/sbin:/sbin",
             "HOME": str(self.folder),
             "LC_ALL": "C.UTF-8",
             "ANSIBLE_CONFIG": str(self.folder / "ansible.cfg"),
         }
 
-    def pyinfra(self, name: str, text: str, data: Mapping[str, Any], machines: Sequence[str] = ("robot",)) -> list[str]:
+    def pyinfra_command(self, name: str, text: str, data: Mapping[str, Any], machines: Sequence[str] = ("robot",)) -> list[str]:
         """Return the command that runs the deploy `text` on these machines; the deploy finds `data` as DATA."""
         path = self.folder / f"{name}.py"
         path.write_text(f"import json\nDATA = json.loads({json.dumps(data)!r})\n{text}")
-        return [str(programs() / "pyinfra"), "-y", str(self.folder / f"inventory-{'-'.join(machines)}.py"), str(path)]
+        return [str(self.bin_folder / "pyinfra"), "-y", str(self.folder / f"inventory-{'-'.join(machines)}.py"), str(path)]
 
-    def ansible(self, name: str, plays: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
+    def ansible_command(self, name: str, plays: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
         """Return the command that runs a playbook of these tasks, which are grouped by host pattern."""
         path = self.folder / f"{name}.yml"
         path.write_text(
             yaml.dump([{"hosts": h, "gather_facts": False, "tasks": list(t)} for h, t in plays.items()], Dumper=_Dumper)
         )
-        return [str(programs() / "ansible-playbook"), str(path)]
+        return [str(self.bin_folder / "ansible-playbook"), str(path)]
 
-    def shared_connection(self, verb: str) -> list[str]:
+    def shared_connection_command(self, verb: str) -> list[str]:
         """Return the command that opens the shared connection ("open") or closes it ("exit").
 
-        The opened one runs in the background and keeps its standard streams open.
+        After "open", ssh runs on in the background with its standard streams open: do not wait for the end of its output.
         """
         action = ["-fN"] if verb == "open" else ["-O", verb]
         return ["ssh", *self.ssh_options.split(), *action, f"{self.user}@{self.address}"]
