@@ -4,7 +4,7 @@ import { lupin_msgs_MissionState as STATE, lupin_msgs_Observation as OBSERVATION
 import type { TextKey, TextValues } from "@/i18n/text";
 import { inNaturalUnit } from "./health";
 
-/** CONTRACT 15.6. */
+/** The event list keeps this many events. */
 export const MAX_EVENTS = 200;
 
 export type EventKind = "lifecycle" | "phase" | "target" | "pause" | "estop" | "fault" | "observation" | "notice";

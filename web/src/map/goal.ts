@@ -1,4 +1,4 @@
-/** Poses that the operator draws on the map: goals, the robot's own place, approaches of tags. */
+/** Poses that the operator draws on the map: goals, the robot's pose, approaches of tags. */
 import type {
   geometry_msgs_Pose,
   geometry_msgs_PoseStamped,
@@ -13,7 +13,7 @@ import type { Point } from "./view";
 /** RViz's standard deviations of a pose that was set by hand: 0.5 m and 15 degrees. */
 const VARIANCE_M2 = 0.25;
 const VARIANCE_RAD2 = (Math.PI / 12) ** 2;
-/** A plan that ends so near leads to the goal, and a robot that stands so near has reached it. */
+/** A plan that ends within this distance leads to the goal; a robot within this distance has reached the goal. */
 const NEAR_GOAL_M = 0.3;
 
 /** The pose of a drag from `start` to `end`; without a drag it looks from the robot to the goal, as a driver would arrive. */
@@ -43,7 +43,7 @@ export function goalMessage(pose: Pose2, frame: string): geometry_msgs_PoseStamp
   return { header: header(frame), pose: poseMessage(pose) };
 }
 
-/** The robot's place as the operator shows it. The covariance is a plain array, since commands are sent as JSON. */
+/** The robot's pose as the operator set it. The covariance is a plain array, since commands are sent as JSON. */
 export function initialPoseMessage(pose: Pose2, frame: string): geometry_msgs_PoseWithCovarianceStamped {
   const covariance = new Array<number>(36).fill(0);
   covariance[0] = VARIANCE_M2;
@@ -73,7 +73,7 @@ export function pathProblem(code: number): TextKey | null {
   }
 }
 
-/** What became of a goal that was sent, by what the robot shows since. */
+/** The outcome of a goal that was sent, judged by what the robot has published since. */
 export type GoalProgress = "sent" | "driving" | "reached" | "unanswered";
 
 export function goalProgress(goal: Pose2, sinceMs: number, plan: { end: Point | null; ageMs: number }, robot: Pose2 | null): GoalProgress {

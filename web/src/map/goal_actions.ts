@@ -1,27 +1,34 @@
 /** What the operator's drawn poses do on the robot. */
-import { ApiError, ask } from "@/api/http";
+import { ask } from "@/api/http";
 import { ACTIONS, TOPICS } from "@/generated/graph";
 import type { nav2_msgs_ComputePathToPose_Result } from "@/generated/messages";
+import { TextError } from "@/i18n/text_error";
 import { cancelGoals, link, publish } from "@/robot";
 import type { Pose2 } from "@/ros/tf";
 import { setting } from "@/state/settings";
 import { goalMessage, initialPoseMessage, pathProblem } from "./goal";
-import { type Preview, useMapUi } from "./map_ui";
+import { type Preview, dropDraft, useMapUi } from "./map_ui";
 import { readPath } from "./route";
 
 /** Send the robot to a pose. Whether it goes is seen by its plan. Throws where the server refuses control. */
 export async function sendGoal(pose: Pose2): Promise<void> {
   await takeControl();
   const row = { name: setting("goalPoseTopic"), type: TOPICS.GOAL_POSE.type };
-  if (!publish(row, goalMessage(pose, setting("mapFrame")))) throw new ApiError(0, "there is no link to the robot");
+  if (!publish(row, goalMessage(pose, setting("mapFrame")))) throw new TextError("error_not_connected");
   useMapUi.setState({ sent: { pose, atMs: performance.now() }, draft: null, preview: null, tool: "move" });
 }
 
 /** Tell the robot where it is. Throws where the server refuses control. */
 export async function sendInitialPose(pose: Pose2): Promise<void> {
   await takeControl();
-  if (!publish(TOPICS.INITIAL_POSE, initialPoseMessage(pose, setting("mapFrame")))) throw new ApiError(0, "there is no link to the robot");
+  if (!publish(TOPICS.INITIAL_POSE, initialPoseMessage(pose, setting("mapFrame")))) throw new TextError("error_not_connected");
   useMapUi.setState({ draft: null, preview: null, tool: "move" });
+}
+
+/** Tell SLAM where the robot is on the present map. Throws ApiError with the server's reason. */
+export async function relocate({ x, y, yaw }: Pose2): Promise<void> {
+  await ask("/_api/maps/relocate", { pose: { x, y, yaw } });
+  dropDraft();
 }
 
 /** A publication is refused without an answer; this says why before it is sent. */

@@ -3,7 +3,7 @@ import type { lupin_msgs_GetField_Response } from "@/generated/messages";
 import { FLOOR, type Grid, OUTSIDE, fromCells } from "./grid";
 import { type Sensor, inNaturalUnit } from "./health";
 
-/** CONTRACT 15.7: hue in degrees, lightness in percent from the lowest to the highest value. */
+/** Hue in degrees, lightness in percent from the lowest to the highest value. */
 const COLORS: Record<Sensor, { hue: number; light: readonly [number, number] }> = {
   temperature: { hue: 30, light: [80, 40] },
   humidity: { hue: 190, light: [75, 45] },

@@ -47,6 +47,24 @@ describe("the live map", () => {
     expect(changes).toEqual(["motion"]);
   });
 
+  it("does not know the place any more once the transforms from the map have ended", () => {
+    const { map } = started();
+    map.takeOdometry(odometry(1, 1), 4900);
+    expect(map.poseReceivedMs).toBe(4900);
+    map.takeOdometry(odometry(2, 6), 5100);
+    expect([map.poseReceivedMs, map.pose?.x]).toEqual([4900, 11]);
+    map.takeTransforms({ transforms: [transform("map", "odom", 10, 7)] }, 9000);
+    map.takeOdometry(odometry(2, 8), 9100);
+    expect([map.poseReceivedMs, map.pose?.x]).toEqual([9100, 12]);
+  });
+
+  it("believes a static transform from the map for ever", () => {
+    const map = new LiveMap();
+    map.takeStaticTransforms({ transforms: [transform("map", "odom", 10, 1)] }, 0);
+    map.takeOdometry(odometry(2, 99), 99_000);
+    expect([map.poseReceivedMs, map.pose?.x]).toEqual([99_000, 12]);
+  });
+
   it("redraws only above 5 mm, and follows the odometry between transforms", () => {
     const { map, changes } = started();
     map.takeOdometry(odometry(1, 1), 1);

@@ -3,7 +3,7 @@
  * here and draw, without React.
  */
 import { FRAMES } from "@/generated/graph";
-import type { nav_msgs_OccupancyGrid, nav_msgs_Odometry, nav_msgs_Path, sensor_msgs_LaserScan, tf2_msgs_TFMessage } from "@/generated/messages";
+import type { lupin_msgs_Observation, nav_msgs_OccupancyGrid, nav_msgs_Odometry, nav_msgs_Path, sensor_msgs_LaserScan, tf2_msgs_TFMessage } from "@/generated/messages";
 import { LIDAR } from "@/generated/robot_model";
 import { type Pose2, TransformTree, compose, hasMoved } from "@/ros/tf";
 import type { Box } from "./boxes";
@@ -11,11 +11,14 @@ import { type Grid, classify, isSameGrid, knownBounds, readGrid } from "./grid";
 import type { Field } from "./heat";
 import { PoseHistory } from "./pose_history";
 import { Trail, readPath } from "./route";
+import { SIGHTING_MS, type Sighting, addSighting, placeOf } from "./sightings";
 import type { Tag } from "./twin";
 import type { Bounds, Point } from "./view";
 
 /** Without a transform for so long, the robot's place is out of date. */
 export const POSE_STALE_MS = 2000;
+/** Without a transform from the map for so long, nothing says any more where the robot is: the localization is gone, or lost it. */
+const UNPLACED_MS = 5000;
 export const SCAN_STALE_MS = 1500;
 /** Samples of one transform that come in the wrong order differ by less than this; more is a clock that was set back. */
 const LATE_S = 1;
@@ -48,16 +51,22 @@ export class LiveMap {
   tags: Tag[] = [];
   twinReceivedMs: number | null = null;
   boxes: Box[] = [];
+  sightings: readonly Sighting[] = [];
   field: Field | null = null;
   /** Positions of the joints by name, rad, and when they came. */
   joints: Map<string, number> = new Map();
   jointsReceivedMs: number | null = null;
 
+  private gridVersion = 0;
+  private trailOfNow: Trail | null = null;
   private frames: { map: string; base: string } = { map: FRAMES.map, base: FRAMES.base };
   private listeners = new Set<Listener>();
   private tree = new TransformTree();
   private history = new PoseHistory();
   private stamps = new Map<string, number>();
+  /** When the last transform from the map came; Infinity if it is static. */
+  private placedMs = -Infinity;
+  private sightingTimer: ReturnType<typeof setTimeout> | undefined;
   private waitingScan: { message: sensor_msgs_LaserScan; receivedMs: number } | null = null;
 
   /** Call `listener` with every change until the returned function is called. */
@@ -84,13 +93,22 @@ export class LiveMap {
       return;
     }
     const kinds = classify(grid);
-    const version = (this.grid?.version ?? 0) + 1;
-    this.grid = { grid, kinds, bounds: knownBounds(grid, kinds), version, receivedMs };
+    this.gridVersion += 1;
+    this.grid = { grid, kinds, bounds: knownBounds(grid, kinds), version: this.gridVersion, receivedMs };
     this.notify("scene");
   }
 
   takeTransforms(message: tf2_msgs_TFMessage, receivedMs: number): void {
     this.update(message.transforms, receivedMs);
+  }
+
+  takeStaticTransforms(message: tf2_msgs_TFMessage, receivedMs: number): void {
+    if (message.transforms.some((each) => this.isFromMap(each))) this.placedMs = Infinity;
+    this.update(message.transforms, receivedMs);
+  }
+
+  private isFromMap({ header }: tf2_msgs_TFMessage["transforms"][number]): boolean {
+    return header.frame_id === this.frames.map || header.frame_id === `/${this.frames.map}`;
   }
 
   /**
@@ -115,6 +133,8 @@ export class LiveMap {
     };
     const newer = transforms.filter(isNew);
     this.tree.update({ transforms: newer });
+    if (newer.some((each) => this.isFromMap(each))) this.placedMs = Math.max(this.placedMs, receivedMs);
+    if (receivedMs - this.placedMs > UNPLACED_MS) return;
     const pose = this.tree.lookUp(this.frames.map, this.frames.base);
     if (pose === null) return;
     const own = newer.find((each) => each.child_frame_id === this.frames.base || each.child_frame_id === `/${this.frames.base}`);
@@ -169,6 +189,19 @@ export class LiveMap {
     this.notify("scene");
   }
 
+  /** Show an observation for some seconds. Of a late subscriber, latched ones of the past are passed over. */
+  takeObservation(observation: lupin_msgs_Observation, receivedMs: number): void {
+    const place = placeOf(observation);
+    const { sec, nanosec } = observation.header.stamp;
+    const ageS = (this.history.newestS ?? Infinity) - sec - nanosec / 1e9;
+    if (place === null || ageS > SIGHTING_MS / 1000) return;
+    this.sightings = addSighting(this.sightings, { ...place, receivedMs });
+    this.notify("motion");
+    // Without this, the last one would stay until something else moves.
+    clearTimeout(this.sightingTimer);
+    this.sightingTimer = setTimeout(() => this.notify("motion"), SIGHTING_MS + 1);
+  }
+
   takeBoxes(boxes: Box[]): void {
     this.boxes = boxes;
     this.notify("scene");
@@ -184,8 +217,37 @@ export class LiveMap {
     this.tree.clear();
     this.history.clear();
     this.stamps.clear();
+    this.placedMs = -Infinity;
     this.pose = null;
     this.poseReceivedMs = null;
+    this.waitingScan = null;
+  }
+
+  /** Forget all that was received, for samples of another time. */
+  forget(): void {
+    this.forgetTransforms();
+    this.trail = new Trail();
+    this.grid = this.speedMps = this.plan = this.scan = this.twinReceivedMs = this.field = this.jointsReceivedMs = null;
+    this.tags = [];
+    this.boxes = [];
+    this.sightings = [];
+    this.joints = new Map();
+    this.notify("scene");
+    this.notify("motion");
+    this.notify("joints");
+  }
+
+  /** Show another time than now: the trail of now is kept until `takeUp`. */
+  setAside(): void {
+    this.trailOfNow ??= this.trail;
+    this.forget();
+  }
+
+  /** Show now again. */
+  takeUp(): void {
+    this.forget();
+    this.trail = this.trailOfNow ?? this.trail;
+    this.trailOfNow = null;
   }
 }
 

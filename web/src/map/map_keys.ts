@@ -1,9 +1,7 @@
 import type { KeyboardEvent } from "react";
-import { showProblem } from "@/state/problems";
-import { sendGoal } from "./goal_actions";
 import { commandOf } from "./keys";
 import { liveMap } from "./live_map";
-import { chooseTool, drawPose, dropDraft, useMapUi } from "./map_ui";
+import { chooseTool, draftSender, drawPose, dropDraft, useMapUi } from "./map_ui";
 import type { Point } from "./view";
 
 /** What the keys move, in either view. */
@@ -46,7 +44,7 @@ export function handleMapKey(event: KeyboardEvent, target: KeyTarget | null): vo
       if (draft !== null) drawPose({ ...draft, pose: command.pose });
       break;
     case "send":
-      if (draft?.kind === "goal") sendGoal(draft.pose).catch(showProblem);
+      if (draft?.kind === "goal") draftSender.send?.();
       break;
     case "cancel":
       dropDraft();

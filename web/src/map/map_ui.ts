@@ -1,6 +1,7 @@
 /** What the operator chose on the map: the view, the layer, the tool, and the pose that is being drawn. */
 import { create } from "zustand";
 import type { TextKey } from "@/i18n/text";
+import { isRewound } from "@/rewind/state";
 import type { Pose2 } from "@/ros/tf";
 import { poseFromDrag } from "./goal";
 import type { Sensor } from "./health";
@@ -58,10 +59,12 @@ export const useMapUi = create<MapUi>(() => ({
 }));
 
 export function chooseTool(tool: Tool): void {
+  if (isRewound()) return;
   useMapUi.setState((state) => ({ tool, draft: state.draft?.kind === tool ? state.draft : null, preview: null }));
 }
 
 export function drawPose(draft: Draft): void {
+  if (isRewound()) return;
   useMapUi.setState({ draft, tool: draft.kind });
 }
 
@@ -72,6 +75,9 @@ export function drawWithTool(from: Point, to: Point, isHeadingSet: boolean): voi
   const pose = poseFromDrag(from, to, isHeadingSet, liveMap.pose);
   drawPose({ kind: tool, pose, ...(tool === "approach" && selected !== null ? { name: selected } : {}) });
 }
+
+/** Sends the drawn pose; null while it may not be sent. Kept by what shows the pose with its obstacles. */
+export const draftSender: { send: (() => void) | null } = { send: null };
 
 export function dropDraft(): void {
   useMapUi.setState({ draft: null, preview: null, tool: "move" });

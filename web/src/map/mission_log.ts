@@ -4,8 +4,11 @@ import { TOPICS } from "@/generated/graph";
 import type { lupin_msgs_MissionState } from "@/generated/messages";
 import { topics } from "@/robot";
 import { MAX_EVENTS, type MissionEvent, type Visit, eventsBetween, observationEvent, observationKey, visitOf } from "./events";
+import { RecentKeys } from "./recent_keys";
 
 const MAX_VISITS = 1000;
+/** Of far more observations than a late subscriber is sent again. */
+const MAX_KNOWN = 2000;
 
 export interface LoggedEvent extends MissionEvent {
   number: number;
@@ -46,13 +49,11 @@ export function startMissionLog(): void {
     add(eventsBetween(state, next));
     state = next;
   });
-  const known = new Set<string>();
+  const known = new RecentKeys(MAX_KNOWN);
   topics.listen(TOPICS.OBSERVATIONS, {}, () => {
     const observation = topics.last(TOPICS.OBSERVATIONS)?.message;
     if (observation === undefined) return;
-    const key = observationKey(observation);
-    if (known.has(key)) return;
-    known.add(key);
+    if (!known.add(observationKey(observation))) return;
     const event = observationEvent(observation);
     if (event !== null) add([event]);
     const visit = visitOf(observation);

@@ -6,9 +6,12 @@ function facts(mission: Partial<lupin_msgs_MissionState> | null, changes: Partia
   const state = { lifecycle_state: "READY", current_target: "", paused: false, estop_engaged: false, battery_low: false, ...mission };
   return {
     linkOpen: true,
+    isRewound: false,
     isViewer: false,
     isHeldByOther: false,
+    isWatching: false,
     stopped: false,
+    isGateClosed: false,
     mission: mission === null ? null : (state as lupin_msgs_MissionState),
     ...changes,
   };
@@ -44,6 +47,14 @@ describe("mission controls", () => {
     expect(refusal("start", facts({}, { stopped: true }))).toBe("mission_release_first");
     expect(refusal("start", facts({ estop_engaged: true }))).toBe("mission_release_first");
     expect(refusal("start", facts({ battery_low: true }))).toBe("mission_charge_first");
+  });
+
+  it("set nothing in motion through a closed gate, and let what moves be ended", () => {
+    expect(refusal("start", facts({}, { isGateClosed: true }))).toBe("mission_hold_first");
+    const paused = facts({ lifecycle_state: "MONITORING", paused: true }, { isGateClosed: true });
+    expect(refusal("resume", paused)).toBe("mission_hold_first");
+    expect(refusal("dock", paused)).toBe("mission_hold_first");
+    expect(possible(facts({ lifecycle_state: "INSPECTING", current_target: "4" }, { isGateClosed: true }))).toEqual(["pause", "abort", "skip", "dock"]);
   });
 
   it("do not strand a robot that drives to its charger", () => {

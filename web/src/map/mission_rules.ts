@@ -7,11 +7,17 @@ export type MissionAction = "start" | "pause" | "resume" | "abort" | "skip" | "d
 
 export interface MissionFacts {
   linkOpen: boolean;
+  /** The page shows the past. */
+  isRewound: boolean;
   isViewer: boolean;
   /** Another session has control. */
   isHeldByOther: boolean;
+  /** Another tab of this browser commands. */
+  isWatching: boolean;
   /** The robot's e-stop; null while it is not known. */
   stopped: boolean | null;
+  /** This page's own gate is closed: in control, the page would hold the wheels against what it starts. */
+  isGateClosed: boolean;
   /** The mission's state; null where there is none, or where it is out of date. */
   mission: Pick<lupin_msgs_MissionState, "lifecycle_state" | "current_target" | "paused" | "estop_engaged" | "battery_low"> | null;
 }
@@ -21,9 +27,11 @@ const RESUMABLE = ["EXPLORING", "INSPECTING", "MONITORING"];
 /** Why an action is not possible; null where it is. */
 export function refusal(action: MissionAction, facts: MissionFacts): TextKey | null {
   const { mission } = facts;
+  if (facts.isRewound) return "rewind_no_command";
   if (!facts.linkOpen) return "mission_no_link";
   if (mission === null) return "mission_silent";
   if (facts.isViewer) return "mission_viewer";
+  if (facts.isWatching) return "why_other_tab";
   if (facts.isHeldByOther) return "mission_held";
   const isStopped = facts.stopped === true || mission.estop_engaged;
   const active = (ACTIVE_STATES as readonly string[]).includes(mission.lifecycle_state);
@@ -33,6 +41,7 @@ export function refusal(action: MissionAction, facts: MissionFacts): TextKey | n
       if (mission.lifecycle_state === "FAULT") return "mission_reset_first";
       if (mission.lifecycle_state !== "READY" && mission.lifecycle_state !== "DONE") return "mission_not_ready";
       if (isStopped) return "mission_release_first";
+      if (facts.isGateClosed) return "mission_hold_first";
       return mission.battery_low ? "mission_charge_first" : null;
     case "pause":
       if (!active) return "mission_none_running";
@@ -41,6 +50,7 @@ export function refusal(action: MissionAction, facts: MissionFacts): TextKey | n
     case "resume":
       if (!active || !mission.paused) return "mission_not_paused";
       if (isStopped) return "mission_release_first";
+      if (facts.isGateClosed) return "mission_hold_first";
       return mission.battery_low && mission.lifecycle_state !== "RETURNING" ? "mission_charge_first" : null;
     case "abort":
       if (!active) return "mission_none_running";
@@ -48,7 +58,8 @@ export function refusal(action: MissionAction, facts: MissionFacts): TextKey | n
     case "skip":
       return mission.lifecycle_state === "INSPECTING" && mission.current_target !== "" ? null : "mission_skip_in_inspection";
     case "dock":
-      return RESUMABLE.includes(mission.lifecycle_state) ? null : "mission_dock_while_active";
+      if (!RESUMABLE.includes(mission.lifecycle_state)) return "mission_dock_while_active";
+      return mission.paused && facts.isGateClosed ? "mission_hold_first" : null;
     case "reset":
       return mission.lifecycle_state === "FAULT" ? null : "mission_reset_in_fault";
   }

@@ -1,16 +1,18 @@
 /** Draws the map from above on a canvas, only when something changed, and once per frame at most. */
 import { fitCanvas } from "@/widgets/canvas";
-import { drawDraft, drawMotion, drawRobot, drawSentGoal } from "./draw/motion";
+import { drawDraft, drawMotion, drawRobot, drawFootprint } from "./draw/motion";
 import { SceneDrawing } from "./draw/scene";
 import { textScale } from "./draw/ink";
-import { drawFlowers, drawTags, motionObstacles } from "./draw/tags";
+import { drawFlowers, drawSightings, drawTags, motionObstacles, sightingRadius } from "./draw/tags";
 import type { Sensor } from "./health";
 import { type Rectangle, hitLabel } from "./labels";
 import { type LiveMap, SCAN_STALE_MS } from "./live_map";
 import type { Draft, Preview } from "./map_ui";
 import { shownPlan } from "./route";
+import { shownSightings } from "./sightings";
 import type { Pose2 } from "@/ros/tf";
 import { type Bounds, type Margins, type Point, type Size, type View, boundsOf, fit, grow, panBy, toScreen, toWorld, union, zoomAt } from "./view";
+import { viewNow } from "@/rewind/view_clock";
 
 /** What is drawn beside the data: what the operator chose, and how the robot fares. */
 export interface Presentation {
@@ -19,6 +21,8 @@ export interface Presentation {
   draft: Draft | null;
   preview: Preview | null;
   sent: Pose2 | null;
+  /** The stored approach of the selected tag. */
+  approach: Pose2 | null;
   selected: string | null;
   current: string;
   isStopped: boolean;
@@ -33,6 +37,7 @@ const NOTHING: Presentation = {
   draft: null,
   preview: null,
   sent: null,
+  approach: null,
   selected: null,
   current: "",
   isStopped: false,
@@ -148,7 +153,7 @@ export class MapRenderer {
     this.updateBackground(size);
     context.clearRect(0, 0, width, height);
     context.drawImage(this.background, 0, 0, width, height);
-    const nowMs = performance.now();
+    const nowMs = viewNow();
     const { live, shown, view } = this;
     const isScanStale = live.scan === null || nowMs - live.scan.receivedMs > SCAN_STALE_MS || shown.isPoseStale;
     const style = { isStopped: shown.isStopped, isPoseStale: shown.isPoseStale, isScanStale, nowMs };
@@ -156,7 +161,8 @@ export class MapRenderer {
     const projectPoint = (point: Point): Point => toScreen(view, size, point);
     const project = (x: number, y: number): Point => projectPoint({ x, y });
     drawFlowers(context, project, live.tags, view.scale);
-    if (shown.sent !== null) drawSentGoal(context, projectPoint, view.scale, shown.sent);
+    drawSightings(context, projectPoint, shownSightings(live.sightings, nowMs), sightingRadius(view.scale));
+    for (const pose of [shown.sent, shown.approach]) if (pose !== null) drawFootprint(context, projectPoint, view.scale, pose);
     if (live.pose !== null) drawRobot(context, view, size, live.pose, style);
     const plan = shownPlan(live.plan, live.pose, nowMs);
     const obstacles = motionObstacles(live.pose === null ? null : projectPoint(live.pose), plan === null ? null : projectPoint(plan.left.at(-1) ?? view));

@@ -1,4 +1,4 @@
-/** The species of flowers: their colors on the map (CONTRACT 15.8) and their names. */
+/** The species of flowers: their colors on the map and their names. */
 import type { TextKey } from "@/i18n/text";
 
 const SPECIES: Record<string, { color: string; name: TextKey }> = {
@@ -12,10 +12,10 @@ export function speciesColor(species: string): string {
   return SPECIES[species]?.color ?? OTHER_COLOR;
 }
 
-/** The text of a species; null where it is one that the page does not know, which is shown as it is called. */
+/** The text of a species; null if the page does not know the species, which is then shown under its own name. */
 export function speciesName(species: string): TextKey | null {
   return species === "" ? "map_unclassified" : (SPECIES[species]?.name ?? null);
 }
 
-/** The colors of the states of health on the map (CONTRACT 15.8): for marks, never for text. */
+/** The colors of the states of health on the map: for marks, never for text. */
 export const HEALTH_COLORS = { healthy: "#3ec46d", stressed: "#e0b341", critical: "#e23a3a", no_data: "#6b7280" } as const;

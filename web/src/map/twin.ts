@@ -3,7 +3,7 @@ import type { lupin_msgs_TwinState, lupin_msgs_TwinTagState } from "@/generated/
 import { type Health, type Reading, type Sensor, SENSORS, assess, compareHealth, inNaturalUnit, isSensor } from "./health";
 import type { Point } from "./view";
 
-/** CONTRACT 15.6: without a message for so long, the twin's state is out of date. */
+/** The twin's state is out of date if no message has arrived for this long. */
 export const TWIN_STALE_MS = 3000;
 /** Times before this are of a clock that was never set, or simulated. */
 const FIRST_REAL_S = 1_000_000_000;
@@ -77,7 +77,7 @@ function finite(value: number): number {
   return Number.isFinite(value) ? value : 0;
 }
 
-/** The tag's +Z axis on the map (CONTRACT 7.2). */
+/** The tag's +Z axis, its outward normal, on the map. */
 function normalOf({ x, y, z, w }: { x: number; y: number; z: number; w: number }): Point | null {
   const normal = { x: 2 * (x * z + w * y), y: 2 * (y * z - w * x) };
   const length = Math.hypot(normal.x, normal.y);
@@ -85,8 +85,8 @@ function normalOf({ x, y, z, w }: { x: number; y: number; z: number; w: number }
 }
 
 /**
- * CONTRACT 15.6: from `last_observed` where it is a real time, else `stale_seconds`. A real time is compared with the message's
- * own stamp where that is real, too: the robot's clock may differ from this computer's.
+ * The age from `last_observed` if that is a real time, else from `stale_seconds`. A real time is compared with the message's
+ * own stamp if that is real, too, because the robot's clock may differ from this computer's.
  */
 function ageOf(tag: lupin_msgs_TwinTagState, sentS: number, wallTimeS: number): number | null {
   const observedS = tag.last_observed.sec + tag.last_observed.nanosec / 1e9;

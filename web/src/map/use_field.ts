@@ -2,6 +2,8 @@
 import { useEffect } from "react";
 import { create } from "zustand";
 import { SERVICES } from "@/generated/graph";
+import { errorText } from "@/i18n/error_text";
+import { useIsRewound } from "@/rewind/state";
 import { call, useLink } from "@/robot";
 import type { Sensor } from "./health";
 import { readField } from "./heat";
@@ -9,7 +11,7 @@ import { liveMap } from "./live_map";
 import { useMapUi } from "./map_ui";
 import { type Bounds, boundsOf, grow } from "./view";
 
-/** CONTRACT 15.6. */
+/** Cell size and period of the fields that are interpolated between tags. */
 const FIELD_CELL_M = 0.25;
 export const FIELD_PERIOD_MS = 5000;
 /** Without a map: how far around tags the twin knows anything. */
@@ -32,8 +34,10 @@ function fieldBounds(): Bounds | null {
 export function useField(): void {
   const layer = useMapUi((state) => state.layer);
   const linkOpen = useLink((link) => link.state === "open");
+  // The twin answers for now only.
+  const isRewound = useIsRewound();
   useEffect(() => {
-    if (layer === null || !linkOpen) return;
+    if (layer === null || !linkOpen || isRewound) return;
     let isWanted = true;
     useFieldState.setState({ receivedMs: null, problem: "" });
     const ask = async (sensor: Sensor) => {
@@ -52,7 +56,7 @@ export function useField(): void {
         liveMap.takeField(readField(sensor, answer));
         useFieldState.setState(answer.ok ? { receivedMs: performance.now(), problem: "" } : { problem: answer.error_message });
       } catch (error) {
-        if (isWanted) useFieldState.setState({ problem: error instanceof Error ? error.message : String(error) });
+        if (isWanted) useFieldState.setState({ problem: errorText(error) });
       }
     };
     void ask(layer);
@@ -62,5 +66,5 @@ export function useField(): void {
       clearInterval(timer);
       liveMap.takeField(null);
     };
-  }, [layer, linkOpen]);
+  }, [layer, linkOpen, isRewound]);
 }

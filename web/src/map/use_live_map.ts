@@ -7,7 +7,7 @@ import { readBoxes } from "./boxes";
 import { liveMap } from "./live_map";
 import { readTwin } from "./twin";
 
-/** CONTRACT 15.2: the transforms of all nodes would be a flood. */
+/** All nodes together publish transforms too often to receive each one. */
 const TF_THROTTLE_MS = 100;
 
 export function useLiveMap(): void {
@@ -22,7 +22,7 @@ export function useLiveMap(): void {
   }, [map, base]);
 
   useSamples({ name: mapTopic, type: TOPICS.MAP.type }, ({ message, receivedMs }) => liveMap.takeGrid(message, receivedMs));
-  useSamples(TOPICS.TF_STATIC, ({ message, receivedMs }) => liveMap.takeTransforms(message, receivedMs));
+  useSamples(TOPICS.TF_STATIC, ({ message, receivedMs }) => liveMap.takeStaticTransforms(message, receivedMs));
   useSamples(TOPICS.TF, ({ message, receivedMs }) => liveMap.takeTransforms(message, receivedMs), { throttleMs: TF_THROTTLE_MS });
   useSamples({ name: odomTopic, type: TOPICS.ODOM.type }, ({ message, receivedMs }) => liveMap.takeOdometry(message, receivedMs), {
     throttleMs: TF_THROTTLE_MS,
@@ -30,5 +30,6 @@ export function useLiveMap(): void {
   useSamples({ name: scanTopic, type: TOPICS.SCAN.type }, ({ message, receivedMs }) => liveMap.takeScan(message, receivedMs));
   useSamples({ name: planTopic, type: TOPICS.PLAN.type }, ({ message, receivedMs }) => liveMap.takePlan(message, receivedMs));
   useSamples(TOPICS.TWIN_STATE, ({ message, receivedMs }) => liveMap.takeTags(readTwin(message), receivedMs));
+  useSamples(TOPICS.OBSERVATIONS, ({ message, receivedMs }) => liveMap.takeObservation(message, receivedMs));
   useSamples(TOPICS.BOX_GEOMETRY, ({ message }) => liveMap.takeBoxes(readBoxes(message.data)));
 }

@@ -1,10 +1,16 @@
 /** The mission and the stop as the map's panels need them: changes only, of what comes five times a second. */
+import { hasControl, useConsole } from "@/api/console_store";
 import { TOPICS } from "@/generated/graph";
 import type { lupin_msgs_MissionState } from "@/generated/messages";
 import { useTimeValue } from "@/hooks/use_now";
 import { ESTOP_STALE_MS } from "@/hooks/use_situation";
+import { useTopics } from "@/hooks/use_topic";
 import { useTopicValue } from "@/hooks/use_topic_value";
-import { topics, useLink } from "@/robot";
+import { useGate, useLink } from "@/robot";
+import { useIsRewound } from "@/rewind/state";
+import type { MissionFacts } from "./mission_rules";
+import { useTabRole } from "@/safety/commanding_tab";
+import { MISSION_STALE_MS } from "@/state/mission_age";
 import { ACTIVE_STATES } from "@/state/sentence";
 
 const FIELDS = [
@@ -29,9 +35,6 @@ export type Mission = Pick<lupin_msgs_MissionState, (typeof FIELDS)[number]> & {
   startedS: number;
 };
 
-/** The mission's state comes five times a second; older than this, it says nothing about now. */
-const MISSION_STALE_MS = 3000;
-
 export function useMissionState(): Mission | null {
   return useTopicValue(TOPICS.MISSION_STATE, (sample) => {
     if (sample === undefined) return null;
@@ -43,12 +46,14 @@ export function useMissionState(): Mission | null {
 
 /** Whether nothing was heard of the mission lately. */
 export function useIsMissionStale(): boolean {
+  const topics = useTopics();
+  const isRewound = useIsRewound();
   const linkOpen = useLink((link) => link.state === "open");
   const isOld = useTimeValue((now) => {
     const receivedMs = topics.last(TOPICS.MISSION_STATE)?.receivedMs;
     return receivedMs === undefined || now - receivedMs > MISSION_STALE_MS;
   });
-  return isOld || !linkOpen;
+  return isOld || (!linkOpen && !isRewound);
 }
 
 export function isRunning(mission: Pick<Mission, "lifecycle_state"> | null): boolean {
@@ -62,10 +67,23 @@ export function targetOf(mission: Mission | null): string {
 
 /** The robot's own e-stop; null where it is not known. */
 export function useIsStopped(): boolean | null {
+  const topics = useTopics();
   const engaged = useTopicValue(TOPICS.ESTOP_STATE, (sample) => sample?.message.data ?? null);
   const isFresh = useTimeValue((now) => {
     const receivedMs = topics.last(TOPICS.ESTOP_STATE)?.receivedMs;
     return receivedMs !== undefined && now - receivedMs < ESTOP_STALE_MS;
   });
   return isFresh ? engaged : null;
+}
+
+/** What decides which requests to the mission are possible; `mission` is null where its state is out of date. */
+export function useMissionFacts(mission: Mission | null): MissionFacts {
+  const linkOpen = useLink((link) => link.state === "open");
+  const isViewer = useConsole((state) => state.session?.role === "viewer");
+  const isHeldByOther = useConsole((state) => state.control.holder !== null && !hasControl(state));
+  const isWatching = useTabRole(({ role }) => role === "watching");
+  const isGateClosed = useGate((gate) => gate.engaged);
+  const stopped = useIsStopped();
+  const isRewound = useIsRewound();
+  return { linkOpen, isRewound, isViewer, isHeldByOther, isWatching, stopped, isGateClosed, mission };
 }

@@ -3,10 +3,10 @@ import { useLink } from "@/robot";
 import { askForPath } from "./goal_actions";
 import { useMapUi } from "./map_ui";
 
-/** While a goal is dragged, the planner is asked this often at most. */
+/** While a goal is dragged, the shortest time between two requests to the planner. */
 const PERIOD_MS = 250;
 
-/** Keeps the way to the drawn goal up to date. */
+/** Keeps the preview of the path to the drawn goal up to date. */
 export function usePathPreview(): void {
   const pose = useMapUi((state) => (state.draft?.kind === "goal" ? state.draft.pose : null));
   const linkOpen = useLink((link) => link.state === "open");

@@ -22,21 +22,22 @@ export interface Ink {
 
 let ink: Ink | null = null;
 
+/** Of the dark theme, which the map has always. */
 export function inks(): Ink {
   ink ??= {
-    alive: cssColor("--color-alive"),
-    aliveDim: cssColor("--color-alive-2"),
-    aliveInk: cssColor("--color-alive-ink"),
-    sensed: cssColor("--color-sensed"),
-    attention: cssColor("--color-attention"),
-    stop: cssColor("--color-stop"),
-    stopText: cssColor("--color-stop-text"),
-    text: cssColor("--color-text"),
-    text2: cssColor("--color-text-2"),
-    text3: cssColor("--color-text-3"),
-    panel: cssColor("--color-panel"),
-    raised: cssColor("--color-raised"),
-    void: cssColor("--color-void"),
+    alive: cssColor("--color-alive", "dark"),
+    aliveDim: cssColor("--color-alive-2", "dark"),
+    aliveInk: cssColor("--color-alive-ink", "dark"),
+    sensed: cssColor("--color-sensed", "dark"),
+    attention: cssColor("--color-attention", "dark"),
+    stop: cssColor("--color-stop", "dark"),
+    stopText: cssColor("--color-stop-text", "dark"),
+    text: cssColor("--color-text", "dark"),
+    text2: cssColor("--color-text-2", "dark"),
+    text3: cssColor("--color-text-3", "dark"),
+    panel: cssColor("--color-panel", "dark"),
+    raised: cssColor("--color-raised", "dark"),
+    void: cssColor("--color-void", "dark"),
     line: "rgb(223 245 230 / 0.07)",
   };
   return ink;
@@ -57,5 +58,5 @@ export function textScale(): number {
 }
 
 export function bodyFont(sizePx: number, weight = 600): string {
-  return `${weight} ${sizePx}px ${cssColor("--font-sans")}`;
+  return `${weight} ${sizePx}px ${getComputedStyle(document.body).fontFamily}`;
 }

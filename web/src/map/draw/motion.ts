@@ -238,8 +238,8 @@ export function drawDraft(
   pen.fill(color);
 }
 
-/** A goal that was sent, until the robot shows its own plan. */
-export function drawSentGoal(context: CanvasRenderingContext2D, project: (point: Point) => Point, scale: number, pose: Pose2): void {
+/** Where the robot is to stand: at a goal that was sent, or at the stored approach of a tag. */
+export function drawFootprint(context: CanvasRenderingContext2D, project: (point: Point) => Point, scale: number, pose: Pose2): void {
   const pen = new Pen(context, project, scale);
   pen.trace(cornersAt(BASE, pose), true);
   pen.stroke(inks().alive, 2, [3, 4]);

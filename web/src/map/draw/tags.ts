@@ -77,6 +77,25 @@ function drawBugRing(context: CanvasRenderingContext2D, x: number, y: number, ra
   context.setLineDash([]);
 }
 
+/** At a scale in CSS pixels per meter. */
+export function sightingRadius(scale: number): number {
+  return Math.max(12, 0.16 * scale);
+}
+
+/** A ring around what was observed just now: double, so that it differs from flowers and bugs in more than its color. */
+export function drawSightings(context: CanvasRenderingContext2D, project: (point: Point) => Point, sightings: readonly Point[], radius: number): void {
+  context.strokeStyle = inks().sensed;
+  for (const sighting of sightings) {
+    const { x, y } = project(sighting);
+    for (const [share, width] of [[1, 2.5], [1.45, 1.25]] as const) {
+      context.beginPath();
+      context.arc(x, y, radius * share, 0, 2 * Math.PI);
+      context.lineWidth = width;
+      context.stroke();
+    }
+  }
+}
+
 /** Where the robot and the end of its way are seen. */
 export function motionObstacles(robot: Point | null, goal: Point | null): Rectangle[] {
   const around = ({ x, y }: Point, reach: number): Rectangle => ({ x: x - reach, y: y - reach, width: 2 * reach, height: 2 * reach });

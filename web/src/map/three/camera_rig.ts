@@ -13,8 +13,8 @@ const LOWEST_RAD = 1.35;
 const EMPTY: Bounds = { minX: -2, minY: -2, maxX: 2, maxY: 2 };
 
 export interface CameraListener {
-  /** The camera moved: the next frame is wanted. */
-  moved: (view: View) => void;
+  /** The camera moved: the next frame is wanted, at once where the operator moved it. */
+  moved: (view: View, byOperator: boolean) => void;
   /** The operator moved it by hand. */
   taken: () => void;
 }
@@ -24,6 +24,7 @@ export class CameraRig implements KeyTarget {
   isFollowing = false;
   private isFitted = true;
   private hasSeenRobot = false;
+  private isMovedByOperator = true;
   private size: Size = { width: 1, height: 1 };
   private margins: Margins = { top: 0, right: 0, bottom: 0, left: 0 };
   private readonly controls: MapControls;
@@ -41,13 +42,13 @@ export class CameraRig implements KeyTarget {
     this.controls.minZoom = ZOOM_LIMITS.low;
     this.controls.maxZoom = ZOOM_LIMITS.high;
     this.controls.maxPolarAngle = LOWEST_RAD;
-    this.controls.addEventListener("change", () => this.report());
+    this.controls.addEventListener("change", () => this.report(this.isMovedByOperator));
     this.controls.addEventListener("start", () => {
       this.isFitted = false;
       this.listener.taken();
     });
     this.end = live.listen((change) => {
-      if (change === "scene" && this.isFitted) this.placeForAll();
+      if (change === "scene" && this.isFitted) this.placeForAll(false);
       if (change === "motion") this.robotMoved();
     });
   }
@@ -62,7 +63,7 @@ export class CameraRig implements KeyTarget {
     this.size = size;
     this.margins = margins;
     this.turned = turned;
-    if (this.isFitted) this.placeForAll();
+    if (this.isFitted) this.placeForAll(true);
   }
 
   /** Whether pointers move the camera, or are needed to draw. */
@@ -77,21 +78,21 @@ export class CameraRig implements KeyTarget {
 
   fit(): void {
     this.isFitted = true;
-    this.placeForAll();
+    this.placeForAll(true);
   }
 
   pan(pixels: Point): void {
     this.isFitted = false;
     const right = new Vector3().setFromMatrixColumn(this.camera.matrixWorld, 0);
     const ahead = new Vector3(-right.y, right.x, 0);
-    this.moveBy(right.multiplyScalar(-pixels.x / this.camera.zoom).addScaledVector(ahead, pixels.y / this.camera.zoom));
+    this.moveBy(right.multiplyScalar(-pixels.x / this.camera.zoom).addScaledVector(ahead, pixels.y / this.camera.zoom), true);
   }
 
   zoom(factor: number): void {
     this.isFitted = false;
     this.camera.zoom = Math.min(ZOOM_LIMITS.high, Math.max(ZOOM_LIMITS.low, this.camera.zoom * factor));
     this.camera.updateProjectionMatrix();
-    this.report();
+    this.report(true);
   }
 
   center(): Point {
@@ -102,32 +103,34 @@ export class CameraRig implements KeyTarget {
     return floorBelow(this.camera, this.size, pixel);
   }
 
-  private placeForAll(): void {
+  private placeForAll(byOperator: boolean): void {
     const around = this.live.pose === null ? null : boundsOf([this.live.pose]);
     const bounds = union(this.live.grid?.bounds ?? null, around === null ? null : grow(around, 0.4)) ?? EMPTY;
     this.controls.target.copy(fitCamera(this.camera, bounds, WALL_M, this.size, this.margins, this.turned));
-    this.report();
+    this.report(byOperator);
   }
 
   private robotMoved(): void {
     const { pose } = this.live;
     if (pose === null) return;
-    if (!this.hasSeenRobot && this.isFitted) this.placeForAll();
+    if (!this.hasSeenRobot && this.isFitted) this.placeForAll(false);
     this.hasSeenRobot = true;
     if (!this.isFollowing) return;
     this.isFitted = false;
-    this.moveBy(new Vector3(pose.x, pose.y, 0).sub(this.controls.target));
+    this.moveBy(new Vector3(pose.x, pose.y, 0).sub(this.controls.target), false);
   }
 
-  private moveBy(shift: Vector3): void {
+  private moveBy(shift: Vector3, byOperator: boolean): void {
     this.camera.position.add(shift);
     this.controls.target.add(shift);
+    this.isMovedByOperator = byOperator;
     this.controls.update();
-    this.report();
+    this.isMovedByOperator = true;
+    this.report(byOperator);
   }
 
-  private report(): void {
+  private report(byOperator: boolean): void {
     const { x, y } = this.controls.target;
-    this.listener.moved({ x, y, scale: this.camera.zoom, turned: this.turned });
+    this.listener.moved({ x, y, scale: this.camera.zoom, turned: this.turned }, byOperator);
   }
 }

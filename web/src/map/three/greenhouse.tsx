@@ -35,17 +35,18 @@ function GridScene({ shown }: { shown: ShownGrid }) {
   return (
     <>
       <mesh geometry={plane} renderOrder={0}>
-        <meshBasicMaterial map={floor} transparent depthWrite={false} />
+        {/* Its cells are either there or not: without blending, and after the walls, so that none is drawn below them. */}
+        <meshBasicMaterial map={floor} alphaTest={0.5} depthWrite={false} />
       </mesh>
       <Heat shown={shown} />
       <Meters shown={shown} />
-      <mesh geometry={sides}>
+      <mesh geometry={sides} renderOrder={-1}>
         <meshBasicMaterial vertexColors />
       </mesh>
-      <mesh geometry={walls}>
+      <mesh geometry={walls} renderOrder={-1}>
         <meshBasicMaterial color="#9fc0ad" />
       </mesh>
-      <mesh geometry={enclosed}>
+      <mesh geometry={enclosed} renderOrder={-1}>
         <meshBasicMaterial color="#33483b" />
       </mesh>
     </>

@@ -2,15 +2,17 @@
 import { useFrame, useThree } from "@react-three/fiber";
 import { type RefObject, useEffect, useRef } from "react";
 import type { OrthographicCamera } from "three";
-import { drawDraft, drawSentGoal } from "@/map/draw/motion";
+import { drawDraft, drawFootprint } from "@/map/draw/motion";
 import { textScale } from "@/map/draw/ink";
-import { drawBugs, drawTags, motionObstacles } from "@/map/draw/tags";
+import { drawBugs, drawSightings, drawTags, motionObstacles, sightingRadius } from "@/map/draw/tags";
 import type { Rectangle } from "@/map/labels";
 import { liveMap } from "@/map/live_map";
 import type { Presentation } from "@/map/renderer";
 import { shownPlan } from "@/map/route";
+import { shownSightings } from "@/map/sightings";
 import type { Flower } from "@/map/twin";
 import type { Point } from "@/map/view";
+import { viewNow } from "@/rewind/view_clock";
 import { fitCanvas } from "@/widgets/canvas";
 import { projectPoint } from "./camera";
 import { stemOf } from "./walls";
@@ -29,26 +31,41 @@ export function Labels({ overlayRef, placesRef, presentation }: LabelsProps) {
     presented.current = presentation;
     invalidate();
   }, [presentation, invalidate]);
+  const drawn = useRef<readonly unknown[]>([]);
   useFrame(() => {
-    const drawing = overlayRef.current === null ? null : fitCanvas(overlayRef.current);
-    if (drawing === null) return;
-    const { context, width, height } = drawing;
-    const size = { width, height };
-    context.clearRect(0, 0, width, height);
+    const canvas = overlayRef.current;
+    if (canvas === null) return;
+    const size = { width: canvas.clientWidth, height: canvas.clientHeight };
     const project = (x: number, y: number, z: number): Point => projectPoint(camera, size, x, y, z);
     const onFloor = (point: Point): Point => project(point.x, point.y, 0);
     const { pose, plan, tags } = liveMap;
-    const { sent, draft, preview } = presented.current;
+    const { sent, approach, draft, preview } = presented.current;
+    const nowMs = viewNow();
+    const sightings = shownSightings(liveMap.sightings, nowMs);
+    const end = shownPlan(plan, pose, nowMs)?.left.at(-1);
+    const [robotAt, endAt] = [pose === null ? null : toPixel(project(pose.x, pose.y, 0.15)), end === undefined ? null : toPixel(onFloor(end))];
+    // Most frames only have a new scan: then every label is where it was.
+    const view = [size.width, size.height, devicePixelRatio, textScale(), camera.zoom, ...camera.matrixWorld.elements];
+    const content: unknown[] = [presented.current, tags, liveMap.sightings, sightings.length, robotAt?.x, robotAt?.y, endAt?.x, endAt?.y, ...view];
+    if (content.every((each, index) => each === drawn.current[index])) return;
+    const context = fitCanvas(canvas)?.context;
+    if (context === undefined) return;
+    drawn.current = content;
+    context.clearRect(0, 0, size.width, size.height);
     const bloom = (flower: Flower): Point => {
       const { baseM, lengthM } = stemOf(flower);
       return project(flower.x, flower.y, baseM + lengthM);
     };
     drawBugs(context, bloom, tags, Math.max(9, 0.13 * camera.zoom));
-    if (sent !== null) drawSentGoal(context, onFloor, camera.zoom, sent);
-    const end = shownPlan(plan, pose, performance.now())?.left.at(-1);
-    const obstacles = motionObstacles(pose === null ? null : project(pose.x, pose.y, 0.15), end === undefined ? null : onFloor(end));
+    drawSightings(context, onFloor, sightings, sightingRadius(camera.zoom));
+    for (const at of [sent, approach]) if (at !== null) drawFootprint(context, onFloor, camera.zoom, at);
+    const obstacles = motionObstacles(robotAt, endAt);
     placesRef.current = drawTags(context, project, tags, { ...presented.current, textScale: textScale(), obstacles });
     if (draft !== null) drawDraft(context, onFloor, camera.zoom, draft, preview);
   });
   return null;
+}
+
+function toPixel({ x, y }: Point): Point {
+  return { x: Math.round(x), y: Math.round(y) };
 }

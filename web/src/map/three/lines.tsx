@@ -1,12 +1,14 @@
 /** What moves on the floor beside the robot: its plan, its trail, and what the lidar sees. */
 import { useRef } from "react";
-import { BufferAttribute, BufferGeometry, type Mesh, type MeshBasicMaterial, type Points } from "three";
+import type { Mesh, MeshBasicMaterial, Points } from "three";
 import { FRESH_TRAIL_MS } from "@/map/draw/motion";
 import { LIDAR } from "@/generated/robot_model";
 import { SCAN_STALE_MS, liveMap } from "@/map/live_map";
 import { ribbon } from "@/map/ribbon";
 import { shownPlan } from "@/map/route";
 import type { Point } from "@/map/view";
+import { viewNow } from "@/rewind/view_clock";
+import { type Content, fillGeometry } from "./fill_geometry";
 import { useLiveUpdate } from "./use_live";
 
 const PLAN_WIDTH_M = 0.05;
@@ -14,8 +16,7 @@ const TRAIL_WIDTH_M = 0.035;
 
 function setRibbon(mesh: Mesh, points: readonly Point[], widthM: number, z: number): void {
   const { positions, indices } = ribbon(points, widthM, z);
-  mesh.geometry.dispose();
-  mesh.geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(positions, 3)).setIndex(new BufferAttribute(indices, 1));
+  fillGeometry(mesh.geometry, { position: positions, indices });
   mesh.visible = indices.length > 0;
 }
 
@@ -23,7 +24,7 @@ export function Plan({ isStopped, color }: { isStopped: boolean; color: string }
   const band = useRef<Mesh>(null);
   useLiveUpdate(["motion"], () => {
     if (band.current === null) return;
-    const shown = shownPlan(liveMap.plan, liveMap.pose, performance.now());
+    const shown = shownPlan(liveMap.plan, liveMap.pose, viewNow());
     setRibbon(band.current, shown?.left ?? [], PLAN_WIDTH_M, 0.012);
     (band.current.material as MeshBasicMaterial).color.set(isStopped || shown?.isFollowed === false ? "#7d8780" : color);
   });
@@ -39,7 +40,7 @@ export function TrailLine({ color }: { color: string }) {
   const band = useRef<Mesh>(null);
   useLiveUpdate(["motion"], () => {
     if (band.current === null) return;
-    const nowMs = performance.now();
+    const nowMs = viewNow();
     const { points } = liveMap.trail;
     const since = points.findLastIndex((point) => point.begins || nowMs - point.atMs > FRESH_TRAIL_MS);
     setRibbon(band.current, points.slice(Math.max(0, since)), TRAIL_WIDTH_M, 0.008);
@@ -59,7 +60,7 @@ export function Scan({ color, isStale }: { color: string; isStale: boolean }) {
   useLiveUpdate(["motion"], () => {
     const { scan } = liveMap;
     if (points.current === null || pool.current === null) return;
-    const isShown = scan !== null && !isStale && performance.now() - scan.receivedMs < SCAN_STALE_MS && scan.echoes.length > 4;
+    const isShown = scan !== null && !isStale && viewNow() - scan.receivedMs < SCAN_STALE_MS && scan.echoes.length > 4;
     points.current.visible = isShown;
     pool.current.visible = isShown;
     if (!isShown) return;
@@ -68,8 +69,8 @@ export function Scan({ color, isStale }: { color: string; isStale: boolean }) {
     for (let index = 0; index < count; index += 1) {
       positions.set([scan.echoes[index * 2] ?? 0, scan.echoes[index * 2 + 1] ?? 0, LIDAR.at[2]], index * 3);
     }
-    replace(points.current, new BufferGeometry().setAttribute("position", new BufferAttribute(positions, 3)));
-    replace(pool.current, fanOf(scan.echoes, scan.from));
+    fillGeometry(points.current.geometry, { position: positions });
+    fillGeometry(pool.current.geometry, fanOf(scan.echoes, scan.from));
   });
   return (
     <>
@@ -85,31 +86,23 @@ export function Scan({ color, isStale }: { color: string; isStale: boolean }) {
   );
 }
 
-function replace(object: Points | Mesh, geometry: BufferGeometry): void {
-  object.geometry.dispose();
-  object.geometry = geometry;
-}
-
 const POOL_M = 3.4;
 const POOL_ALPHA = 0.16;
 
 /** Triangles from the lidar to its echoes, the fainter the farther. */
-function fanOf(echoes: Float32Array, from: Point): BufferGeometry {
+function fanOf(echoes: Float32Array, from: Point): Content {
   const count = echoes.length / 2;
-  const positions = new Float32Array((count + 1) * 3);
-  const colors = new Float32Array((count + 1) * 4);
-  positions.set([from.x, from.y, 0.002]);
-  colors.set([0.044, 0.672, 0.791, POOL_ALPHA]);
+  const position = new Float32Array((count + 1) * 3);
+  const color = new Float32Array((count + 1) * 4);
+  position.set([from.x, from.y, 0.002]);
+  color.set([0.044, 0.672, 0.791, POOL_ALPHA]);
   for (let index = 0; index < count; index += 1) {
     const [x, y] = [echoes[index * 2] ?? 0, echoes[index * 2 + 1] ?? 0];
     const distance = Math.hypot(x - from.x, y - from.y);
-    positions.set([x, y, 0.002], (index + 1) * 3);
-    colors.set([0.044, 0.672, 0.791, POOL_ALPHA * Math.max(0, 1 - distance / POOL_M)], (index + 1) * 4);
+    position.set([x, y, 0.002], (index + 1) * 3);
+    color.set([0.044, 0.672, 0.791, POOL_ALPHA * Math.max(0, 1 - distance / POOL_M)], (index + 1) * 4);
   }
   const indices = new Uint32Array(count * 3);
   for (let index = 0; index < count; index += 1) indices.set([0, index + 1, ((index + 1) % count) + 1], index * 3);
-  return new BufferGeometry()
-    .setAttribute("position", new BufferAttribute(positions, 3))
-    .setAttribute("color", new BufferAttribute(colors, 4))
-    .setIndex(new BufferAttribute(indices, 1));
+  return { position, color, indices };
 }

@@ -1,6 +1,6 @@
 /** The greenhouse in three dimensions, from the same data as the map from above. Loaded when it is first shown. */
-import { Canvas } from "@react-three/fiber";
-import { useMemo, useRef, useState } from "react";
+import { Canvas, useFrame, useThree } from "@react-three/fiber";
+import { useEffect, useMemo, useRef, useState } from "react";
 import { useNow } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
 import { inks } from "@/map/draw/ink";
@@ -13,10 +13,11 @@ import { MAP_SURFACE, handleMapKey } from "@/map/map_keys";
 import { drawWithTool, toggleTag, useMapUi } from "@/map/map_ui";
 import { useIsPhone, usePresentation } from "@/map/use_presentation";
 import type { View } from "@/map/view";
-import { drawsInSoftware } from "@/map/webgl";
+import { drawsInSoftware } from "@/widgets/webgl";
 import { cn } from "@/ui/cn";
 import { span } from "@/ui/numbers";
 import type { CameraRig } from "./camera_rig";
+import { measureFrame } from "./frames";
 import { Greenhouse } from "./greenhouse";
 import { Labels } from "./labels";
 import { Plan, Scan, TrailLine } from "./lines";
@@ -25,6 +26,8 @@ import { Rig } from "./rig";
 import { Robot } from "./robot";
 
 const NO_LABELS: ReadonlyMap<string, Rectangle> = new Map();
+/** While the operator moves the camera and frames take long, the scene has this share of its pixels along each side. */
+const MOVING_RESOLUTION = { min: 0.6, debounce: 300 };
 
 export default function MapScene({ onView }: { onView: (view: View) => void }) {
   const text = useText();
@@ -36,6 +39,7 @@ export default function MapScene({ onView }: { onView: (view: View) => void }) {
   const isPhone = useIsPhone();
   const tool = useMapUi((state) => state.tool);
   const [lost, setLost] = useState(false);
+  const [resolution, setResolution] = useState(1);
   const hasField = presentation.layer !== null;
   const margins = useMemo(() => fitMargins(isPhone, hasField), [isPhone, hasField]);
   const gestures = useRef<Gestures>(null);
@@ -63,7 +67,8 @@ export default function MapScene({ onView }: { onView: (view: View) => void }) {
       <Canvas
         orthographic
         frameloop="demand"
-        dpr={drawsInSoftware() ? 1 : [1, 2]}
+        dpr={drawsInSoftware() ? resolution : [1, 2]}
+        performance={MOVING_RESOLUTION}
         gl={{ antialias: !drawsInSoftware() }}
         flat
         camera={{ up: [0, 0, 1], position: [0, -40, 40], near: 0.1, far: 200, zoom: 50 }}
@@ -79,12 +84,21 @@ export default function MapScene({ onView }: { onView: (view: View) => void }) {
         <Plan isStopped={isStopped} color={ink.alive} />
         <Scan color={ink.sensed} isStale={isPoseStale} />
         <Robot color={robotColor} isStopped={isStopped} isStale={isPoseStale} />
+        <Cost onResolution={setResolution} />
         <Labels overlayRef={overlay} placesRef={places} presentation={presentation} />
       </Canvas>
       <canvas ref={overlay} aria-hidden="true" className="pointer-events-none absolute inset-0 size-full" />
       <StaleBadge />
     </div>
   );
+}
+
+/** Measures every frame, and tells how many pixels the next ones should have. */
+function Cost({ onResolution }: { onResolution: (share: number) => void }) {
+  const share = useThree((state) => state.performance.current);
+  useFrame(measureFrame);
+  useEffect(() => onResolution(share), [share, onResolution]);
+  return null;
 }
 
 function createGestures(rig: { current: CameraRig | null }, places: { current: ReadonlyMap<string, Rectangle> }): Gestures {

@@ -5,6 +5,7 @@ import { liveMap } from "@/map/live_map";
 import { useMapUi } from "@/map/map_ui";
 import type { Margins, View } from "@/map/view";
 import { CameraRig } from "./camera_rig";
+import { isSlow, requestFrame } from "./frames";
 
 interface RigProps {
   surfaceRef: RefObject<HTMLDivElement | null>;
@@ -19,6 +20,7 @@ export function Rig({ surfaceRef, rigRef, margins, turned, onView }: RigProps) {
   const camera = useThree((state) => state.camera);
   const { width, height } = useThree((state) => state.size);
   const invalidate = useThree((state) => state.invalidate);
+  const lowerResolution = useThree((state) => state.performance.regress);
   const isFollowing = useMapUi((state) => state.isFollowing);
   const canMove = useMapUi((state) => state.tool === "move");
   const [rig, setRig] = useState<CameraRig | null>(null);
@@ -26,8 +28,13 @@ export function Rig({ surfaceRef, rigRef, margins, turned, onView }: RigProps) {
   useEffect(() => {
     if (surfaceRef.current === null) return;
     const created = new CameraRig(camera as OrthographicCamera, surfaceRef.current, liveMap, {
-      moved: (view) => {
+      moved: (view, byOperator) => {
         onView(view);
+        if (!byOperator) {
+          requestFrame(invalidate);
+          return;
+        }
+        if (isSlow()) lowerResolution();
         invalidate();
       },
       taken: () => useMapUi.setState({ isFollowing: false }),
@@ -44,7 +51,7 @@ export function Rig({ surfaceRef, rigRef, margins, turned, onView }: RigProps) {
       rigRef.current = null;
       useMapUi.setState({ controls: null });
     };
-  }, [camera, invalidate, onView, rigRef, surfaceRef]);
+  }, [camera, invalidate, lowerResolution, onView, rigRef, surfaceRef]);
 
   useEffect(() => rig?.resize({ width, height }, margins, turned), [rig, width, height, margins, turned]);
   useEffect(() => rig?.setEnabled(canMove), [rig, canMove]);

@@ -1,8 +1,9 @@
 /** The robot from the simulator's own dimensions. */
-import type { RefObject } from "react";
-import { type Group, Quaternion, Vector3 } from "three";
-import { BODIES, type Body, GRIPPER_APERTURE_M, type Shape } from "@/generated/robot_model";
+import { type RefObject, useEffect, useMemo } from "react";
+import type { Group } from "three";
+import { BODIES, type Body, GRIPPER_APERTURE_M } from "@/generated/robot_model";
 import { GRIPPER, JOINT_LIMITS } from "@/generated/robot";
+import { bodyGeometry, quaternion, vector } from "./body_geometry";
 
 const GRIPPER_JOINT = "gripper_joint" satisfies keyof typeof JOINT_LIMITS;
 
@@ -22,6 +23,8 @@ export function RobotModel({ joints, color, opacity = 1 }: RobotModelProps) {
 }
 
 function BodyGroup({ body, joints, color, opacity }: { body: Body; joints: JointGroups; color?: string; opacity: number }) {
+  const geometry = useMemo(() => bodyGeometry(body), [body]);
+  useEffect(() => () => geometry.dispose(), [geometry]);
   return (
     <group position={vector(body.at)} quaternion={quaternion(body.turned)}>
       <group
@@ -30,37 +33,16 @@ function BodyGroup({ body, joints, color, opacity }: { body: Body; joints: Joint
           joints.current.set(body.name, group);
         }}
       >
-        {body.shapes.map((shape, index) => (
-          <ShapeMesh key={index} shape={shape} opacity={opacity} {...(color === undefined ? {} : { color })} />
-        ))}
+        <mesh geometry={geometry}>
+          {/* The shader depends on whether the corners have colors: another material. */}
+          <meshLambertMaterial key={color ?? ""} color={color ?? "white"} vertexColors={color === undefined} transparent={opacity < 1} opacity={opacity} />
+        </mesh>
         {BODIES.filter((child) => child.parent === body.name).map((child) => (
           <BodyGroup key={child.name} body={child} joints={joints} opacity={opacity} {...(color === undefined ? {} : { color })} />
         ))}
       </group>
     </group>
   );
-}
-
-function ShapeMesh({ shape, color, opacity }: { shape: Shape; color?: string; opacity: number }) {
-  const [a = 0, b = 0, c = 0] = shape.size;
-  const [red = 0, green = 0, blue = 0] = shape.color;
-  return (
-    <group position={vector(shape.at)} quaternion={quaternion(shape.turned)}>
-      {/* MuJoCo's cylinders stand along z, with half their length; those of three.js along y. */}
-      <mesh {...(shape.kind === "cylinder" ? { rotation: [Math.PI / 2, 0, 0] as const } : {})}>
-        {shape.kind === "box" ? <boxGeometry args={[2 * a, 2 * b, 2 * c]} /> : <cylinderGeometry args={[a, a, 2 * b, 20]} />}
-        <meshLambertMaterial color={color ?? `rgb(${[red, green, blue].map((value) => Math.round(value * 255)).join(",")})`} transparent={opacity < 1} opacity={opacity} />
-      </mesh>
-    </group>
-  );
-}
-
-function vector([x = 0, y = 0, z = 0]: number[]): Vector3 {
-  return new Vector3(x, y, z);
-}
-
-function quaternion([x = 0, y = 0, z = 0, w = 1]: number[]): Quaternion {
-  return new Quaternion(x, y, z, w);
 }
 
 /** How far each finger stands from the middle of the gripper, m, at a position of its joint. */

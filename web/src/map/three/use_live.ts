@@ -1,5 +1,5 @@
-import { useThree } from "@react-three/fiber";
-import { useEffect, useEffectEvent, useSyncExternalStore } from "react";
+import { useFrame, useThree } from "@react-three/fiber";
+import { useEffect, useRef, useSyncExternalStore } from "react";
 import { type Change, liveMap } from "@/map/live_map";
 import { requestFrame } from "./frames";
 
@@ -12,17 +12,27 @@ export function useLiveScene<Value>(read: () => Value): Value {
   return useSyncExternalStore(listen, read);
 }
 
-/** Update objects of the scene with every change of some kinds, and draw the next frame. */
+/** Update objects of the scene in the next frame after a change of some kinds, or of the component: once for all that came. */
 export function useLiveUpdate(kinds: readonly Change[], update: () => void): void {
   const invalidate = useThree((state) => state.invalidate);
-  const apply = useEffectEvent(update);
+  const isOld = useRef(true);
   const key = kinds.join();
   useEffect(() => {
-    apply();
-    return liveMap.listen((change) => {
-      if (!key.split(",").includes(change)) return;
-      apply();
-      requestFrame(invalidate);
-    });
-  }, [key, invalidate]);
+    isOld.current = true;
+    requestFrame(invalidate);
+  });
+  useEffect(
+    () =>
+      liveMap.listen((change) => {
+        if (!key.split(",").includes(change)) return;
+        isOld.current = true;
+        requestFrame(invalidate);
+      }),
+    [key, invalidate],
+  );
+  useFrame(() => {
+    if (!isOld.current) return;
+    isOld.current = false;
+    update();
+  });
 }
