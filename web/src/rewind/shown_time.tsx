@@ -1,0 +1,17 @@
+import type { ReactNode } from "react";
+import { ClockContext, LIVE_CLOCK } from "@/hooks/use_now";
+import { TopicsContext } from "@/hooks/use_topic";
+import { topics } from "@/robot";
+import { recordedTopics } from "./rewind";
+import { useIsRewound } from "./state";
+import { REWOUND_CLOCK } from "./view_clock";
+
+/** Gives the views in it samples and time of the shown moment. What is outside of it stays live. */
+export function ShownTime({ children }: { children: ReactNode }) {
+  const isRewound = useIsRewound();
+  return (
+    <TopicsContext value={isRewound ? recordedTopics : topics}>
+      <ClockContext value={isRewound ? REWOUND_CLOCK : LIVE_CLOCK}>{children}</ClockContext>
+    </TopicsContext>
+  );
+}
