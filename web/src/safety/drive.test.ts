@@ -61,11 +61,37 @@ describe("Driver", () => {
     expect(sent.every((velocity) => velocity.x === 0)).toBe(true);
   });
 
+  it("keeps a refused source dead until it was at rest", () => {
+    driver.refuse("gamepad", FORWARD);
+    driver.hold("gamepad", FORWARD);
+    vi.advanceTimersByTime(200);
+    expect(sent.every((velocity) => velocity.x === 0)).toBe(true);
+    driver.refuse("gamepad", ZERO);
+    driver.hold("gamepad", FORWARD);
+    expect(sent.at(-1)).toEqual(FORWARD);
+    driver.refuse("gamepad", FORWARD);
+    expect(sent.at(-1)).toEqual(ZERO);
+  });
+
   it("adds the two sticks and stays within the limits", () => {
     driver.hold("left-stick", { x: 9, y: -4.5, yaw: 0 });
     driver.hold("right-stick", { x: 0, y: 0, yaw: 99 });
     vi.advanceTimersByTime(50);
     expect(sent.at(-1)).toEqual({ x: DRIVE.maxLinearMps, y: -DRIVE.maxLinearMps / 2, yaw: DRIVE.maxAngularRps });
+  });
+
+  it("applies a lowered limit to a stick that is held", () => {
+    let limit = 1;
+    const limited = new Driver((velocity) => sent.push(velocity), () => null, undefined, () => limit);
+    limited.hold("left-stick", { x: 9, y: 0, yaw: 0 });
+    limited.hold("right-stick", { x: 0, y: 0, yaw: 99 });
+    expect(sent.at(-1)?.x).toBe(DRIVE.maxLinearMps);
+    limit = 0.25;
+    vi.advanceTimersByTime(50);
+    expect(sent.at(-1)).toEqual({ x: DRIVE.maxLinearMps / 4, y: 0, yaw: DRIVE.maxAngularRps / 4 });
+    limit = NaN;
+    vi.advanceTimersByTime(50);
+    expect(sent.at(-1)).toEqual(ZERO);
   });
 
   it("treats what is not finite as rest", () => {

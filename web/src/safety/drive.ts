@@ -1,5 +1,6 @@
 /** The only path by which this page commands a velocity. */
 import { DRIVE } from "@/generated/robot";
+import { type EndTimer, every } from "./timers";
 
 export interface Velocity {
   /** Forward, m/s. */
@@ -13,7 +14,7 @@ export interface Velocity {
 export const ZERO: Velocity = { x: 0, y: 0, yaw: 0 };
 export const PERIOD_MS = 50;
 
-export type Blocker = "no-link" | "stopped" | "no-control" | "viewer";
+export type Blocker = "no-link" | "stopped" | "no-control" | "other-tab" | "viewer" | "rewound";
 
 export function clampVelocity(velocity: Velocity): Velocity {
   if (![velocity.x, velocity.y, velocity.yaw].every(Number.isFinite)) return ZERO;
@@ -30,26 +31,29 @@ export function isZero(velocity: Velocity): boolean {
   return velocity.x === 0 && velocity.y === 0 && velocity.yaw === 0;
 }
 
-/** What commands a velocity: several of them may be held at once, and the last one that moved drives. */
+/** What commands a velocity: of several that are held at once, the velocities are added. */
 export type DriveSource = "left-stick" | "right-stick" | "keyboard" | "gamepad" | "voice";
 
 /**
- * Sends the velocity that is held, 20 times a second, and one zero when everything is let go.
+ * Sends the velocity that is held, 20 times a second, and one zero when everything is let go. The speed limit is applied to each
+ * sending, so that lowering it slows down what is held already.
  *
  * After a blocker has ended, each source must rest before it drives again: a stick that was held through a stop stays dead.
  */
 export class Driver {
   private held = new Map<DriveSource, Velocity>();
   private dead = new Set<DriveSource>();
-  private timer: ReturnType<typeof setInterval> | undefined;
+  private endTimer: EndTimer | undefined;
 
   constructor(
     private readonly send: (velocity: Velocity) => void,
     private readonly blocker: () => Blocker | null,
     private readonly changed: (velocity: Velocity, blocker: Blocker | null) => void = () => {},
+    /** The speed limit, as a share of what the robot allows. */
+    private readonly limit: () => number = () => 1,
   ) {}
 
-  /** The velocity that a source asks for. */
+  /** The velocity that a source asks for, before the speed limit. */
   hold(source: DriveSource, velocity: Velocity): void {
     const clamped = clampVelocity(velocity);
     if (isZero(clamped)) {
@@ -60,10 +64,16 @@ export class Driver {
     }
     if (this.blocker() !== null) this.dead.add(source);
     this.held.set(source, clamped);
-    if (this.timer === undefined) {
-      this.timer = setInterval(() => this.step(), PERIOD_MS);
+    if (this.endTimer === undefined) {
+      this.endTimer = every(PERIOD_MS, () => this.step());
       this.step();
     }
+  }
+
+  /** What a source does while the robot may not be driven: it stays dead until it was at rest. */
+  refuse(source: DriveSource, velocity: Velocity): void {
+    this.hold(source, ZERO);
+    if (!isZero(clampVelocity(velocity))) this.dead.add(source);
   }
 
   /** Let go of everything. */
@@ -84,7 +94,9 @@ export class Driver {
       sum.y += velocity.y;
       sum.yaw += velocity.yaw;
     }
-    return clampVelocity(sum);
+    const limit = this.limit();
+    const { x, y, yaw } = clampVelocity(sum);
+    return clampVelocity({ x: x * limit, y: y * limit, yaw: yaw * limit });
   }
 
   private step(): void {
@@ -100,7 +112,7 @@ export class Driver {
   }
 
   private rest(): void {
-    clearInterval(this.timer);
-    this.timer = undefined;
+    this.endTimer?.();
+    this.endTimer = undefined;
   }
 }

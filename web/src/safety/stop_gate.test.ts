@@ -6,17 +6,20 @@ describe("StopGate", () => {
   let stated: boolean[];
   let zeros: number;
   let cancels: number;
+  let missionDrives: boolean;
 
   beforeEach(() => {
     vi.useFakeTimers();
     stated = [];
     zeros = 0;
     cancels = 0;
+    missionDrives = false;
     gate = new StopGate(
       {
         stateStop: (engaged) => stated.push(engaged),
         zero: () => (zeros += 1),
         cancelGoals: () => (cancels += 1),
+        missionDrives: () => missionDrives,
         changed: () => {},
       },
       () => 0,
@@ -26,11 +29,24 @@ describe("StopGate", () => {
 
   function inControl(): void {
     gate.setConnected(true);
-    gate.setControl(true);
+    gate.setControl("own");
   }
 
   it("starts engaged, for the reason startup", () => {
     expect([gate.engaged, gate.reason]).toEqual([true, "startup"]);
+  });
+
+  it("forgets its stop without a word that would release it", () => {
+    inControl();
+    gate.engage("user");
+    stated.length = 0;
+    gate.setControl("other");
+    gate.forget();
+    vi.advanceTimersByTime(2000);
+    expect([gate.engaged, gate.isStated, stated]).toEqual([true, false, []]);
+    gate.setConnected(false);
+    gate.setConnected(true);
+    expect(stated).toEqual([]);
   });
 
   it("does not stop the robot by being opened, hidden or closed without control", () => {
@@ -59,6 +75,15 @@ describe("StopGate", () => {
     gate.release();
     vi.advanceTimersByTime(1000);
     expect(zeros).toBe(20);
+  });
+
+  it("leaves the release to others without opening, and states the stop no more", () => {
+    gate.setConnected(true);
+    gate.engage("user");
+    gate.withdraw();
+    vi.advanceTimersByTime(2000);
+    expect([stated.at(-1), stated.filter((each) => !each).length]).toEqual([false, 1]);
+    expect([gate.engaged, gate.reason, gate.isStated]).toEqual([true, "user", false]);
   });
 
   it("is released by hand only", () => {
@@ -108,7 +133,7 @@ describe("StopGate", () => {
   it("closes when control is lost", () => {
     inControl();
     gate.release();
-    gate.setControl(false);
+    gate.setControl("other");
     expect(gate.engaged).toBe(true);
   });
 
@@ -118,8 +143,98 @@ describe("StopGate", () => {
     gate.engage("window-blur");
     gate.engage("visibility-hidden");
     expect(gate.reason).toBe("window-blur");
-    const watching = new StopGate({ stateStop: () => {}, zero: () => {}, cancelGoals: () => {}, changed: () => {} });
-    watching.engage("user");
-    expect(watching.reason).toBe("user");
+    gate.engage("user");
+    expect(gate.reason).toBe("user");
+    gate.engage("window-blur");
+    expect(gate.reason).toBe("user");
+  });
+
+  it("takes the reason of the stop that reaches the robot, not that of its start", () => {
+    inControl();
+    gate.engage("window-blur");
+    expect([gate.reason, stated]).toEqual(["window-blur", [true]]);
+  });
+
+  it("closes with a reason of its own when control is lost", () => {
+    inControl();
+    gate.release();
+    gate.setControl("nobody");
+    expect([gate.engaged, gate.reason, stated]).toEqual([true, "control-lost", []]);
+  });
+
+  it("does not hold the wheels against a mission that it was never opened for", () => {
+    missionDrives = true;
+    inControl();
+    vi.advanceTimersByTime(1000);
+    expect([zeros, gate.holdsWheels]).toEqual([0, false]);
+    missionDrives = false;
+    vi.advanceTimersByTime(1000);
+    expect(zeros).toBe(20);
+  });
+
+  it("holds the wheels against a mission once its stop is stated", () => {
+    missionDrives = true;
+    inControl();
+    gate.engage("window-blur");
+    vi.advanceTimersByTime(1000);
+    expect([zeros, gate.holdsWheels]).toEqual([21, true]);
+  });
+
+  describe("after an outage", () => {
+    beforeEach(() => {
+      inControl();
+      gate.release();
+      gate.setConnected(false);
+      vi.advanceTimersByTime(DISCONNECT_GRACE_MS);
+      stated.length = 0;
+      zeros = 0;
+    });
+
+    it("stops nobody who has control by now", () => {
+      gate.setConnected(true, false);
+      vi.advanceTimersByTime(1000);
+      expect([stated, zeros]).toEqual([[], 0]);
+      gate.setControl("other");
+      vi.advanceTimersByTime(1000);
+      expect([stated, zeros, gate.engaged, gate.reason]).toEqual([[], 0, true, "rosbridge-disconnect"]);
+    });
+
+    it.each(["own", "nobody"] as const)("states its stop where control is with: %s", (holder) => {
+      gate.setConnected(true, false);
+      gate.setControl(holder);
+      expect([stated, gate.isStated]).toEqual([[true], true]);
+    });
+
+    it("states it at once where the channel of control was not interrupted", () => {
+      gate.setConnected(true, true);
+      expect(stated).toEqual([true]);
+    });
+
+    it("states at once what a person asked for", () => {
+      gate.engage("user");
+      gate.setConnected(true, false);
+      expect(stated).toEqual([true, true]);
+    });
+  });
+
+  it("states an automatic stop anew only once it knows who has control", () => {
+    inControl();
+    gate.engage("window-blur");
+    gate.setConnected(false);
+    stated.length = 0;
+    gate.setConnected(true, false);
+    gate.setControl("other");
+    vi.advanceTimersByTime(1000);
+    expect([stated, gate.isStated, gate.engaged]).toEqual([[], false, true]);
+  });
+
+  it("counts every closing, so that a release can be overruled", () => {
+    inControl();
+    gate.release();
+    const before = gate.closings;
+    gate.engage("user");
+    gate.engage("user");
+    gate.setControl("other");
+    expect(gate.closings).toBe(before + 3);
   });
 });

@@ -6,8 +6,13 @@
  *
  * A page that merely watches must not stop a mission by being opened, hidden or closed. So a stop that no person asked for
  * (start, focus, disconnect, unload) reaches the robot only from the page that has control; at any other page it closes the
- * page's own gate.
+ * page's own gate. After an outage it waits until the server has said who has control now.
+ *
+ * While the gate is closed in control, the page sends zero velocity. It does not while a mission drives and no stop of this
+ * page is stated: this gate has let nothing pass, so its zeros would stop nothing but the mission, which nobody asked for.
  */
+
+import { type EndTimer, after, every } from "./timers";
 
 export type StopReason =
   | "user"
@@ -16,12 +21,23 @@ export type StopReason =
   | "window-blur"
   | "before-unload"
   | "rosbridge-disconnect"
+  | "control-lost"
   | "startup";
+
+/** Who has control: this page, another one, or nobody. */
+export type Holder = "own" | "other" | "nobody";
 
 /** An outage must last this long, from its first drop, before it stops the page for good. */
 export const DISCONNECT_GRACE_MS = 5000;
 export const HEARTBEAT_MS = 50;
 export const STATE_MS = 500;
+
+export interface GateState {
+  engaged: boolean;
+  reason: StopReason | null;
+  sinceMs: number;
+  isStated: boolean;
+}
 
 export interface Outputs {
   /** State this page's stop to the server. */
@@ -30,8 +46,15 @@ export interface Outputs {
   zero: () => void;
   /** Cancel every goal of both navigation servers. */
   cancelGoals: () => void;
+  /** Whether a mission moves the robot now, as far as is known. */
+  missionDrives: () => boolean;
   /** Called after every change. */
-  changed: (gate: { engaged: boolean; reason: StopReason | null; sinceMs: number }) => void;
+  changed: (gate: GateState) => void;
+}
+
+/** Whether a person asked for the stop. */
+function isPersonal(reason: StopReason | null): boolean {
+  return reason === "user" || reason === "voice-agent";
 }
 
 /** Pure but for its timers, which `start` and `close` begin and end. */
@@ -39,14 +62,20 @@ export class StopGate {
   engaged = true;
   reason: StopReason | null = "startup";
   sinceMs: number;
+  /** How often the gate was closed, or told to close again; a release that sees it grow was overruled. */
+  closings = 0;
 
   /** Whether this page's stop is stated to the robot, and not only kept here. */
   private stated = false;
-  private inControl = false;
+  /** Whether an automatic stop waits for the next news of who has control. */
+  private pending = false;
+  private holder: Holder = "nobody";
+  /** Whether `holder` is from after the last reconnection. */
+  private isHolderCurrent = true;
   private wasConnected = false;
   private connected = false;
-  private outageTimer: ReturnType<typeof setTimeout> | undefined;
-  private timers: ReturnType<typeof setInterval>[] = [];
+  private endOutage: EndTimer | undefined;
+  private ends: EndTimer[] = [];
 
   constructor(
     private readonly outputs: Outputs,
@@ -56,45 +85,60 @@ export class StopGate {
   }
 
   start(): void {
-    this.timers = [
-      setInterval(() => {
-        if (this.engaged && this.connected && this.inControl) this.outputs.zero();
-      }, HEARTBEAT_MS),
-      setInterval(() => {
-        if (this.connected && (this.stated || this.inControl)) this.outputs.stateStop(this.stated);
-      }, STATE_MS),
+    this.ends = [
+      every(HEARTBEAT_MS, () => {
+        if (this.holdsWheels) this.outputs.zero();
+      }),
+      every(STATE_MS, () => {
+        if (this.connected && (this.stated || this.commands)) this.outputs.stateStop(this.stated);
+      }),
     ];
   }
 
   close(): void {
-    for (const timer of this.timers) clearInterval(timer);
-    clearTimeout(this.outageTimer);
+    for (const end of this.ends) end();
+    this.endOutage?.();
+  }
+
+  /** Whether this page keeps the wheels at zero velocity, so that nothing of a lower priority moves them. */
+  get holdsWheels(): boolean {
+    if (!this.engaged || !this.connected || !this.commands) return false;
+    return this.stated || this.pending || !this.outputs.missionDrives();
   }
 
   /** Stop. A stop by a person always reaches the robot, whoever has control. */
   engage(reason: StopReason): void {
-    const byPerson = reason === "user" || reason === "voice-agent";
-    const state = byPerson || this.inControl;
-    if (!this.engaged || (byPerson && !this.stated)) {
-      this.engaged = true;
-      this.reason = reason;
-      this.sinceMs = this.now();
-    }
-    if (state) {
-      this.stated = true;
-      this.outputs.stateStop(true);
-      if (this.inControl) this.outputs.zero();
-      this.outputs.cancelGoals();
-    }
+    this.closings += 1;
+    const byPerson = isPersonal(reason);
+    const isNew = byPerson ? !isPersonal(this.reason) || !this.stated : this.holder === "own" && !this.stated && !this.pending;
+    if (!this.engaged || isNew) this.shut(reason);
+    if (byPerson || (this.connected && this.commands)) this.state();
+    else if (this.holder === "own") this.pending = true;
     this.report();
   }
 
   /** Open the gate, after the server has released this page's stop. */
   release(): void {
     this.stated = false;
+    this.pending = false;
     this.engaged = false;
     this.reason = null;
     this.sinceMs = this.now();
+    this.report();
+  }
+
+  /** State no stop any more, with the gate still closed: the release is asked of the server, or left to who has control. */
+  withdraw(): void {
+    this.stated = false;
+    this.pending = false;
+    this.outputs.stateStop(false);
+    this.report();
+  }
+
+  /** Forget what is stated without a word to the server, which keeps the stop of a page whose link ends. The gate stays closed. */
+  forget(): void {
+    this.stated = false;
+    this.pending = false;
     this.report();
   }
 
@@ -103,34 +147,77 @@ export class StopGate {
     return this.stated;
   }
 
-  setControl(inControl: boolean): void {
-    if (this.inControl && !inControl && !this.engaged) {
+  /** News of who has control. */
+  setControl(holder: Holder): void {
+    const hadControl = this.holder === "own";
+    this.holder = holder;
+    this.isHolderCurrent = true;
+    if (hadControl && holder !== "own") {
+      this.closings += 1;
       // Whoever lost control has to open the gate again before the next command.
-      this.inControl = false;
-      this.engaged = true;
-      this.reason = "startup";
-      this.sinceMs = this.now();
-      this.report();
-      return;
+      if (!this.engaged) {
+        this.shut("control-lost");
+        this.report();
+      }
     }
-    this.inControl = inControl;
+    this.settle();
   }
 
-  setConnected(connected: boolean): void {
+  /** `isHolderCurrent`: the last news of who has control still holds, as they come by a channel that was not interrupted. */
+  setConnected(connected: boolean, isHolderCurrent = true): void {
     if (connected === this.connected) return;
     this.connected = connected;
     if (connected) {
+      if (this.wasConnected) this.isHolderCurrent = isHolderCurrent;
       this.wasConnected = true;
-      clearTimeout(this.outageTimer);
-      this.outageTimer = undefined;
-      if (this.stated) this.outputs.stateStop(true);
-    } else if (this.wasConnected && this.outageTimer === undefined) {
+      this.endOutage?.();
+      this.endOutage = undefined;
+      if (!this.stated) {
+        this.settle();
+        return;
+      }
+      if (isPersonal(this.reason)) this.outputs.stateStop(true);
+      else {
+        // Meanwhile somebody may have released it at the server, and may be driving.
+        this.stated = false;
+        this.pending = true;
+        this.settle();
+        this.report();
+      }
+    } else if (this.wasConnected && this.endOutage === undefined) {
       // Reconnect attempts do not restart the timer. The server itself stops a page that was driving at once.
-      this.outageTimer = setTimeout(() => this.engage("rosbridge-disconnect"), DISCONNECT_GRACE_MS);
+      this.endOutage = after(DISCONNECT_GRACE_MS, () => this.engage("rosbridge-disconnect"));
     }
   }
 
+  /** Whether this page has control, and knows it from after the last reconnection. */
+  private get commands(): boolean {
+    return this.holder === "own" && this.isHolderCurrent;
+  }
+
+  private shut(reason: StopReason): void {
+    this.engaged = true;
+    this.reason = reason;
+    this.sinceMs = this.now();
+  }
+
+  private state(): void {
+    this.pending = false;
+    this.stated = true;
+    this.outputs.stateStop(true);
+    if (this.commands) this.outputs.zero();
+    this.outputs.cancelGoals();
+  }
+
+  /** Decide on an automatic stop that waited: where somebody else has control by now, it only closes this gate. */
+  private settle(): void {
+    if (!this.pending || !this.connected || !this.isHolderCurrent) return;
+    this.pending = false;
+    if (this.holder !== "other") this.state();
+    this.report();
+  }
+
   private report(): void {
-    this.outputs.changed({ engaged: this.engaged, reason: this.reason, sinceMs: this.sinceMs });
+    this.outputs.changed({ engaged: this.engaged, reason: this.reason, sinceMs: this.sinceMs, isStated: this.stated });
   }
 }
