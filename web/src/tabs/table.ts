@@ -1,7 +1,8 @@
 /** The seven tabs, in their order. */
 import { Bot, Camera, ChartLine, Gamepad2, Map as MapIcon, Mic, ScrollText } from "lucide-react";
-import { type ComponentType, type LazyExoticComponent, lazy } from "react";
+import type { ComponentType } from "react";
 import type { TextKey } from "@/i18n/text";
+import { deferred } from "@/ui/deferred";
 
 export type TabId = "teleop" | "arm" | "voice" | "cameras" | "telemetry" | "logs" | "map";
 
@@ -10,15 +11,15 @@ export interface Tab {
   number: string;
   label: TextKey;
   icon: ComponentType<{ className?: string }>;
-  view: LazyExoticComponent<ComponentType>;
+  view: ComponentType;
 }
 
 export const TABS: readonly Tab[] = [
-  { id: "teleop", number: "01", label: "tab_teleop", icon: Gamepad2, view: lazy(() => import("./teleop/teleop_tab")) },
-  { id: "arm", number: "02", label: "tab_arm", icon: Bot, view: lazy(() => import("./arm/arm_tab")) },
-  { id: "voice", number: "03", label: "tab_voice", icon: Mic, view: lazy(() => import("./voice/voice_tab")) },
-  { id: "cameras", number: "04", label: "tab_cameras", icon: Camera, view: lazy(() => import("./cameras/cameras_tab")) },
-  { id: "telemetry", number: "05", label: "tab_telemetry", icon: ChartLine, view: lazy(() => import("./telemetry/telemetry_tab")) },
-  { id: "logs", number: "06", label: "tab_logs", icon: ScrollText, view: lazy(() => import("./logs/logs_tab")) },
-  { id: "map", number: "07", label: "tab_map", icon: MapIcon, view: lazy(() => import("./map/map_tab")) },
+  { id: "teleop", number: "01", label: "tab_teleop", icon: Gamepad2, view: deferred(() => import("./teleop/teleop_tab")) },
+  { id: "arm", number: "02", label: "tab_arm", icon: Bot, view: deferred(() => import("./arm/arm_tab")) },
+  { id: "voice", number: "03", label: "tab_voice", icon: Mic, view: deferred(() => import("./voice/voice_tab")) },
+  { id: "cameras", number: "04", label: "tab_cameras", icon: Camera, view: deferred(() => import("./cameras/cameras_tab")) },
+  { id: "telemetry", number: "05", label: "tab_telemetry", icon: ChartLine, view: deferred(() => import("./telemetry/telemetry_tab")) },
+  { id: "logs", number: "06", label: "tab_logs", icon: ScrollText, view: deferred(() => import("./logs/logs_tab")) },
+  { id: "map", number: "07", label: "tab_map", icon: MapIcon, view: deferred(() => import("./map/map_tab")) },
 ];

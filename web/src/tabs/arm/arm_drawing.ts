@@ -7,16 +7,16 @@ import { type Camera, type Projected, projection, visibleFaces } from "./scene";
 export interface JointLabel {
   joint: JointName;
   title: string;
-  /** What was asked, or how far the joint is. */
+  /** The commanded angle, or the joint's phase. */
   note: string;
   tone: "calm" | "moving" | "attention" | "lost";
 }
 
 export interface Picture {
   camera: Camera;
-  /** Empty where no pose was measured: then the arm is not drawn. */
+  /** Empty if no pose was measured; the arm is then not drawn. */
   measured: Angles;
-  /** Null where it is no other than the measured pose. */
+  /** Null if it equals the measured pose. */
   commanded: Angles | null;
   isStale: boolean;
   labels: readonly JointLabel[];
@@ -28,7 +28,7 @@ interface Screen {
   at: (point: Point) => [x: number, y: number];
 }
 
-/** The picture shows the sphere that the arm can reach, and what is below it: the chassis, from above the sphere's other half. */
+/** The drawing shows the half sphere that the arm can reach, and below it the chassis. */
 const SHOULDER: Point = [0.085, 0, 0.188];
 const REACH_M = 0.43;
 const CHASSIS_BELOW_M = 0.22;
@@ -132,11 +132,13 @@ const TONES: Record<JointLabel["tone"], string> = {
   attention: "--color-attention",
   lost: "--color-text-3",
 };
-/** The labels grow with the page's letters, which are larger on a wall. Sizes at 16 px. */
+/** Sizes at a root font size of 16 px; the labels scale with it, as it is larger on a wall display. */
 const LETTER_PX = 16;
 const LABEL_HEIGHT = 40;
 const LABEL_DISTANCE = 92;
 const LABEL_WIDTH = 120;
+/** Above the labels are the choice of the view, at the left, and what is said of old samples. */
+const FIRST_LABEL_Y = { left: 64, right: 44 };
 
 function drawLabels({ context, at }: Screen, picture: Picture, width: number, height: number, font: string): void {
   const { chain, fingers } = skeleton(picture.measured);
@@ -170,12 +172,12 @@ function drawLabels({ context, at }: Screen, picture: Picture, width: number, he
     const place = places[label.joint];
     if (place === undefined) continue;
     const [x, y] = at(place);
-    // An upright arm has no side of its own: its labels take turns.
+    // An upright arm leans to neither side: its labels alternate between the sides.
     const isLeft = spread < 60 ? index % 2 === 1 : x < middle;
     sides[isLeft ? "left" : "right"].push({ label, x, y });
   }
   for (const side of ["left", "right"] as const) {
-    let free = 30 * unit;
+    let free = FIRST_LABEL_Y[side] * unit;
     for (const { label, x, y } of sides[side].toSorted((a, b) => a.y - b.y)) {
       const top = Math.min(height - LABEL_HEIGHT * unit, Math.max(free, y - 44 * unit));
       free = top + (LABEL_HEIGHT + 6) * unit;

@@ -19,15 +19,15 @@ function trajectory(elbowRad: number) {
   return {
     joint_names: ["elbow_joint"],
     points: [{ positions: [elbowRad], time_from_start: { sec: 1, nanosec: 0 } }],
-  } as unknown as Parameters<ReturnType<typeof createArm>["takeTrajectory"]>[0];
+  } as unknown as Parameters<ReturnType<typeof createArm>["onTrajectory"]>[0];
 }
 
 describe("the arm's model", () => {
   beforeEach(() => void calls.splice(0));
 
   it("begins with an unknown torque and sliders that follow", () => {
-    const { use } = createArm();
-    expect(use.getState()).toMatchObject({ torque: null, thumbs: {}, commands: {} });
+    const { store } = createArm();
+    expect(store.getState()).toMatchObject({ torque: null, thumbs: {}, commands: {} });
   });
 
   it("sends one angle at a time, and then only the newest", async () => {
@@ -44,10 +44,10 @@ describe("the arm's model", () => {
   it("knows no command before the robot accepted it, and none that it refused", async () => {
     const arm = createArm();
     arm.move(elbow, 500, 0);
-    expect(arm.use.getState()).toMatchObject({ thumbs: { elbow_joint: 90 }, commands: {} });
+    expect(arm.store.getState()).toMatchObject({ thumbs: { elbow_joint: 90 }, commands: {} });
     calls[0]?.answer({ status: false });
     await settle();
-    expect(arm.use.getState()).toMatchObject({ thumbs: {}, commands: {} });
+    expect(arm.store.getState()).toMatchObject({ thumbs: {}, commands: {} });
   });
 
   it("lets a slider follow once somebody else commands its joint", async () => {
@@ -55,34 +55,34 @@ describe("the arm's model", () => {
     arm.move(elbow, 57.3, 0);
     calls[0]?.answer({ status: true });
     await settle();
-    arm.takeTrajectory(trajectory(1));
-    expect(arm.use.getState().thumbs).toEqual({ elbow_joint: 57.3 });
-    arm.takeTrajectory(trajectory(0.2));
-    expect(arm.use.getState().thumbs).toEqual({});
-    expect(arm.use.getState().commands.elbow_joint?.targetDeg).toBeCloseTo(11.46, 2);
+    arm.onTrajectory(trajectory(1));
+    expect(arm.store.getState().thumbs).toEqual({ elbow_joint: 57.3 });
+    arm.onTrajectory(trajectory(0.2));
+    expect(arm.store.getState().thumbs).toEqual({});
+    expect(arm.store.getState().commands.elbow_joint?.targetDeg).toBeCloseTo(11.46, 2);
   });
 
   it("is armed by a confirmed switch only", async () => {
     const arm = createArm();
     void arm.switchTorque(true);
-    expect(arm.use.getState()).toMatchObject({ torque: null, switchingTo: true });
+    expect(arm.store.getState()).toMatchObject({ torque: null, switchingTo: true });
     calls[0]?.answer({ success: true, message: "stiff" });
     await settle();
-    expect(arm.use.getState()).toMatchObject({ torque: true, switchingTo: null, answer: "stiff" });
+    expect(arm.store.getState()).toMatchObject({ torque: true, switchingTo: null, answer: "stiff" });
     void arm.switchTorque(false);
     calls[1]?.fail(new Error("no answer"));
     await settle();
-    expect(arm.use.getState()).toMatchObject({ torque: null, switchingTo: null });
+    expect(arm.store.getState()).toMatchObject({ torque: null, switchingTo: null });
   });
 
   it("forgets its commands when the arm becomes limp", async () => {
     const arm = createArm();
-    arm.tell({ kind: "confirmed", on: true });
+    arm.applyTorqueEvent({ kind: "confirmed", on: true });
     void arm.goToPreset("tuck");
     calls[0]?.answer({ success: true, message: "sent" });
     await settle();
-    expect(arm.use.getState().commands.elbow_joint?.targetDeg).toBeCloseTo(80.2, 1);
-    arm.tell({ kind: "reported", on: false });
-    expect(arm.use.getState()).toMatchObject({ torque: false, commands: {} });
+    expect(arm.store.getState().commands.elbow_joint?.targetDeg).toBeCloseTo(80.2, 1);
+    arm.applyTorqueEvent({ kind: "reported", on: false });
+    expect(arm.store.getState()).toMatchObject({ torque: false, commands: {} });
   });
 });

@@ -1,6 +1,7 @@
-import { useState } from "react";
+import { useEffect, useState } from "react";
+import { useStore } from "zustand";
 import { useText } from "@/i18n/text";
-import { ArmProvider, createArm, useArmModel } from "./arm_model";
+import { ArmProvider, createArm, useArmModel, useOpenArm } from "./arm_model";
 import { ArmView } from "./arm_view";
 import { CalibrationDialog } from "./calibration_dialog";
 import { JointsPanel } from "./joints_panel";
@@ -10,10 +11,14 @@ import { TorquePanel } from "./torque_panel";
 import { useArmObstacles, useArmReports, useLibraryObstacles, useLibraryState, useMeasured, useSliderObstacles } from "./use_arm";
 import { useLibrary } from "./use_library";
 
-/** 02: the arm, its joints, its library. */
+/** The Arm tab: the arm, its joints and its library. */
 export default function ArmTab() {
-  // Made anew with every opening of the tab: the torque is unknown then.
+  // Created anew whenever the tab is opened: the torque is then unknown.
   const [arm] = useState(createArm);
+  useEffect(() => {
+    useOpenArm.setState({ arm });
+    return () => useOpenArm.setState({ arm: null });
+  }, [arm]);
   return (
     <ArmProvider value={arm}>
       <ArmBoard />
@@ -25,7 +30,7 @@ function ArmBoard() {
   const text = useText();
   const arm = useArmModel();
   const [isCalibrating, setCalibrating] = useState(false);
-  const isAwaitingPose = arm.use(({ calibration }) => calibration === "AWAITING_POSE");
+  const isAwaitingPose = useStore(arm.store, ({ calibration }) => calibration === "AWAITING_POSE");
   const measured = useMeasured();
   const library = useLibraryState();
   const armObstacles = useArmObstacles();

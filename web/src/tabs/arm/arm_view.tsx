@@ -16,7 +16,7 @@ import { JOINTS_STALE_MS, JOINTS_THROTTLE, type Measured } from "./use_arm";
 
 type ViewName = keyof typeof VIEWS;
 const VIEW_NAMES = Object.keys(VIEWS) as ViewName[];
-/** Less than this between commanded and measured is not seen in the picture. */
+/** A smaller difference between the commanded and the measured pose is invisible in the drawing. */
 const GHOST_DEG = 1;
 const DEGREES_PER_PX = 0.4;
 
@@ -39,7 +39,7 @@ export function ArmView({ measured }: { measured: Measured }) {
   const paint = useCallback(() => {
     frame.current = 0;
     if (canvas.current === null) return;
-    const { commands, thumbs } = arm.use.getState();
+    const { commands, thumbs } = arm.store.getState();
     const nowMs = performance.now();
     const stale = receivedMs.current === null || nowMs - receivedMs.current > JOINTS_STALE_MS;
     const picture: Picture = {
@@ -70,7 +70,7 @@ export function ArmView({ measured }: { measured: Measured }) {
     },
     JOINTS_THROTTLE,
   );
-  useEffect(() => arm.use.subscribe(draw), [arm, draw]);
+  useEffect(() => arm.store.subscribe(draw), [arm, draw]);
   useEffect(draw, [draw, isStale]);
   useEffect(() => {
     const element = canvas.current;
@@ -152,7 +152,7 @@ function labelOf(joint: Joint, command: Command | undefined, degrees: number | u
   };
 }
 
-/** The commanded pose, also while a slider is held; null where it is no other than the measured one. */
+/** The commanded pose, including sliders that are being dragged; null if it equals the measured pose. */
 function ghost(measured: Angles, commands: Commands, thumbs: Angles): Angles | null {
   const pose: Angles = { ...measured };
   let differs = false;

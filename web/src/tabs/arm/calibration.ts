@@ -1,4 +1,4 @@
-/** The calibration of the arm's zero offsets: what the robot answered, as rows of a table. */
+/** The calibration of the arm's zero offsets: the robot's answer as rows of a table. */
 import type { lupin_msgs_CalibrateArm_Response } from "@/generated/messages";
 
 export type CalibrationState = "IDLE" | "AWAITING_POSE";
@@ -6,10 +6,10 @@ export type CalibrationAction = "start" | "commit" | "cancel" | "status";
 
 export interface OffsetRow {
   joint: string;
-  /** Encoder counts between the pose and the joint's zero, and those written as its offset; 0 where none was written. */
+  /** Encoder counts between the pose and the joint's zero, and those written as its offset; 0 if none was written. */
   difference: number;
   offset: number;
-  /** What the robot said about this joint. */
+  /** The robot's remark about this joint. */
   remark: string;
 }
 
@@ -27,7 +27,7 @@ export function offsetRows(answer: lupin_msgs_CalibrateArm_Response): OffsetRow[
   }));
 }
 
-/** What the message says about a joint: up to the next one's remark, as a remark may hold a semicolon itself. */
+/** The message's remark about a joint. It ends where the next joint's begins, because a remark may contain a semicolon. */
 function remarkOf(message: string, joint: string, next: string | undefined): string {
   const start = message.indexOf(`${joint}: `);
   if (start < 0) return "";

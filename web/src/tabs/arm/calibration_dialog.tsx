@@ -1,7 +1,9 @@
 import { Ruler, TriangleAlert } from "lucide-react";
 import { useCallback, useEffect, useState } from "react";
+import { useStore } from "zustand";
 import { SERVICES } from "@/generated/graph";
 import type { lupin_msgs_CalibrateArm_Response } from "@/generated/messages";
+import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
 import { call } from "@/robot";
 import { Button } from "@/ui/button";
@@ -11,18 +13,18 @@ import { signed } from "@/ui/numbers";
 import { useArmModel } from "./arm_model";
 import { type CalibrationAction, calibrationState, offsetRows } from "./calibration";
 
-/** A start settles for 2 s and makes three calls per servo. */
+/** Starting a calibration waits 2 s until the servos are at rest, and makes three calls per servo. */
 const TIMEOUT_MS = 60_000;
 
 /** Calibrates the zero offsets of the servos: the arm becomes limp, is posed by hand, and its pose becomes the zero. */
 export function CalibrationDialog({ onClose }: { onClose: () => void }) {
   const text = useText();
   const arm = useArmModel();
-  const state = arm.use((each) => each.calibration);
+  const state = useStore(arm.store, (each) => each.calibration);
   const [busy, setBusy] = useState<CalibrationAction | null>("status");
   const [answer, setAnswer] = useState<lupin_msgs_CalibrateArm_Response | null>(null);
   const [problem, setProblem] = useState("");
-  const { setCalibration, tell } = arm;
+  const { setCalibration, applyTorqueEvent } = arm;
 
   const request = useCallback(
     (action: CalibrationAction) => {
@@ -31,13 +33,13 @@ export function CalibrationDialog({ onClose }: { onClose: () => void }) {
           setCalibration(calibrationState(received.state));
           if (received.success) setAnswer(received);
           else setProblem(received.message);
-          // A calibration switches the torque itself: what this tab knew about it holds no longer.
-          if (action !== "status") tell({ kind: "failed" });
+          // A calibration switches the torque itself, so this tab no longer knows it.
+          if (action !== "status") applyTorqueEvent({ kind: "failed" });
         })
-        .catch((error: unknown) => setProblem(error instanceof Error ? error.message : String(error)))
+        .catch((error: unknown) => setProblem(errorText(error)))
         .finally(() => setBusy(null));
     },
-    [setCalibration, tell],
+    [setCalibration, applyTorqueEvent],
   );
 
   function act(action: CalibrationAction): void {

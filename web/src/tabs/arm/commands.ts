@@ -1,30 +1,30 @@
 /**
- * What was commanded to each joint, and whether the joint got there.
+ * The last command of each joint, and whether the joint has reached its target.
  *
- * That a call was answered says nothing about the arm. A joint has settled once /joint_states shows it within its tolerance, and
- * it has stalled if that has not happened by the time the move should have taken: this shows a refused angle or a servo that
- * switched itself off.
+ * An answered service call does not prove that the arm moved. A joint has settled once /joint_states shows it within its
+ * tolerance of the target. It has stalled if it has not settled within the move's expected duration, because its controller
+ * refused the angle or its servo switched itself off.
  */
 import { JOINTS } from "@/generated/graph";
 import type { trajectory_msgs_JointTrajectory } from "@/generated/messages";
 import { toDegrees } from "@/ui/numbers";
 import type { Angles, Joint, JointName } from "./joints";
 
-/** Added to the time of a move: for the way of the command, and of the feedback. */
+/** Added to a move's duration for the latency of the command and of the feedback. */
 const SLACK_MS = 1000;
-/** The gripper closes by force at a speed of its own. */
+/** Time allowed for a move of the gripper, which is force-controlled and ignores the commanded rate. */
 const GRIPPER_MS = 2500;
 
 export interface Command {
   targetDeg: number;
-  /** performance.now() by which the joint should have arrived. */
+  /** The value of performance.now() at which the joint should have reached the target. */
   dueMs: number;
 }
 
 export type Commands = Partial<Record<JointName, Command>>;
 export type JointPhase = "unknown" | "idle" | "moving" | "settled" | "stalled";
 
-/** How far the joint is, by its last command and what is measured now. `measuredDeg` is undefined without fresh feedback. */
+/** The joint's phase, from its last command and its measured angle. `measuredDeg` is undefined without fresh feedback. */
 export function jointPhase(joint: Joint, command: Command | undefined, measuredDeg: number | undefined, nowMs: number): JointPhase {
   if (measuredDeg === undefined) return "unknown";
   if (command === undefined) return "idle";

@@ -4,7 +4,7 @@ import { useState } from "react";
 import { SERVICES } from "@/generated/graph";
 import { useText } from "@/i18n/text";
 import { call } from "@/robot";
-import { showDone, showProblem } from "@/state/problems";
+import { showAnswer } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { Dialog } from "@/ui/dialog";
 import { HoldButton } from "@/ui/hold_button";
@@ -26,17 +26,9 @@ export function EntryMenu({ kind, name, taken, disabled, onChanged }: EntryMenuP
   const [asked, setAsked] = useState<"rename" | "delete" | null>(null);
 
   async function edit(newName: string): Promise<boolean> {
-    try {
-      const answer = await call(SERVICES.ARM_LIBRARY_DELETE, { kind, name, new_name: newName });
-      if (!answer.success) throw new Error(answer.message);
-      showDone(answer.message);
-      return true;
-    } catch (error) {
-      showProblem(error);
-      return false;
-    } finally {
-      onChanged();
-    }
+    const isDone = await showAnswer(call(SERVICES.ARM_LIBRARY_DELETE, { kind, name, new_name: newName }));
+    onChanged();
+    return isDone;
   }
 
   return (

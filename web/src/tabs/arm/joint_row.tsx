@@ -1,5 +1,6 @@
 import { Check, ChevronsRight, CircleDashed, Minus, Plus, TriangleAlert, Unplug } from "lucide-react";
 import type { ComponentType } from "react";
+import { useStore } from "zustand";
 import { JOINTS } from "@/generated/graph";
 import { useNow } from "@/hooks/use_now";
 import { type TextKey, useText } from "@/i18n/text";
@@ -29,12 +30,12 @@ interface JointRowProps {
   disabled: boolean;
 }
 
-/** A joint: what is measured, what was asked, whether it got there; slider and nudges below. */
+/** A joint: its measured and its commanded angle, and whether it has been reached; below, the slider and the nudge buttons. */
 export function JointRow({ joint, last, measured, disabled }: JointRowProps) {
   const text = useText();
   const arm = useArmModel();
-  const thumb = arm.use(({ thumbs }) => thumbs[joint.name]);
-  const command = arm.use(({ commands }) => commands[joint.name]);
+  const thumb = useStore(arm.store, ({ thumbs }) => thumbs[joint.name]);
+  const command = useStore(arm.store, ({ commands }) => commands[joint.name]);
   const phase = jointPhase(joint, command, measured, useNow());
   const { label, icon: Icon, tone } = PHASES[phase];
   const value = thumb ?? last;
@@ -76,16 +77,16 @@ export function JointRow({ joint, last, measured, disabled }: JointRowProps) {
           <Minus />
         </Button>
         <JointSlider
-          ends={isGripper ? [text("arm_open"), text("arm_closed")] : [`${fixed(joint.lowerDeg, 0)}°`, `${fixed(joint.upperDeg, 0)}°`]}
+          endLabels={isGripper ? [text("arm_open"), text("arm_closed")] : [`${fixed(joint.lowerDeg, 0)}°`, `${fixed(joint.upperDeg, 0)}°`]}
           joint={joint}
           label={name}
-          value={value}
-          measured={last}
-          commanded={command?.targetDeg}
+          thumbDeg={value}
+          measuredDeg={last}
+          commandedDeg={command?.targetDeg}
           disabled={disabled}
-          onHold={(degrees) => arm.hold(joint, degrees)}
+          onDrag={(degrees) => arm.setThumb(joint, degrees)}
           onCommit={(degrees) => arm.move(joint, degrees, measured)}
-          onAbandon={() => arm.follow(joint)}
+          onCancel={() => arm.follow(joint)}
         />
         <Button size="icon" kind="quiet" disabled={disabled} aria-label={text("arm_nudge_up", { joint: name, angle: NUDGE_DEG })} onClick={() => nudge(NUDGE_DEG)}>
           <Plus />

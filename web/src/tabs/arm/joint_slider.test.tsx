@@ -10,9 +10,9 @@ HTMLElement.prototype.setPointerCapture = () => {};
 Object.defineProperty(HTMLElement.prototype, "clientWidth", { value: 180, configurable: true });
 
 const elbow = ARM[2]!;
-const onHold = vi.fn<(degrees: number) => void>();
+const onDrag = vi.fn<(degrees: number) => void>();
 const onCommit = vi.fn<(degrees: number) => void>();
-const onAbandon = vi.fn<() => void>();
+const onCancel = vi.fn<() => void>();
 let end = () => {};
 
 function show(disabled: boolean): HTMLElement {
@@ -21,7 +21,7 @@ function show(disabled: boolean): HTMLElement {
   const root = createRoot(place);
   act(() =>
     root.render(
-      <JointSlider joint={elbow} label="Elbow" ends={["", ""]} value={10} measured={10} commanded={undefined} disabled={disabled} onHold={onHold} onCommit={onCommit} onAbandon={onAbandon} />,
+      <JointSlider joint={elbow} label="Elbow" endLabels={["", ""]} thumbDeg={10} measuredDeg={10} commandedDeg={undefined} disabled={disabled} onDrag={onDrag} onCommit={onCommit} onCancel={onCancel} />,
     ),
   );
   end = () => {
@@ -43,19 +43,19 @@ describe("the slider of a joint", () => {
     vi.clearAllMocks();
   });
 
-  it("moves nothing when it is touched, wherever that is", () => {
+  it("moves nothing when it is pressed anywhere and not dragged", () => {
     const slider = show(false);
     pointer(slider, "pointerdown", 170);
     pointer(slider, "pointerup", 170);
-    expect(onHold).not.toHaveBeenCalled();
+    expect(onDrag).not.toHaveBeenCalled();
     expect(onCommit).not.toHaveBeenCalled();
   });
 
-  it("is dragged from where it stands, and sends when it is let go", () => {
+  it("moves by as much as the pointer is dragged, and sends on release", () => {
     const slider = show(false);
     pointer(slider, "pointerdown", 170);
     pointer(slider, "pointermove", 190);
-    expect(onHold).toHaveBeenLastCalledWith(30);
+    expect(onDrag).toHaveBeenLastCalledWith(30);
     expect(onCommit).not.toHaveBeenCalled();
     pointer(slider, "pointerup", 190);
     expect(onCommit).toHaveBeenCalledWith(30);
@@ -67,10 +67,10 @@ describe("the slider of a joint", () => {
     pointer(slider, "pointermove", 90);
     pointer(slider, "pointercancel", 90);
     expect(onCommit).not.toHaveBeenCalled();
-    expect(onAbandon).toHaveBeenCalled();
+    expect(onCancel).toHaveBeenCalled();
   });
 
-  it("stays in its window and obeys the arrow keys", () => {
+  it("stays within its limits and obeys the arrow keys", () => {
     const slider = show(false);
     pointer(slider, "pointerdown", 0);
     pointer(slider, "pointermove", 900);

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { ARM, clampToWindow, gripperClosedShare, gripperDegrees, measuredAngles } from "./joints";
+import { ARM, clampToLimits, gripperClosedShare, gripperDegrees, measuredAngles } from "./joints";
 
 const gripper = ARM[4]!;
 const lift = ARM[1]!;
@@ -15,10 +15,10 @@ describe("the arm's joints", () => {
     ]);
   });
 
-  it("stay in their windows", () => {
-    expect(clampToWindow(lift, -90)).toBe(-86);
-    expect(clampToWindow(lift, 90)).toBe(85);
-    expect(clampToWindow(gripper, 99)).toBe(30);
+  it("stay within their limits", () => {
+    expect(clampToLimits(lift, -90)).toBe(-86);
+    expect(clampToLimits(lift, 90)).toBe(85);
+    expect(clampToLimits(gripper, 99)).toBe(30);
   });
 
   it("are measured in degrees, the gripper on its inverted scale", () => {

@@ -1,5 +1,5 @@
-/** The arm's joints as the console shows them: names, windows, services, and the gripper's own scale. */
-import { JOINTS, SERVICES } from "@/generated/graph";
+/** The arm's joints as the console shows them: names, limits, services, and the gripper's own scale. */
+import { JOINTS, JOINT_SERVICES } from "@/generated/graph";
 import type { sensor_msgs_JointState } from "@/generated/messages";
 import { GRIPPER, JOINT_LIMITS } from "@/generated/robot";
 import type { TextKey } from "@/i18n/text";
@@ -12,12 +12,12 @@ export interface Joint {
   name: JointName;
   label: TextKey;
   hint: TextKey;
-  /** The command window in degrees; the gripper's is on the console's scale: -30 open, +30 closed. */
+  /** The limits of commands in degrees; the gripper's are on the console's scale: -30 open, +30 closed. */
   lowerDeg: number;
   upperDeg: number;
-  /** Within this much of its target a joint has arrived. */
+  /** A joint has reached its target if it is within this tolerance. */
   toleranceDeg: number;
-  service: { readonly name: string; readonly type: typeof SERVICES.GRIPPER_ANGLE.type };
+  service: (typeof JOINT_SERVICES)[JointName];
 }
 
 const ARM_TOLERANCE_DEG = 3;
@@ -40,16 +40,13 @@ function joint(name: JointName): Joint {
     lowerDeg,
     upperDeg,
     toleranceDeg: isGripper ? GRIPPER_TOLERANCE_DEG : ARM_TOLERANCE_DEG,
-    // The arm bridge has one service per joint; the table of the graph makes their names by this rule (graph.arm_joint_angle).
-    service: isGripper
-      ? SERVICES.GRIPPER_ANGLE
-      : { name: `/lupin/arm/${name.replace(/_joint$/, "")}/set_angle_with_speed`, type: SERVICES.GRIPPER_ANGLE.type },
+    service: JOINT_SERVICES[name],
   };
 }
 
 export const ARM: readonly Joint[] = [...JOINTS.arm, JOINTS.gripper].map(joint);
 
-/** Angles in degrees by joint; a joint is left out where its angle is unknown. */
+/** Angles in degrees by joint; a joint whose angle is unknown is missing. */
 export type Angles = Partial<Record<JointName, number>>;
 
 function rescale(value: number, [from, to]: readonly [number, number], [low, high]: readonly [number, number]): number {
@@ -83,6 +80,6 @@ export function anglesOf(radians: readonly number[]): Angles {
   return Object.fromEntries(JOINTS.arm.map((name, index) => [name, toDegrees(radians[index] ?? NaN)])) as Angles;
 }
 
-export function clampToWindow({ lowerDeg, upperDeg }: Joint, degrees: number): number {
+export function clampToLimits({ lowerDeg, upperDeg }: Joint, degrees: number): number {
   return Math.min(upperDeg, Math.max(lowerDeg, degrees));
 }

@@ -26,20 +26,20 @@ export interface LibraryState {
   playing: boolean;
   name: string;
   mode: string;
-  /** 0 to 1 of a replay. */
+  /** Elapsed fraction of the replay, 0 to 1. */
   progress: number;
   elapsedS: number;
   waypoints: number;
   /** False while the arm is limp. */
   torque: boolean;
-  /** Why the last replay was aborted; empty where it was not. */
+  /** Why the last replay was aborted; empty if it was not. */
   aborted: string;
 }
 
 export const SPEEDS = { low: 0.25, high: 2, step: 0.25 } as const;
 export const MAX_NAME_LENGTH = 32;
 
-/** The library in the answer of the list service; null where it is damaged. */
+/** The library in the answer of the list service; null if it is malformed. */
 export function parseLibrary(json: string): Library | null {
   const object = parsed(json);
   if (object === null) return null;
@@ -79,7 +79,7 @@ export function isArmBusy(state: LibraryState | null): boolean {
   return state !== null && (state.playing || (state.recording && state.mode === "kinesthetic"));
 }
 
-/** A name as the library stores it; null where it would be refused. */
+/** A name as the library stores it; null if the library would refuse it. */
 export function storedName(name: string): string | null {
   const stored = name.trim().toLowerCase();
   return stored.length <= MAX_NAME_LENGTH && /^[a-z0-9][a-z0-9_-]*$/.test(stored) ? stored : null;

@@ -9,17 +9,17 @@ interface NameDialogProps {
   description?: string;
   submitLabel: string;
   initial?: string;
-  /** Names that are in use: saving under one of them is asked about, or refused without `mayOverwrite`. */
+  /** Names that are in use. Saving under one of them needs a confirmation; without `mayOverwrite` it is refused. */
   taken: readonly string[];
   mayOverwrite: boolean;
   /** More fields below the name. */
   children?: ReactNode;
   onClose: () => void;
-  /** Resolves to whether it worked; the dialog stays open where it did not. */
+  /** Resolves to whether saving worked; otherwise the dialog stays open. */
   onSubmit: (name: string, overwrite: boolean) => Promise<boolean>;
 }
 
-/** Asks for the name of a pose or sequence, and before one is replaced. */
+/** Asks for the name of a pose or sequence, and for confirmation before one is replaced. */
 export function NameDialog({ title, description, submitLabel, initial = "", taken, mayOverwrite, children, onClose, onSubmit }: NameDialogProps) {
   const text = useText();
   const field = useId();

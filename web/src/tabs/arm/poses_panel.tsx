@@ -4,7 +4,7 @@ import { SERVICES } from "@/generated/graph";
 import { PRESET_DURATION_S } from "@/generated/robot";
 import { useText } from "@/i18n/text";
 import { call } from "@/robot";
-import { showDone, showProblem } from "@/state/problems";
+import { showAnswer } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { Panel } from "@/ui/panel";
 import { Switch } from "@/ui/switch";
@@ -30,13 +30,7 @@ export function PosesPanel({ reading, arePresetsBlocked, isLibraryBlocked, isBus
   const names = poses.map(({ name }) => name);
 
   async function goTo(name: string): Promise<void> {
-    try {
-      const answer = await call(SERVICES.ARM_LIBRARY_GOTO_POSE, { name });
-      if (!answer.success) throw new Error(answer.message);
-      showDone(answer.message);
-    } catch (error) {
-      showProblem(error);
-    }
+    await showAnswer(call(SERVICES.ARM_LIBRARY_GOTO_POSE, { name }));
   }
 
   return (
@@ -89,16 +83,10 @@ function SavePoseDialog({ taken, onClose, onSaved }: { taken: readonly string[];
   const [withGripper, setWithGripper] = useState(true);
 
   async function save(name: string, overwrite: boolean): Promise<boolean> {
-    try {
-      const answer = await call(SERVICES.ARM_LIBRARY_SAVE_POSE, { name, from_current: true, has_gripper: withGripper, overwrite });
-      if (!answer.success) throw new Error(answer.message);
-      showDone(answer.message);
-      onSaved();
-      return true;
-    } catch (error) {
-      showProblem(error);
-      return false;
-    }
+    const request = { name, from_current: true, has_gripper: withGripper, overwrite };
+    const isSaved = await showAnswer(call(SERVICES.ARM_LIBRARY_SAVE_POSE, request));
+    if (isSaved) onSaved();
+    return isSaved;
   }
 
   return (

@@ -3,7 +3,7 @@ import { useState } from "react";
 import { SERVICES } from "@/generated/graph";
 import { useText } from "@/i18n/text";
 import { call } from "@/robot";
-import { showDone, showProblem } from "@/state/problems";
+import { showAnswer } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { Dialog } from "@/ui/dialog";
 import { HoldButton } from "@/ui/hold_button";
@@ -13,7 +13,7 @@ import { Switch } from "@/ui/switch";
 import type { LibraryState, RecordMode } from "./library";
 import { NameDialog } from "./name_dialog";
 
-/** The arm's torque may have to be switched, which itself waits for two services. */
+/** A recording may have to switch the arm's torque, which calls two services. */
 const RECORD_TIMEOUT_MS = 30_000;
 
 interface RecordRequest {
@@ -24,19 +24,11 @@ interface RecordRequest {
   overwrite?: boolean;
 }
 
-async function record(request: RecordRequest): Promise<boolean> {
-  try {
-    const answer = await call(SERVICES.ARM_LIBRARY_RECORD, request, RECORD_TIMEOUT_MS);
-    if (!answer.success) throw new Error(answer.message);
-    showDone(answer.message);
-    return true;
-  } catch (error) {
-    showProblem(error);
-    return false;
-  }
+function record(request: RecordRequest): Promise<boolean> {
+  return showAnswer(call(SERVICES.ARM_LIBRARY_RECORD, request, RECORD_TIMEOUT_MS));
 }
 
-/** Asks how to record. Kinesthetic makes the arm limp, so it warns and is held to begin. */
+/** Asks how to record. A kinesthetic recording makes the arm limp: the dialog warns, and its start button must be held. */
 export function RecordDialog({ onClose }: { onClose: () => void }) {
   const text = useText();
   const [mode, setMode] = useState<RecordMode>("teleop");
@@ -99,7 +91,7 @@ export function RecordingBar({ state, taken, onSaved }: { state: LibraryState; t
       <p role="status" className="flex items-center gap-2">
         <CircleDot aria-hidden="true" className="size-4 shrink-0 text-attention" />
         <span className="min-w-0 grow truncate font-semibold">{text(isLimp ? "arm_recording_kinesthetic" : "arm_recording_teleop")}</span>
-        <span className="text-sm whitespace-nowrap text-text-2">
+        <span aria-hidden="true" className="text-sm whitespace-nowrap text-text-2">
           <span className="numeric">{span(state.elapsedS)}</span> · {text("arm_points", { count: state.waypoints })}
         </span>
       </p>

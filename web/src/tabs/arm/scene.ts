@@ -51,7 +51,7 @@ export interface Face {
 
 const CYLINDER_SIDES = 20;
 const LIGHT: Point = normalize([0.35, -0.55, 0.76]);
-/** Small parts that tell nothing about the arm. */
+/** Small parts that are not needed to show the arm's pose. */
 const LEFT_OUT = /^(led\d|pillar\d|lens)/;
 
 /** The faces that the camera sees, the farthest first. */
@@ -86,7 +86,7 @@ interface FlatFace {
   isSmooth?: boolean;
 }
 
-/** `size` are half of the edges. */
+/** `size`: half of the edge lengths. */
 function boxFaces([x = 0, y = 0, z = 0]: readonly number[]): FlatFace[] {
   const square = [
     [-1, -1],
@@ -101,7 +101,7 @@ function boxFaces([x = 0, y = 0, z = 0]: readonly number[]): FlatFace[] {
   ]);
 }
 
-/** `size` are the radius and half of the height; the axis is z. */
+/** `size`: the radius and half of the height; the axis is z. */
 function cylinderFaces([radius = 0, half = 0]: readonly number[]): FlatFace[] {
   const angle = (index: number) => (index * 2 * Math.PI) / CYLINDER_SIDES;
   const rim = (index: number, z: number): Point => [radius * Math.cos(angle(index)), radius * Math.sin(angle(index)), z];

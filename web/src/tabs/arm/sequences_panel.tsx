@@ -3,7 +3,7 @@ import { useState } from "react";
 import { SERVICES } from "@/generated/graph";
 import { useText } from "@/i18n/text";
 import { call } from "@/robot";
-import { showDone, showProblem } from "@/state/problems";
+import { showAnswer, showDone, showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { fixed, span } from "@/ui/numbers";
 import { Panel } from "@/ui/panel";
@@ -29,13 +29,7 @@ export function SequencesPanel({ reading, state, isBlocked }: SequencesPanelProp
   const isBusy = state?.recording === true || state?.playing === true;
 
   async function play(name: string): Promise<void> {
-    try {
-      const answer = await call(SERVICES.ARM_LIBRARY_PLAY, { name, speed }, 20_000);
-      if (!answer.success) throw new Error(answer.message);
-      showDone(answer.message);
-    } catch (error) {
-      showProblem(error);
-    }
+    await showAnswer(call(SERVICES.ARM_LIBRARY_PLAY, { name, speed }, 20_000));
   }
 
   return (
@@ -111,7 +105,9 @@ function ReplayBar({ state }: { state: LibraryState }) {
       <div className="flex items-center gap-3">
         <p role="status" className="min-w-0 grow truncate">
           <span className="font-semibold text-alive">{text("arm_playing", { name: state.name })}</span>
-          <span className="ml-2 text-sm text-text-2 numeric">{span(state.elapsedS)}</span>
+          <span aria-hidden="true" className="ml-2 text-sm text-text-2 numeric">
+            {span(state.elapsedS)}
+          </span>
         </p>
         <Button className="h-11" onClick={() => void stop()}>
           <Square />

@@ -1,18 +1,19 @@
 /**
- * The torque as this tab knows it, which arms its sliders.
+ * The torque as this tab knows it, which enables its sliders.
  *
- * It is unknown whenever the tab is opened: what another browser or an earlier visit switched on arms nothing here. Only a
- * switch that the robot confirmed to this tab arms it, and every sign that the arm was limp since then disarms it.
+ * It is unknown whenever the tab is opened: torque that another browser or an earlier visit switched on does not enable the
+ * sliders here. Only switching it on from this tab, confirmed by the robot, enables them; any sign that the arm has been limp
+ * since then disables them.
  */
 
-/** True: switched on from here and confirmed. False: the arm is limp. Null: unknown. */
+/** True: switched on from this tab and confirmed. False: the arm is limp. Null: unknown. */
 export type Torque = boolean | null;
 
 export type TorqueEvent =
   | { kind: "confirmed"; on: boolean }
-  /** A switch that failed half way: nobody knows. */
+  /** Switching failed, possibly half way, so the torque is unknown. */
   | { kind: "failed" }
-  /** What the arm's library says five times a second: false is certain, true is also said before the first switch. */
+  /** The arm's library reports the torque five times a second. False is certain; it also reports true before the first switching. */
   | { kind: "reported"; on: boolean }
   | { kind: "link-lost" };
 

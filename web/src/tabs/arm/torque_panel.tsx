@@ -1,4 +1,5 @@
 import { LockKeyhole, Power, PowerOff } from "lucide-react";
+import { useStore } from "zustand";
 import { type TextKey, useText } from "@/i18n/text";
 import type { Reason } from "@/state/can_drive";
 import { Button } from "@/ui/button";
@@ -17,13 +18,13 @@ function stateOf(torque: Torque): keyof typeof STATES {
   return torque === null ? "unknown" : torque ? "on" : "off";
 }
 
-/** The gate of the arm: whether its servos hold it, and the switch that arms everything below. */
+/** Shows whether the servos hold the arm, with the switch that enables the controls below. */
 export function TorquePanel({ obstacles }: { obstacles: readonly Reason[] }) {
   const text = useText();
   const arm = useArmModel();
-  const torque = arm.use((state) => state.torque);
-  const switchingTo = arm.use((state) => state.switchingTo);
-  const answer = arm.use((each) => each.answer);
+  const torque = useStore(arm.store, (state) => state.torque);
+  const switchingTo = useStore(arm.store, (state) => state.switchingTo);
+  const answer = useStore(arm.store, (each) => each.answer);
   const state = stateOf(torque);
   const { title, hint, icon: Icon } = STATES[state];
   const blocker = obstacles.find(({ key }) => key === "why_no_link" || key === "why_viewer" || key === "why_control");

@@ -1,26 +1,27 @@
-/** The arm as the robot reports it, and what keeps this page from moving it. */
+/** The arm's state as the robot reports it, and the reasons why this page may not move it. */
 import { useEffect, useMemo } from "react";
+import { useStore } from "zustand";
 import { TOPICS } from "@/generated/graph";
 import { useNow } from "@/hooks/use_now";
-import { useDriveObstacles } from "@/hooks/use_situation";
+import { useMotionObstacles } from "@/hooks/use_situation";
 import { useSamples, useTopic } from "@/hooks/use_topic";
 import type { TextKey } from "@/i18n/text";
 import { useLink } from "@/robot";
 import type { Reason } from "@/state/can_drive";
 import { useSetting } from "@/state/settings";
-import { useArmModel } from "./arm_model";
+import { type Arm, createArm, useArmModel, useOpenArm } from "./arm_model";
 import { type Angles, measuredAngles } from "./joints";
 import { type LibraryState, isArmBusy, parseLibraryState } from "./library";
 
-/** Joint states come 50 times a second; this many are drawn. */
+/** Joint states arrive 50 times a second; they are drawn at most 20 times. */
 export const JOINTS_THROTTLE = { throttleMs: 50 };
 export const JOINTS_STALE_MS = 1000;
 const LIBRARY_STALE_MS = 1500;
 
 export interface Measured {
-  /** What was measured last. */
+  /** The angles that were measured last. */
   last: Angles;
-  /** The same while it is fresh; empty otherwise. */
+  /** The same while they are fresh; empty otherwise. */
   now: Angles;
   receivedMs: number | null;
 }
@@ -36,7 +37,7 @@ export function useMeasured(): Measured {
 
 const NO_ANGLES: Angles = {};
 
-/** What the arm's library does now; null before it said so, and when that is out of date. */
+/** What the arm's library does now; null until it is known, and once the last message is older than LIBRARY_STALE_MS. */
 export function useLibraryState(): LibraryState | null {
   const sample = useTopic(TOPICS.ARM_LIBRARY_STATE);
   const nowMs = useNow();
@@ -45,23 +46,37 @@ export function useLibraryState(): LibraryState | null {
 }
 
 /** Of the reasons that keep the wheels from moving, those that keep the arm from moving too. */
-const SHARED_REASONS: readonly TextKey[] = ["why_no_link", "why_viewer", "why_estop", "why_control", "why_gate", "why_mission"];
+const SHARED_REASONS: readonly TextKey[] = ["why_no_link", "why_other_tab", "why_viewer", "why_estop", "why_control", "why_gate", "why_hold_first", "why_mission"];
 
-/** Why nothing of the arm may be commanded from here, whatever its torque; the nearest reason first. */
+/** Why this page may not command the arm, whatever its torque; the most immediate reason first. */
 export function useArmObstacles(): Reason[] {
-  return useDriveObstacles().filter(({ key }) => SHARED_REASONS.includes(key));
+  return useMotionObstacles().filter(({ key }) => SHARED_REASONS.includes(key));
 }
 
-/** Why the library cannot be used: it needs a link, control and no e-stop, but neither torque nor a mission that pauses. */
+/** Why the library cannot be used: it needs a link, control and a released e-stop, but neither torque nor a paused mission. */
 export function useLibraryObstacles(): Reason[] {
   return useArmObstacles().filter(({ key }) => key !== "why_mission");
 }
 
 /** Why sliders, nudges and presets are blocked. */
 export function useSliderObstacles(library: LibraryState | null, measured: Measured): Reason[] {
-  const { use } = useArmModel();
-  const torque = use((arm) => arm.torque);
-  const calibration = use((arm) => arm.calibration);
+  const { store } = useArmModel();
+  return useObstaclesOf(store, library, measured);
+}
+
+/** Why the presets are blocked, outside of the Arm tab too: there the torque is unknown. */
+export function usePresetObstacles(): Reason[] {
+  const library = useLibraryState();
+  const measured = useMeasured();
+  const store = useOpenArm((open) => open.arm?.store) ?? CLOSED.store;
+  return useObstaclesOf(store, library, measured);
+}
+
+const CLOSED = createArm();
+
+function useObstaclesOf(store: Arm["store"], library: LibraryState | null, measured: Measured): Reason[] {
+  const torque = useStore(store, (arm) => arm.torque);
+  const calibration = useStore(store, (arm) => arm.calibration);
   const reasons = useArmObstacles();
   if (reasons[0]?.key === "why_no_link") return reasons;
   const own: Reason[] = [];
@@ -72,18 +87,18 @@ export function useSliderObstacles(library: LibraryState | null, measured: Measu
   return [...reasons, ...own];
 }
 
-/** Keeps the model informed by what the robot says, and lets blocked sliders follow the arm. */
+/** Passes the robot's messages to the model, and lets blocked sliders follow the arm. */
 export function useArmReports(library: LibraryState | null, isBlocked: boolean): void {
-  const { tell, takeTrajectory, follow } = useArmModel();
+  const { applyTorqueEvent, onTrajectory, follow } = useArmModel();
   const isLinkOpen = useLink((link) => link.state === "open");
-  useSamples(TOPICS.ARM_TRAJECTORY, ({ message }) => takeTrajectory(message));
+  useSamples(TOPICS.ARM_TRAJECTORY, ({ message }) => onTrajectory(message));
   useEffect(() => {
-    if (!isLinkOpen) tell({ kind: "link-lost" });
-  }, [isLinkOpen, tell]);
+    if (!isLinkOpen) applyTorqueEvent({ kind: "link-lost" });
+  }, [isLinkOpen, applyTorqueEvent]);
   const torque = library?.torque;
   useEffect(() => {
-    if (torque !== undefined) tell({ kind: "reported", on: torque });
-  }, [torque, tell]);
+    if (torque !== undefined) applyTorqueEvent({ kind: "reported", on: torque });
+  }, [torque, applyTorqueEvent]);
   useEffect(() => {
     if (isBlocked) follow();
   }, [isBlocked, follow]);

@@ -1,6 +1,7 @@
 /** The stored poses and sequences, read again whenever they may have changed. */
 import { useCallback, useEffect, useState } from "react";
 import { SERVICES } from "@/generated/graph";
+import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
 import { call, useLink } from "@/robot";
 import { type Library, parseLibrary } from "./library";
@@ -12,7 +13,7 @@ export interface LibraryReading {
   reload: () => void;
 }
 
-/** `isBusy`: while the library records or replays; a new entry is there after it. */
+/** `isBusy`: the library records or replays; afterwards it may have a new entry. */
 export function useLibrary(isBusy: boolean): LibraryReading {
   const text = useText();
   const [library, setLibrary] = useState<Library | null>(null);
@@ -26,7 +27,7 @@ export function useLibrary(isBusy: boolean): LibraryReading {
         setLibrary(read);
         setProblem(read === null ? text("arm_library_damaged") : "");
       })
-      .catch((error: unknown) => setProblem(error instanceof Error ? error.message : String(error)));
+      .catch((error: unknown) => setProblem(errorText(error)));
   }, [text]);
 
   useEffect(() => {

@@ -4,6 +4,8 @@ import { TOPICS } from "@/generated/graph";
 import { useAge } from "@/hooks/use_now";
 import { useTopic } from "@/hooks/use_topic";
 import { type Text, useText } from "@/i18n/text";
+import { RewindButton } from "@/rewind/rewind_bar";
+import { useIsRewound } from "@/rewind/state";
 import { DoctorButton } from "@/shell/doctor_button";
 import { useSetting } from "@/state/settings";
 import { Button } from "@/ui/button";
@@ -13,20 +15,22 @@ import { Panel } from "@/ui/panel";
 import { Segments } from "@/ui/segments";
 import { CameraView } from "@/widgets/camera_view";
 import type { OverlayKind } from "@/widgets/camera/overlay";
-import { type CameraList, cameraName, frontCamera, inOrder, useCameras } from "@/widgets/camera/cameras";
+import { type CameraList, RECORDED_CAMERAS, cameraName, frontCamera, inOrder, useCameras } from "@/widgets/camera/cameras";
 import { SeenPanel } from "./seen_panel";
 import { useMaximized } from "./use_maximized";
 
 const OVERLAY_KEY = "lupin-tag-overlay";
 
-/** 04: one camera large and one small, with the tags over the picture in which they were found. */
+/** 04: one camera large and one small, with the tags over the image in which they were found. */
 export default function CamerasTab() {
   const text = useText();
   const list = useCameras();
   const preferred = useSetting("cameraTopic");
   const [chosen, setChosen] = useState<string | null>(null);
-  const cameras = list.cameras === null ? [] : inOrder(list.cameras, preferred);
-  const front = frontCamera(list.cameras, preferred);
+  const isRewound = useIsRewound();
+  const rows = list.cameras === null || list.cameras.length === 0 ? (isRewound ? RECORDED_CAMERAS : []) : list.cameras;
+  const cameras = rows === RECORDED_CAMERAS ? rows : inOrder(rows, preferred);
+  const front = rows === RECORDED_CAMERAS ? (RECORDED_CAMERAS[0]?.topic ?? preferred) : frontCamera(rows, preferred);
   const main = cameras.find(({ topic }) => topic === chosen)?.topic ?? cameras[0]?.topic;
   const others = cameras.filter(({ topic }) => topic !== main).map(({ topic }) => topic);
   const [second, ...rest] = others;
@@ -100,11 +104,12 @@ function MainView({ topic, name, overlay }: { topic: string; name: string; overl
           }}
         />
         {overlay !== null && <OverlaySource kind={overlay} />}
-        <div className="ml-auto flex gap-2">
+        <div className="ml-auto flex flex-wrap gap-2">
+          <RewindButton />
           <Button size="icon" aria-label={text("camera_reload")} title={text("camera_reload")} onClick={() => setReloads(reloads + 1)}>
             <RotateCw />
           </Button>
-          <Button size="icon" aria-label={text("cameras_save")} title={text("cameras_save")} onClick={() => savePicture(frame.current, topic)}>
+          <Button size="icon" aria-label={text("cameras_save")} title={text("cameras_save")} onClick={() => saveImage(frame.current, topic)}>
             <Download />
           </Button>
           <Button onClick={() => setMaximized(!isMaximized)} aria-pressed={isMaximized}>
@@ -150,7 +155,7 @@ function NoCameras({ list }: { list: CameraList }) {
         </p>
         {isKnown && <p className="text-text-2">{text("cameras_none_hint")}</p>}
         {(isKnown || list.problem !== "") && <DoctorButton />}
-        {age !== null && <p className="text-xs text-text-3">{text("cameras_listed", { age: span(age) })}</p>}
+        {age !== null && <p aria-hidden="true" className="text-xs text-text-3">{text("cameras_listed", { age: span(age) })}</p>}
       </div>
     </div>
   );
@@ -162,7 +167,7 @@ function nameOf(topic: string, front: string, text: Text): string {
 }
 
 /** Save what is seen, with the topic and time in the file's name. */
-function savePicture(frame: HTMLElement | null, topic: string): void {
+function saveImage(frame: HTMLElement | null, topic: string): void {
   frame?.querySelector("canvas")?.toBlob((blob) => {
     if (blob === null) return;
     const link = document.createElement("a");

@@ -14,7 +14,7 @@ const MAX_ROWS = 8;
 
 const PETALS: Record<string, string> = { tulip_red: "#e23a3a", tulip_white: "#e8e8ee", tulip_pink: "#ec6aa6" };
 
-/** Every tag and flower in the pictures of this moment. */
+/** Every tag and flower in the images of this moment. */
 export function SeenPanel({ place }: { place?: string }) {
   const text = useText();
   const tagSample = useTopic(TOPICS.TAG_DETECTIONS, { throttleMs: 200 });

@@ -1,7 +1,7 @@
 import { useEffect, useState } from "react";
 
 /**
- * Whether the picture fills the page. The whole page goes to full screen and not the picture alone, as nothing may cover the
+ * Whether the image fills the page. The whole page goes to full screen and not the image alone, as nothing may cover the
  * stop. Escape leaves both.
  */
 export function useMaximized(): [boolean, (maximized: boolean) => void] {
@@ -20,7 +20,7 @@ export function useMaximized(): [boolean, (maximized: boolean) => void] {
 
   function change(maximized: boolean): void {
     setMaximized(maximized);
-    // Where the browser allows no full screen, as on some phones, the picture fills its window.
+    // Where the browser allows no full screen, as on some phones, the image fills its window.
     if (maximized) document.documentElement.requestFullscreen?.().catch(() => {});
     else if (document.fullscreenElement !== null) document.exitFullscreen().catch(() => {});
   }

@@ -15,7 +15,7 @@ import { usePolled } from "./use_polled";
 
 const POLL_MS = 4000;
 
-/** Who asked the console for what, and what was refused. */
+/** The command journal: who asked the console for what, and what was refused. */
 export function JournalView() {
   const text = useText();
   const { id, isUp, runs, problem: runsProblem } = useRuns();

@@ -108,7 +108,7 @@ export function LiveView() {
 export function SearchField({ value, onChange }: { value: string; onChange: (value: string) => void }) {
   const text = useText();
   return (
-    <div className="relative min-w-36 grow basis-36 md:basis-48">
+    <div className="relative min-w-36 grow basis-36 max-md:order-last max-md:basis-full md:basis-48">
       <Search aria-hidden="true" className="pointer-events-none absolute top-1/2 left-3 size-4 -translate-y-1/2 text-text-3" />
       <input
         type="search"
@@ -157,7 +157,7 @@ function Line({ row, isNarrow, isSelected, onSelect }: { row: LogRow; isNarrow: 
   );
 }
 
-/** A whole row: what the list cuts, where it was written, and the button that copies it. */
+/** A complete row: the full text, which the list truncates, its source, and a button that copies it. */
 function Details({ row, onClose }: { row: LogRow; onClose: () => void }) {
   const text = useText();
   const { label, icon: Icon, tone } = LEVELS[row.level];

@@ -18,7 +18,7 @@ const SHOWN: Record<Severity, (level: Level) => boolean> = {
   error: (level) => level === "error" || level === "fatal",
 };
 
-/** The rows that pass a filter. Warnings are looked for among the kept warnings, which reach further back. */
+/** The rows that pass a filter. Warnings are taken from the separate list of warnings, which reaches further back. */
 export function filteredRows({ rows, warnings }: Pick<Tail, "rows" | "warnings">, { severity, node, search }: LogFilter): LogRow[] {
   const wanted = search.trim().toLowerCase();
   const isShown = SHOWN[severity];

@@ -1,6 +1,6 @@
 /**
  * The tail of the log: the newest rows of all, and the newest warnings apart, so that a flood of debug lines does not push them
- * out. However many lines arrive, the page is told once per frame at most, and memory stays the same.
+ * out. However many lines arrive, the page is updated at most once per frame, and memory stays constant.
  */
 import { rcl_interfaces_Log as LEVELS, type rcl_interfaces_Log as Log } from "@/generated/messages";
 
@@ -18,7 +18,7 @@ export interface LogRow {
   message: string;
   /** The stamp in s: since 1970, or of the simulation's clock. */
   timeS: number;
-  /** file:line and function; empty where the robot did not say. */
+  /** file:line and function; empty if the message has none. */
   place: string;
 }
 
@@ -28,7 +28,7 @@ export interface Tail {
   warnings: readonly LogRow[];
   /** All rows since the beginning or the last clearing. */
   received: number;
-  /** The nodes that were heard, by name. */
+  /** The nodes that have logged something, by name. */
   nodes: readonly string[];
   /** performance.now() of the newest row; null without one. */
   lastMs: number | null;
@@ -102,7 +102,7 @@ function newest(rows: readonly LogRow[], added: readonly LogRow[]): readonly Log
   return [...rows, ...added].slice(-MAX_ROWS);
 }
 
-/** Frames do not come while the page is hidden: then this keeps the list short. */
+/** A hidden page draws no frames; this timer then keeps the list short. */
 function keepNewest(rows: LogRow[], row: LogRow): void {
   rows.push(row);
   if (rows.length >= 2 * MAX_ROWS) rows.splice(0, rows.length - MAX_ROWS);

@@ -11,7 +11,7 @@ const VIEWS: readonly View[] = ["live", "processes", "commands"];
 /** Kept while other tabs are shown. */
 const useView = create<{ view: View }>(() => ({ view: "live" }));
 
-/** 06: the robot's log, the log files of the run's processes, and the journal of commands. */
+/** The Logs tab: the robot's log, the log files of the run's processes, and the command journal. */
 export default function LogsTab() {
   const text = useText();
   const view = useView((state) => state.view);

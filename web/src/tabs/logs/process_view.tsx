@@ -16,7 +16,7 @@ import { usePolled } from "./use_polled";
 const useChosenProcess = create<{ name: string }>(() => ({ name: "" }));
 
 const FOLLOW_MS = 3000;
-/** Lines are in the document in blocks that the browser lays out when they come into view. */
+/** Lines are grouped into blocks, which the browser lays out only when they come into view. */
 const BLOCK_LINES = 100;
 const LINE_PX = 20;
 

@@ -1,5 +1,5 @@
-/** The files of stored runs: which runs there are, their processes' logs, and the journal of commands. */
-import { ApiError, request } from "@/api/http";
+/** The files of stored runs: which runs there are, their processes' logs, and the command journal. */
+import { refused, request, unanswered } from "@/api/http";
 
 export interface StoredRun {
   id: string;
@@ -8,12 +8,12 @@ export interface StoredRun {
 }
 
 export interface JournalRow {
-  /** ms since 1970; NaN where the journal does not say. */
+  /** ms since 1970; NaN if the journal has no time. */
   timeMs: number;
   session: string;
   what: string;
   detail: string;
-  /** Why it was refused; empty where it was allowed. */
+  /** Why it was refused; empty if it was allowed. */
   refused: string;
   repeats: number;
 }
@@ -25,11 +25,11 @@ export async function askText(path: string): Promise<string> {
   let response: Response;
   try {
     response = await request(path, { signal: AbortSignal.timeout(TIMEOUT_MS) });
-  } catch {
-    throw new ApiError(0, "the console's server does not answer");
+  } catch (error) {
+    throw unanswered(error);
   }
   const text = await response.text();
-  if (!response.ok) throw new ApiError(response.status, text.trim() || `the server answered with status ${response.status}`);
+  if (!response.ok) throw refused(response.status, text.trim());
   return text;
 }
 

@@ -1,15 +1,15 @@
-/** The tail of `/rosout`, which goes on from the first visit of this tab while other tabs are shown. */
+/** The tail of `/rosout`. It is collected from the first time that this tab is shown, also while other tabs are shown. */
 import { useEffect, useSyncExternalStore } from "react";
 import { TOPICS } from "@/generated/graph";
 import { topics } from "@/robot";
 import { LogStore, MAX_ROWS, type Tail } from "./log_store";
 
-/** A flood changes every row of the list: it is redrawn often enough to follow, and leaves time for everything else. */
+/** In a flood of messages every row changes. This period is short enough to follow, and leaves time for the rest of the page. */
 const PERIOD_MS = 60;
 
 export const LOGS = new LogStore((flush) => setTimeout(() => requestAnimationFrame(flush), PERIOD_MS));
 
-/** What a slow link may let wait: more than is kept here need not come. */
+/** Messages that the server queues for a slow link; more than are kept here would be useless. */
 const OPTIONS = { queueLength: MAX_ROWS };
 
 let followed = "";

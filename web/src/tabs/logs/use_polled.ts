@@ -1,16 +1,17 @@
-/** A resource of the API that is asked for again and again, as long as something shows it. */
+/** Polls a resource of the API as long as something shows it. */
 import { useCallback, useEffect, useState } from "react";
+import { errorText } from "@/i18n/error_text";
 
 export interface Polled<Value> {
   value: Value | null;
-  /** Why the last request failed; empty where it did not. */
+  /** Why the last request failed; empty if it did not. */
   problem: string;
   /** performance.now() of the last answer; null before it. */
   receivedMs: number | null;
   reload: () => void;
 }
 
-/** `read` must be the same function while its resource is the same. Without a period it is asked once. */
+/** `read` must be the same function while its resource is the same. Without a period, the resource is read once. */
 export function usePolled<Value>(read: (() => Promise<Value>) | null, periodMs: number | null): Polled<Value> {
   const [state, setState] = useState<Omit<Polled<Value>, "reload"> & { of: unknown }>({ value: null, problem: "", receivedMs: null, of: null });
 
@@ -19,7 +20,7 @@ export function usePolled<Value>(read: (() => Promise<Value>) | null, periodMs: 
     read()
       .then((value) => setState({ value, problem: "", receivedMs: performance.now(), of: read }))
       .catch((error: unknown) => {
-        const problem = error instanceof Error ? error.message : String(error);
+        const problem = errorText(error);
         setState((before) => ({ ...(before.of === read ? before : { value: null, receivedMs: null }), problem, of: read }));
       });
   }, [read]);
@@ -33,7 +34,7 @@ export function usePolled<Value>(read: (() => Promise<Value>) | null, periodMs: 
     return () => clearInterval(timer);
   }, [reload, periodMs]);
 
-  // What was received of another resource is not shown as this one's.
+  // Data of the previous resource is not shown as this one's.
   const isOwn = state.of === read;
   return { value: isOwn ? state.value : null, problem: isOwn ? state.problem : "", receivedMs: isOwn ? state.receivedMs : null, reload };
 }

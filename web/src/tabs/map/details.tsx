@@ -1,11 +1,21 @@
 import { Tabs } from "radix-ui";
 import type { ReactNode } from "react";
 import { useText } from "@/i18n/text";
+import { useIsRewound } from "@/rewind/state";
 import { cn } from "@/ui/cn";
 import { EventList } from "./event_list";
 import { GreenhouseTable } from "./greenhouse_table";
 import { LightControl } from "./light_control";
 import { PlacesPanel } from "./places_panel";
+
+/** What commands the robot is switched off while the page shows the past. */
+function Live({ children }: { children: ReactNode }) {
+  return (
+    <fieldset disabled={useIsRewound()} className="contents">
+      {children}
+    </fieldset>
+  );
+}
 
 /** Four panels in one place: the greenhouse is what a mission is about, the others are looked up. */
 export function Details({ className }: { className?: string }) {
@@ -13,8 +23,8 @@ export function Details({ className }: { className?: string }) {
   const tabs: { id: string; label: string; view: ReactNode }[] = [
     { id: "greenhouse", label: text("map_greenhouse"), view: <GreenhouseTable /> },
     { id: "events", label: text("mission_events"), view: <EventList /> },
-    { id: "places", label: text("map_places"), view: <PlacesPanel /> },
-    { id: "lights", label: text("map_lights"), view: <LightControl /> },
+    { id: "places", label: text("map_places"), view: <Live><PlacesPanel /></Live> },
+    { id: "lights", label: text("map_lights"), view: <Live><LightControl /></Live> },
   ];
   return (
     <Tabs.Root defaultValue="greenhouse" asChild>

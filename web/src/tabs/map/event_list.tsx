@@ -3,6 +3,7 @@ import { useState } from "react";
 import { useLanguage, useText } from "@/i18n/text";
 import type { EventKind } from "@/map/events";
 import { type LoggedEvent, useMissionLog } from "@/map/mission_log";
+import { useRewind } from "@/rewind/state";
 import { cn } from "@/ui/cn";
 import { clock } from "@/ui/numbers";
 import { Segments } from "@/ui/segments";
@@ -31,7 +32,8 @@ export function EventList() {
   const language = useLanguage((state) => state.language);
   const events = useMissionLog((log) => log.events);
   const [filter, setFilter] = useState<Filter>("all");
-  const shown = events.filter((event) => passes(event, filter));
+  const shownS = useRewind((state) => state.shownS);
+  const shown = events.filter((event) => passes(event, filter) && (shownS === null || event.timeS <= shownS));
   return (
     <div>
       <div className="sticky top-0 bg-panel px-4 py-2">

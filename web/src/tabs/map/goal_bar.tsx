@@ -2,15 +2,15 @@ import { Check, Navigation, X } from "lucide-react";
 import { type ReactNode, useEffect } from "react";
 import { TOPICS } from "@/generated/graph";
 import { useNow } from "@/hooks/use_now";
-import { useDriveObstacles } from "@/hooks/use_situation";
+import { useMotionObstacles, useRelocationObstacles } from "@/hooks/use_situation";
 import { type TextKey, useText } from "@/i18n/text";
-import { keepApproach } from "@/map/approaches";
+import { changeApproach } from "@/map/approaches";
 import { goalProgress } from "@/map/goal";
-import { cancelNavigation, sendGoal, sendInitialPose } from "@/map/goal_actions";
+import { cancelNavigation, relocate, sendGoal, sendInitialPose } from "@/map/goal_actions";
 import { liveMap } from "@/map/live_map";
 import { useIsHeard } from "@/map/use_is_heard";
 import { isRunning, useMissionState } from "@/map/use_mission";
-import { type Draft, type Preview, dropDraft, useMapUi } from "@/map/map_ui";
+import { type Draft, type Preview, draftSender, dropDraft, useMapUi } from "@/map/map_ui";
 import { lengthOf, shownPlan } from "@/map/route";
 import { writeLength } from "@/map/sensor_text";
 import { useLink } from "@/robot";
@@ -19,7 +19,7 @@ import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { fixed, span, toDegrees } from "@/ui/numbers";
 
-/** What the drawn pose would do, with the button that does it; then what became of it. */
+/** What the drawn pose would do, with the button that does it; afterwards, the outcome. */
 export function GoalBar() {
   const text = useText();
   const { tool, draft, preview, selected } = useMapUi();
@@ -60,12 +60,14 @@ const SEND: Record<Draft["kind"], TextKey> = { goal: "map_send_goal", relocate: 
 
 function DraftBar({ draft, preview }: { draft: Draft; preview: Preview | null }) {
   const text = useText();
-  const obstacle = useDriveObstacles()[0];
   const { pose, kind } = draft;
+  const goalObstacle = useMotionObstacles()[0];
+  const relocationObstacle = useRelocationObstacles()[0];
+  const obstacle = kind === "goal" ? goalObstacle : kind === "relocate" ? relocationObstacle : undefined;
   const place = { x: fixed(pose.x, 2), y: fixed(pose.y, 2), tag: draft.name ?? "" };
-  const isDeaf = useIsHeard(TOPICS.INITIAL_POSE.name) === false && kind === "relocate";
-  const isBlocked = (kind === "goal" && obstacle !== undefined) || isDeaf;
-  const isReady = kind !== "approach" || draft.name !== undefined;
+  // SLAM does not listen: the console has it load its map again, with the robot elsewhere.
+  const isSlam = useIsHeard(TOPICS.INITIAL_POSE.name) === false;
+  const canSend = obstacle === undefined && (kind !== "approach" || draft.name !== undefined);
   const title =
     kind === "goal"
       ? draft.name === undefined
@@ -74,9 +76,17 @@ function DraftBar({ draft, preview }: { draft: Draft; preview: Preview | null })
       : text(kind === "relocate" ? "map_relocate_place" : "map_approach_place", place);
   const send = () => {
     if (kind === "goal") sendGoal(pose).catch(showProblem);
-    if (kind === "relocate") sendInitialPose(pose).then(() => showDone(text("map_relocated")), showProblem);
-    if (kind === "approach" && draft.name !== undefined) keepApproach(draft.name, pose);
+    if (kind === "relocate") (isSlam ? relocate(pose) : sendInitialPose(pose)).then(() => showDone(text("map_relocated")), showProblem);
+    const tag = draft.name;
+    if (kind === "approach" && tag !== undefined) changeApproach(tag, pose).then(() => showDone(text("map_approach_stored", { tag })), showProblem);
   };
+  // The map's Enter key does what the button does, and nothing where it is disabled.
+  useEffect(() => {
+    draftSender.send = canSend ? send : null;
+    return () => {
+      draftSender.send = null;
+    };
+  });
   return (
     <Bar>
       <div className="min-w-0">
@@ -84,11 +94,10 @@ function DraftBar({ draft, preview }: { draft: Draft; preview: Preview | null })
           {title} <span className="font-normal text-text-2 numeric">{fixed(toDegrees(pose.yaw), 0)}°</span>
         </p>
         {kind === "goal" && <PathLine preview={preview} />}
-        {isDeaf && <p className="max-w-96 text-xs text-attention">{text("map_relocate_deaf", { topic: TOPICS.INITIAL_POSE.name })}</p>}
-        {kind === "goal" && obstacle !== undefined && <p className="text-xs text-attention">{text("map_blocked", { reason: text(obstacle.key, obstacle.values) })}</p>}
+        {obstacle !== undefined && <p className="text-xs text-attention">{text("map_blocked", { reason: text(obstacle.key, obstacle.values) })}</p>}
       </div>
       <div className="flex gap-2">
-        <Button kind="primary" disabled={isBlocked || !isReady} onClick={send} data-testid="send-pose">
+        <Button kind="primary" disabled={!canSend} onClick={send} data-testid="send-pose">
           {kind === "goal" ? <Navigation /> : <Check />}
           {text(SEND[kind])}
         </Button>
@@ -108,7 +117,7 @@ function PathLine({ preview }: { preview: Preview | null }) {
   return <p className="text-xs text-text-2">{text("map_path_length", { length: writeLength(lengthOf(preview.points)) })}</p>;
 }
 
-/** A goal that was sent from here, or that anybody else sent outside of a mission. */
+/** A goal that this page sent, or that another client sent outside of a mission. */
 function Progress() {
   const text = useText();
   const now = useNow();

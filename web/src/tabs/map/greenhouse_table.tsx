@@ -6,6 +6,7 @@ import { toggleTag, useMapUi } from "@/map/map_ui";
 import { HEALTH_NAMES, shortUnit, writeValue } from "@/map/sensor_text";
 import { targetOf, useMissionState } from "@/map/use_mission";
 import { type Tag, type TagOrder, knownSensors, sortTags } from "@/map/twin";
+import { Announced } from "@/ui/announced";
 import { cn } from "@/ui/cn";
 import { UNKNOWN, clock, fixed, span } from "@/ui/numbers";
 import { BugMark, FlowerMark, HealthMark } from "./marks";
@@ -65,8 +66,10 @@ export function GreenhouseTable() {
         </div>
       )}
       {isStale && (
-        <p role="status" className="border-t border-line px-4 py-2 text-xs text-attention">
-          <StaleText receivedMs={receivedMs} />
+        <p className="border-t border-line px-4 py-2 text-xs text-attention">
+          <Announced says={text("is_silent", { topic: TOPICS.TWIN_STATE.name })}>
+            <StaleText receivedMs={receivedMs} />
+          </Announced>
         </p>
       )}
     </div>

@@ -37,7 +37,7 @@ export function HeatLegend() {
   );
 }
 
-/** What the ticks mean that are seen: a bound outside of the field's range has none. */
+/** Explains the visible ticks; a bound outside of the field's range has no tick. */
 function idealText(range: { low: number; high: number }, ideal: { low: number; high: number }): TextKey {
   const [hasLow, hasHigh] = [ideal.low, ideal.high].map((bound) => bound > range.low && bound < range.high);
   if (hasLow && hasHigh) return "map_heat_ideal_between";

@@ -3,6 +3,7 @@ import { useTimeValue } from "@/hooks/use_now";
 import { useText } from "@/i18n/text";
 import { SCAN_STALE_MS, liveMap } from "@/map/live_map";
 import { shownPlan } from "@/map/route";
+import { shownSightings } from "@/map/sightings";
 import { useIsStopped } from "@/map/use_mission";
 
 /** What the lines on the map are; a line that is not drawn now is not explained. */
@@ -17,6 +18,7 @@ export function Legend() {
   const isPlanOld = plan === "old" || isStopped;
   const hasTrail = useTimeValue(() => liveMap.trail.points.length > 1);
   const hasScan = useTimeValue((now) => liveMap.scan !== null && now - liveMap.scan.receivedMs < SCAN_STALE_MS);
+  const hasSighting = useTimeValue((now) => shownSightings(liveMap.sightings, now).length > 0);
   return (
     <ul className="flex min-w-0 flex-wrap gap-x-4 gap-y-1 text-xs text-text-2 max-md:hidden">
       {plan !== "none" && (
@@ -32,6 +34,12 @@ export function Legend() {
       {hasScan && (
         <Item label={text("map_legend_scan")}>
           <line x1="1" x2="22" y1="5" y2="5" stroke="var(--color-sensed)" strokeWidth="3" strokeDasharray="2 4" />
+        </Item>
+      )}
+      {hasSighting && (
+        <Item label={text("map_legend_sighting")}>
+          <circle cx="11" cy="5" r="3" fill="none" stroke="var(--color-sensed)" strokeWidth="1.5" />
+          <circle cx="11" cy="5" r="4.5" fill="none" stroke="var(--color-sensed)" strokeWidth="0.75" />
         </Item>
       )}
       {hasBug && (

@@ -13,7 +13,7 @@ import { span } from "@/ui/numbers";
 type ColorName = keyof typeof LED_COLORS;
 const COLORS = Object.keys(LED_COLORS) as ColorName[];
 
-/** The operator's hold on the light strip: a fixed color, or what the robot shows by itself. */
+/** Control of the light strip: a fixed color, or automatic, which shows the robot's state. */
 export function LightControl() {
   const text = useText();
   const [confirmed, setConfirmed] = useState<{ what: ColorName | "auto"; atMs: number } | null>(null);
@@ -74,7 +74,7 @@ export function LightControl() {
   );
 }
 
-/** When the strip confirmed a color, or that it shows by itself what the robot does; null where it refused. */
+/** When the strip confirmed the color or the automatic mode; null if it refused. */
 async function send(what: ColorName | "auto"): Promise<number | null> {
   let isDone: boolean;
   if (what === "auto") {

@@ -1,11 +1,16 @@
 import { TriangleAlert } from "lucide-react";
 import { type ReactNode, useState } from "react";
 import { useNow, useTimeValue } from "@/hooks/use_now";
+import { TOPICS } from "@/generated/graph";
+import { useTopicValue } from "@/hooks/use_topic_value";
 import { useText } from "@/i18n/text";
 import { liveMap } from "@/map/live_map";
 import { usePoseState } from "@/map/use_presentation";
+import { useIsRewound, useRewind } from "@/rewind/state";
 import { useLink } from "@/robot";
+import { isRobotLost } from "@/state/sentence";
 import { useSetting } from "@/state/settings";
+import { Announced } from "@/ui/announced";
 import { span } from "@/ui/numbers";
 
 /** What has only just been asked for is not missing yet. */
@@ -23,12 +28,14 @@ export function NoMap() {
   const hasMap = useTimeValue(() => liveMap.grid !== null);
   const linkOpen = useLink((link) => link.state === "open");
   const topic = useSetting("mapTopic");
-  if (hasMap || !isLate) return null;
+  const isRewound = useIsRewound();
+  const isLoading = useRewind((rewind) => rewind.isLoading);
+  if (hasMap || (isRewound ? isLoading : !isLate)) return null;
   return (
     <div role="status" className="pointer-events-none absolute inset-0 grid place-items-center p-6">
       <div className="rounded-lg border border-line bg-panel px-6 py-4 text-center">
-        <p className="text-lg font-semibold">{text("map_no_map")}</p>
-        <p className="text-text-2">{linkOpen ? text("map_no_map_hint", { topic }) : text("map_no_link_hint")}</p>
+        <p className="text-lg font-semibold">{text(isRewound ? "rewind_no_map" : "map_no_map")}</p>
+        {isRewound ? null : <p className="text-text-2">{linkOpen ? text("map_no_map_hint", { topic }) : text("map_no_link_hint")}</p>}
       </div>
     </div>
   );
@@ -38,6 +45,7 @@ export function NoMap() {
 export function MapNotices({ sceneFailure }: { sceneFailure: string }) {
   const text = useText();
   const { isKnown, isStale } = usePoseState();
+  const isWaitingForPlace = useTopicValue(TOPICS.MISSION_STATE, (sample) => isRobotLost(sample?.message ?? null));
   const isLate = useIsLate();
   const hasMap = useTimeValue(() => liveMap.grid !== null);
   const age = useTimeValue((now) => (isStale && liveMap.poseReceivedMs !== null ? span((now - liveMap.poseReceivedMs) / 1000) : ""));
@@ -46,7 +54,12 @@ export function MapNotices({ sceneFailure }: { sceneFailure: string }) {
   return (
     <div role="status" className="flex flex-col items-center gap-2">
       {linkOpen && !isKnown && hasMap && isLate && <Notice>{text("map_no_pose", { map, base })}</Notice>}
-      {linkOpen && isStale && <Notice>{text("map_stale_pose", { age })}</Notice>}
+      {linkOpen && isWaitingForPlace && <Notice>{text("map_robot_lost")}</Notice>}
+      {linkOpen && isStale && !isWaitingForPlace && (
+        <Notice>
+          <Announced says={text("is_silent", { topic: TOPICS.TF.name })}>{text("map_stale_pose", { age })}</Announced>
+        </Notice>
+      )}
       {sceneFailure !== "" && <Notice>{text("map_3d_failed", { reason: sceneFailure.slice(0, 120) })}</Notice>}
     </div>
   );

@@ -8,7 +8,7 @@ import { MapView } from "./map_view";
 import { MissionPanel } from "./mission_panel";
 import { TargetPanel } from "./target_panel";
 
-/** 07: the mapped greenhouse, the mission in it, and what the twin knows of its plants. */
+/** The Map tab: the mapped greenhouse, the mission in it, and what the digital twin knows about its plants. */
 export default function MapTab() {
   useLiveMap();
   useField();

@@ -1,19 +1,24 @@
-import { Component, type ReactNode, Suspense, lazy, useCallback } from "react";
+import { type ReactNode, Suspense, useCallback, useEffect } from "react";
 import { create } from "zustand";
 import { useText } from "@/i18n/text";
 import { MapCanvas } from "@/map/map_canvas";
 import { useMapUi } from "@/map/map_ui";
-import { hasWebGl } from "@/map/webgl";
+import { hasWebGl } from "@/widgets/webgl";
 import { type View, scaleBar } from "@/map/view";
+import { RewindButton } from "@/rewind/rewind_bar";
+import { useIsRewound } from "@/rewind/state";
 import { useSetting } from "@/state/settings";
+import { Boundary, type FallbackProps } from "@/ui/boundary";
 import { cn } from "@/ui/cn";
+import { deferred } from "@/ui/deferred";
 import { GoalBar } from "./goal_bar";
 import { HeatLegend } from "./heat_legend";
 import { Legend } from "./legend";
 import { MapNotices, NoMap } from "./map_notices";
 import { LayerChoice, MapTools, ModeChoice } from "./toolbar";
 
-const MapScene = lazy(() => import("@/map/three/map_scene"));
+// Loaded when it is shown only: it is larger than all the rest.
+const MapScene = deferred(() => import("@/map/three/map_scene"), { preloaded: false });
 
 /** CSS pixels per meter of the shown view. */
 const useMapScale = create<{ scale: number }>(() => ({ scale: 50 }));
@@ -23,37 +28,43 @@ export function MapView({ className }: { className?: string }) {
   const text = useText();
   const mode = useMapUi((state) => state.mode);
   const failure = useSceneFailure((state) => state.reason);
+  // Whoever chooses 3D again wants another try.
+  useEffect(() => {
+    if (mode === "2d") useSceneFailure.setState({ reason: "" });
+  }, [mode]);
   const onView = useCallback(({ scale }: View) => {
     if (useMapScale.getState().scale !== scale) useMapScale.setState({ scale });
   }, []);
   // While a pose is drawn, what lies over the map makes room for it.
   const isDrawing = useMapUi((state) => state.tool !== "move" || state.draft !== null);
+  const isRewound = useIsRewound();
   const isSceneShown = mode === "3d" && hasWebGl() && failure === "";
   return (
-    <section aria-label={text("map_title")} className={cn("relative overflow-hidden rounded-lg border border-line bg-void/70", className)}>
+    <section aria-label={text("map_title")} className={cn("dark-island relative overflow-hidden rounded-lg border border-line bg-void/70", className)}>
       <p id="map-keys" className="sr-only">
         {text("map_keys")}
       </p>
       {isSceneShown ? (
-        <SceneBoundary onFailure={(reason) => useSceneFailure.setState({ reason })}>
+        <Boundary fallback={SceneFailed}>
           <Suspense fallback={<Centered>{text("map_loading_3d")}</Centered>}>
             <MapScene onView={onView} />
           </Suspense>
-        </SceneBoundary>
+        </Boundary>
       ) : (
         <MapCanvas onView={onView} />
       )}
       <div className="pointer-events-none absolute inset-x-3 top-3 flex items-start gap-2 select-none">
         <div className="flex min-w-0 grow flex-wrap gap-2">
           <ModeChoice />
-          <LayerChoice />
+          {!isRewound && <LayerChoice />}
+          <RewindButton className="pointer-events-auto" />
         </div>
         <MapTools className="max-md:hidden" />
       </div>
       <NoMap />
       <div className="pointer-events-none absolute inset-x-3 bottom-3 flex items-end justify-between gap-4 select-none">
         <div className={cn("flex min-w-0 flex-col gap-3", isDrawing && "max-md:hidden")}>
-          <HeatLegend />
+          {!isRewound && <HeatLegend />}
           <div className="flex items-end gap-6">
             <ScaleBar />
             {!isDrawing && <Legend />}
@@ -68,7 +79,7 @@ export function MapView({ className }: { className?: string }) {
         )}
       >
         <MapNotices sceneFailure={mode === "3d" ? failure : ""} />
-        <GoalBar />
+        {!isRewound && <GoalBar />}
       </div>
     </section>
   );
@@ -94,15 +105,7 @@ function ScaleBar() {
 }
 
 /** A view in 3D may fail where the browser takes its WebGL away; the map goes on in 2D. */
-class SceneBoundary extends Component<{ onFailure: (reason: string) => void; children: ReactNode }, { failed: boolean }> {
-  override state = { failed: false };
-  static getDerivedStateFromError() {
-    return { failed: true };
-  }
-  override componentDidCatch(error: Error): void {
-    this.props.onFailure(error.message);
-  }
-  override render() {
-    return this.state.failed ? null : this.props.children;
-  }
+function SceneFailed({ reason }: FallbackProps) {
+  useEffect(() => useSceneFailure.setState({ reason }), [reason]);
+  return null;
 }

@@ -28,7 +28,7 @@ export function FlowerMark({ species, className }: { species: string; className?
 /** An exclamation mark on a disc: a bug was seen. */
 export function BugMark({ label, className }: { label: string; className?: string }) {
   return (
-    <span role="img" aria-label={label} title={label} className={cn("inline-grid size-4 shrink-0 place-items-center rounded-full bg-attention text-xs leading-none font-extrabold text-[#241800]", className)}>
+    <span role="img" aria-label={label} title={label} className={cn("inline-grid size-4 shrink-0 place-items-center rounded-full bg-attention text-xs leading-none font-extrabold text-void", className)}>
       <span aria-hidden="true">!</span>
     </span>
   );

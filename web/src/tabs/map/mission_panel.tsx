@@ -1,15 +1,18 @@
 import { CirclePause, CirclePlay, House, RotateCcw, SkipForward } from "lucide-react";
 import { useMemo } from "react";
-import { hasControl, useConsole } from "@/api/console_store";
 import { SERVICES, TOPICS } from "@/generated/graph";
 import { useTimeValue } from "@/hooks/use_now";
+import { useTopics } from "@/hooks/use_topic";
 import { type Text, useText } from "@/i18n/text";
+import type { Visit } from "@/map/events";
 import { useMissionLog } from "@/map/mission_log";
 import { type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
 import { transitStops } from "@/map/transit";
-import { type Mission, isRunning, useIsMissionStale, useIsStopped, useMissionState } from "@/map/use_mission";
-import { call, topics, useLink } from "@/robot";
+import { type Mission, isRunning, useIsMissionStale, useMissionFacts, useMissionState } from "@/map/use_mission";
+import { call } from "@/robot";
+import { useRewind } from "@/rewind/state";
 import { showDone, showProblem } from "@/state/problems";
+import { Announced } from "@/ui/announced";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { HoldButton } from "@/ui/hold_button";
@@ -41,8 +44,10 @@ export function MissionPanel({ className }: { className?: string }) {
       {mission !== null && mission.mission_id !== "" && <Line mission={mission} isStale={isStale} />}
       {!active && mission !== null && startRefusal !== null && !isStale && <p className="px-4 pb-3 text-sm text-text-2">{text("mission_cannot_start", { reason: text(startRefusal) })}</p>}
       {isStale && (
-        <p role="status" className="border-t border-line px-4 py-2 text-xs text-attention">
-          <StaleText />
+        <p className="border-t border-line px-4 py-2 text-xs text-attention">
+          <Announced says={text("is_silent", { topic: TOPICS.MISSION_STATE.name })}>
+            <StaleText />
+          </Announced>
         </p>
       )}
     </section>
@@ -52,19 +57,12 @@ export function MissionPanel({ className }: { className?: string }) {
 function StaleText() {
   const text = useText();
   const topic = TOPICS.MISSION_STATE.name;
+  const topics = useTopics();
   const age = useTimeValue((now) => {
     const receivedMs = topics.last(TOPICS.MISSION_STATE)?.receivedMs;
     return receivedMs === undefined ? "" : span((now - receivedMs) / 1000);
   });
   return age === "" ? text("mission_nobody", { topic }) : text("stale_since", { topic, age });
-}
-
-function useMissionFacts(mission: Mission | null): MissionFacts {
-  const linkOpen = useLink((link) => link.state === "open");
-  const isViewer = useConsole((state) => state.own?.role === "viewer");
-  const isHeldByOther = useConsole((state) => state.control.holder !== null && !hasControl(state));
-  const stopped = useIsStopped();
-  return { linkOpen, isViewer, isHeldByOther, stopped, mission };
 }
 
 function counts(text: Text, mission: Mission | null): string {
@@ -80,7 +78,7 @@ function counts(text: Text, mission: Mission | null): string {
 }
 
 function Line({ mission, isStale }: { mission: Mission; isStale: boolean }) {
-  const visits = useMissionLog((log) => log.visits);
+  const visits = useShownVisits();
   const requested = useMissionLog((log) => log.requested);
   const { tags } = useTwin();
   const { mission_id, lifecycle_state, current_target, targets_total, paused } = mission;
@@ -100,6 +98,13 @@ function Line({ mission, isStale }: { mission: Mission; isStale: boolean }) {
       isDone={lifecycle_state === "DONE"}
     />
   );
+}
+
+/** The visits up to the shown moment. */
+function useShownVisits(): readonly Visit[] {
+  const visits = useMissionLog((log) => log.visits);
+  const shownS = useRewind((state) => state.shownS);
+  return useMemo(() => (shownS === null ? visits : visits.filter(({ timeS }) => timeS <= shownS)), [visits, shownS]);
 }
 
 function ActiveControls({ mission, facts }: { mission: Mission; facts: MissionFacts }) {

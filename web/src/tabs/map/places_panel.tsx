@@ -2,19 +2,19 @@ import { Crosshair, Download, MapPinPlus, Navigation, PencilLine, Save, X } from
 import { type ReactNode, useEffect, useState } from "react";
 import { type Location, useConsole } from "@/api/console_store";
 import { ask } from "@/api/http";
-import { TOPICS } from "@/generated/graph";
+import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
-import { overridesFile, removeApproach, useApproaches } from "@/map/approaches";
+import { changeApproach, overridesFile } from "@/map/approaches";
 import { liveMap } from "@/map/live_map";
 import { chooseTool, drawPose, useMapUi } from "@/map/map_ui";
-import { useIsHeard } from "@/map/use_is_heard";
+import { compareIds } from "@/map/twin";
 import { usePoseState } from "@/map/use_presentation";
 import { showDone, showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
 import { HoldButton } from "@/ui/hold_button";
 import { fixed, toDegrees } from "@/ui/numbers";
 
-/** Named locations, saved maps, the robot's own place, and approaches of tags. */
+/** Named locations, saved maps, the robot's pose, and approaches of tags. */
 export function PlacesPanel() {
   return (
     <div className="flex flex-col gap-5 px-4 py-4">
@@ -129,18 +129,29 @@ async function loadMaps(): Promise<MapList> {
   try {
     return { maps: await ask<string[]>("/_api/maps"), problem: "" };
   } catch (error) {
-    return { maps: null, problem: error instanceof Error ? error.message : String(error) };
+    return { maps: null, problem: errorText(error) };
   }
 }
 
 function Maps() {
   const text = useText();
   const [{ maps, problem }, setList] = useState<MapList>({ maps: null, problem: "" });
+  const [loading, setLoading] = useState<string | null>(null);
   useEffect(() => void loadMaps().then(setList), []);
   const save = async (name: string) => {
     await ask("/_api/maps", { name });
     showDone(text("map_saved_map", { name }));
     setList(await loadMaps());
+  };
+  const load = async (name: string) => {
+    setLoading(name);
+    try {
+      await ask("/_api/maps/load", { name });
+      showDone(text("map_loaded_map", { name }));
+    } catch (error) {
+      showProblem(error);
+    }
+    setLoading(null);
   };
   return (
     <Part title={text("map_maps")}>
@@ -148,16 +159,23 @@ function Maps() {
       {maps?.length === 0 && <p className="text-text-3">{text("map_no_maps")}</p>}
       {maps !== null && maps.length > 0 && (
         <>
-          <ul className="flex flex-wrap gap-2">
+          <ul className="flex flex-col">
             {maps.map((name) => (
-              <li key={name} className="rounded-sm border border-line bg-raised px-2 py-1">
-                {name}
+              <li key={name} className="flex min-h-12 items-center gap-2 border-b border-line">
+                <span className="min-w-0 grow truncate font-semibold">{name}</span>
+                <HoldButton
+                  tone="dark"
+                  disabled={loading !== null}
+                  aria-label={text("map_load_hold", { name })}
+                  className="h-8 px-3 text-xs max-xl:h-11 pointer-coarse:h-11"
+                  onHeld={() => void load(name)}
+                >
+                  {text(loading === name ? "map_loading_map" : "map_load_map")}
+                </HoldButton>
               </li>
             ))}
           </ul>
-          <p className="text-xs text-text-3">
-            {text("map_load_hint", { command: `lupin up --map ~/.local/state/lupin/maps/${maps.at(-1) ?? ""}.yaml` })}
-          </p>
+          <p className="text-xs text-text-3">{text("map_load_hint")}</p>
         </>
       )}
       <SaveForm label={text("map_save_map")} placeholder={text("map_save_map_hint")} icon={<Save />} save={save} />
@@ -167,12 +185,10 @@ function Maps() {
 
 function Relocation() {
   const text = useText();
-  const topic = TOPICS.INITIAL_POSE.name;
-  const isHeard = useIsHeard(topic);
   return (
     <Part title={text("map_relocate")}>
-      <p className="text-sm text-text-2">{isHeard === false ? text("map_relocate_deaf", { topic }) : text("map_relocate_explained")}</p>
-      <Button disabled={isHeard === false} onClick={() => chooseTool("relocate")} className="self-start">
+      <p className="text-sm text-text-2">{text("map_relocate_explained")}</p>
+      <Button onClick={() => chooseTool("relocate")} className="self-start">
         <Crosshair />
         {text("map_relocate")}
       </Button>
@@ -183,8 +199,8 @@ function Relocation() {
 function Approaches() {
   const text = useText();
   const selected = useMapUi((state) => state.selected);
-  const poses = useApproaches((state) => state.poses);
-  const tags = Object.keys(poses);
+  const approaches = useConsole((state) => state.approaches);
+  const tags = Object.keys(approaches).toSorted(compareIds);
   return (
     <Part title={text("map_approaches")}>
       <p className="text-sm text-text-2">{text("map_approaches_explained", { command: "lupin up --overrides overrides.yaml" })}</p>
@@ -193,7 +209,7 @@ function Approaches() {
           {tags.map((tag) => (
             <li key={tag} className="flex items-center gap-1 rounded-sm border border-line bg-raised pl-2">
               {tag}
-              <Button kind="quiet" size="small" aria-label={text("map_remove_approach", { tag })} onClick={() => removeApproach(tag)} className="px-2">
+              <Button kind="quiet" size="small" aria-label={text("map_remove_approach", { tag })} onClick={() => void changeApproach(tag, null).catch(showProblem)} className="px-2">
                 <X />
               </Button>
             </li>
@@ -206,7 +222,7 @@ function Approaches() {
           {selected === null ? text("map_draw_approach_none") : text("map_draw_approach", { tag: selected })}
         </Button>
         {tags.length > 0 && (
-          <Button onClick={() => download("overrides.yaml", overridesFile(poses))}>
+          <Button onClick={() => download("overrides.yaml", overridesFile(approaches))}>
             <Download />
             {text("map_download_overrides", { count: tags.length })}
           </Button>

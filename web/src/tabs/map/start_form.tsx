@@ -14,7 +14,7 @@ type MissionType = "ExplorationMission" | "InspectionMission";
 
 const FIELD = "h-10 min-w-0 rounded-md border border-line-strong bg-well px-3 placeholder:text-text-3 max-xl:h-11 pointer-coarse:h-11";
 
-/** What the next mission shall do, and the button that starts it. */
+/** The settings of the next mission, and the button that starts it. */
 export function StartForm({ refusal }: { refusal: TextKey | null }) {
   const text = useText();
   const [type, setType] = useState<MissionType>("ExplorationMission");

@@ -16,7 +16,7 @@ import { Panel } from "@/ui/panel";
 import { BugMark, FlowerMark, HealthMark } from "./marks";
 import { useAgeText, useTwin } from "./use_tags";
 
-/** The tag that the mission drives to, or the one that was selected, with its readings and what would be ideal. */
+/** The tag that the mission drives to, or the one that was selected, with its readings and their ideal ranges. */
 export function TargetPanel({ className }: { className?: string }) {
   const text = useText();
   const mission = useMissionState();
@@ -132,7 +132,7 @@ function ReadingRow({ sensor, value, isLarge }: { sensor: Sensor; value: number;
   );
 }
 
-/** Where a value lies to its ideal range, which takes the middle of the bar. */
+/** Where a value lies relative to its ideal range, which is the middle of the bar. */
 function RangeBar({ value, low, high }: { value: number; low: number; high: number }) {
   const start = low - (high - low) * 0.4;
   const end = high + (high - low) * 0.4;

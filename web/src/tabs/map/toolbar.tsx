@@ -4,7 +4,8 @@ import { useText } from "@/i18n/text";
 import { SENSORS, type Sensor } from "@/map/health";
 import { chooseTool, type Tool, useMapUi } from "@/map/map_ui";
 import { SENSOR_NAMES } from "@/map/sensor_text";
-import { hasWebGl } from "@/map/webgl";
+import { hasWebGl } from "@/widgets/webgl";
+import { useIsRewound } from "@/rewind/state";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { Segments } from "@/ui/segments";
@@ -62,12 +63,13 @@ const TOOLS: readonly { tool: Tool; icon: ComponentType; label: "map_tool_move" 
 
 export function MapTools({ className }: { className?: string }) {
   const text = useText();
+  const isRewound = useIsRewound();
   const { tool, isFollowing, controls } = useMapUi();
   return (
     <div className={cn("pointer-events-auto flex flex-col gap-2", className)}>
       <Group>
         {TOOLS.map(({ tool: each, icon: Icon, label }) => (
-          <IconButton key={each} label={text(label)} isOn={tool === each} onClick={() => chooseTool(each)}>
+          <IconButton key={each} label={text(label)} isOn={tool === each} disabled={isRewound && each !== "move"} onClick={() => chooseTool(each)}>
             <Icon />
           </IconButton>
         ))}
@@ -97,12 +99,13 @@ function Group({ children }: { children: React.ReactNode }) {
 interface IconButtonProps {
   label: string;
   isOn?: boolean;
+  disabled?: boolean;
   onClick: () => void;
   className?: string;
   children: React.ReactNode;
 }
 
-function IconButton({ label, isOn, onClick, className, children }: IconButtonProps) {
+function IconButton({ label, isOn, disabled = false, onClick, className, children }: IconButtonProps) {
   return (
     <Button
       kind="quiet"
@@ -110,6 +113,7 @@ function IconButton({ label, isOn, onClick, className, children }: IconButtonPro
       aria-label={label}
       title={label}
       {...(isOn === undefined ? {} : { "aria-pressed": isOn })}
+      disabled={disabled}
       onClick={onClick}
       className={cn("rounded-none", isOn === true && "bg-alive-wash text-alive hover:text-alive", className)}
     >

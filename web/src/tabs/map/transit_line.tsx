@@ -12,13 +12,13 @@ interface TransitLineProps {
   tags: readonly Tag[];
   startedS: number;
   isPaused: boolean;
-  /** Tags are still being looked for: the line has no end yet. */
+  /** Whether tags are still being searched for, so that the line has no end yet. */
   isSearching: boolean;
   isReturning: boolean;
   isDone: boolean;
 }
 
-/** The mission as a transit line: what was visited is a full line, what is to come a dotted one. */
+/** The mission as a transit line: the visited part is a solid line, the rest a dotted one. */
 export const TransitLine = memo(function TransitLine({ stops, tags, startedS, isPaused, isSearching, isReturning, isDone }: TransitLineProps) {
   const text = useText();
   const line = useRef<HTMLOListElement>(null);
@@ -81,7 +81,7 @@ interface Note {
   isAlarming: boolean;
 }
 
-/** What asks for a person stands in the place of the time. */
+/** The note at a stop: what needs the operator's attention, or else the time of the visit. */
 function noteOf(text: Text, stop: Stop, tags: readonly Tag[], startedS: number, isPaused: boolean): Note {
   const words: Record<StopState, TextKey> = {
     done: "mission_stop_done",
@@ -137,7 +137,7 @@ function Station({ label, note, isCurrent = false, isAhead = false, before, afte
   );
 }
 
-/** Visited, current and to come are three shapes. */
+/** A visited, the current and a future stop have different shapes. */
 function StopMark({ state, isPaused }: { state: StopState; isPaused: boolean }) {
   switch (state) {
     case "done":

@@ -6,7 +6,7 @@ import { TWIN_STALE_MS, type Tag, readTwin } from "@/map/twin";
 
 interface Twin {
   tags: Tag[];
-  /** performance.now() of the last message, whose ages are that much older by now; null before the first. */
+  /** performance.now() when the last message arrived; the ages in it have grown since. Null before the first message. */
   receivedMs: number | null;
   isStale: boolean;
 }
@@ -20,7 +20,7 @@ export function useTwin(): Twin {
   return { tags, receivedMs, isStale };
 }
 
-/** A tag's age as text, which goes on between messages. */
+/** A tag's age as text, which keeps counting between messages. */
 export function useAgeText(ageS: number | null, receivedMs: number | null, write: (seconds: number) => string, unknown: string): string {
   return useTimeValue((now) => (ageS === null || receivedMs === null ? unknown : write(ageS + Math.max(0, now - receivedMs) / 1000)));
 }

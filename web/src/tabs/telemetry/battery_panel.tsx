@@ -9,7 +9,7 @@ import { Panel } from "@/ui/panel";
 import { useFreshness } from "@/widgets/freshness";
 import { Sparkline } from "@/widgets/sparkline";
 import { SpringNumber } from "@/widgets/spring_number";
-import { type Charge, chargeOf, chargeShare } from "./battery";
+import { type Charge, chargeOf, chargeShare } from "@/state/battery";
 import { useVoltages } from "./feeds";
 
 const WORDS: Record<Charge, { word: TextKey; ring: string; tone: string }> = {
@@ -37,7 +37,7 @@ export function BatteryPanel({ className }: { className?: string }) {
         <div className="grid place-items-center">
           <Ring share={share} ring={isStale ? "stroke-text-3" : WORDS[charge].ring}>
             <p className="text-xl leading-none font-bold tabular-nums slashed-zero">
-              {share === null ? "–" : <SpringNumber value={share * 100} places={0} className="" />}
+              {share === null ? "–" : <SpringNumber value={share * 100} places={0} flashFrom={1} className="" />}
               <span className="text-sm font-normal text-text-3"> %</span>
             </p>
             <p className={cn("mt-1 text-xs leading-tight font-semibold", isStale ? "text-text-3" : WORDS[charge].tone)}>{text(WORDS[charge].word)}</p>
@@ -45,7 +45,7 @@ export function BatteryPanel({ className }: { className?: string }) {
         </div>
         <div className="flex min-w-0 grow flex-col">
           <p className={cn("text-xl leading-tight font-bold tabular-nums slashed-zero", isStale && "text-text-3")}>
-            <SpringNumber value={message?.voltage} places={2} className="" />
+            <SpringNumber value={message?.voltage} places={2} flashFrom={0.1} className="" />
             <span className="text-sm font-normal text-text-3"> V</span>
             <span className="ml-4 text-base font-semibold text-text-2">
               {signed(message?.current, 2)}

@@ -1,4 +1,4 @@
-/** What keeps the short histories of the readings. */
+/** Collects the short histories of the readings. */
 import { useEffect, useState } from "react";
 import { TOPICS } from "@/generated/graph";
 import type { MessageTypes } from "@/generated/messages";
@@ -37,7 +37,7 @@ export function useRoundTrips(): TimeSeries {
 
 const VOLTAGE_WINDOW_S = 600;
 
-/** The battery's voltage of the last minutes. It goes on while other tabs are shown: the top bar listens anyway. */
+/** The battery's voltage of the last minutes. It is also collected while other tabs are shown, since the top bar subscribes to the battery anyway. */
 export const VOLTAGES = new TimeSeries(VOLTAGE_WINDOW_S, 1200);
 
 let followed = "";

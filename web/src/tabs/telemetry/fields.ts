@@ -3,7 +3,7 @@
  * has names beside its numbers, as joint states do, an element is called by its name: `position[elbow_joint]`.
  */
 
-/** Of a long array, so many elements are listed; others can be typed. */
+/** Number of elements that are listed of a long array; others can be typed. */
 const LISTED_ELEMENTS = 32;
 const DEEPEST = 8;
 
@@ -12,7 +12,7 @@ export interface Field {
   value: number;
 }
 
-/** The number at a path; NaN where there is none. Booleans count as 0 and 1. */
+/** The number at a path; NaN if there is none. Booleans count as 0 and 1. */
 export function valueAt(message: unknown, path: string): number {
   let parent: unknown = null;
   let value: unknown = message;

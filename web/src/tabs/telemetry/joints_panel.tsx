@@ -2,12 +2,12 @@ import { TOPICS } from "@/generated/graph";
 import { useTopic } from "@/hooks/use_topic";
 import { useText } from "@/i18n/text";
 import { useSetting } from "@/state/settings";
-import { ARM, type Joint, clampToWindow, measuredAngles } from "@/tabs/arm/joints";
+import { ARM, type Joint, clampToLimits, measuredAngles } from "@/tabs/arm/joints";
 import { Panel } from "@/ui/panel";
 import { useFreshness } from "@/widgets/freshness";
 import { SpringNumber } from "@/widgets/spring_number";
 
-/** Where each joint of the arm stands in its window. */
+/** Angle of each joint of the arm, drawn within its limits. */
 export function JointsPanel({ className }: { className?: string }) {
   const text = useText();
   const name = useSetting("jointStatesTopic");
@@ -22,7 +22,7 @@ export function JointsPanel({ className }: { className?: string }) {
             <span className="w-20 shrink-0 text-text-2">{text(joint.label)}</span>
             <Bar joint={joint} degrees={angles[joint.name]} />
             <span className="w-[6ch] shrink-0 text-right text-lg font-semibold">
-              <SpringNumber value={angles[joint.name]} places={1} className="tabular-nums slashed-zero" />
+              <SpringNumber value={angles[joint.name]} places={1} flashFrom={2} className="tabular-nums slashed-zero" />
             </span>
           </li>
         ))}
@@ -33,7 +33,7 @@ export function JointsPanel({ className }: { className?: string }) {
 
 function Bar({ joint, degrees }: { joint: Joint; degrees: number | undefined }) {
   const range = joint.upperDeg - joint.lowerDeg;
-  const percent = (angle: number) => ((clampToWindow(joint, angle) - joint.lowerDeg) / range) * 100;
+  const percent = (angle: number) => ((clampToLimits(joint, angle) - joint.lowerDeg) / range) * 100;
   const zero = percent(0);
   const at = degrees === undefined ? zero : percent(degrees);
   return (

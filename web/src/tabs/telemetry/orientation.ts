@@ -8,7 +8,7 @@ export interface Orientation {
   yawDeg: number;
 }
 
-/** Roll, pitch and yaw in degrees (z-y-x); null where the quaternion is none: not normalized, or not a number. */
+/** Roll, pitch and yaw in degrees (z-y-x); null if the quaternion is not normalized or not a number. */
 export function orientation({ x, y, z, w }: geometry_msgs_Quaternion): Orientation | null {
   const length = Math.hypot(x, y, z, w);
   if (!(Math.abs(length - 1) < 0.05)) return null;

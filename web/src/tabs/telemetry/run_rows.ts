@@ -11,10 +11,10 @@ export interface ProcessRow extends ProcessState {
 }
 
 const ORDER: readonly ProcessHealth[] = ["failed", "trouble", "starting", "waiting", "up", "stopped"];
-/** Less than this share of the expected rate is slow. */
+/** A topic is slow below this fraction of its expected rate. */
 const SLOW_SHARE = 0.7;
 
-/** The processes, those that need a person first. */
+/** The processes, those that need the operator's attention first. */
 export function processRows(run: RunState): ProcessRow[] {
   return (run.stages ?? [])
     .map((stage) => ({ ...stage, health: healthOf(stage), remark: stage.trouble || stage.why || (stage.waiting_for ?? []).join("; ") }))
@@ -29,9 +29,9 @@ function healthOf({ phase, trouble }: ProcessState): ProcessHealth {
 export interface RateRow {
   topic: string;
   hz: number;
-  /** What the graph's table promises; null where it promises nothing. */
+  /** The topic's nominal rate in the graph's table; null if it has none. */
   expectedHz: number | null;
-  /** Seconds of silence after a first message; null while it speaks. */
+  /** Seconds since the topic fell silent; null while messages arrive. */
   silentS: number | null;
   isSlow: boolean;
 }

@@ -19,13 +19,13 @@ const HEALTH: Record<ProcessHealth, { label: TextKey; icon: ComponentType<{ clas
   stopped: { label: "telemetry_process_stopped", icon: Square, tone: "text-text-3" },
 };
 
-/** The run itself: alarms, processes, and how often topics come. */
+/** The run: its alarms, its processes, and the rates of its topics. */
 export function RunView() {
   const text = useText();
   const run = useConsole((state) => state.run);
   const isOnline = useConsole((state) => state.online);
-  const changedMs = useConsole((state) => state.changedMs);
-  const offlineAge = useAge(changedMs);
+  const onlineChangedMs = useConsole((state) => state.onlineChangedMs);
+  const offlineAge = useAge(onlineChangedMs);
   const processes = processRows(run);
   const rates = rateRows(run);
   const alarms = run.alarms ?? [];

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { chargeOf, chargeShare } from "./battery";
+import { chargeOf, chargeShare } from "@/state/battery";
 import { numericFields, valueAt } from "./fields";
 import { orientation } from "./orientation";
 import { processRows, rateRows } from "./run_rows";

@@ -1,13 +1,14 @@
 import { TriangleAlert } from "lucide-react";
-import { Suspense, lazy } from "react";
+import { Suspense } from "react";
 import { create } from "zustand";
 import { useConsole } from "@/api/console_store";
 import { useText } from "@/i18n/text";
+import { deferred } from "@/ui/deferred";
 import { Segments } from "@/ui/segments";
 import { ReadingsView } from "./readings_view";
 import { RunView } from "./run_view";
 
-const PlotsView = lazy(() => import("./plots/plots_view"));
+const PlotsView = deferred(() => import("./plots/plots_view"));
 
 type View = "readings" | "plots" | "run";
 const VIEWS: readonly View[] = ["readings", "plots", "run"];
@@ -15,7 +16,7 @@ const VIEWS: readonly View[] = ["readings", "plots", "run"];
 /** Kept while other tabs are shown. */
 const useView = create<{ view: View }>(() => ({ view: "readings" }));
 
-/** 05: readable numbers first, plots of any field, and the run's processes. */
+/** The Telemetry tab: readable numbers first, plots of any field, and the run's processes. */
 export default function TelemetryTab() {
   const text = useText();
   const view = useView((state) => state.view);

@@ -11,7 +11,7 @@ import { type Freshness, useFreshness } from "@/widgets/freshness";
 import { Sparkline } from "@/widgets/sparkline";
 import { SpringNumber } from "@/widgets/spring_number";
 import type { TimeSeries } from "@/widgets/time_series";
-import { type Charge, chargeOf, chargeShare } from "./battery";
+import { type Charge, chargeOf, chargeShare } from "@/state/battery";
 import { useLastMinute, useRoundTrips } from "./feeds";
 import { orientation } from "./orientation";
 
@@ -29,7 +29,7 @@ interface TileProps {
   children?: ReactNode;
 }
 
-/** A headline value that is read from three meters. */
+/** A large value that can be read from three meters away. */
 function Tile({ title, value, unit, source, freshness, tone, children }: TileProps) {
   const text = useText();
   const isEmpty = freshness?.age === null;
@@ -111,7 +111,7 @@ export function BatteryTile() {
   return (
     <Tile
       title={text("telemetry_battery_voltage")}
-      value={<SpringNumber value={sample?.message.voltage} places={2} className="tabular-nums slashed-zero" />}
+      value={<SpringNumber value={sample?.message.voltage} places={2} flashFrom={0.1} className="tabular-nums slashed-zero" />}
       unit="V"
       source={[share === null ? null : `${fixed(share * 100, 0)} %`, Number.isFinite(current) ? `${signed(current, 1)} A` : null].filter(Boolean).join(", ") || topic}
       freshness={freshness}
@@ -148,7 +148,7 @@ export function HeadingTile() {
   );
 }
 
-/** Where the robot looks: straight up is 0, to the left is positive, as in the map. */
+/** The robot's heading: straight up is 0, to the left is positive, as in the map. */
 function Needle({ degrees, isStale }: { degrees: number | null | undefined; isStale: boolean }) {
   if (degrees === null || degrees === undefined) return null;
   return (

@@ -1,13 +1,14 @@
 import { CircleDot } from "lucide-react";
-import { useCallback, useState } from "react";
+import { useCallback, useEffect, useState } from "react";
 import { TOPICS } from "@/generated/graph";
 import { DRIVE } from "@/generated/robot";
 import { useAge } from "@/hooks/use_now";
-import { useDriveObstacles } from "@/hooks/use_situation";
+import { useDriveObstacles, useMissionDrives } from "@/hooks/use_situation";
 import { useTopic } from "@/hooks/use_topic";
 import { useText } from "@/i18n/text";
 import { driver, useDrive } from "@/robot";
 import type { DriveSource, Velocity } from "@/safety/drive";
+import { showProblem } from "@/state/problems";
 import { changeSettings, useSetting } from "@/state/settings";
 import { cn } from "@/ui/cn";
 import { fixed, signed, span } from "@/ui/numbers";
@@ -19,29 +20,34 @@ import { Joystick } from "@/widgets/joystick";
 import { LidarView } from "@/widgets/lidar_view";
 import { useDriveKeys, useGamepad } from "./drive_keys";
 
-/** 01: two sticks over the front camera, what was asked and measured, and what is near. */
+/** The Teleop tab: two sticks over the front camera, the commanded and the measured velocity, and nearby obstacles. */
 export default function TeleopTab() {
   const text = useText();
-  const scale = useSetting("speedScale");
   const blocked = useDriveObstacles().length > 0;
+  const overrides = useMissionDrives();
   const move = useCallback(
     (source: DriveSource, share: Velocity) => {
-      driver.hold(source, {
-        x: share.x * scale * DRIVE.maxLinearMps,
-        y: share.y * scale * DRIVE.maxLinearMps,
-        yaw: share.yaw * scale * DRIVE.maxAngularRps,
-      });
+      const velocity = {
+        x: share.x * DRIVE.maxLinearMps,
+        y: share.y * DRIVE.maxLinearMps,
+        yaw: share.yaw * DRIVE.maxAngularRps,
+      };
+      if (blocked) driver.refuse(source, velocity);
+      else driver.hold(source, velocity);
     },
-    [scale],
+    [blocked],
   );
+  useEffect(() => {
+    if (blocked) driver.letGo();
+  }, [blocked]);
   const moveByKeys = useCallback((share: Velocity) => move("keyboard", share), [move]);
   const moveByGamepad = useCallback((share: Velocity) => move("gamepad", share), [move]);
   useDriveKeys(moveByKeys);
   const gamepad = useGamepad(moveByGamepad);
 
   return (
-    <div className="grid gap-3 md:h-full md:min-h-0 md:grid-cols-[minmax(0,1fr)_var(--column)] md:grid-rows-[minmax(0,1fr)]">
-      <section aria-label={text("front_camera")} className="panel relative min-h-80 overflow-hidden">
+    <div className="grid gap-3 lg:h-full lg:min-h-0 lg:grid-cols-[minmax(0,1fr)_20rem] lg:grid-rows-[minmax(0,1fr)] xl:grid-cols-[minmax(0,1fr)_var(--column)]">
+      <section aria-label={text("front_camera")} className="panel relative min-h-80 overflow-hidden md:max-lg:h-[52vh]">
         <CameraView topic={useFrontCamera()} label={text("front_camera")} className="absolute inset-0" />
         <p
           className={cn(
@@ -50,7 +56,7 @@ export default function TeleopTab() {
           )}
         >
           <CircleDot aria-hidden="true" className="size-4" />
-          {blocked ? text("sticks_blocked") : text("sticks_live")}
+          {text(blocked ? "sticks_blocked" : overrides ? "sticks_override" : "sticks_live")}
         </p>
         <div className="absolute inset-x-[3%] bottom-[4%] flex items-end justify-between gap-4">
           <Joystick
@@ -59,7 +65,7 @@ export default function TeleopTab() {
             onMove={(right, up) => move("left-stick", { x: up, y: -right, yaw: 0 })}
             className="w-[min(24vw,15rem)] min-w-36"
           />
-          <p className="pb-2 text-center text-xs text-text-2 max-lg:hidden">
+          <p className="pb-2 text-center text-xs text-text-2 max-xl:hidden">
             <span className="rounded-sm bg-panel px-2 py-1">
               {gamepad === null ? text("keys_hint") : text("gamepad", { name: gamepad.slice(0, 40) })}
             </span>
@@ -73,7 +79,7 @@ export default function TeleopTab() {
           />
         </div>
       </section>
-      <div className="flex flex-col gap-3 md:min-h-0">
+      <div className="flex flex-col gap-3 md:max-lg:grid md:max-lg:grid-cols-2 lg:min-h-0">
         <SpeedPanel />
         <SpeedLimit />
         <NearestObstacle />
@@ -132,7 +138,9 @@ function SpeedLimit() {
           valueText={limits}
           onChange={(percent) => setShown(percent / 100)}
           onCommit={(percent) => {
-            void changeSettings({ speedScale: percent / 100 }).finally(() => setShown(null));
+            changeSettings({ speedScale: percent / 100 })
+              .catch(showProblem)
+              .finally(() => setShown(null));
           }}
         />
       </div>
@@ -142,6 +150,7 @@ function SpeedLimit() {
 
 function NearestObstacle() {
   const text = useText();
+  const topic = useSetting("scanTopic");
   const [scan, setScan] = useState<{ nearestM: number | null; receivedMs: number } | null>(null);
   const age = useAge(scan?.receivedMs);
   const stale = age !== null && age > 1;
@@ -150,9 +159,9 @@ function NearestObstacle() {
     <Panel
       title={text("nearest_obstacle")}
       aside={age !== null && text("lidar_age", { age: span(age) })}
-      {...(stale ? { tone: "stale" as const, notice: text("stale_since", { topic: "/scan", age: span(age) }) } : {})}
-      {...(scan === null ? { tone: "empty" as const, notice: text("no_sample_yet", { topic: "/scan" }) } : {})}
-      className="grow"
+      {...(stale ? { tone: "stale" as const, notice: text("stale_since", { topic, age: span(age) }) } : {})}
+      {...(scan === null ? { tone: "empty" as const, notice: text("no_sample_yet", { topic }) } : {})}
+      className="grow md:max-lg:col-span-2"
       bodyClassName="flex flex-col"
     >
       <p className={cn("text-xl font-bold", close && !stale && "text-attention", stale && "text-text-3")}>

@@ -4,7 +4,7 @@ import { useText } from "@/i18n/text";
 import { Button } from "@/ui/button";
 import { changeKey, useVoiceKey } from "./voice_key";
 
-/** Types or forgets the key. It is shown nowhere once it is stored. */
+/** A form to enter or delete the key. A stored key is never shown. */
 export function KeyForm() {
   const text = useText();
   const id = useId();

@@ -1,4 +1,4 @@
-/** What voice needs, and what of it is there. */
+/** The requirements of voice, and which of them are met. */
 import type { TextKey } from "@/i18n/text";
 
 export interface Requirement {
@@ -10,10 +10,10 @@ export interface Requirement {
 export interface VoiceFacts {
   hasKey: boolean;
   isKeyKept: boolean;
-  /** Browsers give a microphone to secure pages only: HTTPS, or the robot's own computer. */
+  /** Browsers grant a microphone only to secure pages: over HTTPS, or on the computer that runs the console. */
   isSecure: boolean;
   hasMicrophone: boolean;
-  /** Whether this page carries the engine that speaks with the service. */
+  /** Whether this page contains the engine that talks to the voice service. */
   hasEngine: boolean;
 }
 

@@ -1,10 +1,10 @@
-/** The key of the voice service. It stays in this browser: it is in no setting, and no request to the console's server. */
+/** The key of the voice service. It stays in this browser: it is part of no setting and of no request to the console's server. */
 import { create } from "zustand";
 import { OLDEST_SETTINGS_VERSION, SETTINGS_VERSION } from "@/generated/settings";
 import { localStorageOrNull } from "@/state/settings";
 
 const NAME = "lupin-voice-key";
-/** Browsers kept the key among their settings before those were shared. */
+/** Earlier versions kept the key among the settings, which were not shared then. */
 const OLD_OBJECT = (version: number) => `lupin-hmi-settings/v${version}`;
 const OLD_FIELD = "geminiApiKey";
 
@@ -12,7 +12,7 @@ type KeyStorage = Pick<Storage, "getItem" | "setItem" | "removeItem">;
 
 interface VoiceKey {
   key: string;
-  /** Whether it outlives this page: storage may be full or forbidden. */
+  /** Whether the key is stored beyond this page; the browser's storage may be full or forbidden. */
   isKept: boolean;
 }
 
@@ -21,7 +21,7 @@ export const useVoiceKey = create<VoiceKey>(() => {
   return { key, isKept: key !== "" };
 });
 
-/** The stored key, also from where older pages kept it; empty without one. */
+/** The stored key, also if an earlier version stored it; empty if there is none. */
 export function readKey(storage: KeyStorage | null): string {
   const own = read(storage, NAME);
   if (own !== null && own !== "") return own;
@@ -32,7 +32,7 @@ export function readKey(storage: KeyStorage | null): string {
   return "";
 }
 
-/** Store a key, or forget it where it is empty; returns whether the browser did so. */
+/** Store a key, or delete the stored one if `key` is empty. Returns whether the browser did so. */
 export function writeKey(key: string, storage: KeyStorage | null): boolean {
   if (storage === null) return false;
   try {

@@ -13,7 +13,7 @@ import { useVoiceKey } from "./voice_key";
 
 const SETTINGS_GROUP = GROUPS.find(({ title }) => title === "settings_voice");
 
-/** 03: where the voice agent will be spoken to; until its engine is there, what it needs, and its settings. */
+/** The Voice tab, for speaking with the voice agent. Until its engine exists, the tab shows what voice needs, and its settings. */
 export default function VoiceTab() {
   const { key, isKept } = useVoiceKey();
   const needs = requirements({
@@ -81,7 +81,7 @@ function Stage({ needs }: { needs: readonly Requirement[] }) {
   );
 }
 
-/** The agent's presence. It rests: nothing is said and nothing is heard. */
+/** The agent's indicator. It is idle: the page neither speaks nor listens. */
 function Orb() {
   return (
     <svg viewBox="0 0 160 160" aria-hidden="true" className="size-40">

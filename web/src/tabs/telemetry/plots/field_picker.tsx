@@ -24,7 +24,7 @@ export function FieldPicker({ onClose }: { onClose: () => void }) {
   const type = topics.find(({ name }) => name === topic)?.type;
 
   useEffect(() => {
-    // The graph's table is offered where the list of existing topics cannot be had.
+    // If the list of existing topics is not available, the graph's table is offered instead.
     call(SERVICES.TOPICS, {})
       .then((answer) => setFound(answer))
       .catch(() => setFound(null));

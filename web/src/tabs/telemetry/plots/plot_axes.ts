@@ -1,10 +1,10 @@
 /** The axes of a plot: ranges, marks and their texts. */
 
-/** A smaller difference than this share of the value is noise, and is not blown up. */
+/** A difference below this fraction of the value is noise, and is not magnified. */
 const LEAST_SPAN_SHARE = 0.02;
 const LEAST_SPAN = 0.1;
 
-/** The smallest and largest value with some air; a line that stands still is drawn in the middle. */
+/** The smallest and largest value with a margin; a constant line is drawn in the middle. */
 export function rangeOf(min: number | null, max: number | null): [number, number] {
   if (min === null || max === null || !Number.isFinite(min) || !Number.isFinite(max)) return [-1, 1];
   const least = Math.max(LEAST_SPAN_SHARE * Math.max(Math.abs(min), Math.abs(max)), max > min ? 0 : LEAST_SPAN);

@@ -28,7 +28,7 @@ describe("plotted fields", () => {
 });
 
 describe("topics to plot", () => {
-  it("are those of the table while nothing else is known, without pictures", () => {
+  it("are those of the table while nothing else is known, without images", () => {
     const names = plottableTopics(null).map(({ name }) => name);
     expect(names).toContain("/scan");
     expect(names).not.toContain("/camera/image_raw");

@@ -11,7 +11,7 @@ export interface PlotField {
 
 export interface PlotSeries extends PlotField {
   id: string;
-  /** Its place in the palette. */
+  /** Its index in the palette. */
   style: number;
 }
 
@@ -50,7 +50,7 @@ function freeStyle(series: readonly PlotSeries[]): number {
   return 0;
 }
 
-/** Colors of the tokens and dashes: two lines differ in more than their color. */
+/** Color tokens and dash patterns, so that two lines differ in more than their color. */
 export const STYLES: readonly { color: string; dash: readonly number[] }[] = [
   { color: "--color-sensed", dash: [] },
   { color: "--color-alive", dash: [] },
@@ -64,7 +64,7 @@ export const STYLES: readonly { color: string; dash: readonly number[] }[] = [
 
 export type StarterName = "speed" | "turn" | "voltage" | "arm";
 
-/** Sets of fields that are often wanted, on the topics of the settings. */
+/** Sets of fields that are often plotted, on the topics of the settings. */
 export function starterFields(name: StarterName): PlotField[] {
   const { odomTopic, imuTopic, batteryTopic, cmdVelTopic, jointStatesTopic } = currentSettings();
   const odometry = { topic: odomTopic, type: TOPICS.ODOM.type };
@@ -90,7 +90,7 @@ export function starterFields(name: StarterName): PlotField[] {
   }
 }
 
-/** Too large to be sent to a browser for a number. */
+/** Types whose messages are too large to be sent to a browser for a single number. */
 const HEAVY_TYPES = ["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/PointCloud2", "nav_msgs/msg/OccupancyGrid"];
 
 /** Topics whose fields can be plotted, by name: those of the graph's table, and those that exist. */

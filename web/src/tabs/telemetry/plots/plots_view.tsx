@@ -15,7 +15,7 @@ import { PlotRecorder } from "./recorder";
 
 const STARTERS: readonly StarterName[] = ["speed", "turn", "voltage", "arm"];
 const MODES: readonly PlotMode[] = ["stacked", "together"];
-/** Slower than this a field is called silent. */
+/** A field without a sample for this long is called silent. */
 const SILENT_S = 3;
 
 interface Pause {

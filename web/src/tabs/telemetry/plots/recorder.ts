@@ -9,7 +9,7 @@ import { LONGEST_S, type PlotSeries } from "./plot_store";
 const CAPACITY = 15_000;
 const THROTTLE = { throttleMs: 20 };
 
-/** A topic of any type: what the table does not know is read by its fields only. */
+/** A topic of any type; messages of a type that the table does not know are read by their fields only. */
 export function anyTopic(name: string, type: string): TopicRow {
   return { name, type } as TopicRow;
 }
