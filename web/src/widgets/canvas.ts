@@ -17,10 +17,33 @@ export function fitCanvas(canvas: HTMLCanvasElement): { context: CanvasRendering
   return { context, width, height };
 }
 
-let colors: CSSStyleDeclaration | null = null;
+type Scheme = "light" | "dark";
 
-/** The value of a token, such as `--color-alive`. */
-export function cssColor(token: string): string {
-  colors ??= getComputedStyle(document.documentElement);
-  return colors.getPropertyValue(token).trim();
+const colors = new Map<string, string>();
+
+/** The value of a color's token, such as `--color-alive`, in a theme: that of the page, unless another one is named. */
+export function cssColor(token: string, scheme: Scheme = pageScheme()): string {
+  const contrast = document.documentElement.classList.contains("high-contrast");
+  const key = `${scheme} ${contrast} ${token}`;
+  let color = colors.get(key);
+  if (color === undefined) {
+    color = resolve(token, scheme);
+    colors.set(key, color);
+  }
+  return color;
+}
+
+function pageScheme(): Scheme {
+  return document.documentElement.classList.contains("light") ? "light" : "dark";
+}
+
+/** A token's value depends on the theme; the browser decides it for an element. */
+function resolve(token: string, scheme: Scheme): string {
+  const probe = document.createElement("span");
+  probe.style.colorScheme = scheme;
+  probe.style.color = `var(${token})`;
+  document.documentElement.append(probe);
+  const { color } = getComputedStyle(probe);
+  probe.remove();
+  return color;
 }

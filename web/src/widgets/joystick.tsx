@@ -1,4 +1,4 @@
-import { type PointerEvent, useRef, useState } from "react";
+import { type PointerEvent, useEffect, useRef, useState } from "react";
 import { cn } from "@/ui/cn";
 
 interface JoystickProps {
@@ -18,6 +18,17 @@ export function Joystick({ label, horizontal = false, disabled, onMove, classNam
   const pad = useRef<HTMLDivElement>(null);
   const [offset, setOffset] = useState({ x: 0, y: 0 });
   const [held, setHeld] = useState(false);
+
+  const move = useRef(onMove);
+  useEffect(() => {
+    move.current = onMove;
+  });
+  if (held && disabled) {
+    setHeld(false);
+    setOffset({ x: 0, y: 0 });
+  }
+  // However the hold ends: no event says that a stick left the page, or may not be used any more.
+  useEffect(() => (held ? () => move.current(0, 0) : undefined), [held]);
 
   function follow(event: PointerEvent<HTMLDivElement>): void {
     const area = pad.current?.getBoundingClientRect();
@@ -47,6 +58,7 @@ export function Joystick({ label, horizontal = false, disabled, onMove, classNam
       aria-label={label}
       aria-disabled={disabled}
       onPointerDown={(event) => {
+        if (disabled || event.button !== 0) return;
         event.currentTarget.setPointerCapture(event.pointerId);
         setHeld(true);
         follow(event);

@@ -1,4 +1,4 @@
-import { useEffect, useRef } from "react";
+import { useEffect, useEffectEvent, useRef } from "react";
 import { TOPICS } from "@/generated/graph";
 import type { sensor_msgs_LaserScan } from "@/generated/messages";
 import { LIDAR, OUTER_RADIUS_M } from "@/generated/robot_model";
@@ -46,6 +46,7 @@ export function LidarView({ rangeM = 3.2, label, onScan }: LidarViewProps) {
   function draw(): void {
     if (canvas.current !== null) drawScan(canvas.current, points.current, rangeM);
   }
+  const drawAnew = useEffectEvent(draw);
 
   useSamples({ name, type: TOPICS.SCAN.type }, ({ message, receivedMs }) => {
     points.current = echoes(message);
@@ -56,10 +57,10 @@ export function LidarView({ rangeM = 3.2, label, onScan }: LidarViewProps) {
   useEffect(() => {
     const element = canvas.current;
     if (element === null) return;
-    const observer = new ResizeObserver(draw);
+    const observer = new ResizeObserver(() => drawAnew());
     observer.observe(element);
     return () => observer.disconnect();
-  });
+  }, []);
 
   return <canvas ref={canvas} role="img" aria-label={label} className="size-full" />;
 }

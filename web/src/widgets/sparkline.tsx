@@ -6,7 +6,7 @@ import { type TimeSeries, alignedWindow, bucketize } from "./time_series";
 interface SparklineProps {
   series: TimeSeries;
   label: string;
-  /** The smallest difference between bottom and top: noise must not look like a mountain. */
+  /** The smallest range of the axis, so that noise is not magnified. */
   minSpan: number;
   /** Draw the line of 0 and keep it in the picture. */
   withZero?: boolean;

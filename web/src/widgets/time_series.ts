@@ -22,7 +22,7 @@ export class TimeSeries {
     return this.count;
   }
 
-  /** Add a value; times must not fall. A time that is not later than the last one is passed over. */
+  /** Add a value; times must not fall. A time that is not later than the last one is ignored. */
   push(timeS: number, value: number): void {
     if (this.count > 0 && timeS <= this.timeAt(this.count - 1)) return;
     if (this.count === this.capacity) this.drop();
@@ -120,7 +120,7 @@ export function bucketize(series: TimeSeries, fromS: number, toS: number, count:
   return { times, values };
 }
 
-/** The window that ends at `toS`, on a grid that stands still while time goes on: a line must not shimmer as it moves. */
+/** The window that ends at `toS`, on a grid that does not move with time, so that a moving line does not shimmer. */
 export function alignedWindow(toS: number, windowS: number, count: number): { fromS: number; toS: number } {
   const step = windowS / count;
   const end = Math.ceil((toS + 1e-9) / step) * step;

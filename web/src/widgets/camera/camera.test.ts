@@ -1,9 +1,31 @@
 // @vitest-environment jsdom
-import { describe, expect, it } from "vitest";
-import { arrivalRate, medianLatencyS } from "./camera_stream";
+import { afterEach, describe, expect, it, vi } from "vitest";
+import { CameraStream, arrivalRate, medianLatencyS } from "./camera_stream";
 import { cameraName, frontCamera, inOrder, parseCameras } from "./cameras";
 import { className, parseFlowers, parseTags } from "./detections";
 import { place } from "./marks";
+
+describe("a stream on which nothing arrives any more", () => {
+  afterEach(() => {
+    vi.useRealTimers();
+    vi.unstubAllGlobals();
+  });
+
+  it("is reopened", async () => {
+    vi.useFakeTimers();
+    const fetched = vi.fn<typeof fetch>(() => Promise.resolve(new Response(new ReadableStream({}))));
+    vi.stubGlobal("fetch", fetched);
+    const states: string[] = [];
+    const stream = new CameraStream("/camera", { state: ({ kind }) => states.push(kind), image: () => {} });
+    stream.start();
+    await vi.advanceTimersByTimeAsync(19_000);
+    expect(states).toEqual(["opening"]);
+    await vi.advanceTimersByTimeAsync(4000);
+    expect(states).toEqual(["opening", "lost", "opening"]);
+    expect(fetched).toHaveBeenCalledTimes(2);
+    stream.close();
+  });
+});
 
 describe("tag detections", () => {
   it("are read, and what is malformed is left out", () => {
@@ -37,7 +59,7 @@ describe("flower detections", () => {
 });
 
 describe("the overlay's place", () => {
-  it("is that of the picture, of any size, as CSS object-fit puts it", () => {
+  it("is that of the image, of any size, as CSS object-fit puts it", () => {
     expect(place({ width: 640, height: 480 }, { width: 640, height: 480 }, "contain")).toEqual({ left: 0, top: 0, scale: 1 });
     expect(place({ width: 1280, height: 960 }, { width: 800, height: 480 }, "contain")).toEqual({ left: 80, top: 0, scale: 0.5 });
     expect(place({ width: 320, height: 240 }, { width: 640, height: 240 }, "cover")).toEqual({ left: 0, top: -120, scale: 2 });
@@ -73,7 +95,7 @@ describe("the list of cameras", () => {
   });
 });
 
-describe("the rate of pictures", () => {
+describe("the rate of images", () => {
   it("is that of the last moments", () => {
     expect(arrivalRate([], 0)).toBeNull();
     expect(arrivalRate([5], 5)).toBeNull();
@@ -83,7 +105,7 @@ describe("the rate of pictures", () => {
   });
 });
 
-describe("the latency of pictures", () => {
+describe("the latency of images", () => {
   const robotTime = (atMs: number) => 400 + atMs / 1000;
 
   it("is the usual one, by the robot's clock", () => {

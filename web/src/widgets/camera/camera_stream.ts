@@ -1,13 +1,15 @@
 /**
- * The pictures of one camera, as long as somebody looks at them.
+ * The images of one camera, as long as somebody looks at them.
  *
- * The stream is read by this page and not by an <img>: so each picture's stamp, the server's reason for a refusal and the rate
- * of arrival are known, and a hidden page takes no pictures over the wireless link.
+ * The stream is read by this page and not by an <img>: so each image's stamp, the server's reason for a refusal and the rate
+ * of arrival are known, and a hidden page takes no images over the wireless link.
  */
 import { request } from "@/api/http";
 import { MalformedStream, PartReader } from "./multipart";
 
 const RETRY_MS = 2000;
+/** The server ends a silent stream after 15 s; if even that does not arrive, the connection is dead, whatever the browser believes. */
+const SILENT_MS = 20_000;
 const RATE_WINDOW_MS = 2500;
 
 export type StreamState =
@@ -16,20 +18,22 @@ export type StreamState =
   /** The server's words, and when it is asked again (performance.now()). */
   | { kind: "refused"; reason: string; retryMs: number }
   | { kind: "lost"; retryMs: number }
-  | { kind: "hidden" };
+  | { kind: "hidden" }
+  /** The recording has no image at the shown moment. */
+  | { kind: "missing" };
 
-export interface Picture {
+export interface CameraImage {
   bitmap: ImageBitmap;
   stampS: number | null;
   receivedMs: number;
 }
 
 export interface StreamListener {
-  picture: (picture: Picture) => void;
+  image: (image: CameraImage) => void;
   state: (state: StreamState) => void;
 }
 
-/** How many pictures a second arrived lately; null before there were two. */
+/** How many images a second arrived lately; null before there were two. */
 export function arrivalRate(arrivalsMs: readonly number[], nowMs: number): number | null {
   const recent = arrivalsMs.filter((arrival) => nowMs - arrival <= RATE_WINDOW_MS);
   const [first, last] = [recent[0], recent.at(-1)];
@@ -58,7 +62,17 @@ export function medianLatencyS(arrivals: readonly Arrival[], robotTime: (atMs: n
   return median === undefined || median < EARLIEST_S || median > LONGEST_LATENCY_S ? null : Math.max(0, median);
 }
 
-export class CameraStream {
+/** Where images come from: the camera, or a recording. */
+export interface ImageFeed {
+  start(): void;
+  close(): void;
+  /** Ask for the images anew. */
+  reload(): void;
+  /** Images a second; null where that is not known. */
+  rate(nowMs: number): number | null;
+}
+
+export class CameraStream implements ImageFeed {
   private abort: AbortController | null = null;
   private arrivalsMs: number[] = [];
   private waiting: { jpeg: Blob; stampS: number | null; receivedMs: number } | null = null;
@@ -80,7 +94,6 @@ export class CameraStream {
     this.end();
   }
 
-  /** Ask for the pictures anew. */
   reload(): void {
     this.end();
     this.onVisibility();
@@ -130,9 +143,10 @@ export class CameraStream {
     const parts = new PartReader();
     const reader = body.getReader();
     for (;;) {
-      const { done, value } = await reader.read();
+      const silence = setTimeout(() => void reader.cancel(), SILENT_MS);
+      const { done, value } = await reader.read().finally(() => clearTimeout(silence));
       if (done || signal.aborted) return;
-      // Of several pictures that arrived together, only the newest is shown.
+      // Of several images that arrived together, only the newest is shown.
       const newest = parts.feed(value).at(-1);
       if (newest === undefined) continue;
       const receivedMs = performance.now();
@@ -153,10 +167,10 @@ export class CameraStream {
         if (this.abort === null) bitmap.close();
         else {
           this.listener.state({ kind: "live" });
-          this.listener.picture({ bitmap, stampS, receivedMs });
+          this.listener.image({ bitmap, stampS, receivedMs });
         }
       } catch {
-        // A damaged picture is passed over: the next one follows.
+        // A damaged image is passed over: the next one follows.
       }
     }
     this.isDecoding = false;

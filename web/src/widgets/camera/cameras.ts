@@ -1,7 +1,8 @@
 /** The cameras of the robot, as the video server lists them. */
 import { useEffect, useState } from "react";
-import { request } from "@/api/http";
+import { request, unanswered } from "@/api/http";
 import { TOPICS } from "@/generated/graph";
+import { errorText } from "@/i18n/error_text";
 import type { TextKey } from "@/i18n/text";
 import { useSetting } from "@/state/settings";
 
@@ -38,6 +39,14 @@ function numberOrNull(value: unknown): number | null {
 }
 
 const ORDER: readonly string[] = [TOPICS.BODY_IMAGE_ROBOT.name, TOPICS.BODY_IMAGE_SIM.name, TOPICS.GRIPPER_IMAGE.name];
+
+/** The cameras that may be in a recording, for a page that shows the past while the video server has no list. */
+export const RECORDED_CAMERAS: readonly CameraRow[] = [TOPICS.BODY_IMAGE_SIM, TOPICS.BODY_IMAGE_ROBOT, TOPICS.GRIPPER_IMAGE].map(({ name }) => ({
+  topic: name,
+  fps: null,
+  ageS: null,
+  error: "",
+}));
 
 /** The cameras in their order: the one of the settings, the body's, the gripper's, then the rest by name. */
 export function inOrder(cameras: readonly CameraRow[], preferred: string): CameraRow[] {
@@ -79,7 +88,7 @@ export function useCameras(): CameraList {
       } catch (error) {
         // A TypeError is fetch's word for no answer at all, and its text is the browser's.
         const isMute = error instanceof TypeError || error instanceof DOMException;
-        const problem = isMute ? "no link to the console's server" : error instanceof Error ? error.message : String(error);
+        const problem = errorText(isMute ? unanswered(error) : error);
         if (isMounted) setList((before) => ({ ...before, problem }));
       }
     };

@@ -1,11 +1,11 @@
-/** What the detectors see in the pictures: tags in the front camera's, flowers in the gripper camera's. */
+/** What the detectors see in the images: tags in the front camera's, flowers in the gripper camera's. */
 import type { TextKey } from "@/i18n/text";
 
 export type Point = readonly [x: number, y: number];
 
 export interface TagDetection {
   id: string;
-  /** Top left, top right, bottom right, bottom left, in pixels of the camera's picture. */
+  /** Top left, top right, bottom right, bottom left, in pixels of the camera's image. */
   corners: Point[];
   distanceM: number | null;
 }
@@ -14,7 +14,7 @@ export interface FlowerDetection {
   /** The detector's class, such as `tulip_red`. */
   name: string;
   certainty: number | null;
-  /** Left, top, right, bottom in pixels of the camera's picture; null where it is malformed. */
+  /** Left, top, right, bottom in pixels of the camera's image; null where it is malformed. */
   box: readonly [number, number, number, number] | null;
 }
 
@@ -24,6 +24,11 @@ export function parseTags(text: string): TagDetection[] {
     if ((typeof id !== "number" && typeof id !== "string") || !isQuad(corners)) return [];
     return [{ id: String(id), corners, distanceM: finiteOrNull(dist) }];
   });
+}
+
+/** When the image of a message's detections was taken, s of ROS time; null where the message does not say. */
+export function stampOf(text: string): number | null {
+  return finiteOrNull(entriesOf(text)[0]?.["stamp"]);
 }
 
 /** The entries of a `/yolo/detections` message, the surest first; what is malformed is left out. */

@@ -1,4 +1,4 @@
-/** Marks over a picture: outlines with a label, in the picture's own pixels. */
+/** Marks over an image: outlines with a label, in the image's own pixels. */
 import { cssColor } from "../canvas";
 import type { Point } from "./detections";
 
@@ -18,16 +18,16 @@ export interface Placement {
   scale: number;
 }
 
-/** Where a picture lies in a box that it fits into, or that it covers, as CSS `object-fit` places it. */
-export function place(picture: Size, box: Size, fit: "contain" | "cover"): Placement {
-  const [x, y] = [box.width / picture.width, box.height / picture.height];
+/** Where an image lies in a box that it fits into, or that it covers, as CSS `object-fit` places it. */
+export function place(image: Size, box: Size, fit: "contain" | "cover"): Placement {
+  const [x, y] = [box.width / image.width, box.height / image.height];
   const scale = fit === "contain" ? Math.min(x, y) : Math.max(x, y);
-  return { left: (box.width - scale * picture.width) / 2, top: (box.height - scale * picture.height) / 2, scale };
+  return { left: (box.width - scale * image.width) / 2, top: (box.height - scale * image.height) / 2, scale };
 }
 
 const PADDING_PX = 8;
 const LABEL_PX = 20;
-/** In pictures that are shown smaller than this, labels are smaller. */
+/** In images that are shown smaller than this, labels are smaller. */
 const SMALL_PX = 480;
 const SMALL_LABEL_PX = 13;
 
@@ -52,7 +52,7 @@ function outline(context: CanvasRenderingContext2D, points: readonly Point[], co
   context.stroke();
 }
 
-/** Above the mark, or below it where there is no room, and always within the picture. */
+/** Above the mark, or below it where there is no room, and always within the image. */
 function drawLabel(context: CanvasRenderingContext2D, text: string, points: readonly Point[], box: Size, size: number): void {
   const [xs, ys] = [points.map(([x]) => x), points.map(([, y]) => y)];
   context.font = `600 ${size}px ${getComputedStyle(context.canvas).fontFamily}`;

@@ -3,9 +3,9 @@ import { MalformedStream, PartReader } from "./multipart";
 
 const text = new TextEncoder();
 
-function stream(...pictures: { jpeg: number[]; stamp?: string }[]): Uint8Array {
+function stream(...images: { jpeg: number[]; stamp?: string }[]): Uint8Array {
   const bytes = [...text.encode("--lupin-frame\r\n")];
-  for (const { jpeg, stamp } of pictures) {
+  for (const { jpeg, stamp } of images) {
     const head = `Content-Type: image/jpeg\r\n${stamp === undefined ? "" : `X-Timestamp: ${stamp}\r\n`}Content-Length: ${jpeg.length}\r\n\r\n`;
     for (const each of [...text.encode(head), ...jpeg, ...text.encode("\r\n--lupin-frame\r\n")]) bytes.push(each);
   }
@@ -13,8 +13,8 @@ function stream(...pictures: { jpeg: number[]; stamp?: string }[]): Uint8Array {
 }
 
 describe("the multipart stream", () => {
-  it("gives pictures with their stamps, however it is cut", () => {
-    // The picture holds what looks like the end of a header.
+  it("gives images with their stamps, however it is cut", () => {
+    // The image holds what looks like the end of a header.
     const whole = stream({ jpeg: [1, 13, 10, 13, 10, 2], stamp: "407.250000000" }, { jpeg: [7] });
     for (const size of [1, 3, 16, whole.length]) {
       const reader = new PartReader();
@@ -27,10 +27,10 @@ describe("the multipart stream", () => {
     }
   });
 
-  it("grows with large pictures", () => {
+  it("grows with large images", () => {
     const jpeg = Array.from({ length: 300_000 }, (_, index) => index % 251);
-    const [picture] = new PartReader().feed(stream({ jpeg }));
-    expect(picture?.jpeg.length).toBe(jpeg.length);
+    const [image] = new PartReader().feed(stream({ jpeg }));
+    expect(image?.jpeg.length).toBe(jpeg.length);
   });
 
   it("refuses what is no such stream", () => {

@@ -1,15 +1,15 @@
-/** Splits a `multipart/x-mixed-replace` stream of the video server into its pictures. */
+/** Splits a `multipart/x-mixed-replace` stream of the video server into its images. */
 
 export interface JpegPart {
   jpeg: Uint8Array<ArrayBuffer>;
-  /** When the camera took the picture, s of ROS time; null where the stream does not say. */
+  /** When the camera took the image, s of ROS time; null where the stream does not say. */
   stampS: number | null;
 }
 
 /** The data is not a stream in this format. */
 export class MalformedStream extends Error {}
 
-const MAX_PICTURE_BYTES = 16_000_000;
+const MAX_IMAGE_BYTES = 16_000_000;
 const MAX_HEADER_BYTES = 2000;
 
 export class PartReader {
@@ -17,7 +17,7 @@ export class PartReader {
   private length = 0;
   private expected: { bytes: number; stampS: number | null } | null = null;
 
-  /** Add a chunk; returns the pictures that are complete with it. Throws MalformedStream. */
+  /** Add a chunk; returns the images that are complete with it. Throws MalformedStream. */
   feed(chunk: Uint8Array): JpegPart[] {
     this.append(chunk);
     const parts: JpegPart[] = [];
@@ -25,7 +25,7 @@ export class PartReader {
       if (this.expected === null) {
         const end = this.headerEnd();
         if (end < 0) {
-          if (this.length > MAX_HEADER_BYTES) throw new MalformedStream("a picture's header has no end");
+          if (this.length > MAX_HEADER_BYTES) throw new MalformedStream("an image's header has no end");
           return parts;
         }
         this.expected = readHeader(this.data.subarray(0, end));
@@ -70,8 +70,8 @@ function readHeader(bytes: Uint8Array): { bytes: number; stampS: number | null }
     if (colon > 0) fields.set(line.slice(0, colon).trim().toLowerCase(), line.slice(colon + 1).trim());
   }
   const length = fields.get("content-length") ?? "";
-  if (!/^\d{1,9}$/.test(length) || Number(length) > MAX_PICTURE_BYTES) {
-    throw new MalformedStream(`a picture of '${length.slice(0, 20)}' bytes`);
+  if (!/^\d{1,9}$/.test(length) || Number(length) > MAX_IMAGE_BYTES) {
+    throw new MalformedStream(`an image of '${length.slice(0, 20)}' bytes`);
   }
   const stamp = Number(fields.get("x-timestamp") ?? NaN);
   return { bytes: Number(length), stampS: Number.isFinite(stamp) && stamp > 0 ? stamp : null };

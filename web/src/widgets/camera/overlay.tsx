@@ -6,47 +6,48 @@ import { fixed } from "@/ui/numbers";
 import { fitCanvas } from "../canvas";
 import { className, parseFlowers, parseTags } from "./detections";
 import { type Mark, type Size, drawMarks, place } from "./marks";
-
-/** Older than this, marks lie beside what they mark on a robot that turns. */
-export const FITS_MS = 500;
+import { type Found, type ShownImage, findFor, keepRecent } from "./matching";
 
 export type OverlayKind = "tags" | "flowers";
 
-/** What a detector found in the camera's picture, drawn over it while it is new enough to fit. */
-export function Overlay({ kind, size, fit }: { kind: OverlayKind; size: Size; fit: "cover" | "contain" }) {
+interface OverlayProps {
+  kind: OverlayKind;
+  size: Size;
+  fit: "cover" | "contain";
+  image: () => ShownImage | null;
+  /** Called with the function that draws the marks anew, for when another image is shown. */
+  onReady: (redraw: () => void) => void;
+}
+
+/** What a detector found in the camera's image, drawn over it while it is new enough to fit. */
+export function Overlay({ kind, size, fit, image, onReady }: OverlayProps) {
   const text = useText();
   const canvas = useRef<HTMLCanvasElement>(null);
-  const found = useRef("");
-  const timer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
+  const found = useRef<Found[]>([]);
 
   function draw(): void {
     const drawing = canvas.current === null ? null : fitCanvas(canvas.current);
     if (drawing === null) return;
     const { context, width, height } = drawing;
+    const shown = image();
+    const message = shown === null ? null : findFor(found.current, shown);
     context.clearRect(0, 0, width, height);
-    drawMarks(context, marksOf(kind, found.current, text), place(size, { width, height }, fit), { width, height });
+    drawMarks(context, message === null ? [] : marksOf(kind, message, text), place(size, { width, height }, fit), { width, height });
   }
 
   useSamples(kind === "tags" ? TOPICS.TAG_DETECTIONS : TOPICS.FLOWER_DETECTIONS, ({ message, receivedMs }) => {
-    const leftMs = FITS_MS - (performance.now() - receivedMs);
-    found.current = leftMs > 0 ? message.data : "";
-    clearTimeout(timer.current);
-    timer.current = setTimeout(() => {
-      found.current = "";
-      draw();
-    }, Math.max(0, leftMs));
+    found.current = keepRecent(found.current, { text: message.data, receivedMs });
     draw();
   });
 
   useEffect(() => {
+    onReady(draw);
     const element = canvas.current;
     if (element === null) return;
     const observer = new ResizeObserver(draw);
     observer.observe(element);
     return () => observer.disconnect();
   });
-
-  useEffect(() => () => clearTimeout(timer.current), []);
 
   return <canvas ref={canvas} aria-hidden="true" className="pointer-events-none absolute inset-0 size-full" />;
 }
