@@ -14,15 +14,15 @@ import { type Instrument, type Milestone, type MilestoneName, isLive, milestones
 import { DoctorButton } from "./doctor_button";
 
 const KEY = "lupin-booted";
-/** A start that is faster shows nothing. */
+/** A faster start shows no boot sequence. */
 const SHOWN_AFTER_MS = 2000;
-/** Nobody is kept from the console longer than this. */
+/** The boot sequence covers the console no longer than this. */
 const WATCHDOG_MS = 8000;
 const LINGERS_MS = 500;
 
 const NAMES = { link: "boot_link", handshake: "boot_handshake", telemetry: "boot_telemetry", live: "boot_live" } as const;
 
-/** What was met of the robot so far, once per session, and only where that takes long. */
+/** Shows which parts of the robot have answered so far; once per browser session, and only if the start takes long. */
 export function BootSequence() {
   const [isOver, setOver] = useState(wasSeen);
   return isOver ? null : (
@@ -144,6 +144,6 @@ function remember(): void {
   try {
     sessionStorage.setItem(KEY, "1");
   } catch {
-    // Storage is forbidden: the next opening shows it again, where it takes long.
+    // Storage is forbidden: the next slow start shows it again.
   }
 }

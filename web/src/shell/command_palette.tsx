@@ -2,17 +2,22 @@ import { Command } from "cmdk";
 import { Search } from "lucide-react";
 import { useEffect, useRef, useState } from "react";
 import { hasControl, useConsole } from "@/api/console_store";
-import { useEstop, useMission } from "@/hooks/use_situation";
+import { useMotionObstacles } from "@/hooks/use_situation";
 import { type Text, type TextKey, useLanguage, useText } from "@/i18n/text";
+import { useIsMissionStale, useMissionFacts, useMissionState } from "@/map/use_mission";
+import { useIsRewound } from "@/rewind/state";
 import { stop, useLink } from "@/robot";
+import { useTabRole } from "@/safety/commanding_tab";
 import { showDone, showProblem } from "@/state/problems";
+import { usePresetObstacles } from "@/tabs/arm/use_arm";
 import { Dialog } from "@/ui/dialog";
 import { useOverlayState } from "./overlays";
 import { type Command as PaletteCommand, commandsFor } from "./palette/commands";
 import { perform } from "./palette/perform";
+import { scoreOf } from "./palette/search";
 
 /** Every command by its name: Ctrl or Cmd and K. */
-export default function CommandPalette() {
+export function CommandPalette() {
   const text = useText();
   const [isOpen, setOpen] = useOverlayState("palette");
   return (
@@ -41,7 +46,7 @@ function Commands({ onChosen }: { onChosen: () => void }) {
   }
 
   return (
-    <Command label={text("palette")} loop className="flex flex-col gap-2">
+    <Command label={text("palette")} loop filter={(_id, typed, [label = ""] = []) => scoreOf(label, typed)} className="flex flex-col gap-2">
       <div className="flex items-center gap-3 rounded-md border border-line-strong bg-well px-3">
         <Search aria-hidden="true" className="size-5 shrink-0 text-text-3" />
         <Command.Input
@@ -84,7 +89,7 @@ function Item({ command, text, onSelect }: { command: PaletteCommand; text: Text
       className="flex min-h-11 cursor-pointer items-center gap-3 rounded-md px-3 text-sm data-[disabled=true]:cursor-not-allowed data-[disabled=true]:text-text-3 data-[selected=true]:bg-hover"
     >
       <span className="grow">{label}</span>
-      {obstacle !== null && <span className="text-xs text-text-3">{text(obstacle)}</span>}
+      {obstacle !== null && <span className="text-xs text-text-3">{text(obstacle.key, obstacle.values)}</span>}
     </Command.Item>
   );
 }
@@ -96,21 +101,27 @@ function labelOf({ label, values, valueKeys = {} }: PaletteCommand, text: Text):
 
 function useCommands(): PaletteCommand[] {
   const linkOpen = useLink((link) => link.state === "open");
+  const isRewound = useIsRewound();
   const state = useConsole();
-  const estop = useEstop();
-  const mission = useMission();
+  const missionState = useMissionState();
+  const mission = useMissionFacts(useIsMissionStale() ? null : missionState);
+  const goalObstacle = useMotionObstacles()[0] ?? null;
+  const presetObstacle = usePresetObstacles()[0] ?? null;
   const language = useLanguage((store) => store.language);
   const mine = hasControl(state);
   const { holder } = state.control;
-  const isViewer = state.own?.role === "viewer";
+  const isViewer = state.session?.role === "viewer";
+  const isWatching = useTabRole(({ role }) => role === "watching");
   return commandsFor({
     linkOpen,
-    mayCommand: !isViewer && (mine || holder === null),
+    isRewound,
+    mayCommand: !isViewer && !isWatching && (mine || holder === null),
     hasControl: mine,
     holder,
     isViewer,
-    stopped: estop.engaged === true || state.stop.length > 0,
     mission,
+    goalObstacle,
+    presetObstacle,
     locations: state.locations,
     language,
   });

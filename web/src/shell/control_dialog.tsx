@@ -1,9 +1,10 @@
-import { hasControl, useConsole } from "@/api/console_store";
+import { type ConsoleState, hasControl, useConsole } from "@/api/console_store";
 import { ask } from "@/api/http";
 import { AUTHORITY } from "@/generated/robot";
 import { useText } from "@/i18n/text";
 import { showProblem } from "@/state/problems";
 import { Button } from "@/ui/button";
+import { cn } from "@/ui/cn";
 import { Dialog } from "@/ui/dialog";
 import { HoldButton } from "@/ui/hold_button";
 
@@ -47,7 +48,7 @@ export function ControlDialog({ open, onOpenChange }: { open: boolean; onOpenCha
           <p className="text-base">
             {mine ? text("you_have_control") : holder === null ? text("nobody_has_control") : text("other_has_control", { holder })}
           </p>
-          {state.own?.role === "viewer" ? (
+          {state.session?.role === "viewer" ? (
             <p className="text-text-2">{text("viewer_explained")}</p>
           ) : (
             <div className="flex flex-wrap gap-3">
@@ -59,7 +60,7 @@ export function ControlDialog({ open, onOpenChange }: { open: boolean; onOpenCha
               )}
               {!mine && holder !== null && (
                 <>
-                  {requester === state.own?.name ? (
+                  {requester === state.session?.name ? (
                     <p className="self-center text-text-2">{text("asked_for_control", { holder })}</p>
                   ) : (
                     <Button kind="primary" onClick={() => void lease("request")}>
@@ -73,8 +74,32 @@ export function ControlDialog({ open, onOpenChange }: { open: boolean; onOpenCha
               )}
             </div>
           )}
+          <BrowserList {...state} />
         </div>
       )}
     </Dialog>
+  );
+}
+
+/** Who is connected now, and what each may do. */
+function BrowserList({ browsers, session, control }: ConsoleState) {
+  const text = useText();
+  if (browsers.length === 0) return null;
+  return (
+    <section className="border-t border-line pt-4">
+      <h3 className="mb-2 text-sm font-semibold text-text-2">{text("connected_now")}</h3>
+      <ul className="flex max-h-48 flex-col gap-1 overflow-y-auto" data-testid="browsers">
+        {browsers.map(({ name, role }) => (
+          <li key={name} className="flex items-baseline justify-between gap-4">
+            <span className={cn("truncate", name === control.holder && "font-semibold")}>
+              {name} {name === session?.name && <span className="text-text-3">({text("this_browser")})</span>}
+            </span>
+            <span className="shrink-0 text-sm text-text-2">
+              {text(name === control.holder ? "browser_in_control" : role === "viewer" ? "browser_watches" : "browser_may_ask")}
+            </span>
+          </li>
+        ))}
+      </ul>
+    </section>
   );
 }

@@ -4,7 +4,7 @@ import { Button } from "@/ui/button";
 import { examine } from "./doctor/requests";
 import { showOverlay } from "./overlays";
 
-/** Asks the doctor, from where something is missing. */
+/** A button that starts the doctor, shown where data is missing. */
 export function DoctorButton({ size = "medium" }: { size?: "small" | "medium" }) {
   const text = useText();
   return (

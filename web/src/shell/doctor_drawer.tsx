@@ -6,12 +6,12 @@ import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { Dialog } from "@/ui/dialog";
 import { span } from "@/ui/numbers";
-import { VERDICTS, type Verdict, countsOf, namesOf, verdictOf } from "./doctor/diagnosis";
+import { VERDICTS, type Verdict, countsOf, verdictOf } from "./doctor/diagnosis";
 import { FindingItem, Summary } from "./doctor/finding_item";
 import { examine } from "./doctor/requests";
 import { useOverlayState } from "./overlays";
 
-/** What keeps the robot from working, and what helps. */
+/** The doctor's findings, and their fixes. */
 export default function DoctorDrawer() {
   const text = useText();
   const [isOpen, setOpen] = useOverlayState("doctor");
@@ -35,8 +35,8 @@ export default function DoctorDrawer() {
         )}
         {diagnosis !== null && (
           <>
-            <Names title={text("doctor_not_examined")} names={namesOf(diagnosis.unknown)} open />
-            <Names title={text("doctor_broken")} names={namesOf(diagnosis.broken)} open />
+            <Names title={text("doctor_not_examined")} names={diagnosis.unknown} open />
+            <Names title={text("doctor_broken")} names={diagnosis.broken} open />
             <Names title={text("doctor_checks")} names={diagnosis.checks} />
           </>
         )}
@@ -73,7 +73,7 @@ function Head({ doctor }: { doctor: DoctorState }) {
           {busy && verdict === "unknown" ? busySentence(doctor.busy, text) : text(VERDICTS[verdict])}
         </p>
         <p className="text-text-2">{busy && verdict !== "unknown" ? busySentence(doctor.busy, text) : summary(doctor, text)}</p>
-        {age !== null && <p className="text-xs text-text-3">{text("doctor_examined", { age: span(age) })}</p>}
+        {age !== null && <p aria-hidden="true" className="text-xs text-text-3">{text("doctor_examined", { age: span(age) })}</p>}
       </div>
       <Button kind={verdict === "unknown" ? "primary" : "plain"} disabled={busy} onClick={() => void examine()}>
         {text(doctor.diagnosis === null ? "doctor_examine" : "doctor_examine_again")}

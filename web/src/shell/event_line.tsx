@@ -1,47 +1,73 @@
-import { CircleCheck, Lock, ShieldAlert, ShieldCheck, TriangleAlert } from "lucide-react";
+import { CircleCheck, Link2, Lock, ShieldAlert, ShieldCheck, TriangleAlert, Unplug } from "lucide-react";
 import { useState } from "react";
 import { useConsole } from "@/api/console_store";
-import { useDriveObstacles } from "@/hooks/use_situation";
+import { useDriveObstacles, useMissionDrives } from "@/hooks/use_situation";
+import { useIsPhone } from "@/hooks/use_is_phone";
 import { useText } from "@/i18n/text";
+import { useLink } from "@/robot";
 import { Button } from "@/ui/button";
+import { cn } from "@/ui/cn";
 import { Dialog } from "@/ui/dialog";
+import { UNKNOWN, fixed } from "@/ui/numbers";
 import { LastEvent } from "./last_event";
 import { showOverlay } from "./overlays";
 
-/** The foot of the page: whether the sticks would drive, the last event, and what the doctor found. */
+/** The foot of the page: whether the sticks would drive, the last event, and what the doctor found; on a phone, the link instead. */
 export function EventLine() {
+  const isPhone = useIsPhone();
   return (
-    <footer className="flex h-(--foot) min-w-0 items-center gap-6 border-t border-line bg-ground/80 px-4 max-md:hidden">
+    <footer className="flex h-(--foot) min-w-0 items-center gap-6 border-t border-line bg-ground/80 px-4 max-md:gap-3 max-md:px-3">
       <CanDrive />
-      <LastEvent />
-      <DoctorBadge />
+      {isPhone ? (
+        <LinkState />
+      ) : (
+        <>
+          <LastEvent />
+          <DoctorBadge />
+        </>
+      )}
     </footer>
+  );
+}
+
+/** The link in one word. */
+function LinkState() {
+  const text = useText();
+  const { state, roundTripMs } = useLink();
+  const isOpen = state === "open";
+  return (
+    <p data-testid="link-state" className={cn("ml-auto flex shrink-0 items-center gap-1.5 text-xs", isOpen ? "text-text-2" : "text-attention")}>
+      {isOpen ? <Link2 aria-hidden="true" className="size-4" /> : <Unplug aria-hidden="true" className="size-4" />}
+      <span className="sr-only">{text("link")}: </span>
+      {isOpen ? <span className="numeric">{roundTripMs === null ? UNKNOWN : fixed(roundTripMs, 0)} ms</span> : text("link_none")}
+    </p>
   );
 }
 
 export function CanDrive() {
   const text = useText();
   const reasons = useDriveObstacles();
+  const yes = text(useMissionDrives() ? "can_drive_over_mission" : "can_drive_yes");
   const [isOpen, setOpen] = useState(false);
   const first = reasons[0];
   return (
     <>
-      <button type="button" onClick={() => setOpen(true)} className="flex min-w-0 items-center gap-2 text-left">
+      <button type="button" onClick={() => setOpen(true)} className="flex min-w-0 items-center gap-2 text-left max-md:min-h-11 max-md:text-xs">
         {first === undefined ? (
           <CircleCheck aria-hidden="true" className="size-4 shrink-0 text-alive" />
         ) : (
           <Lock aria-hidden="true" className="size-4 shrink-0 text-text-2" />
         )}
-        <span className="truncate">
-          <span className="text-text-3">{text("can_i_drive")} </span>
+        <span className="truncate max-lg:line-clamp-2 max-lg:leading-tight max-lg:whitespace-normal">
+          <span className="text-text-3 max-md:sr-only">{text("can_i_drive")} </span>
           <strong className="font-semibold">
-            {first === undefined ? text("can_drive_yes") : text("can_drive_no", { reason: text(first.key, first.values) })}
+            {first === undefined ? yes : text("can_drive_no", { reason: text(first.key, first.values) })}
           </strong>
         </span>
       </button>
       <Dialog open={isOpen} onOpenChange={setOpen} title={text("can_i_drive")}>
         {reasons.length === 0 ? (
-          <p>{text("can_drive_yes")}</p>
+          <p>{yes}</p>
         ) : (
           <ul className="flex list-disc flex-col gap-2 pl-5 text-base">
             {reasons.map((reason) => (

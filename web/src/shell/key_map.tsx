@@ -16,6 +16,8 @@ const ROWS: readonly Row[] = [
   { keys: ["←", "→"], meaning: "keys_arrows" },
   { keys: ["W", "A", "S", "D"], meaning: "keys_move" },
   { keys: ["Q", "E"], meaning: "keys_turn" },
+  { keys: ["R"], meaning: "keys_rewind" },
+  { keys: ["L"], meaning: "keys_live" },
   { keys: ["?"], meaning: "keys_map" },
   { keys: [{ key: "key_escape" }], meaning: "keys_close" },
 ];

@@ -3,20 +3,20 @@ import { useText } from "@/i18n/text";
 import { removeMessage, useMessages } from "@/state/problems";
 import { cn } from "@/ui/cn";
 
-/** Short messages at the lower left. They cover neither the foot nor the stop. */
+/** Short messages at the upper right: over the free end of the tabs, and never over the stop, the sticks or the mission. */
 export function Messages() {
   const text = useText();
   const messages = useMessages((state) => state.messages);
   return (
     <ol
       aria-live="polite"
-      className="pointer-events-none fixed bottom-[calc(var(--foot)+0.75rem)] left-3 z-55 flex w-[min(420px,calc(100vw-1.5rem))] flex-col gap-2 max-md:bottom-[calc(var(--stop)+var(--tabs)+0.75rem)]"
+      className="pointer-events-none fixed top-[calc(var(--bar)+0.25rem)] right-[calc(var(--stop)+0.75rem)] z-55 flex w-[min(420px,calc(100vw-1.5rem))] flex-col gap-2 max-md:right-3"
     >
       {messages.map(({ number, tone, text: message, count }) => (
         <li
           key={number}
           role={tone === "problem" ? "alert" : undefined}
-          className={cn("floating pointer-events-auto flex items-start gap-3 px-4 py-3", tone === "problem" && "border-attention")}
+          className={cn("floating pointer-events-auto flex items-start gap-3 px-4 py-2", tone === "problem" && "border-attention")}
         >
           {tone === "problem" ? (
             <CircleAlert aria-hidden="true" className="mt-0.5 size-5 shrink-0 text-attention" />

@@ -1,16 +1,25 @@
-import { type ComponentType, type LazyExoticComponent, Suspense, lazy, useEffect } from "react";
+import { type ComponentType, Suspense, useEffect } from "react";
+import { showProblem } from "@/state/problems";
 import { showTab } from "@/state/route";
 import { TABS } from "@/tabs/table";
+import { Boundary, type FallbackProps } from "@/ui/boundary";
+import { deferred } from "@/ui/deferred";
+import { isShortcut } from "@/ui/keyboard";
+import { isDialogOpen } from "@/ui/open_dialogs";
+import { CommandPalette } from "./command_palette";
 import { type OverlayName, showOverlay, useOverlay } from "./overlays";
 
-/** What is loaded when it is opened for the first time. The dialog of control is part of the top bar. */
-const OVERLAYS: Partial<Record<OverlayName, LazyExoticComponent<ComponentType>>> = {
-  settings: lazy(() => import("./settings_drawer")),
-  doctor: lazy(() => import("./doctor_drawer")),
-  palette: lazy(() => import("./command_palette")),
-  keys: lazy(() => import("./key_map")),
-  runs: lazy(() => import("./runs_dialog")),
-  share: lazy(() => import("./share_dialog")),
+/**
+ * The palette is there at once: who opens it goes on typing, and a key that is lost would choose another command.
+ * The dialog of control is part of the top bar.
+ */
+const OVERLAYS: Partial<Record<OverlayName, ComponentType>> = {
+  settings: deferred(() => import("./settings_drawer")),
+  doctor: deferred(() => import("./doctor_drawer")),
+  palette: CommandPalette,
+  keys: deferred(() => import("./key_map")),
+  runs: deferred(() => import("./runs_dialog")),
+  share: deferred(() => import("./share_dialog")),
 };
 
 /** The drawers and dialogs of the shell, and the keys that open them from everywhere. */
@@ -18,7 +27,20 @@ export function OverlayHost() {
   const shown = useOverlay((state) => state.shown);
   useOverlayKeys();
   const Shown = shown === null ? undefined : OVERLAYS[shown];
-  return <Suspense>{Shown !== undefined && <Shown />}</Suspense>;
+  return (
+    <Boundary key={shown} fallback={Closed}>
+      <Suspense>{Shown !== undefined && <Shown />}</Suspense>
+    </Boundary>
+  );
+}
+
+/** An overlay that failed closes, with the reason as a message. */
+function Closed({ reason }: FallbackProps) {
+  useEffect(() => {
+    showProblem(reason);
+    showOverlay(null);
+  }, [reason]);
+  return null;
 }
 
 function useOverlayKeys(): void {
@@ -29,18 +51,13 @@ function useOverlayKeys(): void {
         showOverlay(useOverlay.getState().shown === "palette" ? null : "palette");
         return;
       }
-      if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || isField(event.target)) return;
+      if (!isShortcut(event)) return;
       if (event.key === "?") showOverlay("keys");
       const digit = /^Digit([1-9])$/.exec(event.code)?.[1];
       const tab = digit === undefined || event.shiftKey ? undefined : TABS[Number(digit) - 1];
-      if (tab !== undefined && useOverlay.getState().shown === null) showTab(tab.id);
+      if (tab !== undefined && !isDialogOpen()) showTab(tab.id);
     };
     window.addEventListener("keydown", onKey);
     return () => window.removeEventListener("keydown", onKey);
   }, []);
-}
-
-function isField(target: EventTarget | null): boolean {
-  if (!(target instanceof HTMLElement)) return false;
-  return target.isContentEditable || target instanceof HTMLInputElement || target instanceof HTMLTextAreaElement || target instanceof HTMLSelectElement;
 }

@@ -1,5 +1,6 @@
 import { type FormEvent, useState } from "react";
 import { pair } from "@/api/pairing";
+import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
 import { Button } from "@/ui/button";
 
@@ -11,7 +12,7 @@ export function Pairing() {
 
   function submit(event: FormEvent): void {
     event.preventDefault();
-    pair(code.trim()).catch((error: unknown) => setProblem(error instanceof Error ? error.message : String(error)));
+    pair(code.trim()).catch((error: unknown) => setProblem(errorText(error)));
   }
 
   return (

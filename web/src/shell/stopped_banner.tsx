@@ -1,11 +1,17 @@
 import { Octagon } from "lucide-react";
 import { useState } from "react";
 import { hasControl, useConsole } from "@/api/console_store";
+import { useAge } from "@/hooks/use_now";
 import { useEstop } from "@/hooks/use_situation";
+import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
-import { release, useGate, useLink } from "@/robot";
+import { useIsRewound } from "@/rewind/state";
+import { release, useGate, useLink, withdrawStop } from "@/robot";
+import { useTabRole } from "@/safety/commanding_tab";
+import { stopReasons } from "@/state/stop_reasons";
 import { cn } from "@/ui/cn";
 import { HoldButton } from "@/ui/hold_button";
+import { span } from "@/ui/numbers";
 
 /** Why the robot is stopped, who holds it, and the release: at the far end from the stop. */
 export function StoppedBanner() {
@@ -15,20 +21,23 @@ export function StoppedBanner() {
   const state = useConsole();
   const linkOpen = useLink((link) => link.state === "open");
   const [problem, setProblem] = useState("");
+  const isRewound = useIsRewound();
+  const isWatching = useTabRole(({ role }) => role === "watching");
   const stopped = estop.engaged === true || state.stop.length > 0;
-  if (!linkOpen || state.own === null || (!stopped && !gate.engaged)) return null;
+  // While the page is rewound, its own gate says nothing: it sends no command anyway.
+  if (!linkOpen || state.session === null || (!stopped && (!gate.engaged || isRewound))) return null;
 
   const own = gate.engaged && gate.reason !== null ? text(`reason_${gate.reason}`) : "";
-  const reasons = [...new Set([...estop.reasons, ...state.stop])];
+  const reasons = stopReasons({ own: gate.isStated ? own : "", name: state.session.name, server: state.stop, robot: estop.reasons });
   const holder = state.control.holder;
-  const mayRelease = state.own.role === "operator" && (holder === null || hasControl(state));
+  const mayRelease = state.session.role === "operator" && (holder === null || hasControl(state)) && !isWatching;
 
   async function tryRelease(): Promise<void> {
     try {
       await release();
       setProblem("");
     } catch (error) {
-      setProblem(error instanceof Error ? error.message : String(error));
+      setProblem(errorText(error));
     }
   }
 
@@ -40,7 +49,7 @@ export function StoppedBanner() {
         stopped ? "border-stop bg-stop-wash" : "border-line bg-panel",
       )}
     >
-      <HoldButton onHeld={() => void tryRelease()} disabled={!mayRelease} data-testid="release">
+      <HoldButton onHeld={() => void tryRelease()} disabled={!mayRelease || isRewound} data-testid="release">
         {stopped ? text("hold_to_release") : text("hold_to_start")}
       </HoldButton>
       <Octagon aria-hidden="true" className={cn("size-6 shrink-0", stopped ? "text-stop-text" : "text-text-3")} />
@@ -48,14 +57,30 @@ export function StoppedBanner() {
         <strong className={cn("font-semibold", stopped ? "text-stop-text" : "text-text")}>
           {stopped ? text("stopped_by", { reason: reasons.join(", ") || own }) : text("can_drive_no", { reason: own })}
         </strong>
+        {gate.engaged && (gate.isStated || !stopped) && (
+          <span aria-hidden="true" className="ml-2 text-text-2 numeric" data-testid="stop-age">
+            <Age atMs={gate.sinceMs} />
+          </span>
+        )}
         <span className="block text-xs text-text-2">
           {problem !== ""
             ? text("release_failed", { reason: problem })
             : mayRelease
               ? text("nothing_moves_after_release")
-              : text("release_needs_control", { holder: holder ?? "" })}
+              : text(gate.isStated ? "release_needs_withdrawal" : "release_needs_control", { holder: isWatching ? text("other_tab") : (holder ?? text("who_has_control")) })}
         </span>
       </p>
+      {gate.isStated && !mayRelease && (
+        <HoldButton tone="dark" disabled={isRewound} onHeld={withdrawStop}>
+          {text("hold_to_withdraw")}
+        </HoldButton>
+      )}
     </div>
   );
+}
+
+/** How long ago something was; a text of its own, so that it alone is drawn four times a second. */
+function Age({ atMs }: { atMs: number }) {
+  const text = useText();
+  return text("ago", { age: span(useAge(atMs)) });
 }

@@ -30,7 +30,7 @@ export function TabBar() {
                 document.getElementById(`tab-${next.id}`)?.focus();
               }}
               className={cn(
-                "relative flex items-center gap-2 px-3 text-base max-md:grow max-md:flex-col max-md:justify-center max-md:gap-0.5 max-md:px-0",
+                "relative flex items-center gap-2 px-3 text-base whitespace-nowrap max-lg:px-2 max-md:grow max-md:flex-col max-md:justify-center max-md:gap-0.5 max-md:px-0",
                 selected ? "font-semibold text-text" : "text-text-2 hover:text-text",
               )}
             >

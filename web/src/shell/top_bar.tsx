@@ -1,16 +1,16 @@
-import { BatteryFull, BatteryLow, BatteryMedium, BatteryWarning, Search, Settings2 } from "lucide-react";
+import { BatteryFull, BatteryMedium, BatteryWarning, Copy, Eye, Search, Settings2, UserCheck, UserLock, UserRound } from "lucide-react";
 import { useState } from "react";
-import { hasControl, useConsole } from "@/api/console_store";
-import { useNow } from "@/hooks/use_now";
-import { useBattery, useMission, useSentence } from "@/hooks/use_situation";
-import { useTopic } from "@/hooks/use_topic";
-import { TOPICS } from "@/generated/graph";
-import { type TextKey, useLanguage, useText } from "@/i18n/text";
+import { hasControl, otherBrowsers, useConsole } from "@/api/console_store";
+import { useAge, useNow } from "@/hooks/use_now";
+import { BATTERY_STALE_MS, useBattery, useMission, useMissionSilence, useSentence } from "@/hooks/use_situation";
+import { type Text, type TextKey, useLanguage, useText } from "@/i18n/text";
 import { useLink } from "@/robot";
+import { useTabRole } from "@/safety/commanding_tab";
+import { type Charge, chargeOf, chargeShare } from "@/state/battery";
 import { progress } from "@/state/sentence";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
-import { UNKNOWN, clock, fixed } from "@/ui/numbers";
+import { UNKNOWN, clock, fixed, span } from "@/ui/numbers";
 import { ControlDialog } from "./control_dialog";
 import { showOverlay } from "./overlays";
 
@@ -32,7 +32,9 @@ export function TopBar() {
         <ControlPill />
         <LinkReading />
         <BatteryReading />
-        <RobotTime />
+        <div className="max-lg:hidden">
+          <RobotTime />
+        </div>
         <Button
           kind="quiet"
           size="icon"
@@ -53,7 +55,7 @@ export function TopBar() {
 
 function Logo() {
   return (
-    <div className="flex shrink-0 items-center gap-2 border-line pr-4 max-md:hidden md:border-r">
+    <div className="flex shrink-0 items-center gap-2 border-line pr-4 max-lg:hidden lg:border-r">
       <img src={`${import.meta.env.BASE_URL}lupin.svg`} alt="" className="size-8" />
       <span className="text-lead font-bold max-xl:hidden">Lupin</span>
     </div>
@@ -65,20 +67,23 @@ function MissionStrip() {
   const { key, values, tone } = useSentence();
   const mission = useMission();
   const count = progress(mission);
-  const now = useNow();
+  const silentSinceMs = useMissionSilence();
   const state = mission?.lifecycle_state ?? "";
   const phase = PHASES[state];
   return (
-    <div className="flex min-w-0 items-center gap-4" role="status" aria-live="polite">
+    <div className="flex min-w-0 items-center gap-4">
       <p
+        role="status"
+        data-testid="sentence"
         className={cn(
-          "truncate text-lead font-bold max-md:text-base",
+          "line-clamp-2 text-lead leading-tight font-bold max-[1400px]:text-base",
           tone === "stop" && "text-stop-text",
           tone === "attention" && "text-attention",
           tone === "lost" && "text-text-2",
         )}
       >
         {text(key, values)}
+        {key === "mission_is_silent" && <Silence sinceMs={silentSinceMs} />}
       </p>
       {count !== null && <Segments done={count.done} total={count.total} />}
       {count !== null && (
@@ -88,19 +93,28 @@ function MissionStrip() {
         </p>
       )}
       {phase !== undefined && mission !== null && (
-        <p className="whitespace-nowrap text-text-2 max-xl:hidden">
-          {text(phase)} · <span className="numeric">{missionAge(mission.started_at.sec, mission.header.stamp.sec, now)}</span>
+        <p className="whitespace-nowrap text-text-2 max-[1400px]:hidden">
+          {text(phase)} · <span className="numeric">{missionAge(mission.started_at.sec, mission.header.stamp.sec)}</span>
         </p>
       )}
     </div>
   );
 }
 
-function missionAge(startedS: number, stampS: number, _now: number): string {
+/** How long nothing has come; not read out, as it changes all the time. */
+function Silence({ sinceMs }: { sinceMs: number | null }) {
+  return (
+    <span aria-hidden="true" className="ml-2 font-normal numeric">
+      {span(useAge(sinceMs))}
+    </span>
+  );
+}
+
+function missionAge(startedS: number, stampS: number): string {
   return startedS > 0 && stampS >= startedS ? clock(stampS - startedS) : UNKNOWN;
 }
 
-/** One mark per tag, so that "11 of 12" is seen from afar. */
+/** One mark per tag, so that "11 of 12" can be read from a distance. */
 function Segments({ done, total }: { done: number; total: number }) {
   if (total > 40) return null;
   return (
@@ -122,15 +136,11 @@ function ControlPill() {
   const text = useText();
   const state = useConsole();
   const [isOpen, setOpen] = useState(false);
-  const mine = hasControl(state);
+  const isWatching = useTabRole(({ role }) => role === "watching");
+  const mine = hasControl(state) && !isWatching;
   const holder = state.control.holder;
-  const label = mine
-    ? text("you_have_control")
-    : holder !== null
-      ? text("other_has_control", { holder })
-      : state.own?.role === "viewer"
-        ? text("you_are_viewer")
-        : text("nobody_has_control");
+  const { icon: Icon, label, short } = controlLabel(text, { isWatching: isWatching && hasControl(state), mine, holder, isViewer: state.session?.role === "viewer" });
+  const others = otherBrowsers(state);
   const since = state.control.since_s === null ? null : new Date(state.control.since_s * 1000).toLocaleTimeString();
   return (
     <>
@@ -138,19 +148,48 @@ function ControlPill() {
         type="button"
         onClick={() => setOpen(true)}
         className={cn(
-          "flex min-h-11 items-center gap-2.5 rounded-full border px-4 py-1 text-left",
+          "flex min-h-11 items-center gap-2.5 rounded-full border px-4 py-1 text-left max-md:gap-1.5 max-md:px-3",
           mine ? "border-alive-2 bg-alive-wash" : "border-line-strong bg-raised",
         )}
       >
-        <span aria-hidden="true" className={cn("size-2.5 shrink-0 rounded-full", mine ? "bg-alive" : holder !== null ? "bg-attention" : "bg-text-3")} />
+        <Icon aria-hidden="true" className={cn("size-4 shrink-0", mine ? "text-alive" : holder !== null ? "text-attention" : "text-text-3")} />
+        <span aria-hidden="true" className="max-w-16 truncate text-xs font-semibold md:hidden" data-testid="control-short">
+          {short}
+        </span>
         <span className="max-md:sr-only">
           <span className="block text-sm leading-tight font-semibold">{label}</span>
-          {since !== null && <span className="block text-xs leading-tight text-text-3 numeric">{text("control_since", { time: since })}</span>}
+          {since !== null && <span className="block text-xs leading-tight text-text-3 numeric max-lg:hidden">{text("control_since", { time: since })}</span>}
         </span>
+        {others.length > 0 && (
+          <span className="flex items-center gap-1 border-l border-line pl-2.5 text-text-3 max-md:hidden lg:max-xl:hidden" title={others.map(({ name }) => name).join(", ")}>
+            <Eye aria-hidden="true" className="size-4" />
+            <span className="text-sm font-semibold numeric" data-testid="other-browsers">
+              <span aria-hidden="true">{others.length}</span>
+              <span className="sr-only">{text("also_here", { names: others.map(({ name }) => name).join(", ") })}</span>
+            </span>
+          </span>
+        )}
       </button>
       <ControlDialog open={isOpen} onOpenChange={setOpen} />
     </>
   );
+}
+
+interface ControlFacts {
+  /** Another tab of this browser has control. */
+  isWatching: boolean;
+  mine: boolean;
+  holder: string | null;
+  isViewer: boolean;
+}
+
+/** Who has control, as an icon, in full, and in one word for a phone. */
+function controlLabel(text: Text, { isWatching, mine, holder, isViewer }: ControlFacts) {
+  if (isWatching) return { icon: Copy, label: text("other_tab_has_control"), short: text("control_short_tab") };
+  if (mine) return { icon: UserCheck, label: text("you_have_control"), short: text("control_short_you") };
+  if (holder !== null) return { icon: UserLock, label: text("other_has_control", { holder }), short: holder };
+  if (isViewer) return { icon: Eye, label: text("you_are_viewer"), short: text("control_short_viewer") };
+  return { icon: UserRound, label: text("nobody_has_control"), short: text("control_short_nobody") };
 }
 
 function Reading({ value, unit, label, tone }: { value: string; unit: string; label: string; tone?: "attention" | "lost" }) {
@@ -171,22 +210,33 @@ function LinkReading() {
   return <Reading value={known ? fixed(roundTripMs, 0) : UNKNOWN} unit={known ? "ms" : ""} label={text("link")} tone={known ? undefined! : "lost"} />;
 }
 
+const CHARGES: Record<Charge, { icon: typeof BatteryFull; tone: string }> = {
+  unknown: { icon: BatteryFull, tone: "text-text-3" },
+  good: { icon: BatteryFull, tone: "text-alive" },
+  soon: { icon: BatteryMedium, tone: "text-attention" },
+  low: { icon: BatteryWarning, tone: "text-stop-text" },
+};
+
 function BatteryReading() {
   const text = useText();
   const sample = useBattery();
-  const fraction = sample?.message.percentage ?? NaN;
-  const percent = Number.isFinite(fraction) ? fraction * 100 : null;
-  const Icon = percent === null || percent > 60 ? BatteryFull : percent > 30 ? BatteryMedium : percent > 15 ? BatteryLow : BatteryWarning;
-  const low = percent !== null && percent <= 30;
+  const share = chargeShare(sample?.message.percentage);
+  const age = useAge(sample?.receivedMs);
+  const isStale = age !== null && age * 1000 > BATTERY_STALE_MS;
+  // What is out of date says nothing of now, neither good nor bad.
+  const charge = isStale ? "unknown" : chargeOf(share);
+  const { icon: Icon, tone } = CHARGES[charge];
   return (
     <div className="flex items-center gap-2">
-      <Icon aria-hidden="true" className={cn("size-6", percent === null ? "text-text-3" : low ? "text-attention" : "text-alive")} />
+      <Icon aria-hidden="true" className={cn("size-6", tone)} />
       <div>
-        <p className={cn("text-sm leading-tight font-semibold whitespace-nowrap", low && "text-attention")}>
+        <p className={cn("text-sm leading-tight font-semibold whitespace-nowrap", charge !== "good" && tone)}>
           <span className="sr-only">{text("battery")}: </span>
-          <span className="numeric">{percent === null ? UNKNOWN : fixed(percent, 0)}</span> %
+          <span className="numeric">{share === null ? UNKNOWN : fixed(share * 100, 0)}</span> %
         </p>
-        <p className="text-xs leading-tight whitespace-nowrap text-text-3 numeric max-md:hidden">{fixed(sample?.message.voltage, 2)} V</p>
+        <p className={cn("text-xs leading-tight whitespace-nowrap text-text-3 numeric", !isStale && "max-md:hidden")} data-testid="battery-age">
+          {isStale ? text("ago", { age: span(age) }) : `${fixed(sample?.message.voltage, 2)} V`}
+        </p>
       </div>
     </div>
   );
@@ -196,12 +246,12 @@ function BatteryReading() {
 function RobotTime() {
   const text = useText();
   const language = useLanguage((state) => state.language);
-  const state = useTopic(TOPICS.MISSION_STATE);
+  const mission = useMission();
   const isOpen = useLink((link) => link.state === "open");
   const offsetS = useLink((link) => link.clockOffsetS);
   const now = useNow();
   const pinged = !isOpen || offsetS === null ? null : Math.floor(now / 1000 + offsetS);
-  const seconds = state?.message.header.stamp.sec ?? pinged;
+  const seconds = mission?.header.stamp.sec ?? pinged;
   const value =
     seconds === null ? UNKNOWN : seconds > 1e9 ? new Date(seconds * 1000).toLocaleTimeString(language) : clock(seconds);
   return <Reading value={value} unit="" label={text("robot_time")} />;

@@ -1,4 +1,5 @@
 /** The aurora's picture: layers of noise that drift through one another, drawn by one triangle in plain WebGL. */
+import { isSoftwareContext } from "@/widgets/webgl";
 import type { Look } from "./mood";
 
 const VERTEX = "attribute vec2 corner; void main() { gl_Position = vec4(corner, 0.0, 1.0); }";
@@ -51,6 +52,8 @@ void main() {
 }`;
 
 export interface Shader {
+  /** Whether the CPU computes every pixel, and every layer above it anew with each frame. */
+  isSoftware: boolean;
   draw: (look: Look, time: number) => void;
   resize: (width: number, height: number) => void;
 }
@@ -70,6 +73,7 @@ export function createShader(canvas: HTMLCanvasElement): Shader | null {
   const place = (name: string) => gl.getUniformLocation(program, name);
   const [size, time, stop, lost, gain] = [place("size"), place("time"), place("stop"), place("lost"), place("gain")];
   return {
+    isSoftware: isSoftwareContext(gl),
     resize: (width, height) => {
       canvas.width = width;
       canvas.height = height;

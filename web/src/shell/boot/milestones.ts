@@ -4,14 +4,14 @@ import type { TextKey } from "@/i18n/text";
 export const INSTRUMENTS = ["odometry", "lidar", "battery", "joints", "estop"] as const;
 export type Instrument = (typeof INSTRUMENTS)[number];
 
-/** What telemetry begins with; the rest follows. */
+/** The instruments that suffice for the milestone `telemetry`; the rest follow. */
 const FIRST: readonly Instrument[] = ["odometry", "battery"];
 
 export interface BootFacts {
   /** performance.now() of the link's opening; null while it is not open. */
   linkMs: number | null;
   roundTripMs: number | null;
-  /** The instruments that have spoken, with performance.now() of that. */
+  /** The instruments that have sent data, with performance.now() of the first message. */
   heard: ReadonlyMap<Instrument, number>;
 }
 
@@ -24,7 +24,7 @@ export interface Milestone {
   atMs: number | null;
   detail: TextKey;
   values?: { ms: number };
-  /** The instruments that `detail` speaks of. */
+  /** The instruments that `detail` names. */
   instruments?: Instrument[];
 }
 

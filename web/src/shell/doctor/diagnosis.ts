@@ -1,4 +1,4 @@
-/** What a diagnosis says, in one sentence and in numbers. */
+/** Summarizes a diagnosis in one sentence and in numbers. */
 import type { DoctorState, Finding } from "@/api/console_store";
 import type { TextKey } from "@/i18n/text";
 
@@ -64,9 +64,4 @@ export interface PlayResult {
 /** How many steps of a play changed something, or would. */
 export function changesOf(result: PlayResult): number {
   return result.steps.filter(({ state }) => state === "changed" || state === "would-change").length;
-}
-
-/** What a list of the diagnosis holds, as text: the server sends names, or objects with more. */
-export function namesOf(list: readonly unknown[]): string[] {
-  return list.map((each) => (typeof each === "string" ? each : JSON.stringify(each)));
 }

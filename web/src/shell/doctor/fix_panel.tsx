@@ -1,5 +1,6 @@
 import { useState } from "react";
-import { type Finding, hasControl, useConsole } from "@/api/console_store";
+import { type Finding, type Fix, hasControl, useConsole } from "@/api/console_store";
+import { errorText } from "@/i18n/error_text";
 import { TEXT_KEYS, type Text, type TextKey, useText } from "@/i18n/text";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
@@ -15,7 +16,7 @@ export function FixPanel({ finding }: { finding: Finding }) {
   const [problem, setProblem] = useState("");
   const { fix } = finding;
   const busy = state.doctor.busy !== "";
-  const mayFix = state.own?.role === "operator" && (state.control.holder === null || hasControl(state));
+  const mayFix = state.session?.role === "operator" && (state.control.holder === null || hasControl(state));
   const hasPreview = result !== null && result.dry_run && result.state === "done";
 
   async function play(confirmed: boolean): Promise<void> {
@@ -23,7 +24,7 @@ export function FixPanel({ finding }: { finding: Finding }) {
       setProblem("");
       setResult(await playFix(finding.id, confirmed));
     } catch (error) {
-      setProblem(error instanceof Error ? error.message : String(error));
+      setProblem(errorText(error));
     }
   }
 
@@ -31,13 +32,13 @@ export function FixPanel({ finding }: { finding: Finding }) {
     return (
       <div className="flex flex-col gap-1">
         <p className="text-xs text-text-3">{text("doctor_by_hand")}</p>
-        <CommandLine command={fix.command} />
+        <ByHand fix={fix} />
       </div>
     );
   }
   return (
     <div className="flex flex-col gap-2">
-      <CommandLine command={fix.command} />
+      <ByHand fix={fix} />
       {result !== null && <Outcome result={result} />}
       {problem !== "" && (
         <p role="alert" className="text-attention">
@@ -59,6 +60,15 @@ export function FixPanel({ finding }: { finding: Finding }) {
         </p>
       </div>
     </div>
+  );
+}
+
+function ByHand({ fix }: { fix: Fix }) {
+  return (
+    <>
+      {fix.instruction !== "" && <p>{fix.instruction}</p>}
+      {fix.command !== "" && <CommandLine command={fix.command} />}
+    </>
   );
 }
 

@@ -1,4 +1,4 @@
-/** What is asked of the doctor. */
+/** The requests to the doctor. */
 import { ask } from "@/api/http";
 import { type DoctorState, useConsole } from "@/api/console_store";
 import { showProblem } from "@/state/problems";
@@ -7,7 +7,7 @@ import type { PlayResult } from "./diagnosis";
 /** A fix may restart the robot's stack, which takes minutes. */
 const FIX_TIMEOUT_MS = 310_000;
 
-/** Examine this computer, the robot and the graph. Its end comes with the events. */
+/** Examine this computer, the robot and the graph. The events report its end. */
 export async function examine(): Promise<void> {
   try {
     useConsole.setState({ doctor: await ask<DoctorState>("/_api/doctor/examination", {}) });

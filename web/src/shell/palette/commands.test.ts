@@ -1,19 +1,31 @@
 // @vitest-environment jsdom
 import { describe, expect, it } from "vitest";
-import type { lupin_msgs_MissionState } from "@/generated/messages";
 import { TEXT_KEYS, textIn } from "@/i18n/text";
+import type { MissionFacts } from "@/map/mission_rules";
 import { type CommandFacts, commandsFor } from "./commands";
 
-const READY = { lifecycle_state: "READY", paused: false, current_target: "" } as lupin_msgs_MissionState;
-const INSPECTING = { lifecycle_state: "INSPECTING", paused: false, current_target: "19" } as lupin_msgs_MissionState;
+const READY: MissionFacts = {
+  linkOpen: true,
+  isRewound: false,
+  isViewer: false,
+  isHeldByOther: false,
+  isWatching: false,
+  stopped: false,
+  isGateClosed: false,
+  mission: { lifecycle_state: "READY", paused: false, current_target: "", estop_engaged: false, battery_low: false },
+};
+const INSPECTING: MissionFacts = { ...READY, mission: { ...READY.mission!, lifecycle_state: "INSPECTING", current_target: "19" } };
+const PAUSED: MissionFacts = { ...INSPECTING, mission: { ...INSPECTING.mission!, paused: true } };
 const FREE: CommandFacts = {
   linkOpen: true,
+  isRewound: false,
   mayCommand: true,
   hasControl: false,
   holder: null,
   isViewer: false,
-  stopped: false,
   mission: READY,
+  goalObstacle: null,
+  presetObstacle: null,
   locations: { home: { x: 0, y: 0, yaw: 0 } },
   language: "en",
 };
@@ -37,24 +49,31 @@ describe("the palette's commands", () => {
     const active = obstacles({ ...FREE, mission: INSPECTING });
     expect([...active.keys()]).toEqual(expect.arrayContaining(["pause", "skip", "abort"]));
     expect(active.has("start exploration")).toBe(false);
-    const paused = obstacles({ ...FREE, stopped: true, mission: { ...INSPECTING, paused: true } });
-    expect(paused.get("resume")).toBe("palette_stopped");
+    const paused = obstacles({ ...FREE, mission: { ...PAUSED, stopped: true } });
+    expect(paused.get("resume")).toEqual({ key: "mission_release_first" });
     expect(paused.get("abort")).toBeNull();
   });
 
   it("can always stop, and say why they cannot move the robot", () => {
     const lost = obstacles({ ...FREE, linkOpen: false });
     expect(lost.get("stop")).toBeNull();
-    expect(lost.get("drive home")).toBe("palette_no_link");
-    expect(obstacles({ ...FREE, mayCommand: false }).get("preset home")).toBe("palette_needs_control");
-    expect(obstacles({ ...FREE, stopped: true }).get("preset home")).toBe("palette_stopped");
-    expect(obstacles({ ...FREE, stopped: true }).get("light red")).toBeNull();
+    expect(lost.get("light red")).toEqual({ key: "palette_no_link" });
+    expect(obstacles({ ...FREE, mayCommand: false }).get("light red")).toEqual({ key: "palette_needs_control" });
+  });
+
+  it("have the obstacles of the buttons that do the same", () => {
+    const blocked = obstacles({ ...FREE, goalObstacle: { key: "why_hold_first" }, presetObstacle: { key: "arm_why_torque_unknown" } });
+    expect(blocked.get("drive home")).toEqual({ key: "why_hold_first" });
+    expect(blocked.get("preset home")).toEqual({ key: "arm_why_torque_unknown" });
+    expect(blocked.get("light red")).toBeNull();
+    expect(obstacles({ ...FREE, mission: { ...READY, isGateClosed: true } }).get("start inspection")).toEqual({ key: "mission_hold_first" });
+    expect(obstacles({ ...FREE, mission: { ...INSPECTING, isGateClosed: true } }).get("pause")).toBeNull();
   });
 
   it("offer the one step towards control", () => {
     expect(obstacles(FREE).has("take")).toBe(true);
     expect(obstacles({ ...FREE, holder: "phone-2" }).has("request")).toBe(true);
     expect(obstacles({ ...FREE, hasControl: true, holder: "laptop-1" }).has("give_up")).toBe(true);
-    expect(obstacles({ ...FREE, isViewer: true }).get("take")).toBe("you_are_viewer");
+    expect(obstacles({ ...FREE, isViewer: true }).get("take")).toEqual({ key: "you_are_viewer" });
   });
 });

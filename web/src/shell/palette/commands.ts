@@ -1,9 +1,10 @@
 /** The commands of the palette, and which of them can be given now. */
 import type { Location } from "@/api/console_store";
-import type { lupin_msgs_MissionState } from "@/generated/messages";
 import { ARM_PRESETS, LED_COLORS } from "@/generated/robot";
 import { LANGUAGES, type Language, type TextKey, type TextValues } from "@/i18n/text";
+import { type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
 import { isActive } from "@/state/sentence";
+import type { Reason } from "@/state/can_drive";
 import type { TabId } from "@/tabs/table";
 import type { OverlayName } from "../overlays";
 
@@ -31,18 +32,23 @@ export interface Command {
   valueKeys?: Record<string, TextKey>;
   action: Action;
   /** Why it cannot be given now; null where it can. */
-  obstacle: TextKey | null;
+  obstacle: Reason | null;
 }
 
 export interface CommandFacts {
   linkOpen: boolean;
+  isRewound: boolean;
   /** Whether this browser may command: it has control, or could take it. */
   mayCommand: boolean;
   hasControl: boolean;
   holder: string | null;
   isViewer: boolean;
-  stopped: boolean;
-  mission: lupin_msgs_MissionState | null;
+  /** What the mission's own buttons go by; without a mission there are none. */
+  mission: MissionFacts;
+  /** Why no goal can be sent, as on the map; null where it can. */
+  goalObstacle: Reason | null;
+  /** Why the arm cannot be moved to a preset, as in its view; null where it can. */
+  presetObstacle: Reason | null;
   locations: Readonly<Record<string, Location>>;
   language: Language;
 }
@@ -73,55 +79,53 @@ function viewCommands(): Command[] {
   }));
 }
 
-function robotCommands({ hasControl, holder, isViewer }: CommandFacts): Command[] {
+function robotCommands({ hasControl, holder, isViewer, isRewound }: CommandFacts): Command[] {
   const commands: Command[] = [{ id: "stop", group: "palette_robot", label: "palette_stop", action: { kind: "stop" }, obstacle: null }];
   const lease = (label: TextKey, action: "take" | "give_up" | "request") =>
-    commands.push({ id: action, group: "palette_robot", label, action: { kind: "lease", action }, obstacle: isViewer ? "you_are_viewer" : null });
+    commands.push({ id: action, group: "palette_robot", label, action: { kind: "lease", action }, obstacle: reasonOf(isViewer ? "you_are_viewer" : isRewound && action !== "give_up" ? "rewind_no_command" : null) });
   if (hasControl) lease("give_up_control", "give_up");
   else if (holder === null) lease("take_control", "take");
   else lease("ask_for_control", "request");
   return commands;
 }
 
-function obstacleOf({ linkOpen, mayCommand }: CommandFacts): TextKey | null {
-  return !linkOpen ? "palette_no_link" : mayCommand ? null : "palette_needs_control";
+function reasonOf(key: TextKey | null): Reason | null {
+  return key === null ? null : { key };
 }
 
-/** As `obstacleOf`, for what moves the robot. */
-function motionObstacle(facts: CommandFacts): TextKey | null {
-  return obstacleOf(facts) ?? (facts.stopped ? "palette_stopped" : null);
+/** Why nothing can be commanded, not even what moves nothing. */
+function obstacleOf({ linkOpen, isRewound, mayCommand }: CommandFacts): Reason | null {
+  return reasonOf(isRewound ? "rewind_no_command" : !linkOpen ? "palette_no_link" : mayCommand ? null : "palette_needs_control");
 }
 
-function missionCommands(facts: CommandFacts): Command[] {
+function missionCommands({ mission: facts }: CommandFacts): Command[] {
   const { mission } = facts;
-  const obstacle = obstacleOf(facts);
   const commands: Command[] = [];
-  const add = (id: string, label: TextKey, action: Action, blocked: TextKey | null, values?: TextValues) =>
-    commands.push({ id, group: "palette_mission", label, action, obstacle: blocked, ...(values === undefined ? {} : { values }) });
+  const add = (id: string, label: TextKey, action: Action, request: MissionAction, values?: TextValues) =>
+    commands.push({ id, group: "palette_mission", label, action, obstacle: reasonOf(refusal(request, facts)), ...(values === undefined ? {} : { values }) });
   if (mission === null) return [];
   if (!isActive(mission)) {
-    add("start exploration", "palette_start_exploration", { kind: "start", missionType: "ExplorationMission" }, motionObstacle(facts));
-    add("start inspection", "palette_start_inspection", { kind: "start", missionType: "InspectionMission" }, motionObstacle(facts));
+    add("start exploration", "palette_start_exploration", { kind: "start", missionType: "ExplorationMission" }, "start");
+    add("start inspection", "palette_start_inspection", { kind: "start", missionType: "InspectionMission" }, "start");
     return commands;
   }
-  if (mission.paused) add("resume", "palette_resume", { kind: "mission", call: "resume" }, motionObstacle(facts));
-  else add("pause", "palette_pause", { kind: "mission", call: "pause" }, obstacle);
+  if (mission.paused) add("resume", "palette_resume", { kind: "mission", call: "resume" }, "resume");
+  else add("pause", "palette_pause", { kind: "mission", call: "pause" }, "pause");
   if (mission.lifecycle_state === "INSPECTING" && mission.current_target !== "") {
-    add("skip", "palette_skip", { kind: "mission", call: "skip" }, obstacle, { tag: mission.current_target });
+    add("skip", "palette_skip", { kind: "mission", call: "skip" }, "skip", { tag: mission.current_target });
   }
-  add("abort", "palette_abort", { kind: "mission", call: "abort" }, obstacle);
+  add("abort", "palette_abort", { kind: "mission", call: "abort" }, "abort");
   return commands;
 }
 
 function motionCommands(facts: CommandFacts): Command[] {
-  const obstacle = motionObstacle(facts);
   const drives = Object.entries(facts.locations).map(([name, to]): Command => ({
     id: `drive ${name}`,
     group: "palette_locations",
     label: "palette_go_to",
     values: { location: name },
     action: { kind: "drive", to },
-    obstacle,
+    obstacle: facts.goalObstacle,
   }));
   const presets = Object.keys(ARM_PRESETS).map((name): Command => ({
     id: `preset ${name}`,
@@ -129,7 +133,7 @@ function motionCommands(facts: CommandFacts): Command[] {
     label: "palette_preset",
     values: { preset: name },
     action: { kind: "preset", name },
-    obstacle,
+    obstacle: facts.presetObstacle,
   }));
   const lights = Object.keys(LED_COLORS).map((color): Command => ({
     id: `light ${color}`,

@@ -1,9 +1,10 @@
-/** Gives the palette's commands. */
+/** Runs the palette's commands. */
 import { ask } from "@/api/http";
 import type { Location } from "@/api/console_store";
 import { SERVICES, TOPICS } from "@/generated/graph";
 import { LED_COLORS } from "@/generated/robot";
 import { setLanguage } from "@/i18n/text";
+import { TextError } from "@/i18n/text_error";
 import { call, publish, stop } from "@/robot";
 import { showTab } from "@/state/route";
 import { setting } from "@/state/settings";
@@ -18,7 +19,7 @@ const MISSION_CALLS: Readonly<Record<MissionCall, (typeof SERVICES)["MISSION_PAU
   abort: SERVICES.MISSION_ABORT,
 };
 
-/** Returns what the robot answered; null where there is nothing to say. Throws with the reason of a refusal. */
+/** Returns what the robot answered; null if it answered nothing. Throws with the reason of a refusal. */
 export async function perform(action: Action): Promise<"done" | "sent" | null> {
   switch (action.kind) {
     case "show":
@@ -53,11 +54,11 @@ export async function perform(action: Action): Promise<"done" | "sent" | null> {
       if (action.color === "auto") return accepted(await call(SERVICES.LEDS_AUTO, {}));
       const [r, g, b] = LED_COLORS[action.color];
       const { status } = await call(SERVICES.LEDS_SET, { color: { r, g, b } });
-      if (!status) throw new Error("the light strip is not ready");
+      if (!status) throw new TextError("error_light_not_ready");
       return "done";
     }
     case "drive":
-      if (!sendGoal(action.to)) throw new Error("not connected to the robot");
+      if (!sendGoal(action.to)) throw new TextError("error_not_connected");
       return "sent";
   }
 }

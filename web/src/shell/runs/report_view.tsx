@@ -2,11 +2,12 @@ import { ArrowLeft, ExternalLink } from "lucide-react";
 import { useEffect, useState } from "react";
 import { request } from "@/api/http";
 import { IS_MOCK } from "@/environment";
+import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
 import { Button } from "@/ui/button";
 import { reportPath } from "./run_lists";
 
-/** The report of a run, as a page of its own that can reach nothing of this one. */
+/** The report of a run, in a sandboxed frame that has no access to this page. */
 export function ReportView({ run, onBack }: { run: string; onBack: () => void }) {
   const text = useText();
   const path = reportPath(run);
@@ -32,6 +33,8 @@ export function ReportView({ run, onBack }: { run: string; onBack: () => void })
         <iframe
           title={text("runs_report_title", { run })}
           sandbox="allow-scripts"
+          // The space bar would not stop the robot from within: the link above opens the report for the keyboard.
+          tabIndex={-1}
           {...(page === null ? { src: path } : { srcDoc: page })}
           className="min-h-0 grow rounded-md border border-line bg-white"
         />
@@ -47,7 +50,7 @@ function useProblem(path: string): string {
     const abort = new AbortController();
     request(path, { signal: abort.signal })
       .then(async (response) => setProblem(response.ok ? "" : (await response.text()).trim().slice(0, 300)))
-      .catch((error: unknown) => !abort.signal.aborted && setProblem(error instanceof Error ? error.message : String(error)))
+      .catch((error: unknown) => !abort.signal.aborted && setProblem(errorText(error)))
       .finally(() => abort.abort());
     return () => abort.abort();
   }, [path]);

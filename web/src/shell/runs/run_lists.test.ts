@@ -18,7 +18,7 @@ describe("the lists of runs and playbooks", () => {
   });
 
   it("name states, sizes and addresses", () => {
-    expect([endedWell("DONE"), endedWell("up"), endedWell("FAULT"), endedWell("interrupted")]).toEqual([true, true, false, false]);
+    expect([endedWell("DONE"), endedWell("up"), endedWell("FAULT"), endedWell("interrupted"), endedWell("NO_RESULT")]).toEqual([true, true, false, false, false]);
     expect([megabytes(2_340_000), megabytes(214_000_000)]).toEqual(["2.3", "214"]);
     expect(reportPath("a/b")).toBe("/_api/runs/a%2Fb/report/report.html");
   });

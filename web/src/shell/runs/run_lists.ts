@@ -22,7 +22,7 @@ export interface Play {
   robot: string;
   state: string;
   started: Date | null;
-  /** The command that continues it; empty where it needs none. */
+  /** The command that continues it; empty if it needs none. */
   resume: string;
 }
 
@@ -44,9 +44,9 @@ export function parsePlays(value: unknown): Play[] {
   });
 }
 
-/** Whether a run has ended well: only then nobody has to look at it. */
+/** Whether a run has ended well, so that it needs no attention. */
 export function endedWell(state: string): boolean {
-  return state === "up" || state === "DONE" || state === "done" || state === "ended";
+  return state === "up" || state === "DONE" || state === "done";
 }
 
 export function megabytes(bytes: number): string {

@@ -1,5 +1,6 @@
 import { useEffect, useState } from "react";
 import { ask } from "@/api/http";
+import { errorText } from "@/i18n/error_text";
 
 export interface Answer<Value> {
   /** null before the first answer. */
@@ -14,7 +15,7 @@ export function useAnswer<Value>(path: string, read: (value: unknown) => Value):
     let isMounted = true;
     ask<unknown>(path).then(
       (value) => isMounted && setAnswer({ value: read(value), problem: "" }),
-      (error: unknown) => isMounted && setAnswer({ value: null, problem: error instanceof Error ? error.message : String(error) }),
+      (error: unknown) => isMounted && setAnswer({ value: null, problem: errorText(error) }),
     );
     return () => {
       isMounted = false;

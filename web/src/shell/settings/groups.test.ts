@@ -2,7 +2,8 @@
 import { describe, expect, it } from "vitest";
 import { SETTINGS } from "@/generated/settings";
 import { TEXT_KEYS } from "@/i18n/text";
-import { GROUPS, readNumber, rowOf } from "./groups";
+import { rowOf } from "@/state/settings";
+import { GROUPS, readNumber } from "./groups";
 
 describe("the settings drawer", () => {
   it("shows every setting once, with a name", () => {

@@ -1,13 +1,11 @@
 /** The settings in the order and groups in which the drawer shows them. */
-import { SETTINGS, type Settings } from "@/generated/settings";
 import type { TextKey } from "@/i18n/text";
-
-export type SettingName = keyof Settings;
+import { type SettingName, type SettingRow, isValid } from "@/state/settings";
 
 export interface Group {
   title: TextKey;
   names: readonly SettingName[];
-  /** Shut until it is opened: what few people change. */
+  /** Whether the group is closed at first, because few people change its settings. */
   folded?: boolean;
 }
 
@@ -55,21 +53,8 @@ export const GROUPS: readonly Group[] = [
   { title: "settings_diagnosis", names: ["debugPublish"] },
 ];
 
-export interface SettingRow {
-  default: boolean | number | string;
-  unit: string;
-  low?: number;
-  high?: number;
-  choices?: readonly string[];
-}
-
-export function rowOf(name: SettingName): SettingRow {
-  return SETTINGS[name];
-}
-
-/** The number that a person typed, within a setting's range; null where it is none. Times in ms are whole. */
-export function readNumber(text: string, { low = -Infinity, high = Infinity, unit }: SettingRow): number | null {
+/** The number that a person typed, within a setting's range; null if it is none. Times in ms are whole. */
+export function readNumber(text: string, row: SettingRow): number | null {
   const value = Number(text.trim().replace(",", "."));
-  if (text.trim() === "" || !Number.isFinite(value) || value < low || value > high) return null;
-  return unit === "ms" && !Number.isInteger(value) ? null : value;
+  return text.trim() !== "" && isValid(value, row) ? value : null;
 }

@@ -3,12 +3,12 @@ import { type ReactNode, useId, useState } from "react";
 import type { Settings } from "@/generated/settings";
 import { TEXT_KEYS, type Text, type TextKey, useText } from "@/i18n/text";
 import { showProblem } from "@/state/problems";
-import { changeSettings, useSetting } from "@/state/settings";
+import { type SettingName, type SettingRow, changeSettings, isShared, rowOf, useSetting } from "@/state/settings";
 import { Button } from "@/ui/button";
 import { cn } from "@/ui/cn";
 import { Segments } from "@/ui/segments";
 import { Switch } from "@/ui/switch";
-import { type SettingName, type SettingRow, readNumber, rowOf } from "./groups";
+import { readNumber } from "./groups";
 
 const FIELD = "min-h-10 w-full rounded-md border border-line-strong bg-well px-3 py-2 text-sm max-xl:min-h-11 aria-invalid:border-attention";
 
@@ -25,7 +25,7 @@ export function SettingField({ name }: { name: SettingName }) {
   if (typeof value === "boolean") {
     return (
       <div>
-        <Switch label={label} {...(hint === undefined ? {} : { hint })} checked={value} onChange={change} />
+        <Switch label={label} hint={hint} checked={value} onChange={change} />
         {reset}
       </div>
     );
@@ -56,7 +56,7 @@ function NumberField({
   onChange,
 }: {
   label: string;
-  hint: string | undefined;
+  hint: string;
   row: SettingRow;
   value: number;
   reset: ReactNode;
@@ -103,7 +103,7 @@ function TextField({
   onChange,
 }: {
   label: string;
-  hint: string | undefined;
+  hint: string;
   long: boolean;
   value: string;
   reset: ReactNode;
@@ -145,7 +145,7 @@ function Labelled({
   children,
 }: {
   label: string;
-  hint: string | undefined;
+  hint: string;
   htmlFor?: string;
   reset: ReactNode;
   children: ReactNode;
@@ -153,7 +153,7 @@ function Labelled({
   const name = (
     <>
       {label}
-      {hint !== undefined && <span className="block text-xs text-text-3">{hint}</span>}
+      <span className="block text-xs text-text-3">{hint}</span>
     </>
   );
   return (
@@ -184,9 +184,10 @@ function choiceLabel(choice: string, text: Text): string {
   return isKey(key) ? text(key) : choice.replace(/^.*\//, "");
 }
 
-function hintOf(name: SettingName, text: Text): string | undefined {
+/** What a setting means, and whom it concerns. */
+function hintOf(name: SettingName, text: Text): string {
   const key = `setting_${name}_hint`;
-  return isKey(key) ? text(key) : undefined;
+  return `${isKey(key) ? `${text(key)} · ` : ""}${text(isShared(name) ? "settings_for_all" : "settings_for_this")}`;
 }
 
 function isKey(key: string): key is TextKey {

@@ -13,7 +13,7 @@ export function qrPath(modules: number, isDark: (row: number, column: number) =>
   return { path, size: modules + 2 * QUIET_ZONE };
 }
 
-/** Whether an address of this host name leads every other device to itself. */
+/** Whether another device that opens this host name would reach itself, as with localhost. */
 export function isLocalHost(name: string): boolean {
   return name === "localhost" || name.endsWith(".localhost") || name.startsWith("127.") || name === "[::1]";
 }
