@@ -10,30 +10,47 @@ import { LinkBanner } from "@/shell/link_banner";
 import { Messages } from "@/shell/messages";
 import { OverlayHost } from "@/shell/overlay_host";
 import { Pairing } from "@/shell/pairing";
-import { StopBar } from "@/shell/stop_bar";
+import { PlainStop, StopBar } from "@/shell/stop_bar";
 import { StoppedBanner } from "@/shell/stopped_banner";
+import { TabBanner } from "@/shell/tab_banner";
 import { TabBar } from "@/shell/tab_bar";
 import { TopBar } from "@/shell/top_bar";
+import { VersionBanner } from "@/shell/version_banner";
+import { WheelsBanner } from "@/shell/wheels_banner";
+import { RewindBar, useRewindKeys } from "@/rewind/rewind_bar";
+import { ShownTime } from "@/rewind/shown_time";
+import { useIsRewound } from "@/rewind/state";
+import { driver } from "@/robot";
+import { Boundary } from "@/ui/boundary";
+import { cn } from "@/ui/cn";
 import { useRoute } from "@/state/route";
 import { useSetting } from "@/state/settings";
 import { TABS } from "@/tabs/table";
 
+const letGo = () => driver.letGo();
+
 export function App() {
-  const known = useConsole((state) => state.known);
-  const own = useConsole((state) => state.own);
+  const sessionLoaded = useConsole((state) => state.sessionLoaded);
+  const session = useConsole((state) => state.session);
   const solid = useSetting("reduceTransparency");
   const contrast = useSetting("surfaceContrast");
+  const isLight = useSetting("theme") === "light";
   // On the root element, as dialogs are drawn outside of the app's own.
   useEffect(() => {
     document.documentElement.classList.toggle("solid-surfaces", solid);
     document.documentElement.classList.toggle("high-contrast", contrast === "high");
-  }, [solid, contrast]);
-  const needsPairing = known && own === null && !IS_MOCK;
+    document.documentElement.classList.toggle("light", isLight);
+  }, [solid, contrast, isLight]);
+  const needsPairing = sessionLoaded && session === null && !IS_MOCK;
   return (
     <div className="h-full">
-      <Aurora />
+      <Boundary>
+        <Aurora />
+      </Boundary>
       {needsPairing ? <Pairing /> : <Cockpit />}
-      <Messages />
+      <Boundary>
+        <Messages />
+      </Boundary>
     </div>
   );
 }
@@ -44,23 +61,43 @@ function Cockpit() {
   const shown = useRoute((state) => state.tab);
   const tab = TABS.find(({ id }) => id === shown);
   const View = tab?.view;
+  const isRewound = useIsRewound();
+  useRewindKeys();
   return (
     <div className="flex h-full max-md:flex-col">
       <div className="flex min-h-0 min-w-0 grow flex-col">
-        <TopBar />
+        <Boundary>
+          <TopBar />
+        </Boundary>
         {!isPhone && <TabBar />}
-        <LinkBanner />
-        <StoppedBanner />
+        <Boundary>
+          <LinkBanner />
+          <VersionBanner />
+          <TabBanner />
+          <StoppedBanner />
+          <WheelsBanner />
+          <RewindBar />
+        </Boundary>
         <main className="flex min-h-0 grow basis-0 flex-col">
-          <div id="view" role="tabpanel" aria-label={tab && text(tab.label)} className="min-h-0 grow basis-0 overflow-auto p-3">
-            <Suspense fallback={<p className="p-4 text-text-2">{text("loading")}</p>}>{View !== undefined && <View />}</Suspense>
+          <div id="view" role="tabpanel" aria-label={tab && text(tab.label)} className={cn("min-h-0 grow basis-0 overflow-auto p-3", isRewound && "border-4 border-attention")}>
+            <Boundary key={shown} onFailure={letGo}>
+              <ShownTime>
+                <Suspense fallback={<p className="p-4 text-text-2">{text("loading")}</p>}>{View !== undefined && <View />}</Suspense>
+              </ShownTime>
+            </Boundary>
           </div>
         </main>
-        <EventLine />
+        <Boundary>
+          <EventLine />
+        </Boundary>
       </div>
-      <StopBar />
-      <BootSequence />
-      <OverlayHost />
+      <Boundary fallback={PlainStop}>
+        <StopBar />
+      </Boundary>
+      <Boundary>
+        <BootSequence />
+        <OverlayHost />
+      </Boundary>
       {isPhone && <TabBar />}
     </div>
   );

@@ -2,7 +2,7 @@
 
 const query = new URLSearchParams(location.search);
 
-/** Whether everything is made up: `?mock=1`. */
+/** Whether the page runs with a mock robot: `?mock=1`. */
 export const IS_MOCK = query.get("mock") === "1";
 
 /** The WebSocket address of a path of this origin. */

@@ -2,11 +2,18 @@ import { StrictMode } from "react";
 import { createRoot } from "react-dom/client";
 import { App } from "@/app";
 import { setLanguage, useLanguage } from "@/i18n/text";
+import { followPage } from "@/rewind/rewind";
 import { startRobot } from "@/robot";
 import "@/styles/index.css";
+import { loadDeferred } from "@/ui/deferred";
 
 setLanguage(useLanguage.getState().language);
 void startRobot();
+followPage();
+
+/** By then the first view is there, and its streams have begun. */
+const LOAD_REST_AFTER_MS = 3000;
+setTimeout(() => void loadDeferred(), LOAD_REST_AFTER_MS);
 
 const root = document.getElementById("root");
 if (root !== null) {

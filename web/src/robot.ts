@@ -1,21 +1,32 @@
 /** The robot as this page reaches it: one link, its topics and services, the stop gate and the drive path. */
 import { create } from "zustand";
-import { hasControl, useConsole } from "@/api/console_store";
-import { followServer } from "@/api/events";
+import { type ConsoleState, hasControl, useConsole } from "@/api/console_store";
+import { dropChannel, followServer } from "@/api/events";
 import { pair, takeScannedCode } from "@/api/pairing";
 import { ask } from "@/api/http";
 import { IS_MOCK, rosbridgeUrl, socketUrl } from "@/environment";
 import { SERVICES, TOPICS } from "@/generated/graph";
 import type { MessageTypes, ServiceTypes } from "@/generated/messages";
-import { type LinkState, Rosbridge, type Socket } from "@/ros/rosbridge";
+import { refuseCommand } from "@/rewind/guard";
+import { isRewound } from "@/rewind/state";
+import { LinkLost, type LinkState, Rosbridge, type Socket } from "@/ros/rosbridge";
 import { TopicStore } from "@/ros/topics";
-import { type Blocker, Driver, type Velocity, ZERO } from "@/safety/drive";
-import { StopGate, type StopReason } from "@/safety/stop_gate";
-import { notePublication } from "@/state/publish_log";
+import { followTabs, isWatching, useTabRole } from "@/safety/commanding_tab";
+import { type Blocker, Driver, type Velocity, ZERO, isZero } from "@/safety/drive";
+import { followFocus } from "@/safety/focus";
+import { releaseStop } from "@/safety/release";
+import { type Holder, StopGate, type StopReason } from "@/safety/stop_gate";
+import { every } from "@/safety/timers";
+import { ScreenOn } from "@/safety/wake_lock";
+import { notePublication, noteStop, noteVelocity } from "@/state/publish_log";
 import { showProblem } from "@/state/problems";
+import { missionDrivesAt } from "@/state/mission_age";
+import { useRoute } from "@/state/route";
 import { setting } from "@/state/settings";
 
 const PING_MS = 2000;
+/** After this many pings without an answer, or anything else, the link is dead, whatever the browser believes. */
+const SILENT_PINGS = 2;
 
 interface LinkStore {
   state: LinkState;
@@ -44,9 +55,17 @@ interface GateStore {
   engaged: boolean;
   reason: StopReason | null;
   sinceMs: number;
+  /** Whether this page holds a stop at the server. */
+  isStated: boolean;
+  /** How often a person pressed the stop of this page. */
+  presses: number;
+  /** Whether the stop was handed to an open link, or the server has answered it another way. */
+  wasSent: boolean;
+  /** When this page began to hold it (performance.now()); null while it holds none. */
+  statedMs: number | null;
 }
 
-export const useGate = create<GateStore>(() => ({ engaged: true, reason: "startup", sinceMs: performance.now() }));
+export const useGate = create<GateStore>(() => ({ engaged: true, reason: "startup", sinceMs: performance.now(), isStated: false, presses: 0, wasSent: false, statedMs: null }));
 
 interface DriveStore {
   commanded: Velocity;
@@ -60,22 +79,26 @@ let openMockSocket: (() => Socket) | null = null;
 export const link = new Rosbridge(() => openMockSocket?.() ?? (new WebSocket(rosbridgeUrl()) as unknown as Socket));
 export const topics = new TopicStore(link);
 
-/** Publish on a topic of the graph; returns false where the link is down. */
+/** Publish on a topic of the graph; returns false where the link is down. Throws CommandRefused. */
 export function publish<Type extends keyof MessageTypes>(
-  row: { readonly name: string; readonly type: Type },
+  row: { readonly name: string; readonly type: Type; readonly console?: string },
   message: Partial<MessageTypes[Type]>,
 ): boolean {
+  refuseCommand(row);
   const sent = link.publish(row.name, row.type, message);
   notePublication(row.name, message, sent);
   return sent;
 }
 
-/** Call a service of the graph. Rejects with LinkLost or CallFailed. */
+/** Call a service of the graph. Rejects with LinkLost, CallFailed or CommandRefused. */
 export async function call<Type extends keyof ServiceTypes>(
-  row: { readonly name: string; readonly type: Type },
+  row: { readonly name: string; readonly type: Type; readonly console?: string },
   request: Partial<ServiceTypes[Type]["request"]>,
   timeoutMs?: number,
 ): Promise<ServiceTypes[Type]["response"]> {
+  refuseCommand(row);
+  // What every client may call only reads, and is called all the time.
+  if (row.console !== "viewer") notePublication(row.name, request, link.isOpen);
   return (await link.call(row.name, row.type, request, timeoutMs)) as ServiceTypes[Type]["response"];
 }
 
@@ -86,27 +109,50 @@ function twist({ x, y, yaw }: Velocity) {
 
 function sendVelocity(velocity: Velocity): void {
   const name = setting("cmdVelTopic");
-  if (setting("cmdVelType") === "geometry_msgs/msg/TwistStamped") {
-    link.publish(name, "geometry_msgs/msg/TwistStamped", { header: { frame_id: setting("baseFrame") }, twist: twist(velocity) });
-  } else {
-    link.publish(name, "geometry_msgs/msg/Twist", twist(velocity));
-  }
+  const isStamped = setting("cmdVelType") === "geometry_msgs/msg/TwistStamped";
+  const sent = isStamped
+    ? link.publish(name, "geometry_msgs/msg/TwistStamped", { header: { frame_id: setting("baseFrame") }, twist: twist(velocity) })
+    : link.publish(name, "geometry_msgs/msg/Twist", twist(velocity));
+  noteVelocity(name, twist(velocity), !isZero(velocity), sent);
 }
 
 export const gate = new StopGate({
-  stateStop: (engaged) => void link.publish(TOPICS.HMI_ESTOP.name, TOPICS.HMI_ESTOP.type, { data: engaged }),
+  stateStop: (engaged) => {
+    const wasSent = link.publish(TOPICS.HMI_ESTOP.name, TOPICS.HMI_ESTOP.type, { data: engaged });
+    noteStop(TOPICS.HMI_ESTOP.name, engaged, wasSent);
+    if (engaged && wasSent) useGate.setState({ wasSent });
+  },
   zero: () => sendVelocity(ZERO),
   cancelGoals,
+  missionDrives: () => missionDrivesAt(topics.last(TOPICS.MISSION_STATE), performance.now()),
   changed: (state) => {
-    useGate.setState(state);
+    useGate.setState((before) => ({
+      ...state,
+      wasSent: state.isStated && (before.wasSent || link.isOpen),
+      statedMs: state.isStated ? (before.statedMs ?? performance.now()) : null,
+    }));
     if (state.engaged) driver.letGo();
   },
 });
 
-/** Cancel every goal of both navigation servers. Nothing waits for the answers. */
+function holderOf(state: ConsoleState): Holder {
+  if (state.control.holder === null) return "nobody";
+  // Another tab of this browser has the same name at the server.
+  return hasControl(state) && useTabRole.getState().role === "commanding" ? "own" : "other";
+}
+
+const screenOn = new ScreenOn();
+
+function applyControl(): void {
+  const holder = holderOf(useConsole.getState());
+  gate.setControl(holder);
+  screenOn.want(holder === "own");
+}
+
+/** Cancel every goal of the navigation servers. Nothing waits for the answers. */
 export function cancelGoals(): void {
   const everyGoal = { goal_info: { goal_id: { uuid: new Array<number>(16).fill(0) }, stamp: { sec: 0, nanosec: 0 } } };
-  for (const row of [SERVICES.CANCEL_NAVIGATE_TO_POSE, SERVICES.CANCEL_NAVIGATE_THROUGH_POSES]) {
+  for (const row of [SERVICES.CANCEL_NAVIGATE_TO_POSE, SERVICES.CANCEL_NAVIGATE_THROUGH_POSES, SERVICES.CANCEL_FOLLOW_WAYPOINTS]) {
     link.call(row.name, row.type, everyGoal).catch(() => {});
   }
 }
@@ -115,28 +161,57 @@ export function cancelGoals(): void {
 export function driveBlocker(): Blocker | null {
   const state = useConsole.getState();
   if (!link.isOpen) return "no-link";
-  if (state.own?.role === "viewer") return "viewer";
+  if (isRewound()) return "rewound";
+  if (isWatching()) return "other-tab";
+  if (state.session?.role === "viewer") return "viewer";
   if (gate.engaged) return "stopped";
   if (state.control.holder !== null && !hasControl(state)) return "no-control";
   return null;
 }
 
-export const driver = new Driver(sendVelocity, driveBlocker, (commanded, blocker) => useDrive.setState({ commanded, blocker }));
+export const driver = new Driver(sendVelocity, driveBlocker, (commanded, blocker) => useDrive.setState({ commanded, blocker }), () => setting("speedScale"));
 
 /** Stop the robot, for a person at this page. */
 export function stop(reason: StopReason = "user"): void {
   gate.engage(reason);
-  // A second way for the same word: it needs no open socket.
-  if (!link.isOpen) ask("/_api/stop", { engaged: true }).catch(() => {});
+  useGate.setState(({ presses }) => ({ presses: presses + 1 }));
+  stopWithoutLink();
 }
 
-/** Take control and release what this page and lost pages hold. Throws ApiError with the reason. */
-export async function release(): Promise<void> {
-  await ask("/_api/lease", { action: "take" });
-  if (gate.isStated) link.publish(TOPICS.HMI_ESTOP.name, TOPICS.HMI_ESTOP.type, { data: false });
-  await ask("/_api/stop", { engaged: false });
-  gate.release();
+/** A second way for the same word: it needs no open socket. */
+function stopWithoutLink(): void {
+  if (link.isOpen) return;
+  ask("/_api/stop", { engaged: true })
+    .then(() => useGate.setState(({ isStated }) => ({ wasSent: isStated })))
+    .catch(() => {});
 }
+
+/** Take control and release what this page and lost pages hold. Throws ApiError with the reason, and TextError. */
+export async function release(): Promise<void> {
+  await releaseStop(gate, ask, stopWithoutLink);
+}
+
+/** Leave the release of this page's stop to whoever has control. The server reports that this releases nothing, as intended. */
+export function withdrawStop(): void {
+  if (isWatching()) {
+    leaveStop();
+    return;
+  }
+  withdrawnMs = performance.now();
+  gate.withdraw();
+}
+
+/**
+ * Leave the stop of this tab at the server, for the tab that commands to release. To the server both are one session with
+ * control, whose word would release the robot; but the stop of a link that ends stays until somebody releases it.
+ */
+function leaveStop(): void {
+  gate.forget();
+  link.drop();
+}
+
+const REFUSAL_WITHIN_MS = 2000;
+let withdrawnMs = -Infinity;
 
 /** The robot's time in s at a time of performance.now(), to some milliseconds; null where its clock is not known. */
 export function robotTime(atMs: number): number | null {
@@ -144,16 +219,26 @@ export function robotTime(atMs: number): number | null {
   return clockOffsetS === null ? null : atMs / 1000 + clockOffsetS;
 }
 
+let silentPings = 0;
+
 async function ping(): Promise<void> {
   if (!link.isOpen) return;
   const start = performance.now();
+  const received = link.received;
   try {
     const { time } = await call(SERVICES.GET_TIME, {}, PING_MS);
     const roundTripMs = performance.now() - start;
     const clockOffsetS = time.sec + time.nanosec / 1e9 - (start + roundTripMs / 2) / 1000;
     useLink.setState({ roundTripMs, clockOffsetS });
-  } catch {
+    silentPings = 0;
+  } catch (error) {
     useLink.setState({ roundTripMs: null });
+    if (error instanceof LinkLost) return;
+    silentPings = link.received === received ? silentPings + 1 : 0;
+    if (silentPings < SILENT_PINGS) return;
+    silentPings = 0;
+    link.drop();
+    dropChannel();
   }
 }
 
@@ -166,24 +251,46 @@ export async function startRobot(): Promise<void> {
       wasOpen: before.wasOpen || state === "open",
       roundTripMs: state === "open" ? before.roundTripMs : null,
     }));
-    gate.setConnected(state === "open");
+    gate.setConnected(state === "open", useConsole.getState().online);
     if (state === "open") void ping();
     else driver.letGo();
   };
   link.onStatus = (level, text) => {
     useLink.setState({ refusal: { text, receivedMs: performance.now() } });
     // A publication has no answer: its refusal is only said here.
-    if (level === "error") showProblem(new Error(text));
+    const isExpected = performance.now() - withdrawnMs < REFUSAL_WITHIN_MS;
+    withdrawnMs = -Infinity;
+    if (level === "error" && !isExpected) showProblem(new Error(text));
   };
-  useConsole.subscribe((state) => gate.setControl(hasControl(state)));
+  useConsole.subscribe((state, before) => {
+    // Every answer of the server is an object of its own, also if it says the same again.
+    if (state.control !== before.control || state.session !== before.session) applyControl();
+  });
+  useTabRole.subscribe(({ role }, before) => {
+    // Nothing of this tab may be what the wheels did last: another one commands now.
+    if (role === "watching" && before.role === "commanding" && !gate.engaged) sendVelocity(ZERO);
+    applyControl();
+    // The tab that commands could not release what this one repeats.
+    if (role === "watching" && before.role === "commanding" && gate.isStated) leaveStop();
+  });
+  followTabs();
+  // The gate needs the mission's state also while nothing shows it.
+  topics.listen(TOPICS.MISSION_STATE, {}, () => {});
+  // What the view of another tab holds, nobody sees any more.
+  useRoute.subscribe(({ tab }, before) => {
+    if (tab !== before.tab) driver.letGo();
+  });
   gate.start();
-  setInterval(() => void ping(), PING_MS);
+  every(PING_MS, () => void ping());
   window.addEventListener("beforeunload", () => gate.engage("before-unload"));
   window.addEventListener("online", () => link.reconnectNow());
-  window.addEventListener("blur", () => engageOnFocusLoss("window-blur"));
+  followFocus(() => driver.letGo(), () => engageOnFocusLoss("window-blur"));
   document.addEventListener("visibilitychange", () => {
     if (document.hidden) engageOnFocusLoss("visibility-hidden");
-    else link.reconnectNow();
+    else {
+      link.reconnectNow();
+      screenOn.shownAgain();
+    }
   });
   if (IS_MOCK) {
     const mock = await import("@/mock/mock");
@@ -205,12 +312,12 @@ function engageOnFocusLoss(reason: StopReason): void {
 
 /** rosbridge refuses a browser that is not paired, so the link waits for that. */
 function connectOncePaired(): void {
-  if (useConsole.getState().own !== null) {
+  if (useConsole.getState().session !== null) {
     link.connect();
     return;
   }
   const end = useConsole.subscribe((state) => {
-    if (state.own !== null) {
+    if (state.session !== null) {
       end();
       link.connect();
     }

@@ -1,15 +1,17 @@
-/** What the console's server says: who this browser is, who has control, why the robot is stopped, the run, the doctor. */
+/** The state of the console's server: who this browser is, who has control, why the robot is stopped, the run, the doctor. */
 import { create } from "zustand";
 import type { Role } from "@/generated/robot";
 import type { Settings } from "@/generated/settings";
 
-export interface Own {
+/** A paired browser. */
+export interface Session {
   name: string;
   role: Role;
 }
 
 export interface Control {
   holder: string | null;
+  /** When the holder got control, seconds since 1970. */
   since_s: number | null;
   requester: string | null;
 }
@@ -19,6 +21,7 @@ export interface ProcessState {
   phase: string;
   /** Why the process is silent or being replaced; empty while it works. */
   trouble: string;
+  /** Why the process is in its phase, such as the status with which it exited; empty while it works. */
   why: string;
   waiting_for?: string[];
   waiting_s?: number | null;
@@ -30,7 +33,9 @@ export interface ProcessState {
 export interface RunState {
   id?: string;
   age_s?: number;
+  /** Seconds from the start of the run until it was ready; null while it starts. */
   ready_s?: number | null;
+  /** The processes of the run. */
   stages?: ProcessState[];
   alarms?: string[];
   rates_hz?: Record<string, number>;
@@ -38,8 +43,12 @@ export interface RunState {
 }
 
 export interface Fix {
+  /** What a person does by hand, or must know before typing the command; may be empty. */
+  instruction: string;
+  /** A line for a shell of the laptop; empty if there is only something to do by hand. */
   command: string;
   playbook: string | null;
+  /** Whether the playbook stops nothing that works and loses no data. */
   safe: boolean;
   variables: Record<string, string>;
 }
@@ -56,17 +65,23 @@ export interface Finding {
 }
 
 export interface Diagnosis {
+  /** The exit status of `lupin doctor`. */
   status: number;
   findings: Finding[];
-  unknown: unknown[];
-  broken: unknown[];
+  /** A line for each fact that has no value, so that checks are undecided. */
+  unknown: string[];
+  /** A line for each check or plug-in that failed. */
+  broken: string[];
   checks: string[];
 }
 
 export interface DoctorState {
+  /** What the doctor is doing, such as "examining"; empty while it does nothing. */
   busy: string;
   diagnosis: Diagnosis | null;
+  /** When the diagnosis was made, seconds since 1970. */
   examined_s: number | null;
+  /** Why the doctor itself failed; empty if it did not. */
   problem: string;
 }
 
@@ -76,34 +91,62 @@ export interface Location {
   yaw: number;
 }
 
+/** Where the robot shall stand to read a tag, as in the file of overrides; what is missing is computed. */
+export interface Approach {
+  goal_x?: number;
+  goal_y?: number;
+  yaw?: number;
+  standoff?: number;
+}
+
 export interface ConsoleState {
-  own: Own | null;
-  /** Whether the first answer about this browser has come. */
-  known: boolean;
+  /** This browser's session; null if it is not paired. */
+  session: Session | null;
+  /** Whether the server has said what `session` is; until then, null means nothing. */
+  sessionLoaded: boolean;
   control: Control;
+  /** Everybody who is connected now, this browser too. */
+  browsers: Session[];
+  /** Why the consoles and the e-stop stop the robot; empty while nothing does. Named like the server's event. */
   stop: string[];
   run: RunState;
   doctor: DoctorState;
   locations: Record<string, Location>;
+  /** By tag. */
+  approaches: Record<string, Approach>;
   settings: Partial<Settings>;
-  /** Whether the channel of events is open, and since when (performance.now()). */
+  /** The server's version of the page when this one was opened; empty if it has none. */
+  pageVersion: string;
+  /** Whether the server has another version by now. */
+  isOutdated: boolean;
+  /** Whether the event channel is open. */
   online: boolean;
-  changedMs: number;
+  /** When `online` last changed (performance.now()). */
+  onlineChangedMs: number;
 }
 
 export const useConsole = create<ConsoleState>(() => ({
-  own: null,
-  known: false,
+  session: null,
+  sessionLoaded: false,
   control: { holder: null, since_s: null, requester: null },
+  browsers: [],
   stop: [],
   run: {},
   doctor: { busy: "", diagnosis: null, examined_s: null, problem: "" },
   locations: {},
+  approaches: {},
   settings: {},
+  pageVersion: "",
+  isOutdated: false,
   online: false,
-  changedMs: 0,
+  onlineChangedMs: 0,
 }));
 
+/** Everybody who is connected but this browser. */
+export function otherBrowsers({ browsers, session }: ConsoleState): Session[] {
+  return browsers.filter(({ name }) => name !== session?.name);
+}
+
 export function hasControl(state: ConsoleState): boolean {
-  return state.own !== null && state.control.holder === state.own.name;
+  return state.session !== null && state.control.holder === state.session.name;
 }

@@ -1,53 +1,77 @@
-/** The channel on which the console's server pushes every change, and the sign of life that keeps control. */
+/** The channel on which the console's server pushes every change, and the heartbeat that keeps control. */
+import { every } from "@/safety/timers";
 import { ask } from "./http";
-import { type ConsoleState, type Control, type Own, useConsole } from "./console_store";
+import { type ConsoleState, type Control, type Session, useConsole } from "./console_store";
 
 const SIGN_OF_LIFE_MS = 1000;
 const RETRY_MS = 1500;
 
-const FIELDS = ["control", "stop", "run", "doctor", "locations", "settings"] as const;
+const FIELDS = ["control", "browsers", "stop", "run", "doctor", "locations", "approaches", "settings"] as const;
 
 /** Ask who this browser is and listen to changes, for as long as the page is open. */
 export async function followServer(socketUrl: string): Promise<void> {
   try {
-    const answer = await ask<{ session: Own | null; control: Control; stop: string[] }>("/_api/session");
-    useConsole.setState({ own: answer.session, known: true, control: answer.control, stop: answer.stop });
+    const answer = await ask<{ session: Session | null; control: Control; stop: string[]; page?: string }>("/_api/session");
+    noteVersion(answer.page ?? "");
+    useConsole.setState({ session: answer.session, sessionLoaded: true, control: answer.control, stop: answer.stop });
     if (answer.session === null) return; // the page asks for a code, and follows again once it was accepted
     void loadShared();
     listen(socketUrl);
   } catch {
-    useConsole.setState({ online: false, changedMs: performance.now() });
+    useConsole.setState({ online: false, onlineChangedMs: performance.now() });
     setTimeout(() => void followServer(socketUrl), RETRY_MS);
   }
 }
 
+/** The page was loaded from the server moments before its first answer; another version later is a newer page. */
+function noteVersion(version: string): void {
+  useConsole.setState(({ pageVersion }) => (pageVersion === "" ? { pageVersion: version } : { isOutdated: version !== "" && version !== pageVersion }));
+}
+
 async function loadShared(): Promise<void> {
-  const [locations, settings, doctor] = await Promise.allSettled([
+  const [locations, settings, doctor, approaches] = await Promise.allSettled([
     ask<ConsoleState["locations"]>("/_api/locations"),
     ask<{ settings: ConsoleState["settings"] }>("/_api/settings"),
     ask<ConsoleState["doctor"]>("/_api/doctor"),
+    ask<ConsoleState["approaches"]>("/_api/approaches"),
   ]);
   if (locations.status === "fulfilled") useConsole.setState({ locations: locations.value });
   if (settings.status === "fulfilled") useConsole.setState({ settings: settings.value.settings });
+  if (approaches.status === "fulfilled") useConsole.setState({ approaches: approaches.value });
   if (doctor.status === "fulfilled") useConsole.setState({ doctor: doctor.value });
+}
+
+let dropCurrent = () => {};
+
+/** Give up the channel and open another, as the link to the server is dead. */
+export function dropChannel(): void {
+  dropCurrent();
 }
 
 function listen(socketUrl: string): void {
   const socket = new WebSocket(socketUrl);
-  // Control is lost by silence.
-  const sign = setInterval(() => {
+  let isOver = false;
+  // The server takes control away from a browser that is silent.
+  const endSigns = every(SIGN_OF_LIFE_MS, () => {
     if (socket.readyState === WebSocket.OPEN) socket.send("{}");
-  }, SIGN_OF_LIFE_MS);
-  socket.onopen = () => useConsole.setState({ online: true, changedMs: performance.now() });
+  });
+  socket.onopen = () => useConsole.setState({ online: true, onlineChangedMs: performance.now() });
   socket.onmessage = (message) => take(String(message.data));
-  socket.onclose = () => {
-    clearInterval(sign);
-    useConsole.setState({ online: false, changedMs: performance.now() });
+  const end = () => {
+    if (isOver) return;
+    isOver = true;
+    endSigns();
+    useConsole.setState({ online: false, onlineChangedMs: performance.now() });
     setTimeout(() => void followServer(socketUrl), RETRY_MS);
+  };
+  socket.onclose = end;
+  dropCurrent = () => {
+    end();
+    socket.close();
   };
 }
 
-/** Take one event; unknown kinds are passed over. */
+/** Handle one event; unknown kinds are ignored. */
 export function take(text: string): void {
   const { event, value } = JSON.parse(text) as { event: string; value: unknown };
   if ((FIELDS as readonly string[]).includes(event)) useConsole.setState({ [event]: value } as Partial<ConsoleState>);

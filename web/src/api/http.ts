@@ -1,13 +1,26 @@
 /** Requests to the console's API. */
 import { IS_MOCK } from "@/environment";
+import { type Phrase, WordedError } from "@/i18n/text_error";
+import { refuseRequest } from "@/rewind/guard";
 
-export class ApiError extends Error {
+export class ApiError extends WordedError {
+  /** `status` is 0 where the server gave no answer; `words` are its own, or a text of the catalog. */
   constructor(
     readonly status: number,
-    message: string,
+    words: string | Phrase,
   ) {
-    super(message);
+    super(words);
   }
+}
+
+/** The error of a request that got no answer. */
+export function unanswered(error: unknown): ApiError {
+  return new ApiError(0, { key: error instanceof DOMException ? "error_server_silent" : "error_server_unreachable" });
+}
+
+/** The error of an answer that is none: the server's reason, if it gave one. */
+export function refused(status: number, words: string | null): ApiError {
+  return new ApiError(status, words || { key: "error_status", values: { status } });
 }
 
 const TIMEOUT_MS = 15_000;
@@ -20,10 +33,11 @@ export async function request(path: string, options?: RequestInit): Promise<Resp
   return mock === null ? fetch(path, options) : (await mock).answer(path, options);
 }
 
-/** GET a resource, or POST `body` to it, and return the JSON of the answer. Throws ApiError with the server's reason. */
+/** GET a resource, or POST `body` to it, and return the JSON of the answer. Throws ApiError with the server's reason, and CommandRefused. */
 export async function ask<Answer>(path: string, body?: unknown, timeoutMs = TIMEOUT_MS): Promise<Answer> {
   const options: RequestInit = { signal: AbortSignal.timeout(timeoutMs) };
   if (body !== undefined) {
+    refuseRequest(path, body);
     options.method = "POST";
     options.headers = { "Content-Type": "application/json" };
     options.body = JSON.stringify(body);
@@ -32,12 +46,12 @@ export async function ask<Answer>(path: string, body?: unknown, timeoutMs = TIME
   try {
     response = await request(path, options);
   } catch (error) {
-    throw new ApiError(0, error instanceof DOMException ? "the console's server does not answer" : "no link to the console's server");
+    throw unanswered(error);
   }
   const text = await response.text();
   const isJson = response.headers.get("Content-Type")?.startsWith("application/json") ?? false;
   const answer: unknown = isJson ? JSON.parse(text) : { error: text.trim() };
-  if (!response.ok) throw new ApiError(response.status, reason(answer) ?? `the server answered with status ${response.status}`);
+  if (!response.ok) throw refused(response.status, reason(answer));
   return answer as Answer;
 }
 

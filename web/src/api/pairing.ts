@@ -9,7 +9,7 @@ export async function pair(code: string): Promise<void> {
   await followServer(socketUrl("/_api/events"));
 }
 
-/** The code that a QR code put into the address, which is taken out of it: it stays in no address bar and no history. */
+/** Take the pairing code, which a QR code puts there, out of the address, so that it stays neither visible nor in the history. */
 export function takeScannedCode(): string | null {
   const scanned = new URLSearchParams(location.hash.slice(1)).get("code");
   if (scanned !== null) history.replaceState(null, "", location.pathname);

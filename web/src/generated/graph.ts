@@ -108,6 +108,12 @@ export const TOPICS = {
     "console": "",
     "rateHz": null
   },
+  "ROBOT_DESCRIPTION": {
+    "name": "/robot_description",
+    "type": "std_msgs/msg/String",
+    "console": "",
+    "rateHz": null
+  },
   "BODY_IMAGE_SIM": {
     "name": "/camera/image_raw",
     "type": "sensor_msgs/msg/Image",
@@ -186,6 +192,12 @@ export const TOPICS = {
     "console": "operator",
     "rateHz": null
   },
+  "GOAL_MARKERS": {
+    "name": "/lupin/markers/goals",
+    "type": "visualization_msgs/msg/MarkerArray",
+    "console": "",
+    "rateHz": null
+  },
   "GLOBAL_COSTMAP": {
     "name": "/global_costmap/costmap",
     "type": "nav_msgs/msg/OccupancyGrid",
@@ -233,6 +245,18 @@ export const TOPICS = {
     "type": "lupin_msgs/msg/DiscoveredTags",
     "console": "",
     "rateHz": 2.0
+  },
+  "TAG_MARKERS": {
+    "name": "/lupin/markers/tags",
+    "type": "visualization_msgs/msg/MarkerArray",
+    "console": "",
+    "rateHz": null
+  },
+  "BOX_MARKERS": {
+    "name": "/lupin/markers/boxes",
+    "type": "visualization_msgs/msg/MarkerArray",
+    "console": "",
+    "rateHz": null
   },
   "OBSERVATIONS": {
     "name": "/floranova/observations",
@@ -388,6 +412,51 @@ export const SERVICES = {
     "type": "slam_toolbox/srv/DeserializePoseGraph",
     "console": ""
   },
+  "SLAM_DYNAMIC_MAP": {
+    "name": "/slam_toolbox/dynamic_map",
+    "type": "nav_msgs/srv/GetMap",
+    "console": ""
+  },
+  "MAP_SERVER_MAP": {
+    "name": "/map_server/map",
+    "type": "nav_msgs/srv/GetMap",
+    "console": ""
+  },
+  "MAP_SERVER_LOAD_MAP": {
+    "name": "/map_server/load_map",
+    "type": "nav2_msgs/srv/LoadMap",
+    "console": ""
+  },
+  "BT_NAVIGATOR_STATE": {
+    "name": "/bt_navigator/get_state",
+    "type": "lifecycle_msgs/srv/GetState",
+    "console": ""
+  },
+  "SLAM_STATE": {
+    "name": "/slam_toolbox/get_state",
+    "type": "lifecycle_msgs/srv/GetState",
+    "console": ""
+  },
+  "AMCL_STATE": {
+    "name": "/amcl/get_state",
+    "type": "lifecycle_msgs/srv/GetState",
+    "console": ""
+  },
+  "MAP_SERVER_STATE": {
+    "name": "/map_server/get_state",
+    "type": "lifecycle_msgs/srv/GetState",
+    "console": ""
+  },
+  "GET_LOCAL_COSTMAP": {
+    "name": "/local_costmap/get_costmap",
+    "type": "nav2_msgs/srv/GetCostmap",
+    "console": ""
+  },
+  "GET_GLOBAL_COSTMAP": {
+    "name": "/global_costmap/get_costmap",
+    "type": "nav2_msgs/srv/GetCostmap",
+    "console": ""
+  },
   "CLEAR_LOCAL_COSTMAP": {
     "name": "/local_costmap/clear_entirely_local_costmap",
     "type": "nav2_msgs/srv/ClearEntireCostmap",
@@ -532,6 +601,11 @@ export const SERVICES = {
     "name": "/navigate_through_poses/_action/cancel_goal",
     "type": "action_msgs/srv/CancelGoal",
     "console": "viewer"
+  },
+  "CANCEL_FOLLOW_WAYPOINTS": {
+    "name": "/follow_waypoints/_action/cancel_goal",
+    "type": "action_msgs/srv/CancelGoal",
+    "console": "viewer"
   }
 } as const;
 export const ACTIONS = {
@@ -543,6 +617,11 @@ export const ACTIONS = {
   "NAVIGATE_THROUGH_POSES": {
     "name": "/navigate_through_poses",
     "type": "nav2_msgs/action/NavigateThroughPoses",
+    "console": "operator"
+  },
+  "FOLLOW_WAYPOINTS": {
+    "name": "/follow_waypoints",
+    "type": "nav2_msgs/action/FollowWaypoints",
     "console": "operator"
   },
   "COMPUTE_PATH_TO_POSE": {
@@ -575,6 +654,33 @@ export const JOINTS = {
     "rear_right_wheel_joint",
     "front_right_wheel_joint"
   ]
+} as const;
+export const JOINT_SERVICES = {
+  "shoulder_pan_joint": {
+    "name": "/lupin/arm/shoulder_pan/set_angle_with_speed",
+    "type": "mirte_msgs/srv/SetServoAngleWithSpeed",
+    "console": "operator"
+  },
+  "shoulder_lift_joint": {
+    "name": "/lupin/arm/shoulder_lift/set_angle_with_speed",
+    "type": "mirte_msgs/srv/SetServoAngleWithSpeed",
+    "console": "operator"
+  },
+  "elbow_joint": {
+    "name": "/lupin/arm/elbow/set_angle_with_speed",
+    "type": "mirte_msgs/srv/SetServoAngleWithSpeed",
+    "console": "operator"
+  },
+  "wrist_joint": {
+    "name": "/lupin/arm/wrist/set_angle_with_speed",
+    "type": "mirte_msgs/srv/SetServoAngleWithSpeed",
+    "console": "operator"
+  },
+  "gripper_joint": {
+    "name": "/lupin/gripper/set_angle_with_speed",
+    "type": "mirte_msgs/srv/SetServoAngleWithSpeed",
+    "console": "operator"
+  }
 } as const;
 export const FRAMES = {
   "map": "map",

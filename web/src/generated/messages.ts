@@ -192,6 +192,16 @@ export interface geometry_msgs_Vector3 {
   y: number;
   z: number;
 }
+export interface lifecycle_msgs_GetState_Request {
+}
+export interface lifecycle_msgs_GetState_Response {
+  current_state: lifecycle_msgs_State;
+}
+export interface lifecycle_msgs_State {
+  id: number;
+  label: string;
+}
+export const lifecycle_msgs_State = { PRIMARY_STATE_ACTIVE: 3, PRIMARY_STATE_FINALIZED: 4, PRIMARY_STATE_INACTIVE: 2, PRIMARY_STATE_UNCONFIGURED: 1, PRIMARY_STATE_UNKNOWN: 0, TRANSITION_STATE_ACTIVATING: 13, TRANSITION_STATE_CLEANINGUP: 11, TRANSITION_STATE_CONFIGURING: 10, TRANSITION_STATE_DEACTIVATING: 14, TRANSITION_STATE_ERRORPROCESSING: 15, TRANSITION_STATE_SHUTTINGDOWN: 12 } as const;
 export interface lupin_msgs_AnomalyReport {
   pose: geometry_msgs_PoseStamped;
   description: string;
@@ -481,6 +491,54 @@ export interface nav2_msgs_ComputePathToPose_Result {
   error_msg: string;
 }
 export const nav2_msgs_ComputePathToPose_Result = { GOAL_OCCUPIED: 206, GOAL_OUTSIDE_MAP: 204, INVALID_PLANNER: 201, NONE: 0, NO_VALID_PATH: 208, START_OCCUPIED: 205, START_OUTSIDE_MAP: 203, TF_ERROR: 202, TIMEOUT: 207, UNKNOWN: 200 } as const;
+export interface nav2_msgs_Costmap {
+  header: std_msgs_Header;
+  metadata: nav2_msgs_CostmapMetaData;
+  data: Uint8Array;
+}
+export interface nav2_msgs_CostmapMetaData {
+  map_load_time: builtin_interfaces_Time;
+  update_time: builtin_interfaces_Time;
+  layer: string;
+  resolution: number;
+  size_x: number;
+  size_y: number;
+  origin: geometry_msgs_Pose;
+}
+export interface nav2_msgs_FollowWaypoints_Feedback {
+  current_waypoint: number;
+}
+export interface nav2_msgs_FollowWaypoints_Goal {
+  number_of_loops: number;
+  goal_index: number;
+  poses: geometry_msgs_PoseStamped[];
+}
+export const nav2_msgs_FollowWaypoints_Goal = { GOAL_INDEX__DEFAULT: 0 } as const;
+export interface nav2_msgs_FollowWaypoints_Result {
+  missed_waypoints: nav2_msgs_MissedWaypoint[];
+  error_code: number;
+  error_msg: string;
+}
+export const nav2_msgs_FollowWaypoints_Result = { NONE: 0, TASK_EXECUTOR_FAILED: 601, UNKNOWN: 600 } as const;
+export interface nav2_msgs_GetCostmap_Request {
+  specs: nav2_msgs_CostmapMetaData;
+}
+export interface nav2_msgs_GetCostmap_Response {
+  map: nav2_msgs_Costmap;
+}
+export interface nav2_msgs_LoadMap_Request {
+  map_url: string;
+}
+export interface nav2_msgs_LoadMap_Response {
+  map: nav_msgs_OccupancyGrid;
+  result: number;
+}
+export const nav2_msgs_LoadMap_Response = { RESULT_INVALID_MAP_DATA: 2, RESULT_INVALID_MAP_METADATA: 3, RESULT_MAP_DOES_NOT_EXIST: 1, RESULT_SUCCESS: 0, RESULT_UNDEFINED_FAILURE: 255 } as const;
+export interface nav2_msgs_MissedWaypoint {
+  index: number;
+  goal: geometry_msgs_PoseStamped;
+  error_code: number;
+}
 export interface nav2_msgs_NavigateThroughPoses_Feedback {
   current_pose: geometry_msgs_PoseStamped;
   navigation_time: builtin_interfaces_Duration;
@@ -514,6 +572,11 @@ export interface nav2_msgs_NavigateToPose_Result {
   error_msg: string;
 }
 export const nav2_msgs_NavigateToPose_Result = { NONE: 0 } as const;
+export interface nav_msgs_GetMap_Request {
+}
+export interface nav_msgs_GetMap_Response {
+  map: nav_msgs_OccupancyGrid;
+}
 export interface nav_msgs_MapMetaData {
   map_load_time: builtin_interfaces_Time;
   resolution: number;
@@ -690,6 +753,12 @@ export const slam_toolbox_SerializePoseGraph_Response = { RESULT_FAILED_TO_WRITE
 export interface std_msgs_Bool {
   data: boolean;
 }
+export interface std_msgs_ColorRGBA {
+  r: number;
+  g: number;
+  b: number;
+  a: number;
+}
 export interface std_msgs_Empty {
 }
 export interface std_msgs_Float32 {
@@ -744,6 +813,39 @@ export interface trajectory_msgs_MultiDOFJointTrajectoryPoint {
 export interface unique_identifier_msgs_UUID {
   uuid: Uint8Array;
 }
+export interface visualization_msgs_Marker {
+  header: std_msgs_Header;
+  ns: string;
+  id: number;
+  type: number;
+  action: number;
+  pose: geometry_msgs_Pose;
+  scale: geometry_msgs_Vector3;
+  color: std_msgs_ColorRGBA;
+  lifetime: builtin_interfaces_Duration;
+  frame_locked: boolean;
+  points: geometry_msgs_Point[];
+  colors: std_msgs_ColorRGBA[];
+  texture_resource: string;
+  texture: sensor_msgs_CompressedImage;
+  uv_coordinates: visualization_msgs_UVCoordinate[];
+  text: string;
+  mesh_resource: string;
+  mesh_file: visualization_msgs_MeshFile;
+  mesh_use_embedded_materials: boolean;
+}
+export const visualization_msgs_Marker = { ADD: 0, ARROW: 0, ARROW_STRIP: 12, CUBE: 1, CUBE_LIST: 6, CYLINDER: 3, DELETE: 2, DELETEALL: 3, LINE_LIST: 5, LINE_STRIP: 4, MESH_RESOURCE: 10, MODIFY: 0, POINTS: 8, SPHERE: 2, SPHERE_LIST: 7, TEXT_VIEW_FACING: 9, TRIANGLE_LIST: 11 } as const;
+export interface visualization_msgs_MarkerArray {
+  markers: visualization_msgs_Marker[];
+}
+export interface visualization_msgs_MeshFile {
+  filename: string;
+  data: Uint8Array;
+}
+export interface visualization_msgs_UVCoordinate {
+  u: number;
+  v: number;
+}
 export interface MessageTypes {
   "geometry_msgs/msg/PoseStamped": geometry_msgs_PoseStamped;
   "geometry_msgs/msg/PoseWithCovarianceStamped": geometry_msgs_PoseWithCovarianceStamped;
@@ -773,6 +875,7 @@ export interface MessageTypes {
   "std_msgs/msg/String": std_msgs_String;
   "tf2_msgs/msg/TFMessage": tf2_msgs_TFMessage;
   "trajectory_msgs/msg/JointTrajectory": trajectory_msgs_JointTrajectory;
+  "visualization_msgs/msg/MarkerArray": visualization_msgs_MarkerArray;
 }
 export interface ServiceTypes {
   "action_msgs/srv/CancelGoal": { request: action_msgs_CancelGoal_Request; response: action_msgs_CancelGoal_Response };
@@ -780,6 +883,7 @@ export interface ServiceTypes {
   "controller_manager_msgs/srv/ListControllers": { request: controller_manager_msgs_ListControllers_Request; response: controller_manager_msgs_ListControllers_Response };
   "controller_manager_msgs/srv/LoadController": { request: controller_manager_msgs_LoadController_Request; response: controller_manager_msgs_LoadController_Response };
   "controller_manager_msgs/srv/SwitchController": { request: controller_manager_msgs_SwitchController_Request; response: controller_manager_msgs_SwitchController_Response };
+  "lifecycle_msgs/srv/GetState": { request: lifecycle_msgs_GetState_Request; response: lifecycle_msgs_GetState_Response };
   "lupin_msgs/srv/ArmLibraryEdit": { request: lupin_msgs_ArmLibraryEdit_Request; response: lupin_msgs_ArmLibraryEdit_Response };
   "lupin_msgs/srv/ArmRecord": { request: lupin_msgs_ArmRecord_Request; response: lupin_msgs_ArmRecord_Response };
   "lupin_msgs/srv/CalibrateArm": { request: lupin_msgs_CalibrateArm_Request; response: lupin_msgs_CalibrateArm_Response };
@@ -798,6 +902,9 @@ export interface ServiceTypes {
   "mirte_msgs/srv/SetServoAngleWithSpeed": { request: mirte_msgs_SetServoAngleWithSpeed_Request; response: mirte_msgs_SetServoAngleWithSpeed_Response };
   "mirte_msgs/srv/SetServoOffset": { request: mirte_msgs_SetServoOffset_Request; response: mirte_msgs_SetServoOffset_Response };
   "nav2_msgs/srv/ClearEntireCostmap": { request: nav2_msgs_ClearEntireCostmap_Request; response: nav2_msgs_ClearEntireCostmap_Response };
+  "nav2_msgs/srv/GetCostmap": { request: nav2_msgs_GetCostmap_Request; response: nav2_msgs_GetCostmap_Response };
+  "nav2_msgs/srv/LoadMap": { request: nav2_msgs_LoadMap_Request; response: nav2_msgs_LoadMap_Response };
+  "nav_msgs/srv/GetMap": { request: nav_msgs_GetMap_Request; response: nav_msgs_GetMap_Response };
   "rosapi_msgs/srv/GetTime": { request: rosapi_msgs_GetTime_Request; response: rosapi_msgs_GetTime_Response };
   "rosapi_msgs/srv/Subscribers": { request: rosapi_msgs_Subscribers_Request; response: rosapi_msgs_Subscribers_Response };
   "rosapi_msgs/srv/Topics": { request: rosapi_msgs_Topics_Request; response: rosapi_msgs_Topics_Response };
@@ -813,6 +920,7 @@ export interface ActionTypes {
   "control_msgs/action/FollowJointTrajectory": { goal: control_msgs_FollowJointTrajectory_Goal; result: control_msgs_FollowJointTrajectory_Result; feedback: control_msgs_FollowJointTrajectory_Feedback };
   "control_msgs/action/GripperCommand": { goal: control_msgs_GripperCommand_Goal; result: control_msgs_GripperCommand_Result; feedback: control_msgs_GripperCommand_Feedback };
   "nav2_msgs/action/ComputePathToPose": { goal: nav2_msgs_ComputePathToPose_Goal; result: nav2_msgs_ComputePathToPose_Result; feedback: nav2_msgs_ComputePathToPose_Feedback };
+  "nav2_msgs/action/FollowWaypoints": { goal: nav2_msgs_FollowWaypoints_Goal; result: nav2_msgs_FollowWaypoints_Result; feedback: nav2_msgs_FollowWaypoints_Feedback };
   "nav2_msgs/action/NavigateThroughPoses": { goal: nav2_msgs_NavigateThroughPoses_Goal; result: nav2_msgs_NavigateThroughPoses_Result; feedback: nav2_msgs_NavigateThroughPoses_Feedback };
   "nav2_msgs/action/NavigateToPose": { goal: nav2_msgs_NavigateToPose_Goal; result: nav2_msgs_NavigateToPose_Result; feedback: nav2_msgs_NavigateToPose_Feedback };
 }

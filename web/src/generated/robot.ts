@@ -244,6 +244,10 @@ export const HEALTH = {
     }
   ]
 } as const;
+export const BATTERY = {
+  "lowShare": 0.2,
+  "soonShare": 0.35
+} as const;
 export const AUTHORITY = {
   "leaseSilenceS": 5.0,
   "requestS": 10.0

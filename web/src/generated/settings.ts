@@ -40,7 +40,8 @@ export interface Settings {
 export const SETTINGS = {
   "cmdVelTopic": {
     "default": "/cmd_vel_manual",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "cmdVelType": {
     "default": "geometry_msgs/msg/Twist",
@@ -52,51 +53,63 @@ export const SETTINGS = {
   },
   "imuTopic": {
     "default": "/io/imu/movement/data",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "batteryTopic": {
     "default": "/io/power/power_watcher",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "scanTopic": {
     "default": "/scan",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "odomTopic": {
     "default": "/mirte_base_controller/odom",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "jointStatesTopic": {
     "default": "/joint_states",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "rosoutTopic": {
     "default": "/rosout",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "cameraTopic": {
     "default": "/camera/color/image_raw",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "mapTopic": {
     "default": "/map",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "planTopic": {
     "default": "/plan",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "goalPoseTopic": {
     "default": "/goal_pose",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "mapFrame": {
     "default": "map",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "baseFrame": {
     "default": "base_link",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "speedScale": {
     "default": 0.5,
@@ -106,7 +119,8 @@ export const SETTINGS = {
   },
   "armServoNamespace": {
     "default": "/io/servo/hiwonder",
-    "unit": ""
+    "unit": "",
+    "ros_name": true
   },
   "armRateDegPerSec": {
     "default": 60.0,
@@ -116,43 +130,53 @@ export const SETTINGS = {
   },
   "geminiModel": {
     "default": "models/gemini-3.1-flash-live-preview",
-    "unit": ""
+    "unit": "",
+    "max_length": 256,
+    "shared": false
   },
   "voiceLanguage": {
     "default": "en-US",
-    "unit": ""
+    "unit": "",
+    "max_length": 35,
+    "shared": false
   },
   "voicePushToTalk": {
     "default": true,
-    "unit": ""
+    "unit": "",
+    "shared": false
   },
   "voiceVadEnabled": {
     "default": true,
-    "unit": ""
+    "unit": "",
+    "shared": false
   },
   "voiceVadEndHoldMs": {
     "default": 800,
     "unit": "ms",
     "low": 100,
-    "high": 10000
+    "high": 10000,
+    "shared": false
   },
   "voiceVadStartThreshold": {
     "default": 0.02,
     "unit": "",
     "low": 0.0,
-    "high": 1.0
+    "high": 1.0,
+    "shared": false
   },
   "voiceVadEndThreshold": {
     "default": 0.012,
     "unit": "",
     "low": 0.0,
-    "high": 1.0
+    "high": 1.0,
+    "shared": false
   },
   "voiceVadMaxUtteranceMs": {
     "default": 15000,
     "unit": "ms",
     "low": 1000,
-    "high": 120000
+    "high": 120000,
+    "shared": false
   },
   "voiceMaxLinearMps": {
     "default": 0.3,
@@ -168,7 +192,9 @@ export const SETTINGS = {
   },
   "voiceSystemPrompt": {
     "default": "",
-    "unit": ""
+    "unit": "",
+    "max_length": 20000,
+    "shared": false
   },
   "theme": {
     "default": "dark",
@@ -176,7 +202,8 @@ export const SETTINGS = {
     "choices": [
       "dark",
       "light"
-    ]
+    ],
+    "shared": false
   },
   "surfaceContrast": {
     "default": "normal",
@@ -184,19 +211,23 @@ export const SETTINGS = {
     "choices": [
       "normal",
       "high"
-    ]
+    ],
+    "shared": false
   },
   "reduceTransparency": {
     "default": false,
-    "unit": ""
+    "unit": "",
+    "shared": false
   },
   "debugPublish": {
     "default": false,
-    "unit": ""
+    "unit": "",
+    "shared": false
   },
   "estopAutoOnFocusLoss": {
     "default": true,
-    "unit": ""
+    "unit": "",
+    "shared": false
   },
   "polarityInvertHmi": {
     "default": false,

@@ -1,6 +1,13 @@
-import { useSyncExternalStore } from "react";
+import { createContext, useContext, useSyncExternalStore } from "react";
 
 const PERIOD_MS = 250;
+
+/** What a view takes for now: the page's time, or that of the moment of a recording which it shows. */
+export interface Clock {
+  subscribe: (changed: () => void) => () => void;
+  /** ms, on the scale of performance.now(). */
+  now: () => number;
+}
 
 let now = performance.now();
 const listeners = new Set<() => void>();
@@ -21,9 +28,13 @@ function subscribe(changed: () => void): () => void {
   };
 }
 
-/** performance.now(), four times a second: for ages. */
+export const LIVE_CLOCK: Clock = { subscribe, now: () => now };
+export const ClockContext = createContext(LIVE_CLOCK);
+
+/** The clock's time: that of the page comes four times a second, for ages. */
 export function useNow(): number {
-  return useSyncExternalStore(subscribe, () => now);
+  const clock = useContext(ClockContext);
+  return useSyncExternalStore(clock.subscribe, clock.now);
 }
 
 /** The age in seconds of something that happened at `atMs`; null where it never did. */
@@ -32,7 +43,8 @@ export function useAge(atMs: number | null | undefined): number | null {
   return atMs === null || atMs === undefined ? null : Math.max(0, (current - atMs) / 1000);
 }
 
-/** What is derived from performance.now(), looked at four times a second; the component renders only when it changes. */
+/** What is derived from the clock's time; the component renders only when it changes. */
 export function useTimeValue<Value extends string | number | boolean | null>(derive: (nowMs: number) => Value): Value {
-  return useSyncExternalStore(subscribe, () => derive(now));
+  const clock = useContext(ClockContext);
+  return useSyncExternalStore(clock.subscribe, () => derive(clock.now()));
 }

@@ -1,8 +1,15 @@
-import { useCallback, useEffect, useRef, useSyncExternalStore } from "react";
+import { createContext, useCallback, useContext, useEffect, useRef, useSyncExternalStore } from "react";
 import type { MessageTypes } from "@/generated/messages";
 import type { SubscribeOptions } from "@/ros/rosbridge";
-import type { Sample, TopicRow } from "@/ros/topics";
+import type { Sample, TopicRow, TopicStore } from "@/ros/topics";
 import { topics } from "@/robot";
+
+/** Where views take their samples from: the robot, unless they show the past. */
+export const TopicsContext = createContext<TopicStore>(topics);
+
+export function useTopics(): TopicStore {
+  return useContext(TopicsContext);
+}
 
 /** The last sample of a topic, redrawn once per frame at most. */
 export function useTopic<Type extends keyof MessageTypes>(
@@ -11,25 +18,26 @@ export function useTopic<Type extends keyof MessageTypes>(
 ): Sample<MessageTypes[Type]> | undefined {
   const { name, type } = row;
   const { throttleMs, queueLength } = options;
+  const store = useTopics();
   const shown = useRef<Sample<MessageTypes[Type]> | undefined>(undefined);
   const subscribe = useCallback(
     (changed: () => void) => {
       const wanted = subscribeOptions(throttleMs, queueLength);
       let frame = 0;
-      const end = topics.listen({ name, type }, wanted, () => {
+      const end = store.listen({ name, type }, wanted, () => {
         frame ||= requestAnimationFrame(() => {
           frame = 0;
-          shown.current = topics.last({ name, type }, wanted);
+          shown.current = store.last({ name, type }, wanted);
           changed();
         });
       });
-      shown.current = topics.last({ name, type }, wanted);
+      shown.current = store.last({ name, type }, wanted);
       return () => {
         cancelAnimationFrame(frame);
         end();
       };
     },
-    [name, type, throttleMs, queueLength],
+    [store, name, type, throttleMs, queueLength],
   );
   return useSyncExternalStore(subscribe, () => shown.current);
 }
@@ -42,6 +50,7 @@ export function useSamples<Type extends keyof MessageTypes>(
 ): void {
   const { name, type } = row;
   const { throttleMs, queueLength } = options;
+  const store = useTopics();
   const current = useRef(take);
   useEffect(() => {
     current.current = take;
@@ -49,13 +58,13 @@ export function useSamples<Type extends keyof MessageTypes>(
   useEffect(() => {
     const wanted = subscribeOptions(throttleMs, queueLength);
     const pass = () => {
-      const sample = topics.last<Type>({ name, type }, wanted);
+      const sample = store.last<Type>({ name, type }, wanted);
       if (sample !== undefined) current.current(sample);
     };
-    const end = topics.listen({ name, type }, wanted, pass);
+    const end = store.listen({ name, type }, wanted, pass);
     pass();
     return end;
-  }, [name, type, throttleMs, queueLength]);
+  }, [store, name, type, throttleMs, queueLength]);
 }
 
 function subscribeOptions(throttleMs: number | undefined, queueLength: number | undefined): SubscribeOptions {

@@ -1,7 +1,7 @@
 import { useCallback, useRef, useSyncExternalStore } from "react";
 import type { MessageTypes } from "@/generated/messages";
 import type { Sample, TopicRow } from "@/ros/topics";
-import { topics } from "@/robot";
+import { useTopics } from "./use_topic";
 
 /**
  * What `select` takes from the last sample of a topic. The component renders only when that changes, by a comparison of its
@@ -12,10 +12,11 @@ export function useTopicValue<Type extends keyof MessageTypes, Value>(
   select: (sample: Sample<MessageTypes[Type]> | undefined) => Value,
 ): Value {
   const { name, type } = row;
+  const store = useTopics();
   const shown = useRef<{ value: Value } | null>(null);
-  const subscribe = useCallback((changed: () => void) => topics.listen({ name, type }, {}, changed), [name, type]);
+  const subscribe = useCallback((changed: () => void) => store.listen({ name, type }, {}, changed), [store, name, type]);
   return useSyncExternalStore(subscribe, () => {
-    const value = select(topics.last<Type>({ name, type }));
+    const value = select(store.last<Type>({ name, type }));
     if (shown.current === null || !isSame(shown.current.value, value)) shown.current = { value };
     return shown.current.value;
   });

@@ -10,6 +10,7 @@ import { logs } from "./catalog/logs";
 import { map } from "./catalog/map";
 import { mission } from "./catalog/mission";
 import { palette } from "./catalog/palette";
+import { rewind } from "./catalog/rewind";
 import { runs } from "./catalog/runs";
 import { settings } from "./catalog/settings";
 import { shell } from "./catalog/shell";
@@ -26,6 +27,7 @@ const english = {
   ...map.en,
   ...mission.en,
   ...palette.en,
+  ...rewind.en,
   ...runs.en,
   ...settings.en,
   ...shell.en,
@@ -42,6 +44,7 @@ const dutch: Record<TextKey, string> = {
   ...map.nl,
   ...mission.nl,
   ...palette.nl,
+  ...rewind.nl,
   ...runs.nl,
   ...settings.nl,
   ...shell.nl,

@@ -1,16 +1,18 @@
-/** The made-up HTTP API: answers the requests that the page sends to its own origin. */
+/** The mock HTTP API: answers the requests that the page sends to its own origin. */
 import { SETTINGS, SETTINGS_VERSION } from "@/generated/settings";
 import { MAX_LOG_LINES, commandRows, logText } from "./stored_logs";
 import { type MockAuthority, RequestRefused } from "./authority";
 import { cameraRows, videoStream } from "./video";
 import { isLost } from "./link_state";
 import type { MockDoctor } from "./doctor";
+import type { MockRecording } from "./recording";
 import { plays, report, storedRun, storedRuns } from "./run_data";
 import { type MockRobot, answerService } from "./services";
 import { SERVICES } from "@/generated/graph";
 import { toJson } from "./rosbridge_server";
 
 const ANSWERS_AFTER_MS = 15;
+const WINDOW = /^\/_api\/runs\/[^/]+\/recording\/window$/;
 
 type Body = Record<string, unknown>;
 type Handler = (body: Body, ...names: string[]) => unknown;
@@ -21,11 +23,13 @@ export class MockApi {
     "north row": { x: -2.2, y: 0.9, yaw: 1.57 },
     "charging station": { x: 3.4, y: -2.2, yaw: 3.14 },
   };
+  private approaches: Record<string, Record<string, number>> = {};
   private settings: Record<string, unknown> = {};
 
   constructor(
     private readonly robot: MockRobot,
     private readonly doctor: MockDoctor,
+    private readonly recording: MockRecording,
     private readonly push: (event: string, value: unknown) => void,
   ) {}
 
@@ -37,6 +41,7 @@ export class MockApi {
     if (isLost(this.robot.world.options)) throw new TypeError("Failed to fetch");
     const body = typeof options.body === "string" ? (JSON.parse(options.body) as Body) : null;
     try {
+      if (WINDOW.test(url.pathname)) return new Response(await this.recording.window(url.searchParams), { headers: { "Content-Type": "application/cbor-seq" } });
       const value = await this.handle(url.pathname, body);
       if (value instanceof Response) return value;
       return new Response(toJson(value), { headers: { "Content-Type": "application/json" } });
@@ -74,7 +79,7 @@ export class MockApi {
     },
     "GET /_api/locations": () => this.locations,
     "POST /_api/locations": ({ name, pose }) => this.changeLocation(String(name).trim(), pose),
-    "GET /_api/settings": () => ({ version: SETTINGS_VERSION, settings: this.allSettings(), table: [] }),
+    "GET /_api/settings": () => ({ version: SETTINGS_VERSION, settings: this.settings, table: [] }),
     "POST /_api/settings": ({ settings }) => this.changeSettings(settings as Body),
     "GET /_api/arm/library": () => JSON.parse(this.robot.world.library.listing()),
     "GET /_api/maps": () => [...this.robot.maps].toSorted(),
@@ -83,6 +88,18 @@ export class MockApi {
       answerService(SERVICES.SLAM_SAVE_MAP.name, { name: { data: name } }, this.robot);
       return { saved: name };
     },
+    "POST /_api/maps/load": ({ name }) => {
+      this.authority.take();
+      if (!this.robot.maps.has(String(name))) throw new RequestRefused(`${String(name)} was not loaded: there is no ${String(name)}.posegraph`, 409);
+      return { loaded: name };
+    },
+    "POST /_api/maps/relocate": ({ pose }) => {
+      this.authority.take();
+      this.robot.world.relocate(pose as { x: number; y: number; yaw: number });
+      return { relocated: true };
+    },
+    "GET /_api/approaches": () => this.approaches,
+    "POST /_api/approaches": ({ tag, pose }) => this.changeApproach(String(tag), pose as { x: number; y: number; yaw: number } | null),
     "GET /_api/runs": () => storedRuns(Date.now() / 1000),
     "GET /_api/runs/*": (_, id = "") => {
       const run = storedRun(id, this.robot.world, Date.now() / 1000);
@@ -113,16 +130,20 @@ export class MockApi {
     return this.locations;
   }
 
-  private changeSettings(changes: Body): unknown {
+  private changeApproach(tag: string, pose: { x: number; y: number; yaw: number } | null): unknown {
     this.authority.take();
+    const others = Object.fromEntries(Object.entries(this.approaches).filter(([each]) => each !== tag));
+    this.approaches = pose === null ? others : { ...others, [tag]: { goal_x: pose.x, goal_y: pose.y, yaw: pose.yaw } };
+    this.push("approaches", this.approaches);
+    return this.approaches;
+  }
+
+  private changeSettings(changes: Body): unknown {
+    this.authority.checkTake();
     const unknown = Object.keys(changes).find((name) => !(name in SETTINGS));
     if (unknown !== undefined) throw new RequestRefused(`there is no setting '${unknown}'`, 400);
     Object.assign(this.settings, changes);
-    this.push("settings", this.allSettings());
-    return { version: SETTINGS_VERSION, settings: this.allSettings() };
-  }
-
-  private allSettings(): Body {
-    return { ...Object.fromEntries(Object.entries(SETTINGS).map(([name, row]) => [name, row.default])), ...this.settings };
+    this.push("settings", { ...this.settings });
+    return { version: SETTINGS_VERSION, settings: this.settings };
   }
 }

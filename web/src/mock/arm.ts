@@ -1,4 +1,4 @@
-/** The made-up arm: joints that move to their targets, torque, the calibration's two states. */
+/** The mock arm: joints that move to their targets, torque, the calibration's two states. */
 import { JOINTS } from "@/generated/graph";
 import { ARM_PRESETS, GRIPPER, JOINT_LIMITS, PRESET_DURATION_S } from "@/generated/robot";
 
@@ -6,7 +6,7 @@ export const ARM_JOINTS = JOINTS.arm;
 const GRIPPER_RAD_S = 0.34;
 const PUBLISHED_WITHIN_S = 0.5;
 const CALIBRATED = ["shoulder_lift", "elbow", "wrist", "gripper"] as const;
-/** What a person's hand leaves between zero and the pose, in ticks; below 200 nothing is written. */
+/** Differences between zero and a pose that was set by hand, in encoder ticks; below 200 no offset is written. */
 const OBSERVED_TICKS = [312, -148, 96, 1204] as const;
 const WRITTEN_FROM_TICKS = 200;
 

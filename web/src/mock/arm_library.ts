@@ -1,6 +1,9 @@
-/** The made-up library of the arm's poses and sequences, with its recorder and player. */
+/** Mock of the arm's library of poses and sequences, with its recorder and player. */
 import { Refused, type MockArm } from "./arm";
 
+/** Waypoints per second of a recording. */
+const SAMPLE_HZ = 12;
+const OVERWRITE = "choose another name or overwrite it";
 const NAME = /^[a-z0-9][a-z0-9_-]{0,31}$/;
 
 interface Pose {
@@ -25,7 +28,7 @@ interface Activity {
   durationS: number;
 }
 
-export class MockLibrary {
+export class MockArmLibrary {
   private poses = new Map<string, Pose>([
     ["look_left", { arm: [0.7, 0.3, -0.5, -1.1], gripper: null, note: "" }],
     ["over_pot", { arm: [0, -0.45, 0.85, -0.7], gripper: -0.2, note: "before a pick" }],
@@ -63,7 +66,7 @@ export class MockLibrary {
       mode: activity?.mode ?? "",
       progress: activity?.kind === "playing" ? round(Math.min(1, elapsed / activity.durationS), 3) : 0,
       elapsed_s: round(elapsed, 2),
-      n_waypoints: activity?.kind === "recording" ? Math.floor(elapsed * 12) : 0,
+      n_waypoints: activity?.kind === "recording" ? Math.floor(elapsed * SAMPLE_HZ) : 0,
       torque: this.arm.torque,
       aborted: "",
     });
@@ -76,7 +79,7 @@ export class MockLibrary {
 
   savePose(name: string, pose: Pose, overwrite: boolean): string {
     const valid = validName(name);
-    if (this.poses.has(valid) && !overwrite) throw new Refused(`there is a pose ${valid} already`);
+    if (this.poses.has(valid) && !overwrite) throw new Refused(`pose '${valid}' already exists; ${OVERWRITE}`);
     this.poses.set(valid, pose);
     return `pose ${valid} saved`;
   }
@@ -86,10 +89,11 @@ export class MockLibrary {
     if (pose === undefined) throw new Refused(`there is no pose ${name}`);
     this.arm.moveTo(pose.arm);
     if (pose.gripper !== null) this.arm.moveGripper(pose.gripper);
-    return `${validName(name)} sent, 3 s`;
+    return `moving to ${validName(name)}, 3 s`;
   }
 
-  edit(kind: string, name: string, newName: string): string {
+  /** Rename an entry, or delete it if `newName` is empty. */
+  renameOrDelete(kind: string, name: string, newName: string): string {
     const entries: Map<string, unknown> = kind === "pose" ? this.poses : this.sequences;
     const entry = entries.get(validName(name));
     if (entry === undefined) throw new Refused(`there is no ${kind} ${name}`);
@@ -97,7 +101,7 @@ export class MockLibrary {
       entries.delete(validName(name));
       return "deleted";
     }
-    if (entries.has(validName(newName))) throw new Refused(`there is a ${kind} ${newName} already`);
+    if (entries.has(validName(newName))) throw new Refused(`${kind} '${newName}' already exists; choose another name`);
     entries.delete(validName(name));
     entries.set(validName(newName), entry);
     return `renamed to ${validName(newName)}`;
@@ -118,11 +122,11 @@ export class MockLibrary {
     const { activity } = this;
     if (activity?.kind !== "recording") throw new Refused("nothing is being recorded");
     const durationS = round(this.nowS - activity.beganS, 2);
-    const waypoints = Math.floor(durationS * 12) + 1;
+    const waypoints = Math.floor(durationS * SAMPLE_HZ) + 1;
     let message = "recording discarded";
     if (request.action === "save") {
       const name = validName(request.name === "" ? activity.name : request.name);
-      if (this.sequences.has(name) && !request.overwrite) throw new Refused(`there is a sequence ${name} already`);
+      if (this.sequences.has(name) && !request.overwrite) throw new Refused(`sequence '${name}' already exists; ${OVERWRITE}`);
       this.sequences.set(name, { mode: activity.mode, includeGripper: activity.includeGripper, durationS, waypoints });
       message = `sequence ${name} saved`;
     }
@@ -134,7 +138,8 @@ export class MockLibrary {
     this.requireIdle();
     const sequence = this.sequences.get(validName(name));
     if (sequence === undefined) throw new Refused(`there is no sequence ${name}`);
-    const durationS = Math.max(0.1, sequence.durationS / Math.min(2, Math.max(0.25, speed === 0 ? 1 : speed)));
+    const factor = speed === 0 ? 1 : speed; // 0, an unset field of the request, means the recorded speed
+    const durationS = Math.max(0.1, sequence.durationS / Math.min(2, Math.max(0.25, factor)));
     this.arm.torque = true;
     this.arm.moveTo([0.6, 0.2, -0.4, -1], durationS);
     this.activity = { kind: "playing", name, mode: sequence.mode, includeGripper: sequence.includeGripper, beganS: this.nowS, durationS };

@@ -1,5 +1,5 @@
 /** Who has control in the mock mode, and who stops the robot: the rules of the console's server. */
-import type { Control, Own } from "@/api/console_store";
+import type { Control, Session } from "@/api/console_store";
 import { AUTHORITY } from "@/generated/robot";
 import type { MockOptions } from "./options";
 import type { World } from "./world";
@@ -7,6 +7,7 @@ import type { World } from "./world";
 export const OTHER = "phone-2";
 export const BUTTON = "the button is pressed";
 const OWN_NAME = "laptop-1";
+const WATCHING: Session = { name: "tablet-1", role: "viewer" };
 /** How long the other browser takes to hand over. */
 const ANSWER_MS = 4000;
 /** When the other browser asks for control, after the page was opened. */
@@ -23,7 +24,7 @@ export class RequestRefused extends Error {
 }
 
 export class MockAuthority {
-  readonly own: Own;
+  readonly own: Session;
   control: Control = { holder: null, since_s: null, requester: null };
   /** Stops that no browser holds any more, but that nobody has released. */
   private lost: string[] = [];
@@ -31,7 +32,7 @@ export class MockAuthority {
   private timer: ReturnType<typeof setTimeout> | undefined;
 
   constructor(
-    options: MockOptions,
+    private readonly options: MockOptions,
     private readonly world: World,
     private readonly changed: () => void,
   ) {
@@ -48,6 +49,12 @@ export class MockAuthority {
     return this.control.holder === this.own.name;
   }
 
+  /** Who is connected: this browser, one that watches, and the other one where it has a part. */
+  get browsers(): Session[] {
+    const hasPart = this.control.holder === OTHER || this.control.requester === OTHER;
+    return [this.own, ...(hasPart ? [{ name: OTHER, role: "operator" as const }] : []), WATCHING];
+  }
+
   /** Why the browsers stop the robot. */
   get stopReasons(): string[] {
     const held = this.ownStop ? [`${this.own.name} holds the stop`] : [];
@@ -62,16 +69,23 @@ export class MockAuthority {
 
   /** Take control where it is free; refuse where it is not. */
   take(): void {
+    this.checkTake();
+    if (!this.hasControl) this.give(this.own.name);
+  }
+
+  /** Refuse where control could not be taken, without taking it. */
+  checkTake(): void {
+    this.requireOperator();
+    const { holder, since_s } = this.control;
+    if (holder === null || holder === this.own.name) return;
+    const seconds = Math.round(Date.now() / 1000 - (since_s ?? 0));
+    throw new RequestRefused(`${holder} has had control for ${seconds} s; ask for it or take it over`);
+  }
+
+  private requireOperator(): void {
     if (this.own.role !== "operator") {
       throw new RequestRefused(`${this.own.name} is a viewer; to drive, pair this browser as operator`);
     }
-    const { holder, since_s } = this.control;
-    if (holder === this.own.name) return;
-    if (holder !== null) {
-      const seconds = Math.round(Date.now() / 1000 - (since_s ?? 0));
-      throw new RequestRefused(`${holder} has had control for ${seconds} s; ask for it or take it over`);
-    }
-    this.give(this.own.name);
   }
 
   lease(action: string, from: string): Control {
@@ -80,6 +94,7 @@ export class MockAuthority {
         this.take();
         break;
       case "request":
+        this.requireOperator();
         if (this.control.holder === null) this.take();
         else this.ask(this.own.name);
         break;
@@ -92,6 +107,7 @@ export class MockAuthority {
         else if (this.hasControl) this.give(this.control.requester);
         break;
       case "take_over":
+        this.requireOperator();
         if (from !== this.control.holder) throw new RequestRefused(`control is with ${this.control.holder ?? "nobody"} now`, 409);
         this.control = { holder: null, since_s: null, requester: null };
         this.take();
@@ -103,11 +119,18 @@ export class MockAuthority {
     return this.control;
   }
 
-  /** This browser's own stop. Releasing it takes control. */
+  /** This browser's own stop. Releasing it takes control; where that is refused, the stop stays, but nobody holds it any more. */
   setStop(engaged: boolean): void {
     if (engaged === this.ownStop) return;
     if (!engaged) {
-      this.take();
+      try {
+        this.take();
+      } catch (refusal) {
+        this.ownStop = false;
+        this.lost.push(`${this.own.name} stopped the robot`);
+        this.update();
+        throw refusal;
+      }
       this.lost = this.lost.filter((reason) => reason === BUTTON);
     }
     this.ownStop = engaged;
@@ -127,7 +150,7 @@ export class MockAuthority {
 
   private update(): void {
     const before = this.world.isStopped;
-    this.world.stopReasons = this.estopReasons;
+    this.world.stopReasons = this.options.faults.has("deaf") ? [] : this.estopReasons;
     if (!before && this.world.isStopped) this.world.stopAll();
     this.changed();
   }
@@ -143,7 +166,7 @@ export class MockAuthority {
     this.changed();
   }
 
-  /** The end of a request: the other browser hands over, and asks in vain. */
+  /** Ends a request for control: the other browser hands control over, or its own request expires. */
   private end(grant: boolean): void {
     if (this.control.requester === null) return;
     if (grant) this.give(this.control.requester);

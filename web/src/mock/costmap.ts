@@ -1,4 +1,4 @@
-/** The made-up costmaps: the map with its obstacles inflated by the robot's size. */
+/** The mock costmaps: the map with its obstacles inflated by the robot's size. */
 import type { nav_msgs_OccupancyGrid } from "@/generated/messages";
 import { CELLS, FREE, HEIGHT_CELLS, ORIGIN, OUTSIDE, RESOLUTION_M, WIDTH_CELLS } from "./greenhouse";
 import { header, pose, time } from "./messages";

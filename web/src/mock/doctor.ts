@@ -1,12 +1,13 @@
-/** The made-up doctor: three findings, which its fixes end. */
+/** Mock doctor: three findings; running a finding's playbook removes the finding. */
 import type { DoctorState, Finding } from "@/api/console_store";
 import type { MockOptions } from "./options";
 import { RequestRefused } from "./authority";
 
-const EXAMINES_MS = 2500;
-const PREVIEWS_MS = 900;
-const PLAYS_MS = 2200;
-const CHECKS = [
+const EXAMINATION_MS = 2500;
+const PREVIEW_MS = 900;
+const PLAYBOOK_RUN_MS = 2200;
+/** Some of the checks of `lupin doctor`. */
+const SAMPLE_CHECKS = [
   "link.carrier",
   "link.reachable",
   "discovery.server",
@@ -39,7 +40,7 @@ const FINDINGS: readonly Finding[] = [
     symptom: "the map stops (Message Filter dropping message); transforms are too old or from the future",
     cause: "The robot's clock is 3.4 s behind the laptop's.",
     evidence: ["robot: 2026-11-24T07:10:02.118", "laptop: 2026-11-24T07:10:05.522 ± 0.004 s", "chronyc: Leap status: Not synchronised"],
-    fix: { command: "lupin sync-clock --robot greenhouse", playbook: "sync-clock", safe: false, variables: {} },
+    fix: { instruction: "", command: "lupin sync-clock --robot greenhouse", playbook: "sync-clock", safe: false, variables: {} },
     consequences: [
       {
         id: "topic-silent",
@@ -48,16 +49,16 @@ const FINDINGS: readonly Finding[] = [
         symptom: "everything that needs the topic waits for it",
         cause: "Nothing was received on /scan for 4.1 s.",
         evidence: ["/scan: 0 samples in 4.1 s, publisher rplidar_node"],
-        fix: { command: "lupin logs slam", playbook: null, safe: false, variables: {} },
+        fix: { instruction: "", command: "lupin logs slam", playbook: null, safe: false, variables: {} },
       },
       {
         id: "nav-blind",
         severity: "warning",
         where: "laptop",
         symptom: "navigation drives slowly or not at all",
-        cause: "What the lidar shows is up to 3.4 s old.",
-        evidence: ["navigator: driving at 0 % of the speed"],
-        fix: { command: "lupin doctor --robot greenhouse", playbook: null, safe: false, variables: {} },
+        cause: "Lidar scans are up to 3.4 s old.",
+        evidence: ["navigator: speed limited to 0 % of the maximum"],
+        fix: { instruction: "", command: "lupin doctor --robot greenhouse", playbook: null, safe: false, variables: {} },
       },
     ],
   },
@@ -68,7 +69,7 @@ const FINDINGS: readonly Finding[] = [
     symptom: "a new node starts and never completes discovery",
     cause: "Three dead processes left shared memory behind.",
     evidence: ["/dev/shm/fastrtps_port7412 (no process)", "/dev/shm/fastrtps_port7414 (no process)", "/dev/shm/sem.fastrtps_port7412_mutex"],
-    fix: { command: "lupin play sweep", playbook: "sweep", safe: true, variables: {} },
+    fix: { instruction: "", command: "lupin sweep --local", playbook: "sweep", safe: true, variables: {} },
     consequences: [],
   },
   {
@@ -78,7 +79,7 @@ const FINDINGS: readonly Finding[] = [
     symptom: "the robot switches off in the middle of a mission",
     cause: "The battery is at 31 % and lasts for about 20 minutes.",
     evidence: ["/io/power/power_watcher: 11.02 V, 31 %"],
-    fix: { command: "charge the battery", playbook: null, safe: false, variables: {} },
+    fix: { instruction: "charge the battery", command: "", playbook: null, safe: false, variables: {} },
     consequences: [],
   },
 ];
@@ -89,40 +90,40 @@ export class MockDoctor {
 
   constructor(
     options: MockOptions,
-    private readonly changed: (state: DoctorState) => void,
+    private readonly onChange: (state: DoctorState) => void,
   ) {
     this.findings = options.state === "calm" ? [] : [...FINDINGS];
-    if (options.state !== "boot") this.state = { ...this.state, ...this.diagnosed(), examined_s: Date.now() / 1000 - 95 };
+    if (options.state !== "boot") this.state = { ...this.state, ...this.diagnosisUpdate(), examined_s: Date.now() / 1000 - 95 };
   }
 
   examine(): DoctorState {
     if (this.state.busy === "examining") return this.state;
     this.requireIdle();
     this.update({ busy: "examining", problem: "" });
-    setTimeout(() => this.update({ busy: "", ...this.diagnosed(), examined_s: Date.now() / 1000 }), EXAMINES_MS);
+    setTimeout(() => this.update({ busy: "", ...this.diagnosisUpdate(), examined_s: Date.now() / 1000 }), EXAMINATION_MS);
     return this.state;
   }
 
-  /** What `lupin play --json` prints. */
+  /** Preview the finding's playbook, or run it if `confirmed`. Resolves to what `lupin play --json` prints. */
   async fix(id: string, confirmed: boolean): Promise<unknown> {
     const finding = this.findings.find((each) => each.id === id);
     if (finding === undefined) throw new RequestRefused("the last diagnosis has no such finding; examine again", 409);
-    const { playbook, command } = finding.fix;
-    if (playbook === null) throw new RequestRefused(`no playbook fixes this; a person has to do it: ${command}`, 409);
+    const { playbook, instruction, command } = finding.fix;
+    if (playbook === null) throw new RequestRefused(`no playbook fixes this; fix it by hand: ${instruction || command}`, 409);
     this.requireIdle();
     this.update({ busy: `${confirmed ? "playing" : "previewing"} ${playbook}`, problem: "" });
-    await new Promise((done) => setTimeout(done, confirmed ? PLAYS_MS : PREVIEWS_MS));
+    await new Promise((done) => setTimeout(done, confirmed ? PLAYBOOK_RUN_MS : PREVIEW_MS));
     this.update({ busy: "" });
     if (confirmed) {
       this.findings = this.findings.filter((each) => each.id !== id);
       this.examine();
     }
-    return play(playbook, confirmed);
+    return playbookReport(playbook, confirmed);
   }
 
-  private diagnosed(): Pick<DoctorState, "diagnosis"> {
+  private diagnosisUpdate(): Pick<DoctorState, "diagnosis"> {
     return {
-      diagnosis: { status: this.findings.length > 0 ? 1 : 0, findings: this.findings, unknown: [], broken: [], checks: CHECKS },
+      diagnosis: { status: this.findings.length > 0 ? 1 : 0, findings: this.findings, unknown: [], broken: [], checks: SAMPLE_CHECKS },
     };
   }
 
@@ -132,11 +133,11 @@ export class MockDoctor {
 
   private update(change: Partial<DoctorState>): void {
     this.state = { ...this.state, ...change };
-    this.changed(this.state);
+    this.onChange(this.state);
   }
 }
 
-function play(playbook: string, confirmed: boolean): unknown {
+function playbookReport(playbook: string, confirmed: boolean): unknown {
   const state = confirmed ? "changed" : "would-change";
   const isClock = playbook === "sync-clock";
   const step = (index: number, name: string, machine: string, diff: string, result = state) => ({

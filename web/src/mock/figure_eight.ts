@@ -1,4 +1,4 @@
-/** The path of the made-up robot: a figure eight around the middle of the greenhouse. */
+/** The path of the mock robot: a figure eight around the middle of the greenhouse. */
 import type { Pose2 } from "@/ros/tf";
 
 const LENGTH_M = 3;

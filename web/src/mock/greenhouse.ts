@@ -1,4 +1,4 @@
-/** The made-up greenhouse: a room with three rows of tables, and eight tags with their flowers. */
+/** The mock greenhouse: a room with three rows of tables, and eight tags with their flowers. */
 import type { Pose2 } from "@/ros/tf";
 
 export const RESOLUTION_M = 0.05;
@@ -30,13 +30,13 @@ export const TABLES: readonly Box[] = [
 
 export interface Tag {
   id: string;
-  /** On the front of its table, looking away from it. */
+  /** The tag's pose: on the front of its table, facing away from it. */
   pose: Pose2;
   species: string;
   flowers: number;
   bugs: number;
   readings: Readonly<Record<string, number>>;
-  /** How long ago it was read when the page was opened, s. */
+  /** Age of its last reading when the page was opened, s. */
   ageS: number;
 }
 
@@ -109,7 +109,7 @@ export const WALL = 1;
 export const TABLE = 2;
 export const OUTSIDE = 3;
 
-/** What stands in each cell, in the order of an occupancy grid. */
+/** The content of each cell, in the order of an occupancy grid. */
 export const CELLS: Uint8Array = buildCells();
 
 function buildCells(): Uint8Array {

@@ -1,7 +1,7 @@
-/** When the link is lost or the samples end, in the states that show that. */
+/** When the link is lost or samples cease, in the mock states that show this. */
 import type { MockOptions } from "./options";
 
-/** How long everything works before, so that there is something to be out of date. */
+/** How long everything works first, so that there is data which can become outdated. */
 const WORKS_MS = 3000;
 
 const beganMs = performance.now();

@@ -1,4 +1,4 @@
-/** The made-up log of the graph. */
+/** The mock log of the graph. */
 import { type rcl_interfaces_Log as Log, rcl_interfaces_Log as LEVELS } from "@/generated/messages";
 import { time } from "./messages";
 import type { World } from "./world";
@@ -12,9 +12,9 @@ const LINES: readonly Line[] = [
   [LEVELS.WARN, "navigator", "what the lidar shows is 0.31 s old; driving at 63 % of the speed"],
   [LEVELS.INFO, "greenhouse_bridge", "tag 5: temperature 14.6 °C, soil_moisture 28.1 %"],
   [LEVELS.INFO, "perception_aggregator", "tag 3: tulip_red, 2 flowers, 1 bug"],
-  [LEVELS.WARN, "lupin_console", "phone-2 was disconnected: it took no picture for 10 s"],
+  [LEVELS.WARN, "lupin_console", "phone-2 was disconnected: it took no image for 10 s"],
   [LEVELS.DEBUG, "twist_mux", "nav drives"],
-  [LEVELS.ERROR, "gripper_camera", "the camera did not deliver a picture for 2.0 s"],
+  [LEVELS.ERROR, "gripper_camera", "the camera did not deliver an image for 2.0 s"],
   [LEVELS.INFO, "lupin_twin", "8 tags, 6 of them with flowers"],
   [LEVELS.INFO, "mission_orchestrator", "INSPECTING: next tag 22"],
   [LEVELS.FATAL, "arm_calibrate_server", "no servo driver; it ends"],

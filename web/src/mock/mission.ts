@@ -1,4 +1,4 @@
-/** The made-up mission as its services command it, and as `/mission/state` shows it. */
+/** The mock mission as its services command it, and as `/mission/state` shows it. */
 import type { lupin_msgs_MissionState } from "@/generated/messages";
 import { DONE_S, LOOP_S, type LoopState, READY_S, TAGS_PER_MISSION, legBeginS, loopState } from "./mission_loop";
 import { TAGS } from "./greenhouse";
@@ -14,7 +14,7 @@ export interface MissionTarget {
 }
 
 export class MockMission {
-  /** Mission time: it stands while nothing advances. */
+  /** Mission time, which stands still while the mission is paused or not running. */
   timeS: number;
   paused = false;
   private type = "InspectionMission";
@@ -86,7 +86,7 @@ export class MockMission {
 
   pause(): void {
     if (!this.isRunning) throw new Error("there is no mission to pause");
-    if (this.paused) throw new Error("the mission is paused already");
+    if (this.paused) throw new Error("the mission is already paused");
     this.paused = true;
     this.note("paused by the operator");
   }
@@ -116,7 +116,7 @@ export class MockMission {
     this.note(`tag ${this.targets[tag]?.id ?? ""} skipped by the operator`, 1);
   }
 
-  /** Hold, as after an e-stop: a person has to resume. */
+  /** Pause, as after an e-stop; the operator has to resume. */
   hold(): void {
     if (!this.isRunning) return;
     this.paused = true;

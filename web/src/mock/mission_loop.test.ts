@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { FIGURE_PERIOD_S, figureEight } from "./figure_eight";
-import { LOOP_S, TAGS_PER_MISSION, figureAtTag, legBeginS, loopState } from "./mission_loop";
+import { LOOP_S, TAGS_PER_MISSION, figureAtTagS, legBeginS, loopState } from "./mission_loop";
 
 describe("the mission loop", () => {
   it("takes 50 s over four tags", () => {
@@ -40,7 +40,7 @@ describe("the mission loop", () => {
     for (let tag = 0; tag < TAGS_PER_MISSION; tag += 1) {
       const begin = loopState(legBeginS(3, tag));
       expect(begin).toMatchObject({ loop: 3, phase: "navigating", tag });
-      expect(loopState(legBeginS(3, tag) + 6).figureS).toBeCloseTo(figureAtTag(3, tag), 6);
+      expect(loopState(legBeginS(3, tag) + 6).figureS).toBeCloseTo(figureAtTagS(3, tag), 6);
     }
     expect(loopState(legBeginS(3, TAGS_PER_MISSION)).phase).toBe("returning");
   });

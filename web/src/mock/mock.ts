@@ -7,6 +7,7 @@ import { MockAuthority } from "./authority";
 import { MockDoctor } from "./doctor";
 import { whenLost } from "./link_state";
 import { readOptions } from "./options";
+import { MockRecording } from "./recording";
 import { RosbridgeServer } from "./rosbridge_server";
 import { runState } from "./run_data";
 import { World } from "./world";
@@ -29,12 +30,14 @@ const authority: MockAuthority = new MockAuthority(options, world, () => pushSta
 const robot = { world, authority, maps };
 const rosbridge = new RosbridgeServer(robot);
 const doctor = new MockDoctor(options, (state) => push("doctor", state));
-const api = new MockApi(robot, doctor, push);
+const recording = new MockRecording(world);
+const api = new MockApi(robot, doctor, recording, push);
 
 function pushState(): void {
   // Called by the constructor too, before there is anybody to tell.
   if (!isOnline) return;
   push("control", authority.control);
+  push("browsers", authority.browsers);
   push("stop", authority.stopReasons);
 }
 
@@ -56,9 +59,10 @@ export function startServer(): void {
     world.advance(Math.min(LONGEST_STEP_S, (nowMs - beforeMs) / 1000));
     beforeMs = nowMs;
     rosbridge.publish(nowMs);
+    recording.record();
   }, STEP_MS);
   isOnline = true;
-  useConsole.setState({ own: authority.own, known: true, online: true, changedMs: performance.now() });
+  useConsole.setState({ session: authority.own, sessionLoaded: true, online: true, onlineChangedMs: performance.now() });
   pushState();
   push("doctor", doctor.state);
   push("run", runState(world));
@@ -69,6 +73,6 @@ export function startServer(): void {
   setInterval(() => push("run", runState(world)), RUN_MS);
   whenLost(options, () => {
     isOnline = false;
-    useConsole.setState({ online: false, changedMs: performance.now() });
+    useConsole.setState({ online: false, onlineChangedMs: performance.now() });
   });
 }

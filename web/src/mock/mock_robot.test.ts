@@ -99,6 +99,17 @@ describe("the mock robot", () => {
     await expect(call(SERVICES.SLAM_RESET)).rejects.toThrow("not allowed");
   });
 
+  it("gives a viewer control by no request", () => {
+    for (const query of ["role=viewer&state=mission", "role=viewer&state=calm&control=asked", "role=viewer&control=free"]) {
+      const { authority } = start(query);
+      for (const action of ["take", "request", "take_over"]) expect(() => authority.lease(action, "")).toThrow("is a viewer");
+      expect(authority.control).toEqual({ holder: null, since_s: null, requester: null });
+    }
+    const { authority } = start("role=viewer&control=phone");
+    for (const action of ["request", "take_over"]) expect(() => authority.lease(action, OTHER)).toThrow("is a viewer");
+    expect(authority.control.holder).toBe(OTHER);
+  });
+
   it("runs, pauses, skips and aborts missions", async () => {
     const { world, run, call } = start("state=calm");
     await run(0.2);

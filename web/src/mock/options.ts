@@ -1,6 +1,6 @@
-/** What the page's address asks of the mock mode, beside `?mock=1`. */
+/** The parameters of the mock mode in the page's address, beside `?mock=1`. */
 
-/** `live`: a mission loop from the start; the others: one situation, for pictures and tests. */
+/** `live`: a mission loop from its start; the others: one fixed situation, for screenshots and tests. */
 export const MOCK_STATES = ["live", "calm", "mission", "stopped", "lost", "stale", "boot"] as const;
 export type MockState = (typeof MOCK_STATES)[number];
 
@@ -10,9 +10,10 @@ export type MockControl = (typeof MOCK_CONTROLS)[number];
 
 /**
  * Faults for tests: `nan` and `empty` samples, `none` at all, 10 000 `logs` a second, a `growing` map, `stalled` cameras,
- * `nocamera`, a clock `skew` of the robot, its `button` pressed.
+ * `nocamera`, a clock `skew` of the robot, its `button` pressed, its e-stop `deaf` to the console, or `astray`: soon after the
+ * start, the localization loses the robot.
  */
-export const MOCK_FAULTS = ["nan", "empty", "none", "logs", "growing", "stalled", "nocamera", "skew", "button"] as const;
+export const MOCK_FAULTS = ["nan", "empty", "none", "logs", "growing", "stalled", "nocamera", "skew", "button", "deaf", "astray"] as const;
 export type MockFault = (typeof MOCK_FAULTS)[number];
 
 export interface MockOptions {
@@ -26,14 +27,17 @@ export interface MockOptions {
 
 export function readOptions(query: URLSearchParams): MockOptions {
   const state = MOCK_STATES.find((each) => each === query.get("state")) ?? "live";
-  const control = MOCK_CONTROLS.find((each) => each === query.get("control")) ?? (state === "live" ? "free" : "you");
+  const role = query.get("role") === "viewer" ? "viewer" : "operator";
+  const wanted = MOCK_CONTROLS.find((each) => each === query.get("control")) ?? (state === "live" ? "free" : "you");
+  // A viewer cannot have control.
+  const control = role === "viewer" && (wanted === "you" || wanted === "asked") ? "free" : wanted;
   const asked = (query.get("fault") ?? "").split(",");
   const clock = query.get("clock");
   const clockS = clock === null || clock === "" ? NaN : Number(clock);
   return {
     state,
     control,
-    role: query.get("role") === "viewer" ? "viewer" : "operator",
+    role,
     faults: new Set(MOCK_FAULTS.filter((each) => asked.includes(each))),
     clockS: Number.isFinite(clockS) && clockS >= 0 ? clockS : null,
   };

@@ -1,4 +1,4 @@
-/** What the made-up greenhouse knows of its tags: readings, flowers, and the fields between them. */
+/** The data of the mock greenhouse's tags: readings, flowers, and the fields interpolated between them. */
 import {
   type lupin_msgs_DiscoveredTags,
   type lupin_msgs_FlowerPoint,
@@ -15,7 +15,7 @@ import { NO_POSE, header, noise, pose, poseStamped, time } from "./messages";
 import { PUBLISHING_S } from "./mission_loop";
 import type { World } from "./world";
 
-/** How far from a reading a field is known. */
+/** A field is interpolated up to this distance from a reading. */
 const FIELD_REACH_M = 1.6;
 const CELL_M = 0.25;
 
@@ -97,7 +97,7 @@ export function observation(world: World): lupin_msgs_Observation | null {
   const isReading = mission.loop.phase === "publishing";
   const mapPose = { header: header(clockS, "map"), pose: pose(tag.pose, 0.24) };
   // A reading is repeated with the stamp at which it was taken, as a latched topic repeats it.
-  const takenS = isReading ? Math.round((clockS - mission.loop.share * PUBLISHING_S) * 100) / 100 : clockS;
+  const takenS = isReading ? Math.round((clockS - mission.loop.progress * PUBLISHING_S) * 100) / 100 : clockS;
   return {
     header: header(takenS, "map"),
     mission_id: "lupin-5ca1ab1e",

@@ -1,4 +1,4 @@
-/** The made-up run, and those before it. */
+/** The mock run, and those before it. */
 import type { RunState } from "@/api/console_store";
 import type { World } from "./world";
 
@@ -63,7 +63,7 @@ export function storedRun(id: string, world: World, nowS: number): unknown {
 export function report(id: string): string {
   return `<!doctype html><html lang="en"><meta charset="utf-8"><title>${id}</title>
 <style>body{font:16px system-ui;margin:2rem;background:#fff;color:#1b241f}h1{font-size:1.6rem}td,th{padding:.3rem 1.2rem .3rem 0;text-align:left;border-bottom:1px solid #ccd}</style>
-<h1>Run ${id}</h1><p>A made-up report: 8 of 8 tags were read in 7 min 10 s, without a collision.</p>
+<h1>Run ${id}</h1><p>A mock report: 8 of 8 tags were read in 7 min 10 s, without a collision.</p>
 <table><tr><th>Tag</th><th>Species</th><th>Readings</th></tr>
 <tr><td>19</td><td>red tulip</td><td>412 ppm, 776 lux</td></tr><tr><td>5</td><td>none</td><td>14.6 °C, 28.1 % soil</td></tr>
 <tr><td>3</td><td>red tulip, 1 bug</td><td>401 ppm, 831 lux</td></tr></table></html>`;

@@ -1,5 +1,6 @@
-/** The made-up topics: at which rate each is sampled, and its sample. */
+/** The mock topics: at which rate each is sampled, and its sample. */
 import { JOINTS, TOPICS } from "@/generated/graph";
+import { BATTERY } from "@/generated/robot";
 import type { MessageTypes, nav_msgs_OccupancyGrid, sensor_msgs_CameraInfo } from "@/generated/messages";
 import { LIDAR, WHEEL } from "@/generated/robot_model";
 import { type Pose2, compose } from "@/ros/tf";
@@ -8,7 +9,7 @@ import { header, noise, pose, poseStamped, quaternion, time, transform } from ".
 import { costmap, localCostmap } from "./costmap";
 import { logLines } from "./log_lines";
 import { discoveredTags, observation, twinState } from "./readings";
-import { PICTURE, frontCamera, gripperCamera, seenFlowers, seenTags } from "./view";
+import { IMAGE, frontCamera, gripperCamera, seenFlowers, seenTags } from "./view";
 import { type World, line } from "./world";
 
 export interface SampleRow {
@@ -46,6 +47,7 @@ const RAYS = 360;
 const SCAN_REACH_M = 8;
 const GRID = occupancy();
 const GROWS_EVERY_S = 5;
+const ASTRAY_AFTER_S = 2;
 
 export const SAMPLES: readonly SampleRow[] = [
   row(TOPICS.IMU, 50, imu),
@@ -169,11 +171,14 @@ function armTrajectory({ clockS, arm }: World): MessageTypes["trajectory_msgs/ms
   return { header: header(clockS, ""), joint_names: [...JOINTS.arm], points: [point] };
 }
 
-function transforms({ clockS, pose: at }: World): MessageTypes["tf2_msgs/msg/TFMessage"]["transforms"] {
-  return [
-    transform(clockS, "map", "odom", MAP_FROM_ODOM),
-    transform(clockS, "odom", "base_link", compose(ODOM_FROM_MAP, at)),
-  ];
+function transforms(world: World): MessageTypes["tf2_msgs/msg/TFMessage"]["transforms"] {
+  const { clockS, pose: at } = world;
+  const moved = transform(clockS, "odom", "base_link", compose(ODOM_FROM_MAP, at));
+  return isAstray(world) ? [moved] : [transform(clockS, "map", "odom", MAP_FROM_ODOM), moved];
+}
+
+function isAstray({ options, timeS }: World): boolean {
+  return options.faults.has("astray") && timeS > ASTRAY_AFTER_S;
 }
 
 function battery({ clockS, timeS, batteryFraction }: World): MessageTypes["sensor_msgs/msg/BatteryState"] {
@@ -222,9 +227,10 @@ function missionState(world: World): MessageTypes["lupin_msgs/msg/MissionState"]
   return {
     header: header(clockS, "map"),
     ...mission.state(clockS - mission.runningS),
+    ...(isAstray(world) ? { last_error: "robot_lost", last_event: "robot lost on the map — waiting until it is found", last_event_severity: 1 } : {}),
     estop_engaged: world.isStopped,
     battery_percentage: world.batteryFraction,
-    battery_low: world.batteryFraction < 0.2,
+    battery_low: world.batteryFraction < BATTERY.lowShare,
   };
 }
 
@@ -256,7 +262,7 @@ export function grid(clockS: number, data: Int8Array, width: number, height: num
 }
 
 function tagDetections(world: World): MessageTypes["std_msgs/msg/String"] {
-  return json(seenTags(frontCamera(world)).map(({ id, corners, distanceM }) => ({ id: Number(id), corners, dist: distanceM })));
+  return json(seenTags(frontCamera(world)).map(({ id, corners, distanceM }) => ({ id: Number(id), corners, dist: distanceM, stamp: world.clockS })));
 }
 
 /** How far the detector recognizes a flower. */
@@ -265,7 +271,7 @@ const CLASS_NAMES = ["tulip_red", "tulip_white", "tulip_pink", "bug"];
 
 function flowerDetections(world: World): MessageTypes["std_msgs/msg/String"] {
   const found = seenFlowers(gripperCamera(world), 0.4)
-    .filter(({ u, v, depthM }) => depthM < DETECTED_M && u > 0 && u < PICTURE.width && v > 0 && v < PICTURE.height)
+    .filter(({ u, v, depthM }) => depthM < DETECTED_M && u > 0 && u < IMAGE.width && v > 0 && v < IMAGE.height)
     .map(({ species, u, v, sizePx }, index) => ({
       class: CLASS_NAMES.indexOf(species),
       class_name: species,
@@ -286,7 +292,7 @@ function boxes(): unknown[] {
 }
 
 function cameraInfo(clockS: number, frame: string): sensor_msgs_CameraInfo {
-  const { width, height, focal } = PICTURE;
+  const { width, height, focal } = IMAGE;
   return {
     header: header(clockS, frame),
     height,

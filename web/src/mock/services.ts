@@ -1,5 +1,5 @@
-/** The answers of the made-up services, typed as the real ones. */
-import { JOINTS, SERVICES, TOPICS } from "@/generated/graph";
+/** The answers of the mock services, typed as the real ones. */
+import { JOINTS, JOINT_SERVICES, SERVICES, TOPICS } from "@/generated/graph";
 import type { ServiceTypes } from "@/generated/messages";
 import { ARM_PRESETS, GRIPPER } from "@/generated/robot";
 import { ARM } from "@/tabs/arm/joints";
@@ -27,17 +27,13 @@ function answers<Type extends keyof ServiceTypes>(
   ANSWERS.set(name, answer as Answer);
 }
 
-/** One service per joint of the arm; the table of the graph makes their names by a rule. */
-const JOINT_SERVICES = new Set(ARM.map(({ service }) => service.name));
-
 /** Whether a client may call a service: its rule in the graph's table. */
 export function ruleOf(service: string): string {
   if (service.startsWith("/rosapi/")) return "viewer";
-  if (JOINT_SERVICES.has(service)) return "operator";
-  return Object.values(SERVICES).find(({ name }) => name === service)?.console ?? "";
+  return [...Object.values(SERVICES), ...Object.values(JOINT_SERVICES)].find(({ name }) => name === service)?.console ?? "";
 }
 
-/** The answer of a service. Throws with the reason where there is no such service. */
+/** The answer of a service. Throws with the reason if there is no such service. */
 export function answerService(service: string, request: Record<string, unknown>, robot: MockRobot): unknown {
   const answer = ANSWERS.get(service);
   if (answer === undefined) throw new Error(`${service} has no server`);
@@ -47,7 +43,7 @@ export function answerService(service: string, request: Record<string, unknown>,
 /** `message` of what succeeded, or the reason for which it was refused. */
 function attempt(act: () => string | void): { success: boolean; message: string } {
   try {
-    // Empty on purpose: each caller shows its own words.
+    // Empty on purpose: each caller shows its own text.
     return { success: true, message: act() ?? "" };
   } catch (error) {
     return { success: false, message: error instanceof Error ? error.message : String(error) };
@@ -160,7 +156,7 @@ answers(SERVICES.ARM_LIBRARY_PLAY, ({ name = "", speed = 0 }, robot) =>
 );
 answers(SERVICES.ARM_LIBRARY_STOP, (_, { world }) => attempt(() => world.library.stop()));
 answers(SERVICES.ARM_LIBRARY_DELETE, (request, { world }) =>
-  attempt(() => world.library.edit(request.kind ?? "", request.name ?? "", request.new_name ?? "")),
+  attempt(() => world.library.renameOrDelete(request.kind ?? "", request.name ?? "", request.new_name ?? "")),
 );
 answers(SERVICES.GRIPPER_ANGLE, ({ angle = 0, degrees = true }, robot) => {
   if (robot.world.isStopped) return { status: false };
@@ -187,14 +183,14 @@ for (const [index, { name, service }] of ARM.entries()) {
 answers(SERVICES.LEDS_SET, () => ({ status: true }));
 answers(SERVICES.LEDS_AUTO, () => ({ success: true, message: "" }));
 
-for (const row of [SERVICES.CANCEL_NAVIGATE_TO_POSE, SERVICES.CANCEL_NAVIGATE_THROUGH_POSES]) {
+for (const row of [SERVICES.CANCEL_NAVIGATE_TO_POSE, SERVICES.CANCEL_NAVIGATE_THROUGH_POSES, SERVICES.CANCEL_FOLLOW_WAYPOINTS]) {
   answers(row, (_, { world }) => {
     world.cancelGoal();
     return { return_code: 0, goals_canceling: [] };
   });
 }
 
-/** The jaw's joint angle of an angle on the operator's scale. */
+/** The gripper's joint angle for an angle on the operator's scale. */
 function gripperRad(angleDeg: number): number {
   const share = (angleDeg - GRIPPER.openDeg) / (GRIPPER.closedDeg - GRIPPER.openDeg);
   return GRIPPER.openRad + Math.min(1, Math.max(0, share)) * (GRIPPER.closedRad - GRIPPER.openRad);

@@ -1,4 +1,4 @@
-/** The made-up files of a run: the logs of its processes, and the command journal. */
+/** The mock files of a run: the logs of its processes, and the command journal. */
 
 export const MAX_LOG_LINES = 120;
 

@@ -1,8 +1,8 @@
-/** The made-up cameras: their list, and streams of JPEG pictures as the video server sends them. */
+/** The mock cameras: their list, and streams of JPEG images as the video server sends them. */
 import { TOPICS } from "@/generated/graph";
 import { isLost, isSilent, whenLost } from "./link_state";
-import { drawPicture } from "./picture";
-import { type Camera, PICTURE, frontCamera, gripperCamera } from "./view";
+import { drawImage } from "./camera_image";
+import { type Camera, IMAGE, frontCamera, gripperCamera } from "./view";
 import type { World } from "./world";
 
 const BOUNDARY = "lupin-frame";
@@ -16,10 +16,21 @@ interface Source {
   view: (world: World) => Camera;
 }
 
-const SOURCES: readonly Source[] = [
+export const SOURCES: readonly Source[] = [
   { topic: TOPICS.BODY_IMAGE_ROBOT.name, fps: 12, view: frontCamera },
   { topic: TOPICS.GRIPPER_IMAGE.name, fps: 5, view: gripperCamera },
 ];
+
+/** An image of what a camera looks at. */
+export async function jpegOf(camera: Camera): Promise<ArrayBuffer> {
+  const canvas = document.createElement("canvas");
+  canvas.width = IMAGE.width;
+  canvas.height = IMAGE.height;
+  const context = canvas.getContext("2d");
+  if (context !== null) drawImage(context, camera);
+  const blob = await new Promise<Blob | null>((done) => canvas.toBlob(done, "image/jpeg", JPEG_QUALITY));
+  return blob === null ? new ArrayBuffer(0) : blob.arrayBuffer();
+}
 
 const watched = new Map<string, number>();
 
@@ -34,17 +45,17 @@ export function cameraRows(world: World): unknown[] {
   });
 }
 
-/** The answer to a request for a stream: pictures without end, or the reason why there are none. */
+/** The answer to a request for a stream: images without end, or the reason why there are none. */
 export function videoStream(topic: string, world: World, signal: AbortSignal | null): Response {
   const source = sources(world).find((each) => each.topic === topic);
   if (isLost(world.options)) throw new TypeError("Failed to fetch");
   if (source === undefined) {
     const known = sources(world).map((each) => each.topic);
-    return new Response(`no node publishes pictures on ${topic}; there are: ${known.join(", ") || "none"}\n`, { status: 404 });
+    return new Response(`no node publishes images on ${topic}; cameras: ${known.join(", ") || "none"}\n`, { status: 404 });
   }
   const canvas = document.createElement("canvas");
-  canvas.width = PICTURE.width;
-  canvas.height = PICTURE.height;
+  canvas.width = IMAGE.width;
+  canvas.height = IMAGE.height;
   const context = canvas.getContext("2d", { willReadFrequently: true });
   let timer: ReturnType<typeof setInterval> | undefined;
   let end = () => {};
@@ -64,8 +75,8 @@ export function videoStream(topic: string, world: World, signal: AbortSignal | n
         const runsMs = performance.now() - beganMs;
         const stalls = world.options.faults.has("stalled") && runsMs > STALLS_AFTER_MS;
         if (context === null || stalls || isSilent(world.options)) return;
-        drawPicture(context, source.view(world));
-        // While time stands still, no picture has an age.
+        drawImage(context, source.view(world));
+        // While time stands still, no image has an age.
         const stamp = world.options.clockS === null ? world.clockS.toFixed(9) : "0";
         const send = (jpeg: ArrayBuffer) => setTimeout(() => isOpen && controller.enqueue(part(jpeg, stamp)), TRAVELS_MS);
         canvas.toBlob((blob) => void blob?.arrayBuffer().then(send), "image/jpeg", JPEG_QUALITY);

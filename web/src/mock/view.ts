@@ -1,9 +1,9 @@
-/** How the made-up cameras see the greenhouse: what of it is where in their pictures. */
+/** How the mock cameras see the greenhouse: which of its parts appear where in their images. */
 import { compose } from "@/ros/tf";
 import { castRay, flowersOf, TAGS, TAG_EDGE_M, TAG_HEIGHT_M } from "./greenhouse";
 import type { World } from "./world";
 
-export const PICTURE = { width: 640, height: 480, focal: 554.25 } as const;
+export const IMAGE = { width: 640, height: 480, focal: 554.25 } as const;
 
 export interface Camera {
   x: number;
@@ -32,21 +32,21 @@ export interface Pixel {
   depthM: number;
 }
 
-/** Where a point of the world is in a picture; null where it is not in front of the camera. */
+/** Where a point of the world is in an image; null where it is not in front of the camera. */
 export function project(camera: Camera, x: number, y: number, z: number): Pixel | null {
   const [dx, dy] = [x - camera.x, y - camera.y];
   const forward = Math.cos(camera.yaw) * dx + Math.sin(camera.yaw) * dy;
   const left = -Math.sin(camera.yaw) * dx + Math.cos(camera.yaw) * dy;
   if (forward < 0.05) return null;
   return {
-    u: PICTURE.width / 2 - (PICTURE.focal * left) / forward,
-    v: horizon(camera) + (PICTURE.focal * (camera.z - z)) / forward,
+    u: IMAGE.width / 2 - (IMAGE.focal * left) / forward,
+    v: horizon(camera) + (IMAGE.focal * (camera.z - z)) / forward,
     depthM: forward,
   };
 }
 
 export function horizon(camera: Camera): number {
-  return PICTURE.height / 2 - PICTURE.focal * Math.tan(camera.pitch);
+  return IMAGE.height / 2 - IMAGE.focal * Math.tan(camera.pitch);
 }
 
 export interface SeenTag {
@@ -111,7 +111,7 @@ export function seenFlowers(camera: Camera, stemFootM: number): SeenFlower[] {
       const head = project(camera, flower.x, flower.y, flower.heightM);
       const foot = project(camera, flower.x, flower.y, stemFootM);
       if (head === null || foot === null || head.depthM > FLOWER_REACH_M) continue;
-      const sizePx = (PICTURE.focal * FLOWER_M) / head.depthM;
+      const sizePx = (IMAGE.focal * FLOWER_M) / head.depthM;
       seen.push({ species: flower.species, bug: flower.bug, u: head.u, v: head.v, sizePx, depthM: head.depthM, stemV: foot.v });
     }
   }
@@ -129,7 +129,7 @@ function isHidden(camera: Camera, pose: { x: number; y: number }, distance: numb
 }
 
 function isInside({ u, v }: Pixel): boolean {
-  return u > 2 && v > 2 && u < PICTURE.width - 2 && v < PICTURE.height - 2;
+  return u > 2 && v > 2 && u < IMAGE.width - 2 && v < IMAGE.height - 2;
 }
 
 function round(value: number): number {

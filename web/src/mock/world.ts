@@ -1,14 +1,14 @@
-/** The made-up robot in its greenhouse: where it is, what moves it, and what it has read. */
+/** The mock robot in its greenhouse: where it is, what moves it, and what it has read. */
 import { OUTER_RADIUS_M } from "@/generated/robot_model";
 import { DRIVE } from "@/generated/robot";
 import { type Pose2, compose, wrapAngle } from "@/ros/tf";
 import type { Velocity } from "@/safety/drive";
 import { MockArm } from "./arm";
-import { MockLibrary } from "./arm_library";
+import { MockArmLibrary } from "./arm_library";
 import { FIGURE_PERIOD_S, figureEight } from "./figure_eight";
 import { FREE, TAGS, cellAt } from "./greenhouse";
 import { MockMission } from "./mission";
-import { figureAtTag } from "./mission_loop";
+import { figureAtTagS } from "./mission_loop";
 import type { MockOptions } from "./options";
 
 const STILL: Velocity = { x: 0, y: 0, yaw: 0 };
@@ -17,7 +17,7 @@ const TURN_RPS = 1.4;
 const ARRIVED_M = 0.04;
 const ARRIVED_RAD = 0.05;
 const SKEW_S = 1000;
-/** The robot's clock in pictures that must not differ from one another. */
+/** The robot's fixed clock in screenshots, which must be reproducible. */
 const FROZEN_EPOCH_S = 1_795_600_000;
 /** In the middle of the third tag's leg. */
 const MISSION_START_S = 27.4;
@@ -38,7 +38,7 @@ export class World {
   winner: Winner = null;
   goal: Goal | null = null;
   readonly arm = new MockArm();
-  readonly library = new MockLibrary(this.arm);
+  readonly library = new MockArmLibrary(this.arm);
   readonly mission: MockMission;
   /** Why the robot is stopped; kept by the console. */
   stopReasons: readonly string[] = [];
@@ -92,6 +92,12 @@ export class World {
     this.goal = null;
   }
 
+  /** The robot is somewhere else than it thought. */
+  relocate(pose: Pose2): void {
+    this.cancelGoal();
+    this.pose = { ...pose };
+  }
+
   stopAll(): void {
     this.cancelGoal();
     this.mission.hold();
@@ -104,7 +110,7 @@ export class World {
     if (this.goal !== null) return line(this.pose, this.goal.pose);
     const { phase, figureS, loop, tag } = this.mission.loop;
     if (this.mission.paused || (phase !== "navigating" && phase !== "returning")) return [];
-    const endS = phase === "navigating" ? figureAtTag(loop, tag) : ((loop + 1) * FIGURE_PERIOD_S) / 2;
+    const endS = phase === "navigating" ? figureAtTagS(loop, tag) : ((loop + 1) * FIGURE_PERIOD_S) / 2;
     const points: Pose2[] = [{ ...this.pose }];
     for (let at = figureS + 0.2; at < endS; at += 0.2) points.push(figureEight(at));
     return [...points, figureEight(endS)];
@@ -124,8 +130,9 @@ export class World {
   private move(stepS: number): Winner {
     if (this.isStopped) return null;
     const { manual } = this;
-    if (manual !== null && this.timeS - manual.atS <= DRIVE.manualTimeoutS && !isStill(manual.velocity)) {
-      this.moveBy(manual.velocity, stepS);
+    if (manual !== null && this.timeS - manual.atS <= DRIVE.manualTimeoutS) {
+      // Zero holds the wheels too, against everything of a lower priority.
+      if (!isStill(manual.velocity)) this.moveBy(manual.velocity, stepS);
       return "manual";
     }
     if (this.goal !== null) {
@@ -157,18 +164,18 @@ export class World {
   private follow(to: { x: number; y: number }, yaw: number, stepS: number, speedMps: number): void {
     const [dx, dy] = [to.x - this.pose.x, to.y - this.pose.y];
     const distance = Math.hypot(dx, dy);
-    const share = distance === 0 ? 0 : Math.min(1, (speedMps * stepS) / distance);
+    const fraction = distance === 0 ? 0 : Math.min(1, (speedMps * stepS) / distance);
     const turn = wrapAngle(yaw - this.pose.yaw);
     const turned = Math.sign(turn) * Math.min(Math.abs(turn), TURN_RPS * stepS);
-    this.pose = { x: this.pose.x + share * dx, y: this.pose.y + share * dy, yaw: wrapAngle(this.pose.yaw + turned) };
+    this.pose = { x: this.pose.x + fraction * dx, y: this.pose.y + fraction * dy, yaw: wrapAngle(this.pose.yaw + turned) };
   }
 
   /** Along the path while driving, and at the tag while reading it. */
   private wantedYaw(): number {
-    const { phase, figureS, share } = this.mission.loop;
+    const { phase, figureS, progress } = this.mission.loop;
     const { target } = this.mission;
     const tag = target?.index === null || target === null ? undefined : TAGS[target.index];
-    const isNear = phase === "scanning" || phase === "publishing" || (phase === "navigating" && share > 0.75);
+    const isNear = phase === "scanning" || phase === "publishing" || (phase === "navigating" && progress > 0.75);
     if (tag === undefined || !isNear) return figureEight(figureS).yaw;
     return Math.atan2(tag.pose.y - this.pose.y, tag.pose.x - this.pose.x);
   }

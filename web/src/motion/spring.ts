@@ -1,15 +1,15 @@
 /**
- * Motion of slow values, such as a battery's voltage: a shown value follows the known one on a spring, and rests in between.
+ * Animates slow values, such as a battery's voltage: the shown value follows the actual one like a damped spring, then rests.
  *
- * One loop moves all springs. It runs only while one of them is under way, so that a page whose data stands still draws
- * nothing. Under reduced motion every value is shown at once.
+ * One loop moves all springs. It runs only while one of them moves, so that a page whose data does not change draws
+ * nothing. With reduced motion every value is shown at once.
  */
 import { useEffect, useLayoutEffect, useRef } from "react";
 
 /** Undamped angular frequency in rad/s; the spring is critically damped and arrives within about 0.35 s. */
 const FREQUENCY = 18;
 const LONGEST_STEP_S = 0.05;
-/** A share of the way; nearer than this the value has arrived. */
+/** Fraction of the distance; a value nearer to its target than this has arrived. */
 const ARRIVED_SHARE = 0.002;
 
 export interface SpringState {

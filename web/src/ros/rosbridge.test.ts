@@ -1,6 +1,6 @@
 import { encode } from "cbor2";
 import { beforeEach, describe, expect, it, vi } from "vitest";
-import { CallFailed, LinkLost, Rosbridge, type Socket } from "./rosbridge";
+import { CONNECT_TIMEOUT_MS, CallFailed, LinkLost, Rosbridge, type Socket } from "./rosbridge";
 
 class FakeSocket implements Socket {
   binaryType = "";
@@ -108,7 +108,7 @@ describe("Rosbridge", () => {
     await expect(first).resolves.toEqual({ success: true });
     await expect(second).rejects.toEqual(new CallFailed("not allowed"));
     vi.advanceTimersByTime(1000);
-    await expect(third).rejects.toThrow("/c did not answer within 1 s");
+    await expect(third).rejects.toMatchObject({ phrase: { key: "error_no_answer", values: { service: "/c", seconds: 1 } } });
   });
 
   it("fails what was under way when the link is lost", async () => {
@@ -119,6 +119,22 @@ describe("Rosbridge", () => {
     await expect(call).rejects.toBeInstanceOf(LinkLost);
     await expect(goal.result).rejects.toBeInstanceOf(LinkLost);
     await expect(client.call("/a", "std_srvs/srv/Trigger", {})).rejects.toBeInstanceOf(LinkLost);
+  });
+
+  it("gives up a silent link at once, and an attempt to connect after five seconds", async () => {
+    socket().open();
+    const [dead, call] = [socket(), client.call("/a", "std_srvs/srv/Trigger", {})];
+    dead.close = () => {}; // its closing handshake gets no answer either
+    client.drop();
+    await expect(call).rejects.toBeInstanceOf(LinkLost);
+    expect(client.isOpen).toBe(false);
+    vi.advanceTimersByTime(500);
+    expect(sockets.length).toBe(2);
+    vi.advanceTimersByTime(CONNECT_TIMEOUT_MS + 1000);
+    expect(sockets.length).toBe(3);
+    socket().open();
+    vi.advanceTimersByTime(60_000);
+    expect([sockets.length, client.isOpen]).toEqual([3, true]);
   });
 
   it("survives frames that cannot be read", () => {

@@ -5,9 +5,12 @@
  * past is sent when it returns; subscriptions are restored; samples come as CBOR, with typed arrays and NaN.
  */
 import { decode } from "cbor2";
+import { WordedError } from "@/i18n/text_error";
 
 export const RECONNECT_FIRST_MS = 500;
 export const RECONNECT_LONGEST_MS = 5000;
+/** A cut network answers an attempt to connect with silence, and browsers wait for minutes. */
+export const CONNECT_TIMEOUT_MS = 5000;
 const CALL_TIMEOUT_MS = 10_000;
 
 export interface Socket {
@@ -53,8 +56,8 @@ export interface GoalHandle<Result> {
   cancel: () => void;
 }
 
-export class LinkLost extends Error {}
-export class CallFailed extends Error {}
+export class LinkLost extends WordedError {}
+export class CallFailed extends WordedError {}
 
 type Frame = Record<string, unknown> & { op: string };
 
@@ -75,11 +78,17 @@ export class Rosbridge {
   private waitMs = RECONNECT_FIRST_MS;
   private timer: ReturnType<typeof setTimeout> | undefined;
   private closed = false;
+  private frames = 0;
 
   constructor(private readonly openSocket: () => Socket) {}
 
   get isOpen(): boolean {
     return this.socket?.readyState === OPEN;
+  }
+
+  /** How many frames have arrived so far. */
+  get received(): number {
+    return this.frames;
   }
 
   connect(): void {
@@ -94,10 +103,14 @@ export class Rosbridge {
       return;
     }
     this.socket = socket;
+    this.timer = setTimeout(() => this.giveUp(socket), CONNECT_TIMEOUT_MS);
     socket.binaryType = "arraybuffer";
     socket.onopen = () => this.opened(socket);
     socket.onclose = () => this.lost(socket);
-    socket.onmessage = (event) => this.received(event.data);
+    socket.onmessage = (event) => {
+      this.frames += 1;
+      this.take(event.data);
+    };
   }
 
   /** End the link for good. */
@@ -117,8 +130,20 @@ export class Rosbridge {
     this.connect();
   }
 
+  /** Give up a link on which nothing arrives: after a cut of the network, the browser itself notices nothing for minutes. */
+  drop(): void {
+    if (this.socket !== null && this.isOpen) this.giveUp(this.socket);
+  }
+
+  private giveUp(silent: Socket): void {
+    if (silent !== this.socket) return;
+    this.lost(silent);
+    silent.close();
+  }
+
   private opened(socket: Socket): void {
     if (socket !== this.socket) return;
+    clearTimeout(this.timer);
     this.waitMs = RECONNECT_FIRST_MS;
     this.send({ op: "set_level", level: "warning" });
     for (const [id, subscription] of this.subscriptions) this.send(subscribeFrame(id, subscription));
@@ -129,7 +154,7 @@ export class Rosbridge {
     if (socket !== this.socket) return;
     this.socket = null;
     this.advertised.clear();
-    const error = new LinkLost("the link to the robot was lost");
+    const error = new LinkLost({ key: "error_link_lost" });
     for (const call of this.calls.values()) {
       clearTimeout(call.timer);
       call.fail(error);
@@ -146,7 +171,7 @@ export class Rosbridge {
     this.waitMs = Math.min(this.waitMs * 2, RECONNECT_LONGEST_MS);
   }
 
-  private received(data: unknown): void {
+  private take(data: unknown): void {
     let frame: Frame;
     try {
       frame = (typeof data === "string" ? JSON.parse(data) : decode(new Uint8Array(data as ArrayBuffer))) as Frame;
@@ -236,13 +261,13 @@ export class Rosbridge {
     return new Promise((answer, fail) => {
       const timer = setTimeout(() => {
         this.calls.delete(id);
-        fail(new CallFailed(`${service} did not answer within ${timeoutMs / 1000} s`));
+        fail(new CallFailed({ key: "error_no_answer", values: { service, seconds: timeoutMs / 1000 } }));
       }, timeoutMs);
       this.calls.set(id, { answer, fail, timer });
       if (!this.send({ op: "call_service", id, service, type, args: request, timeout: timeoutMs / 1000 })) {
         this.calls.delete(id);
         clearTimeout(timer);
-        fail(new LinkLost("not connected to the robot"));
+        fail(new LinkLost({ key: "error_not_connected" }));
       }
     });
   }
@@ -254,7 +279,7 @@ export class Rosbridge {
       this.goals.set(id, { feedback, fail, result: (values, status) => resolve({ result: values as Result, status }) });
       if (!this.send({ op: "send_action_goal", id, action, action_type: type, args: goal, feedback: true })) {
         this.goals.delete(id);
-        fail(new LinkLost("not connected to the robot"));
+        fail(new LinkLost({ key: "error_not_connected" }));
       }
     });
     return { result, cancel: () => void this.send({ op: "cancel_action_goal", id, action }) };

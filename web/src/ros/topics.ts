@@ -1,6 +1,6 @@
 /** The last sample of every topic that something shows, with the time of its arrival. */
 import type { MessageTypes } from "@/generated/messages";
-import type { Rosbridge, SubscribeOptions } from "./rosbridge";
+import type { SubscribeOptions } from "./rosbridge";
 
 export interface TopicRow<Type extends keyof MessageTypes = keyof MessageTypes> {
   readonly name: string;
@@ -11,6 +11,11 @@ export interface Sample<Message> {
   message: Message;
   /** performance.now() of its arrival. */
   receivedMs: number;
+}
+
+/** Where samples come from: the link to the robot, or a recording. */
+export interface SampleSource {
+  subscribe(topic: string, type: string, options: SubscribeOptions, deliver: (message: unknown) => void): () => void;
 }
 
 type Listener = () => void;
@@ -27,7 +32,7 @@ export class TopicStore {
   private entries = new Map<string, Entry>();
 
   constructor(
-    private readonly link: Rosbridge,
+    private readonly source: SampleSource,
     private readonly now: () => number = () => performance.now(),
   ) {}
 
@@ -37,7 +42,7 @@ export class TopicStore {
     let entry = this.entries.get(key);
     if (entry === undefined) {
       const created: Entry = { sample: undefined, listeners: new Set(), end: () => {}, count: 0 };
-      created.end = this.link.subscribe(row.name, row.type, options, (message) => {
+      created.end = this.source.subscribe(row.name, row.type, options, (message) => {
         created.sample = { message, receivedMs: this.now() };
         created.count += 1;
         for (const each of created.listeners) each();
@@ -54,6 +59,14 @@ export class TopicStore {
         current.end();
       }
     };
+  }
+
+  /** Forget all samples, for a source that begins anew. */
+  clear(): void {
+    for (const entry of this.entries.values()) {
+      entry.sample = undefined;
+      for (const each of entry.listeners) each();
+    }
   }
 
   /** The last sample, while something listens to the topic. */

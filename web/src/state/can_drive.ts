@@ -1,4 +1,4 @@
-/** Why the sticks would not move the robot now: all reasons, the nearest one first. */
+/** Why the robot cannot be moved from here now: all reasons, the nearest one first. */
 import type { TextKey, TextValues } from "@/i18n/text";
 import type { Role } from "@/generated/robot";
 
@@ -11,6 +11,10 @@ export interface DriveStatus {
 
 export interface DriveFacts {
   linkOpen: boolean;
+  /** The page shows the past. */
+  isRewound: boolean;
+  /** Another tab of this browser commands. */
+  isWatching: boolean;
   role: Role | null;
   holder: string | null;
   inControl: boolean;
@@ -28,13 +32,21 @@ export interface Reason {
   values?: TextValues;
 }
 
+/** Why the sticks would not move the robot. A mission does not keep them from it: they have the higher priority. */
 export function driveObstacles(facts: DriveFacts): Reason[] {
+  return motionObstacles(facts).filter(({ key }) => key !== "why_mission");
+}
+
+/** Why a goal, or a command to the arm, would not move the robot, or should not. */
+export function motionObstacles(facts: DriveFacts): Reason[] {
   if (!facts.linkOpen) return [{ key: "why_no_link" }];
   const reasons: Reason[] = [];
+  if (facts.isRewound) reasons.push({ key: "why_rewound" });
+  if (facts.isWatching) reasons.push({ key: "why_other_tab" });
   if (facts.role === "viewer") reasons.push({ key: "why_viewer" });
   if (facts.estopReasons.length > 0) reasons.push({ key: "why_estop", values: { reason: facts.estopReasons.join(", ") } });
   if (!facts.inControl && facts.holder !== null) reasons.push({ key: "why_control", values: { holder: facts.holder } });
-  if (facts.gateReason !== null) reasons.push({ key: "why_gate", values: { reason: facts.gateReason } });
+  if (facts.gateReason !== null) reasons.push({ key: facts.estopReasons.length > 0 ? "why_gate" : "why_hold_first", values: { reason: facts.gateReason } });
   if (facts.missionDrives) reasons.push({ key: "why_mission" });
   if (facts.bus === null) reasons.push({ key: "why_no_bus" });
   else {
@@ -43,6 +55,13 @@ export function driveObstacles(facts: DriveFacts): Reason[] {
     if (facts.bus.sink.listeners === 0) reasons.push({ key: "why_no_wheels" });
   }
   return reasons;
+}
+
+const AGAINST_RELOCATION: readonly TextKey[] = ["why_no_link", "why_rewound", "why_other_tab", "why_viewer", "why_control", "why_mission"];
+
+/** Why the robot cannot be told that it is elsewhere on the map: it may be stopped, but no mission must be driving by the map. */
+export function relocationObstacles(facts: DriveFacts): Reason[] {
+  return motionObstacles(facts).filter(({ key }) => AGAINST_RELOCATION.includes(key));
 }
 
 /** The JSON of `/lupin/drive/status`; null where it is damaged. */

@@ -1,6 +1,8 @@
 /** What did not work, and what did: short messages that go by themselves. */
 import { create } from "zustand";
+import { errorText } from "@/i18n/error_text";
 import { textIn, useLanguage } from "@/i18n/text";
+import { CommandRefused } from "@/rewind/guard";
 
 export const MAX_MESSAGES = 4;
 const SHOWN_MS = 6000;
@@ -20,12 +22,30 @@ const timers = new Map<number, ReturnType<typeof setTimeout>>();
 let number = 0;
 
 export function showProblem(error: unknown): void {
-  const reason = error instanceof Error ? error.message : String(error);
-  show("problem", textIn(useLanguage.getState().language, "unknown_error", { reason: reason.slice(0, MAX_LENGTH) }));
+  const { language } = useLanguage.getState();
+  const reason = errorText(error);
+  if (error instanceof CommandRefused) {
+    show("problem", reason);
+    return;
+  }
+  show("problem", textIn(language, "unknown_error", { reason: reason.slice(0, MAX_LENGTH) }));
 }
 
 export function showDone(message: string): void {
   show("done", message.slice(0, MAX_LENGTH));
+}
+
+/** Show what the robot answered to a request, or why there is no answer; whether it did what was asked. */
+export async function showAnswer(request: Promise<{ success: boolean; message: string }>): Promise<boolean> {
+  try {
+    const answer = await request;
+    if (!answer.success) throw new Error(answer.message);
+    showDone(answer.message);
+    return true;
+  } catch (error) {
+    showProblem(error);
+    return false;
+  }
 }
 
 export function removeMessage(removed: number): void {

@@ -8,7 +8,11 @@ export interface Situation {
   /** The robot's e-stop; null before it was received. */
   stopped: boolean | null;
   mission: lupin_msgs_MissionState | null;
+  /** The mission's state has not come for a while; then `mission` is null. */
+  isMissionSilent: boolean;
   drivenByHand: boolean;
+  /** This page sends zero velocity, which has a higher priority than the mission. */
+  heldAtZero: boolean;
 }
 
 export interface Sentence {
@@ -19,19 +23,28 @@ export interface Sentence {
 
 export const ACTIVE_STATES = ["PREPARE", "EXPLORING", "INSPECTING", "MONITORING", "RETURNING"] as const;
 
-export function isActive(mission: lupin_msgs_MissionState | null): boolean {
+export function isActive(mission: Pick<lupin_msgs_MissionState, "lifecycle_state"> | null): boolean {
   return mission !== null && (ACTIVE_STATES as readonly string[]).includes(mission.lifecycle_state);
 }
 
+/** Whether the mission waits until the robot is found on the map. */
+export function isRobotLost(mission: lupin_msgs_MissionState | null): boolean {
+  return mission !== null && isActive(mission) && mission.last_error === "robot_lost";
+}
+
 export function sentence(situation: Situation): Sentence {
-  const { linkOpen, wasOpen, stopped, mission, drivenByHand } = situation;
+  const { linkOpen, wasOpen, stopped, mission, isMissionSilent, drivenByHand, heldAtZero } = situation;
   if (!linkOpen) return wasOpen ? { key: "link_lost", tone: "lost" } : { key: "connecting", tone: "calm" };
   if (stopped === true) return { key: "stopped", tone: "stop" };
   if (mission !== null && isActive(mission)) {
     if (mission.paused) return { key: "mission_paused", tone: "attention" };
+    if (isRobotLost(mission)) return { key: "mission_robot_lost", tone: "attention" };
+    if (heldAtZero) return { key: "mission_held_at_zero", tone: "attention" };
+    if (drivenByHand) return { key: "mission_waits", tone: "attention" };
     return { ...duringMission(mission), tone: "active" };
   }
   if (drivenByHand) return { key: "driving_by_hand", tone: "active" };
+  if (isMissionSilent) return { key: "mission_is_silent", tone: "lost" };
   switch (mission?.lifecycle_state) {
     case "BOOT":
       return { key: "mission_booting", tone: "calm" };
@@ -57,7 +70,7 @@ function duringMission(mission: lupin_msgs_MissionState): { key: TextKey; values
 /** The goal of an exploration that seeks all tags. */
 const EVERY_TAG = 65_535;
 
-/** How many of how many tags are done; null where the mission counts none. */
+/** How many of how many tags are done; null if the mission counts none. */
 export function progress(mission: lupin_msgs_MissionState | null): { done: number; total: number } | null {
   if (mission === null || !isActive(mission)) return null;
   if (mission.lifecycle_state === "EXPLORING") {

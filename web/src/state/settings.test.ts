@@ -1,6 +1,7 @@
 // @vitest-environment jsdom
-import { describe, expect, it } from "vitest";
-import { currentSettings, migrate, readStored } from "./settings";
+import { afterEach, describe, expect, it, vi } from "vitest";
+import { useConsole } from "@/api/console_store";
+import { changeSettings, currentSettings, migrate, readStored, setting, useSettingsPlace } from "./settings";
 
 const storage = (items: Record<string, string>) => ({ getItem: (key: string) => items[key] ?? null });
 
@@ -36,5 +37,60 @@ describe("settings", () => {
     expect(readStored(forbidden)).toEqual({});
     expect(readStored(null)).toEqual({});
     expect(migrate(5, undefined)).toEqual({});
+  });
+
+  it("of other versions keep allowed values only", () => {
+    const wrong = {
+      speedScale: 7,
+      armRateDegPerSec: -1,
+      voiceVadEndHoldMs: 800.5,
+      theme: "pink",
+      cmdVelType: "geometry_msgs/msg/Pose",
+      scanTopic: "/scan; rm",
+      voiceLanguage: "x".repeat(100),
+      debugPublish: 1,
+      toString: "x",
+    };
+    expect(migrate(5, wrong)).toEqual({});
+    expect(migrate(5, { speedScale: Infinity, scanTopic: "/front/scan", theme: "light" })).toEqual({ scanTopic: "/front/scan", theme: "light" });
+  });
+});
+
+describe("a changed setting", () => {
+  afterEach(() => {
+    vi.unstubAllGlobals();
+    vi.restoreAllMocks();
+    useConsole.setState({ settings: {} });
+  });
+
+  it("of this browser is stored here, and asks the server for nothing", async () => {
+    const fetch = vi.fn<() => Promise<Response>>();
+    vi.stubGlobal("fetch", fetch);
+    expect(await changeSettings({ theme: "light", estopAutoOnFocusLoss: false })).toBe(true);
+    expect(fetch).not.toHaveBeenCalled();
+    expect(readStored()).toMatchObject({ theme: "light", estopAutoOnFocusLoss: false });
+    // Another browser cannot change it.
+    useConsole.setState({ settings: { theme: "dark" } });
+    expect(setting("theme")).toBe("light");
+  });
+
+  it("of all browsers comes from the server, then from this browser, then from the table", async () => {
+    vi.stubGlobal("fetch", () => Promise.reject(new Error("gone")));
+    expect(setting("speedScale")).toBe(0.5);
+    expect(await changeSettings({ speedScale: 0.25 })).toBe(false);
+    expect(useSettingsPlace.getState().place).toBe("browser");
+    useConsole.setState({ settings: {} });
+    expect(setting("speedScale")).toBe(0.25);
+    useConsole.setState({ settings: { speedScale: 0.75 } });
+    expect(setting("speedScale")).toBe(0.75);
+  });
+
+  it("holds until the page is closed where the storage is full", async () => {
+    vi.spyOn(Storage.prototype, "setItem").mockImplementation(() => {
+      throw new DOMException("full", "QuotaExceededError");
+    });
+    expect(await changeSettings({ surfaceContrast: "high" })).toBe(false);
+    expect(setting("surfaceContrast")).toBe("high");
+    expect(useSettingsPlace.getState().place).toBe("page");
   });
 });

@@ -1,68 +1,126 @@
 /**
- * The page's settings: the server's, which all browsers share, over what this browser stored while it had no server, over the
- * defaults. Older objects of this browser are migrated once.
+ * The page's settings. Topics and limits hold for all browsers, and the server keeps those that were changed; look, voice and focus
+ * are this browser's own. Where the server has none, or cannot keep one, what this browser stored holds, and then the default.
+ * Older objects of this browser are migrated once.
  */
 import { create } from "zustand";
 import { useConsole } from "@/api/console_store";
 import { ApiError, ask } from "@/api/http";
+import { errorText } from "@/i18n/error_text";
+import { CommandRefused } from "@/rewind/guard";
 import { OLDEST_SETTINGS_VERSION, SETTINGS, SETTINGS_VERSION, type Settings } from "@/generated/settings";
 
 const KEY = (version: number) => `lupin-hmi-settings/v${version}`;
-/** What browsers stored under these names before version 5 was not their operator's choice. */
+/** Before version 5, browsers stored these settings although the operator had not chosen them; they are dropped. */
 const DROPPED_BEFORE_5 = ["polarityInvertHmi", "estopAutoOnFocusLoss"];
 
 type Stored = Partial<Settings>;
+export type SettingName = keyof Settings;
 
-const REFUSED_VALUE = 400;
-
-/** The value of a setting now. */
-export function setting<Name extends keyof Settings>(name: Name): Settings[Name] {
-  return currentSettings()[name];
+export interface SettingRow {
+  default: boolean | number | string;
+  unit: string;
+  low?: number;
+  high?: number;
+  choices?: readonly string[];
+  ros_name?: boolean;
+  max_length?: number;
+  /** False where each browser keeps its own. */
+  shared?: boolean;
 }
 
-export function useSetting<Name extends keyof Settings>(name: Name): Settings[Name] {
+export function rowOf(name: SettingName): SettingRow {
+  return SETTINGS[name];
+}
+
+export function isShared(name: SettingName): boolean {
+  return rowOf(name).shared !== false;
+}
+
+const REFUSED_VALUE = 400;
+const ROS_NAME = /^[A-Za-z_/][A-Za-z0-9_/]{0,255}$/;
+
+const useStored = create<{ stored: Stored }>(() => ({ stored: readStored() }));
+
+/** The value of a setting now. */
+export function setting<Name extends SettingName>(name: Name): Settings[Name] {
+  return valueOf(name, useConsole.getState().settings, useStored.getState().stored);
+}
+
+export function useSetting<Name extends SettingName>(name: Name): Settings[Name] {
   const shared = useConsole((state) => state.settings[name]);
-  return (shared ?? stored[name] ?? SETTINGS[name].default) as Settings[Name];
+  const stored = useStored((state) => state.stored[name]);
+  return valueOf(name, { [name]: shared }, { [name]: stored });
+}
+
+function valueOf<Name extends SettingName>(name: Name, shared: Stored, stored: Stored): Settings[Name] {
+  const own = stored[name] ?? SETTINGS[name].default;
+  return ((isShared(name) ? shared[name] : undefined) ?? own) as Settings[Name];
 }
 
 export function currentSettings(): Settings {
-  const defaults = Object.fromEntries(Object.entries(SETTINGS).map(([name, row]) => [name, row.default]));
-  return { ...defaults, ...stored, ...useConsole.getState().settings } as Settings;
+  const names = Object.keys(SETTINGS) as SettingName[];
+  return Object.fromEntries(names.map((name) => [name, setting(name)])) as unknown as Settings;
 }
 
-/** Where the last change is kept: for all browsers, in this one, or only until this page is closed; and why not for all. */
+/** Where the last change is kept: where it belongs, in this browser only, or until this page is closed; and why. */
 export interface SettingsPlace {
-  place: "shared" | "browser" | "page";
+  place: "kept" | "browser" | "page";
   reason: string;
 }
 
-export const useSettingsPlace = create<SettingsPlace>(() => ({ place: "shared", reason: "" }));
+export const useSettingsPlace = create<SettingsPlace>(() => ({ place: "kept", reason: "" }));
 
 /**
- * Change settings for all browsers; where the server cannot keep them, this browser does. Returns whether all have them.
- * Throws ApiError where the server refuses a value.
+ * Change settings: those of all browsers at the server, or in this one where the server cannot keep them, and those of this
+ * browser here. Returns whether all are kept where they belong. Throws ApiError where the server refuses a value, and CommandRefused.
  */
 export async function changeSettings(changes: Stored): Promise<boolean> {
+  const names = Object.keys(changes) as SettingName[];
+  const own = pick(changes, names.filter((name) => !isShared(name)));
+  const shared = pick(changes, names.filter(isShared));
+  if (Object.keys(own).length > 0) store(own, "kept", "");
+  if (Object.keys(shared).length === 0) return useSettingsPlace.getState().place === "kept";
   try {
-    await ask("/_api/settings", { version: SETTINGS_VERSION, settings: changes });
-    useSettingsPlace.setState({ place: "shared", reason: "" });
+    await ask("/_api/settings", { version: SETTINGS_VERSION, settings: shared });
+    useSettingsPlace.setState({ place: "kept", reason: "" });
     return true;
   } catch (error) {
-    if (error instanceof ApiError && error.status === REFUSED_VALUE) throw error;
-    Object.assign(stored, changes);
-    useSettingsPlace.setState({ place: write(stored) ? "browser" : "page", reason: error instanceof Error ? error.message : String(error) });
-    useConsole.setState((state) => ({ settings: { ...state.settings, ...changes } }));
+    if (error instanceof CommandRefused || (error instanceof ApiError && error.status === REFUSED_VALUE)) throw error;
+    store(shared, "browser", errorText(error));
+    useConsole.setState((state) => ({ settings: { ...state.settings, ...shared } }));
     return false;
   }
 }
 
-/** The settings that an object of a version holds: known names with fitting types only. */
+function pick(changes: Stored, names: readonly SettingName[]): Stored {
+  return Object.fromEntries(names.map((name) => [name, changes[name]])) as Stored;
+}
+
+function store(changes: Stored, place: SettingsPlace["place"], reason: string): void {
+  const stored = { ...useStored.getState().stored, ...changes };
+  useStored.setState({ stored });
+  useSettingsPlace.setState(write(stored) ? { place, reason } : { place: "page", reason });
+}
+
+/** Whether the server would accept a value. */
+export function isValid(value: unknown, row: SettingRow): boolean {
+  if (typeof value !== typeof row.default) return false;
+  if (typeof value === "number") {
+    const { low = -Infinity, high = Infinity, unit } = row;
+    return Number.isFinite(value) && value >= low && value <= high && (unit !== "ms" || Number.isInteger(value));
+  }
+  if (typeof value !== "string") return true;
+  if (row.choices !== undefined) return row.choices.includes(value);
+  return row.ros_name === true ? ROS_NAME.test(value) : value.length <= (row.max_length ?? Infinity);
+}
+
+/** The settings that an object of a version holds: known names with allowed values only. */
 export function migrate(version: number, object: unknown): Stored {
   if (typeof object !== "object" || object === null) return {};
   const found: Record<string, unknown> = {};
   for (const [name, value] of Object.entries(object)) {
-    const row = (SETTINGS as Record<string, { default: unknown }>)[name];
-    if (row === undefined || typeof value !== typeof row.default) continue;
+    if (!Object.hasOwn(SETTINGS, name) || !isValid(value, rowOf(name as SettingName))) continue;
     if (version < SETTINGS_VERSION && DROPPED_BEFORE_5.includes(name)) continue;
     found[name] = value;
   }
@@ -82,7 +140,7 @@ export function readStored(storage: Pick<Storage, "getItem"> | null = localStora
   return {};
 }
 
-/** Returns whether they are stored. Where storage is full or forbidden, they hold until the page is closed. */
+/** Returns whether they are stored. If storage is full or forbidden, they apply until the page is closed. */
 function write(settings: Stored): boolean {
   try {
     const storage = localStorageOrNull();
@@ -100,5 +158,3 @@ export function localStorageOrNull(): Storage | null {
     return null;
   }
 }
-
-const stored: Stored = readStored();

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { lupin_msgs_MissionState } from "@/generated/messages";
-import { type DriveFacts, driveObstacles, parseDriveStatus, parseEstopReasons } from "./can_drive";
+import { type DriveFacts, driveObstacles, motionObstacles, parseDriveStatus, parseEstopReasons, relocationObstacles } from "./can_drive";
 import { progress, sentence } from "./sentence";
 
 const MISSION = {
@@ -17,7 +17,7 @@ const MISSION = {
   discovery_goal: 12,
 } as lupin_msgs_MissionState;
 
-const LIVE = { linkOpen: true, wasOpen: true, stopped: false, mission: MISSION, drivenByHand: false };
+const LIVE = { linkOpen: true, wasOpen: true, stopped: false, mission: MISSION, isMissionSilent: false, drivenByHand: false, heldAtZero: false };
 
 describe("the sentence", () => {
   it("names the tag that the robot drives to", () => {
@@ -29,6 +29,22 @@ describe("the sentence", () => {
     expect(sentence({ ...LIVE, linkOpen: false }).key).toBe("link_lost");
     expect(sentence({ ...LIVE, linkOpen: false, wasOpen: false }).key).toBe("connecting");
     expect(sentence({ ...LIVE, stopped: true }).key).toBe("stopped");
+  });
+
+  it("does not guess what a silent mission does", () => {
+    expect(sentence({ ...LIVE, mission: null, isMissionSilent: true })).toEqual({ key: "mission_is_silent", tone: "lost" });
+  });
+
+  it("says what keeps the mission from moving", () => {
+    expect(sentence({ ...LIVE, drivenByHand: true }).key).toBe("mission_waits");
+    expect(sentence({ ...LIVE, heldAtZero: true }).key).toBe("mission_held_at_zero");
+    expect(sentence({ ...LIVE, heldAtZero: true, mission: { ...MISSION, paused: true } }).key).toBe("mission_paused");
+  });
+
+  it("says that the mission waits for a robot that is lost on the map", () => {
+    expect(sentence({ ...LIVE, mission: { ...MISSION, last_error: "robot_lost" } })).toEqual({ key: "mission_robot_lost", tone: "attention" });
+    expect(sentence({ ...LIVE, mission: { ...MISSION, last_error: "robot_found" } }).key).toBe("driving_to");
+    expect(sentence({ ...LIVE, mission: { ...MISSION, last_error: "robot_lost", lifecycle_state: "READY" } }).key).toBe("mission_ready");
   });
 
   it("knows the robot without a mission", () => {
@@ -50,6 +66,8 @@ describe("the sentence", () => {
 describe("can I drive?", () => {
   const FREE: DriveFacts = {
     linkOpen: true,
+    isRewound: false,
+    isWatching: false,
     role: "operator",
     holder: null,
     inControl: false,
@@ -65,8 +83,24 @@ describe("can I drive?", () => {
 
   it("names all obstacles, the nearest first", () => {
     const facts = { ...FREE, holder: "phone-2", estopReasons: ["button"], missionDrives: true, bus: { ...FREE.bus!, locks: ["e-stop engaged", "slam"] } };
-    expect(driveObstacles(facts).map((reason) => reason.key)).toEqual(["why_estop", "why_control", "why_mission", "why_locked"]);
+    expect(motionObstacles(facts).map((reason) => reason.key)).toEqual(["why_estop", "why_control", "why_mission", "why_locked"]);
     expect(driveObstacles(facts).at(-1)?.values).toEqual({ reason: "slam" });
+  });
+
+  it("lets sticks override a mission, and goals not", () => {
+    expect(driveObstacles({ ...FREE, missionDrives: true })).toEqual([]);
+    expect(motionObstacles({ ...FREE, missionDrives: true })).toEqual([{ key: "why_mission" }]);
+  });
+
+  it("relocates a stopped robot, and none that a mission drives", () => {
+    expect(relocationObstacles({ ...FREE, gateReason: "opened", estopReasons: ["button"], bus: null })).toEqual([]);
+    expect(relocationObstacles({ ...FREE, missionDrives: true })).toEqual([{ key: "why_mission" }]);
+    expect(relocationObstacles({ ...FREE, role: "viewer" })).toEqual([{ key: "why_viewer" }]);
+  });
+
+  it("says how a gate is opened that nothing else holds closed", () => {
+    expect(driveObstacles({ ...FREE, gateReason: "opened" })[0]?.key).toBe("why_hold_first");
+    expect(driveObstacles({ ...FREE, gateReason: "opened", estopReasons: ["button"] })[1]?.key).toBe("why_gate");
   });
 
   it("names a silent bus and wheels without a listener", () => {

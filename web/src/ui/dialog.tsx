@@ -1,9 +1,11 @@
 import { X } from "lucide-react";
 import { Dialog as Radix } from "radix-ui";
-import type { ReactNode } from "react";
+import { type ReactNode, useCallback, useLayoutEffect } from "react";
 import { useText } from "@/i18n/text";
 import { Button } from "./button";
 import { cn } from "./cn";
+import { countDialog } from "./open_dialogs";
+import { loopTab } from "./tab_loop";
 
 interface DialogProps {
   open: boolean;
@@ -19,11 +21,15 @@ interface DialogProps {
 /** A floating surface with a title that holds the focus until it is closed. The stop bar stays above it. */
 export function Dialog({ open, onOpenChange, title, description, children, drawer = false, className }: DialogProps) {
   const text = useText();
+  useLayoutEffect(() => (open ? countDialog() : undefined), [open]);
+  // A modal dialog of Radix would make the stop unreachable, too.
+  const content = useCallback((element: HTMLDivElement | null) => (element === null ? undefined : loopTab(element)), []);
   return (
     <Radix.Root open={open} onOpenChange={onOpenChange} modal={false}>
       <Radix.Portal>
         {open && <div className="fixed inset-0 z-40 bg-void/60" aria-hidden="true" onClick={() => onOpenChange(false)} />}
         <Radix.Content
+          ref={content}
           {...(description === undefined ? { "aria-describedby": undefined } : {})}
           onInteractOutside={(event) => event.preventDefault()}
           className={cn(

@@ -1,4 +1,5 @@
 import { type ComponentProps, useEffect, useRef, useState } from "react";
+import { useText } from "@/i18n/text";
 import { cn } from "./cn";
 
 export const HOLD_MS = 1200;
@@ -9,10 +10,21 @@ interface HoldButtonProps extends Omit<ComponentProps<"button">, "onClick"> {
   tone?: "light" | "dark";
 }
 
-/** A button for what must not happen by a slip: it acts after it was held, by pointer, Enter or Space. */
+/** How long a click that cannot hold waits for the second one, which confirms it, and how far apart the two must be. */
+const CONFIRM_MS = 8000;
+const APART_MS = 400;
+
+/**
+ * A button for what must not happen by a slip: it acts after it was held, by pointer, Enter or Space. What presses buttons for a
+ * person, such as a screen reader, cannot hold: it clicks, and clicks again to confirm.
+ */
 export function HoldButton({ onHeld, tone = "light", className, children, disabled, ...rest }: HoldButtonProps) {
+  const text = useText();
   const [holding, setHolding] = useState(false);
+  /** performance.now() of the click that waits for its confirmation; null without one. */
+  const [clickedMs, setClickedMs] = useState<number | null>(null);
   const timer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
+  const confirmTimer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
 
   function begin(): void {
     if (disabled === true || holding) return;
@@ -28,7 +40,39 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
     setHolding(false);
   }
 
-  useEffect(() => () => clearTimeout(timer.current), []);
+  function forgetClick(): void {
+    clearTimeout(confirmTimer.current);
+    setClickedMs(null);
+  }
+
+  function click(): void {
+    if (disabled === true) return;
+    const now = performance.now();
+    if (clickedMs === null) {
+      setClickedMs(now);
+      confirmTimer.current = setTimeout(() => setClickedMs(null), CONFIRM_MS);
+    } else if (now - clickedMs >= APART_MS) {
+      forgetClick();
+      onHeld();
+    }
+  }
+
+  if (disabled === true && (holding || clickedMs !== null)) {
+    setHolding(false);
+    setClickedMs(null);
+  }
+  useEffect(() => {
+    if (disabled !== true) return;
+    clearTimeout(timer.current);
+    clearTimeout(confirmTimer.current);
+  }, [disabled]);
+  useEffect(
+    () => () => {
+      clearTimeout(timer.current);
+      clearTimeout(confirmTimer.current);
+    },
+    [],
+  );
 
   return (
     <button
@@ -36,11 +80,17 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
       data-hold=""
       disabled={disabled}
       {...rest}
-      onPointerDown={begin}
+      // Only the keyboard gives it the focus: the space bar stops the robot again after a press by the pointer.
+      onMouseDown={(event) => event.preventDefault()}
+      onPointerDown={(event) => event.button === 0 && event.isPrimary && begin()}
+      onClick={(event) => event.detail === 0 && click()}
       onPointerUp={end}
       onPointerLeave={end}
       onPointerCancel={end}
-      onBlur={end}
+      onBlur={() => {
+        end();
+        forgetClick();
+      }}
       onContextMenu={(event) => event.preventDefault()}
       onKeyDown={(event) => {
         if (event.key !== "Enter" && event.key !== " ") return;
@@ -49,7 +99,11 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
         event.preventDefault();
         if (!event.repeat) begin();
       }}
-      onKeyUp={(event) => (event.key === "Enter" || event.key === " ") && end()}
+      onKeyUp={(event) => {
+        if (event.key !== "Enter" && event.key !== " ") return;
+        event.preventDefault(); // no click follows
+        end();
+      }}
       className={cn(
         "relative h-11 shrink-0 touch-none overflow-hidden rounded-md px-4 text-sm font-semibold select-none",
         tone === "light" ? "bg-text" : "border border-line-strong bg-raised text-text",
@@ -65,7 +119,9 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
           transition: holding ? `transform ${HOLD_MS}ms linear` : "none",
         }}
       />
-      <span className={cn("relative inline-flex items-center gap-2", tone === "light" && disabled !== true && "text-ground")}>{children}</span>
+      <span aria-live="polite" className={cn("relative inline-flex items-center gap-2", tone === "light" && disabled !== true && "text-ground")}>
+        {clickedMs === null ? children : text("hold_confirm")}
+      </span>
     </button>
   );
 }

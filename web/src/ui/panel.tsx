@@ -1,4 +1,5 @@
 import { type ReactNode, useId } from "react";
+import { type Text, useText } from "@/i18n/text";
 import { cn } from "./cn";
 
 interface PanelProps {
@@ -15,6 +16,7 @@ interface PanelProps {
 
 /** An instrument: a solid tile with a head, a body that keeps its size, and a foot that says what is missing. */
 export function Panel({ title, aside, notice, tone, children, className, bodyClassName }: PanelProps) {
+  const text = useText();
   const heading = useId();
   return (
     <section aria-labelledby={heading} className={cn("panel flex min-h-0 min-w-0 flex-col", className)}>
@@ -29,7 +31,6 @@ export function Panel({ title, aside, notice, tone, children, className, bodyCla
       </div>
       {notice !== undefined && notice !== null && (
         <div
-          role="status"
           className={cn(
             "flex items-center gap-2 border-t border-line px-4 py-2 text-xs",
             tone === "error" ? "text-stop-text" : tone === "stale" ? "text-attention" : "text-text-2",
@@ -38,6 +39,16 @@ export function Panel({ title, aside, notice, tone, children, className, bodyCla
           {notice}
         </div>
       )}
+      <span role="status" className="sr-only">
+        {announcement(text, title, tone, notice)}
+      </span>
     </section>
   );
+}
+
+/** What is read out of a notice: that it came, not the age in it. */
+function announcement(text: Text, title: string, tone: PanelProps["tone"], notice: ReactNode): string {
+  if (notice === undefined || notice === null) return "";
+  if (tone === "stale") return `${title}: ${text("stale")}`;
+  return tone === "empty" || typeof notice !== "string" ? "" : notice;
 }

@@ -10,11 +10,12 @@ const en = {
   stick_move: "move",
   stick_turn: "turn",
   sticks_live: "Sticks are live",
+  sticks_override: "Sticks are live: they override the mission",
   sticks_blocked: "Sticks are blocked",
   keys_hint: "Keys: W A S D move, Q E turn",
   gamepad: "Gamepad: {name}",
   front_camera: "Front camera",
-  no_picture: "No picture",
+  no_image: "No image",
 };
 
 const nl: Record<keyof typeof en, string> = {
@@ -29,11 +30,12 @@ const nl: Record<keyof typeof en, string> = {
   stick_move: "rijden",
   stick_turn: "draaien",
   sticks_live: "Sticks werken",
+  sticks_override: "Sticks werken: ze gaan boven de missie",
   sticks_blocked: "Sticks geblokkeerd",
   keys_hint: "Toetsen: W A S D rijden, Q E draaien",
   gamepad: "Gamepad: {name}",
   front_camera: "Voorcamera",
-  no_picture: "Geen beeld",
+  no_image: "Geen beeld",
 };
 
 export const teleop = { en, nl };

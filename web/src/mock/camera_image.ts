@@ -1,6 +1,6 @@
-/** Draws what a made-up camera sees: the greenhouse by ray casting, with its tags and flowers. */
+/** Draws what a mock camera sees: the greenhouse by ray casting, with its tags and flowers. */
 import { TABLE, TABLE_HEIGHT_M, TAGS, TAG_EDGE_M, WALL_HEIGHT_M, castRay } from "./greenhouse";
-import { type Camera, PICTURE, type Pixel, horizon, project, seenFlowers, tagCorners } from "./view";
+import { type Camera, IMAGE, type Pixel, horizon, project, seenFlowers, tagCorners } from "./view";
 import { noise } from "./messages";
 
 const COLUMN_PX = 4;
@@ -10,8 +10,8 @@ const PETALS: Record<string, string> = { tulip_red: "#e23a3a", tulip_white: "#e8
 const PAPER = 1.3;
 const TAG_CELLS = 8;
 
-export function drawPicture(context: CanvasRenderingContext2D, camera: Camera): void {
-  const { height } = PICTURE;
+export function drawImage(context: CanvasRenderingContext2D, camera: Camera): void {
+  const { height } = IMAGE;
   const middle = horizon(camera);
   gradient(context, 0, middle, "#5f9fdc", "#a9cdea");
   gradient(context, middle, height, "#4c5645", "#6d7365");
@@ -25,29 +25,29 @@ function gradient(context: CanvasRenderingContext2D, top: number, bottom: number
   fill.addColorStop(0, from);
   fill.addColorStop(1, to);
   context.fillStyle = fill;
-  context.fillRect(0, top, PICTURE.width, bottom - top);
+  context.fillRect(0, top, IMAGE.width, bottom - top);
 }
 
 /** Draws walls and tables; returns the depth of each column, m. */
 function drawWalls(context: CanvasRenderingContext2D, camera: Camera, middle: number): Float32Array {
-  const depths = new Float32Array(PICTURE.width / COLUMN_PX);
+  const depths = new Float32Array(IMAGE.width / COLUMN_PX);
   for (let column = 0; column < depths.length; column += 1) {
-    const offset = (PICTURE.width / 2 - (column + 0.5) * COLUMN_PX) / PICTURE.focal;
+    const offset = (IMAGE.width / 2 - (column + 0.5) * COLUMN_PX) / IMAGE.focal;
     const angle = camera.yaw + Math.atan(offset);
     const { distanceM, hit } = castRay(camera.x, camera.y, angle, REACH_M);
     const depth = Math.max(0.05, distanceM * Math.cos(angle - camera.yaw));
     depths[column] = depth;
     const isTable = hit === TABLE;
     const topM = isTable ? TABLE_HEIGHT_M : WALL_HEIGHT_M;
-    const top = middle + (PICTURE.focal * (camera.z - topM)) / depth;
-    const bottom = middle + (PICTURE.focal * camera.z) / depth;
+    const top = middle + (IMAGE.focal * (camera.z - topM)) / depth;
+    const bottom = middle + (IMAGE.focal * camera.z) / depth;
     const shade = Math.max(0.45, 1 - depth / 9);
     // Edges catch more light where the ray hits across the grid.
     const grain = 1 + 0.03 * noise(Math.round((camera.x + distanceM * Math.cos(angle)) * 8) + Math.round((camera.y + distanceM * Math.sin(angle)) * 8) * 97);
     context.fillStyle = isTable ? rgb(134, 98, 48, shade * grain) : rgb(104, 142, 128, shade * grain);
     if (isTable && camera.z > topM) {
       // The top of the table, up to its far edge.
-      const farTop = middle + (PICTURE.focal * (camera.z - topM)) / (depth + 0.5);
+      const farTop = middle + (IMAGE.focal * (camera.z - topM)) / (depth + 0.5);
       context.fillRect(column * COLUMN_PX, top, COLUMN_PX, bottom - top);
       context.fillStyle = rgb(88, 62, 34, shade);
       context.fillRect(column * COLUMN_PX, farTop, COLUMN_PX, top - farTop);

@@ -1,0 +1,8 @@
+import { textIn, useLanguage } from "./text";
+import { WordedError } from "./text_error";
+
+/** What to tell a person of an error: the catalog's text in the language of the page, or the error's own words. */
+export function errorText(error: unknown): string {
+  if (error instanceof WordedError && error.phrase !== null) return textIn(useLanguage.getState().language, error.phrase.key, error.phrase.values);
+  return error instanceof Error ? error.message : String(error);
+}
