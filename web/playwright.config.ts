@@ -6,7 +6,7 @@ const live = process.env["LUPIN_CONSOLE"];
 
 export default defineConfig({
   testDir: live === undefined ? "tests/mock" : "tests/live",
-  timeout: 120_000,
+  timeout: live === undefined ? 120_000 : 400_000,
   expect: { timeout: 30_000 },
   workers: live === undefined ? 2 : 1,
   retries: 0,
@@ -16,6 +16,8 @@ export default defineConfig({
     baseURL: live ?? "http://127.0.0.1:5299/page/",
     viewport: { width: 1440, height: 900 },
     locale: "en-US",
+    // The simulator needs the cores that the living background would take.
+    contextOptions: live === undefined ? {} : { reducedMotion: "reduce" },
     launchOptions: {
       executablePath: CHROMIUM,
       args: ["--no-sandbox", "--disable-gpu", "--disable-quic", "--disable-background-networking", "--disable-component-update", "--disable-sync"],

@@ -39,3 +39,10 @@ test("forbidden storage does not keep the page from working", async ({ page }) =
   await expect(page.getByTestId("stop")).toBeVisible();
   await expect(page.getByText("Nearest obstacle")).toBeVisible({ timeout: 15_000 });
 });
+
+test("a robot that is lost on its map is named, and what helps", async ({ page }) => {
+  const errors = await openMock(page, "map", "state=mission&fault=astray");
+  await expect(page.getByTestId("sentence")).toHaveText("Lost on the map, waits");
+  await expect(page.getByText("Relocate helps: show it where it is")).toBeVisible();
+  expect(errors).toEqual([]);
+});

@@ -1,4 +1,4 @@
-import { type Page, expect } from "@playwright/test";
+import { type Locator, type Page, expect } from "@playwright/test";
 
 export const TABS = ["teleop", "arm", "voice", "cameras", "telemetry", "logs", "map"] as const;
 
@@ -15,8 +15,15 @@ export async function openMock(page: Page, tab: string, query = ""): Promise<str
 
 /** Hold a button that acts only after it was held. */
 export async function hold(page: Page, testId: string): Promise<void> {
-  await page.getByTestId(testId).hover();
+  await holdButton(page, page.getByTestId(testId));
+}
+
+/** A button acts after 1.2 s, but the page's timers are late on a busy machine. */
+const HELD_MS = 3000;
+
+export async function holdButton(page: Page, button: Locator): Promise<void> {
+  await button.hover();
   await page.mouse.down();
-  await page.waitForTimeout(1400);
+  await page.waitForTimeout(HELD_MS);
   await page.mouse.up();
 }

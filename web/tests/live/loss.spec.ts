@@ -1,0 +1,76 @@
+import { expect, test } from "@playwright/test";
+import { Network, consolePid, drive, fallAsleep, openLive, staysAtRest, takeControl, untilAtRest, untilLive, untilReplaced } from "../support/live";
+import { TABS } from "../support/page";
+
+for (const signal of ["SIGKILL", "SIGSTOP"] as const) {
+  test(`every tab shows the loss of its server by ${signal}, and comes back`, async ({ context }) => {
+    const pages = await Promise.all(TABS.map(async (tab) => ({ tab, page: await context.newPage() })));
+    const errors = [];
+    for (const { tab, page } of pages) errors.push(await openLive(page, tab));
+    const pid = consolePid();
+    process.kill(pid, signal);
+    await Promise.all(pages.map(({ page }) => expect(page.getByRole("alert").filter({ hasText: "No link." })).toBeVisible({ timeout: 60_000 })));
+    await untilReplaced(pid);
+    await Promise.all(pages.map(({ page }) => untilLive(page)));
+    // No panel of any tab is out of date any more.
+    for (const { tab, page } of pages) await expect(page.locator("#view .hatched"), tab).toHaveCount(0);
+    expect(errors.flat()).toEqual([]);
+  });
+}
+
+test("a network that is cut while driving leaves the wheels at rest, and a stop that waits for a release", async ({ browser, context }) => {
+  const network = await Network.open();
+  const [driver, watcher] = [await context.newPage(), await (await browser.newContext()).newPage()];
+  await openLive(watcher, "map");
+  const errors = await openLive(driver, "teleop", network.url);
+  await takeControl(driver);
+  await drive(driver, "KeyQ");
+  network.cut();
+  await untilAtRest();
+  await expect(watcher.getByTestId("stop")).toContainText("Stopped");
+  await expect(driver.getByRole("alert").filter({ hasText: "No link." })).toBeVisible();
+  network.mend();
+  await untilLive(driver);
+  await takeControl(driver);
+  await expect(watcher.getByTestId("stop")).not.toContainText("Stopped");
+  // The key is still held, but it drives only after it was let go.
+  await staysAtRest(driver);
+  await driver.keyboard.up("KeyQ");
+  expect(errors).toEqual([]);
+  network.close();
+});
+
+test("a page that falls asleep while driving leaves the wheels at rest, and drives nothing when it wakes", async ({ browser, context }) => {
+  const [page, watcher] = [await context.newPage(), await (await browser.newContext()).newPage()];
+  await openLive(watcher, "logs");
+  const errors = await openLive(page, "teleop");
+  await takeControl(page);
+  await drive(page, "KeyQ");
+  const wake = await fallAsleep(context, page);
+  await untilAtRest();
+  await expect(watcher.getByTestId("stop")).toContainText("Stopped");
+  await wake();
+  await untilLive(page);
+  await staysAtRest(page);
+  await page.keyboard.up("KeyQ");
+  await takeControl(page);
+  expect(errors).toEqual([]);
+});
+
+test("a tab that is hidden while driving stops the robot", async ({ context }) => {
+  const page = await context.newPage();
+  const errors = await openLive(page, "teleop");
+  await takeControl(page);
+  await drive(page, "KeyQ");
+  // Playwright keeps every page visible and focused; without that, another tab hides this one.
+  const session = await context.newCDPSession(page);
+  await session.send("Emulation.setFocusEmulationEnabled", { enabled: false });
+  const other = await context.newPage();
+  await other.bringToFront();
+  await untilAtRest();
+  await page.bringToFront();
+  await expect(page.getByTestId("stop")).toContainText("Stopped");
+  await page.keyboard.up("KeyQ");
+  await takeControl(page);
+  expect(errors).toEqual([]);
+});
