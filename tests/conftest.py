@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import signal
 import subprocess
@@ -12,11 +13,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from lupin_runtime.stack.dds import claim_domain, loopback_environment
 
 if TYPE_CHECKING:
     from lupin_sim.host import Host
+
+# Property tests on a machine with other work: neither a slow example nor slow generation of examples is a failure.
+settings.register_profile("shared machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("shared machine")
 
 pytest_plugins = ["lupin_sim.host.fixtures"]  # simulated computers: host, fresh_host, boot_host
 
@@ -52,11 +58,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_makereport() -> Iterator[None]:
-    """Report a skipped test as failed under LUPIN_CI_STRICT=1: CI has everything that tests need."""
+    """Report a skipped test as failed under LUPIN_CI_STRICT=1: CI has everything that tests need.
+
+    A test in quarantine (xfail, with its reason) is no skipped one.
+    """
     outcome = yield
     assert outcome is not None
     report = outcome.get_result()
-    if report.skipped and os.environ.get("LUPIN_CI_STRICT") == "1":
+    if report.skipped and not hasattr(report, "wasxfail") and os.environ.get("LUPIN_CI_STRICT") == "1":
         report.outcome = "failed"
 
 
@@ -130,6 +139,10 @@ class GraphHost:
         # The thread must return first: a shutdown destroys what a running callback still needs.
         stop.set_result(None)
         thread.join(timeout=2.0)
+        for task, *_ in executor._tasks:
+            # A goal that was accepted at the very end: its coroutine never began, and would warn when it is collected.
+            if inspect.iscoroutine(task._handler) and inspect.getcoroutinestate(task._handler) == inspect.CORO_CREATED:
+                task._handler.close()
         executor.shutdown(timeout_sec=2.0)
         node.destroy_node()
 

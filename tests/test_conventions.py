@@ -1,10 +1,11 @@
-"""Conventions: names of tests are short, folders of tests mirror the packages, and a suppressed lint has a reason."""
+"""Conventions: names of tests are short, folders of tests mirror the packages, every help has an example, and so on."""
 
 from __future__ import annotations
 
 import ast
 import re
 
+from tests.support.command_line import all_commands, mistake_in
 from tests.support.paths import ROOT
 
 PACKAGES = ("lupin_cli", "lupin_runtime", "lupin_sim")
@@ -44,3 +45,58 @@ def test_every_suppressed_lint_has_a_reason() -> None:
         if re.search(r"# (ruff: )?noqa(: [A-Z0-9, ]+)?$", line)
     ]
     assert bare == []
+
+
+def test_json_from_elsewhere_is_parsed_in_one_place() -> None:
+    # json.loads raises RecursionError for deep nesting, which callers forget. Two programs run isolated, on their own inputs.
+    exempt = {"lupin_runtime/json_text.py", "lupin_sim/host/link_emulator.py", "lupin_cli/link/path_agent.py"}
+    paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
+    found = {str(path.relative_to(ROOT)) for path in paths if re.search(r"\bjson\.loads?\(", path.read_text(encoding="utf-8"))}
+    assert found - exempt == set()
+
+
+def test_command_line_prints_through_one_gate() -> None:
+    # Text from elsewhere may hold sequences that a terminal obeys, and markup of rich's: `echo`, `confirm` and SafeConsole take
+    # both away. JSON escapes control characters itself.
+    gates = {"lupin_cli/terminal.py", "lupin_cli/safe_console.py", "lupin_cli/json_errors.py"}
+    # They run on another machine, for a program that reads their output.
+    sent = {"lupin_cli/link/path_agent.py", "lupin_cli/release/verify_release.py"}
+    found = {
+        f"{path.relative_to(ROOT)}: {ast.unparse(node)[:60]}"
+        for path in (ROOT / "lupin_cli").rglob("*.py")
+        if str(path.relative_to(ROOT)) not in gates | sent
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if _prints_raw(node)
+    }
+    assert found == set()
+
+
+def _prints_raw(node: ast.AST) -> bool:
+    """Return whether a node prints without the gate, or imports what does."""
+    if isinstance(node, ast.ImportFrom):
+        names = {alias.name for alias in node.names}
+        return (bool(names & {"Console", "print", "print_json"}) and (node.module or "").split(".")[0] == "rich") or (
+            bool(names & {"echo", "secho", "confirm", "prompt"}) and (node.module or "") in ("typer", "click")
+        )
+    if not isinstance(node, ast.Call):
+        return False
+    called = ast.unparse(node.func)
+    if called == "print":
+        first = node.args[0] if node.args else None
+        return not (len(node.args) == 1 and isinstance(first, ast.Call) and ast.unparse(first.func) == "json.dumps")
+    return called in {
+        *(f"{module}.{name}" for module in ("typer", "click") for name in ("echo", "secho", "confirm", "prompt")),
+        *(f"sys.{stream}.{name}" for stream in ("stdout", "stderr") for name in ("write", "writelines")),
+        "rich.print", "rich.console.Console", "input",
+    }  # fmt: skip
+
+
+def test_help_of_every_command_has_an_example_that_can_be_typed() -> None:
+    wrong = {}
+    for words, command in all_commands():
+        examples = re.findall(r"^Example: (.*)$", command.help or "", re.MULTILINE)
+        typed = re.sub(r'^eval "\$\((.*)\)"$', r"\1", examples[0]) if len(examples) == 1 else ""
+        mistake = mistake_in(typed.removeprefix("lupin")) if f"{typed} ".startswith(f"{words} ") else "not one example of it"
+        if mistake:
+            wrong[words] = (examples, mistake)
+    assert wrong == {}

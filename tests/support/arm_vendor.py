@@ -22,31 +22,36 @@ class Vendor:
     def __init__(self, host: GraphHost, gate: bool = True) -> None:
         from control_msgs.action import GripperCommand
         from rclpy.action import ActionServer
+        from rclpy.callback_groups import ReentrantCallbackGroup
+        from rclpy.task import Future
         from sensor_msgs.msg import JointState
 
         from lupin_runtime.ros import LupinNode
 
         self.at = [0.1, 0.2, 0.3, -0.4]
         self.gripper_at = 0.0
-        self.speaks = True
+        self.publishes = True
         self.calls: list[tuple[str, bool]] = []
         self.refuse: set[tuple[str, bool]] = set()
+        self.silent: set[tuple[str, bool]] = set()  # calls that are executed, but not answered before `answer`
+        self._answering = Future()
         self.trajectories: list[Any] = []
         self.gripper_goals: list[tuple[float, float]] = []
         self.node = LupinNode("vendor")
         publisher = self.node.publisher(graph.JOINT_STATES)
 
-        def speak() -> None:
-            if self.speaks:
+        def publish_joints() -> None:
+            if self.publishes:
                 names = [*graph.ARM_JOINTS, graph.GRIPPER_JOINT, *graph.WHEEL_JOINTS]
                 publisher.publish(JointState(name=names, position=[*self.at, self.gripper_at, 0.0, 0.0, 0.0, 0.0]))
                 publisher.publish(JointState(name=list(graph.WHEEL_JOINTS), position=[0.0] * 4))
 
-        self.node.create_timer(0.02, speak)
+        self.node.create_timer(0.02, publish_joints)
         self.node.subscription(graph.ARM_TRAJECTORY, self.trajectories.append)
-        self.node.service(graph.VENDOR_TORQUE, self._switch("torque"))
+        group = ReentrantCallbackGroup()  # a service that does not answer blocks nothing else
+        self.node.service(graph.VENDOR_TORQUE, self._switch("torque"), group)
         if gate:
-            self.node.service(graph.VENDOR_ARM_GATE, self._switch("gate"))
+            self.node.service(graph.VENDOR_ARM_GATE, self._switch("gate"), group)
 
         def grip(goal: Any) -> GripperCommand_Result:
             command = goal.request.command
@@ -58,13 +63,20 @@ class Vendor:
         host.add(self.node)
 
     def _switch(self, name: str) -> Callable[..., Any]:
-        def serve(request: Any, response: SetBool_Response) -> SetBool_Response:
+        async def serve(request: Any, response: SetBool_Response) -> SetBool_Response:
             self.calls.append((name, request.data))
+            if (name, request.data) in self.silent:
+                await self._answering
             response.success = (name, request.data) not in self.refuse
             response.message = "" if response.success else "out of order"
             return response
 
         return serve
+
+    def answer(self) -> None:
+        """Answer the calls that have not been answered; call it on the executor's thread."""
+        self.silent.clear()
+        self._answering.set_result(None)
 
     def close(self) -> None:
         self._server.destroy()
@@ -87,7 +99,7 @@ class Console:
         host.add(self.node)
 
     def send(self, row: graph.Service, **fields: Any) -> Any:
-        from lupin_runtime.ros.node import interface
+        from lupin_runtime.ros.interfaces import interface
 
         client = self._clients.setdefault(row.name, None) or self.node.client(row)
         self._clients[row.name] = client
@@ -101,7 +113,7 @@ class Console:
 
 
 def arm_nodes(host: GraphHost, tmp_path: Path | None = None, pinned_by: Any = None) -> Any:
-    """Create the three arm nodes of one process; with a vendor, wait for the first hold command."""
+    """Create the three arm nodes of one process, with a released e-stop; with a vendor, wait for the first hold command."""
     from lupin_runtime.arm.node import ArmLibraryServer, ArmPresetServer, GripperActionBridge
 
     library = {"library_path": str(tmp_path / "arm_library.json")} if tmp_path else {}
@@ -109,7 +121,8 @@ def arm_nodes(host: GraphHost, tmp_path: Path | None = None, pinned_by: Any = No
     if tmp_path:
         nodes.append(host.add(ArmLibraryServer(library)))
     if pinned_by is not None:
-        host.until(lambda: pinned_by.trajectories, what="the pin")
+        host.until(lambda: pinned_by.trajectories, what="the arm to be pinned")
+    nodes[0].motion.set_estop(False)
     return nodes
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from lupin_cli.connection.base import Target
+from lupin_cli.connection.local import LocalTarget
 from lupin_cli.playbook import Event, Result, load, play
 from lupin_sim.host import Host
 
@@ -22,6 +23,11 @@ class CableCutter:
         # Cuts to make: a step's index, and the kind of event that triggers the cut.
         self._remaining: set[tuple[int, str]] = set()
         self._cut: threading.Timer | None = None
+
+    @property
+    def uncut_changes(self) -> set[int]:
+        """The indices of steps that were to change something, and whose change was not interrupted."""
+        return {index for index, kind in self._remaining if kind == "change"}
 
     def _on_event(self, event: Event) -> None:
         point = event.index, event.kind
@@ -41,7 +47,7 @@ class CableCutter:
         The cut comes during the change of a step that changes something, and during the probe of any other step; with
         `changes_only`, probes are not interrupted. `after_each` is called with the result of each interrupted run.
         """
-        targets, cuts = {"robot": self._target}, 0
+        targets, cuts = {"robot": self._target, "laptop": LocalTarget()}, 0
         for step in play(name, targets, variables, dry_run=True).steps:
             cut_in_probe = not changes_only and step.state != "would-change"
             self._remaining.add((step.index, "step" if cut_in_probe else "change"))

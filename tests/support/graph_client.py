@@ -60,6 +60,12 @@ class GraphClient:
             time.sleep(0.01)
         return value
 
+    def within(self, function: Callable[[], Any]) -> Any:
+        """Run a function on the spinning thread, as action clients require, and return its value."""
+        task = self._executor.create_task(function)
+        self.until(task.done, "free executor")
+        return task.result()
+
     def publisher(self, row: graph.Topic, number: int = 0) -> Any:
         """Return a publisher that has matched a subscription; `number` distinguishes several publishers of a topic."""
         key = f"{row.name} {number}"
@@ -71,7 +77,7 @@ class GraphClient:
 
     def call(self, row: graph.Service, **fields: Any) -> Any:
         """Call a service, and return its response."""
-        from lupin_runtime.ros.node import interface
+        from lupin_runtime.ros.interfaces import interface
 
         client = self._clients.setdefault(row.name, None) or self.node.client(row)
         self._clients[row.name] = client
@@ -85,9 +91,7 @@ class GraphClient:
         client = self._clients.setdefault(row.name, None) or self.node.action_client(row)
         self._clients[row.name] = client
         self.until(client.server_is_ready, f"server of {row.name}")
-        task = self._executor.create_task(lambda: client.send_goal_async(goal))
-        self.until(task.done, "free executor")
-        sent = task.result()
+        sent = self.within(lambda: client.send_goal_async(goal))
         handle = self.until(lambda: sent.done() and sent.result(), f"response of {row.name}")
         if not handle.accepted:
             raise RuntimeError(f"{row.name} rejected the goal")

@@ -1,8 +1,8 @@
-"""A node on the laptop or the robot that causes a fault of the graph, or gives the simulated robot one order.
+"""A participant of the graph, on the laptop or the robot: it causes a fault while it runs, or executes one command.
 
     python -m tests.support.graph_participant ROLE [ARGUMENT ...]
 
-It prints `up` once the role is active or the order was sent. After an order it exits, otherwise it runs until SIGTERM.
+It prints `up` once the role is active or the command was executed. After a command it exits, otherwise it runs until SIGTERM.
 """
 
 from __future__ import annotations
@@ -24,19 +24,20 @@ from rclpy.signals import SignalHandlerOptions
 from lupin_runtime import graph
 from lupin_runtime.drive.twist import ZERO, encode
 from lupin_runtime.ros import LupinNode
-from lupin_runtime.ros.node import interface
+from lupin_runtime.ros.interfaces import interface
 
 MATCH_TIMEOUT_S = 45.0
-ORDERS = ("sim", "battery", "press", "switch")
+# Roles that execute one command: the first three are for the simulated robot, the last for the controller manager.
+COMMANDS = ("sim", "battery", "press", "switch")
 
 
 class Participant:
-    """A node that takes one role, or gives one order."""
+    """A node that takes one role."""
 
     def __init__(self, role: str) -> None:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.role = role
-        self.node = LupinNode(f"triage_{role}")
+        self.node = LupinNode(f"participant_{role}")
 
     def wait_until(self, condition: Callable[[], Any]) -> None:
         deadline = time.monotonic() + MATCH_TIMEOUT_S
@@ -64,11 +65,11 @@ class Participant:
         return future.result()
 
     def start(self, arguments: list[str]) -> None:
-        """Take the role, or give the order."""
+        """Take the role, or execute its command."""
         match self.role:
             case "page":
                 self.repeat(graph.CMD_VEL_MANUAL, encode(ZERO))
-            case "pad":
+            case "gamepad":
                 self.repeat(graph.CMD_VEL_JOY, encode(ZERO))
             case "stop":
                 self.repeat(graph.HMI_ESTOP, interface(graph.HMI_ESTOP.type)(data=True), 0.2)
@@ -114,7 +115,7 @@ def main() -> None:
     participant = Participant(role)
     participant.start(arguments)
     print("up", flush=True)
-    if role in ORDERS:
+    if role in COMMANDS:
         time.sleep(0.5)  # the last samples must be sent before the publisher is destroyed
     else:
         participant.spin_until_sigterm()

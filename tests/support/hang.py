@@ -18,20 +18,20 @@ class Hang:
     number: signal.Signals = signal.SIGSTOP
 
 
-def stage(folder: Path, name: str) -> dict[str, Any]:
-    """Return a process of a run's last state; {} if it is not there."""
-    stages = json.loads((folder / "state.json").read_text()).get("stages", [])
-    return next((stage for stage in stages if stage["name"] == name), {})
+def process_state(folder: Path, name: str) -> dict[str, Any]:
+    """Return a process in the last state of a run, whose list of processes is called `stages`; {} if it is not there."""
+    processes = json.loads((folder / "state.json").read_text()).get("stages", [])
+    return next((process for process in processes if process["name"] == name), {})
 
 
 def send(folder: Path, hang: Hang) -> int:
     """Send the signal; return the PID of the process."""
-    pid = int(stage(folder, hang.process)["pid"])
+    pid = int(process_state(folder, hang.process)["pid"])
     os.kill(pid, hang.number)
     return pid
 
 
 def is_replaced(folder: Path, name: str, pid: int) -> bool:
     """Return whether the process that had this PID was replaced by one that is up."""
-    current = stage(folder, name)
+    current = process_state(folder, name)
     return current.get("pid") not in (pid, None) and current.get("phase") == "up"

@@ -12,7 +12,7 @@ Pixels = NDArray[np.uint8]
 
 
 def gradient(width: int = 64, height: int = 48) -> Pixels:
-    """Return a BGR picture: red grows to the right, blue grows downwards."""
+    """Return a BGR image: red grows to the right, blue grows downwards."""
     pixels = np.zeros((height, width, 3), np.uint8)
     pixels[:, :, 2] = np.linspace(0, 255, width, dtype=np.uint8)
     pixels[:, :, 0] = np.linspace(0, 255, height, dtype=np.uint8)[:, None]
@@ -20,7 +20,7 @@ def gradient(width: int = 64, height: int = 48) -> Pixels:
 
 
 def jpeg(pixels: Pixels) -> bytes:
-    """Return the picture as a JPEG file."""
+    """Return the image as a JPEG file."""
     return bytes(cv2.imencode(".jpg", pixels)[1])
 
 

@@ -99,7 +99,7 @@ class Laptop:
             'export ROS_DISCOVERY_SERVER="10.42.0.1:11811"\n'
             "export RMW_IMPLEMENTATION=rmw_fastrtps_cpp\n"
         )
-        (self.home / ".bashrc").write_text("# a shell\n. ~/.config/lupin/ros-env.sh\n")
+        (self.home / ".bashrc").write_text("# the operator's settings\n. ~/.config/lupin/ros-env.sh\n")
 
     def run_doctor(
         self,
@@ -109,12 +109,22 @@ class Laptop:
         address: str = "10.42.0.1",
     ) -> tuple[int, Any]:
         """Run `lupin doctor`; return its exit status and JSON report. If `address` is empty, it examines only the laptop."""
+        return self.run_doctor_with_errors(*arguments, checks=checks, env=env, address=address)[:2]
+
+    def run_doctor_with_errors(
+        self,
+        *arguments: str,
+        checks: Sequence[str] = NETWORK_CHECKS,
+        env: dict[str, str] | None = None,
+        address: str = "10.42.0.1",
+    ) -> tuple[int, Any, str]:
+        """Do the same; return also what it printed on standard error."""
         only = [word for check in checks for word in ("--only", check)]
         robot = ["--host", f"mirte@{address}"] if address else []
         command = [sys.executable, "-m", "lupin_cli.app", "doctor", *robot, "--json", *only, *arguments]
         done = self.host.run(command, env=env or self.sourced_env, cwd=str(PROJECT), timeout_s=120.0)
         assert done.stdout, done.stderr
-        return done.returncode, json.loads(done.stdout)
+        return done.returncode, json.loads(done.stdout), done.stderr
 
     def root_causes(self, **options: Any) -> list[str]:
         """Run the doctor; return the ids of the root causes. Fails the test if a check could not examine everything."""

@@ -27,7 +27,7 @@ class FakeClock:
     def now_s(self) -> float:
         return self.s
 
-    def real_s(self) -> float:
+    def monotonic_s(self) -> float:
         return self.s
 
     def stamp_ns(self) -> int:
@@ -56,8 +56,8 @@ class GoalListener(Protocol):
 class FakeNavigation:
     """Accepts goals and cancel requests at once; tests end the goals.
 
-    If `answers_goals` is False, a goal gets no response until the test calls `accept` or `reject`. If `answers_cancels` is
-    False, a cancel request is only counted.
+    If `answers_goals` is False, a goal gets no response until the test calls `accept` or `reject`; its end cannot be received
+    before that. If `answers_cancels` is False, a cancel request is only counted.
     """
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ class FakeNavigation:
     def cancel(self, token: int) -> None:
         goal = next(goal for goal in self.goals if goal.token == token)
         goal.cancel_requests += 1
-        if self.answers_cancels and not goal.ended:
+        if self.answers_cancels and goal.accepted and not goal.ended:
             self.end(goal, STATUS_CANCELED)
 
     def cancel_all(self) -> None:
@@ -108,7 +108,7 @@ class FakeNavigation:
 
 
 @dataclass
-class FakeGreenhouse:
+class FakeClimateBridge:
     ready: bool = True
     replies: bool = True
     status: int = 0
@@ -119,16 +119,16 @@ class FakeGreenhouse:
     def is_ready(self) -> bool:
         return self.ready
 
-    def read(self, tag_id: str, done: Callable[[ClimateReading], None]) -> None:
+    def read(self, tag_id: str, on_reading: Callable[[ClimateReading], None]) -> None:
         self.requested.append(tag_id)
-        self.pending.append((tag_id, done))
+        self.pending.append((tag_id, on_reading))
         if self.replies:
             self.reply()
 
     def reply(self) -> None:
         while self.pending:
-            _, done = self.pending.pop(0)
-            done(ClimateReading(self.status, self.error, (("co2", 400.0),)))
+            _, on_reading = self.pending.pop(0)
+            on_reading(ClimateReading(self.status, self.error, (("co2", 400.0),)))
 
 
 @dataclass
@@ -142,8 +142,8 @@ class FakeConfirmer:
     def is_ready(self) -> bool:
         return self.ready
 
-    def confirm(self, tag_id: str, done: Callable[[Confirmation], None]) -> None:
-        self.pending.append(done)
+    def confirm(self, tag_id: str, on_confirmation: Callable[[Confirmation], None]) -> None:
+        self.pending.append(on_confirmation)
         if self.replies:
             self.reply()
 
@@ -198,16 +198,16 @@ class Rig:
     """An orchestrator with its fakes. `ready`: it has left BOOT. Keyword arguments are parameters of MissionConfig."""
 
     def __init__(self, ready: bool = True, layout: Layout = LAYOUT, **parameters: Any) -> None:
-        self.clock, self.navigation, self.greenhouse, self.confirmer = (
+        self.clock, self.navigation, self.climate_bridge, self.confirmer = (
             FakeClock(),
             FakeNavigation(),
-            FakeGreenhouse(),
+            FakeClimateBridge(),
             FakeConfirmer(),
         )
         self.arm, self.map_source, self.publisher = FakeArm(self.clock), FakeMapSource(), FakePublisher()
         self.orchestrator = Orchestrator(
             MissionConfig.from_parameters(parameters),
-            Ports(self.clock, self.navigation, self.greenhouse, self.confirmer, self.arm, self.map_source, self.publisher),
+            Ports(self.clock, self.navigation, self.climate_bridge, self.confirmer, self.arm, self.map_source, self.publisher),
             layout,
         )
         self.navigation.goal_listener = self.orchestrator
@@ -289,7 +289,7 @@ class Rig:
         elif state.startswith("MONITORING"):
             self.monitor("1", "2")
         if state.endswith(("SCANNING", "PUBLISHING")):
-            self.greenhouse.replies = False
+            self.climate_bridge.replies = False
             self.arrive()
         if state.endswith("PUBLISHING"):
             self.pause_in_publishing()

@@ -81,7 +81,7 @@ class MissionSimulator:
     def now_s(self) -> float:
         return self.now
 
-    def real_s(self) -> float:
+    def monotonic_s(self) -> float:
         return self.now
 
     def stamp_ns(self) -> int:
@@ -105,11 +105,11 @@ class MissionSimulator:
     def cancel_all(self) -> None:
         self._goal = None
 
-    def read(self, tag_id: str, done: Callable[[ClimateReading], None]) -> None:
-        self._schedule(lambda: done(ClimateReading(0, values=(("co2", 400.0),))))
+    def read(self, tag_id: str, on_reading: Callable[[ClimateReading], None]) -> None:
+        self._schedule(lambda: on_reading(ClimateReading(0, values=(("co2", 400.0),))))
 
-    def confirm(self, tag_id: str, done: Callable[[Confirmation], None]) -> None:
-        self._schedule(lambda: done(Confirmation(True)))
+    def confirm(self, tag_id: str, on_confirmation: Callable[[Confirmation], None]) -> None:
+        self._schedule(lambda: on_confirmation(Confirmation(True)))
 
     def move_to_preset(self, preset: str) -> bool:
         return True

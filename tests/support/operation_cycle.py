@@ -9,6 +9,7 @@ from typing import Any
 
 from lupin_cli.connection.base import Target
 from lupin_cli.operations import Difference, Operation
+from lupin_cli.operations.restored_state import read_digests
 from lupin_cli.operations.shell import observe
 
 
@@ -51,10 +52,12 @@ def apply_and_undo(operation: Operation, target: Target) -> Difference:
     difference = require_difference(operation, target)
     assert difference.summary and "\n" not in difference.summary
     before = json.loads(json.dumps(difference.before))
+    found = read_digests(operation, target)
     operation.change(target, difference)
     wait_until_settled(operation, target, before)
     operation.undo(target, before)
     operation.undo(target, before)
     again = examine(operation, target)
     assert again is not None and again.before == before, again
+    assert read_digests(operation, target) == found, "an undone step does not count as changed by somebody else"
     return difference

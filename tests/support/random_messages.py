@@ -21,7 +21,10 @@ BYTE_TYPES = ("octet", "uint8", "char")
 
 @functools.cache
 def installed_classes() -> list[Any]:
-    """Return every message class of the installed interface packages, including those of services and actions."""
+    """Return every message class of the installed interface packages, including those of services and actions.
+
+    Types of wide strings, which only example interfaces have, are left out: the console names them as unsupported.
+    """
     found: list[Any] = []
     for package in pkgutil.iter_modules():
         for kind in PACKAGES if package.ispkg and package.name.endswith(("_msgs", "_interfaces")) else ():
@@ -32,7 +35,7 @@ def installed_classes() -> list[Any]:
             for value in vars(module).values():
                 if isinstance(value, type):
                     found += _message_classes(value)
-    return found
+    return [one for one in found if not any("wstring" in kind for kind in one.get_fields_and_field_types().values())]
 
 
 def _message_classes(value: Any) -> Iterator[Any]:

@@ -21,7 +21,7 @@ from tests.support.graph_client import GraphClient
 from tests.support.hang import Hang, is_replaced, send
 
 if TYPE_CHECKING:
-    from tests.support.release_cases import Case
+    from tests.support.motion_sources import MotionSource
 
 STREAM_PERIOD_S = 0.05
 STREAM_M_S = 0.15
@@ -61,6 +61,7 @@ class ReleaseRig(GraphClient):
         self.engaged: bool | None = None
         self.button_down = False
         self.mission = ""
+        self.mission_paused = False
         self.locks: list[str] = []
         self.sign = 1.0
         self.node.subscription(graph.JOINT_STATES, self._on_joints)
@@ -93,7 +94,7 @@ class ReleaseRig(GraphClient):
         self.button_down = bool(message.value)
 
     def _on_mission(self, message: Any) -> None:
-        self.mission = str(message.lifecycle_state)
+        self.mission, self.mission_paused = str(message.lifecycle_state), bool(message.paused)
 
     def _on_drive(self, message: Any) -> None:
         self.locks = json.loads(message.data)["locks"]
@@ -114,14 +115,14 @@ class ReleaseRig(GraphClient):
         """Publish a velocity at 20 Hz from now on, or nothing any more if it is None."""
         self._streams[self.publisher(row, number), number] = speed_m_s
 
-    def press(self, pressed: bool) -> None:
+    def set_estop(self, engaged: bool) -> None:
         """Press or release the simulated button, and wait until the e-stop's state and the drive bus show it.
 
         The drive bus is released only when the state has a single publisher, which takes up to 20 s after another one was
         killed.
         """
-        self.call(graph.SIM_PRESS_ESTOP, data=pressed)
-        self.until(lambda: self.engaged is pressed and bool(self.locks) is pressed, f"e-stop state {pressed}")
+        self.call(graph.SIM_PRESS_ESTOP, data=engaged)
+        self.until(lambda: self.engaged is engaged and bool(self.locks) is engaged, f"e-stop state {engaged}")
 
     def press_while_estop_hangs(self) -> None:
         """Press and release the button while `estop_bridge` hangs, and wait until the drive bus is locked by the e-stop.
@@ -140,7 +141,7 @@ class ReleaseRig(GraphClient):
         pid = send(self.folder, hang)
         self.call(graph.SIM_PRESS_ESTOP, data=True)
         self.until(lambda: is_replaced(self.folder, hang.process, pid), f"replacement of {hang.process}")
-        self.press(True)
+        self.set_estop(True)
 
     # -- motion --------------------------------------------------------------------------------------------------------
     def trajectory(self) -> list[tuple[float, float, float]]:
@@ -156,7 +157,7 @@ class ReleaseRig(GraphClient):
         state: dict[str, Any] = json.loads((self.folder / "sim_state.json").read_text())
         return state
 
-    def current(self) -> tuple[float, float, float]:
+    def wait_for_position(self) -> tuple[float, float, float]:
         """Wait for the simulator's next state, and return its time (s), x and y (m)."""
         then = self._state()["sim_time_s"]
         state = self.until(lambda: (new := self._state())["sim_time_s"] > then and new, "state of the simulator")
@@ -173,7 +174,7 @@ class ReleaseRig(GraphClient):
         earlier = next((row for row in reversed(history) if row[0] <= newest[0] - 0.2), history[0])
         return _largest_change(earlier[1], newest[1]) / max(newest[0] - earlier[0], 1e-3)
 
-    def moving(self) -> bool:
+    def is_moving(self) -> bool:
         """Return whether the base or a joint moves."""
         return self.speed_m_s() > MOVING_M_S or self.joint_speed_rad_s() > MOVING_RAD_S
 
@@ -182,7 +183,7 @@ class ReleaseRig(GraphClient):
         self.until(lambda: self.speed_m_s() < 1e-3 and self.joint_speed_rad_s() < 0.01, "rest")
 
     # -- measuring -----------------------------------------------------------------------------------------------------
-    def measure(self, case: Case, press_s: float, watch_s: float, hang: Hang | None = None) -> Measured:
+    def measure(self, source: MotionSource, press_s: float, watch_s: float, hang: Hang | None = None) -> Measured:
         """Start the source, press the e-stop for `press_s`, release it, and watch for `watch_s`; then give a newer command.
 
         With `hang`, a process gets a signal just before the press. If that is `estop`, the button is released at once, and the
@@ -191,36 +192,36 @@ class ReleaseRig(GraphClient):
         estop_hangs = hang is not None and hang.process == "estop"
         self.sign = -self.sign
         try:
-            case.start(self)
-            self.until(self.moving, f"motion by {case.name}")
+            source.start(self)
+            self.until(self.is_moving, f"motion by {source.name}")
             pressed_s = time.monotonic()
             if estop_hangs:
                 self.press_while_estop_hangs()
             elif hang is not None:
                 self.press_while_hanging(hang)
             else:
-                self.press(True)
+                self.set_estop(True)
                 time.sleep(press_s)
-                case.while_engaged(self)
+                source.while_engaged(self)
             self.wait_for_rest()
-            began_s, x, y = self.current()
+            began_s, x, y = self.wait_for_position()
             joints = self._joint_history[-1]
             rest_s = self._joints_rest_s(pressed_s)
-            self.press(False)  # waits for the release
+            self.set_estop(False)  # waits for the release
             time.sleep(watch_s)
-            self.current()
-            ended_s, _, _ = self.current()
+            self.wait_for_position()
+            ended_s, _, _ = self.wait_for_position()
             base_m = max(math.dist((x, y), row[1:]) for row in self.trajectory() if began_s <= row[0] <= ended_s)
             joints_rad = max(_largest_change(joints[1], at) for time_s, at in list(self._joint_history) if time_s >= joints[0])
             history = self._joint_history[-1]
             for _ in range(ATTEMPTS_AFTER_RESTART if estop_hangs else 1):
-                case.newer_command(self)
+                source.newer_command(self)
                 moves = self._moves((x, y), history[1], MOTION_TIMEOUT_S / (ATTEMPTS_AFTER_RESTART if estop_hangs else 1))
                 if moves:
                     break
         finally:
-            self.press(False)
-            case.stop(self)
+            self.set_estop(False)
+            source.stop(self)
             self._streams = dict.fromkeys(self._streams)
         self.wait_for_rest()
         return Measured(base_m, joints_rad, moves, rest_s)
@@ -234,7 +235,7 @@ class ReleaseRig(GraphClient):
     def _moves(self, position: tuple[float, float], joints: dict[str, float], timeout_s: float) -> bool:
         def moved() -> bool:
             return (
-                math.dist(position, self.current()[1:]) > MOVED_M
+                math.dist(position, self.wait_for_position()[1:]) > MOVED_M
                 or _largest_change(joints, self._joint_history[-1][1]) > MOVED_RAD
             )
 
@@ -244,12 +245,12 @@ class ReleaseRig(GraphClient):
             return False
 
     # -- sources -------------------------------------------------------------------------------------------------------
-    def pose(self) -> Any:
+    def goal_pose(self) -> Any:
         """Return the one of POSITIONS that is farther from the robot, as a pose in the map frame."""
         from geometry_msgs.msg import PoseStamped
 
         first = self.trajectory()[0]
-        at = self.current()
+        at = self.wait_for_position()
         # The map's origin is the robot's start.
         x, y = max(POSITIONS, key=lambda position: math.dist(position, (at[1] - first[1], at[2] - first[2])))
         message = PoseStamped()
@@ -261,20 +262,20 @@ class ReleaseRig(GraphClient):
         """Send a NavigateToPose goal."""
         from nav2_msgs.action import NavigateToPose
 
-        self.send(graph.NAVIGATE_TO_POSE, NavigateToPose.Goal(pose=self.pose()))
+        self.send(graph.NAVIGATE_TO_POSE, NavigateToPose.Goal(pose=self.goal_pose()))
 
     def go_through(self) -> None:
         """Send a NavigateThroughPoses goal of two poses."""
         from nav2_msgs.action import NavigateThroughPoses
 
-        last = self.pose()
-        middle = self.pose()
+        last = self.goal_pose()
+        middle = self.goal_pose()
         middle.pose.position.x = (POSITIONS[0][0] + POSITIONS[1][0]) / 2
         self.send(graph.NAVIGATE_THROUGH_POSES, NavigateThroughPoses.Goal(poses=[middle, last]))
 
-    def click(self) -> None:
+    def publish_goal_pose(self) -> None:
         """Publish a goal on /goal_pose, like a click in RViz."""
-        self.publisher(graph.GOAL_POSE).publish(self.pose())
+        self.publisher(graph.GOAL_POSE).publish(self.goal_pose())
 
     def cancel(self) -> None:
         """Cancel every navigation goal of every client."""
@@ -321,10 +322,10 @@ class ReleaseRig(GraphClient):
         listing = json.loads(self.call(graph.ARM_LIBRARY_LIST).json)
         if SEQUENCE not in [row["name"] for row in listing["sequences"]]:
             self.preset("home")
-            time.sleep(3.5)
+            time.sleep(3.5)  # until the arm is there
             self.call(graph.ARM_LIBRARY_RECORD, action="start", name=SEQUENCE, mode="teleop")
             self.preset("tuck")
-            time.sleep(3.5)
+            time.sleep(3.5)  # until the arm is there
             self.call(graph.ARM_LIBRARY_RECORD, action="save")
         answer = self.call(graph.ARM_LIBRARY_PLAY, name=SEQUENCE, speed=0.25)
         if not answer.success:
@@ -349,10 +350,17 @@ class ReleaseRig(GraphClient):
         self.until(lambda: self.mission in ("READY", "DONE"), "mission that can be started")
         # A process that has just started takes a press of the last 20 s for its own, and refuses for a moment.
         self.until(self._is_mission_accepted, "mission that is accepted")
+        # It may even hear of that press after the start, and is then paused.
+        self.until(self._is_mission_exploring, "mission that explores")
 
     def _is_mission_accepted(self) -> bool:
         answer = self.call(graph.MISSION_START, mission_type="ExplorationMission", discovery_goal=65535)
         return bool(answer.accepted)
+
+    def _is_mission_exploring(self) -> bool:
+        if self.mission_paused:
+            self.call(graph.MISSION_RESUME)
+        return self.mission == "EXPLORING" and not self.mission_paused
 
     def abort_mission(self) -> None:
         """Abort twice: the first abort drives to the dock, the second ends the mission where the robot is."""

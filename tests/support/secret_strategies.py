@@ -6,32 +6,31 @@ import base64
 import json
 from collections.abc import Callable
 from html import escape
+from string import ascii_letters, digits
 from urllib.parse import quote
 
 from hypothesis import strategies as st
 
-LETTERS = "abcdefghijkmnopqrstuvwxyzABCDEFGHJKLMNPQRSTUVWXYZ"
-DIGITS = "23456789"
-SIGNS = "!#%^&+-_.=?"
+PUNCTUATION = "!#%^&+-_.=?"
 
-# Passwords that need no quotes in any context and can't be mistaken for a word.
-words = st.builds(
+# Passwords without spaces and quotes, which need no quotes in any context. The digit distinguishes them from a word.
+simple_passwords = st.builds(
     lambda first, digit, rest: first + digit + rest,
-    st.text(LETTERS, min_size=2, max_size=4),
-    st.sampled_from(DIGITS),
-    st.text(LETTERS + DIGITS + SIGNS, min_size=5, max_size=30),
-).filter(lambda secret: not secret.endswith(tuple(SIGNS)))
+    st.text(ascii_letters, min_size=2, max_size=4),
+    st.sampled_from(digits),
+    st.text(ascii_letters + digits + PUNCTUATION, min_size=5, max_size=30),
+).filter(lambda secret: not secret.endswith(tuple(PUNCTUATION)))
 
-# Passwords with spaces, quotes, backslashes and non-ASCII letters, but not at the ends: spaces around it are not part of it.
-phrases = st.builds(
+# Passwords with spaces, quotes, backslashes and non-ASCII characters inside, but not at the ends: parsers strip outer spaces.
+any_passwords = st.builds(
     lambda first, middle, last: first + middle + last,
-    words,
-    st.text(LETTERS + SIGNS + " \"'\\äß漢🌱:/@,;{}", max_size=20),
-    words,
+    simple_passwords,
+    st.text(ascii_letters + PUNCTUATION + " \"'\\äß漢🌱:/@,;{}", max_size=20),
+    simple_passwords,
 )
 
-# Contexts in which the secret is not quoted.
-BARE: dict[str, Callable[[str], str]] = {
+# How programs print a password, by context. These contexts can hold only simple passwords.
+SIMPLE_PASSWORD_CONTEXTS: dict[str, Callable[[str], str]] = {
     "key=value": lambda s: f"psk={s}",
     "key: value": lambda s: f"robot said password: {s} and went on",
     "dotted setting": lambda s: f"802-11-wireless-security.psk={s} 802-11-wireless.mode=infrastructure",
@@ -58,14 +57,14 @@ BARE: dict[str, Callable[[str], str]] = {
     "wireguard": lambda s: f"[Interface]\nPrivateKey = {s}\n",
 }
 
-# Contexts in which quotes or the end of the line terminate the secret.
-QUOTED: dict[str, Callable[[str], str]] = {
+# These can hold any password, as quotes or the end of the line terminate it.
+ANY_PASSWORD_CONTEXTS: dict[str, Callable[[str], str]] = {
     "json": lambda s: json.dumps({"ssid": "Our garden", "password": s, "on": True}),
     "json within json": lambda s: json.dumps({"line": json.dumps({"client_secret": s, "x": 1})}),
     "json in a log": lambda s: f"[node-3] sending {json.dumps({'token': s}, ensure_ascii=False)} to the cloud",
     "python": lambda s: f"config = {{'password': {s!r}, 'user': 'mirte'}}",
     "keyfile": lambda s: f"[wifi-security]\nkey-mgmt=wpa-psk\npsk={s}\n",
-    "journalled keyfile": lambda s: f"2026-11-21T10:00:00+0000 robot NetworkManager[312]: psk={s}",
+    "keyfile line in the system journal": lambda s: f"2026-11-21T10:00:00+0000 robot NetworkManager[312]: psk={s}",
     "diff": lambda s: f"--- a\n+++ b\n+psk={s}\n-psk=\n",
     "wpa_supplicant": lambda s: f"network={{\n\tssid={json.dumps('Our garden')}\n\tpsk={json.dumps(s)}\n}}",
     "netplan": lambda s: f'      access-points:\n        "Our garden":\n          password: {json.dumps(s)}\n',
@@ -80,9 +79,10 @@ def private_key(secret: str, label: str = "OPENSSH PRIVATE KEY", prefix: str = "
     return "\n".join(prefix + line for line in lines) + "\n"
 
 
-anything = st.text(st.characters(exclude_categories=()), max_size=200)  # with surrogates: bytes that are not UTF-8
+# Including lone surrogates, which stand for bytes that are not UTF-8.
+arbitrary_text = st.text(st.characters(exclude_categories=()), max_size=200)
 # Texts made of tokens that the rules of the redaction match.
-nasty = st.lists(
+redaction_tokens = st.lists(
     st.sampled_from(
         ["psk", "password", "token", "=", ":", " ", '"', "'", "\\", "\n", "***", "://", "@", "-",
          "-----BEGIN PRIVATE KEY-----",

@@ -12,6 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from lupin_runtime.gridmap import GridMap
+
 Array = NDArray[np.float64]
 
 
@@ -64,6 +66,19 @@ def greenhouse() -> World:
     parts += [box(x, y, 0.25, 1.1) for x in (2.6, 6.4) for y in (3.0, 4.2)]
     parts += [box(4.5, 3.5, 1.1, 0.25, 0.3)]
     return World(np.concatenate(parts))
+
+
+def rasterized(world: World, cell_m: float = 0.05) -> GridMap:
+    """Return a world's walls as cells of a saved map, with half a meter of free space around them."""
+    ends = world.segments.reshape(-1, 2)
+    low = ends.min(axis=0) - 0.5
+    width, height = np.ceil((ends.max(axis=0) + 0.5 - low) / cell_m).astype(int)
+    cells = np.zeros((height, width), np.int8)
+    for x0, y0, x1, y1 in world.segments:
+        steps = int(math.hypot(x1 - x0, y1 - y0) / 0.01) + 2
+        x, y = np.linspace(x0, x1, steps), np.linspace(y0, y1, steps)
+        cells[((y - low[1]) / cell_m).astype(int), ((x - low[0]) / cell_m).astype(int)] = 100
+    return GridMap(cells, cell_m, float(low[0]), float(low[1]))
 
 
 GREENHOUSE_TOUR = [

@@ -13,7 +13,8 @@ from lupin_cli.facts import Facts
 from lupin_cli.facts.link import Link
 from tests.support.paths import CAPTURED_FACTS
 
-FACTS = {fact.name: fact for machine in ("laptop", "robot") for fact in needed_facts(built_in(), machine)}
+_FOLLOWUPS = (fact for check in built_in() for fact in (*check.followup_laptop, *check.followup_robot))
+FACTS = {fact.name: fact for fact in (*needed_facts(built_in(), "laptop"), *needed_facts(built_in(), "robot"), *_FOLLOWUPS)}
 # The captured case of each fact, for a configured laptop and a deployed robot on the cable, without any fault.
 HEALTHY_LAPTOP = {
     "addresses": "laptop-with-a-multicast-node",
@@ -23,7 +24,9 @@ HEALTHY_LAPTOP = {
     "dds-profiles": "laptop-with-a-multicast-node",
     "shared-memory": "laptop-with-a-multicast-node",
     "network-manager": "no-network-manager",
+    "unfinished-runs": "none",
     "chrony": "laptop-serving",
+    "kernel-clock": "synchronized",
     "storage": "bare-robot",
     "memory": "orange-pi",
 }
@@ -44,6 +47,7 @@ HEALTHY_ROBOT = {
     "devices": "bare-robot",
     "account": "in-all-groups",
     "versions": "deployed-humble",
+    "release-files": "undamaged",
 }
 SECOND_NS = 1_000_000_000
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +31,7 @@ class View:
     translation: NDArray[np.float64]
 
 
-def background(rng: np.random.Generator) -> NDArray[np.uint8]:
+def rectangles(rng: np.random.Generator) -> NDArray[np.uint8]:
     """Return a random background of gray rectangles with shading."""
     image = np.full((HEIGHT, WIDTH), rng.integers(90, 170), np.float32)
     for _ in range(14):
@@ -39,6 +40,63 @@ def background(rng: np.random.Generator) -> NDArray[np.uint8]:
         cv2.rectangle(image, (int(x), int(y)), (int(x + w), int(y + h)), float(rng.integers(40, 220)), -1)
     image *= np.linspace(rng.uniform(0.8, 1.0), rng.uniform(0.8, 1.0), WIDTH, dtype=np.float32)
     return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def to_gray(values: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Return the values as the pixels of a gray image."""
+    return np.asarray(np.clip(values, 0, 255), np.uint8)
+
+
+def octaves(rng: np.random.Generator, coarsest_px: int = 128, finest_px: int = 2, decay: float = 0.7) -> NDArray[np.float32]:
+    """Return noise of several octaves, mean 0 and standard deviation 1: soil, gravel, plaster."""
+    total, weight = np.zeros((HEIGHT, WIDTH), np.float32), 1.0
+    cell = coarsest_px
+    while cell >= finest_px:
+        coarse = rng.normal(0, 1, (HEIGHT // cell + 2, WIDTH // cell + 2)).astype(np.float32)
+        total += weight * cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
+        weight, cell = weight * decay, cell // 2
+    return np.asarray((total - total.mean()) / total.std(), np.float32)
+
+
+def soil(rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Return a background of noise in all sizes, the finest as strong as in a sharp photograph of gravel."""
+    return to_gray(rng.uniform(90, 150) + rng.uniform(25, 45) * octaves(rng, decay=0.95))
+
+
+def leaves(rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Return a background of some hundred overlapping leaves with ribs and their shadows."""
+    image = np.full((HEIGHT, WIDTH), rng.integers(20, 60), np.uint8)
+    for _ in range(420):
+        at = (int(rng.integers(0, WIDTH)), int(rng.integers(0, HEIGHT)))
+        long_px = int(rng.integers(10, 46))
+        axes, turn = (long_px, max(3, int(long_px * rng.uniform(0.25, 0.5)))), float(rng.uniform(0, 360))
+        shade = int(rng.integers(50, 210))
+        cv2.ellipse(image, (at[0] + 3, at[1] + 3), axes, turn, 0, 360, max(0, shade - 60), -1, cv2.LINE_AA)
+        cv2.ellipse(image, at, axes, turn, 0, 360, shade, -1, cv2.LINE_AA)
+        tip = np.array([math.cos(math.radians(turn)), math.sin(math.radians(turn))]) * long_px
+        ends = [tuple(int(v) for v in np.array(at) + sign * tip) for sign in (-1, 1)]
+        cv2.line(image, ends[0], ends[1], min(255, shade + 40), 1, cv2.LINE_AA)
+    return to_gray(image + 10 * octaves(rng))
+
+
+def bricks(rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Return a background of a brick wall: bricks of several shades, light mortar, rough surfaces."""
+    image = np.full((HEIGHT, WIDTH), rng.integers(150, 210), np.float32)
+    height_px, width_px, mortar_px = int(rng.integers(14, 34)), int(rng.integers(36, 90)), int(rng.integers(2, 5))
+    for row, y in enumerate(range(0, HEIGHT, height_px)):
+        for x in range(-(row % 2) * width_px // 2, WIDTH, width_px):
+            part = slice(max(0, y), y + height_px - mortar_px), slice(max(0, x), max(0, x + width_px - mortar_px))
+            image[part] = rng.integers(50, 130)
+    return to_gray(image + 16 * octaves(rng, decay=0.95))
+
+
+BACKGROUNDS: dict[str, Callable[[np.random.Generator], NDArray[np.uint8]]] = {
+    "rectangles": rectangles,
+    "soil": soil,
+    "leaves": leaves,
+    "bricks": bricks,
+}
+TEXTURED = ("soil", "leaves", "bricks")
 
 
 def tag_rotation(azimuth_rad: float, tilt_rad: float = 0.0, roll_rad: float = 0.0) -> NDArray[np.float64]:
@@ -63,8 +121,13 @@ def render(
     noise: float = 4.0,
     contrast: tuple[float, float] = (25.0, 230.0),
     edge_m: float = EDGE_M,
+    background: str = "rectangles",
+    motion_px: int = 0,
 ) -> View:
-    """Render one tag in front of a random background: super-sampled, then blurred, then with noise."""
+    """Render one tag in front of a random background: super-sampled, then blurred, then with noise.
+
+    `motion_px` is the length of a horizontal motion blur, about which the true corners are centered.
+    """
     art = tag_image(tag_id, 24)
     art_edge_m = edge_m * 10 / 8
     corners_m = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * 0.5
@@ -86,9 +149,11 @@ def render(
     mask = cv2.warpPerspective(np.full_like(art, 255), warp, size, flags=cv2.INTER_NEAREST)
     shown = cv2.resize((low + shown * (high - low) / 255.0) * (mask > 0), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
     cover = cv2.resize(mask.astype(np.float32) / 255.0, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
-    image = background(rng) * (1 - cover) + shown
+    image = BACKGROUNDS[background](rng) * (1 - cover) + shown
     if blur_px > 0:
         image = cv2.GaussianBlur(image, (0, 0), blur_px)
+    if motion_px > 1:
+        image = cv2.blur(image, (motion_px | 1, 1))
     image = image + rng.normal(0, noise, image.shape)
     gray = np.clip(np.round(image), 0, 255).astype(np.uint8)
     return View(gray, tag_id, project(edge_m), rotation, translation)

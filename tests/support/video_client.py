@@ -14,7 +14,7 @@ TIMEOUT_S = 20.0
 
 
 class VideoClient:
-    """Requests paths, and opens streams that are read picture by picture. `headers` are sent with every request."""
+    """Requests paths, and opens streams that are read image by image. `headers` are sent with every request."""
 
     def __init__(
         self, port: int, prefix: str = "", headers: Mapping[str, str] | None = None, trust: ssl.SSLContext | None = None
@@ -69,19 +69,19 @@ class Stream:
         self.headers = dict(response.getheaders())
         self._response = response
         self._reader = PartReader()
-        self._pictures: list[tuple[bytes, int]] = []
+        self._images: list[tuple[bytes, int]] = []
 
-    def picture(self) -> tuple[bytes, int]:
-        """Return the next picture and its stamp in ns. Raises EOFError at the end of the stream."""
-        while not self._pictures:
+    def image(self) -> tuple[bytes, int]:
+        """Return the next image and its stamp in ns. Raises EOFError at the end of the stream."""
+        while not self._images:
             try:
                 data = self._response.read1(65536)
             except (ConnectionError, http.client.HTTPException) as error:
                 raise EOFError from error
             if not data:
                 raise EOFError
-            self._pictures += self._reader.feed(data)
-        return self._pictures.pop(0)
+            self._images += self._reader.feed(data)
+        return self._images.pop(0)
 
     def close(self) -> None:
         """Close the stream."""

@@ -84,5 +84,5 @@ def test_wheel_of_an_earlier_build_is_replaced(merged: Path) -> None:
 
 def test_only_ros_packages_of_the_lock_are_pinned(tmp_path: Path) -> None:
     lock = tmp_path / "requirements.lock"
-    lock.write_text("numpy==2.0 \\\n    --hash=sha256:0\nros-jazzy-rclpy==7.1.6 \\\n    --hash=sha256:1\n# ros-x==1\n")
-    assert ros_pins(lock) == ["ros-jazzy-rclpy==7.1.6"]
+    lock.write_text("numpy==2.0 \\\n    --hash=sha256:0\nros-a==7.1.6 \\\n    --hash=sha256:1\nros-b[c,d]==2 \\\n# ros-x==1\n")
+    assert ros_pins(lock) == ["ros-a==7.1.6", "ros-b==2"]

@@ -1,4 +1,4 @@
-"""A stand-in for the graph in tests of the video server: the test publishes the cameras' pictures."""
+"""A stand-in for the graph in tests of the video server: the test publishes the cameras' images."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from lupin_runtime.cameras.video_streams import GraphSilent
 from tests.support.image_messages import compressed_message, gradient, image_message
 
 
-class PublishedPictures:
-    """A camera that publishes JPEG and one that publishes raw pictures, both controlled by the test."""
+class PublishedImages:
+    """A camera that publishes JPEG and one that publishes raw images, both controlled by the test."""
 
     def __init__(self) -> None:
         self.topics: dict[str, list[str]] = {"/jpeg/compressed": [COMPRESSED_IMAGE], "/raw": [IMAGE]}
@@ -30,11 +30,11 @@ class PublishedPictures:
         return lambda: self.subscriptions.__delitem__(source)
 
     def publish(self, data: bytes, stamp_ns: int = 0) -> None:
-        """Publish a JPEG picture."""
+        """Publish a JPEG image."""
         self._publish(Source("/jpeg/compressed", True), compressed_message(data, stamp_ns=stamp_ns))
 
     def publish_raw(self, stamp_ns: int = 0, encoding: str = "bgr8") -> None:
-        """Publish `gradient()` as a raw picture."""
+        """Publish `gradient()` as a raw image."""
         pixels = gradient()
         height, width, _ = pixels.shape
         message = image_message(pixels.tobytes(), width, height, encoding, 3 * width, stamp_ns=stamp_ns)

@@ -1,4 +1,4 @@
-"""All sources of motion, for ReleaseRig.measure."""
+"""All sources of motion, for `ReleaseRig.measure`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def _nothing(_: ReleaseRig) -> None:
 
 
 @dataclass(frozen=True)
-class Case:
+class MotionSource:
     """A source of motion: how it starts, acts while the e-stop is engaged, gives a newer command, and stops."""
 
     name: str
@@ -25,9 +25,9 @@ class Case:
     stop: Callable[[ReleaseRig], None] = _nothing
 
 
-def _stream(name: str, row: graph.Topic, silent_s: float = 0.0) -> Case:
+def _stream(name: str, row: graph.Topic, silent_s: float = 0.0) -> MotionSource:
     """Return a stream that ignores the e-stop. Its newer command follows zero, or `silent_s` without messages."""
-    return Case(name, lambda rig: rig.zero_then_stream(row), lambda rig: rig.zero_then_stream(row, silent_s))
+    return MotionSource(name, lambda rig: rig.zero_then_stream(row), lambda rig: rig.zero_then_stream(row, silent_s))
 
 
 def _stream_beside_resting_console(rig: ReleaseRig) -> None:
@@ -43,14 +43,20 @@ def _stop_resting_console(rig: ReleaseRig) -> None:
     rig.zero_then_stream(graph.CMD_VEL_MANUAL)
 
 
-CASES = (
-    Case("NavigateToPose of another client", ReleaseRig.go, ReleaseRig.go, stop=ReleaseRig.cancel),
-    Case("NavigateToPose, sent again while engaged", ReleaseRig.go, ReleaseRig.go, ReleaseRig.go, ReleaseRig.cancel),
-    Case("NavigateThroughPoses", ReleaseRig.go_through, ReleaseRig.go_through, stop=ReleaseRig.cancel),
-    Case("/goal_pose", ReleaseRig.click, ReleaseRig.click, ReleaseRig.click, ReleaseRig.cancel),
+SOURCES = (
+    MotionSource("NavigateToPose of another client", ReleaseRig.go, ReleaseRig.go, stop=ReleaseRig.cancel),
+    MotionSource("NavigateToPose, sent again while engaged", ReleaseRig.go, ReleaseRig.go, ReleaseRig.go, ReleaseRig.cancel),
+    MotionSource("NavigateThroughPoses", ReleaseRig.go_through, ReleaseRig.go_through, stop=ReleaseRig.cancel),
+    MotionSource(
+        "/goal_pose",
+        ReleaseRig.publish_goal_pose,
+        ReleaseRig.publish_goal_pose,
+        ReleaseRig.publish_goal_pose,
+        ReleaseRig.cancel,
+    ),
     _stream("stick held, /cmd_vel_manual", graph.CMD_VEL_MANUAL),
     _stream("stick held, /cmd_vel_joy", graph.CMD_VEL_JOY),
-    Case(
+    MotionSource(
         "stick held beside a console at rest, /cmd_vel_manual",
         _stream_beside_resting_console,
         _stop_resting_console,
@@ -59,16 +65,16 @@ CASES = (
     _stream("stream of another publisher, /cmd_vel_auto, sends zero", graph.CMD_VEL_AUTO),
     _stream("stream of another publisher, /cmd_vel_auto, goes silent", graph.CMD_VEL_AUTO, silent_s=3.0),
     _stream("stream of another publisher, /cmd_vel_nav", graph.CMD_VEL_NAV),
-    Case("arm preset", ReleaseRig.other_preset, ReleaseRig.other_preset),
-    Case("arm replay", ReleaseRig.play, ReleaseRig.play, stop=lambda rig: rig.call(graph.ARM_LIBRARY_STOP)),
-    Case(
+    MotionSource("arm preset", ReleaseRig.other_preset, ReleaseRig.other_preset),
+    MotionSource("arm replay", ReleaseRig.play, ReleaseRig.play, stop=lambda rig: rig.call(graph.ARM_LIBRARY_STOP)),
+    MotionSource(
         "arm trajectory of another publisher",
         ReleaseRig.send_trajectory,
         ReleaseRig.send_trajectory,
         ReleaseRig.send_trajectory,
     ),
-    Case("gripper goal of another client", ReleaseRig.grip, ReleaseRig.grip),
-    Case(
+    MotionSource("gripper goal of another client", ReleaseRig.grip, ReleaseRig.grip),
+    MotionSource(
         "mission",
         ReleaseRig.start_mission,
         lambda rig: rig.call(graph.MISSION_RESUME),
@@ -77,32 +83,32 @@ CASES = (
 )
 
 
-def find_case(name: str) -> Case:
-    """Return the case with this name."""
-    return next(case for case in CASES if case.name == name)
+def find_source(name: str) -> MotionSource:
+    """Return the source with this name."""
+    return next(source for source in SOURCES if source.name == name)
 
 
-def combined(*cases: Case) -> Case:
-    """Return several sources at once. The newer command is that of the last one."""
+def combined(*sources: MotionSource) -> MotionSource:
+    """Return the source that consists of several, which act at once. Its newer command is that of the last one."""
 
     def start(rig: ReleaseRig) -> None:
-        for one in cases:
+        for one in sources:
             one.start(rig)
 
     def act_while_engaged(rig: ReleaseRig) -> None:
-        for one in cases:
+        for one in sources:
             one.while_engaged(rig)
 
     def stop(rig: ReleaseRig) -> None:
-        for one in cases:
+        for one in sources:
             one.stop(rig)
 
-    return Case(" + ".join(one.name for one in cases), start, cases[-1].newer_command, act_while_engaged, stop)
+    return MotionSource(" + ".join(one.name for one in sources), start, sources[-1].newer_command, act_while_engaged, stop)
 
 
 # In this order: the first ones take longest to start.
 _COMBINED = tuple(
-    map(find_case, ("mission", "arm replay", "/goal_pose", "NavigateToPose of another client", "stick held, /cmd_vel_manual"))
+    map(find_source, ("mission", "arm replay", "/goal_pose", "NavigateToPose of another client", "stick held, /cmd_vel_manual"))
 )
 COMBINATIONS = tuple(combined(*chosen) for size in range(2, len(_COMBINED) + 1) for chosen in combinations(_COMBINED, size))
 ALL_AT_ONCE = combined(*_COMBINED[1:2], *_COMBINED[3:])
