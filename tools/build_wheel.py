@@ -36,8 +36,12 @@ def build(source: Path, folder: Path, *options: str, constraints: Path | None = 
 
 
 def ros_pins(lock_file: Path) -> list[str]:
-    """Return requirements for the exact versions of all ros-* packages in a lock file."""
-    return re.findall(r"^(ros-\S+==\S+)", lock_file.read_text(), flags=re.MULTILINE)
+    """Return requirements for the exact versions of all ros-* packages in a lock file.
+
+    Extras are left out: pip takes none in a file of constraints.
+    """
+    found = re.findall(r"^(ros-[\w.-]+)(?:\[\S*\])?(==\S+)", lock_file.read_text(), flags=re.MULTILINE)
+    return [name + version for name, version in found]
 
 
 def merged_metadata(text: str, pins: list[str]) -> str:

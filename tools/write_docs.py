@@ -15,27 +15,28 @@ from typing import Any
 
 import typer
 
-from bench.triage import CASES
+from bench.fault_table import CASES
 from lupin_cli.app import COMMANDS, app
 from lupin_cli.checks.findings import FINDINGS, FindingRow
 from lupin_cli.operations.table import OPERATIONS
 from lupin_runtime import graph
 from tools.known_faults import KNOWN_FAULTS
+from tools.nav2_qos import UPSTREAM
 from tools.resilience_events import EVENTS
 
 DOCS = Path(__file__).parents[1] / "docs"
-FINDINGS_HEADER = ("Symptom", "Check", "Finding", "Bench", "Test", "`--fix`")
+FINDINGS_HEADER = ("Symptom", "Layer", "Check", "Finding", "Bench", "Test", "`--fix`")
 GENERATED = "This page is generated: `python -m tools.write_docs`."
 
 
 # -- docs/doctor.md ---------------------------------------------------------------------------------------------------
 def faults_by_finding() -> dict[str, list[str]]:
-    """Return the faults of `bench.triage` that cause each finding, by the finding's id.
+    """Return the faults of `bench.fault_table` that cause each finding, by the finding's id.
 
     Raises KeyError if a fault's finding has no row, and ValueError if a fault hides an unknown one.
     """
     if unknown := {name for case in CASES for name in case.hides} - {case.name for case in CASES}:
-        raise ValueError(f"`hides` in bench.triage names unknown faults: {sorted(unknown)}")
+        raise ValueError(f"`hides` in bench.fault_table names unknown faults: {sorted(unknown)}")
     faults: dict[str, list[str]] = {row.id: [] for row in FINDINGS}
     for case in CASES:
         for finding in sorted(case.expected):
@@ -50,14 +51,13 @@ def findings_table() -> str:
     for row in FINDINGS:
         bench = ", ".join(f"`{name}`" for name in faults[row.id]) or "–"
         proof = f"{'captured: ' if row.captured else ''}`{row.proof}`" + (f" ({row.note})" if row.note else "")
-        rows.append((row.symptom, f"`{row.check}`", f"`{row.id}`", bench, proof, _fix(row)))
+        rows.append((row.symptom, row.path_layer, f"`{row.check}`", f"`{row.id}`", bench, proof, _fix(row)))
     return _table(FINDINGS_HEADER, rows)
 
 
 def _fix(row: FindingRow) -> str:
-    if not row.playbook:
-        return "person"
-    return f"plays `{row.playbook}`" if row.safe else f"asks, then plays `{row.playbook}`"
+    fix = "person" if not row.playbook else f"plays `{row.playbook}`" if row.safe else f"asks, then plays `{row.playbook}`"
+    return f"{fix}; {row.fix_note}" if row.fix_note else fix
 
 
 # -- docs/playbooks.md ------------------------------------------------------------------------------------------------
@@ -110,6 +110,8 @@ def _leaves(words: tuple[str, ...], command: Any) -> Iterator[tuple[tuple[str, .
     if not subcommands:
         yield words, command
         return
+    if command.invoke_without_command:
+        yield words, command
     for name, subcommand in subcommands.items():
         yield from _leaves((*words, name), subcommand)
 
@@ -175,6 +177,22 @@ def _qos(qos: graph.Qos) -> str:
     return ", ".join(words)
 
 
+# -- docs/interoperation.md -------------------------------------------------------------------------------------------
+def nav2_qos_table() -> str:
+    """Return the table of the QoS that Nav2's publishers and Lupin's offer."""
+    rows = [
+        (
+            f"`{row.topic.name}`",
+            row.node,
+            _qos(row.qos),
+            _qos(row.topic.qos),
+            row.why_less or ("–" if row.is_matched else "less"),
+        )
+        for row in UPSTREAM
+    ]
+    return _table(("Topic", "Published elsewhere by", "Its QoS", "Lupin's", "Why Lupin offers less"), rows)
+
+
 # -- all --------------------------------------------------------------------------------------------------------------
 def _table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, ("---",) * len(header), *rows))
@@ -187,6 +205,7 @@ def _cell(text: str) -> str:
 # What stands between the markers of each page that is written by hand otherwise.
 TABLES: dict[str, tuple[str, Callable[[], str]]] = {
     "doctor.md": ("findings", findings_table),
+    "interoperation.md": ("Nav2's QoS", nav2_qos_table),
     "playbooks.md": ("operations", operations_table),
     "regressions.md": ("known faults", known_faults_tables),
     "resilience.md": ("events", events_table),

@@ -29,19 +29,21 @@ from lupin_runtime.console.settings import OLDEST_VERSION, VERSION, describe_set
 from lupin_runtime.drive.arbiter import INPUTS
 from lupin_runtime.drive.twist import HardLimits
 from lupin_runtime.lights import palette
+from lupin_runtime.safety.battery_monitor import LOW_THRESHOLD, SOON_THRESHOLD
 from lupin_runtime.twin.health import IDEAL_RANGES, MAX_DEVIATION, STATES
 from lupin_sim import mirte, robot_model
 
 FOLDER = Path(__file__).parents[1] / "web" / "src" / "generated"
 HEADER = "// Generated: `python -m tools.write_page_types`.\n"
 # Types that the page uses beside those of the table.
-EXTRA_SERVICES = (
-    graph.Service("/rosapi/get_time", "rosapi_msgs/srv/GetTime"),
-    graph.Service("/rosapi/topics", "rosapi_msgs/srv/Topics"),
-    graph.Service("/rosapi/subscribers", "rosapi_msgs/srv/Subscribers"),
-    graph.Service("/navigate_to_pose/_action/cancel_goal", "action_msgs/srv/CancelGoal"),
-    graph.Service("/navigate_through_poses/_action/cancel_goal", "action_msgs/srv/CancelGoal"),
-)
+EXTRA_SERVICES = {
+    "GET_TIME": graph.Service("/rosapi/get_time", "rosapi_msgs/srv/GetTime"),
+    "TOPICS": graph.Service("/rosapi/topics", "rosapi_msgs/srv/Topics"),
+    "SUBSCRIBERS": graph.Service("/rosapi/subscribers", "rosapi_msgs/srv/Subscribers"),
+} | {
+    f"CANCEL_{row.name.upper()}": graph.Service(f"/{row.name}/_action/cancel_goal", "action_msgs/srv/CancelGoal")
+    for row in (graph.NAVIGATE_TO_POSE, graph.NAVIGATE_THROUGH_POSES, graph.FOLLOW_WAYPOINTS)
+}
 EXTRA_MESSAGES = ("geometry_msgs/msg/TwistStamped",)
 
 _TYPED_ARRAYS = {
@@ -63,7 +65,7 @@ _ARRAY = re.compile(r"(?:sequence<(?P<sequence>.+?)(?:, \d+)?>|(?P<array>.+)\[\d
 # -- messages.ts ------------------------------------------------------------------------------------------------------
 def messages_module() -> str:
     """Interfaces of messages, of requests and responses, and the maps from their names."""
-    services = [(row.type, interfaces.find(row.type, "srv")) for row in (*graph.services(), *EXTRA_SERVICES)]
+    services = [(row.type, interfaces.find(row.type, "srv")) for row in (*graph.services(), *EXTRA_SERVICES.values())]
     goals = [(row.type, interfaces.find(row.type, "action")) for row in graph.actions()]
     names = {row.type for row in graph.topics()} | set(EXTRA_MESSAGES)
     roots = [interfaces.find(name, "msg") for name in sorted(names)]
@@ -151,14 +153,13 @@ def graph_module() -> str:
         "GRIPPER_IMAGE_INFO": _topic(graph.camera_info(graph.GRIPPER_IMAGE)),
     }
     services = {name: {"name": row.name, "type": row.type, "console": row.console} for name, row in _named(graph.Service)}
-    extra = ("GET_TIME", "TOPICS", "SUBSCRIBERS", "CANCEL_NAVIGATE_TO_POSE", "CANCEL_NAVIGATE_THROUGH_POSES")
-    services |= {
-        name: {"name": row.name, "type": row.type, "console": graph.BY_VIEWER} for name, row in zip(extra, EXTRA_SERVICES)
-    }
+    services |= {name: {"name": row.name, "type": row.type, "console": graph.BY_VIEWER} for name, row in EXTRA_SERVICES.items()}
     actions = {
         name: {"name": interfaces.absolute(row.name), "type": row.type, "console": row.console}
         for name, row in _named(graph.Action)
     }
+    angles = {joint: graph.arm_joint_angle(joint) for joint in graph.ARM_JOINTS} | {graph.GRIPPER_JOINT: graph.GRIPPER_ANGLE}
+    joint_services = {joint: {"name": row.name, "type": row.type, "console": row.console} for joint, row in angles.items()}
     joints = {
         "arm": graph.ARM_JOINTS,
         "gripper": graph.GRIPPER_JOINT,
@@ -171,6 +172,7 @@ def graph_module() -> str:
         + _constant_block("SERVICES", services)
         + _constant_block("ACTIONS", actions)
         + _constant_block("JOINTS", joints)
+        + _constant_block("JOINT_SERVICES", joint_services)
         + _constant_block("FRAMES", frames)
     )
 
@@ -223,6 +225,7 @@ def robot_module() -> str:
         + _constant_block("LED_STATES", states)
         + _constant_block("IDEAL_RANGES", ranges)
         + _constant_block("HEALTH", {"maxDeviation": MAX_DEVIATION, "states": health})
+        + _constant_block("BATTERY", {"lowShare": LOW_THRESHOLD, "soonShare": SOON_THRESHOLD})
         + _constant_block("AUTHORITY", authority)
         + f"export type Role = {' | '.join(json.dumps(role.value) for role in Role)};\n"
     )
