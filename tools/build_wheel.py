@@ -5,11 +5,11 @@
 In a checkout, the interfaces are a separate distribution (`interfaces/`), since colcon builds the same folders on a robot. They
 are not on a package index, so this script copies the files of their wheel into Lupin's and drops the requirement. Every ros-*
 requirement is pinned to its version in requirements.lock, since the index has versions for several ROS distributions.
+`constraints.txt`, beside the wheel, names the versions of all packages that Lupin was tested with.
 """
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
@@ -24,24 +24,16 @@ ROOT = Path(__file__).resolve().parents[1]
 INTERFACES = "lupin-interfaces"
 
 
-def build(source: Path, folder: Path, *options: str, constraints: Path | None = None) -> Path:
-    """Build the wheel of `source` into `folder` with pip and return its path.
-
-    `constraints` is a file that pins packages of the build environment; for these, pip reads it only from PIP_CONSTRAINT.
-    """
-    command = [sys.executable, "-m", "pip", "wheel", "-q", "--disable-pip-version-check", "--no-deps", *options]
-    environment = os.environ | ({"PIP_CONSTRAINT": str(constraints)} if constraints else {})
-    subprocess.run([*command, "-w", str(folder), str(source)], check=True, env=environment)
+def build(source: Path, folder: Path) -> Path:
+    """Build the wheel of `source` into `folder` with this environment's packages, and return its path."""
+    command = [sys.executable, "-m", "pip", "wheel", "-q", "--disable-pip-version-check", "--no-deps", "--no-build-isolation"]
+    subprocess.run([*command, "-w", str(folder), str(source)], check=True)
     return next(folder.glob("*.whl"))
 
 
-def ros_pins(lock_file: Path) -> list[str]:
-    """Return requirements for the exact versions of all ros-* packages in a lock file.
-
-    Extras are left out: pip takes none in a file of constraints.
-    """
-    found = re.findall(r"^(ros-[\w.-]+)(?:\[\S*\])?(==\S+)", lock_file.read_text(), flags=re.MULTILINE)
-    return [name + version for name, version in found]
+def locked_pins(lock_file: Path) -> list[str]:
+    """Return a requirement for the exact version of each package in a lock file."""
+    return re.findall(r"^[\w.-]+==\S+", lock_file.read_text(), flags=re.MULTILINE)
 
 
 def merged_metadata(text: str, pins: list[str]) -> str:
@@ -79,14 +71,13 @@ def merge(lupin: Path, interfaces: Path, output: Path, pins: list[str]) -> Path:
 
 
 def main(output: Path) -> None:
-    """Build both wheels in a temporary folder, merge them into one in `output`, and print its path."""
-    pins = ros_pins(ROOT / "requirements.lock")
+    """Build both wheels in a temporary folder, merge them into one in `output` beside its constraints, and print its path."""
+    pins = locked_pins(ROOT / "requirements.lock")
     with tempfile.TemporaryDirectory(prefix="lupin-wheel-") as scratch:
-        constraints = Path(scratch) / "constraints.txt"
-        constraints.write_text("\n".join(pins) + "\n")
-        lupin = build(ROOT, Path(scratch) / "lupin", "--no-build-isolation")
-        interfaces = build(ROOT / "interfaces", Path(scratch) / "interfaces", constraints=constraints)
-        print(merge(lupin, interfaces, output, pins))
+        lupin = build(ROOT, Path(scratch) / "lupin")
+        interfaces = build(ROOT / "interfaces", Path(scratch) / "interfaces")
+        print(merge(lupin, interfaces, output, [pin for pin in pins if pin.startswith("ros-")]))
+    (output / "constraints.txt").write_text("\n".join(pins) + "\n")
 
 
 if __name__ == "__main__":

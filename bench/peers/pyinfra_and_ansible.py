@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-REQUIREMENTS = Path(__file__).with_name("requirements.txt")
+REQUIREMENTS = Path(__file__).with_name("requirements.lock")
 INSTALL_TIMEOUT_S = 900.0
 
 
@@ -37,7 +37,11 @@ def install_tools() -> Path:
                 flush=True,
             )
             pip = [str(folder / "bin" / "python"), "-m", "pip", "install", "-q", "--disable-pip-version-check"]
-            for command in ([sys.executable, "-m", "venv", "--clear", str(folder)], [*pip, "-r", str(REQUIREMENTS)]):
+            pip += ["--no-deps", "--require-hashes"]
+            for command in (
+                [sys.executable, "-m", "venv", "--clear", str(folder)],
+                [*pip, "-r", str(REQUIREMENTS)],
+            ):
                 done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_TIMEOUT_S, check=False)
                 if done.returncode != 0:
                     raise SystemExit(

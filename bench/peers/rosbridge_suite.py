@@ -2,9 +2,10 @@
 
     python -m bench.peers.rosbridge_suite FOLDER
 
-FOLDER is a checkout of rosbridge_suite (BSD), which needs tornado, pymongo and pillow: pip install them for this benchmark. The
-server also publishes its connected clients, with message types (rosbridge_msgs) of which there is no wheel; the class that does
-this is replaced by an empty one, as the benchmarks do not use these topics. Prints the port once the server listens.
+FOLDER is a checkout of rosbridge_suite (BSD). For this benchmark, install what it needs into the environment:
+`pip install --no-deps --require-hashes -r bench/peers/rosbridge_suite.lock`. The server also publishes its connected clients,
+with message types (rosbridge_msgs) of which there is no wheel; the class that does this is replaced by an empty one, as the
+benchmarks do not use these topics. Prints the port once the server listens.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from wheel.wheelfile import WheelFile
 
-from tools.build_wheel import merge, ros_pins
+from tools.build_wheel import locked_pins, merge
 
 PINS = ["ros-jazzy-rclpy==7.1.6", "ros-fastcdr==2.2.7"]
 TAG = "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
@@ -82,7 +82,7 @@ def test_wheel_of_an_earlier_build_is_replaced(merged: Path) -> None:
         assert again == merged and "lupin_cli/new.py" in wheel.namelist() and "lupin_cli/__init__.py" not in wheel.namelist()
 
 
-def test_only_ros_packages_of_the_lock_are_pinned(tmp_path: Path) -> None:
+def test_each_package_of_the_lock_is_pinned_once(tmp_path: Path) -> None:
     lock = tmp_path / "requirements.lock"
-    lock.write_text("numpy==2.0 \\\n    --hash=sha256:0\nros-a==7.1.6 \\\n    --hash=sha256:1\nros-b[c,d]==2 \\\n# ros-x==1\n")
-    assert ros_pins(lock) == ["ros-a==7.1.6", "ros-b==2"]
+    lock.write_text("numpy==2.0 \\\n    --hash=sha256:0\nros-a==7.1.6 \\\n    --hash=sha256:1\n# ros-x==1\n")
+    assert locked_pins(lock) == ["numpy==2.0", "ros-a==7.1.6"]

@@ -28,9 +28,9 @@ from tests.support.video_client import VideoClient
 
 pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
 
-# MIT. It is no dependency: the test installs it into an environment of its own, as a user does.
-ROSLIBPY = "roslibpy==2.1.0"
-ROSLIBPY_PROGRAM = Path(__file__).parents[2] / "support" / "roslibpy_program.py"
+SUPPORT = Path(__file__).parents[2] / "support"
+ROSLIBPY = SUPPORT / "roslibpy.lock"
+ROSLIBPY_PROGRAM = SUPPORT / "roslibpy_program.py"
 INSTALL_TIMEOUT_S = 300.0
 PROGRAM_TIMEOUT_S = 120.0
 STREAM_PERIOD_S = 0.1
@@ -104,8 +104,8 @@ def roslibpy_python(tmp_path: Path) -> Path:
     python = tmp_path / "roslibpy" / "bin" / "python"
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     subprocess.run([sys.executable, "-m", "venv", python.parents[1]], env=environment, check=True, timeout=INSTALL_TIMEOUT_S)
-    install = [str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check", ROSLIBPY]
-    subprocess.run(install, env=environment, check=True, timeout=INSTALL_TIMEOUT_S)
+    install = [str(python), "-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-deps", "--require-hashes"]
+    subprocess.run([*install, "-r", str(ROSLIBPY)], env=environment, check=True, timeout=INSTALL_TIMEOUT_S)
     return python
 
 
