@@ -8,9 +8,10 @@ export default defineConfig({
   testDir: live === undefined ? "tests/mock" : "tests/live",
   timeout: live === undefined ? 120_000 : 400_000,
   expect: { timeout: 30_000 },
-  workers: live === undefined ? 2 : 1,
-  retries: 0,
-  reporter: [["list"]],
+  workers: 1,
+  // A test that passes only when it is repeated is listed and counted: tools/second_try.py.
+  retries: live === undefined ? 2 : 0,
+  reporter: live === undefined ? [["list"], ["json", { outputFile: "test-results/report.json" }]] : [["list"]],
   outputDir: "test-results",
   use: {
     baseURL: live ?? "http://127.0.0.1:5299/page/",

@@ -21,6 +21,8 @@ const APART_MS = 400;
 export function HoldButton({ onHeld, tone = "light", className, children, disabled, ...rest }: HoldButtonProps) {
   const text = useText();
   const [holding, setHolding] = useState(false);
+  /** How often it was held long enough, so that a test can wait for that instead of a time. */
+  const [timesHeld, setTimesHeld] = useState(0);
   /** performance.now() of the click that waits for its confirmation; null without one. */
   const [clickedMs, setClickedMs] = useState<number | null>(null);
   const timer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
@@ -31,6 +33,7 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
     setHolding(true);
     timer.current = setTimeout(() => {
       setHolding(false);
+      setTimesHeld((times) => times + 1);
       onHeld();
     }, HOLD_MS);
   }
@@ -78,6 +81,7 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
     <button
       type="button"
       data-hold=""
+      data-times-held={timesHeld}
       disabled={disabled}
       {...rest}
       // Only the keyboard gives it the focus: the space bar stops the robot again after a press by the pointer.
