@@ -8,33 +8,51 @@ INTERFACES := $(shell find interfaces -name '*.msg' -o -name '*.srv' -o -name '*
 KERNELS := $(shell find lupin_runtime -name '_kernels.c' -o -name '*.h')
 PAGE := $(shell find web -type f -not -path '*/node_modules/*' -not -path '*/dist/*')
 
-.PHONY: setup mission test test-page test-core test-graph test-host test-mission lint bench lock wheel clean
+.PHONY: setup mission test test-long test-page test-core test-graph test-host test-mission judge coverage lint bench lock wheel clean
 
 setup: $(VENV)/.lupin $(VENV)/.page
 
 mission: setup
 	$(VENV)/bin/lupin up --mission --headless --world $(WORLD)
 
-# The four stages of the tests. Cores run side by side. Tests that talk over DDS run one after another, since their peers are
-# processes that need the cores themselves. Booted computers mostly wait, and a mission keeps its own pace, so several run at once.
-PYTEST := $(PY) -m pytest -q --durations=12 --durations-min=5
-test: setup lint test-page test-core test-graph test-host test-mission
+# `make test` is the check: at most 30 minutes. `make test-long` runs everything else; a test has the marker `long` if it takes more
+# than 20 s or needs statistics. The core and the page's units have no clock: cores run side by side, and nothing gets a second try.
+# The other stages run one test at a time, since graph, simulator and booted computers need the cores themselves; a test that fails
+# there is run again alone, and counted (tools/second_try.py).
+LENGTH := not long
+PAGE_TESTS := layout stop
+PYTEST_OPTIONS := --durations=12 --durations-min=5
+AGAIN := $(PY) -m tools.second_try
+TIMED_STAGES := page graph host mission
+
+test: setup lint test-core test-page test-graph test-host test-mission judge
+
+test-long: LENGTH := long
+test-long: PAGE_TESTS :=
+test-long: setup test-core test-page test-graph test-host test-mission judge
 
 test-core: setup
-	$(PYTEST) -n 2 $(COVERAGE) -m "not graph and not sim and not host and not mission" tests
+	$(PY) -m pytest -q $(PYTEST_OPTIONS) -n 2 -m "not graph and not sim and not host and not mission and $(LENGTH)" tests
+
+coverage: setup
+	$(PY) -m pytest -q -n 2 --cov=lupin_cli --cov=lupin_runtime --cov=lupin_sim --cov-report=term:skip-covered \
+	  -m "not graph and not sim and not host and not mission" tests
 
 test-page: setup
 	$(PY) tools/build_page.py test
-	$(PY) tools/build_page.py e2e
+	$(AGAIN) playwright page $(PAGE_TESTS)
 
 test-graph: setup
-	$(PYTEST) -m "(graph or sim) and not host and not mission" tests
+	$(AGAIN) pytest graph $(PYTEST_OPTIONS) -m "(graph or sim) and not host and not mission and $(LENGTH)" tests
 
 test-host: setup
-	$(PYTEST) -n 3 --dist loadfile -m "host and not mission" tests
+	$(AGAIN) pytest host $(PYTEST_OPTIONS) -m "host and not mission and $(LENGTH)" tests
 
 test-mission: setup
-	$(PYTEST) -n 2 --dist worksteal -m mission tests
+	$(AGAIN) pytest mission $(PYTEST_OPTIONS) -m "mission and $(LENGTH)" tests
+
+judge: setup
+	$(AGAIN) judge $(TIMED_STAGES)
 
 lint: setup
 	$(VENV)/bin/ruff check .
@@ -46,36 +64,42 @@ lint: setup
 bench: setup
 	$(PY) -m bench
 
-# One wheel with interfaces, kernels, playbooks and units: `pipx install dist/lupin-*.whl` needs no compiler and no checkout.
+# One wheel with interfaces, kernels, playbooks and units, which needs no compiler and no checkout, and its constraints for pip.
 wheel: setup
 	$(PY) tools/build_wheel.py dist
 
-# The lock file: every package with its hashes, and no word of where they came from. Extras stay in it: pip 23 would choose the
-# newest version, which has no hash here, for a package that another one requires with an extra.
+# The lock files: every package with its hashes, and no word of where they came from.
+LOCK := $(VENV)/bin/uv pip compile --generate-hashes --python-version 3.11 --python-platform x86_64-manylinux_2_28 \
+  --no-header --no-annotate --no-emit-package lupin-interfaces
 lock: setup
 	$(PY) -m pip install -q uv
-	$(VENV)/bin/uv pip compile pyproject.toml --extra dev --generate-hashes --no-strip-extras --python-version 3.11 \
-	  --python-platform x86_64-manylinux_2_28 --no-header --no-annotate --no-emit-package lupin-interfaces \
-	  --output-file requirements.lock
+	$(LOCK) pyproject.toml --extra dev --output-file requirements.lock
+	$(LOCK) bench/peers/requirements.txt --output-file bench/peers/requirements.lock
+	$(LOCK) bench/peers/rosbridge_suite.txt --output-file bench/peers/rosbridge_suite.lock
+	$(LOCK) tests/support/roslibpy.txt --output-file tests/support/roslibpy.lock
 
 $(VENV)/.system: tools/system-packages
 	tools/system-packages
 	python3 -m venv $(VENV)
 	touch $@
 
+# Nothing is resolved here, since pip would take from the index, in its newest version, what another package requires with an extra:
+# the lock is complete, and `pip check` and tests/tools/test_lock.py say so. setuptools and wheel come first: they build what the index
+# has as source only (empy 3), the interfaces and Lupin.
+PIP := $(PY) -m pip install -q --disable-pip-version-check --no-deps
 $(VENV)/.packages: $(VENV)/.system requirements.lock
-	$(PY) -m pip install -q --disable-pip-version-check --require-hashes -r requirements.lock
+	sed -n '/^\(setuptools\|wheel\)==/,/[^\]$$/p' requirements.lock > $(VENV)/build.lock
+	$(PIP) --require-hashes -r $(VENV)/build.lock
+	$(PIP) --require-hashes --no-build-isolation -r requirements.lock
 	touch $@
 
-# The generators come from un-prefixed packages that carry several distributions' versions: hold them to the lock file's.
 $(VENV)/.interfaces: $(VENV)/.packages $(INTERFACES)
-	sed -n 's/\[[^]]*\]//; s/^\(ros-[^ ]*==[^ ]*\).*/\1/p' requirements.lock > $(VENV)/ros-constraints.txt
-	PIP_CONSTRAINT=$(CURDIR)/$(VENV)/ros-constraints.txt $(PY) -m pip install -q --disable-pip-version-check \
-	  --no-deps --force-reinstall ./interfaces
+	$(PIP) --no-build-isolation --force-reinstall ./interfaces
 	touch $@
 
 $(VENV)/.lupin: $(VENV)/.interfaces pyproject.toml setup.py $(KERNELS)
-	$(PY) -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(PIP) --no-build-isolation -e .
+	$(PY) -m pip check
 	$(PY) -m compileall -q lupin_cli lupin_runtime lupin_sim
 	touch $@
 

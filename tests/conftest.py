@@ -48,9 +48,16 @@ def private_graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
 TIMEOUTS_S = {"mission": 1500, "host": 900, "sim": 300, "graph": 300, "browser": 300}
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest deselects tests by their markers
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give every test the timeout of its markers, unless it has its own."""
+    """Give every test the timeout of its markers, unless it has its own; make tests of booted computers and missions long.
+
+    The check, `make test`, runs only those of them that have the marker `smoke`.
+    """
     for item in items:
+        booted_or_mission = item.get_closest_marker("host") or item.get_closest_marker("mission")
+        if booted_or_mission and item.get_closest_marker("smoke") is None:
+            item.add_marker(pytest.mark.long)
         timeouts_s = [timeout_s for name, timeout_s in TIMEOUTS_S.items() if item.get_closest_marker(name)]
         if timeouts_s and item.get_closest_marker("timeout") is None:
             item.add_marker(pytest.mark.timeout(max(timeouts_s)))

@@ -2,7 +2,7 @@
 
     python tools/build_page.py            # build, unless the installed page comes from the same sources
     python tools/build_page.py lint|test  # run that script of web/package.json
-    python tools/build_page.py e2e        # the page in Chromium, with a mock robot
+    python tools/build_page.py e2e [FILE...]  # the page in Chromium, with a mock robot; all tests, or those of these files
     python tools/build_page.py live       # the page in Chromium, with a run of the whole stack in the simulator
     python tools/build_page.py dev        # serve it from its sources, beside a console: lupin console --dev
 
@@ -102,7 +102,7 @@ def find_chromium() -> str | None:
     return shutil.which("chromium") or shutil.which("chromium-browser")
 
 
-def run_script(name: str) -> None:
+def run_script(name: str, *arguments: str) -> None:
     """Run a script of web/package.json. The tests in a browser are skipped without one, except with LUPIN_CI_STRICT."""
     if name == "e2e":
         chromium = find_chromium()
@@ -114,7 +114,7 @@ def run_script(name: str) -> None:
         os.environ["LUPIN_CHROMIUM"] = chromium
     path = node_path()
     install_packages(path)
-    _run(["npm", "run", "--silent", name], path)
+    _run(["npm", "run", "--silent", name, "--", *arguments], path)
 
 
 def _run(command: list[str], path: str) -> None:
@@ -131,7 +131,7 @@ def main() -> int:
             os.chdir(ROOT)
             os.execv(sys.executable, [sys.executable, "-m", "tools.live_specs", *sys.argv[2:]])  # noqa: S606 -- no shell is wanted
         if len(sys.argv) > 1:
-            run_script(sys.argv[1])
+            run_script(*sys.argv[1:])
         else:
             build()
     except (BuildError, OSError) as error:

@@ -23,7 +23,7 @@ PACKAGES = ("lupin_msgs", "mirte_msgs", "tf2_msgs")
 BUILD_TIMEOUT_S = 900
 KEPT_ENVIRONMENTS = 2
 # The first test builds the environment, which may take minutes on a busy machine.
-pytestmark = pytest.mark.timeout(BUILD_TIMEOUT_S)
+pytestmark = [pytest.mark.timeout(BUILD_TIMEOUT_S), pytest.mark.long]
 
 
 def clean_environment() -> dict[str, str]:

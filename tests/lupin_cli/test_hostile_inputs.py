@@ -28,6 +28,7 @@ def test_samples_of_every_kind_are_read(tmp_path: Path) -> None:
         assert given.status != USAGE_ERROR, given.printed
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("numbers", PARTS, ids=lambda numbers: f"{numbers[0]}-{numbers[-1]}")
 def test_hostile_inputs_end_with_a_message(tmp_path: Path, numbers: Sequence[int]) -> None:

@@ -37,7 +37,8 @@ def unmet(locked: dict[str, str], roots: Iterable[str], python: str) -> Iterator
 
     The requirements of each package are those that its installed version declares.
     """
-    environment = {**default_environment(), "python_version": python, "python_full_version": f"{python}.0"}
+    machine = {name: str(value) for name, value in default_environment().items()}
+    environment = {**machine, "python_version": python, "python_full_version": f"{python}.0"}
     waiting = [("pyproject.toml", "", root) for root in roots]
     done: set[tuple[str, str]] = set()
     while waiting:

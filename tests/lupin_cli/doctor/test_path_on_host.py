@@ -111,6 +111,7 @@ def assert_not_healthy(report: dict[str, Any]) -> None:
     assert report["ground_truth"]["state"] == "broken"
 
 
+@pytest.mark.smoke
 def test_health_is_observed_from_the_laptop(rig: FaultRig) -> None:
     # On a busy machine the doctor's participant may not discover the whole graph in its time, which it says: NO_RESULT.
     reports = [rig.run_doctor()]
@@ -180,6 +181,7 @@ def test_wrong_port_is_named(rig: FaultRig) -> None:
         recover(rig)
 
 
+@pytest.mark.smoke
 def test_cut_cable_is_named_while_the_access_point_works(rig: FaultRig) -> None:
     inventory = rig.config_dir / "lupin.toml"
     rig.write_file(
@@ -255,6 +257,7 @@ def test_login_shell_that_runs_nothing_is_the_robots(rig: FaultRig) -> None:
     assert report["status"] == UNREACHABLE
 
 
+@pytest.mark.smoke
 def test_small_mtu_of_the_robot_is_named(rig: FaultRig) -> None:
     with fault(rig, lambda: rig.run_as_root("ip link set eth0 mtu 600"), lambda: rig.run_as_root("ip link set eth0 mtu 1500")):
         report = rig.run_doctor()
@@ -263,6 +266,7 @@ def test_small_mtu_of_the_robot_is_named(rig: FaultRig) -> None:
         assert "MTU of 600" in report["findings"][0]["cause"]
 
 
+@pytest.mark.smoke
 def test_stopped_process_of_a_service_is_the_only_root(rig: FaultRig) -> None:
     pid = rig.run_as_root(PID_OF.format(unit="mirte-ros", pattern="-m lupin_sim")).strip()
     with fault(rig, lambda: rig.run_as_root(f"kill -STOP {pid}"), lambda: rig.run_as_root(f"kill -CONT {pid} || true")):

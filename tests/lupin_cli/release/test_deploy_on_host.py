@@ -50,6 +50,7 @@ def next_release(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], No
     build_release.cache_clear()
 
 
+@pytest.mark.smoke
 def test_deploy_repeat_replace_rollback_remove(robot_host: Host, lupin: Lupin, next_release: Callable[[str], None]) -> None:
     host = robot_host
     dry = lupin("deploy", "robot", "--dry-run", "--diff")

@@ -151,6 +151,7 @@ def any_text(rng: random.Random) -> str:
     return as_text(rng, message)
 
 
+@pytest.mark.long
 def test_ten_thousand_hostile_frames_leave_no_trace(
     graph_host: GraphHost, console: Console, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,9 +10,19 @@ from typing import Any
 
 import pytest
 
+from lupin_runtime import graph
+from lupin_runtime.console.description import read_description
+from tests.lupin_runtime.stack.conftest import Up
+from tests.support.console_browser import Browser
+
 pytestmark = [pytest.mark.mission, pytest.mark.sim, pytest.mark.graph]
 
 MISSION_TIMEOUT_S = 900.0
+# One table and two tags, on opposite sides of it: the smallest greenhouse that has to be explored, read and left again.
+SMALL_GREENHOUSE: dict[str, Any] = {
+    "tables": {"table": {"x0": 0.0, "x1": 1.0, "y0": 0.0, "y1": 0.4}},
+    "tags": {"1": {"x": 0.5, "y": 0.0, "sensors": ["temperature"]}, "2": {"x": 0.5, "y": 0.4, "sensors": ["humidity", "co2"]}},
+}
 RESTARTABLE = ("perception", "twin", "recorder", "body", "estop", "drive", "nav", "slam")
 
 
@@ -28,6 +38,35 @@ def until_moving(run: Any, timeout_s: float = 60.0) -> None:
     while speed_m_s(run) < 0.1:
         assert time.monotonic() < deadline, run.state().get("mission")
         time.sleep(0.2)
+
+
+@pytest.mark.smoke
+@pytest.mark.usefixtures("console_ports")
+def test_small_mission_shows_its_page_and_writes_a_report(launch: Callable[..., Up], tmp_path: Path) -> None:
+    layout = tmp_path / "small.json"
+    layout.write_text(json.dumps(SMALL_GREENHOUSE))
+    run = launch("--mission", "--headless", "--json", "--world", str(layout), "--web")
+    run.until(lambda state: state["mission"].get("lifecycle_state") == "EXPLORING", "exploration")
+    folder = run.folder()
+    assert folder is not None
+    described = read_description(folder)
+    assert described is not None
+    browser = Browser(described.port)
+    assert '<div id="root">' in browser.get("/")
+    assert folder.name in [each["id"] for each in browser.get("/_api/runs")]
+    page = browser.socket()
+    page.send("subscribe", topic=graph.MISSION_STATE.name)
+    assert page.publication(graph.MISSION_STATE.name)["mission_id"] == run.state()["mission"]["mission_id"]
+    page.close()
+
+    status, result = run.result(MISSION_TIMEOUT_S)
+    assert (status, result["state"]) == (0, "DONE"), result
+    assert result["tags_found"] == result["tags_read"] == result["tags_reachable"] == len(SMALL_GREENHOUSE["tags"])
+    assert result["collisions"] == 0
+    report = Path(result["report"])
+    assert "</html>" in report.read_text()
+    read = [tag for tag in json.loads(report.with_suffix(".json").read_text())["tags"] if tag["outcome"] == "read"]
+    assert len(read) == len(SMALL_GREENHOUSE["tags"]) and all(tag["readings"] for tag in read)
 
 
 def test_mission_reads_every_tag_and_writes_a_report(launch: Callable[..., Any]) -> None:

@@ -58,6 +58,7 @@ def test_killed_supervisor_terminates_every_process(up: Callable[..., Any]) -> N
     assert gone(children)
 
 
+@pytest.mark.long
 def test_two_runs_have_separate_graphs(up: Callable[..., Any]) -> None:
     first, second = up(), up()
     states = [first.wait_up(), second.wait_up()]
@@ -69,6 +70,7 @@ def test_two_runs_have_separate_graphs(up: Callable[..., Any]) -> None:
         assert run.process.wait(10) == 130, run.process.communicate()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("private_mounts")  # its own small /dev/shm
 def test_full_dev_shm_does_not_stop_a_run(up: Callable[..., Any]) -> None:
     fill = 'mount -t tmpfs -o size=64k tmpfs /dev/shm; dd if=/dev/zero of=/dev/shm/full bs=1k 2>/dev/null; exec "$@"'
@@ -80,6 +82,7 @@ def test_full_dev_shm_does_not_stop_a_run(up: Callable[..., Any]) -> None:
     assert run.process.wait(30) == 130
 
 
+@pytest.mark.long
 def test_full_disk_does_not_end_a_run(up: Callable[..., Any]) -> None:
     run = up()
     state = run.wait_up()
@@ -159,6 +162,7 @@ def test_hung_process_is_named_by_status_and_replaced(up: Callable[..., Any]) ->
     run.wait(lambda: run.lupin("status").returncode == 0, "status without an alarm")
 
 
+@pytest.mark.long
 def test_hung_supervisor_is_named_by_status_and_stopped_by_down(launch: Callable[..., Any]) -> None:
     run = launch(*BARE)
     run.wait_up()
@@ -174,6 +178,7 @@ def test_hung_supervisor_is_named_by_status_and_stopped_by_down(launch: Callable
     assert gone(children)
 
 
+@pytest.mark.long
 def test_suspended_run_continues_without_replacing_anything(up: Callable[..., Any]) -> None:
     run = up()
     run.wait_up()
@@ -189,6 +194,7 @@ def test_suspended_run_continues_without_replacing_anything(up: Callable[..., An
     assert run.lupin("status").returncode == 0
 
 
+@pytest.mark.long
 def test_closed_terminal_leaves_a_result_and_a_report(tmp_path: Path) -> None:
     pid, master = pty.fork()
     if pid == 0:  # a session of its own, whose terminal is the other end

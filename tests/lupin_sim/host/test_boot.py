@@ -14,11 +14,13 @@ from tests.support.waiting import wait_until
 pytestmark = pytest.mark.host
 
 
+@pytest.mark.smoke
 def test_systemd_is_pid_1_and_no_unit_failed(host: Host) -> None:
     result = host.ssh("cat /proc/1/comm; systemctl is-system-running --wait; systemctl --failed --no-legend")
     assert result.stdout.split() == ["systemd", "running"], result
 
 
+@pytest.mark.smoke
 def test_mirte_logs_in_on_both_links_and_may_sudo(host: Host) -> None:
     for link in ("eth0", "wlan0"):
         result = host.run(host.ssh_command("sudo -n id -u; hostname", link=link))
