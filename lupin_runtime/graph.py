@@ -90,6 +90,7 @@ class Topic:
     `probed`: the doctor waits for a sample although the topic may be silent on a healthy graph.
     `monitored`: `lupin up` measures its rate, and reports silence if the topic also repeats.
     `console`: who may publish it through the console, as one of the BY constants.
+    `moves`: it can lead to motion of the wheels or the arm, so a page sends it only once its operator has opened it for that.
     `frame`: the frame in its header; empty if any will do, None if the message has no header.
     """
 
@@ -104,6 +105,7 @@ class Topic:
     monitored: bool = False
     note: str = ""
     console: str = BY_NOBODY
+    moves: bool = False
     frame: str | None = None
 
     @property
@@ -114,22 +116,24 @@ class Topic:
 
 @dataclass(frozen=True)
 class Service:
-    """A service: its name, its type as `package/srv/Name`, and who may call it through the console."""
+    """A service: name, type as `package/srv/Name`, who may call it through the console, and whether it `moves`, as of a Topic."""
 
     name: str
     type: str
     note: str = ""
     console: str = BY_NOBODY
+    moves: bool = False
 
 
 @dataclass(frozen=True)
 class Action:
-    """An action: its name, its type as `package/action/Name`, and who may send goals through the console."""
+    """An action: name, type as `package/action/Name`, who may send goals through the console, and whether it `moves`."""
 
     name: str
     type: str
     note: str = ""
     console: str = BY_NOBODY
+    moves: bool = False
 
 
 _Row = TypeVar("_Row", Topic, Service, Action)
@@ -138,7 +142,7 @@ _Row = TypeVar("_Row", Topic, Service, Action)
 # -- the drive bus ----------------------------------------------------------------------------------------------------
 # The sinks are best effort on both targets: a reliable subscriber would receive nothing, and no error would be reported.
 CMD_VEL_JOY = Topic("/cmd_vel_joy", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR,), ALL, note="gamepad with a dead-man button; silent when it is released")
-CMD_VEL_MANUAL = Topic("/cmd_vel_manual", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR, "console"), ALL, note="joystick of a console", console=BY_OPERATOR)
+CMD_VEL_MANUAL = Topic("/cmd_vel_manual", "geometry_msgs/msg/Twist", REL10, 20.0, (OPERATOR, "console"), ALL, note="joystick of a console", console=BY_OPERATOR, moves=True)
 CMD_VEL_NAV = Topic("/cmd_vel_nav", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, monitored=True, note="navigation's controller -> velocity smoother")
 CMD_VEL_AUTO = Topic("/cmd_vel_auto", "geometry_msgs/msg/Twist", REL10, 20.0, ("nav",), ALL, note="velocity smoother -> drive bus")
 ZERO_CMD_VEL = Topic("/zero_cmd_vel", "geometry_msgs/msg/Twist", REL10, 10.0, ("drive",), note="simulation only: a constant zero, the drive bus's input of lowest priority")
@@ -176,7 +180,7 @@ MAP = Topic("/map", "nav_msgs/msg/OccupancyGrid", LATCHED1, 0.2, ("slam", "local
 AMCL_POSE = Topic("/amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", LATCHED1, None, ("localization", "mission"), ALL)
 INITIAL_POSE = Topic("/initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", REL1, None, (OPERATOR,), console=BY_OPERATOR)
 PLAN = Topic("/plan", "nav_msgs/msg/Path", REL1, None, ("nav",), 2.0)
-GOAL_POSE = Topic("/goal_pose", "geometry_msgs/msg/PoseStamped", REL1, None, (OPERATOR,), ALL, console=BY_OPERATOR)
+GOAL_POSE = Topic("/goal_pose", "geometry_msgs/msg/PoseStamped", REL1, None, (OPERATOR,), ALL, console=BY_OPERATOR, moves=True)
 GOAL_MARKERS = Topic("/lupin/markers/goals", "visualization_msgs/msg/MarkerArray", LATCHED1, None, ("nav",), ALL, note="the poses of the active goal")
 GLOBAL_COSTMAP = Topic("/global_costmap/costmap", "nav_msgs/msg/OccupancyGrid", LATCHED1, 1.0, ("nav",), 0.2)
 LOCAL_COSTMAP = Topic("/local_costmap/costmap", "nav_msgs/msg/OccupancyGrid", LATCHED1, 2.0, ("nav",), 1.0)
@@ -222,12 +226,12 @@ def camera_info(image: Topic) -> Topic:
 
 
 # -- services ---------------------------------------------------------------------------------------------------------
-MISSION_START = Service("/mission/start", "lupin_msgs/srv/StartMission", console=BY_OPERATOR)
+MISSION_START = Service("/mission/start", "lupin_msgs/srv/StartMission", console=BY_OPERATOR, moves=True)
 MISSION_PAUSE = Service("/mission/pause", "std_srvs/srv/Trigger", console=BY_OPERATOR)
-MISSION_RESUME = Service("/mission/resume", "std_srvs/srv/Trigger", console=BY_OPERATOR)
-MISSION_ABORT = Service("/mission/abort", "std_srvs/srv/Trigger", console=BY_OPERATOR)
-MISSION_SKIP = Service("/mission/skip_current", "std_srvs/srv/Trigger", console=BY_OPERATOR)
-MISSION_DOCK = Service("/mission/dock", "std_srvs/srv/Trigger", console=BY_OPERATOR)
+MISSION_RESUME = Service("/mission/resume", "std_srvs/srv/Trigger", console=BY_OPERATOR, moves=True)
+MISSION_ABORT = Service("/mission/abort", "std_srvs/srv/Trigger", "drives to the dock", console=BY_OPERATOR, moves=True)
+MISSION_SKIP = Service("/mission/skip_current", "std_srvs/srv/Trigger", console=BY_OPERATOR, moves=True)
+MISSION_DOCK = Service("/mission/dock", "std_srvs/srv/Trigger", console=BY_OPERATOR, moves=True)
 MISSION_RESET = Service("/mission/reset", "std_srvs/srv/Trigger", console=BY_OPERATOR)
 GET_TAG_READING = Service("/greenhouse_bridge/get_tag_reading", "lupin_msgs/srv/GetTagReading", console=BY_VIEWER)
 CONFIRM_TAG = Service("/perception/confirm_tag", "lupin_msgs/srv/ConfirmTag")
@@ -250,18 +254,20 @@ GET_LOCAL_COSTMAP = Service("/local_costmap/get_costmap", "nav2_msgs/srv/GetCost
 GET_GLOBAL_COSTMAP = Service("/global_costmap/get_costmap", "nav2_msgs/srv/GetCostmap")
 CLEAR_LOCAL_COSTMAP = Service("/local_costmap/clear_entirely_local_costmap", "nav2_msgs/srv/ClearEntireCostmap")
 CLEAR_GLOBAL_COSTMAP = Service("/global_costmap/clear_entirely_global_costmap", "nav2_msgs/srv/ClearEntireCostmap")
-ARM_PRESET = Service("/lupin/arm/preset", "lupin_msgs/srv/SetArmPreset", console=BY_OPERATOR)
+ARM_PRESET = Service("/lupin/arm/preset", "lupin_msgs/srv/SetArmPreset", console=BY_OPERATOR, moves=True)
 ARM_SET_TORQUE = Service("/lupin/arm/set_torque", "std_srvs/srv/SetBool", console=BY_OPERATOR)
-ARM_INIT = Service("/lupin/arm/init", "std_srvs/srv/Trigger", "moves all arm joints to 0", console=BY_OPERATOR)
-ARM_CALIBRATE = Service("/lupin/arm/calibrate", "lupin_msgs/srv/CalibrateArm", "robot only", console=BY_OPERATOR)
+ARM_INIT = Service("/lupin/arm/init", "std_srvs/srv/Trigger", "moves all arm joints to 0", console=BY_OPERATOR, moves=True)
+ARM_CALIBRATE = Service("/lupin/arm/calibrate", "lupin_msgs/srv/CalibrateArm", "robot only", console=BY_OPERATOR, moves=True)
 ARM_LIBRARY_LIST = Service("/lupin/arm/library/list", "lupin_msgs/srv/GetArmLibrary", console=BY_VIEWER)
 ARM_LIBRARY_SAVE_POSE = Service("/lupin/arm/library/save_pose", "lupin_msgs/srv/SaveArmPose", console=BY_OPERATOR)
-ARM_LIBRARY_GOTO_POSE = Service("/lupin/arm/library/goto_pose", "lupin_msgs/srv/SetArmPreset", console=BY_OPERATOR)
+ARM_LIBRARY_GOTO_POSE = Service("/lupin/arm/library/goto_pose", "lupin_msgs/srv/SetArmPreset", console=BY_OPERATOR, moves=True)
 ARM_LIBRARY_RECORD = Service("/lupin/arm/library/record", "lupin_msgs/srv/ArmRecord", console=BY_OPERATOR)
-ARM_LIBRARY_PLAY = Service("/lupin/arm/library/play", "lupin_msgs/srv/PlayArmSequence", console=BY_OPERATOR)
+ARM_LIBRARY_PLAY = Service("/lupin/arm/library/play", "lupin_msgs/srv/PlayArmSequence", console=BY_OPERATOR, moves=True)
 ARM_LIBRARY_STOP = Service("/lupin/arm/library/stop", "std_srvs/srv/Trigger", console=BY_VIEWER)
 ARM_LIBRARY_DELETE = Service("/lupin/arm/library/delete", "lupin_msgs/srv/ArmLibraryEdit", console=BY_OPERATOR)
-GRIPPER_ANGLE = Service("/lupin/gripper/set_angle_with_speed", "mirte_msgs/srv/SetServoAngleWithSpeed", console=BY_OPERATOR)
+GRIPPER_ANGLE = Service(
+    "/lupin/gripper/set_angle_with_speed", "mirte_msgs/srv/SetServoAngleWithSpeed", console=BY_OPERATOR, moves=True
+)
 LEDS_SET = Service("/lupin/leds/set", "mirte_msgs/srv/SetNeopixel", console=BY_OPERATOR)
 LEDS_AUTO = Service("/lupin/leds/auto", "std_srvs/srv/Trigger", console=BY_OPERATOR)
 VENDOR_LEDS = Service("/io/leds/leds/set_color", "mirte_msgs/srv/SetNeopixel")
@@ -305,9 +311,11 @@ def arm_joint_angle(joint: str) -> Service:
 
 
 # -- actions ----------------------------------------------------------------------------------------------------------
-NAVIGATE_TO_POSE = Action("navigate_to_pose", "nav2_msgs/action/NavigateToPose", console=BY_OPERATOR)
-NAVIGATE_THROUGH_POSES = Action("navigate_through_poses", "nav2_msgs/action/NavigateThroughPoses", console=BY_OPERATOR)
-FOLLOW_WAYPOINTS = Action("follow_waypoints", "nav2_msgs/action/FollowWaypoints", console=BY_OPERATOR)
+NAVIGATE_TO_POSE = Action("navigate_to_pose", "nav2_msgs/action/NavigateToPose", console=BY_OPERATOR, moves=True)
+NAVIGATE_THROUGH_POSES = Action(
+    "navigate_through_poses", "nav2_msgs/action/NavigateThroughPoses", console=BY_OPERATOR, moves=True
+)
+FOLLOW_WAYPOINTS = Action("follow_waypoints", "nav2_msgs/action/FollowWaypoints", console=BY_OPERATOR, moves=True)
 COMPUTE_PATH_TO_POSE = Action("compute_path_to_pose", "nav2_msgs/action/ComputePathToPose", console=BY_VIEWER)
 GRIPPER_COMMAND = Action("/mirte_master_gripper_controller/gripper_cmd", "control_msgs/action/GripperCommand")
 ARM_FOLLOW_TRAJECTORY = Action(

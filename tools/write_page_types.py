@@ -143,23 +143,20 @@ def _field_type(field: str) -> str:
 # -- graph.ts ---------------------------------------------------------------------------------------------------------
 def graph_module() -> str:
     """The tables of topics, services and actions, and the names of frames and joints."""
-    topics = {
-        name: {"name": row.name, "type": row.type, "console": row.console, "rateHz": row.rate_hz}
-        for name, row in _named(graph.Topic)
-    }
+    topics = {name: _topic(row) for name, row in _named(graph.Topic)}
     topics |= {
         "BODY_IMAGE_SIM_INFO": _topic(graph.camera_info(graph.BODY_IMAGE_SIM)),
         "BODY_IMAGE_ROBOT_INFO": _topic(graph.camera_info(graph.BODY_IMAGE_ROBOT)),
         "GRIPPER_IMAGE_INFO": _topic(graph.camera_info(graph.GRIPPER_IMAGE)),
     }
-    services = {name: {"name": row.name, "type": row.type, "console": row.console} for name, row in _named(graph.Service)}
-    services |= {name: {"name": row.name, "type": row.type, "console": graph.BY_VIEWER} for name, row in EXTRA_SERVICES.items()}
-    actions = {
-        name: {"name": interfaces.absolute(row.name), "type": row.type, "console": row.console}
-        for name, row in _named(graph.Action)
+    services = {name: _request(row) for name, row in _named(graph.Service)}
+    services |= {
+        name: {"name": row.name, "type": row.type, "console": graph.BY_VIEWER, "moves": False}
+        for name, row in EXTRA_SERVICES.items()
     }
+    actions = {name: {**_request(row), "name": interfaces.absolute(row.name)} for name, row in _named(graph.Action)}
     angles = {joint: graph.arm_joint_angle(joint) for joint in graph.ARM_JOINTS} | {graph.GRIPPER_JOINT: graph.GRIPPER_ANGLE}
-    joint_services = {joint: {"name": row.name, "type": row.type, "console": row.console} for joint, row in angles.items()}
+    joint_services = {joint: _request(row) for joint, row in angles.items()}
     joints = {
         "arm": graph.ARM_JOINTS,
         "gripper": graph.GRIPPER_JOINT,
@@ -178,7 +175,11 @@ def graph_module() -> str:
 
 
 def _topic(row: graph.Topic) -> dict[str, Any]:
-    return {"name": row.name, "type": row.type, "console": row.console, "rateHz": row.rate_hz}
+    return {**_request(row), "rateHz": row.rate_hz}
+
+
+def _request(row: graph.Topic | graph.Service | graph.Action) -> dict[str, Any]:
+    return {"name": row.name, "type": row.type, "console": row.console, "moves": row.moves}
 
 
 def _named(kind: type) -> Iterator[tuple[str, Any]]:

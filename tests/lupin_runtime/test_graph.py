@@ -100,3 +100,28 @@ def test_every_type_of_the_graph_imports() -> None:
     rows: list[graph.Topic | graph.Service | graph.Action] = [*graph.topics(), *graph.services(), *graph.actions()]
     for row in rows:
         assert interface(row.type) is not None
+
+
+# What the session in control may send although nothing of it moves the robot by itself.
+MOVES_NOTHING = {
+    "/initialpose",
+    "/lupin/arm/library/delete",
+    "/lupin/arm/library/record",  # makes the arm limp
+    "/lupin/arm/library/save_pose",
+    "/lupin/arm/set_torque",
+    "/lupin/hmi/estop",
+    "/lupin/leds/auto",
+    "/lupin/leds/set",
+    "/lupin/nav/clear_map",
+    "/mission/pause",
+    "/mission/reset",
+    "/slam_toolbox/save_map",
+    "/slam_toolbox/serialize_map",
+}
+
+
+def test_every_command_of_the_console_is_known_to_move_the_robot_or_not() -> None:
+    rows = (*graph.topics(), *graph.services(), *graph.actions())
+    commands = {row.name: row.moves for row in rows if row.console == graph.BY_OPERATOR}
+    assert {name for name, moves in commands.items() if not moves} == MOVES_NOTHING
+    assert not [row.name for row in rows if row.moves and row.console != graph.BY_OPERATOR]
