@@ -1,26 +1,74 @@
 """The stops of all clients. Each client has its own; for the e-stop bridge they are combined into one.
 
-A client that engages its stop holds it until it releases it. A client that disconnects while it drives, has control or holds
-its stop leaves the stop engaged, and so does the client in control if it falls silent. The client in control releases such a
-lost stop by engaging and releasing its own: a client that only repeats "released" releases nothing.
+A client that engages its stop holds it until it lets go of it, or until whoever has control releases it, having seen whose it
+is. A client that disconnects while it drives, has control or holds its stop leaves the stop engaged, and so does the client in
+control if it falls silent. Whoever has control releases such a lost stop, too.
+
+A page repeats its stop, and names each press. A press that somebody else has released is over: the page that goes on repeating
+it is told so, also after it has connected again. The next press has another name. Programs name no presses: what they repeat
+after a release engages the stop again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+import enum
+import uuid
+from collections.abc import Collection, Hashable
 from dataclasses import dataclass
+from typing import Any
 
 SILENCE_TIMEOUT_S = 1.5  # pages repeat the state of their stop twice a second
 # A page that has connected again first learns who has control, on a channel that it retries after 1.5 s, and then repeats its
 # state twice.
 RETURN_TIMEOUT_S = 3.0
 DRIVING_S = 0.5  # a client counts as driving for this long after its last velocity that was not zero
+PRESS_PREFIX = "press:"  # of the names that pages give their presses; other clients number their messages
+_MAX_PRESS = 100  # characters
+MAX_OVERRULED = 256  # presses that were released by others and may still be repeated
+
+
+class HoldKind(enum.Enum):
+    """How a stop came about; the value is its name for browsers."""
+
+    PRESSED = "pressed"
+    LEFT = "left"
+    LOST_DRIVING = "lost_driving"
+    LOST_HOLDING = "lost_holding"
+    LOST_IN_CONTROL = "lost_in_control"
+    NOT_BACK = "not_back"
+    SILENT = "silent"
+
+
+_TEXTS = {
+    HoldKind.PRESSED: "{} holds the stop",
+    HoldKind.LEFT: "{} stopped the robot",
+    HoldKind.LOST_DRIVING: "{} was lost while it was driving",
+    HoldKind.LOST_HOLDING: "{} was lost while it held the stop",
+    HoldKind.LOST_IN_CONTROL: "{} was lost while it had control",
+    HoldKind.NOT_BACK: "{} has not repeated its state since it connected again",
+    HoldKind.SILENT: "{} was silent for more than " + f"{SILENCE_TIMEOUT_S:g} s",
+}
+
+
+@dataclass(frozen=True)
+class StopHold:
+    """What engages the stop: the press of a client, or its loss. `press` identifies it, `name` is the client's session."""
+
+    press: str
+    name: str
+    kind: HoldKind
+    since_ns: int
+
+    @property
+    def text(self) -> str:
+        """The reason as text."""
+        return _TEXTS[self.kind].format(self.name)
 
 
 @dataclass
 class _ClientStop:
     name: str
-    engaged: bool = False
+    hold: StopHold | None = None  # its own stop while that is engaged
     heard_ns: int | None = None  # when it last sent the state of its stop; None if never
     repeats: bool = False  # whether it repeats that state, as pages do; the silence of any other client means nothing
     moving_ns: int | None = None  # when it last sent a velocity that was not zero
@@ -31,8 +79,9 @@ class StopRegistry:
 
     def __init__(self) -> None:
         self._clients: dict[Hashable, _ClientStop] = {}
-        self._lost: dict[str, str] = {}  # by client name: why a stop is engaged that no client holds any more
+        self._lost: dict[str, StopHold] = {}  # by client name: the stop that no client holds any more
         self._due_ns: dict[str, int] = {}  # by client name: until when one of its clients must repeat its state again
+        self._overruled: dict[str, str] = {}  # by press: who has released it for somebody else
 
     def join(self, client: Hashable, name: str, now_ns: int) -> None:
         """Add a client. Others of this name must show again that they repeat their state: a page that has connected again after
@@ -45,23 +94,31 @@ class StopRegistry:
                 self._due_ns.setdefault(name, now_ns + int(RETURN_TIMEOUT_S * 1e9))
         self._clients[client] = _ClientStop(name)
 
-    def set_stop(self, client: Hashable, engaged: bool, now_ns: int) -> None:
-        """Engage or release a client's own stop."""
+    def set_stop(self, client: Hashable, engaged: bool, now_ns: int, press: str = "") -> str:
+        """Engage a client's own stop, or let go of it. `press` is the client's name for it, empty if it has none.
+
+        Returns who has released this press meanwhile, so that it is not engaged again; otherwise an empty text.
+        """
         stop = self._clients[client]
-        if stop.heard_ns is not None and engaged == stop.engaged and now_ns - stop.heard_ns <= SILENCE_TIMEOUT_S * 1e9:
+        overruled_by = self._overruled.get(press, "") if engaged else ""
+        engaged = engaged and not overruled_by
+        is_same = engaged == (stop.hold is not None)
+        if stop.heard_ns is not None and is_same and now_ns - stop.heard_ns <= SILENCE_TIMEOUT_S * 1e9:
             stop.repeats = True
             self._due_ns.pop(stop.name, None)
-        stop.engaged, stop.heard_ns = engaged, now_ns
+        stop.heard_ns = now_ns
+        if not engaged:
+            stop.hold = None
+            lost = self._lost.get(stop.name)
+            if press and lost is not None and lost.press == press:
+                del self._lost[stop.name]  # the same press, which reached the server in another way, too
+        elif stop.hold is None or press not in ("", stop.hold.press):
+            stop.hold = StopHold(press or _new_press(), stop.name, HoldKind.PRESSED, now_ns)
+        return overruled_by
 
-    def withdraw(self, client: Hashable, now_ns: int) -> None:
-        """Turn the stop of a client that no longer holds it, but may not release it, into a lost one."""
-        stop = self._clients[client]
-        stop.engaged, stop.heard_ns = False, now_ns
-        self._lost[stop.name] = f"{stop.name} stopped the robot"
-
-    def hold_for(self, name: str) -> None:
+    def hold_for(self, name: str, now_ns: int, press: str = "") -> None:
         """Engage a stop for a session that has no connection to hold it."""
-        self._lost[name] = f"{name} stopped the robot"
+        self._lose(name, HoldKind.LEFT, now_ns, press)
 
     def note_velocity(self, client: Hashable, moving: bool, now_ns: int) -> bool:
         """Note a client's velocity, which is zero unless `moving`. Return whether the client starts to drive with it."""
@@ -88,34 +145,51 @@ class StopRegistry:
             return False
         driving = _is_driving(stop, now_ns)
         if driving:
-            self._lost[stop.name] = f"{stop.name} was lost while it was driving"
-        elif stop.engaged:
-            self._lost[stop.name] = f"{stop.name} was lost while it held the stop"
+            self._lose(stop.name, HoldKind.LOST_DRIVING, now_ns)
+        elif stop.hold is not None:
+            self._lose(stop.name, HoldKind.LOST_HOLDING, stop.hold.since_ns, stop.hold.press)
         elif in_control and not self._is_watched(stop.name, now_ns) and (stop.repeats or self._is_last_of_due(stop.name)):
             self._due_ns.pop(stop.name, None)
-            self._lost[stop.name] = f"{stop.name} was lost while it had control"
+            self._lose(stop.name, HoldKind.LOST_IN_CONTROL, now_ns)
         return driving
 
     def holds(self, client: Hashable) -> bool:
         """Return whether a client's own stop is engaged."""
-        return self._clients[client].engaged
+        return self._clients[client].hold is not None
 
     def release_lost(self) -> None:
         """Release all lost stops, those that no client holds any more."""
         self._lost.clear()
 
-    def check_silence(self, now_ns: int, in_control: str | None) -> None:
+    def release(self, presses: Collection[str], by: str) -> None:
+        """Release the stops of these presses, whoever holds them, for a session that has seen them."""
+        self._overruled |= {hold.press: by for hold in self.reasons() if hold.press in presses}
+        self._lost = {name: hold for name, hold in self._lost.items() if hold.press not in presses}
+        for stop in self._clients.values():
+            if stop.hold is not None and stop.hold.press in presses:
+                stop.hold = None
+        for press in list(self._overruled)[:-MAX_OVERRULED]:
+            del self._overruled[press]
+
+    def check_silence(self, now_ns: int, in_control: str | None, since_ns: int = 0) -> None:
         """Engage the stop if no client of the session in control repeats its state any more: nobody may be watching the robot.
 
-        Of several tabs of a browser only the one that commands repeats it; another tab may have taken over.
+        Of several tabs of a browser only the one that commands repeats it; another tab may have taken over. A session that got
+        control at `since_ns` need not have repeated anything before: pages repeat their state while they have control.
         """
         self._due_ns = {name: due_ns for name, due_ns in self._due_ns.items() if name == in_control}
         if in_control is not None and now_ns > self._due_ns.get(in_control, now_ns):
             del self._due_ns[in_control]
-            self._lost.setdefault(in_control, f"{in_control} has not repeated its state since it connected again")
+            self._lost.setdefault(in_control, StopHold(_new_press(), in_control, HoldKind.NOT_BACK, now_ns))
         repeated = any(stop.repeats and stop.name == in_control for stop in self._clients.values())
-        if in_control is not None and repeated and not self._is_watched(in_control, now_ns):
-            self._lost.setdefault(in_control, f"{in_control} was silent for more than {SILENCE_TIMEOUT_S:g} s")
+        if in_control is None or not repeated or in_control in self._lost:
+            return
+        is_new = now_ns - since_ns <= SILENCE_TIMEOUT_S * 1e9
+        if not is_new and not self._is_watched(in_control, now_ns):
+            self._lose(in_control, HoldKind.SILENT, now_ns)
+
+    def _lose(self, name: str, kind: HoldKind, since_ns: int, press: str = "") -> None:
+        self._lost[name] = StopHold(press or _new_press(), name, kind, since_ns)
 
     def _is_watched(self, name: str, now_ns: int) -> bool:
         """Return whether a client of this name repeats its state."""
@@ -126,10 +200,19 @@ class StopRegistry:
         """Return whether a client of this name must repeat its state again, but none is left."""
         return name in self._due_ns and all(stop.name != name for stop in self._clients.values())
 
-    def reasons(self) -> list[str]:
-        """Return why the stop is engaged; empty if it is not."""
-        held = [f"{stop.name} holds the stop" for stop in self._clients.values() if stop.engaged]
-        return [*self._lost.values(), *held]
+    def reasons(self) -> list[StopHold]:
+        """Return what engages the stop; empty if nothing does."""
+        return [*self._lost.values(), *(stop.hold for stop in self._clients.values() if stop.hold is not None)]
+
+
+def press_name(identifier: Any) -> str:
+    """Return the name of a press from a client's message; empty if it has none, whatever else it has."""
+    is_name = isinstance(identifier, str) and identifier.startswith(PRESS_PREFIX) and len(identifier) <= _MAX_PRESS
+    return identifier if is_name else ""
+
+
+def _new_press() -> str:
+    return uuid.uuid4().hex
 
 
 def _is_driving(stop: _ClientStop, now_ns: int) -> bool:
