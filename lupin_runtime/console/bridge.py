@@ -13,9 +13,9 @@ import os
 import socket
 import time
 import traceback
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Collection, Hashable
 from concurrent.futures import Future
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -301,57 +301,74 @@ class Bridge:
         if is_start:
             self.record(client.session.name, "drive")
 
-    def set_stop(self, client: Client, engaged: bool) -> None:
-        """Engage or release a client's own stop; releasing needs control, which is taken if it is free.
+    def set_stop(self, client: Client, engaged: bool, press: str = "") -> str:
+        """Engage a client's own stop, or let go of it, which everybody may. A page names its `press`.
 
-        Raises Refused for a release without control. The stop then stays engaged, but the client no longer holds it.
+        A program names none: with control, which it takes if it is free, it also releases the stops that nobody holds any more.
+        Returns who has released this press meanwhile, so that it is not engaged again; otherwise an empty text.
         """
         now_ns = time.monotonic_ns()
-        is_change = engaged != self._stops.holds(client)
-        if is_change and not engaged:
+        held = self._stops.holds(client)
+        if held and not engaged:
             self.record(client.session.name, "release")
-            try:
-                self.authority.take(client.session, now_ns)
-            except Refused:
-                self._stops.withdraw(client, now_ns)
-                raise
-            self._release()
-        self._stops.set_stop(client, engaged, now_ns)
-        if is_change:
+            if not press:
+                with suppress(Refused):
+                    self.authority.take(client.session, now_ns)
+                    self._releases += 1
+                    self._stops.release_lost()
+        overruled_by = self._stops.set_stop(client, engaged, now_ns, press)
+        holds = self._stops.holds(client)
+        if holds != held:
             self.publish_combined_stop()
         self.authority.note_alive(client.session, now_ns)
-        if is_change and engaged:
+        if holds and not held:
             self.record(client.session.name, "stop")
+        return overruled_by
 
-    def stop_for(self, session: Session) -> None:
+    def stop_for(self, session: Session, press: str = "") -> None:
         """Engage a stop for a session that has no connection to hold it; the session in control releases it."""
-        self._stops.hold_for(session.name)
+        self._stops.hold_for(session.name, time.monotonic_ns(), press)
         self.publish_combined_stop()
         self.record(session.name, "stop")
 
-    def release_for(self, session: Session) -> list[str]:
-        """Release the stops that no client holds any more. Raises Refused without control, which is taken if it is free.
+    def release_for(self, session: Session, presses: Collection[str] | None = None) -> None:
+        """Release the stops of these presses, whoever holds them: not a newer one, which the session has not seen yet.
 
-        Returns why the stop is still engaged.
+        Without `presses`, release those that no client holds any more. Both also release the stop of a console that is gone.
+        Raises Refused without control, which is taken if it is free.
         """
         self.authority.take(session, time.monotonic_ns())
         self.record(session.name, "release")
-        self._release()
+        self._releases += 1
+        if presses is None:
+            self._stops.release_lost()
+        else:
+            self._stops.release(presses, session.name)
         self.publish_combined_stop()
-        return self.stop_reasons()
 
-    def stop_reasons(self) -> list[str]:
-        """Return why clients engage the stop, and what else holds the robot; empty if nothing does."""
+    def stops(self) -> list[dict[str, Any]]:
+        """Return what engages the stop, for browsers: the clients' stops, then what else holds the robot.
+
+        Each has the `kind` of its cause, a `text`, and its `press`, `name` and age, which are None for a reason of the e-stop.
+        """
+        now_ns = time.monotonic_ns()
         own = self._stops.reasons()
         others = self._estop.reasons
-        if own or time.monotonic_ns() - self._stopped_ns < _ESTOP_DELAY_NS:
+        if own or now_ns - self._stopped_ns < _ESTOP_DELAY_NS:
             others = tuple(reason for reason in others if reason not in OF_CONSOLES)
-        return [*own, *others]
-
-    def _release(self) -> None:
-        """Release the stops that no client holds any more, also those of a console that is gone."""
-        self._releases += 1
-        self._stops.release_lost()
+        return [
+            *(
+                {
+                    "kind": hold.kind.value,
+                    "text": hold.text,
+                    "press": hold.press,
+                    "name": hold.name,
+                    "age_s": max(0, now_ns - hold.since_ns) // 1_000_000_000,
+                }
+                for hold in own
+            ),
+            *({"kind": "robot", "text": reason, "press": None, "name": None, "age_s": None} for reason in others),
+        ]
 
     def _follow_control(self) -> None:
         """Stop the wheels when control has changed, before the next session begins to drive."""
@@ -366,7 +383,8 @@ class Bridge:
     def publish_combined_stop(self) -> None:
         """Publish the combined stop of all clients. To be called every STOP_PERIOD_S."""
         now_ns = time.monotonic_ns()
-        self._stops.check_silence(now_ns, self.authority.lease(now_ns).holder)
+        lease = self.authority.lease(now_ns)
+        self._stops.check_silence(now_ns, lease.holder, lease.since_ns)
         engaged = bool(self._stops.reasons())
         if engaged or self._was_stopped:
             self._stopped_ns = now_ns

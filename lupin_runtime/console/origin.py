@@ -39,6 +39,7 @@ from lupin_runtime.console.rewind import Rewind
 from lupin_runtime.console.rosbridge import RosbridgeClient
 from lupin_runtime.console.sessions import SESSION_LIFETIME_S, Sessions
 from lupin_runtime.console.shared_data import SharedData
+from lupin_runtime.console.stop_registry import press_name
 from lupin_runtime.console.video import VideoRelay
 
 COOKIE = "lupin_session"
@@ -65,6 +66,16 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 _LEASE_BODY: dict[str, dict[str, Any]] = {
     "action": {"enum": ["take", "request", "grant", "refuse", "give_up", "take_over"]},
     "from": {"type": "string", "description": "for take_over: who has control, as shown to the operator"},
+}
+
+_STOP_BODY: dict[str, dict[str, Any]] = {
+    "engaged": {"type": "boolean"},
+    "press": {"type": "string", "description": "to stop: the name of this press, as in the page's publications"},
+    "presses": {
+        "type": "array",
+        "items": {"type": "string"},
+        "description": "to release: the presses that the operator has seen; without them, what no client holds any more",
+    },
 }
 
 _FIX_BODY: dict[str, dict[str, Any]] = {
@@ -133,7 +144,7 @@ class Origin:
             ),
             Resource("/_api/pair", self._pair, "Pair this browser with a code.", {"code": {"type": "string"}}, open=True),
             Resource("/_api/lease", self._lease, "Take, request, hand over or give up control.", _LEASE_BODY),
-            Resource("/_api/stop", self._stop, "Stop the robot, or release the stop.", {"engaged": {"type": "boolean"}}),
+            Resource("/_api/stop", self._stop, "Stop the robot, or release the stops that hold it.", _STOP_BODY),
             Resource("/_api/doctor", self._doctor_state, "The last diagnosis, its time, and what the doctor is doing now."),
             Resource("/_api/doctor/examination", self._examine, "Examine this computer and its graph; changes nothing.", {}),
             Resource("/_api/doctor/fix", self._fix, "Play the fix of a finding, or preview it. Needs control.", _FIX_BODY),
@@ -162,7 +173,7 @@ class Origin:
         """Push control, stop and who is connected to all browsers. To be called on changes and twice a second."""
         self._events.push("control", self._control())
         self._events.push("browsers", self._browsers())
-        self._events.push("stop", self._bridge.stop_reasons())
+        self._events.push("stop", self._bridge.stops())
 
     def push_run(self, state: dict[str, Any]) -> None:
         """Push the state of the run (its stages, alarms and mission) to all browsers if it has changed."""
@@ -281,9 +292,7 @@ class Origin:
         session = request.get(SESSION)
         described = None if session is None else {"name": session.name, "role": session.role.value}
         page = await asyncio.to_thread(_page_version)
-        return web.json_response(
-            {"session": described, "control": self._control(), "stop": self._bridge.stop_reasons(), "page": page}
-        )
+        return web.json_response({"session": described, "control": self._control(), "stop": self._bridge.stops(), "page": page})
 
     async def _lease(self, request: web.Request) -> web.StreamResponse:
         session = request[SESSION]
@@ -310,15 +319,18 @@ class Origin:
 
     async def _stop(self, request: web.Request) -> web.StreamResponse:
         session = request[SESSION]
-        engaged = (await json_object(request)).get("engaged")
-        if engaged is True:
-            self._bridge.stop_for(session)
-        elif engaged is False:
-            self._bridge.release_for(session)
-        else:
+        body = await json_object(request)
+        engaged, presses = body.get("engaged"), body.get("presses")
+        if not isinstance(engaged, bool):
             raise web.HTTPBadRequest(text="engaged must be true or false\n")
+        if presses is not None and not (isinstance(presses, list) and all(isinstance(each, str) for each in presses)):
+            raise web.HTTPBadRequest(text="presses must be a list of texts\n")
+        if engaged:
+            self._bridge.stop_for(session, press_name(body.get("press")))
+        else:
+            self._bridge.release_for(session, presses)
         self.push_state()
-        return web.json_response({"stop": self._bridge.stop_reasons()})
+        return web.json_response({"stop": self._bridge.stops()})
 
     async def _doctor_state(self, _: web.Request) -> web.StreamResponse:
         return web.json_response(self.doctor.state)

@@ -23,6 +23,7 @@ from lupin_runtime.console.interfaces import absolute, full_name
 from lupin_runtime.console.map_names import BadMapName, with_map_path
 from lupin_runtime.console.outbox import Frame
 from lupin_runtime.console.short_text import short_repr
+from lupin_runtime.console.stop_registry import press_name
 from lupin_runtime.console.subscription import Request
 from lupin_runtime.console.topic_hub import type_conflict
 
@@ -163,12 +164,12 @@ class RosbridgeClient:
         topic = _name(message, "topic")
         contents = message.get("msg", {})
         if absolute(topic) == graph.HMI_ESTOP.name:
-            self._set_stop(contents)
+            self._set_stop(contents, message.get("id"))
             return
-        self._bridge.authority.check_publish(self.session, absolute(topic), time.monotonic_ns())
         if absolute(topic) == graph.CMD_VEL_MANUAL.name:
             self._drive(topic, _optional_text(message, "type"), contents)
             return
+        self._bridge.authority.check_publish(self.session, absolute(topic), time.monotonic_ns())
         self._bridge.record(self.session.name, f"publish {absolute(topic)}", contents)
         latch = bool(message.get("latch"))
         queue_size = _number(message, "queue_size", 100, 1, MAX_QUEUE)
@@ -178,14 +179,23 @@ class RosbridgeClient:
         kind = graph.CMD_VEL_MANUAL.type
         if type_name is not None and full_name(type_name, "msg") != kind:
             raise InvalidRequest(type_conflict(topic, full_name(type_name, "msg"), kind))
-        self._bridge.drive(self, _limited(contents))
+        twist = _limited(contents)
+        authority, now_ns = self._bridge.authority, time.monotonic_ns()
+        if any(value for axes in twist.values() for value in axes.values()):
+            authority.check_publish(self.session, graph.CMD_VEL_MANUAL.name, now_ns)
+        else:
+            authority.check_take(self.session, now_ns)  # a stick at rest asks for nothing, so it takes no control
+        self._bridge.drive(self, twist)
 
-    def _set_stop(self, contents: Any) -> None:
-        """Engage or release the client's own stop: everybody may engage it, releasing needs control."""
+    def _set_stop(self, contents: Any, identifier: Any) -> None:
+        """Engage the client's own stop, or let go of it, which everybody may. The `id` of a page's message names the press."""
         engaged = contents.get("data") if isinstance(contents, dict) else None
         if not isinstance(engaged, bool):
             raise InvalidRequest("std_msgs/Bool message requires a bool for field data")
-        self._bridge.set_stop(self, engaged)
+        press = press_name(identifier)
+        released_by = self._bridge.set_stop(self, engaged, press)
+        if released_by:
+            self.status("warning", released_by, press)
 
     def _subscribe(self, message: dict[str, Any]) -> None:
         compression = _optional_text(message, "compression") or "none"

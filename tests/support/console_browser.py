@@ -12,6 +12,11 @@ from tests.support.rosbridge_client import RosbridgeClient
 PHONE = "Mozilla/5.0 (Linux; Android 15; Pixel 9) Chrome/140.0 Mobile Safari/537.36"
 
 
+def stop_texts(answer: dict[str, Any]) -> list[str]:
+    """Return why the robot is stopped, by an answer of `/_api/session` or `/_api/stop`."""
+    return [hold["text"] for hold in answer["stop"]]
+
+
 class Browser:
     """A browser on the loopback interface.
 

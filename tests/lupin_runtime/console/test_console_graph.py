@@ -389,21 +389,41 @@ def test_lost_driver_engages_the_stop_until_released(graph_host: GraphHost, peer
     graph_host.until(lambda: not stops[-1], what="the stop to be released")
 
 
-def test_any_client_stops_and_only_control_releases(graph_host: GraphHost, peer: LupinNode, connect_strict: Connect) -> None:
+def test_any_client_stops_and_lets_go_of_its_own_stop(graph_host: GraphHost, peer: LupinNode, connect_strict: Connect) -> None:
     stops: list[bool] = []
     peer.subscription(graph.CONSOLE_STOP, lambda message: stops.append(json.loads(message.data)["engaged"]))
     driver, visitor = connect_strict(), connect_strict()
-    visitor.send("set_level", level="error")
     graph_host.until(lambda: peer.count_publishers(graph.CONSOLE_STOP.name))
     driver.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.2}})
     assert driver.call("/rosapi/get_ros_version")["result"]
-    visitor.send("publish", topic="/lupin/hmi/estop", msg={"data": True})
+    for client in (driver, visitor):
+        client.send("publish", topic="/lupin/hmi/estop", msg={"data": True})
     graph_host.until(lambda: stops and stops[-1])
+    count = len(stops)
     visitor.send("publish", topic="/lupin/hmi/estop", msg={"data": False})
-    visitor.refusal("has had control for")
-    assert stops[-1]
-    driver.send("publish", topic="/lupin/hmi/estop", msg={"data": True})
+    graph_host.until(lambda: len(stops) > count + 1, what="repeats of the stop")
+    assert all(stops[count:]), "the driver holds it, too"
     driver.send("publish", topic="/lupin/hmi/estop", msg={"data": False})
+    graph_host.until(lambda: not stops[-1], what="the release by the client in control")
+
+
+def test_visitor_releases_no_stop_of_a_lost_client(graph_host: GraphHost, peer: LupinNode, connect_strict: Connect) -> None:
+    stops: list[bool] = []
+    peer.subscription(graph.CONSOLE_STOP, lambda message: stops.append(json.loads(message.data)["engaged"]))
+    driver, visitor, lost = connect_strict(), connect_strict(), connect_strict()
+    graph_host.until(lambda: peer.count_publishers(graph.CONSOLE_STOP.name))
+    driver.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.2}})
+    assert driver.call("/rosapi/get_ros_version")["result"]
+    lost.send("publish", topic="/lupin/hmi/estop", msg={"data": True})
+    graph_host.until(lambda: stops and stops[-1])
+    lost.socket.socket.close()
+    for engaged in (True, False):
+        visitor.send("publish", topic="/lupin/hmi/estop", msg={"data": engaged})
+    count = len(stops)
+    graph_host.until(lambda: len(stops) > count + 3, what="repeats of the stop")
+    assert all(stops[count:])
+    for engaged in (True, False):
+        driver.send("publish", topic="/lupin/hmi/estop", msg={"data": engaged})
     graph_host.until(lambda: not stops[-1], what="the release by the client in control")
 
 

@@ -22,7 +22,7 @@ from lupin_runtime.console import origin as origin_module
 from lupin_runtime.console.authority import Role
 from lupin_runtime.console.sessions import Sessions
 from lupin_runtime.console.shared_file import locked
-from tests.support.console_browser import Browser
+from tests.support.console_browser import Browser, stop_texts
 from tests.support.rosbridge_client import RosbridgeClient
 from tests.support.waiting import wait_until
 
@@ -377,7 +377,7 @@ def test_viewer_watches_and_stops_but_does_not_drive(
     client.send("set_level", level="error")
     client.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.2}})
     client.refusal("is a viewer")
-    assert viewer.post("/_api/stop", engaged=True)["stop"] == ["phone-2 stopped the robot"]
+    assert stop_texts(viewer.post("/_api/stop", engaged=True)) == ["phone-2 stopped the robot"]
     graph_host.until(lambda: stops and stops[-1], what="the stop")
     assert viewer.request("POST", "/_api/stop", {"engaged": False})[0] == 403
     client.close()
@@ -385,12 +385,66 @@ def test_viewer_watches_and_stops_but_does_not_drive(
     graph_host.until(lambda: not stops[-1], what="the stop to be released")
 
 
-def test_release_reports_who_still_holds_the_stop(anne: Browser, ben: Browser, open_socket: Open) -> None:
-    client = open_socket(ben)
-    events = open_socket(anne, "/_api/events")
-    client.send("publish", topic="/lupin/hmi/estop", msg={"data": True})
-    events.wait(lambda event: event["event"] == "stop" and event["value"] == ["phone-2 holds the stop"])
-    assert anne.post("/_api/stop", engaged=False)["stop"] == ["phone-2 holds the stop"]
+def test_control_releases_the_stops_that_it_has_seen(anne: Browser, ben: Browser, open_socket: Open) -> None:
+    client, events = open_socket(ben), open_socket(anne, "/_api/events")
+    client.send("set_level", level="warning")
+
+    def press(name: str) -> None:
+        client.send("publish", topic="/lupin/hmi/estop", msg={"data": True}, id=name)
+
+    def seen(name: str) -> Any:
+        return events.wait(lambda event: event["event"] == "stop" and [hold["press"] for hold in event["value"]] == [name])
+
+    press("press:1")
+    (hold,) = seen("press:1")["value"]
+    assert (hold["kind"], hold["name"], hold["age_s"]) == ("pressed", "phone-2", 0)
+    press("press:2")
+    seen("press:2")
+    answer = anne.post("/_api/stop", engaged=False, presses=["press:1"])
+    assert stop_texts(answer) == ["phone-2 holds the stop"], "the operator has not seen the newer press"
+    assert anne.post("/_api/stop", engaged=False, presses=["press:2"])["stop"] == []
+
+    press("press:2")
+    told = client.wait(lambda message: message["op"] == "status")
+    assert (told["level"], told["msg"], told["id"]) == ("warning", "phone-1", "press:2")
+    assert anne.get("/_api/session")["stop"] == [], "what the page repeats before it knows engages nothing"
+    press("press:3")
+    seen("press:3")
+
+
+def test_stop_and_release_need_well_formed_bodies(anne: Browser) -> None:
+    for body in ({}, {"engaged": 1}, {"engaged": False, "presses": "press:1"}, {"engaged": False, "presses": [1]}):
+        assert anne.request("POST", "/_api/stop", body)[0] == 400
+    assert stop_texts(anne.post("/_api/stop", engaged=True, press=[1])) == ["phone-1 stopped the robot"], "a stop is a stop"
+
+
+def test_viewer_lets_go_of_its_own_stop(console: Console, tmp_path: Path, anne: Browser, open_socket: Open) -> None:
+    viewer = Browser(console.port, proxied=True)
+    viewer.post("/_api/pair", code=code(tmp_path, Role.VIEWER.value))
+    client = open_socket(viewer)
+    viewer.post("/_api/stop", engaged=True, press="press:1")
+    client.send("publish", topic="/lupin/hmi/estop", msg={"data": True}, id="press:1")
+    anne.post("/_api/stop", engaged=True)
+    client.send("publish", topic="/lupin/hmi/estop", msg={"data": False}, id="press:1")
+    assert client.call("/rosapi/get_ros_version")["result"]
+    assert stop_texts(anne.get("/_api/session")) == ["phone-1 stopped the robot"]
+
+
+def test_stick_at_rest_takes_no_control(
+    graph_host: GraphHost, peer: LupinNode, anne: Browser, ben: Browser, open_socket: Open
+) -> None:
+    speeds: list[float] = []
+    peer.subscription(graph.CMD_VEL_MANUAL, lambda message: speeds.append(message.linear.x))
+    graph_host.until(lambda: peer.count_publishers(graph.CMD_VEL_MANUAL.name))
+    resting, driver = open_socket(anne), open_socket(ben)
+    resting.send("set_level", level="error")
+    resting.send("publish", topic="/cmd_vel_manual", msg={})
+    graph_host.until(lambda: speeds == [0.0], what="the stick at rest")
+    assert ben.get("/_api/session")["control"]["holder"] is None
+    driver.send("publish", topic="/cmd_vel_manual", msg={"linear": {"x": 0.1}})
+    graph_host.until(lambda: speeds[-1] == 0.1, what="the driver's velocity")
+    resting.send("publish", topic="/cmd_vel_manual", msg={})
+    resting.refusal("phone-2 has had control")
 
 
 def test_commands_are_logged_with_their_session(anne: Browser, tmp_path: Path, open_socket: Open) -> None:

@@ -17,7 +17,7 @@ from lupin_runtime.console.command_journal import CommandJournal
 from lupin_runtime.console.description import ConsoleDescription, read_description
 from lupin_runtime.console.pairing import PairingCodes
 from lupin_runtime.safety.console_server_stop import BROWSER_HOLDS_STOP
-from tests.support.console_browser import Browser
+from tests.support.console_browser import Browser, stop_texts
 from tests.support.rosbridge_client import RosbridgeClient
 
 if TYPE_CHECKING:
@@ -93,9 +93,9 @@ def test_client_can_stop_robot_although_disk_is_full(
 
 def test_browser_can_stop_robot_although_disk_is_full(graph_host: GraphHost, robot: CommandRecorder, console: Console) -> None:
     browser = Browser(console.port)
-    assert browser.post("/_api/stop", engaged=True)["stop"] == ["this computer stopped the robot"]
+    assert stop_texts(browser.post("/_api/stop", engaged=True)) == ["this computer stopped the robot"]
     graph_host.until(lambda: robot.stop_states[-1], what="the stop")
-    assert browser.post("/_api/stop", engaged=False)["stop"] == []
+    assert stop_texts(browser.post("/_api/stop", engaged=False)) == []
 
 
 def test_robot_is_stopped_if_driving_client_is_lost(
@@ -288,23 +288,27 @@ def test_other_stop_reasons_are_reported(graph_host: GraphHost, robot: CommandRe
     estop = robot.node.publisher(graph.ESTOP_STATUS)
     events = browser.socket("/_api/events")
     estop.publish(estop_status("the button is pressed"))
-    events.wait(lambda event: event["event"] == "stop" and event["value"] == ["the button is pressed"])
-    assert browser.get("/_api/session")["stop"] == ["the button is pressed"]
+    events.wait(
+        lambda event: event["event"] == "stop" and [each["text"] for each in event["value"]] == ["the button is pressed"]
+    )
+    assert stop_texts(browser.get("/_api/session")) == ["the button is pressed"]
     own = "this computer stopped the robot"
-    assert browser.post("/_api/stop", engaged=True)["stop"] == [own, "the button is pressed"]
+    assert stop_texts(browser.post("/_api/stop", engaged=True)) == [own, "the button is pressed"]
     estop.publish(estop_status("the button is pressed", BROWSER_HOLDS_STOP))
     graph_host.until(lambda: BROWSER_HOLDS_STOP in console._server._bridge._estop.reasons)
-    assert browser.get("/_api/session")["stop"] == [own, "the button is pressed"], "each reason once"
-    assert browser.post("/_api/stop", engaged=False)["stop"] == ["the button is pressed"]
+    assert stop_texts(browser.get("/_api/session")) == [own, "the button is pressed"], "each reason once"
+    assert stop_texts(browser.post("/_api/stop", engaged=False)) == ["the button is pressed"]
     estop.publish(estop_status())
-    graph_host.until(lambda: browser.get("/_api/session")["stop"] == [], what="the end of the stop")
+    graph_host.until(lambda: stop_texts(browser.get("/_api/session")) == [], what="the end of the stop")
     events.close()
 
 
 def test_stop_of_another_console_is_reported(graph_host: GraphHost, robot: CommandRecorder, console: Console) -> None:
     browser = Browser(console.port)
     robot.node.publisher(graph.ESTOP_STATUS).publish(estop_status(BROWSER_HOLDS_STOP))
-    graph_host.until(lambda: browser.get("/_api/session")["stop"] == [BROWSER_HOLDS_STOP], what="the stop of another console")
+    graph_host.until(
+        lambda: stop_texts(browser.get("/_api/session")) == [BROWSER_HOLDS_STOP], what="the stop of another console"
+    )
 
 
 def test_stop_reasons_end_with_the_estop_publisher(graph_host: GraphHost, robot: CommandRecorder, console: Console) -> None:
@@ -312,6 +316,8 @@ def test_stop_reasons_end_with_the_estop_publisher(graph_host: GraphHost, robot:
     estop = robot.node.publisher(graph.ESTOP_STATUS)
     reasons = ["the button is pressed", BROWSER_HOLDS_STOP]
     estop.publish(estop_status(*reasons))
-    graph_host.until(lambda: browser.get("/_api/session")["stop"] == reasons, what="the stop")
+    graph_host.until(lambda: stop_texts(browser.get("/_api/session")) == reasons, what="the stop")
     robot.node.destroy_publisher(estop)
-    graph_host.until(lambda: browser.get("/_api/session")["stop"] == [], what="the reasons to end with the e-stop's publisher")
+    graph_host.until(
+        lambda: stop_texts(browser.get("/_api/session")) == [], what="the reasons to end with the e-stop's publisher"
+    )
