@@ -7,7 +7,7 @@ import { ask } from "@/api/http";
 import { IS_MOCK, rosbridgeUrl, socketUrl } from "@/environment";
 import { SERVICES, TOPICS } from "@/generated/graph";
 import type { MessageTypes, ServiceTypes } from "@/generated/messages";
-import { refuseCommand } from "@/rewind/guard";
+import { CommandRefused, refuseCommand } from "@/rewind/guard";
 import { isRewound } from "@/rewind/state";
 import { LinkLost, type LinkState, Rosbridge, type Socket } from "@/ros/rosbridge";
 import { TopicStore } from "@/ros/topics";
@@ -19,8 +19,7 @@ import { type Holder, StopGate, type StopReason } from "@/safety/stop_gate";
 import { every } from "@/safety/timers";
 import { ScreenOn } from "@/safety/wake_lock";
 import { notePublication, noteStop, noteVelocity } from "@/state/publish_log";
-import { showProblem } from "@/state/problems";
-import { missionDrivesAt } from "@/state/mission_age";
+import { showInfo, showProblem } from "@/state/problems";
 import { useRoute } from "@/state/route";
 import { setting } from "@/state/settings";
 
@@ -79,12 +78,23 @@ let openMockSocket: (() => Socket) | null = null;
 export const link = new Rosbridge(() => openMockSocket?.() ?? (new WebSocket(rosbridgeUrl()) as unknown as Socket));
 export const topics = new TopicStore(link);
 
-/** Publish on a topic of the graph; returns false where the link is down. Throws CommandRefused. */
-export function publish<Type extends keyof MessageTypes>(
-  row: { readonly name: string; readonly type: Type; readonly console?: string },
-  message: Partial<MessageTypes[Type]>,
-): boolean {
+/** A row of the graph's tables. */
+interface Row<Type> {
+  readonly name: string;
+  readonly type: Type;
+  readonly console?: string;
+  readonly moves: boolean;
+}
+
+/** Throws CommandRefused where this page may not send a command now: what can lead to motion waits until its gate was opened. */
+export function checkCommand(row: Pick<Row<string>, "console" | "moves">): void {
   refuseCommand(row);
+  if (row.moves && gate.engaged) throw new CommandRefused(gate.isStated ? "command_while_stopped" : "command_while_closed");
+}
+
+/** Publish on a topic of the graph; returns false where the link is down. Throws CommandRefused. */
+export function publish<Type extends keyof MessageTypes>(row: Row<Type>, message: Partial<MessageTypes[Type]>): boolean {
+  checkCommand(row);
   const sent = link.publish(row.name, row.type, message);
   notePublication(row.name, message, sent);
   return sent;
@@ -92,11 +102,11 @@ export function publish<Type extends keyof MessageTypes>(
 
 /** Call a service of the graph. Rejects with LinkLost, CallFailed or CommandRefused. */
 export async function call<Type extends keyof ServiceTypes>(
-  row: { readonly name: string; readonly type: Type; readonly console?: string },
+  row: Row<Type>,
   request: Partial<ServiceTypes[Type]["request"]>,
   timeoutMs?: number,
 ): Promise<ServiceTypes[Type]["response"]> {
-  refuseCommand(row);
+  checkCommand(row);
   // What every client may call only reads, and is called all the time.
   if (row.console !== "viewer") notePublication(row.name, request, link.isOpen);
   return (await link.call(row.name, row.type, request, timeoutMs)) as ServiceTypes[Type]["response"];
@@ -117,14 +127,13 @@ function sendVelocity(velocity: Velocity): void {
 }
 
 export const gate = new StopGate({
-  stateStop: (engaged) => {
-    const wasSent = link.publish(TOPICS.HMI_ESTOP.name, TOPICS.HMI_ESTOP.type, { data: engaged });
+  stateStop: (engaged, press) => {
+    const wasSent = link.publish(TOPICS.HMI_ESTOP.name, TOPICS.HMI_ESTOP.type, { data: engaged }, press);
     noteStop(TOPICS.HMI_ESTOP.name, engaged, wasSent);
     if (engaged && wasSent) useGate.setState({ wasSent });
   },
   zero: () => sendVelocity(ZERO),
   cancelGoals,
-  missionDrives: () => missionDrivesAt(topics.last(TOPICS.MISSION_STATE), performance.now()),
   changed: (state) => {
     useGate.setState((before) => ({
       ...state,
@@ -181,37 +190,26 @@ export function stop(reason: StopReason = "user"): void {
 /** A second way for the same word: it needs no open socket. */
 function stopWithoutLink(): void {
   if (link.isOpen) return;
-  ask("/_api/stop", { engaged: true })
+  ask("/_api/stop", { engaged: true, press: gate.press })
     .then(() => useGate.setState(({ isStated }) => ({ wasSent: isStated })))
     .catch(() => {});
 }
 
-/** Take control and release what this page and lost pages hold. Throws ApiError with the reason, and TextError. */
+/** A stop that came while the release was held was not seen when that began. */
+const SEEN_MS = 1000;
+
+/** Take control, release this page's stop and those that the operator has seen, and open the gate. Throws ApiError and TextError. */
 export async function release(): Promise<void> {
-  await releaseStop(gate, ask, stopWithoutLink);
+  const { stop: stops, stopShownMs } = useConsole.getState();
+  const shownBeforeMs = performance.now() - SEEN_MS;
+  const seen = stops.filter(({ press }) => press !== null && (stopShownMs[press] ?? Infinity) <= shownBeforeMs);
+  await releaseStop({ gate, ask, restate: stopWithoutLink, seen });
 }
 
-/** Leave the release of this page's stop to whoever has control. The server reports that this releases nothing, as intended. */
+/** Let go of this page's stop. The robot stays stopped while anything else holds it. */
 export function withdrawStop(): void {
-  if (isWatching()) {
-    leaveStop();
-    return;
-  }
-  withdrawnMs = performance.now();
   gate.withdraw();
 }
-
-/**
- * Leave the stop of this tab at the server, for the tab that commands to release. To the server both are one session with
- * control, whose word would release the robot; but the stop of a link that ends stays until somebody releases it.
- */
-function leaveStop(): void {
-  gate.forget();
-  link.drop();
-}
-
-const REFUSAL_WITHIN_MS = 2000;
-let withdrawnMs = -Infinity;
 
 /** The robot's time in s at a time of performance.now(), to some milliseconds; null where its clock is not known. */
 export function robotTime(atMs: number): number | null {
@@ -255,12 +253,15 @@ export async function startRobot(): Promise<void> {
     if (state === "open") void ping();
     else driver.letGo();
   };
-  link.onStatus = (level, text) => {
+  link.onStatus = (level, text, id) => {
+    if (id === gate.press) {
+      if (gate.isStated) showInfo("stop_released_by", { name: text });
+      gate.forget();
+      return;
+    }
     useLink.setState({ refusal: { text, receivedMs: performance.now() } });
     // A publication has no answer: its refusal is only said here.
-    const isExpected = performance.now() - withdrawnMs < REFUSAL_WITHIN_MS;
-    withdrawnMs = -Infinity;
-    if (level === "error" && !isExpected) showProblem(new Error(text));
+    if (level === "error") showProblem(new Error(text));
   };
   useConsole.subscribe((state, before) => {
     // Every answer of the server is an object of its own, also if it says the same again.
@@ -270,12 +271,8 @@ export async function startRobot(): Promise<void> {
     // Nothing of this tab may be what the wheels did last: another one commands now.
     if (role === "watching" && before.role === "commanding" && !gate.engaged) sendVelocity(ZERO);
     applyControl();
-    // The tab that commands could not release what this one repeats.
-    if (role === "watching" && before.role === "commanding" && gate.isStated) leaveStop();
   });
   followTabs();
-  // The gate needs the mission's state also while nothing shows it.
-  topics.listen(TOPICS.MISSION_STATE, {}, () => {});
   // What the view of another tab holds, nobody sees any more.
   useRoute.subscribe(({ tab }, before) => {
     if (tab !== before.tab) driver.letGo();

@@ -3,7 +3,7 @@ import { ask } from "@/api/http";
 import { ACTIONS, TOPICS } from "@/generated/graph";
 import type { nav2_msgs_ComputePathToPose_Result } from "@/generated/messages";
 import { TextError } from "@/i18n/text_error";
-import { cancelGoals, link, publish } from "@/robot";
+import { cancelGoals, checkCommand, link, publish } from "@/robot";
 import type { Pose2 } from "@/ros/tf";
 import { setting } from "@/state/settings";
 import { goalMessage, initialPoseMessage, pathProblem } from "./goal";
@@ -12,8 +12,9 @@ import { readPath } from "./route";
 
 /** Send the robot to a pose. Whether it goes is seen by its plan. Throws where the server refuses control. */
 export async function sendGoal(pose: Pose2): Promise<void> {
+  const row = { ...TOPICS.GOAL_POSE, name: setting("goalPoseTopic") };
+  checkCommand(row);
   await takeControl();
-  const row = { name: setting("goalPoseTopic"), type: TOPICS.GOAL_POSE.type };
   if (!publish(row, goalMessage(pose, setting("mapFrame")))) throw new TextError("error_not_connected");
   useMapUi.setState({ sent: { pose, atMs: performance.now() }, draft: null, preview: null, tool: "move" });
 }

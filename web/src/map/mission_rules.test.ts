@@ -49,12 +49,13 @@ describe("mission controls", () => {
     expect(refusal("start", facts({ battery_low: true }))).toBe("mission_charge_first");
   });
 
-  it("set nothing in motion through a closed gate, and let what moves be ended", () => {
+  it("set nothing in motion through a closed gate, and let what moves be paused", () => {
     expect(refusal("start", facts({}, { isGateClosed: true }))).toBe("mission_hold_first");
     const paused = facts({ lifecycle_state: "MONITORING", paused: true }, { isGateClosed: true });
     expect(refusal("resume", paused)).toBe("mission_hold_first");
     expect(refusal("dock", paused)).toBe("mission_hold_first");
-    expect(possible(facts({ lifecycle_state: "INSPECTING", current_target: "4" }, { isGateClosed: true }))).toEqual(["pause", "abort", "skip", "dock"]);
+    expect(possible(facts({ lifecycle_state: "INSPECTING", current_target: "4" }, { isGateClosed: true }))).toEqual(["pause"]);
+    expect(possible(facts({ lifecycle_state: "FAULT" }, { isGateClosed: true }))).toEqual(["reset"]);
   });
 
   it("do not strand a robot that drives to its charger", () => {

@@ -1,4 +1,5 @@
 /** Which request to the mission is possible now, and why not: as the robot will judge it. */
+import { SERVICES } from "@/generated/graph";
 import type { lupin_msgs_MissionState } from "@/generated/messages";
 import type { TextKey } from "@/i18n/text";
 import { ACTIVE_STATES } from "@/state/sentence";
@@ -16,7 +17,7 @@ export interface MissionFacts {
   isWatching: boolean;
   /** The robot's e-stop; null while it is not known. */
   stopped: boolean | null;
-  /** This page's own gate is closed: in control, the page would hold the wheels against what it starts. */
+  /** This page's own gate is closed: it sends nothing that can lead to motion. */
   isGateClosed: boolean;
   /** The mission's state; null where there is none, or where it is out of date. */
   mission: Pick<lupin_msgs_MissionState, "lifecycle_state" | "current_target" | "paused" | "estop_engaged" | "battery_low"> | null;
@@ -24,8 +25,23 @@ export interface MissionFacts {
 
 const RESUMABLE = ["EXPLORING", "INSPECTING", "MONITORING"];
 
+/** The service of each action; of a start, the request has parameters. */
+export const MISSION_SERVICES = {
+  start: SERVICES.MISSION_START,
+  pause: SERVICES.MISSION_PAUSE,
+  resume: SERVICES.MISSION_RESUME,
+  abort: SERVICES.MISSION_ABORT,
+  skip: SERVICES.MISSION_SKIP,
+  dock: SERVICES.MISSION_DOCK,
+  reset: SERVICES.MISSION_RESET,
+} as const;
+
 /** Why an action is not possible; null where it is. */
 export function refusal(action: MissionAction, facts: MissionFacts): TextKey | null {
+  return obstacle(action, facts) ?? (facts.isGateClosed && MISSION_SERVICES[action].moves ? "mission_hold_first" : null);
+}
+
+function obstacle(action: MissionAction, facts: MissionFacts): TextKey | null {
   const { mission } = facts;
   if (facts.isRewound) return "rewind_no_command";
   if (!facts.linkOpen) return "mission_no_link";
@@ -41,7 +57,6 @@ export function refusal(action: MissionAction, facts: MissionFacts): TextKey | n
       if (mission.lifecycle_state === "FAULT") return "mission_reset_first";
       if (mission.lifecycle_state !== "READY" && mission.lifecycle_state !== "DONE") return "mission_not_ready";
       if (isStopped) return "mission_release_first";
-      if (facts.isGateClosed) return "mission_hold_first";
       return mission.battery_low ? "mission_charge_first" : null;
     case "pause":
       if (!active) return "mission_none_running";
@@ -50,7 +65,6 @@ export function refusal(action: MissionAction, facts: MissionFacts): TextKey | n
     case "resume":
       if (!active || !mission.paused) return "mission_not_paused";
       if (isStopped) return "mission_release_first";
-      if (facts.isGateClosed) return "mission_hold_first";
       return mission.battery_low && mission.lifecycle_state !== "RETURNING" ? "mission_charge_first" : null;
     case "abort":
       if (!active) return "mission_none_running";
@@ -58,8 +72,7 @@ export function refusal(action: MissionAction, facts: MissionFacts): TextKey | n
     case "skip":
       return mission.lifecycle_state === "INSPECTING" && mission.current_target !== "" ? null : "mission_skip_in_inspection";
     case "dock":
-      if (!RESUMABLE.includes(mission.lifecycle_state)) return "mission_dock_while_active";
-      return mission.paused && facts.isGateClosed ? "mission_hold_first" : null;
+      return RESUMABLE.includes(mission.lifecycle_state) ? null : "mission_dock_while_active";
     case "reset":
       return mission.lifecycle_state === "FAULT" ? null : "mission_reset_in_fault";
   }

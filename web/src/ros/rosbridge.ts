@@ -66,8 +66,8 @@ const OPEN = 1;
 export class Rosbridge {
   /** Called with every change of the link's state. */
   onState: (state: LinkState) => void = () => {};
-  /** Called with what the server reports without having been asked, such as a refused publication. */
-  onStatus: (level: string, text: string) => void = () => {};
+  /** Called with what the server reports without having been asked, such as a refused publication; `id` is that of its cause, or "". */
+  onStatus: (level: string, text: string, id: string) => void = () => {};
 
   private socket: Socket | null = null;
   private subscriptions = new Map<string, Subscription>();
@@ -176,7 +176,7 @@ export class Rosbridge {
     try {
       frame = (typeof data === "string" ? JSON.parse(data) : decode(new Uint8Array(data as ArrayBuffer))) as Frame;
     } catch {
-      this.onStatus("error", "the server sent a frame that cannot be read");
+      this.onStatus("error", "the server sent a frame that cannot be read", "");
       return;
     }
     if (frame === null || typeof frame !== "object") return;
@@ -195,7 +195,7 @@ export class Rosbridge {
         this.finished(id, frame);
         break;
       case "status":
-        this.onStatus(String(frame["level"] ?? ""), String(frame["msg"] ?? ""));
+        this.onStatus(String(frame["level"] ?? ""), String(frame["msg"] ?? ""), id);
         break;
     }
   }
@@ -245,14 +245,14 @@ export class Rosbridge {
     };
   }
 
-  /** Publish now; returns false where the link is down, and then nothing is ever sent. */
-  publish(topic: string, type: string, message: unknown): boolean {
+  /** Publish now; returns false where the link is down, and then nothing is ever sent. `id` comes back with what the server says of it. */
+  publish(topic: string, type: string, message: unknown, id?: string): boolean {
     if (!this.isOpen) return false;
     if (!this.advertised.has(topic)) {
       this.send({ op: "advertise", topic, type });
       this.advertised.add(topic);
     }
-    return this.send({ op: "publish", topic, msg: message });
+    return this.send({ op: "publish", id, topic, msg: message });
   }
 
   /** Call a service. Rejects with LinkLost, or with CallFailed and the server's reason. */

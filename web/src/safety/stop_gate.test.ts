@@ -6,20 +6,22 @@ describe("StopGate", () => {
   let stated: boolean[];
   let zeros: number;
   let cancels: number;
-  let missionDrives: boolean;
+  let presses: string[];
 
   beforeEach(() => {
     vi.useFakeTimers();
     stated = [];
     zeros = 0;
     cancels = 0;
-    missionDrives = false;
+    presses = [];
     gate = new StopGate(
       {
-        stateStop: (engaged) => stated.push(engaged),
+        stateStop: (engaged, press) => {
+          stated.push(engaged);
+          presses.push(press);
+        },
         zero: () => (zeros += 1),
         cancelGoals: () => (cancels += 1),
-        missionDrives: () => missionDrives,
         changed: () => {},
       },
       () => 0,
@@ -68,13 +70,54 @@ describe("StopGate", () => {
     expect([zeros, cancels]).toEqual([0, 1]);
   });
 
-  it("sends zero twenty times a second while it is engaged in control", () => {
+  it("sends zero twenty times a second while its stop is stated in control", () => {
     inControl();
+    gate.engage("window-blur");
     vi.advanceTimersByTime(1000);
-    expect(zeros).toBe(20);
+    expect([zeros, gate.holdsWheels]).toEqual([21, true]);
     gate.release();
     vi.advanceTimersByTime(1000);
-    expect(zeros).toBe(20);
+    expect(zeros).toBe(21);
+  });
+
+  it.each(["startup", "control-lost", "user"] as const)("sends no zero where it is merely closed: %s", (reason) => {
+    inControl();
+    if (reason !== "startup") gate.release();
+    if (reason === "control-lost") {
+      gate.setControl("nobody");
+      gate.setControl("own");
+    }
+    if (reason === "user") {
+      gate.engage("user");
+      gate.withdraw();
+    }
+    zeros = 0;
+    vi.advanceTimersByTime(1000);
+    expect([zeros, gate.holdsWheels, gate.engaged, gate.reason]).toEqual([0, false, true, reason]);
+  });
+
+  it("gives each press of a person a name, which its repetitions keep, also after a reconnect", () => {
+    inControl();
+    gate.engage("user");
+    vi.advanceTimersByTime(1000);
+    gate.setConnected(false);
+    gate.setConnected(true);
+    const first = gate.press;
+    expect(new Set(presses)).toEqual(new Set([first]));
+    expect(first).toMatch(/^press:./);
+    gate.engage("user");
+    expect(gate.press).not.toBe(first);
+    expect(presses.at(-1)).toBe(gate.press);
+    gate.engage("window-blur");
+    expect(presses.at(-1)).toBe(gate.press);
+  });
+
+  it("lets go of the press that it stated", () => {
+    gate.setConnected(true);
+    gate.engage("user");
+    const { press } = gate;
+    gate.withdraw();
+    expect([stated.at(-1), presses.at(-1)]).toEqual([false, press]);
   });
 
   it("leaves the release to others without opening, and states the stop no more", () => {
@@ -160,24 +203,6 @@ describe("StopGate", () => {
     gate.release();
     gate.setControl("nobody");
     expect([gate.engaged, gate.reason, stated]).toEqual([true, "control-lost", []]);
-  });
-
-  it("does not hold the wheels against a mission that it was never opened for", () => {
-    missionDrives = true;
-    inControl();
-    vi.advanceTimersByTime(1000);
-    expect([zeros, gate.holdsWheels]).toEqual([0, false]);
-    missionDrives = false;
-    vi.advanceTimersByTime(1000);
-    expect(zeros).toBe(20);
-  });
-
-  it("holds the wheels against a mission once its stop is stated", () => {
-    missionDrives = true;
-    inControl();
-    gate.engage("window-blur");
-    vi.advanceTimersByTime(1000);
-    expect([zeros, gate.holdsWheels]).toEqual([21, true]);
   });
 
   describe("after an outage", () => {

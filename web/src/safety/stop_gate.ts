@@ -8,8 +8,11 @@
  * (start, focus, disconnect, unload) reaches the robot only from the page that has control; at any other page it closes the
  * page's own gate. After an outage it waits until the server has said who has control now.
  *
- * While the gate is closed in control, the page sends zero velocity. It does not while a mission drives and no stop of this
- * page is stated: this gate has let nothing pass, so its zeros would stop nothing but the mission, which nobody asked for.
+ * While a stop of this page is stated and it has control, the page also sends zero velocity. A gate that is merely closed sends
+ * none: it has let nothing pass, so its zeros would hold the wheels against a mission or a goal, which nobody asked for.
+ *
+ * Each press has a name of its own: the server tells a repetition from a new press by it, and whoever has control releases the
+ * presses that it has seen.
  */
 
 import { type EndTimer, after, every } from "./timers";
@@ -40,14 +43,12 @@ export interface GateState {
 }
 
 export interface Outputs {
-  /** State this page's stop to the server. */
-  stateStop: (engaged: boolean) => void;
+  /** State this page's stop to the server: the press that is held, or let go of. */
+  stateStop: (engaged: boolean, press: string) => void;
   /** Command zero velocity. */
   zero: () => void;
   /** Cancel every goal of both navigation servers. */
   cancelGoals: () => void;
-  /** Whether a mission moves the robot now, as far as is known. */
-  missionDrives: () => boolean;
   /** Called after every change. */
   changed: (gate: GateState) => void;
 }
@@ -57,6 +58,9 @@ function isPersonal(reason: StopReason | null): boolean {
   return reason === "user" || reason === "voice-agent";
 }
 
+/** No other page has this name, and it is no secret; `crypto.randomUUID` is missing where the page came over plain HTTP. */
+const PAGE = `press:${Date.now().toString(36)}${Math.random().toString(36).slice(2)}`;
+
 /** Pure but for its timers, which `start` and `close` begin and end. */
 export class StopGate {
   engaged = true;
@@ -65,6 +69,10 @@ export class StopGate {
   /** How often the gate was closed, or told to close again; a release that sees it grow was overruled. */
   closings = 0;
 
+  /** The name of the last stop of this page. */
+  press = PAGE;
+
+  private presses = 0;
   /** Whether this page's stop is stated to the robot, and not only kept here. */
   private stated = false;
   /** Whether an automatic stop waits for the next news of who has control. */
@@ -90,7 +98,7 @@ export class StopGate {
         if (this.holdsWheels) this.outputs.zero();
       }),
       every(STATE_MS, () => {
-        if (this.connected && (this.stated || this.commands)) this.outputs.stateStop(this.stated);
+        if (this.connected && (this.stated || this.commands)) this.outputs.stateStop(this.stated, this.press);
       }),
     ];
   }
@@ -102,8 +110,7 @@ export class StopGate {
 
   /** Whether this page keeps the wheels at zero velocity, so that nothing of a lower priority moves them. */
   get holdsWheels(): boolean {
-    if (!this.engaged || !this.connected || !this.commands) return false;
-    return this.stated || this.pending || !this.outputs.missionDrives();
+    return this.engaged && this.stated && this.connected && this.commands;
   }
 
   /** Stop. A stop by a person always reaches the robot, whoever has control. */
@@ -112,6 +119,10 @@ export class StopGate {
     const byPerson = isPersonal(reason);
     const isNew = byPerson ? !isPersonal(this.reason) || !this.stated : this.holder === "own" && !this.stated && !this.pending;
     if (!this.engaged || isNew) this.shut(reason);
+    if (byPerson || (!this.stated && !this.pending)) {
+      this.presses += 1;
+      this.press = `${PAGE}-${this.presses}`;
+    }
     if (byPerson || (this.connected && this.commands)) this.state();
     else if (this.holder === "own") this.pending = true;
     this.report();
@@ -127,15 +138,15 @@ export class StopGate {
     this.report();
   }
 
-  /** State no stop any more, with the gate still closed: the release is asked of the server, or left to who has control. */
+  /** Let go of this page's stop, with the gate still closed. */
   withdraw(): void {
     this.stated = false;
     this.pending = false;
-    this.outputs.stateStop(false);
+    this.outputs.stateStop(false, this.press);
     this.report();
   }
 
-  /** Forget what is stated without a word to the server, which keeps the stop of a page whose link ends. The gate stays closed. */
+  /** Repeat this page's stop no more, as somebody else has released it. The gate stays closed. */
   forget(): void {
     this.stated = false;
     this.pending = false;
@@ -176,7 +187,7 @@ export class StopGate {
         this.settle();
         return;
       }
-      if (isPersonal(this.reason)) this.outputs.stateStop(true);
+      if (isPersonal(this.reason)) this.outputs.stateStop(true, this.press);
       else {
         // Meanwhile somebody may have released it at the server, and may be driving.
         this.stated = false;
@@ -204,7 +215,7 @@ export class StopGate {
   private state(): void {
     this.pending = false;
     this.stated = true;
-    this.outputs.stateStop(true);
+    this.outputs.stateStop(true, this.press);
     if (this.commands) this.outputs.zero();
     this.outputs.cancelGoals();
   }

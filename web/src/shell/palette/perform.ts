@@ -5,19 +5,13 @@ import { SERVICES, TOPICS } from "@/generated/graph";
 import { LED_COLORS } from "@/generated/robot";
 import { setLanguage } from "@/i18n/text";
 import { TextError } from "@/i18n/text_error";
+import { MISSION_SERVICES } from "@/map/mission_rules";
 import { call, publish, stop } from "@/robot";
 import { showTab } from "@/state/route";
 import { setting } from "@/state/settings";
 import { examine } from "../doctor/requests";
 import { showOverlay } from "../overlays";
-import type { Action, MissionCall } from "./commands";
-
-const MISSION_CALLS: Readonly<Record<MissionCall, (typeof SERVICES)["MISSION_PAUSE" | "MISSION_RESUME" | "MISSION_SKIP" | "MISSION_ABORT"]>> = {
-  pause: SERVICES.MISSION_PAUSE,
-  resume: SERVICES.MISSION_RESUME,
-  skip: SERVICES.MISSION_SKIP,
-  abort: SERVICES.MISSION_ABORT,
-};
+import type { Action } from "./commands";
 
 /** Returns what the robot answered; null if it answered nothing. Throws with the reason of a refusal. */
 export async function perform(action: Action): Promise<"done" | "sent" | null> {
@@ -47,7 +41,7 @@ export async function perform(action: Action): Promise<"done" | "sent" | null> {
       return "done";
     }
     case "mission":
-      return accepted(await call(MISSION_CALLS[action.call], {}));
+      return accepted(await call(MISSION_SERVICES[action.call], {}));
     case "preset":
       return accepted(await call(SERVICES.ARM_PRESET, { name: action.name }), "sent");
     case "light": {
@@ -70,7 +64,7 @@ function accepted(answer: { success: boolean; message: string }, outcome: "done"
 
 function sendGoal({ x, y, yaw }: Location): boolean {
   return publish(
-    { name: setting("goalPoseTopic"), type: TOPICS.GOAL_POSE.type },
+    { ...TOPICS.GOAL_POSE, name: setting("goalPoseTopic") },
     {
       header: { stamp: { sec: 0, nanosec: 0 }, frame_id: setting("mapFrame") },
       pose: { position: { x, y, z: 0 }, orientation: { x: 0, y: 0, z: Math.sin(yaw / 2), w: Math.cos(yaw / 2) } },

@@ -28,7 +28,9 @@ export function CalibrationDialog({ onClose }: { onClose: () => void }) {
 
   const request = useCallback(
     (action: CalibrationAction) => {
-      call(SERVICES.ARM_CALIBRATE, { action }, TIMEOUT_MS)
+      // Only these two can move the arm: asking for the state is always allowed, and so is giving up.
+      const moves = action === "start" || action === "commit";
+      call({ ...SERVICES.ARM_CALIBRATE, moves }, { action }, TIMEOUT_MS)
         .then((received) => {
           setCalibration(calibrationState(received.state));
           if (received.success) setAnswer(received);

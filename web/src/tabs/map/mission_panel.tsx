@@ -1,12 +1,12 @@
 import { CirclePause, CirclePlay, House, RotateCcw, SkipForward } from "lucide-react";
 import { useMemo } from "react";
-import { SERVICES, TOPICS } from "@/generated/graph";
+import { TOPICS } from "@/generated/graph";
 import { useTimeValue } from "@/hooks/use_now";
 import { useTopics } from "@/hooks/use_topic";
 import { type Text, useText } from "@/i18n/text";
 import type { Visit } from "@/map/events";
 import { useMissionLog } from "@/map/mission_log";
-import { type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
+import { MISSION_SERVICES, type MissionAction, type MissionFacts, refusal } from "@/map/mission_rules";
 import { transitStops } from "@/map/transit";
 import { type Mission, isRunning, useIsMissionStale, useMissionFacts, useMissionState } from "@/map/use_mission";
 import { call } from "@/robot";
@@ -139,22 +139,13 @@ function ActiveControls({ mission, facts }: { mission: Mission; facts: MissionFa
   );
 }
 
-const TRIGGERS = {
-  pause: SERVICES.MISSION_PAUSE,
-  resume: SERVICES.MISSION_RESUME,
-  abort: SERVICES.MISSION_ABORT,
-  skip: SERVICES.MISSION_SKIP,
-  dock: SERVICES.MISSION_DOCK,
-  reset: SERVICES.MISSION_RESET,
-} as const;
-
 /** Whose answer says more than the mission's state will. */
 const TOLD: readonly string[] = ["abort", "skip", "dock"];
 
 /** Call a service of the mission, and show what it refuses. */
-async function trigger(action: keyof typeof TRIGGERS): Promise<void> {
+async function trigger(action: Exclude<MissionAction, "start">): Promise<void> {
   try {
-    const { success, message } = await call(TRIGGERS[action], {});
+    const { success, message } = await call(MISSION_SERVICES[action], {});
     if (!success) throw new Error(message);
     if (message !== "" && TOLD.includes(action)) showDone(message);
   } catch (error) {

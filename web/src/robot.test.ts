@@ -1,0 +1,194 @@
+// @vitest-environment jsdom
+/** Every command of the page, in every state of its gate and of control: what it sends to the server. */
+import { beforeEach, describe, expect, it, vi } from "vitest";
+import type { ConsoleState } from "@/api/console_store";
+import { ACTIONS, JOINT_SERVICES, SERVICES, TOPICS } from "@/generated/graph";
+
+const OWN = "laptop-1";
+const HOLDERS = { own: OWN, other: "phone-2", nobody: null } as const;
+type Holder = keyof typeof HOLDERS;
+
+/** How the gate comes into a state, from open and in control. */
+const GATES = ["startup", "open", "stopped", "withdrawn", "released by another", "control lost", "left the window"] as const;
+type Gate = (typeof GATES)[number];
+/** What a page that holds a stop repeats while anybody has control. */
+const STATED: readonly Gate[] = ["stopped", "left the window"];
+
+type Frame = Record<string, unknown> & { op: string; topic?: string; service?: string; msg?: { data?: boolean } };
+
+let frames: Frame[] = [];
+const sockets: FakeSocket[] = [];
+
+class FakeSocket {
+  static readonly OPEN = 1;
+  binaryType = "";
+  readyState = 1;
+  onopen: (() => void) | null = null;
+  onclose: (() => void) | null = null;
+  onmessage: ((event: { data: unknown }) => void) | null = null;
+
+  constructor() {
+    sockets.push(this);
+  }
+
+  send(text: string): void {
+    const frame = JSON.parse(text) as Frame;
+    frames.push(frame);
+    if (frame.op !== "call_service") return;
+    // A server that answered no ping would be given up.
+    const values = frame.service === SERVICES.GET_TIME.name ? { time: { sec: 0, nanosec: 0 } } : {};
+    queueMicrotask(() => this.onmessage?.({ data: JSON.stringify({ op: "service_response", id: frame["id"], values, result: true }) }));
+  }
+
+  close(): void {}
+}
+
+const topicRows = Object.entries(TOPICS).filter(([name, row]) => row.console === "operator" && !["CMD_VEL_MANUAL", "HMI_ESTOP"].includes(name));
+const serviceRows = [...Object.entries(SERVICES), ...Object.entries(JOINT_SERVICES)].filter(([, row]) => row.console === "operator");
+const COMMANDS = [...topicRows.map(([name, row]) => ({ name, row, kind: "topic" as const })), ...serviceRows.map(([name, row]) => ({ name, row, kind: "service" as const }))];
+
+async function openPage(gateState: Gate, holder: Holder) {
+  vi.resetModules();
+  const robot = await import("@/robot");
+  const { useConsole: store } = await import("@/api/console_store");
+  const { useTabRole } = await import("@/safety/commanding_tab");
+  void robot.startRobot();
+  useTabRole.setState({ role: "commanding" });
+  const give = (name: string | null) => store.setState({ control: { holder: name, since_s: null, requester: null } });
+  store.setState({ session: { name: OWN, role: "operator" }, sessionLoaded: true, online: true });
+  sockets.at(-1)?.onopen?.();
+  if (gateState === "control lost") {
+    give(OWN);
+    robot.gate.release();
+    give(HOLDERS.other);
+  } else {
+    give(gateState === "left the window" ? OWN : HOLDERS[holder]);
+    if (gateState !== "startup") robot.gate.release();
+    if (gateState === "left the window") robot.gate.engage("window-blur");
+    if (["stopped", "withdrawn", "released by another"].includes(gateState)) robot.stop();
+    if (gateState === "withdrawn") robot.withdrawStop();
+    if (gateState === "released by another") status(robot.gate.press);
+  }
+  give(HOLDERS[holder]);
+  frames = [];
+  return { robot, give };
+}
+
+function status(id: string): void {
+  sockets.at(-1)?.onmessage?.({ data: JSON.stringify({ op: "status", level: "warning", msg: "phone-2", id }) });
+}
+
+function velocities(): Frame[] {
+  return frames.filter(({ op, topic }) => op === "publish" && topic === TOPICS.CMD_VEL_MANUAL.name);
+}
+
+function stops(): Frame[] {
+  return frames.filter(({ op, topic, msg }) => op === "publish" && topic === TOPICS.HMI_ESTOP.name && msg?.data === true);
+}
+
+beforeEach(() => {
+  vi.useFakeTimers();
+  vi.stubGlobal("WebSocket", FakeSocket);
+  vi.stubGlobal("BroadcastChannel", class {
+    postMessage(): void {}
+  });
+  vi.stubGlobal("fetch", () => new Promise(() => {}));
+  vi.stubGlobal("Worker", undefined);
+});
+
+describe("the one gate of the page", () => {
+  it("knows every command", () => {
+    expect(COMMANDS.length).toBeGreaterThan(20);
+    expect(COMMANDS.filter(({ row }) => row.moves).length).toBeGreaterThan(10);
+    const goals = Object.values(ACTIONS).filter((row) => row.console === "operator");
+    expect(goals.every((row) => row.moves)).toBe(true);
+  });
+
+  describe.each(GATES)("%s", (gateState) => {
+    it.each(Object.keys(HOLDERS) as Holder[])("with control: %s", async (holder) => {
+      const { robot, give } = await openPage(gateState, holder);
+      // Where control was lost to somebody else, the gate is closed; otherwise it is as it was brought about.
+      const isClosed = robot.gate.engaged;
+      expect(isClosed).toBe(gateState !== "open");
+      const { press } = robot.gate;
+      const isStated = STATED.includes(gateState);
+      expect(robot.gate.isStated).toBe(isStated);
+
+      for (const { name, row, kind } of COMMANDS) {
+        frames = [];
+        let refusal: unknown = null;
+        try {
+          if (kind === "topic") robot.publish(row as typeof TOPICS.GOAL_POSE, {});
+          else void robot.call(row as typeof SERVICES.MISSION_PAUSE, {}).catch((error: unknown) => (refusal = error));
+        } catch (error) {
+          refusal = error;
+        }
+        await vi.advanceTimersByTimeAsync(0);
+        const isSent = frames.some((frame) => (kind === "topic" ? frame.op === "publish" && frame.topic === row.name : frame.service === row.name));
+        expect([name, isSent], name).toEqual([name, !(row.moves && isClosed)]);
+        if (row.moves && isClosed) expect((refusal as Error).constructor.name).toBe("CommandRefused");
+
+        // The server gives control to whoever commands, where it is free.
+        if (holder === "nobody" && isSent) give(OWN);
+        frames = [];
+        await vi.advanceTimersByTimeAsync(1000);
+        expect([name, velocities().length > 0], name).toEqual([name, isStated && (holder === "own" || (holder === "nobody" && isSent))]);
+        expect([name, stops().length > 0], name).toEqual([name, isStated]);
+        expect([robot.gate.engaged, robot.gate.isStated, robot.gate.press], name).toEqual([isClosed, isStated, press]);
+        give(HOLDERS[holder]);
+        if (holder === "nobody" && gateState === "open") robot.gate.release();
+      }
+    });
+  });
+
+  it.each(GATES.filter((each) => each !== "open"))("lets no stick through: %s", async (gateState) => {
+    const { robot } = await openPage(gateState, "own");
+    robot.driver.hold("keyboard", { x: 0.3, y: 0, yaw: 0 });
+    await vi.advanceTimersByTimeAsync(1000);
+    const speeds = velocities().map(({ msg }) => (msg as unknown as { linear: { x: number } }).linear.x);
+    expect(speeds.every((speed) => speed === 0)).toBe(true);
+    robot.driver.hold("keyboard", { x: 0, y: 0, yaw: 0 });
+  });
+
+  it("sends nothing more once control is given up", async () => {
+    const { robot, give } = await openPage("startup", "own");
+    await vi.advanceTimersByTimeAsync(1000);
+    frames = [];
+    give(null);
+    await vi.advanceTimersByTimeAsync(1000);
+    expect([velocities(), frames.filter(({ op }) => op === "publish")]).toEqual([[], []]);
+    expect(robot.gate.engaged).toBe(true);
+  });
+
+  it("believes no word about another press", async () => {
+    const { robot } = await openPage("stopped", "other");
+    const { press } = robot.gate;
+    robot.stop();
+    status(press);
+    expect([robot.gate.isStated, robot.gate.press === press]).toEqual([true, false]);
+    status(robot.gate.press);
+    expect([robot.gate.isStated, robot.gate.engaged]).toEqual([false, true]);
+  });
+});
+
+describe("the release", () => {
+  const phone = (press: string): ConsoleState["stop"][number] => ({ kind: "pressed", text: "", press, name: "phone-2", age_s: 0 });
+
+  it("names the stops that were shown before it was held, and no later one", async () => {
+    const { robot } = await openPage("stopped", "own");
+    const { showStops } = await import("@/api/console_store");
+    const bodies: Record<string, unknown>[] = [];
+    vi.stubGlobal("fetch", (_: string, { body }: RequestInit) => {
+      bodies.push(JSON.parse(String(body)) as Record<string, unknown>);
+      return Promise.resolve(Response.json({ stop: [phone("press:new")] }));
+    });
+    showStops([phone("press:old")]);
+    await vi.advanceTimersByTimeAsync(1100);
+    showStops([phone("press:old"), phone("press:new")]);
+    const own = robot.gate.press;
+    await expect(robot.release()).rejects.toThrow("still_holds");
+    expect(bodies).toEqual([{ action: "take" }, { engaged: false, presses: [own, "press:old"] }]);
+    expect(robot.gate.engaged).toBe(true);
+  });
+});
+
