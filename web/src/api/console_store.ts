@@ -16,6 +16,19 @@ export interface Control {
   requester: string | null;
 }
 
+/** What stops the robot. */
+export interface StopHold {
+  /** How it came about: by a console, or `robot` where the e-stop itself gives the reason. */
+  kind: "pressed" | "left" | "lost_driving" | "lost_holding" | "lost_in_control" | "not_back" | "silent" | "robot";
+  /** In the server's words. */
+  text: string;
+  /** Its name, by which it is released; null for `robot`, as are the following. */
+  press: string | null;
+  /** The session whose it is. */
+  name: string | null;
+  age_s: number | null;
+}
+
 export interface ProcessState {
   name: string;
   phase: string;
@@ -107,8 +120,10 @@ export interface ConsoleState {
   control: Control;
   /** Everybody who is connected now, this browser too. */
   browsers: Session[];
-  /** Why the consoles and the e-stop stop the robot; empty while nothing does. Named like the server's event. */
-  stop: string[];
+  /** What stops the robot; empty while nothing does. Named like the server's event. */
+  stop: StopHold[];
+  /** When each of them was first shown here (performance.now()), by its press. */
+  stopShownMs: Readonly<Record<string, number>>;
   run: RunState;
   doctor: DoctorState;
   locations: Record<string, Location>;
@@ -131,6 +146,7 @@ export const useConsole = create<ConsoleState>(() => ({
   control: { holder: null, since_s: null, requester: null },
   browsers: [],
   stop: [],
+  stopShownMs: {},
   run: {},
   doctor: { busy: "", diagnosis: null, examined_s: null, problem: "" },
   locations: {},
@@ -141,6 +157,15 @@ export const useConsole = create<ConsoleState>(() => ({
   online: false,
   onlineChangedMs: 0,
 }));
+
+/** Show what stops the robot. */
+export function showStops(stop: StopHold[]): void {
+  const nowMs = performance.now();
+  useConsole.setState(({ stopShownMs }) => ({
+    stop,
+    stopShownMs: Object.fromEntries(stop.flatMap(({ press }) => (press === null ? [] : [[press, stopShownMs[press] ?? nowMs]]))),
+  }));
+}
 
 /** Everybody who is connected but this browser. */
 export function otherBrowsers({ browsers, session }: ConsoleState): Session[] {

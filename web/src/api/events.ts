@@ -1,19 +1,20 @@
 /** The channel on which the console's server pushes every change, and the heartbeat that keeps control. */
 import { every } from "@/safety/timers";
 import { ask } from "./http";
-import { type ConsoleState, type Control, type Session, useConsole } from "./console_store";
+import { type ConsoleState, type Control, type Session, showStops, useConsole } from "./console_store";
 
 const SIGN_OF_LIFE_MS = 1000;
 const RETRY_MS = 1500;
 
-const FIELDS = ["control", "browsers", "stop", "run", "doctor", "locations", "approaches", "settings"] as const;
+const FIELDS = ["control", "browsers", "run", "doctor", "locations", "approaches", "settings"] as const;
 
 /** Ask who this browser is and listen to changes, for as long as the page is open. */
 export async function followServer(socketUrl: string): Promise<void> {
   try {
-    const answer = await ask<{ session: Session | null; control: Control; stop: string[]; page?: string }>("/_api/session");
+    const answer = await ask<{ session: Session | null; control: Control; stop: ConsoleState["stop"]; page?: string }>("/_api/session");
     noteVersion(answer.page ?? "");
-    useConsole.setState({ session: answer.session, sessionLoaded: true, control: answer.control, stop: answer.stop });
+    useConsole.setState({ session: answer.session, sessionLoaded: true, control: answer.control });
+    showStops(answer.stop);
     if (answer.session === null) return; // the page asks for a code, and follows again once it was accepted
     void loadShared();
     listen(socketUrl);
@@ -74,5 +75,6 @@ function listen(socketUrl: string): void {
 /** Handle one event; unknown kinds are ignored. */
 export function take(text: string): void {
   const { event, value } = JSON.parse(text) as { event: string; value: unknown };
-  if ((FIELDS as readonly string[]).includes(event)) useConsole.setState({ [event]: value } as Partial<ConsoleState>);
+  if (event === "stop") showStops(value as ConsoleState["stop"]);
+  else if ((FIELDS as readonly string[]).includes(event)) useConsole.setState({ [event]: value } as Partial<ConsoleState>);
 }

@@ -67,10 +67,12 @@ export class MockApi {
   }
 
   private readonly handlers: Record<string, Handler> = {
-    "GET /_api/session": () => ({ session: this.authority.own, control: this.authority.control, stop: this.authority.stopReasons }),
+    "GET /_api/session": () => ({ session: this.authority.own, control: this.authority.control, stop: this.authority.stops }),
     "POST /_api/pair": () => this.authority.own,
     "POST /_api/lease": ({ action, from }) => this.authority.lease(String(action), String(from ?? "")),
-    "POST /_api/stop": ({ engaged }) => ({ stop: this.authority.setLostStop(engaged === true) }),
+    "POST /_api/stop": ({ engaged, press, presses }) => ({
+      stop: engaged === true ? this.authority.stopWithoutLink(String(press)) : this.authority.release(presses as string[]),
+    }),
     "GET /_api/doctor": () => this.doctor.state,
     "POST /_api/doctor/examination": () => this.doctor.examine(),
     "POST /_api/doctor/fix": ({ finding, confirmed }) => {

@@ -1,5 +1,5 @@
 /** Who has control in the mock mode, and who stops the robot: the rules of the console's server. */
-import type { Control, Session } from "@/api/console_store";
+import type { Control, Session, StopHold } from "@/api/console_store";
 import { AUTHORITY } from "@/generated/robot";
 import type { MockOptions } from "./options";
 import type { World } from "./world";
@@ -12,6 +12,15 @@ const WATCHING: Session = { name: "tablet-1", role: "viewer" };
 const ANSWER_MS = 4000;
 /** When the other browser asks for control, after the page was opened. */
 const ASKS_AFTER_MS = 1500;
+
+interface Hold {
+  kind: "pressed" | "left";
+  name: string;
+  press: string;
+  text: string;
+  /** performance.now(). */
+  sinceMs: number;
+}
 
 /** A request that is refused; `status` is that of the answer. */
 export class RequestRefused extends Error {
@@ -26,9 +35,8 @@ export class RequestRefused extends Error {
 export class MockAuthority {
   readonly own: Session;
   control: Control = { holder: null, since_s: null, requester: null };
-  /** Stops that no browser holds any more, but that nobody has released. */
-  private lost: string[] = [];
-  private ownStop = false;
+  /** What stops the robot, but for its button; this browser's own press is one of them. */
+  private holds: Hold[] = [];
   private timer: ReturnType<typeof setTimeout> | undefined;
 
   constructor(
@@ -40,8 +48,7 @@ export class MockAuthority {
     if (options.control === "phone") this.give(OTHER);
     if (options.control === "you" || options.control === "asked") this.give(OWN_NAME);
     if (options.control === "asked") setTimeout(() => this.ask(OTHER), ASKS_AFTER_MS);
-    if (options.state === "stopped") this.lost = [`${OTHER} stopped the robot`];
-    if (options.faults.has("button")) this.lost.push(BUTTON);
+    if (options.state === "stopped") this.hold("left", OTHER, "press:other");
     this.update();
   }
 
@@ -55,16 +62,21 @@ export class MockAuthority {
     return [this.own, ...(hasPart ? [{ name: OTHER, role: "operator" as const }] : []), WATCHING];
   }
 
-  /** Why the browsers stop the robot. */
-  get stopReasons(): string[] {
-    const held = this.ownStop ? [`${this.own.name} holds the stop`] : [];
-    return [...this.lost.filter((reason) => reason !== BUTTON), ...held];
+  /** What stops the robot, as the server says it. */
+  get stops(): StopHold[] {
+    const nowMs = performance.now();
+    const held = this.holds.map(({ sinceMs, ...hold }) => ({ ...hold, age_s: Math.floor((nowMs - sinceMs) / 1000) }));
+    return this.isButtonPressed ? [...held, { kind: "robot", text: BUTTON, press: null, name: null, age_s: null }] : held;
   }
 
   /** Every reason for which the robot is stopped, as `/lupin/estop/status` has them. */
   get estopReasons(): string[] {
-    const button = this.lost.includes(BUTTON) ? [BUTTON] : [];
-    return this.stopReasons.length > 0 ? [...button, "a browser of the console holds the stop"] : button;
+    const button = this.isButtonPressed ? [BUTTON] : [];
+    return this.holds.length > 0 ? [...button, "a browser of the console holds the stop"] : button;
+  }
+
+  private get isButtonPressed(): boolean {
+    return this.options.faults.has("button");
   }
 
   /** Take control where it is free; refuse where it is not. */
@@ -119,33 +131,34 @@ export class MockAuthority {
     return this.control;
   }
 
-  /** This browser's own stop. Releasing it takes control; where that is refused, the stop stays, but nobody holds it any more. */
-  setStop(engaged: boolean): void {
-    if (engaged === this.ownStop) return;
-    if (!engaged) {
-      try {
-        this.take();
-      } catch (refusal) {
-        this.ownStop = false;
-        this.lost.push(`${this.own.name} stopped the robot`);
-        this.update();
-        throw refusal;
-      }
-      this.lost = this.lost.filter((reason) => reason === BUTTON);
-    }
-    this.ownStop = engaged;
+  /** This browser's own stop: engage it, or let go of it. */
+  setStop(engaged: boolean, press: string): void {
+    const own = this.holds.find(({ kind, name }) => kind === "pressed" && name === this.own.name);
+    if (engaged === (own !== undefined) && (!engaged || own?.press === press)) return;
+    this.holds = this.holds.filter((hold) => hold !== own && hold.press !== press);
+    if (engaged) this.hold("pressed", this.own.name, press);
     this.update();
   }
 
-  /** Release the stops that nobody holds any more, or stop for a browser without a link. */
-  setLostStop(engaged: boolean): string[] {
-    if (engaged) this.lost.push(`${this.own.name} stopped the robot`);
-    else {
-      this.take();
-      this.lost = this.lost.filter((reason) => reason === BUTTON);
-    }
+  /** Stop for a browser without a link. */
+  stopWithoutLink(press: string): StopHold[] {
+    this.holds = this.holds.filter((hold) => hold.press !== press);
+    this.hold("left", this.own.name, press);
     this.update();
-    return this.stopReasons;
+    return this.stops;
+  }
+
+  /** Release the stops of these presses. */
+  release(presses: readonly string[]): StopHold[] {
+    this.take();
+    this.holds = this.holds.filter(({ press }) => !presses.includes(press));
+    this.update();
+    return this.stops;
+  }
+
+  private hold(kind: "pressed" | "left", name: string, press: string): void {
+    const text = kind === "pressed" ? `${name} holds the stop` : `${name} stopped the robot`;
+    this.holds = [...this.holds, { kind, name, press, text, sinceMs: performance.now() }];
   }
 
   private update(): void {

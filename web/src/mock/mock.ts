@@ -38,7 +38,7 @@ function pushState(): void {
   if (!isOnline) return;
   push("control", authority.control);
   push("browsers", authority.browsers);
-  push("stop", authority.stopReasons);
+  push("stop", authority.stops);
 }
 
 /** A socket to the rosbridge of this page. */
@@ -71,6 +71,8 @@ export function startServer(): void {
     answer("/_api/settings").then(async (response) => push("settings", ((await response.json()) as { settings: unknown }).settings)),
   ]).catch(() => {});
   setInterval(() => push("run", runState(world)), RUN_MS);
+  // The ages of what stops the robot.
+  setInterval(pushState, RUN_MS);
   whenLost(options, () => {
     isOnline = false;
     useConsole.setState({ online: false, onlineChangedMs: performance.now() });

@@ -3,7 +3,7 @@ import { ACTIONS, TOPICS } from "@/generated/graph";
 import type { geometry_msgs_Pose, geometry_msgs_Twist } from "@/generated/messages";
 import type { Socket } from "@/ros/rosbridge";
 import { type Pose2, yawOf } from "@/ros/tf";
-import { clampVelocity } from "@/safety/drive";
+import { clampVelocity, isZero } from "@/safety/drive";
 import { encodeCbor } from "./cbor";
 import { emptied, withoutNumbers } from "./faults";
 import { isLost, isSilent, whenLost } from "./link_state";
@@ -116,7 +116,7 @@ class Client implements Socket {
         this.subscriptions.delete(id);
         break;
       case "publish":
-        this.attempt(() => this.published(String(frame["topic"]), frame["msg"] as Frame));
+        this.attempt(() => this.published(String(frame["topic"]), frame["msg"] as Frame, id));
         break;
       case "call_service":
         setTimeout(() => this.called(id, String(frame["service"]), (frame["args"] ?? {}) as Frame), ANSWERS_AFTER_MS);
@@ -150,19 +150,24 @@ class Client implements Socket {
     }, ANSWERS_AFTER_MS);
   }
 
-  private published(topic: string, message: Frame): void {
+  private published(topic: string, message: Frame, id: string): void {
     const { world, authority } = this.server.robot;
     if (topic === TOPICS.HMI_ESTOP.name) {
-      authority.setStop(message["data"] === true);
+      authority.setStop(message["data"] === true, id);
       return;
     }
     const rule = Object.values(TOPICS).find(({ name }) => name === topic)?.console ?? "";
     if (rule !== "operator") throw new Error(`publishing on ${topic} is not allowed to clients of the console`);
-    authority.take();
     if (topic === TOPICS.CMD_VEL_MANUAL.name) {
       const { linear, angular } = message as unknown as geometry_msgs_Twist;
-      world.driveByHand(clampVelocity({ x: linear.x, y: linear.y, yaw: angular.z }));
-    } else if (topic === TOPICS.GOAL_POSE.name && !world.isStopped) {
+      const velocity = clampVelocity({ x: linear.x, y: linear.y, yaw: angular.z });
+      if (isZero(velocity)) authority.checkTake();
+      else authority.take();
+      world.driveByHand(velocity);
+      return;
+    }
+    authority.take();
+    if (topic === TOPICS.GOAL_POSE.name && !world.isStopped) {
       world.sendGoal(planar((message as { pose: geometry_msgs_Pose }).pose));
     }
   }

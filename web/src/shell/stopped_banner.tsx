@@ -1,14 +1,14 @@
 import { Octagon } from "lucide-react";
-import { useState } from "react";
+import { Fragment, useState } from "react";
 import { hasControl, useConsole } from "@/api/console_store";
 import { useAge } from "@/hooks/use_now";
 import { useEstop } from "@/hooks/use_situation";
 import { errorText } from "@/i18n/error_text";
 import { useText } from "@/i18n/text";
 import { useIsRewound } from "@/rewind/state";
-import { release, useGate, useLink, withdrawStop } from "@/robot";
+import { gate as stopGate, release, useGate, useLink, withdrawStop } from "@/robot";
 import { useTabRole } from "@/safety/commanding_tab";
-import { stopReasons } from "@/state/stop_reasons";
+import { type StopLine, stopLines } from "@/state/stop_reasons";
 import { cn } from "@/ui/cn";
 import { HoldButton } from "@/ui/hold_button";
 import { span } from "@/ui/numbers";
@@ -27,8 +27,13 @@ export function StoppedBanner() {
   // While the page is rewound, its own gate says nothing: it sends no command anyway.
   if (!linkOpen || state.session === null || (!stopped && (!gate.engaged || isRewound))) return null;
 
-  const own = gate.engaged && gate.reason !== null ? text(`reason_${gate.reason}`) : "";
-  const reasons = stopReasons({ own: gate.isStated ? own : "", name: state.session.name, server: state.stop, robot: estop.reasons });
+  const lines = stopLines({
+    own: gate.isStated && gate.reason !== null ? { press: stopGate.press, key: `reason_${gate.reason}`, ageS: null } : null,
+    name: state.session.name,
+    server: state.stop,
+    robot: estop.reasons,
+  });
+  const own = gate.reason !== null ? text(`reason_${gate.reason}`) : "";
   const holder = state.control.holder;
   const mayRelease = state.session.role === "operator" && (holder === null || hasControl(state)) && !isWatching;
 
@@ -55,9 +60,9 @@ export function StoppedBanner() {
       <Octagon aria-hidden="true" className={cn("size-6 shrink-0", stopped ? "text-stop-text" : "text-text-3")} />
       <p className="min-w-0 grow basis-60">
         <strong className={cn("font-semibold", stopped ? "text-stop-text" : "text-text")}>
-          {stopped ? text("stopped_by", { reason: reasons.join(", ") || own }) : text("can_drive_no", { reason: own })}
+          {stopped ? <StopLines lines={lines} ownSinceMs={gate.sinceMs} /> : text("can_drive_no", { reason: own })}
         </strong>
-        {gate.engaged && (gate.isStated || !stopped) && (
+        {!stopped && (
           <span aria-hidden="true" className="ml-2 text-text-2 numeric" data-testid="stop-age">
             <Age atMs={gate.sinceMs} />
           </span>
@@ -67,7 +72,8 @@ export function StoppedBanner() {
             ? text("release_failed", { reason: problem })
             : mayRelease
               ? text("nothing_moves_after_release")
-              : text(gate.isStated ? "release_needs_withdrawal" : "release_needs_control", { holder: isWatching ? text("other_tab") : (holder ?? text("who_has_control")) })}
+              : text(gate.isStated ? "release_needs_withdrawal" : "release_needs_control", { holder: isWatching ? text("other_tab") : (holder ?? text("who_has_control")) })}{" "}
+          {lines.some(({ name }) => name !== null) && text("this_browser_is", { name: state.session.name })}
         </span>
       </p>
       {gate.isStated && !mayRelease && (
@@ -78,6 +84,30 @@ export function StoppedBanner() {
     </div>
   );
 }
+
+/** Every cause of the stop with its age, which is not read out: it changes all the time. */
+function StopLines({ lines, ownSinceMs }: { lines: readonly StopLine[]; ownSinceMs: number }) {
+  const text = useText();
+  return (
+    <>
+      {text("stopped_prefix")}
+      {lines.map((line, index) => (
+        <Fragment key={`${line.key ?? line.words} ${line.values["name"] ?? ""}`}>
+          {index > 0 ? "; " : line.key !== null && BY.test(line.key) ? " " : ": "}
+          {line.key === null ? line.words : text(line.key, line.values)}
+          {line.name !== null && (
+            <span aria-hidden="true" className="font-normal text-text-2 numeric" data-testid="stop-age">
+              , {line.ageS === null ? <Age atMs={ownSinceMs} /> : text("ago", { age: span(line.ageS) })}
+            </span>
+          )}
+        </Fragment>
+      ))}
+    </>
+  );
+}
+
+/** The texts that go on the sentence. */
+const BY = /^(reason_user|reason_voice-agent|held_(pressed|left|lost_holding))/;
 
 /** How long ago something was; a text of its own, so that it alone is drawn four times a second. */
 function Age({ atMs }: { atMs: number }) {

@@ -1,7 +1,7 @@
 /** What did not work, and what did: short messages that go by themselves. */
 import { create } from "zustand";
 import { errorText } from "@/i18n/error_text";
-import { textIn, useLanguage } from "@/i18n/text";
+import { type TextKey, type TextValues, textIn, useLanguage } from "@/i18n/text";
 import { CommandRefused } from "@/rewind/guard";
 
 export const MAX_MESSAGES = 4;
@@ -29,6 +29,11 @@ export function showProblem(error: unknown): void {
     return;
   }
   show("problem", textIn(language, "unknown_error", { reason: reason.slice(0, MAX_LENGTH) }));
+}
+
+/** Say what somebody else has done. */
+export function showInfo(key: TextKey, values: TextValues): void {
+  showDone(textIn(useLanguage.getState().language, key, values));
 }
 
 export function showDone(message: string): void {
