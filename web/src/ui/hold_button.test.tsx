@@ -95,12 +95,21 @@ describe("a button to be held", () => {
     expect(onHeld).not.toHaveBeenCalled();
   });
 
-  it("takes no focus from the pointer, so that the space bar stops afterwards", () => {
-    const event = new MouseEvent("mousedown", { bubbles: true, cancelable: true });
-    act(() => {
-      button().dispatchEvent(event);
-    });
-    expect(event.defaultPrevented).toBe(true);
+  it("is held by Enter, and not by Space", () => {
+    const key = (type: string, name: string, repeat = false) =>
+      act(() => {
+        button().dispatchEvent(new KeyboardEvent(type, { bubbles: true, key: name, repeat }));
+      });
+    key("keydown", " ");
+    wait(2 * HOLD_MS);
+    key("keyup", " ");
+    expect(onHeld).not.toHaveBeenCalled();
+    key("keydown", "Enter");
+    key("keydown", "Enter", true);
+    wait(2 * HOLD_MS);
+    key("keydown", "Enter", true);
+    key("keyup", "Enter");
+    expect(onHeld).toHaveBeenCalledOnce();
   });
 
   it("forgets a click that nobody confirms", () => {

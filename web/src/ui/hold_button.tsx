@@ -15,8 +15,8 @@ const CONFIRM_MS = 8000;
 const APART_MS = 400;
 
 /**
- * A button for what must not happen by a slip: it acts after it was held, by pointer, Enter or Space. What presses buttons for a
- * person, such as a screen reader, cannot hold: it clicks, and clicks again to confirm.
+ * A button for what must not happen by a slip: it acts after it was held, by pointer or Enter; Space stops the robot here, as
+ * everywhere. What presses buttons for a person, such as a screen reader, cannot hold: it clicks, and clicks again to confirm.
  */
 export function HoldButton({ onHeld, tone = "light", className, children, disabled, ...rest }: HoldButtonProps) {
   const text = useText();
@@ -80,12 +80,9 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
   return (
     <button
       type="button"
-      data-hold=""
       data-times-held={timesHeld}
       disabled={disabled}
       {...rest}
-      // Only the keyboard gives it the focus: the space bar stops the robot again after a press by the pointer.
-      onMouseDown={(event) => event.preventDefault()}
       onPointerDown={(event) => event.button === 0 && event.isPrimary && begin()}
       onClick={(event) => event.detail === 0 && click()}
       onPointerUp={end}
@@ -97,16 +94,12 @@ export function HoldButton({ onHeld, tone = "light", className, children, disabl
       }}
       onContextMenu={(event) => event.preventDefault()}
       onKeyDown={(event) => {
-        if (event.key !== "Enter" && event.key !== " ") return;
-        // Space stops the robot everywhere but on a button that is held by it.
-        event.stopPropagation();
-        event.preventDefault();
+        if (event.key !== "Enter") return;
+        event.preventDefault(); // no click follows
         if (!event.repeat) begin();
       }}
       onKeyUp={(event) => {
-        if (event.key !== "Enter" && event.key !== " ") return;
-        event.preventDefault(); // no click follows
-        end();
+        if (event.key === "Enter") end();
       }}
       className={cn(
         "relative h-11 shrink-0 touch-none overflow-hidden rounded-md px-4 text-sm font-semibold select-none",
